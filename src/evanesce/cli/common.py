@@ -1,0 +1,133 @@
+"""What every command shares: console, exit codes, JSON and output folders that are never half-written."""
+
+from __future__ import annotations
+
+import functools
+import json
+import os
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, ParamSpec, TypeVar
+
+import typer
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from evanesce.errors import EvanesceError, InputError, WorkError
+
+console = Console()
+messages = Console(stderr=True)
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON to this file.")]
+OutOption = Annotated[Path | None, typer.Option("--out", help="Folder for everything the command writes.")]
+
+
+def handles_errors(command: Callable[P, R]) -> Callable[P, R]:
+    """Turn the errors a user can act on into one line and an exit code: 2 bad input, 1 the work failed."""
+
+    @functools.wraps(command)
+    def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            return command(*args, **kwargs)
+        except EvanesceError as error:
+            print(f"error: {error}", file=sys.stderr)
+            raise typer.Exit(error.exit_code) from None
+        except (OSError, MemoryError) as error:
+            print(f"error: {error.__class__.__name__}: {error}", file=sys.stderr)
+            raise typer.Exit(1) from None
+        except KeyboardInterrupt:
+            print("error: interrupted", file=sys.stderr)
+            raise typer.Exit(130) from None
+
+    return wrapped
+
+
+def progress() -> Progress:
+    """Return a progress bar with elapsed time and ETA on standard error."""
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("ETA"),
+        TimeRemainingColumn(),
+        console=messages,
+        transient=not messages.is_terminal,
+    )
+
+
+def out_dir(path: Path | None, default: str) -> Path:
+    """Create and return the output folder; ``outputs/<default>`` when none is given."""
+    folder = path if path is not None else Path("outputs") / default
+    if folder.exists() and not folder.is_dir():
+        raise InputError("is a file", file=folder, key="--out", allowed="a folder")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot make the folder: {error.strerror}", file=folder, key="--out") from None
+    return folder
+
+
+def check_json_target(path: Path | None) -> None:
+    """Refuse an unwritable ``--json`` target before any work is done."""
+    if path is None:
+        return
+    if path.is_dir():
+        raise InputError("is a folder", file=path, key="--json", allowed="a file")
+    if not path.parent.is_dir():
+        raise InputError("its folder does not exist", file=path, key="--json", allowed="a file in an existing folder")
+    if not os.access(path.parent, os.W_OK):
+        raise InputError("its folder is not writable", file=path, key="--json")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file whole or not at all."""
+    try:
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix="." + path.name)
+        try:
+            with os.fdopen(handle, "w", encoding="utf-8") as stream:
+                stream.write(text)
+                stream.flush()
+                os.fsync(stream.fileno())
+            umask = os.umask(0)
+            os.umask(umask)
+            os.chmod(name, 0o666 & ~umask)
+            os.replace(name, path)
+        except BaseException:
+            os.unlink(name)
+            raise
+    except OSError as error:
+        raise WorkError(f"{path}: cannot write: {error.strerror}") from None
+
+
+def write_json(path: Path | None, value: Any) -> None:
+    """Write JSON whole or not at all; NaN becomes null."""
+    if path is not None:
+        write_text(path, json.dumps(_plain(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def _plain(value: Any) -> Any:
+    """Return JSON-able data: numpy scalars and arrays unpacked, paths as text, non-finite numbers as null."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, dict):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, float) and not (value - value == 0.0):
+        return None
+    if isinstance(value, Path):
+        return str(value)
+    return value

@@ -1,0 +1,120 @@
+"""Parameters with their unit, bounds, null value and source: one declaration serves configuration, docs and fits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field
+from pydantic.fields import FieldInfo
+
+# Canonical units; a key in another unit carries that unit as its suffix all the same, so that every key says its own.
+UNIT_SUFFIXES: dict[str, str] = {
+    "mm": "mm",
+    "um": "µm",
+    "nm": "nm",
+    "m": "m",
+    "cm": "cm",
+    "in": "inch",
+    "N": "N",
+    "mN": "mN",
+    "MPa": "MPa",
+    "kPa": "kPa",
+    "Pa": "Pa",
+    "s": "s",
+    "ms": "ms",
+    "us": "µs",
+    "hz": "Hz",
+    "deg": "deg",
+    "rad": "rad",
+    "W": "W",
+    "mW": "mW",
+    "V": "V",
+    "mA": "mA",
+    "A": "A",
+    "ohm": "ohm",
+    "K": "K",
+    "C": "degC",
+    "e": "e-",
+    "DN": "DN",
+    "px": "px",
+    "per_mm": "1/mm",
+    "px_per_mm": "px/mm",
+    "N_per_mm": "N/mm",
+    "N_per_s": "N/s",
+    "mm_per_min": "mm/min",
+    "mm_per_s": "mm/s",
+    "MPa_per_N": "MPa/N",
+    "e_per_DN": "e-/DN",
+    "e_per_s": "e-/s",
+    "kg_per_m3": "kg/m^3",
+}
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What is known of a parameter beside its value.
+
+    Attributes
+    ----------
+    unit : str
+        Printed unit; ``"1"`` for a pure number.
+    bounds : tuple of float
+        Closed interval of allowed values.
+    null : float or None
+        The value at which an effect is absent, bit for bit; None where the parameter has none.
+    source : str
+        Where the default comes from.
+    doc : str
+        One line for tables.
+    """
+
+    unit: str
+    bounds: tuple[float, float]
+    null: float | None = None
+    source: str = ""
+    doc: str = ""
+
+    def __str__(self) -> str:
+        lo, hi = self.bounds
+        return f"{lo:g} to {hi:g}" + ("" if self.unit == "1" else f" {self.unit}")
+
+
+def field(
+    default: Any = ...,
+    *,
+    unit: str,
+    bounds: tuple[float, float],
+    null: float | None = None,
+    source: str = "",
+    doc: str = "",
+    **extra: Any,
+) -> Any:
+    """Declare a numeric pydantic field that carries its :class:`Quantity`.
+
+    Bounds are closed and apply to each element of a list or tuple field; they are enforced by :class:`Strict`.
+    """
+    quantity = Quantity(unit, bounds, null, source, doc)
+    return Field(default, description=doc or None, json_schema_extra={"quantity": quantity}, **extra)
+
+
+def quantity_of(info: FieldInfo) -> Quantity | None:
+    """Return the :class:`Quantity` of a pydantic field, or None."""
+    extra = info.json_schema_extra
+    found = extra.get("quantity") if isinstance(extra, dict) else None
+    return found if isinstance(found, Quantity) else None
+
+
+class Strict(BaseModel):
+    """Frozen, strict configuration data: unknown keys, wrong types, NaN and infinity are errors."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, validate_default=True)
+
+    @classmethod
+    def quantities(cls) -> Iterator[tuple[str, Quantity]]:
+        """Yield ``(name, quantity)`` of every field declared with :func:`field`."""
+        for name, info in cls.model_fields.items():
+            found = quantity_of(info)
+            if found is not None:
+                yield name, found

@@ -1,0 +1,26 @@
+"""The rig as data: plate, LEDs, finger, camera, loading programme. Strict, frozen, no physics."""
+
+from evanesce.rig.camera import Camera, Distortion
+from evanesce.rig.finger import Contact, Finger, Ridges
+from evanesce.rig.leds import LedCircuit, Leds
+from evanesce.rig.load import dump_scene, load_scene, scene_path
+from evanesce.rig.plate import Plate
+from evanesce.rig.press import Press, Ramp
+from evanesce.rig.scene import Scene
+
+__all__ = [
+    "Camera",
+    "Contact",
+    "Distortion",
+    "Finger",
+    "LedCircuit",
+    "Leds",
+    "Plate",
+    "Press",
+    "Ramp",
+    "Ridges",
+    "Scene",
+    "dump_scene",
+    "load_scene",
+    "scene_path",
+]

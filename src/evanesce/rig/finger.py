@@ -1,0 +1,71 @@
+"""The silicone finger and the contact law that is believed of it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from evanesce.quantities import Strict, field
+
+
+class Ridges(Strict):
+    """Moulded ridges: heights and widths are those of the cast, not of the drawing."""
+
+    pattern: Literal["parallel", "concentric"] = "parallel"
+    height_um: float = field(47.67, unit="um", bounds=(0.1, 5000.0), source="thesis, section 3.5.1, table 4, moulded")
+    width_um: float = field(501.1, unit="um", bounds=(1.0, 20000.0), source="thesis, section 3.5.1, table 4, moulded")
+    pitch_um: float = field(unit="um", bounds=(2.0, 50000.0), doc="distance of neighbouring ridges; not published")
+    orientation_deg: float = field(0.0, unit="deg", bounds=(-180.0, 180.0), doc="direction along parallel ridges")
+
+
+class Finger(Strict):
+    """Cylinder with a hemispherical tip, pressed along the plate's normal."""
+
+    tip_radius_mm: float = field(7.5, unit="mm", bounds=(0.5, 100.0), source="thesis, chapter 3")
+    diameter_mm: float = field(15.0, unit="mm", bounds=(0.5, 200.0), source="thesis, chapter 3")
+    length_mm: float = field(25.0, unit="mm", bounds=(0.5, 500.0), source="thesis, chapter 3")
+    position_mm: tuple[float, float] = field(
+        (0.0, 0.0), unit="mm", bounds=(-500.0, 500.0), doc="tip on the plate, (x, y)"
+    )
+    material: str = "silskin_0"
+    refractive_index: float = field(1.41, unit="1", bounds=(1.0, 2.5), doc="silicone; published 1.395 to 1.432")
+    diffuse_reflectance: float = field(0.6, unit="1", bounds=(0.0, 1.0), doc="of the silicone body; not published")
+    ridges: Ridges | None = None
+
+
+class HertzLaw(Strict):
+    """Hertz with E* = intercept + slope F; both from the material unless given here."""
+
+    law: Literal["hertz"]
+    reduced_modulus_MPa: float | None = field(None, unit="MPa", bounds=(1e-5, 1e5))
+    reduced_modulus_slope_MPa_per_N: float | None = field(None, unit="MPa/N", bounds=(-10.0, 10.0))
+
+
+class ScaledHertzLaw(Strict):
+    """Hertz whose area is multiplied by a factor (thesis, section 5.5.1: 1.66 for Silskin 20 %)."""
+
+    law: Literal["scaled_hertz"]
+    area_scale: float = field(unit="1", bounds=(0.01, 100.0))
+    reduced_modulus_MPa: float | None = field(None, unit="MPa", bounds=(1e-5, 1e5))
+    reduced_modulus_slope_MPa_per_N: float | None = field(None, unit="MPa/N", bounds=(-10.0, 10.0))
+
+
+class JkrLaw(Strict):
+    """Johnson, Kendall and Roberts: Hertz with adhesion. 0.001 N/mm is 1 J/m^2."""
+
+    law: Literal["jkr"]
+    work_of_adhesion_N_per_mm: float = field(unit="N/mm", bounds=(0.0, 0.1), null=0.0)
+    reduced_modulus_MPa: float | None = field(None, unit="MPa", bounds=(1e-5, 1e5))
+    reduced_modulus_slope_MPa_per_N: float | None = field(None, unit="MPa/N", bounds=(-10.0, 10.0))
+
+
+class XydasKaoLaw(Strict):
+    """Power law a = c N^gamma of Xydas and Kao for soft fingers."""
+
+    law: Literal["xydas_kao"]
+    c_mm: float = field(unit="mm", bounds=(0.01, 100.0), doc="contact radius at 1 N")
+    gamma: float = field(unit="1", bounds=(0.0, 1.0 / 3.0))
+
+
+Contact = Annotated[HertzLaw | ScaledHertzLaw | JkrLaw | XydasKaoLaw, Field(discriminator="law")]

@@ -1,0 +1,50 @@
+"""LED strips along the plate's edges."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from evanesce.quantities import Strict, field
+
+Edge = Literal["left", "right", "top", "bottom"]
+
+
+class LedCircuit(Strict):
+    """One segment of the strip: LEDs in series with a resistor."""
+
+    leds_per_segment: int = field(3, unit="1", bounds=(1, 20), doc="LEDs in series")
+    forward_voltage_V: float = field(
+        3.1, unit="V", bounds=(1.0, 5.0), doc="forward voltage of one LED at the rated current: its bin"
+    )
+    rated_current_mA: float = field(20.0, unit="mA", bounds=(0.1, 5000.0), doc="segment current at the rated voltage")
+    rated_voltage_V: float = field(12.0, unit="V", bounds=(1.0, 60.0), doc="strip voltage at the rated current")
+    ideality: float = field(2.0, unit="1", bounds=(1.0, 8.0), doc="diode ideality factor n")
+    led_resistance_ohm: float = field(5.0, unit="ohm", bounds=(0.0, 100.0), doc="series resistance inside one LED")
+    temperature_K: float = field(300.0, unit="K", bounds=(230.0, 400.0), doc="junction temperature")
+    efficacy_W_per_A: float = field(
+        0.9, unit="W/A", bounds=(0.001, 10.0), doc="radiant power of one LED per ampere of segment current"
+    )
+
+
+class StripEdge(Strict):
+    """What one edge's strip has of its own."""
+
+    offset_mm: float = field(0.0, unit="mm", bounds=(-500.0, 500.0), doc="shift of the strip along its edge")
+    voltage_V: float | None = field(None, unit="V", bounds=(0.0, 60.0), doc="own supply voltage")
+
+
+class Leds(Strict):
+    """Identical strips on the named edges, emitting into the glass through the polished edge.
+
+    Edges as the camera sees them: ``left`` is -x, ``right`` +x, ``top`` -y, ``bottom`` +y.
+    """
+
+    edges: tuple[Edge, ...] = Field(("left", "right", "top", "bottom"), min_length=1)
+    pitch_mm: float = field(unit="mm", bounds=(0.5, 500.0), doc="distance of neighbouring LEDs; not published")
+    emitting_width_mm: float = field(unit="mm", bounds=(0.05, 100.0), doc="emitting size along the edge")
+    emitting_height_mm: float = field(unit="mm", bounds=(0.05, 50.0), doc="emitting size across the plate's thickness")
+    voltage_V: float = field(9.0, unit="V", bounds=(0.0, 60.0), source="thesis, chapter 5", doc="supply voltage")
+    circuit: LedCircuit = LedCircuit()
+    edge: dict[Edge, StripEdge] = Field(default_factory=dict)

@@ -1,0 +1,215 @@
+"""Strict TOML -> Scene, every error one line that names file, key, value and what is allowed."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+import types
+import typing
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+from pydantic import BaseModel, ValidationError
+
+from evanesce.errors import InputError
+from evanesce.quantities import UNIT_SUFFIXES, Quantity, Strict, quantity_of
+from evanesce.rig.scene import Scene
+from evanesce.resources import resource
+
+MAX_SCENE_BYTES = 1_000_000
+
+
+def scene_path(name: str | Path) -> Path:
+    """Return the file of a scene given as a path, or as the name of a scene that ships (``thesis``).
+
+    Raises
+    ------
+    InputError
+        If neither exists.
+    """
+    path = Path(name)
+    if path.is_file():
+        return path
+    if path.suffix == "" and path.parent == Path("."):
+        shipped = resource("scenes", f"{path.name}.toml")
+        if shipped.is_file():
+            return shipped
+    known = ", ".join(sorted(p.stem for p in resource("scenes").glob("*.toml")))
+    raise InputError("no such scene file", file=path, allowed=f"a TOML file, or a shipped scene: {known}")
+
+
+def load_scene(name: str | Path, overrides: dict[str, Any] | None = None) -> Scene:
+    """Read and check a scene.
+
+    Parameters
+    ----------
+    name : str or Path
+        TOML file, or the name of a shipped scene.
+    overrides : dict, optional
+        Dotted keys to replace before checking, e.g. ``{"leds.voltage_V": 10.0}``.
+
+    Raises
+    ------
+    InputError
+        With file, key, value and allowed range of the first thing wrong.
+    """
+    path = scene_path(name)
+    if path.stat().st_size > MAX_SCENE_BYTES:
+        raise InputError(f"scene of {path.stat().st_size} bytes", file=path, allowed=f"at most {MAX_SCENE_BYTES} bytes")
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"not valid TOML: {error}", file=path) from None
+    for dotted, value in (overrides or {}).items():
+        _set(data, dotted, value, path)
+    return validate(Scene, data, path)
+
+
+def _set(data: dict[str, Any], dotted: str, value: Any, path: Path) -> None:
+    *parents, last = dotted.split(".")
+    table = data
+    for part in parents:
+        table = table.setdefault(part, {})
+        if not isinstance(table, dict):
+            raise InputError("is not a table", file=path, key=dotted)
+    table[last] = value
+
+
+ModelT = typing.TypeVar("ModelT", bound=Strict)
+
+
+def validate(model: type[ModelT], data: dict[str, Any], file: Path | str) -> ModelT:
+    """Validate plain data against a strict model; every failure becomes one :class:`InputError`."""
+    _check_bounds(model, data, (), file)
+    try:
+        return model.model_validate(_tuples(data))
+    except ValidationError as error:
+        raise _as_input_error(model, error, data, file) from None
+
+
+def _tuples(value: Any) -> Any:
+    """TOML arrays as tuples: strict pydantic takes a list for a tuple only from JSON."""
+    if isinstance(value, dict):
+        return {k: (v if k in _LIST_TABLES else _tuples(v)) for k, v in value.items()}
+    if isinstance(value, list):
+        return tuple(_tuples(v) for v in value)
+    return value
+
+
+_LIST_TABLES = {"effects"}
+
+
+def _models(annotation: Any) -> list[type[BaseModel]]:
+    """Return the models inside an annotation (a union, an Annotated, a dict's values)."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    origin = typing.get_origin(annotation)
+    if origin is dict:
+        return []
+    if origin is typing.Annotated or origin is typing.Union or isinstance(annotation, types.UnionType):
+        return [m for arg in typing.get_args(annotation) for m in _models(arg)]
+    return []
+
+
+def _mapping_value(annotation: Any) -> list[type[BaseModel]]:
+    if typing.get_origin(annotation) is dict:
+        return _models(typing.get_args(annotation)[1])
+    return []
+
+
+def _pick(models: list[type[BaseModel]], value: dict[str, Any]) -> type[BaseModel] | None:
+    """Choose among a discriminated union's members by ``law``."""
+    if len(models) == 1:
+        return models[0]
+    for model in models:
+        tag = model.model_fields.get("law")
+        if tag is not None and value.get("law") in typing.get_args(tag.annotation):
+            return model
+    return None
+
+
+def _check_bounds(model: type[BaseModel], data: dict[str, Any], at: tuple[str, ...], file: Path | str) -> None:
+    """Refuse unknown keys and figures out of bounds, in the words of the declaration."""
+    for key, value in data.items():
+        where = ".".join((*at, key))
+        info = model.model_fields.get(key)
+        if info is None:
+            raise _unknown_key(model, key, where, file)
+        quantity = quantity_of(info)
+        if quantity is not None:
+            _check_value(value, quantity, where, file)
+            continue
+        if isinstance(value, dict):
+            inner = _models(info.annotation)
+            chosen = _pick(inner, value) if inner else None
+            if chosen is not None:
+                _check_bounds(chosen, value, (*at, key), file)
+            for mapped in _mapping_value(info.annotation)[:1]:
+                for name, entry in value.items():
+                    if isinstance(entry, dict):
+                        _check_bounds(mapped, entry, (*at, key, name), file)
+
+
+def _check_value(value: Any, quantity: Quantity, where: str, file: Path | str) -> None:
+    values = value if isinstance(value, list | tuple) else [value]
+    lo, hi = quantity.bounds
+    for number in values:
+        if isinstance(number, bool) or not isinstance(number, int | float):
+            hint = " (the unit stands in the key, not in the value)" if isinstance(number, str) else ""
+            raise InputError(f"{number!r} is not a number{hint}", file=file, key=where, allowed=str(quantity))
+        if not lo <= number <= hi:  # NaN fails this, too
+            raise InputError(f"{number!r} is out of range", file=file, key=where, allowed=str(quantity))
+
+
+def _stem(key: str) -> str:
+    for suffix in sorted(UNIT_SUFFIXES, key=len, reverse=True):
+        if key.endswith("_" + suffix):
+            return key[: -len(suffix) - 1]
+    return key
+
+
+def _unknown_key(model: type[BaseModel], key: str, where: str, file: Path | str) -> InputError:
+    names = list(model.model_fields)
+    for name in names:
+        if _stem(name) == _stem(key):
+            found = quantity_of(model.model_fields[name])
+            if found is not None:
+                return InputError(f"wrong unit: write {name} instead", file=file, key=where, allowed=f"{name}: {found}")
+    close = difflib.get_close_matches(key, names, n=1, cutoff=0.0)
+    nearest = f"; nearest key: {close[0]}" if close else ""
+    return InputError(f"unknown key{nearest}", file=file, key=where, allowed=", ".join(names))
+
+
+def _as_input_error(model: type[BaseModel], error: ValidationError, data: Any, file: Path | str) -> InputError:
+    first = error.errors(include_url=False)[0]
+    # A discriminated union puts its tag into the location; the user's file has no such key.
+    parts: list[str] = []
+    value: Any = data
+    for part in first["loc"]:
+        if isinstance(value, dict) and part not in value and first["type"] not in ("missing", "extra_forbidden"):
+            continue
+        parts.append(str(part))
+        try:
+            value = value[part]
+        except (KeyError, IndexError, TypeError):
+            value = None
+    key = ".".join(parts) or None
+    kind, context = first["type"], first.get("ctx", {})
+    if kind == "missing":
+        return InputError("missing", file=file, key=key, allowed="this key is required")
+    if kind in ("literal_error", "union_tag_invalid"):
+        allowed = context.get("expected") or context.get("expected_tags")
+        return InputError(f"{first.get('input')!r} is not known", file=file, key=key, allowed=str(allowed))
+    if kind == "union_tag_not_found":
+        return InputError("'law' is missing", file=file, key=key, allowed="hertz, scaled_hertz, jkr, xydas_kao")
+    if kind == "value_error":
+        return InputError(str(context.get("error", first["msg"])), file=file, key=key)
+    shown = repr(first.get("input"))
+    shown = shown if len(shown) < 80 else shown[:77] + "..."
+    return InputError(f"{shown}: {first['msg'].lower()}", file=file, key=key)
+
+
+def dump_scene(scene: Scene) -> str:
+    """Return a scene as TOML text that :func:`load_scene` reads back equal."""
+    return tomli_w.dumps(scene.as_dict())

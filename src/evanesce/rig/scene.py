@@ -1,0 +1,102 @@
+"""A scene: the rig, what is believed of its contact, its loading programme, and how to sample it."""
+
+from __future__ import annotations
+
+from typing import Any, Self
+
+from pydantic import Field, model_validator
+
+from evanesce.quantities import Strict, field
+from evanesce.rig.camera import Camera
+from evanesce.rig.finger import Contact, Finger, HertzLaw
+from evanesce.rig.leds import Leds
+from evanesce.rig.plate import Plate
+from evanesce.rig.press import Press
+
+MAX_PIXELS = 100_000_000
+
+
+class ContactGrid(Strict):
+    """Sampling of the contact plane around the finger's tip."""
+
+    size_mm: float = field(16.0, unit="mm", bounds=(0.1, 500.0), doc="side of the square")
+    samples: int = field(1024, unit="1", bounds=(16, 8192), doc="samples along a side")
+
+
+class RenderSettings(Strict):
+    """How much work the path tracer does."""
+
+    samples_per_pixel: int = field(64, unit="1", bounds=(1, 1_000_000))
+    passes: int = field(4, unit="1", bounds=(2, 100_000), doc="independent passes: the variance comes from them")
+    max_depth: int = field(64, unit="1", bounds=(2, 4096))
+    seed: int = field(0, unit="1", bounds=(0, 2**62))
+
+
+class Scene(Strict):
+    """Everything a simulation needs; read from TOML by :func:`evanesce.rig.load.load_scene`.
+
+    ``assumptions`` and ``sources`` map dotted keys of this scene to a sentence: why an unpublished figure was chosen,
+    and where a published one stands.
+    """
+
+    schema_version: int = Field(1, ge=1, le=1)
+    title: str = Field("", max_length=200)
+    plate: Plate
+    leds: Leds
+    finger: Finger
+    contact: Contact = HertzLaw(law="hertz")
+    camera: Camera = Camera()
+    press: Press
+    grid: ContactGrid = ContactGrid()
+    render: RenderSettings = RenderSettings()
+    effects: dict[str, dict[str, float | int | bool | str | list[float]]] = Field(default_factory=dict)
+    assumptions: dict[str, str] = Field(default_factory=dict)
+    sources: dict[str, str] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        width, height = self.camera.resolution_px
+        if width * height > MAX_PIXELS:
+            raise ValueError(f"camera.resolution_px asks for {width * height} pixels (allowed: at most {MAX_PIXELS})")
+        for edge in self.leds.edge:
+            if edge not in self.leds.edges:
+                raise ValueError(f"leds.edge.{edge} is described, but '{edge}' is not in leds.edges")
+        if self.leds.emitting_height_mm > self.plate.thickness_mm:
+            raise ValueError(
+                f"leds.emitting_height_mm = {self.leds.emitting_height_mm:g} is taller than the plate"
+                f" (allowed: at most plate.thickness_mm = {self.plate.thickness_mm:g} mm)"
+            )
+        if self.leds.emitting_width_mm > self.leds.pitch_mm:
+            raise ValueError(
+                f"leds.emitting_width_mm = {self.leds.emitting_width_mm:g} overlaps its neighbour"
+                f" (allowed: at most leds.pitch_mm = {self.leds.pitch_mm:g} mm)"
+            )
+        if self.finger.tip_radius_mm * 2 > self.finger.diameter_mm * 4:
+            raise ValueError("finger.tip_radius_mm is more than twice finger.diameter_mm: not a finger's tip")
+        ridges = self.finger.ridges
+        if ridges is not None and ridges.width_um > ridges.pitch_um:
+            raise ValueError(
+                f"finger.ridges.width_um = {ridges.width_um:g} exceeds the pitch"
+                f" (allowed: at most finger.ridges.pitch_um = {ridges.pitch_um:g} um)"
+            )
+        for table, name in ((self.assumptions, "assumptions"), (self.sources, "sources")):
+            for key in table:
+                if not self._has(key):
+                    raise ValueError(f"{name}.'{key}' names no key of a scene")
+        return self
+
+    def _has(self, dotted: str) -> bool:
+        """Tell whether a dotted key names something in this scene."""
+        value: Any = self
+        for part in dotted.split("."):
+            if isinstance(value, dict):
+                value = value.get(part)
+            else:
+                value = getattr(value, part, None)
+            if value is None:
+                return False
+        return True
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain JSON-able data, None left out (TOML has no null)."""
+        return self.model_dump(mode="json", exclude_none=True)

@@ -1,0 +1,18 @@
+"""Shared fixtures. Real input lies beside the checkout in ../shared; tests that need it skip where it is absent."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+RIG_PHOTO = ROOT.parent / "shared" / "reference" / "rig_photo"
+
+
+@pytest.fixture(scope="session")
+def rig_photo() -> Path:
+    """Folder with the real photograph and its corner list."""
+    if not (RIG_PHOTO / "checkerboard_1mm.png").is_file():
+        pytest.skip(f"the real photograph is not here: {RIG_PHOTO} does not exist")
+    return RIG_PHOTO

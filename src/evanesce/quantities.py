@@ -96,7 +96,8 @@ def field(
     Bounds are closed and apply to each element of a list or tuple field; they are enforced by :class:`Strict`.
     """
     quantity = Quantity(unit, bounds, null, source, doc)
-    return Field(default, description=doc or None, json_schema_extra={"quantity": quantity}, **extra)
+    schema_extra: Any = {"quantity": quantity}  # pydantic types this as JSON, but keeps the object as it is
+    return Field(default, description=doc or None, json_schema_extra=schema_extra, **extra)
 
 
 def quantity_of(info: FieldInfo) -> Quantity | None:

@@ -1,9 +1,9 @@
 """The frozen values handed from layer to layer.
 
-Conventions: arrays are ``[row, col]``; integer coordinates are pixel centres; x points right and y down, on the plate as
-in the image. The plate frame has its origin at the middle of the contact region on the glass's top face (z = 0) and z
-pointing from the glass into the finger, so that a camera below that looks up along +z has OpenCV's axes and nothing is
-mirrored.
+Conventions: arrays are ``[row, col]``; integer coordinates are pixel centres; x points right and y down, on the plate
+as in the image. The plate frame has its origin at the middle of the contact region on the glass's top face (z = 0)
+and z pointing from the glass into the finger, so that a camera below that looks up along +z has OpenCV's axes and
+nothing is mirrored.
 """
 
 from __future__ import annotations
@@ -24,6 +24,11 @@ def _frozen(array: NDArray[Any]) -> NDArray[Any]:
     view = np.asarray(array).view()
     view.flags.writeable = False
     return view
+
+
+def _centred(count: int) -> NDArray[np.float64]:
+    """Return count indices with their mean taken off."""
+    return np.arange(count, dtype=np.float64) - (count - 1) / 2
 
 
 class SurfaceState(IntEnum):
@@ -56,14 +61,12 @@ class PlateGrid:
     @property
     def x(self) -> NDArray[np.float64]:
         """Plate x of each column [mm], shape (cols,)."""
-        cols = self.shape[1]
-        return self.centre[0] + (np.arange(cols) - (cols - 1) / 2) * self.pitch
+        return self.centre[0] + _centred(self.shape[1]) * self.pitch
 
     @property
     def y(self) -> NDArray[np.float64]:
         """Plate y of each row [mm], shape (rows,)."""
-        rows = self.shape[0]
-        return self.centre[1] + (np.arange(rows) - (rows - 1) / 2) * self.pitch
+        return self.centre[1] + _centred(self.shape[0]) * self.pitch
 
     @property
     def extent(self) -> tuple[float, float, float, float]:

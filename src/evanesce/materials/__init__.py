@@ -1,0 +1,1 @@
+"""Silicone tables and bench tests of a lab's files."""

@@ -1,0 +1,1 @@
+"""Media, interface, LEDs and closed forms: pure functions, the oracle of the renderer."""

@@ -88,8 +88,8 @@ class Projection:
     def of(cls, camera: Camera, plate: Plate) -> Projection:
         """Place the pinhole so that the scale on the axis is ``camera.scale_px_per_mm``.
 
-        Through the port the contact plane appears at depth t/n below the bottom face (paraxially); tilts turn the camera
-        about that apparent point, so that a tilted camera still looks at ``camera.centre_mm``.
+        Through the port the contact plane appears at depth t/n below the bottom face (paraxially); tilts turn the
+        camera about that apparent point, so that a tilted camera still looks at ``camera.centre_mm``.
         """
         cols, rows = camera.resolution_px
         focal_px = camera.lens.focal_length_mm * 1e3 / camera.pixel.pitch_um

@@ -14,8 +14,8 @@ from pydantic import BaseModel, ValidationError
 
 from evanesce.errors import InputError
 from evanesce.quantities import UNIT_SUFFIXES, Quantity, Strict, quantity_of
-from evanesce.rig.scene import Scene
 from evanesce.resources import resource
+from evanesce.rig.scene import Scene
 
 MAX_SCENE_BYTES = 1_000_000
 

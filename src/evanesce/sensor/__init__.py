@@ -1,0 +1,1 @@
+"""Lens, pixel, readout and codec: from radiance to a digital frame."""

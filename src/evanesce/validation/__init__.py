@@ -1,0 +1,1 @@
+"""Studies that run the whole chain: demo, twin, threshold, voltage, accuracy."""

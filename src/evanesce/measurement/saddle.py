@@ -1,0 +1,235 @@
+"""Sub-pixel place of checkerboard corners: a blurred-corner model fitted to the grey values, many corners at once.
+
+Where two edges of a board cross, a Gaussian blur leaves, with d_k = n_k . (p - c) / (sqrt(2) sigma_k),
+
+    I(p) = b0 + b . (p - c) + a erf(d_1) erf(d_2) + g exp(-d_1^2 - d_2^2).
+
+Without the last term this holds for a blur whose axes lie along the edges; g = (2/pi) rho a is the first term of the
+tetrachoric series for a blur correlated by rho between the two normals, as an astigmatic lens leaves it in the corners
+of a frame. Without g the best isotropic corner there sits beside the true one, on either side; spreading ink, which
+joins the dark squares, adds to g as well. The model has the corner's own point symmetry, so that ink spread, a tone
+curve or a blur that is not Gaussian change the other parameters but leave c where it is. Cauchy weights keep bright
+specks from pulling.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import erf
+
+Array = NDArray[np.float64]
+
+ITERATIONS = 25
+MAX_HALF_WIDTH_PX = 16.0
+MAX_BATCH_SAMPLES = 400_000
+_CAUCHY = 2.385  # 95 % efficiency on Gaussian noise (Holland & Welsch 1977)
+_SQRT2 = np.sqrt(2.0)
+# the columns of the parameters
+X, Y, LEVEL, SLOPE_X, SLOPE_Y, CONTRAST, BUMP = 0, 1, 6, 7, 8, 9, 10
+ANGLE, WIDTH = slice(2, 4), slice(4, 6)
+
+
+@dataclass(frozen=True)
+class SaddleFit:
+    """Fitted corners, one per row.
+
+    Attributes
+    ----------
+    position : ndarray (n, 2)
+        (x, y) [px].
+    sigma : ndarray (n, 2)
+        Width of the blur across the edge that u crosses and across that which v crosses [px].
+    level, contrast : ndarray (n,)
+        Mean of bright and dark squares, and half their difference [the image's unit]; contrast is positive where the
+        square towards +u +v is bright.
+    bump : ndarray (n,)
+        g of the module's docstring [the image's unit].
+    normals : ndarray (n, 2, 2)
+        ``normals[k, 0]`` is the unit normal of the edge that u crosses, ``normals[k, 1]`` of that which v crosses.
+    explained : ndarray (n,)
+        Share of the window's variance that the model explains, specks weighted down.
+    support : ndarray (n,)
+        Share of the window that lies inside the image.
+    """
+
+    position: Array
+    sigma: Array
+    level: Array
+    contrast: Array
+    bump: Array
+    normals: Array
+    explained: Array
+    support: Array
+
+
+def fit_saddles(image: Array, centres: Array, lattice: Array, half_width: float = 0.42) -> SaddleFit:
+    """Fit the corner model around approximate places.
+
+    Parameters
+    ----------
+    image : ndarray (rows, cols)
+        Grey values.
+    centres : ndarray (n, 2)
+        Approximate corners (x, y) [px], within about a quarter of a square.
+    lattice : ndarray (n, 2, 2)
+        Local lattice: ``lattice[k] @ (u, v)`` is the offset in pixels of u squares along the first grid axis and v
+        along the second.
+    half_width : float
+        Half-width of the window in squares; below 0.5 the next corner stays outside. Never more than 16 px.
+
+    Returns
+    -------
+    SaddleFit
+    """
+    widths = _half_widths(lattice, half_width)
+    reach = int(np.ceil((widths[:, None] * np.abs(lattice).sum(axis=2)).max(initial=1.0))) + 1
+    step = max(1, MAX_BATCH_SAMPLES // (2 * reach + 1) ** 2)
+    starts = range(0, max(len(centres), 1), step)
+    parts = [
+        _fit_batch(image, centres[k : k + step], lattice[k : k + step], widths[k : k + step], reach) for k in starts
+    ]
+    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in SaddleFit.__dataclass_fields__}
+    return SaddleFit(**joined)
+
+
+def _half_widths(lattice: Array, half_width: float) -> Array:
+    """Return the half-width of each window in squares: fine boards are cut at ``MAX_HALF_WIDTH_PX``."""
+    pitch = np.sqrt(np.abs(np.linalg.det(lattice)))
+    return np.minimum(half_width, MAX_HALF_WIDTH_PX / pitch)
+
+
+def _fit_batch(image: Array, centres: Array, lattice: Array, widths: Array, reach: int) -> SaddleFit:
+    base = np.rint(centres).astype(np.int64)
+    dx, dy, values, inside = _windows(image, base, reach)
+    start = centres - base
+    inverse = np.linalg.inv(lattice)
+    in_squares = np.zeros(values.shape)
+    for k in (0, 1):  # u, v of each sample
+        offset = inverse[:, k, :1] * (dx - start[:, :1]) + inverse[:, k, 1:] * (dy - start[:, 1:])
+        np.maximum(in_squares, np.abs(offset), out=in_squares)
+    window = in_squares <= widths[:, None]
+    mask = (window & inside).astype(np.float64)
+
+    pitch = np.sqrt(np.abs(np.linalg.det(lattice)))
+    theta = np.zeros((len(centres), 11))
+    theta[:, X : Y + 1] = start
+    # rows of the inverse lattice are the gradients of u and v: the normals of the edges that u and v cross
+    theta[:, ANGLE] = np.arctan2(inverse[:, :, 1], inverse[:, :, 0])
+    theta[:, WIDTH] = np.log(np.maximum(0.08 * pitch, 0.5))[:, None]
+    _start_levels(theta, dx, dy, values, mask)
+    theta, weights = _levenberg(theta, dx, dy, values, mask, pitch)
+
+    model, _ = _model(theta, dx, dy)
+    total = np.maximum(weights.sum(axis=1), 1e-12)
+    mean = (weights * values).sum(axis=1) / total
+    spread = np.maximum((weights * (values - mean[:, None]) ** 2).sum(axis=1), 1e-12)
+    return SaddleFit(
+        position=base + theta[:, X : Y + 1],
+        sigma=np.exp(theta[:, WIDTH]),
+        level=theta[:, LEVEL],
+        contrast=theta[:, CONTRAST],
+        bump=theta[:, BUMP],
+        normals=np.stack([np.cos(theta[:, ANGLE]), np.sin(theta[:, ANGLE])], axis=-1),
+        explained=1.0 - (weights * (values - model) ** 2).sum(axis=1) / spread,
+        support=mask.sum(axis=1) / np.maximum(window.sum(axis=1), 1),
+    )
+
+
+def _windows(image: Array, base: NDArray[np.int64], reach: int) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """Return offsets dx, dy (m,), grey values (n, m) and which of them lie inside the image."""
+    offsets = np.arange(-reach, reach + 1)
+    dx, dy = (g.ravel() for g in np.meshgrid(offsets, offsets))
+    rows, cols = image.shape
+    x, y = base[:, :1] + dx, base[:, 1:] + dy
+    inside = (x >= 0) & (x < cols) & (y >= 0) & (y < rows)
+    values = image[np.clip(y, 0, rows - 1), np.clip(x, 0, cols - 1)]
+    return dx.astype(np.float64), dy.astype(np.float64), values, inside
+
+
+def _model(theta: Array, dx: Array, dy: Array) -> tuple[Array, Array]:
+    """Return the model (n, m) and its derivatives (n, m, 11) by the parameters."""
+    x, y = dx - theta[:, X, None], dy - theta[:, Y, None]
+    contrast, bump = theta[:, CONTRAST, None], theta[:, BUMP, None]
+    cos, sin = np.cos(theta[:, ANGLE]), np.sin(theta[:, ANGLE])
+    scale = 1 / (_SQRT2 * np.exp(theta[:, WIDTH]))
+    d = [(x * cos[:, k, None] + y * sin[:, k, None]) * scale[:, k, None] for k in (0, 1)]
+    edge = [erf(dk) for dk in d]
+    gauss = [np.exp(-dk * dk) for dk in d]
+    cross, both = edge[0] * edge[1], gauss[0] * gauss[1]
+    model = theta[:, LEVEL, None] + theta[:, SLOPE_X, None] * x + theta[:, SLOPE_Y, None] * y
+    model = model + contrast * cross + bump * both
+
+    jacobian = np.empty((*model.shape, 11))
+    by_d = [(2 / np.sqrt(np.pi)) * contrast * gauss[k] * edge[1 - k] - 2 * bump * d[k] * both for k in (0, 1)]
+    for column, trig, slope in ((X, cos, SLOPE_X), (Y, sin, SLOPE_Y)):
+        pull = sum(by_d[k] * (trig * scale)[:, k, None] for k in (0, 1))
+        jacobian[..., column] = -pull - theta[:, slope, None]
+    for k in (0, 1):
+        along = (-x * sin[:, k, None] + y * cos[:, k, None]) * scale[:, k, None]
+        jacobian[..., ANGLE.start + k] = by_d[k] * along
+        jacobian[..., WIDTH.start + k] = -by_d[k] * d[k]
+    jacobian[..., LEVEL] = 1.0
+    jacobian[..., SLOPE_X] = x
+    jacobian[..., SLOPE_Y] = y
+    jacobian[..., CONTRAST] = cross
+    jacobian[..., BUMP] = both
+    return model, jacobian
+
+
+def _start_levels(theta: Array, dx: Array, dy: Array, values: Array, mask: Array) -> None:
+    """Fill in the linear parameters (level, slopes, contrast) by least squares at the starting geometry."""
+    _, jacobian = _model(theta, dx, dy)
+    linear = jacobian[..., LEVEL : CONTRAST + 1]
+    weighted = np.swapaxes(linear * mask[..., None], 1, 2)
+    solved = np.linalg.solve(weighted @ linear + 1e-9 * np.eye(4), weighted @ values[..., None])
+    theta[:, LEVEL : CONTRAST + 1] = solved[..., 0]
+
+
+def _cauchy(residual: Array, mask: Array) -> Array:
+    """Return robust weights; the scale is the window's own median absolute residual, at least half a grey level."""
+    inside = mask > 0
+    ordered = np.sort(np.where(inside, np.abs(residual), np.inf), axis=1)
+    middle = np.maximum(inside.sum(axis=1) - 1, 0) // 2
+    median = ordered[np.arange(len(ordered)), middle]
+    scale = np.maximum(1.4826 * np.where(np.isfinite(median), median, 0.0), 0.5)
+    return mask / (1 + (residual / (_CAUCHY * scale[:, None])) ** 2)
+
+
+def _levenberg(theta: Array, dx: Array, dy: Array, values: Array, mask: Array, pitch: Array) -> tuple[Array, Array]:
+    """Return parameters and weights after iteratively reweighted Levenberg-Marquardt steps.
+
+    Corners drop out of the batch as they converge.
+    """
+    theta, start = theta.copy(), theta[:, :2].copy()
+    weights = np.zeros_like(mask)
+    damping = np.full(len(theta), 1e-2)
+    active = np.arange(len(theta))
+    low, high = np.log(0.15), np.log(np.maximum(0.35 * pitch, 0.3))
+    for step in range(ITERATIONS + 1):
+        now, grey = theta[active], values[active]
+        model, jacobian = _model(now, dx, dy)
+        residual = grey - model
+        robust = weights[active] = _cauchy(residual, mask[active])
+        if step == ITERATIONS or not active.size:
+            break
+        weighted = np.swapaxes(jacobian * robust[..., None], 1, 2)
+        normal = weighted @ jacobian
+        gradient = weighted @ residual[..., None]
+        diagonal = np.einsum("kii->ki", normal)
+        lifted = normal + np.eye(theta.shape[1]) * (damping[active, None] * diagonal + 1e-9)[:, None, :]
+        tried = now + np.linalg.solve(lifted, gradient)[..., 0]
+        # a corner that leaves its quarter of a square, or a blur beyond the window, is held at the bound
+        bound = 0.35 * pitch[active, None]
+        tried[:, :2] = np.clip(tried[:, :2], start[active] - bound, start[active] + bound)
+        tried[:, WIDTH] = np.clip(tried[:, WIDTH], low, high[active, None])
+        limit = np.abs(tried[:, CONTRAST])
+        tried[:, BUMP] = np.clip(tried[:, BUMP], -limit, limit)
+        better = (robust * (grey - _model(tried, dx, dy)[0]) ** 2).sum(1) <= (robust * residual**2).sum(1)
+        moved = np.abs(tried[:, :2] - now[:, :2]).max(axis=1)
+        theta[active[better]] = tried[better]
+        damping[active] = np.clip(damping[active] * np.where(better, 0.3, 8.0), 1e-6, 1e6)
+        active = active[~(better & (moved < 5e-4)) & (damping[active] < 1e5)]
+    return theta, weights

@@ -1,1 +1,70 @@
 """Departures from the ideal rig, one file each, found by walking this folder."""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import importlib
+import pkgutil
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+from evanesce.effects.protocol import ANY_SCENE, Active, Context, Effect, Stage, apply_stage
+from evanesce.errors import InputError
+from evanesce.rig import Scene
+from evanesce.rig.load import validate
+
+__all__ = ["Active", "Context", "Effect", "Stage", "active_effects", "all_effects", "apply_stage"]
+
+
+@functools.cache
+def all_effects() -> Mapping[str, Effect]:
+    """Return every effect of this folder by its id.
+
+    Raises
+    ------
+    TypeError
+        If a file's effect does not bear the file's name.
+    """
+    found: dict[str, Effect] = {}
+    for module in sorted(pkgutil.iter_modules(__path__), key=lambda entry: entry.name):
+        effect = getattr(importlib.import_module(f"{__name__}.{module.name}"), "EFFECT", None)
+        if not isinstance(effect, Effect):
+            continue
+        if effect.id != module.name:
+            raise TypeError(f"effects/{module.name}.py declares the effect '{effect.id}'")
+        found[effect.id] = effect
+    return MappingProxyType(found)
+
+
+def active_effects(scene: Scene, file: Path | str = ANY_SCENE) -> tuple[Active, ...]:
+    """Check a scene's ``[effects.<id>]`` tables and return its effects in the order in which they stand there.
+
+    Parameters
+    ----------
+    scene : Scene
+    file : Path or str
+        Named in errors.
+
+    Raises
+    ------
+    InputError
+        For an unknown effect (naming the nearest), an unknown key, or a value out of bounds.
+    """
+    known = all_effects()
+    found = []
+    for name, table in scene.effects.items():
+        effect = known.get(name)
+        if effect is None:
+            close = difflib.get_close_matches(name, known, n=1, cutoff=0.0)
+            raise InputError(
+                f"unknown effect; nearest: {close[0]}", file=file, key=f"effects.{name}", allowed=", ".join(known)
+            )
+        try:
+            parameters = validate(effect.parameters, dict(table), file)
+        except InputError as error:
+            key = f"effects.{name}.{error.key}" if error.key else f"effects.{name}"
+            raise InputError(error.what, file=file, key=key, allowed=error.allowed) from None
+        found.append(Active(effect, parameters))
+    return tuple(found)

@@ -1,0 +1,41 @@
+"""Light of the room that the plate and finger send towards the lens: a radiance with a linear gradient."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from evanesce.effects.protocol import Context, Effect, Stage
+from evanesce.quantities import Strict, field
+from evanesce.states import PlateLight
+
+
+class Parameters(Strict):
+    """Veiling radiance, and how it changes over the pinhole's view."""
+
+    radiance_W_per_mm2_sr: float = field(
+        0.0, unit="W mm^-2 sr^-1", bounds=(0.0, 1.0), null=0.0, doc="on the optical axis"
+    )
+    gradient: tuple[float, float] = field(
+        (0.0, 0.0), unit="1", bounds=(-5.0, 5.0), doc="relative change per unit of tangent from the axis, (x, y)"
+    )
+
+
+def apply(light: PlateLight, parameters: Parameters, context: Context) -> PlateLight:
+    """Add L0 (1 + g_x tan_x + g_y tan_y), never below zero; room light has no sampling variance."""
+    rows, cols = light.radiance.shape
+    gx, gy = parameters.gradient
+    x = (np.arange(cols) - light.principal_point[0]) / light.focal_px
+    y = (np.arange(rows) - light.principal_point[1]) / light.focal_px
+    veil = parameters.radiance_W_per_mm2_sr * np.clip(1.0 + gx * x[None, :] + gy * y[:, None], 0.0, None)
+    return replace(light, radiance=light.radiance + veil)
+
+
+EFFECT = Effect(
+    id="ambient_light",
+    stage=Stage.PLATE_LIGHT,
+    parameters=Parameters,
+    amplitudes=("radiance_W_per_mm2_sr",),
+    apply=apply,
+)

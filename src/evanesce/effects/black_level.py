@@ -1,0 +1,25 @@
+"""A black level that is not where the camera's processing believes it to be."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.effects.protocol import Context, Effect, Stage
+from evanesce.quantities import Strict, field
+
+
+class Parameters(Strict):
+    """Offset of the black level."""
+
+    offset_DN: float = field(
+        0.0, unit="DN", bounds=(-2048.0, 2048.0), null=0.0, doc="real minus believed black level, raw numbers"
+    )
+
+
+def apply(signal_DN: NDArray[np.float64], parameters: Parameters, context: Context) -> NDArray[np.float64]:
+    """Add the offset to the signal before it is quantised."""
+    return signal_DN + parameters.offset_DN
+
+
+EFFECT = Effect(id="black_level", stage=Stage.READOUT, parameters=Parameters, amplitudes=("offset_DN",), apply=apply)

@@ -1,0 +1,80 @@
+"""One exposure of a camera, without any departure from its data sheet: irradiance -> raw and 8-bit frame."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from evanesce.rig import Camera
+from evanesce.sensor.pixel import FixedPattern, collect, mean_charge, photon_count
+from evanesce.sensor.readout import amplify, quantise
+from evanesce.sensor.tone import develop
+from evanesce.states import Frame, SensorLight
+
+Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
+
+
+def charge_of(light: SensorLight, camera: Camera, pattern: FixedPattern | None = None) -> Array:
+    """Return the mean charge of each pixel before shot noise [e-]."""
+    pixel, exposure_s = camera.pixel, camera.exposure_ms * 1e-3
+    photons = photon_count(
+        light.irradiance,
+        pitch_um=pixel.pitch_um,
+        fill_factor=pixel.fill_factor,
+        exposure_s=exposure_s,
+        wavelength_nm=camera.wavelength_nm,
+    )
+    return mean_charge(
+        photons,
+        quantum_efficiency=pixel.quantum_efficiency,
+        dark_current_e_per_s=pixel.dark_current_e_per_s,
+        exposure_s=exposure_s,
+        pattern=pattern,
+    )
+
+
+def signal_of(mean_e: Array, camera: Camera, rng: np.random.Generator | None) -> Array:
+    """Return the signal before quantisation [DN]: shot noise, full well, read noise, gain, black level."""
+    pixel = camera.pixel
+    return amplify(
+        collect(mean_e, pixel.full_well_capacity_e, rng),
+        conversion_gain_e_per_DN=pixel.conversion_gain_e_per_DN,
+        analogue_gain=camera.analogue_gain,
+        read_noise_e=pixel.read_noise_e,
+        black_level_DN=pixel.black_level_DN,
+        rng=rng,
+    )
+
+
+def frame_of(signal_DN: Array, camera: Camera, *, time_s: float = 0.0, index: int = 0) -> Frame:
+    """Return the frame of a signal [DN]: quantised raw, and 8 bits through the camera's tone curve."""
+    pixel = camera.pixel
+    raw = quantise(signal_DN, pixel.bits)
+    data = develop(raw, black_level_DN=pixel.black_level_DN, bits=pixel.bits, curve=camera.tone_curve)
+    return Frame(data=data, raw=raw, time=time_s, index=index)
+
+
+def expose(
+    light: SensorLight,
+    camera: Camera,
+    *,
+    rng: np.random.Generator | None,
+    pattern: FixedPattern | None = None,
+    time_s: float = 0.0,
+    index: int = 0,
+) -> Frame:
+    """Expose one frame.
+
+    Parameters
+    ----------
+    light : SensorLight
+        Irradiance [W mm^-2].
+    camera : Camera
+    rng : numpy.random.Generator or None
+        Stream of this frame; None gives the frame without temporal noise.
+    pattern : FixedPattern, optional
+        Of this sensor (:func:`evanesce.sensor.pixel.fixed_pattern`).
+    time_s : float
+        Mid-exposure time [s].
+    index : int
+    """
+    return frame_of(signal_of(charge_of(light, camera, pattern), camera, rng), camera, time_s=time_s, index=index)

@@ -1,0 +1,158 @@
+"""The whole chain on one page, in physical order: rig -> contact -> light -> lens -> pixel -> readout -> frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from evanesce import rng
+from evanesce.effects import Context, Stage, active_effects, apply_stage
+from evanesce.effects.protocol import ANY_SCENE
+from evanesce.rig import Scene
+from evanesce.sensor.expose import charge_of, frame_of, signal_of
+from evanesce.sensor.lens import form_image
+from evanesce.sensor.pixel import fixed_pattern
+from evanesce.states import ContactState, Frame, PlateLight, SensorLight
+
+Omission = Literal["distortion", "blur", "noise"]
+"""What the camera can be asked to do without: lens distortion; defocus and diffraction; all noise and fixed pattern."""
+
+Render = Callable[..., PlateLight]
+"""``render(scene, state, *, seed, **options) -> PlateLight``; ``state`` is None where nothing touches."""
+
+
+@dataclass(frozen=True)
+class SimulatedFrame:
+    """Everything from the truth to the frame.
+
+    Attributes
+    ----------
+    scene : Scene
+        The rig as it really was, after effects of the stage ``rig``.
+    state : ContactState or None
+        Truth; None where nothing touched.
+    plate_light : PlateLight
+    sensor_light : SensorLight
+    frame : Frame
+    """
+
+    scene: Scene
+    state: ContactState | None
+    plate_light: PlateLight
+    sensor_light: SensorLight
+    frame: Frame
+
+
+def simulate(
+    scene: Scene,
+    force_N: float | None,
+    *,
+    seed: int,
+    time_s: float = 0.0,
+    index: int = 0,
+    contact: Callable[..., ContactState] | None = None,
+    render: Render | None = None,
+    file: Path | str = ANY_SCENE,
+    **render_options: Any,
+) -> SimulatedFrame:
+    """Simulate one frame.
+
+    Parameters
+    ----------
+    scene : Scene
+    force_N : float or None
+        Normal force [N]; None leaves the finger away (a dark frame).
+    seed : int
+        The run's one seed; light, noise and effects draw from their own streams of it.
+    time_s, index : float, int
+        Mid-exposure time [s] and number of the frame.
+    contact : callable, optional
+        ``contact(scene, force_N, time_s=...) -> ContactState``; the scene's contact law by default.
+    render : callable, optional
+        :data:`Render`; the path tracer by default.
+    file : Path or str
+        The scene's file, for errors.
+    **render_options
+        Passed to ``render``.
+
+    Raises
+    ------
+    InputError
+        If the scene's effects are not valid.
+    """
+    effects = active_effects(scene, file)
+    scene = apply_stage(Stage.RIG, scene, effects, Context(scene, seed, time_s, index))
+    context = Context(scene, seed, time_s, index)
+
+    state = None
+    if force_N is not None:
+        state = (contact or _scene_contact())(scene, force_N, time_s=time_s)
+        state = apply_stage(Stage.CONTACT, state, effects, context)
+
+    light_seed = rng.integer_seed(seed, "render", index)
+    plate_light = (render or _path_tracer())(scene, state, seed=light_seed, **render_options)
+
+    sensor_light, frame = photograph(scene, plate_light, seed=seed, time_s=time_s, index=index, file=file)
+    return SimulatedFrame(scene, state, plate_light, sensor_light, frame)
+
+
+def photograph(
+    scene: Scene,
+    plate_light: PlateLight,
+    *,
+    seed: int,
+    time_s: float = 0.0,
+    index: int = 0,
+    without: Collection[Omission] = (),
+    file: Path | str = ANY_SCENE,
+) -> tuple[SensorLight, Frame]:
+    """Take the picture: the half of the chain behind the plate, so that one rendered light serves many cameras.
+
+    ``without`` leaves parts of the camera out (:data:`Omission`); quantisation and tone curve always stay.
+    """
+    if unknown := set(without) - set(get_args(Omission)):
+        raise ValueError(f"a camera cannot do without {sorted(unknown)}; known: {get_args(Omission)}")
+    effects, context = active_effects(scene, file), Context(scene, seed, time_s, index)
+    camera, noisy = scene.camera, "noise" not in without
+    cols, rows = camera.resolution_px
+
+    plate_light = apply_stage(Stage.PLATE_LIGHT, plate_light, effects, context)
+
+    sensor_light = form_image(
+        plate_light, camera, scene.plate, distortion="distortion" not in without, blurred="blur" not in without
+    )
+    sensor_light = apply_stage(Stage.SENSOR_LIGHT, sensor_light, effects, context)
+
+    pixel = camera.pixel
+    pattern = fixed_pattern((rows, cols), pixel.prnu, pixel.dsnu_e, rng.generator(seed, "sensor")) if noisy else None
+    charge_e = charge_of(sensor_light, camera, pattern)
+    charge_e = apply_stage(Stage.CHARGE, charge_e, effects, context)
+
+    signal_DN = signal_of(charge_e, camera, rng.generator(seed, "exposure", index) if noisy else None)
+    signal_DN = apply_stage(Stage.READOUT, signal_DN, effects, context)
+
+    frame = frame_of(signal_DN, camera, time_s=time_s, index=index)
+    return sensor_light, apply_stage(Stage.FRAME, frame, effects, context)
+
+
+def simulate_press(scene: Scene, *, seed: int, **options: Any) -> Iterator[SimulatedFrame]:
+    """Simulate the scene's loading programme, frame by frame; options as for :func:`simulate`."""
+    from evanesce.contact.solve import press_programme
+
+    for index, (time_s, force_N) in enumerate(press_programme(scene)):
+        yield simulate(scene, force_N, seed=seed, time_s=time_s, index=index, **options)
+
+
+# Fetched on first use: a caller with its own contact or light needs neither solver nor renderer installed.
+def _scene_contact() -> Callable[..., ContactState]:
+    from evanesce.contact.solve import contact_state
+
+    return contact_state
+
+
+def _path_tracer() -> Render:
+    from evanesce.render.path import render
+
+    return render

@@ -1,0 +1,179 @@
+"""Put an axisymmetric contact on the plate's grid: pressure, gap and an exact sub-pixel mask."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.errors import InputError
+from evanesce.states import ContactState, PlateGrid
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class AxisymmetricContact:
+    """A circular contact as its law gives it, not yet sampled.
+
+    Attributes
+    ----------
+    contact_radius : float
+        [mm]; 0 where nothing touches.
+    normal_force : float
+        [N].
+    depth : float
+        Approach of distant points [mm]; NaN where the law has none.
+    force_within : callable
+        Radii [mm] -> force carried inside them [N].
+    gap : callable
+        Radii [mm] -> gap [mm], 0 in contact.
+    shape_exponent : float or None
+        k where the pressure is p0 (1 - (r/a)^k)^(1/k) (2 for Hertz), None where it is not of that form.
+    """
+
+    contact_radius: float
+    normal_force: float
+    depth: float
+    force_within: Callable[[Array], Array]
+    gap: Callable[[Array], Array]
+    shape_exponent: float | None = None
+
+
+def radii(grid: PlateGrid, centre: tuple[float, float]) -> Array:
+    """Return the distance of each sample from a plate point (x, y) [mm], shape (rows, cols)."""
+    return np.hypot(grid.x[None, :] - centre[0], grid.y[:, None] - centre[1])
+
+
+def disc_coverage(grid: PlateGrid, centre: tuple[float, float], radius: float) -> Array:
+    """Return the share of each cell that a disc covers, exact to rounding.
+
+    The area of the disc left of and above each cell corner has a closed form; a cell's share is its second
+    difference, so that the sum over a grid that holds the disc telescopes to pi radius^2.
+
+    Parameters
+    ----------
+    grid : PlateGrid
+    centre : tuple of float
+        (x, y) [mm].
+    radius : float
+        [mm], not negative.
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        0 to 1.
+    """
+    if radius == 0:
+        return np.zeros(grid.shape)
+    half = grid.pitch / 2
+    x = (np.append(grid.x - half, grid.x[-1] + half) - centre[0]) / radius
+    y = (np.append(grid.y - half, grid.y[-1] + half) - centre[1]) / radius
+    corner = _unit_disc_quadrant(x[None, :], y[:, None])
+    share = np.diff(np.diff(corner, axis=0), axis=1) * (radius / grid.pitch) ** 2
+    return np.clip(share, 0.0, 1.0)
+
+
+def _unit_disc_quadrant(x: Array, y: Array) -> Array:
+    """Return the area of the unit disc where u <= x and v <= y (broadcast)."""
+    x, y = np.clip(x, -1.0, 1.0), np.clip(y, -1.0, 1.0)
+
+    def below_arc(u: Array) -> Array:
+        """Integral of sqrt(1 - u^2) from -1."""
+        return 0.5 * (u * np.sqrt(1.0 - u**2) + np.arcsin(u)) + np.pi / 4
+
+    half_chord = np.sqrt(1.0 - y**2)
+    inside = np.clip(x, -half_chord, half_chord)
+    # columns |u| < half_chord are cut at v = y; for y >= 0 those further out are whole, for y < 0 they are empty
+    cut = below_arc(inside) - below_arc(-half_chord) + y * (inside + half_chord)
+    whole = 2.0 * (below_arc(np.minimum(x, -half_chord)) + below_arc(np.maximum(x, half_chord)) - below_arc(half_chord))
+    return np.where(y >= 0, cut + whole, cut)
+
+
+def cell_pressure(grid: PlateGrid, centre: tuple[float, float], contact: AxisymmetricContact) -> Array:
+    """Return the mean pressure over a ring as wide as a cell around each sample [MPa], shape (rows, cols).
+
+    A ring mean from the force integral is finite where the pressure itself is singular (JKR's edge), and summing it
+    over the cells returns the force but for the error of placing rings on squares.
+    """
+    r = radii(grid, centre)
+    outer, inner = r + grid.pitch / 2, np.maximum(r - grid.pitch / 2, 0.0)
+    return (contact.force_within(outer) - contact.force_within(inner)) / (np.pi * (outer**2 - inner**2))
+
+
+def require_fit(grid: PlateGrid, centre: tuple[float, float], radius: float) -> None:
+    """Refuse a contact that reaches over the grid's border.
+
+    Raises
+    ------
+    InputError
+        With the grid size it needs.
+    """
+    x_min, x_max, y_min, y_max = grid.extent
+    room = min(centre[0] - x_min, x_max - centre[0], centre[1] - y_min, y_max - centre[1])
+    if radius > room:
+        short = min(grid.shape) * grid.pitch
+        raise InputError(
+            f"contact of radius {radius:.4g} mm does not fit on the contact grid of {short:.4g} mm",
+            key="grid.size_mm",
+            allowed=f"at least {short + 2.0 * (radius - room):.4g} mm",
+        )
+
+
+def axisymmetric_state(
+    grid: PlateGrid,
+    centre: tuple[float, float],
+    contact: AxisymmetricContact,
+    *,
+    law: str,
+    parameters: Mapping[str, Any] | None = None,
+    time: float = 0.0,
+) -> ContactState:
+    """Sample an axisymmetric contact.
+
+    Parameters
+    ----------
+    grid : PlateGrid
+        Where to sample.
+    centre : tuple of float
+        Contact centre (x, y) on the plate [mm].
+    contact : AxisymmetricContact
+    law, parameters, time
+        Passed on to the state.
+
+    Returns
+    -------
+    ContactState
+        ``contact_mask`` is exact; pressure is a mean over a cell's width, scaled by the placing error (below 0.1 %
+        from 20 cells per radius on) so that it carries the force of the law.
+
+    Raises
+    ------
+    InputError
+        If the contact reaches over the grid's border.
+    """
+    require_fit(grid, centre, contact.contact_radius)
+    gap = contact.gap(radii(grid, centre))
+    if contact.contact_radius > 0:
+        pressure = cell_pressure(grid, centre, contact)
+        carried = float(pressure.sum()) * grid.pitch**2
+        # a pulling or vanishing force is a difference of large terms, where a factor would mean nothing
+        if contact.shape_exponent is not None and carried > 0:
+            pressure = pressure * (contact.normal_force / carried)
+    else:
+        pressure = np.zeros(grid.shape)
+    return ContactState(
+        grid=grid,
+        pressure=pressure,
+        gap=gap,
+        contact_mask=disc_coverage(grid, centre, contact.contact_radius),
+        normal_force=contact.normal_force,
+        nominal_contact_area=float(np.pi * contact.contact_radius**2),
+        depth=contact.depth,
+        law=law,
+        parameters=dict(parameters or {}),
+        time=time,
+    )

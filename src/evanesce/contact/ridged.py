@@ -1,0 +1,281 @@
+"""A ridged finger, first model: the smooth finger's pressure is handed to its ridges, each of which closes locally.
+
+Scales are separated: the macroscopic contact (radius, pressure, gap) is that of the smooth finger, and where its
+pressure is p, a ridge looks like one of an endless periodic row under the mean pressure p (:mod:`ridge_profile`). Its
+limits: the pitch must be small against the contact radius (error of the order pitch/radius at the rim); ridges do not
+change the macroscopic radius or depth; curvature of concentric ridges is ignored, which their innermost ring feels;
+no adhesion, no friction, small slopes. The half-space solver has none of the first three limits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.contact.patch import AxisymmetricContact, axisymmetric_state, cell_pressure, radii, require_fit
+from evanesce.contact.ridge_profile import closure_pressure, contact_edge, profile_exponent, ridge_gap, ridge_pressure
+from evanesce.errors import InputError
+from evanesce.states import ContactState, PlateGrid
+
+Array = NDArray[np.float64]
+
+MIN_SAMPLES_PER_PITCH = 8
+_SUBCELLS = 4
+
+
+@dataclass(frozen=True)
+class RidgeRow:
+    """Ridges as moulded.
+
+    Attributes
+    ----------
+    pattern : {"parallel", "concentric"}
+        Parallel: a crest runs through the tip. Concentric: ring crests at (k + 1/2) pitch, a furrow at the tip.
+    pitch, width, height : float
+        Crest to crest, width at half height, crest to valley [mm].
+    orientation : float
+        Direction along parallel ridges, from +x towards +y [rad].
+    """
+
+    pattern: Literal["parallel", "concentric"]
+    pitch: float
+    width: float
+    height: float
+    orientation: float = 0.0
+
+    def locate(self, x: Array, y: Array) -> tuple[NDArray[np.int64], Array]:
+        """Return ridge number and distance from its crest [mm] of points relative to the tip [mm]."""
+        if self.pattern == "parallel":
+            across = -x * np.sin(self.orientation) + y * np.cos(self.orientation)
+        else:
+            across = np.hypot(x, y) - 0.5 * self.pitch
+        number = np.rint(across / self.pitch)
+        return number.astype(np.int64), across - number * self.pitch
+
+
+def ridged_state(
+    grid: PlateGrid,
+    centre: tuple[float, float],
+    smooth: AxisymmetricContact,
+    ridges: RidgeRow,
+    modulus: float,
+    *,
+    law: str,
+    parameters: Mapping[str, Any] | None = None,
+    time: float = 0.0,
+) -> ContactState:
+    """Sample the contact of a ridged finger.
+
+    Parameters
+    ----------
+    grid : PlateGrid
+    centre : tuple of float
+        Tip (x, y) on the plate [mm].
+    smooth : AxisymmetricContact
+        The macroscopic contact; its pressure must have the form p0 (1 - (r/a)^k)^(1/k).
+    ridges : RidgeRow
+    modulus : float
+        E* at the scale of the ridges [MPa].
+    law, parameters, time
+        Passed on to the state.
+
+    Returns
+    -------
+    ContactState
+        Each ridge carries on the grid the share of the smooth finger's force that falls on its pitch (ridges without
+        contact pass theirs to the next one inwards), so that the total is the normal force.
+
+    Raises
+    ------
+    InputError
+        If the contact does not fit on the grid, or the grid is too coarse for the ridges.
+    ValueError
+        If ``smooth`` has no pressure of that form, or a figure of ``ridges`` is impossible.
+    """
+    if grid.pitch * MIN_SAMPLES_PER_PITCH > ridges.pitch:
+        raise InputError(
+            f"contact grid of {1e3 * grid.pitch:.4g} um per sample is too coarse for ridges {1e3 * ridges.pitch:.4g} um"
+            " apart",
+            key="grid.samples",
+            allowed=f"at least {MIN_SAMPLES_PER_PITCH} samples per ridge pitch",
+        )
+    exponent = profile_exponent(ridges.width, ridges.pitch)
+    closure = closure_pressure(modulus, ridges.height, ridges.pitch, exponent)
+    named = {**(parameters or {}), "ridge_profile_exponent": exponent, "ridge_closure_pressure_MPa": closure}
+    x, y = grid.x[None, :] - centre[0], grid.y[:, None] - centre[1]
+    number, distance = ridges.locate(x, y)
+    if smooth.contact_radius == 0:
+        open_state = axisymmetric_state(grid, centre, smooth, law=law, parameters=named, time=time)
+        furrow = ridge_gap(distance, 0.0, ridges.pitch, ridges.height, closure, exponent)
+        return _with(open_state, gap=open_state.gap + furrow)
+    if smooth.shape_exponent is None:
+        raise ValueError("the first ridged model needs a macroscopic law without adhesion")
+    require_fit(grid, centre, smooth.contact_radius)
+    mean = cell_pressure(grid, centre, smooth)
+    local = _mean_pressure(smooth, radii(grid, centre))
+    pressure = ridge_pressure(distance, local, ridges.pitch, closure, exponent)
+    pressure = share_forces(pressure, mean, number) * (smooth.normal_force / (mean.sum() * grid.pitch**2))
+    gap = smooth.gap(radii(grid, centre)) + ridge_gap(distance, local, ridges.pitch, ridges.height, closure, exponent)
+    level = _level(smooth, ridges, closure, exponent)
+    return ContactState(
+        grid=grid,
+        pressure=pressure,
+        gap=gap,
+        contact_mask=level_coverage(level, grid, centre),
+        normal_force=smooth.normal_force,
+        nominal_contact_area=ridged_area(smooth, ridges, closure, exponent),
+        depth=smooth.depth,
+        law=law,
+        parameters=named,
+        time=time,
+    )
+
+
+def _with(state: ContactState, **changes: Any) -> ContactState:
+    return ContactState(**{**{key: getattr(state, key) for key in state.__dataclass_fields__}, **changes})
+
+
+def _peak(smooth: AxisymmetricContact) -> float:
+    """Return p0 [MPa] from the force inside a small circle, exact to the square of its relative radius."""
+    small = 1e-4 * smooth.contact_radius
+    return float(smooth.force_within(np.array(small)) / (np.pi * small**2))
+
+
+def _mean_pressure(smooth: AxisymmetricContact, r: Array) -> Array:
+    """Return the macroscopic pressure at radii r [MPa]."""
+    k = smooth.shape_exponent or 2.0
+    return _peak(smooth) * np.clip(1.0 - (r / smooth.contact_radius) ** k, 0.0, None) ** (1.0 / k)
+
+
+def share_forces(pressure: Array, mean: Array, number: NDArray[np.int64]) -> Array:
+    """Scale the pressure of each ridge so that it carries the macroscopic pressure on its own strip.
+
+    Parameters
+    ----------
+    pressure : ndarray (rows, cols)
+        Local pressure [MPa].
+    mean : ndarray (rows, cols)
+        Macroscopic pressure [MPa].
+    number : ndarray of int (rows, cols)
+        Ridge of each sample.
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        Sums to the sum of ``mean``. A ridge with a share but no contact gives its share to the neighbour that
+        carries more, as the rim's ridges do whose crest lies outside the contact.
+    """
+    first = int(number.min())
+    index = (number - first).ravel()
+    share = np.bincount(index, mean.ravel())
+    carried = np.bincount(index, pressure.ravel())
+    loaded = np.flatnonzero(carried > 0)
+    if loaded.size == 0:
+        raise ValueError("no ridge touches on this grid")
+    for orphan in np.flatnonzero((share > 0) & (carried <= 0)):
+        heir = loaded[np.argmin(np.abs(loaded - orphan))]
+        share[heir] += share[orphan]
+    factor = np.divide(share, carried, out=np.zeros_like(share), where=carried > 0)
+    return pressure * factor[index].reshape(pressure.shape)
+
+
+def _level(
+    smooth: AxisymmetricContact, ridges: RidgeRow, closure: float, exponent: float
+) -> Callable[[Array, Array], Array]:
+    """Return a smooth function of points (relative to the tip) that is positive in contact.
+
+    Contact is where the macroscopic pressure exceeds what the local height takes, p > p_c |sin|^m, and inside the
+    macroscopic circle. To the power k this is (a^k - r^k) - a^k (p_c/p0)^k |sin|^(m k), without the steep rim of p.
+    """
+    k = smooth.shape_exponent or 2.0
+    radius = smooth.contact_radius
+    need = (closure / _peak(smooth)) ** k
+
+    def level(x: Array, y: Array) -> Array:
+        _, distance = ridges.locate(x, y)
+        s = np.abs(np.sin(np.pi * distance / ridges.pitch))
+        return 1.0 - (np.hypot(x, y) / radius) ** k - need * s ** (exponent * k)
+
+    return level
+
+
+def level_coverage(level: Callable[[Array, Array], Array], grid: PlateGrid, centre: tuple[float, float]) -> Array:
+    """Return the share of each cell where a smooth function is positive.
+
+    Cells whose corners and centre agree in sign are full or empty. The others are split into 4 x 4 and each part is
+    covered as by a straight edge at level/|gradient| from its middle, so that errors are of second order in the
+    part's size and of either sign.
+
+    Parameters
+    ----------
+    level : callable
+        (x, y) relative to ``centre`` [mm] -> values, positive inside.
+    grid : PlateGrid
+    centre : tuple of float
+        [mm].
+
+    Returns
+    -------
+    ndarray (rows, cols)
+    """
+    h = grid.pitch
+    x, y = grid.x - centre[0], grid.y - centre[1]
+    middle = level(x[None, :], y[:, None]) > 0
+    edge_x, edge_y = np.append(x - h / 2, x[-1] + h / 2), np.append(y - h / 2, y[-1] + h / 2)
+    corner = level(edge_x[None, :], edge_y[:, None]) > 0
+    votes = middle.astype(int) + corner[:-1, :-1] + corner[1:, :-1] + corner[:-1, 1:] + corner[1:, 1:]
+    share = (votes == 5).astype(float)
+    rows, cols = np.nonzero((votes > 0) & (votes < 5))
+    part = h / _SUBCELLS
+    offset = (np.arange(-1, _SUBCELLS + 1) - (_SUBCELLS - 1) / 2) * part
+    at = level(x[cols][:, None, None] + offset[None, None, :], y[rows][:, None, None] + offset[None, :, None])
+    slope_x = 0.5 * (at[:, 1:-1, 2:] - at[:, 1:-1, :-2])
+    slope_y = 0.5 * (at[:, 2:, 1:-1] - at[:, :-2, 1:-1])
+    reach = np.abs(slope_x) + np.abs(slope_y)
+    inner = at[:, 1:-1, 1:-1]
+    cover = np.clip(0.5 + np.divide(inner, reach, out=np.sign(inner), where=reach > 0), 0.0, 1.0)
+    share[rows, cols] = cover.mean(axis=(1, 2))
+    return share
+
+
+def ridged_area(smooth: AxisymmetricContact, ridges: RidgeRow, closure: float, exponent: float) -> float:
+    """Return the area of contact [mm^2] by quadrature across the ridges, without a grid.
+
+    At distance d from its crest the ridge touches inside the circle on which the macroscopic pressure is
+    p_c |sin(pi d/lambda)|^m, of radius rho(d). A parallel ridge at u adds the chords 2 sqrt(rho^2 - (u + d)^2); a ring
+    adds 2 pi r over the radii r < rho(d(r)).
+    """
+    k, radius, pitch = smooth.shape_exponent or 2.0, smooth.contact_radius, ridges.pitch
+    need = closure / _peak(smooth)
+
+    def touching_radius(distance: Array) -> Array:
+        s = np.abs(np.sin(np.pi * distance / pitch))
+        return radius * np.clip(1.0 - (need * s**exponent) ** k, 0.0, None) ** (1.0 / k)
+
+    # midpoint rule: the integrand's only kinks are roots or steps at the ends of chords, error below 1e-5 of a pitch
+    nodes = 4000
+    d = ((np.arange(nodes) + 0.5) / nodes - 0.5) * pitch
+    reach = int(np.ceil(radius / pitch)) + 1
+    rho = touching_radius(d)
+    if ridges.pattern == "parallel":
+        across = np.arange(-reach, reach + 1)[:, None] * pitch + d[None, :]
+        chord = 2.0 * np.sqrt(np.clip(rho**2 - across**2, 0.0, None))
+        return float(chord.sum() * pitch / nodes)
+    r = (np.arange(reach + 1)[:, None] + 0.5) * pitch + d[None, :]
+    step = pitch / nodes
+    slope = np.gradient(rho - r, step, axis=1, edge_order=2)
+    # a cell of the rule that the edge cuts counts by its covered part
+    cover = np.clip(0.5 + (rho - r) / (np.abs(slope) * step), 0.0, 1.0)
+    return float((2.0 * np.pi * r * cover).sum() * step)
+
+
+def ridge_half_width(smooth: AxisymmetricContact, r: Array, ridges: RidgeRow, modulus: float) -> Array:
+    """Return the half width of contact [mm] of a ridge whose crest lies at radius r [mm] from the tip."""
+    exponent = profile_exponent(ridges.width, ridges.pitch)
+    closure = closure_pressure(modulus, ridges.height, ridges.pitch, exponent)
+    edge = contact_edge(_mean_pressure(smooth, r), closure, exponent)
+    return ridges.pitch / np.pi * np.arcsin(edge)

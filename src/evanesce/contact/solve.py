@@ -1,0 +1,189 @@
+"""From a scene to its contact: chooses the law, the grid and the loading programme. No physics of its own."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from scipy.optimize import brentq
+
+from evanesce.contact.hertz import hertz_contact, reduced_modulus, scaled_hertz_contact
+from evanesce.contact.jkr import jkr_contact
+from evanesce.contact.patch import AxisymmetricContact, axisymmetric_state
+from evanesce.contact.ridged import RidgeRow, ridged_state
+from evanesce.contact.xydas_kao import xydas_kao_contact
+from evanesce.errors import InputError
+from evanesce.materials import material
+from evanesce.rig import Ridges, Scene
+from evanesce.rig.finger import HertzLaw, JkrLaw, ScaledHertzLaw, XydasKaoLaw
+from evanesce.states import ContactState, PlateGrid
+
+
+def contact_grid(scene: Scene) -> PlateGrid:
+    """Return the square grid around the finger's tip that ``scene.grid`` describes."""
+    count = scene.grid.samples
+    return PlateGrid(shape=(count, count), pitch=scene.grid.size_mm / count, centre=scene.finger.position_mm)
+
+
+def contact_state(scene: Scene, force_N: float, *, time_s: float = 0.0) -> ContactState:
+    """Return the contact of a scene's finger under a normal force.
+
+    Parameters
+    ----------
+    scene : Scene
+    force_N : float
+        Normal force [N], not negative.
+    time_s : float
+        Time stamp of the state [s].
+
+    Returns
+    -------
+    ContactState
+        On :func:`contact_grid`; ``law`` ends in ``+ridges`` where the finger has them.
+
+    Raises
+    ------
+    InputError
+        If the force is impossible, the contact does not fit on the grid, the grid is too coarse for the ridges, the
+        material is unknown, or the law has no answer for this force.
+    """
+    if not (math.isfinite(force_N) and force_N >= 0):
+        raise InputError(f"normal force of {force_N:g} N", key="press.forces_N", allowed="a finite force, not negative")
+    contact, modulus, parameters = _smooth(scene, force_N)
+    grid, centre, law = contact_grid(scene), scene.finger.position_mm, scene.contact.law
+    ridges = scene.finger.ridges
+    if ridges is None:
+        return axisymmetric_state(grid, centre, contact, law=law, parameters=parameters, time=time_s)
+    if isinstance(scene.contact, JkrLaw):
+        raise InputError(
+            "ridges need a law without adhesion", key="contact.law", allowed="hertz, scaled_hertz, xydas_kao"
+        )
+    row = _row(ridges)
+    parameters |= {"ridge_pattern": row.pattern, "ridge_pitch_mm": row.pitch}
+    parameters |= {"ridge_width_mm": row.width, "ridge_height_mm": row.height, "ridge_orientation_rad": row.orientation}
+    try:
+        return ridged_state(
+            grid, centre, contact, row, modulus, law=f"{law}+ridges", parameters=parameters, time=time_s
+        )
+    except InputError:
+        raise
+    except ValueError as error:
+        raise InputError(str(error), key="finger.ridges") from None
+
+
+def _row(ridges: Ridges) -> RidgeRow:
+    return RidgeRow(
+        pattern=ridges.pattern,
+        pitch=1e-3 * ridges.pitch_um,
+        width=1e-3 * ridges.width_um,
+        height=1e-3 * ridges.height_um,
+        orientation=math.radians(ridges.orientation_deg),
+    )
+
+
+def _modulus(scene: Scene, force: float) -> float:
+    """Return E* [MPa]: the law's own figures where it gives them, the material's otherwise.
+
+    An intercept without a slope is a constant modulus: the slope of another fit would not belong to it.
+    """
+    published = material(scene.finger.material).flat_reduced_modulus
+    law = scene.contact
+    intercept, slope = published.intercept_MPa, published.slope_MPa_per_N
+    if not isinstance(law, XydasKaoLaw):
+        if law.reduced_modulus_MPa is not None:
+            intercept, slope = law.reduced_modulus_MPa, 0.0
+        if law.reduced_modulus_slope_MPa_per_N is not None:
+            slope = law.reduced_modulus_slope_MPa_per_N
+    try:
+        return float(reduced_modulus(force, intercept, slope))
+    except ValueError as error:
+        key = "contact.reduced_modulus_slope_MPa_per_N"
+        raise InputError(f"{error} at {force:g} N", key=key, allowed="E* > 0 at every force of the programme") from None
+
+
+def _smooth(scene: Scene, force: float) -> tuple[AxisymmetricContact, float, dict[str, Any]]:
+    """Return the smooth finger's contact, E* [MPa] and the parameters worth recording."""
+    law, radius = scene.contact, scene.finger.tip_radius_mm
+    modulus = _modulus(scene, force)
+    parameters: dict[str, Any] = {"tip_radius_mm": radius, "material": scene.finger.material}
+    if isinstance(law, XydasKaoLaw):
+        parameters |= {"c_mm": law.c_mm, "gamma": law.gamma}
+        return xydas_kao_contact(force, radius, law.c_mm, law.gamma), modulus, parameters
+    parameters["reduced_modulus_MPa"] = modulus
+    match law:
+        case HertzLaw():
+            return hertz_contact(force, radius, modulus), modulus, parameters
+        case ScaledHertzLaw():
+            parameters["area_scale"] = law.area_scale
+            return scaled_hertz_contact(force, radius, modulus, law.area_scale), modulus, parameters
+        case JkrLaw():
+            parameters["work_of_adhesion_N_per_mm"] = law.work_of_adhesion_N_per_mm
+            return jkr_contact(force, radius, modulus, law.work_of_adhesion_N_per_mm), modulus, parameters
+
+
+def press_programme(scene: Scene) -> list[tuple[float, float]]:
+    """Return when which normal force is seen: one ``(time_s, force_N)`` per frame.
+
+    A list of forces is one frame each at the frame rate. A ramp starts at its first force and is sampled at the frame
+    rate until it has reached the last; in mm/min the depth moves evenly and the law's own depth gives the force.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Raises
+    ------
+    InputError
+        If it needs more than ``press.max_frames`` frames, or a ramp in mm/min meets a law without a depth.
+    """
+    press = scene.press
+    if press.forces_N is not None:
+        _require_frames(len(press.forces_N), press.max_frames)
+        return [(index / press.frame_rate_hz, force) for index, force in enumerate(press.forces_N)]
+    ramp = press.ramp
+    if ramp is None:  # Press guarantees one of the two
+        raise InputError("neither forces_N nor ramp", key="press")
+    low, high = sorted((ramp.start_N, ramp.stop_N))
+    if ramp.rate_N_per_s is not None:
+        first, last, rate = ramp.start_N, ramp.stop_N, ramp.rate_N_per_s
+    else:
+        first, last = _depth(scene, ramp.start_N), _depth(scene, ramp.stop_N)
+        rate = (ramp.rate_mm_per_min or 0.0) / 60.0
+    # the tolerance keeps a last frame that rounding would push past the end
+    frames = math.floor(abs(last - first) / rate * press.frame_rate_hz + 1e-9) + 1
+    _require_frames(frames, press.max_frames)
+    times = np.arange(frames) / press.frame_rate_hz
+    path = first + math.copysign(rate, last - first) * times
+    if ramp.rate_N_per_s is not None:
+        forces = np.clip(path, low, high)
+    else:
+        forces = np.array([_force_at(scene, depth, low, high) for depth in path])
+    return [(float(t), float(f)) for t, f in zip(times, forces, strict=True)]
+
+
+def _require_frames(frames: int, limit: int) -> None:
+    if frames > limit:
+        raise InputError(
+            f"the loading programme needs {frames} frames", key="press.max_frames", allowed=f"at most {limit}"
+        )
+
+
+def _depth(scene: Scene, force: float) -> float:
+    depth = _smooth(scene, force)[0].depth
+    if not math.isfinite(depth):
+        raise InputError(
+            f"law {scene.contact.law} has no depth, which a ramp in mm/min needs",
+            key="press.ramp.rate_mm_per_min",
+            allowed="rate_N_per_s, or law hertz, scaled_hertz or jkr",
+        )
+    return depth
+
+
+def _force_at(scene: Scene, depth: float, low: float, high: float) -> float:
+    """Invert depth(force) between two forces; it rises with force for every law that has a depth."""
+    if depth <= _depth(scene, low):
+        return low
+    if depth >= _depth(scene, high):
+        return high
+    return float(brentq(lambda force: _depth(scene, force) - depth, low, high, xtol=1e-10))

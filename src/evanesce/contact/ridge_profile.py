@@ -1,8 +1,8 @@
 r"""One ridge of a periodic row, pressed flat under a mean pressure: plane strain, in closed form up to one integral.
 
 The undeformed furrow is h(x) = H |sin(pi x/lambda)|^m below the crest at x = 0. For m = 2 that is Westergaard's
-sinusoid (1939); m sets the ridge's width at half height. Its contact is a superposition of periodic flat punches (Sadowsky
-1928) of growing half width: with s = sin(pi x/lambda) the punch of half width sigma presses with
+sinusoid (1939); m sets the ridge's width at half height. Its contact is a superposition of periodic flat punches
+(Sadowsky 1928) of growing half width: with s = sin(pi x/lambda) the punch of half width sigma presses with
 cos(pi x/lambda)/sqrt(sigma^2 - s^2), has mean pressure 1 and opens the furrow beside it with the slope
 (2/E*) cos(pi x/lambda)/sqrt(s^2 - sigma^2). That the slopes add up to h'(x) is Abel's equation for the weights
 k(sigma); a power has a power as its solution:

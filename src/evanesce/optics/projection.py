@@ -189,11 +189,14 @@ class Projection:
         border_v = np.concatenate([np.full(u.size, -1), np.full(u.size, rows), v, v])
         cx, cy = self.principal_point
         x, y = self.undistort((border_u - cx) / self.focal_px, (border_v - cy) / self.focal_px)
-        left = int(np.ceil(-x.min() * self.focal_px)) + margin_px
-        top = int(np.ceil(-y.min() * self.focal_px)) + margin_px
-        right = int(np.ceil(x.max() * self.focal_px)) + margin_px
-        bottom = int(np.ceil(y.max() * self.focal_px)) + margin_px
-        return IdealView((top + bottom + 1, left + right + 1), self.focal_px, (float(left), float(top)))
+        # The axis falls on the same fraction of a pixel as in the frame, so that a lens without distortion is a crop.
+        part_x, part_y = cx - np.floor(cx), cy - np.floor(cy)
+        left = int(np.ceil(-x.min() * self.focal_px - part_x)) + margin_px
+        top = int(np.ceil(-y.min() * self.focal_px - part_y)) + margin_px
+        right = int(np.ceil(x.max() * self.focal_px + part_x)) + margin_px
+        bottom = int(np.ceil(y.max() * self.focal_px + part_y)) + margin_px
+        axis = (float(left + part_x), float(top + part_y))
+        return IdealView((top + bottom + 1, left + right + 1), self.focal_px, axis)
 
     def ideal_maps(self, view: IdealView) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return cv2.remap maps (x, y) that carry an image on ``view`` into the distorted frame."""

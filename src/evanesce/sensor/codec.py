@@ -117,7 +117,7 @@ def write_frames(folder: Path, frames: Iterable[Frame], *, raw: bool = False) ->
 class VideoWriter:
     """Write frames to a video, each at its own time; the file appears when the block ends without an error.
 
-    H.264 in 4:2:0 without B-frames, as the rig's camera makes it; FFV1 without any loss, in RGB.
+    H.264 in 4:2:0 without B-frames, as a small camera's encoder makes it; FFV1 without any loss, in RGB.
 
     Parameters
     ----------

@@ -1,0 +1,221 @@
+"""Every effect of the folder: declared fully, absent bit for bit at null, and acting as its formula says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import evanesce.effects
+from evanesce.effects import Active, Context, Effect, Stage, active_effects, all_effects, apply_stage
+from evanesce.errors import InputError
+from evanesce.quantities import Strict, field
+from evanesce.resources import resource
+from evanesce.rig import Scene, dump_scene, load_scene
+from evanesce.states import ContactState, Frame, PlateGrid, PlateLight, SensorLight
+
+SHAPE = (47, 61)
+
+
+def scene(**effects: dict[str, object]) -> Scene:
+    return load_scene("thesis").model_copy(update={"effects": effects})
+
+
+def context(**effects: dict[str, object]) -> Context:
+    return Context(scene(**effects), seed=5, time_s=0.1, index=3)
+
+
+def value_of(stage: Stage) -> object:
+    """An ugly value of each stage."""
+    numbers = np.random.default_rng(2).uniform(0.3, 900.0, SHAPE)
+    match stage:
+        case Stage.PLATE_LIGHT:
+            return PlateLight(radiance=numbers, variance=numbers**2, focal_px=77.7, principal_point=(21.3, 30.1))
+        case Stage.SENSOR_LIGHT:
+            return SensorLight(irradiance=numbers)
+        case Stage.CHARGE | Stage.READOUT:
+            return numbers
+        case Stage.FRAME:
+            return Frame(data=numbers.astype(np.uint8), raw=numbers.astype(np.uint16))
+        case Stage.CONTACT:
+            return ContactState(
+                grid=PlateGrid(SHAPE, 0.1, (1.0, -2.0)),
+                pressure=numbers,
+                gap=numbers / 7,
+                contact_mask=np.clip(numbers / 500, 0, 1),
+                normal_force=1.3,
+                nominal_contact_area=12.3,
+                law="none",
+            )
+        case Stage.RIG:
+            return scene()
+
+
+def bytes_of(value: object) -> list[bytes]:
+    """All that a value holds, to the bit."""
+    if isinstance(value, Scene):
+        return [dump_scene(value).encode()]
+    if isinstance(value, np.ndarray):
+        return [value.tobytes()]
+    return [
+        entry.tobytes() if isinstance(entry, np.ndarray) else repr(entry).encode() for entry in vars(value).values()
+    ]
+
+
+@pytest.fixture(params=sorted(all_effects()))
+def effect(request: pytest.FixtureRequest) -> Effect:
+    return all_effects()[request.param]
+
+
+def strong(effect: Effect) -> Strict:
+    """Parameters with every amplitude well off its null."""
+    amplitudes = {name: q.bounds[1] / 3 for name, q in effect.parameters.quantities() if name in effect.amplitudes}
+    return effect.parameters(**amplitudes)
+
+
+# --- the contract of each effect -------------------------------------------------------------------------------------
+
+
+def test_every_file_of_the_folder_is_found() -> None:
+    folder = Path(next(iter(evanesce.effects.__path__)))
+    files = {p.stem for p in folder.glob("*.py")} - {"__init__", "protocol"}
+    assert set(all_effects()) == files
+    assert {"vignetting", "ambient_light", "black_level", "hot_pixels"} <= files
+
+
+def test_parameters_declare_unit_bounds_and_null(effect: Effect) -> None:
+    declared = dict(effect.parameters.quantities())
+    assert set(declared) == set(effect.parameters.model_fields), "every parameter is declared by quantities.field"
+    for name, quantity in declared.items():
+        assert quantity.unit, name
+        assert quantity.doc, name
+    assert effect.is_null(effect.parameters()), "an empty table leaves the effect out"
+    assert not effect.is_null(strong(effect))
+
+
+def test_absent_bit_for_bit_at_null(effect: Effect) -> None:
+    """Skipped at null, and the identity when applied all the same, whichever amplitude is the one at null."""
+    value = value_of(effect.stage)
+    for name in effect.amplitudes:
+        null = dict(effect.parameters.quantities())[name].null
+        parameters = strong(effect).model_copy(update={name: null})
+        assert effect.is_null(parameters)
+        skipped = apply_stage(effect.stage, value, (Active(effect, parameters),), context())
+        assert skipped is value
+        applied = effect.apply(value, parameters, context())
+        assert bytes_of(applied) == bytes_of(value)
+
+
+def test_pure_and_repeatable(effect: Effect) -> None:
+    value = value_of(effect.stage)
+    before = bytes_of(value)
+    first = bytes_of(effect.apply(value, strong(effect), context()))
+    assert bytes_of(effect.apply(value, strong(effect), context())) == first
+    assert bytes_of(value) == before
+    assert first != before
+
+
+def test_each_has_a_validation_page(effect: Effect) -> None:
+    page = resource("docs", "validation", f"effect-{effect.id}.md")
+    if not page.parent.is_dir():
+        pytest.skip("the documentation is not installed beside the package")
+    text = page.read_text(encoding="utf-8")
+    for heading in ("Reference", "Provenance", "Model", "Criterion", "Result"):
+        assert f"## {heading}" in text
+
+
+def test_an_effect_without_an_off_is_refused() -> None:
+    class NoNull(Strict):
+        size: float = field(1.0, unit="1", bounds=(0.0, 2.0))
+
+    with pytest.raises(TypeError, match="null"):
+        Effect(id="x", stage=Stage.FRAME, parameters=NoNull, amplitudes=("size",), apply=lambda v, p, c: v)
+    with pytest.raises(TypeError, match="no amplitude"):
+        Effect(id="x", stage=Stage.FRAME, parameters=NoNull, amplitudes=(), apply=lambda v, p, c: v)
+
+
+# --- what a scene may say --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ({"vigneting": {"k": 0.1}}, ["effects.vigneting", "nearest: vignetting"]),
+        ({"vignetting": {"kk": 0.1}}, ["effects.vignetting.kk", "nearest key: k"]),
+        ({"vignetting": {"k": 1.5}}, ["effects.vignetting.k", "1.5", "0 to 0.95"]),
+        ({"vignetting": {"k": float("nan")}}, ["effects.vignetting.k", "out of range"]),
+        ({"vignetting": {"k": "a lot"}}, ["effects.vignetting.k", "not a number"]),
+        ({"black_level": {"offset_e": 3.0}}, ["effects.black_level.offset_e", "offset_DN"]),
+    ],
+)
+def test_a_wrong_table_is_one_clear_line(table: dict[str, dict[str, object]], words: list[str]) -> None:
+    with pytest.raises(InputError) as error:
+        active_effects(scene(**table), "rig.toml")
+    assert "\n" not in str(error.value)
+    for word in ["rig.toml", *words]:
+        assert word in str(error.value)
+
+
+def test_effects_of_one_stage_act_in_the_scenes_order() -> None:
+    listed = scene(hot_pixels={"fraction": 0.1}, black_level={"offset_DN": 3.0}, vignetting={"k": 0.2})
+    assert [entry.effect.id for entry in active_effects(listed)] == ["hot_pixels", "black_level", "vignetting"]
+
+
+def test_tables_come_from_toml(tmp_path: Path) -> None:
+    text = resource("scenes", "thesis.toml").read_text(encoding="utf-8")
+    path = tmp_path / "dull.toml"
+    path.write_text(text + "\n[effects.vignetting]\nk = 0.25\ncentre_offset_px = [31.0, -12]\n", encoding="utf-8")
+    (entry,) = active_effects(load_scene(path), path)
+    assert entry.parameters.model_dump() == {"k": 0.25, "centre_offset_px": (31.0, -12.0)}
+
+
+# --- what each does --------------------------------------------------------------------------------------------------
+
+
+def run(name: str, **values: object) -> object:
+    effect = all_effects()[name]
+    return effect.apply(value_of(effect.stage), effect.parameters(**values), context())
+
+
+def test_vignetting_about_a_moved_centre() -> None:
+    light = value_of(Stage.SENSOR_LIGHT)
+    got = run("vignetting", k=0.31, centre_offset_px=(7.0, -4.0)).irradiance / light.irradiance  # type: ignore[attr-defined]
+    # Centre of the frame (30, 23), moved to (37, 19): the farthest corner is bottom left.
+    assert got[19, 37] == pytest.approx(1.0, abs=1e-12)
+    assert got[46, 0] == pytest.approx(0.69, abs=1e-12)
+    assert got[19, 37 + 10] == pytest.approx(1 - 0.31 * 100 / (37**2 + 27**2))
+
+
+def test_ambient_light_adds_a_plane() -> None:
+    light = value_of(Stage.PLATE_LIGHT)
+    got = run("ambient_light", radiance_W_per_mm2_sr=0.02, gradient=(1.3, -0.7))
+    added = got.radiance - light.radiance  # type: ignore[attr-defined]
+    x, y = (40 - 21.3) / 77.7, (9 - 30.1) / 77.7
+    # Subtraction of numbers up to 900 leaves 2e-13.
+    assert added[9, 40] == pytest.approx(0.02 * (1 + 1.3 * x - 0.7 * y), abs=1e-12)
+    assert got.variance is light.variance or np.array_equal(got.variance, light.variance)  # type: ignore[attr-defined]
+    steep = run("ambient_light", radiance_W_per_mm2_sr=0.02, gradient=(-5.0, 0.0))
+    assert (steep.radiance - light.radiance).min() >= -1e-12  # type: ignore[attr-defined]
+
+
+def test_black_level_moves_every_number() -> None:
+    got = run("black_level", offset_DN=-11.25)
+    np.testing.assert_allclose(got - value_of(Stage.READOUT), -11.25, atol=1e-12)  # type: ignore[operator]
+
+
+def test_hot_pixels_are_as_many_and_as_hot_as_said_and_stay() -> None:
+    effect = all_effects()["hot_pixels"]
+    parameters = effect.parameters(fraction=0.04, rate_e_per_s=5000.0)
+    dark = np.zeros((500, 600))
+    scene_ = scene()
+    one = effect.apply(dark, parameters, Context(scene_, seed=5, index=0))
+    np.testing.assert_array_equal(one, effect.apply(dark, parameters, Context(scene_, seed=5, index=77)))
+    assert (one != effect.apply(dark, parameters, Context(scene_, seed=6))).any()
+    hot = one > 0
+    n = dark.size
+    assert hot.mean() == pytest.approx(0.04, abs=5 * np.sqrt(0.04 * 0.96 / n))
+    mean = 5000.0 * scene_.camera.exposure_ms * 1e-3
+    assert one[hot].mean() == pytest.approx(mean, rel=5 / np.sqrt(hot.sum()))
+    more = effect.apply(dark, effect.parameters(fraction=0.08, rate_e_per_s=5000.0), Context(scene_, seed=5))
+    assert (more[hot] == one[hot]).all()

@@ -1,0 +1,120 @@
+"""Pictures of a checkerboard from files: read, judged for saturation and size, and their corners found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.errors import InputError, WorkError
+from evanesce.measurement.corners import CornerGrid, find_corners
+from evanesce.measurement.images import Unreadable, load_image
+from evanesce.measurement.points import BoardView
+from evanesce.measurement.warn import SATURATED_SHARE, Warning
+
+
+@dataclass(frozen=True)
+class BoardPictures:
+    """Views of a board found in files.
+
+    Attributes
+    ----------
+    views : list of BoardView
+        Named by file.
+    grids : list of CornerGrid
+        With blur and contrast of each corner, in the same order.
+    image_size : tuple of int
+        (cols, rows) [px].
+    first : ndarray (rows, cols[, 3])
+        The first picture, to draw on.
+    warnings : list of Warning
+    """
+
+    views: list[BoardView]
+    grids: list[CornerGrid]
+    image_size: tuple[int, int]
+    first: NDArray[np.uint8]
+    warnings: list[Warning]
+
+
+def read_picture(path: Path, key: str) -> tuple[NDArray[np.uint8], tuple[Warning, ...]]:
+    """Read one picture that the user named.
+
+    Raises
+    ------
+    InputError
+        If it is absent or unreadable.
+    """
+    if not path.is_file():
+        raise InputError("no such file", file=path, key=key, allowed="an image")
+    try:
+        loaded = load_image(path)
+    except Unreadable as error:
+        raise InputError(f"{error}", file=path, key=key, allowed="an image") from None
+    return loaded.data, loaded.notes
+
+
+def find_boards(paths: Sequence[Path], square_mm: float, *, done: Callable[[], Any] = lambda: None) -> BoardPictures:
+    """Find the checkerboard in each picture.
+
+    Pictures without a board and pictures of another size than the first are left out with a warning.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+    square_mm : float
+        Side of the printed squares [mm].
+    done : callable
+        Called after each picture.
+
+    Raises
+    ------
+    InputError
+        If a picture cannot be read.
+    WorkError
+        If there is a board in none of them.
+    """
+    views: list[BoardView] = []
+    grids: list[CornerGrid] = []
+    warnings: list[Warning] = []
+    first: NDArray[np.uint8] | None = None
+    reason = ""
+    for path in paths:
+        picture, notes = read_picture(path, "--checkerboard")
+        warnings += notes
+        if first is None:
+            first = picture
+        if picture.shape[:2] != first.shape[:2]:
+            text = f"{path.name} is {_size(picture)} pixels, {paths[0].name} {_size(first)}: left out"
+            warnings.append(Warning("changed_resolution", text))
+        else:
+            warnings += saturation(picture, path.name)
+            try:
+                grid = find_corners(picture)
+            except WorkError as error:
+                reason = f"{path.name}: {error}"
+                warnings.append(Warning("no_board", f"{reason}: left out"))
+            else:
+                views.append(grid.view(path.name, square_mm))
+                grids.append(grid)
+        done()
+    if first is None or not views:
+        raise WorkError(reason or "no picture of a board")
+    return BoardPictures(views, grids, (first.shape[1], first.shape[0]), first, warnings)
+
+
+def saturation(picture: NDArray[np.uint8], name: str) -> list[Warning]:
+    """Warn if more than 1 % of the pixels have a channel at full scale, where edges lie too far outwards."""
+    full = (picture == 255).reshape(*picture.shape[:2], -1).any(axis=2)
+    if full.mean() <= SATURATED_SHARE:
+        return []
+    text = f"{100 * full.mean():.1f} % of the pixels of {name} are saturated (limit {100 * SATURATED_SHARE:g} %)"
+    return [Warning("saturation", text)]
+
+
+def _size(picture: NDArray[np.uint8]) -> str:
+    return f"{picture.shape[1]} x {picture.shape[0]}"

@@ -138,6 +138,17 @@ def test_each_parallel_ridge_carries_the_pressure_on_its_strip() -> None:
         assert got == pytest.approx(share, rel=2 * 0.5 * GRID.pitch / row.pitch)
 
 
+@pytest.mark.parametrize("angle", [0.0, 0.2, 0.9])
+def test_slivers_at_the_rim_are_not_asked_to_carry_what_they_cannot(angle: float) -> None:
+    # Tall ridges whose outermost crests just touch: no peak may exceed the middle ridge's by more than its overload.
+    row = RidgeRow("parallel", 0.91, 0.45, 0.2, angle)
+    state = finger(0.9, row)
+    peak = float(state.pressure.max())
+    middle = np.hypot(GRID.x[None, :] - CENTRE[0], GRID.y[:, None] - CENTRE[1]) < 0.5
+    assert state.pressure[middle].max() >= peak / 1.25
+    assert state.pressure.sum() * GRID.pitch**2 == pytest.approx(0.9, rel=1e-9)
+
+
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.pattern)
 @pytest.mark.parametrize("force", [0.3, 1.1, 4.0])
 def test_mask_agrees_with_the_area_by_quadrature(row: RidgeRow, force: float) -> None:

@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 
 MIN_SAMPLES_PER_PITCH = 8
 _SUBCELLS = 4
+_MAX_OVERLOAD = 1.25
 
 
 @dataclass(frozen=True)
@@ -86,8 +87,8 @@ def ridged_state(
     Returns
     -------
     ContactState
-        Each ridge carries on the grid the share of the smooth finger's force that falls on its pitch (ridges without
-        contact pass theirs to the next one inwards), so that the total is the normal force.
+        Each ridge carries on the grid the share of the smooth finger's force that falls on its pitch (at the rim see
+        :func:`share_forces`), so that the total is the normal force.
 
     Raises
     ------
@@ -166,20 +167,28 @@ def share_forces(pressure: Array, mean: Array, number: NDArray[np.int64]) -> Arr
     Returns
     -------
     ndarray (rows, cols)
-        Sums to the sum of ``mean``. A ridge with a share but no contact gives its share to the neighbour that
-        carries more, as the rim's ridges do whose crest lies outside the contact.
+        Sums to the sum of ``mean``. At the rim a crest may barely reach the glass, or not at all: what a ridge would
+        have to carry beyond a quarter more than its local pressure, its inner neighbour takes.
+
+    Raises
+    ------
+    ValueError
+        If no ridge touches.
     """
     first = int(number.min())
     index = (number - first).ravel()
     share = np.bincount(index, mean.ravel())
-    carried = np.bincount(index, pressure.ravel())
-    loaded = np.flatnonzero(carried > 0)
-    if loaded.size == 0:
+    local = np.bincount(index, pressure.ravel())
+    strongest = int(np.argmax(local))
+    if local[strongest] <= 0:
         raise ValueError("no ridge touches on this grid")
-    for orphan in np.flatnonzero((share > 0) & (carried <= 0)):
-        heir = loaded[np.argmin(np.abs(loaded - orphan))]
-        share[heir] += share[orphan]
-    factor = np.divide(share, carried, out=np.zeros_like(share), where=carried > 0)
+    inwards = [*range(strongest), *range(len(share) - 1, strongest, -1)]
+    for ridge in inwards:
+        surplus = share[ridge] - _MAX_OVERLOAD * local[ridge]
+        if surplus > 0:
+            share[ridge] -= surplus
+            share[ridge + (1 if ridge < strongest else -1)] += surplus
+    factor = np.divide(share, local, out=np.zeros_like(share), where=local > 0)
     return pressure * factor[index].reshape(pressure.shape)
 
 

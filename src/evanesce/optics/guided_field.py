@@ -1,0 +1,215 @@
+"""The light that the empty plate carries: radiance at the top face by angle, from the LEDs on the edges.
+
+In a parallel plate a guided ray keeps its angle to the normal and runs straight in plan view, so that its whole path
+up to an edge is one straight line in the unfolded plate. The field is therefore an integral over directions, with no
+path to be sampled; only the diffuse light of the edges themselves needs a small linear system. The path tracer is its
+independent check, and this is the path tracer's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import qmc
+
+from evanesce.optics.interface import fresnel_reflectance
+
+Array = NDArray[np.float64]
+EDGES = ("left", "right", "top", "bottom")
+
+
+@dataclass(frozen=True)
+class EdgeLight:
+    """The plate as a light guide with rectangular emitters bonded to its edges.
+
+    Attributes
+    ----------
+    size : tuple of float
+        Plate extent in x and y [mm], centred on the origin.
+    thickness : float
+        [mm].
+    refractive_index : float
+        Of the glass, in air [1].
+    absorption_coefficient : float
+        [1/mm].
+    edge_reflectance : float
+        Diffuse reflectance of the edges, emitters included [1].
+    positions : dict of ndarray
+        Along-edge coordinate of each emitter's centre [mm], by edge (``left`` is -x, ``top`` -y).
+    radiances : dict of ndarray
+        Radiance of each emitter into the glass [W mm^-2 sr^-1], by edge.
+    emitter_size : tuple of float
+        Width along the edge and height across the thickness [mm]; centred on mid-thickness.
+    """
+
+    size: tuple[float, float]
+    thickness: float
+    refractive_index: float
+    absorption_coefficient: float
+    edge_reflectance: float
+    positions: dict[str, Array]
+    radiances: dict[str, Array]
+    emitter_size: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class _Hits:
+    """Where straight unfolded rays end: edge number, coordinate along it, depth below the top face, attenuation."""
+
+    edge: NDArray[np.int64]
+    along: Array
+    depth: Array
+    transmission: Array
+
+
+def _cast(light: EdgeLight, x: Array, y: Array, depth: Array, theta: Array, phi: Array, down: Array) -> _Hits:
+    """Follow rays from points inside the plate to the edge where each ends (all arguments broadcast).
+
+    ``theta`` is the angle to the plate's normal, ``phi`` the azimuth, ``down`` whether the ray starts downwards.
+    """
+    half_x, half_y = light.size[0] / 2, light.size[1] / 2
+    cos_phi, sin_phi = np.cos(phi), np.sin(phi)
+    with np.errstate(divide="ignore"):
+        to_x = np.where(cos_phi > 0, half_x - x, -half_x - x) / np.where(cos_phi == 0, np.nan, cos_phi)
+        to_y = np.where(sin_phi > 0, half_y - y, -half_y - y) / np.where(sin_phi == 0, np.nan, sin_phi)
+    hits_x = ~(to_y < to_x)
+    run = np.where(hits_x, to_x, to_y)
+    edge = np.where(hits_x, np.where(cos_phi > 0, 1, 0), np.where(sin_phi > 0, 3, 2))
+    along = np.where(hits_x, y + run * sin_phi, x + run * cos_phi)
+    t = light.thickness
+    unfolded = run / np.tan(theta) + np.where(down, depth, -depth)
+    bounces = np.floor(unfolded / t) + ~down  # an upward ray meets the top face at unfolded = 0
+    folded = np.mod(np.abs(unfolded), 2 * t)
+    end_depth = np.where(folded > t, 2 * t - folded, folded)
+    reflectance = fresnel_reflectance(np.cos(theta), light.refractive_index, 1.0)
+    transmission = reflectance**bounces * np.exp(-light.absorption_coefficient * run / np.sin(theta))
+    return _Hits(edge, along, end_depth, transmission)
+
+
+def _emitted(light: EdgeLight, hits: _Hits) -> Array:
+    """Return the LED radiance that each hit sees (0 between the LEDs)."""
+    width, height = light.emitter_size
+    seen = np.zeros(hits.along.shape)
+    in_height = np.abs(hits.depth - light.thickness / 2) <= height / 2
+    for number, name in enumerate(EDGES):
+        centres = light.positions.get(name)
+        if centres is None or centres.size == 0:
+            continue
+        here = (hits.edge == number) & in_height
+        order = np.argsort(centres)
+        sorted_centres, radiance = centres[order], light.radiances[name][order]
+        along = hits.along[here]
+        nearest = np.clip(np.searchsorted(sorted_centres, along), 1, max(centres.size - 1, 1))
+        nearest = np.minimum(nearest, centres.size - 1)
+        before = np.maximum(nearest - 1, 0)
+        closer = np.abs(along - sorted_centres[before]) <= np.abs(along - sorted_centres[nearest])
+        index = np.where(closer, before, nearest)
+        seen[here] = np.where(np.abs(along - sorted_centres[index]) <= width / 2, radiance[index], 0.0)
+    return seen
+
+
+def _segments(light: EdgeLight, per_edge: int) -> tuple[Array, Array]:
+    """Return lower ends and lengths of the segments of each edge, shape (4,)."""
+    lengths = np.array([light.size[1], light.size[1], light.size[0], light.size[0]])
+    return -lengths / 2, lengths / per_edge
+
+
+def _segment_of(light: EdgeLight, hits: _Hits, per_edge: int) -> NDArray[np.int64]:
+    start, step = _segments(light, per_edge)
+    inside = np.floor((hits.along - start[hits.edge]) / step[hits.edge]).astype(np.int64)
+    return hits.edge * per_edge + np.clip(inside, 0, per_edge - 1)
+
+
+def edge_radiance(light: EdgeLight, *, per_edge: int = 24, rays: int = 4096) -> Array:
+    """Return the diffuse radiance that each edge sends back into the plate.
+
+    Solves L = (rho/pi)(E_led + K L) on ``per_edge`` segments of each edge, averaged over the thickness.
+
+    Parameters
+    ----------
+    light : EdgeLight
+    per_edge : int
+        Segments of each edge.
+    rays : int
+        Quasi-random rays from each segment.
+
+    Returns
+    -------
+    ndarray (4, per_edge)
+        [W mm^-2 sr^-1], edges in the order of ``EDGES``.
+    """
+    count = 4 * per_edge
+    if light.edge_reflectance == 0.0:
+        return np.zeros((4, per_edge))
+    start, step = _segments(light, per_edge)
+    sample = qmc.Sobol(4, scramble=True, rng=np.random.default_rng(20240611)).random(rays)
+    direct, kernel = np.zeros(count), np.zeros((count, count))
+    inward = np.deg2rad([0.0, 180.0, 90.0, 270.0])
+    # Cosine-weighted about the edge's inward normal: E = pi <L>.
+    sin_a, around = np.sqrt(sample[:, 0]), 2 * np.pi * sample[:, 1]
+    normal, tangent, up = np.sqrt(1 - sample[:, 0]), sin_a * np.cos(around), sin_a * np.sin(around)
+    theta = np.arccos(np.clip(np.abs(up), 1e-9, 1.0))
+    depth = sample[:, 2] * light.thickness
+    for number in range(4):
+        phi = inward[number] + np.arctan2(tangent, normal)
+        for part in range(per_edge):
+            along = start[number] + (part + sample[:, 3]) * step[number]
+            side = (-1.0, 1.0)[number % 2]
+            x = np.full(rays, side * light.size[0] / 2) if number < 2 else along
+            y = along if number < 2 else np.full(rays, side * light.size[1] / 2)
+            # A hair inside, so that the ray does not end where it starts.
+            hits = _cast(light, x * (1 - 1e-9), y * (1 - 1e-9), depth, theta, phi, up < 0)
+            row = number * per_edge + part
+            direct[row] = np.pi * np.mean(_emitted(light, hits) * hits.transmission)
+            target = _segment_of(light, hits, per_edge)
+            kernel[row] = np.pi * np.bincount(target, hits.transmission, count) / rays
+    factor = light.edge_reflectance / np.pi
+    solved = np.linalg.solve(np.eye(count) - factor * kernel, factor * direct)
+    return solved.reshape(4, per_edge)
+
+
+def azimuthal_radiance(
+    light: EdgeLight,
+    x: ArrayLike,
+    y: ArrayLike,
+    theta: ArrayLike,
+    *,
+    azimuths: int = 1440,
+    diffuse: Array | None = None,
+) -> Array:
+    """Return the radiance that falls on the empty plate's top face from below, averaged over azimuth.
+
+    Parameters
+    ----------
+    light : EdgeLight
+    x, y : array_like (points,)
+        Points on the top face [mm].
+    theta : array_like (angles,)
+        Angles to the normal inside the glass [rad], 0 < theta < pi/2.
+    azimuths : int
+        Directions around; each is spread over its step by a fixed offset that differs with point and angle.
+    diffuse : ndarray (4, per_edge), optional
+        From :func:`edge_radiance`; computed if not given.
+
+    Returns
+    -------
+    ndarray (points, angles)
+        [W mm^-2 sr^-1].
+    """
+    diffuse = edge_radiance(light) if diffuse is None else diffuse
+    per_edge = diffuse.shape[1]
+    x, y, theta = (np.atleast_1d(np.asarray(a, float)) for a in (x, y, theta))
+    golden = 0.6180339887498949
+    steps = np.arange(azimuths)
+    result = np.empty((x.size, theta.size))
+    for k, (px, py) in enumerate(zip(x, y, strict=True)):
+        offset = np.mod((np.arange(theta.size) + k * theta.size) * golden, 1.0)
+        phi = (steps[None, :] + offset[:, None]) * (2 * np.pi / azimuths)
+        zero: Any = np.zeros_like(phi)
+        hits = _cast(light, px + zero, py + zero, zero, theta[:, None] + zero, phi, zero == 0)
+        seen = _emitted(light, hits) + diffuse.ravel()[_segment_of(light, hits, per_edge)]
+        result[k] = (seen * hits.transmission).mean(axis=1)
+    return result

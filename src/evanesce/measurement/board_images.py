@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.errors import InputError, WorkError
+from evanesce.errors import WorkError
 from evanesce.measurement.corners import CornerGrid, find_corners
-from evanesce.measurement.images import Unreadable, load_image
+from evanesce.measurement.images import read_image
 from evanesce.measurement.points import BoardView
 from evanesce.measurement.warn import SATURATED_SHARE, Warning
 
@@ -41,23 +41,6 @@ class BoardPictures:
     warnings: list[Warning]
 
 
-def read_picture(path: Path, key: str) -> tuple[NDArray[np.uint8], tuple[Warning, ...]]:
-    """Read one picture that the user named.
-
-    Raises
-    ------
-    InputError
-        If it is absent or unreadable.
-    """
-    if not path.is_file():
-        raise InputError("no such file", file=path, key=key, allowed="an image")
-    try:
-        loaded = load_image(path)
-    except Unreadable as error:
-        raise InputError(f"{error}", file=path, key=key, allowed="an image") from None
-    return loaded.data, loaded.notes
-
-
 def find_boards(paths: Sequence[Path], square_mm: float, *, done: Callable[[], Any] = lambda: None) -> BoardPictures:
     """Find the checkerboard in each picture.
 
@@ -84,8 +67,9 @@ def find_boards(paths: Sequence[Path], square_mm: float, *, done: Callable[[], A
     first: NDArray[np.uint8] | None = None
     reason = ""
     for path in paths:
-        picture, notes = read_picture(path, "--checkerboard")
-        warnings += notes
+        loaded = read_image(path)
+        picture = loaded.data
+        warnings += loaded.notes
         if first is None:
             first = picture
         if picture.shape[:2] != first.shape[:2]:

@@ -18,6 +18,7 @@ from scipy.optimize import least_squares
 
 from evanesce.errors import WorkError
 from evanesce.measurement.points import BoardView
+from evanesce.measurement.rectify import distort_normalized, undistort_points
 
 Array = NDArray[np.float64]
 
@@ -61,38 +62,8 @@ class BoardFit:
     def predict(self, view: int, world: Array) -> Array:
         """Return where the grid of a view [mm] lies in the picture as taken [px]."""
         middle, focal = self.camera_matrix[:2, 2], np.diag(self.camera_matrix)[:2]
-        bent = distort_normalised((self.straight(view, world) - middle) / focal, self.distortion)
+        bent = distort_normalized((self.straight(view, world) - middle) / focal, self.distortion)
         return np.asarray(bent * focal + middle)
-
-
-def undistort_points(points: Array, camera_matrix: Array, distortion: Array) -> Array:
-    """Return where pixels (x, y) lie in the undistorted picture of the same camera matrix (OpenCV's fixed point).
-
-    Parameters
-    ----------
-    points : ndarray (n, 2)
-        [px].
-    """
-    if not np.any(distortion) or not len(points):
-        return points.copy()
-    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-12)
-    source = np.ascontiguousarray(points[:, None, :])
-    found = cv2.undistortPoints(source, camera_matrix, distortion, None, None, camera_matrix, criteria)
-    return np.asarray(found[:, 0, :], dtype=np.float64)
-
-
-def distort_normalised(q: Array, k: Array) -> Array:
-    """Apply OpenCV's distortion k = (k1, k2, p1, p2, k3) to normalised coordinates (n, 2)."""
-    x, y = q[:, 0], q[:, 1]
-    r2 = x * x + y * y
-    radial = 1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))
-    return np.stack(
-        [
-            x * radial + 2 * k[2] * x * y + k[3] * (r2 + 2 * x * x),
-            y * radial + k[2] * (r2 + 2 * y * y) + 2 * k[3] * x * y,
-        ],
-        axis=-1,
-    )
 
 
 def apply_homography(homography: Array, points: Array) -> Array:
@@ -147,7 +118,7 @@ def fit_planar(
         k = np.zeros(5)
         k[free] = common[2:]
         straight = apply_homography(np.append(h, 1.0).reshape(3, 3), world[v])
-        return distort_normalised(straight - common[:2], k) + common[:2]
+        return distort_normalized(straight - common[:2], k) + common[:2]
 
     def parts(theta: Array) -> tuple[Array, Array]:
         return theta[:shared], theta[shared:].reshape(-1, 8)

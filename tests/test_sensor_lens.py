@@ -222,11 +222,11 @@ def test_blur_of_a_compact_image_keeps_its_light_and_has_each_places_width() -> 
     def kernel_of(diameter: float) -> np.ndarray:
         return model.psf_kernel(pitch_um=3.0, wavelength_um=0.05, f_number=1.0, disc_um=3.0 * diameter)
 
-    zones = model.blur_zones(disc, kernel_of)
+    spread = model.field_blur(disc, kernel_of)
     for col in (31, 77, 144):
         image = np.zeros(disc.shape)
         image[83, col] = 3.7
-        out = model.blur(image, zones)
+        out = model.blur(image, spread)
         assert out.sum() == pytest.approx(3.7, rel=1e-12)
         v = np.arange(160) - 83
         variance = (out.sum(axis=1) * v**2).sum() / 3.7

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -185,15 +185,23 @@ def psf_kernel(*, pitch_um: float, wavelength_um: float, f_number: float, disc_u
 
 
 @dataclass(frozen=True)
-class BlurZone:
-    """One kernel and the share of each pixel's light that it spreads (None: all of it)."""
+class FieldBlur:
+    """Kernels of a few blur zones, and where each pixel stands among them.
 
-    kernel: Array
-    share: Array | None
+    Attributes
+    ----------
+    kernels : tuple of ndarray
+        Each non-negative, symmetric, sum 1.
+    position : ndarray of float32 (rows, cols) or None
+        i + w: shares 1 - w of kernel i and w of kernel i + 1; None where one kernel serves all.
+    """
+
+    kernels: tuple[Array, ...]
+    position: NDArray[np.float32] | None = None
 
 
-def blur_zones(disc_px: Array, kernel_of: Any) -> tuple[BlurZone, ...]:
-    """Split a map of disc diameters [px] into a few kernels whose shares reproduce its second moment everywhere.
+def field_blur(disc_px: Array, kernel_of: Callable[[float], Array]) -> FieldBlur:
+    """Choose a few kernels and shares that reproduce the second moment of each pixel's own disc.
 
     A disc of diameter c has the variance c^2/16, so shares that are linear in c^2 blend two neighbouring kernels into
     one of exactly the right width.
@@ -207,29 +215,27 @@ def blur_zones(disc_px: Array, kernel_of: Any) -> tuple[BlurZone, ...]:
     """
     low, high = float(disc_px.min()), float(disc_px.max())
     if high - low < 1e-9:
-        return (BlurZone(kernel_of(high), None),)
+        return FieldBlur((kernel_of(high),))
     count = min(_MAX_ZONES, math.ceil((high - low) / _ZONE_STEP_PX) + 1)
-    knots = np.linspace(low, high, max(count, 2))
-    squares = knots**2
-    position = np.interp(disc_px**2, squares, np.arange(knots.size))
-    return tuple(
-        BlurZone(kernel_of(float(knot)), np.clip(1.0 - np.abs(position - i), 0.0, None)) for i, knot in enumerate(knots)
-    )
+    knots = np.linspace(low, high, count)
+    position = np.interp(disc_px**2, knots**2, np.arange(knots.size)).astype(np.float32)
+    return FieldBlur(tuple(kernel_of(float(knot)) for knot in knots), position)
 
 
-def blur(image: Array, zones: tuple[BlurZone, ...]) -> Array:
+def blur(image: Array, spread: FieldBlur) -> Array:
     """Spread each pixel's light by the kernel of its own place; light is moved, never made or lost.
 
     Beyond the border the image is continued by its outermost pixels, so that a flat field stays flat.
     """
-    reach = max(zone.kernel.shape[0] // 2 for zone in zones)
+    reach = max(kernel.shape[0] // 2 for kernel in spread.kernels)
     result = np.zeros_like(image)
-    for zone in zones:
-        part = image if zone.share is None else image * zone.share
+    for i, kernel in enumerate(spread.kernels):
+        part = image
+        if spread.position is not None:
+            part = image * np.clip(1.0 - np.abs(spread.position.astype(np.float64) - i), 0.0, None)
         padded = cv2.copyMakeBorder(part, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
         # Kernels are symmetric, so correlation is convolution.
-        spread = cv2.filter2D(padded, cv2.CV_64F, zone.kernel, borderType=cv2.BORDER_REPLICATE)
-        result += spread[reach:-reach, reach:-reach]
+        result += cv2.filter2D(padded, cv2.CV_64F, kernel, borderType=cv2.BORDER_REPLICATE)[reach:-reach, reach:-reach]
     return result
 
 
@@ -242,7 +248,7 @@ class _Prepared:
 
     maps: tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...]
     gain: Array
-    zones: tuple[BlurZone, ...]
+    spread: FieldBlur | None
 
 
 def form_image(
@@ -284,7 +290,7 @@ def form_image(
     for x, y in prepared.maps:
         seen += cv2.remap(radiance, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     irradiance = seen * prepared.gain
-    return SensorLight(irradiance=blur(irradiance, prepared.zones) if prepared.zones else irradiance)
+    return SensorLight(irradiance=irradiance if prepared.spread is None else blur(irradiance, prepared.spread))
 
 
 @functools.lru_cache(maxsize=2)
@@ -300,17 +306,17 @@ def _prepare(camera: Camera, plate: Plate, view: IdealView, distortion: bool, bl
     )
     gain /= np.abs(distortion_jacobian(*direction, projection.distortion)) * len(maps)
     gain *= vignetting(projection.shape, projection.principal_point, lens.vignetting_k)
-    zones: tuple[BlurZone, ...] = ()
+    spread = None
     if blurred:
         pitch, number = camera.pixel.pitch_um, working_f_number(lens.f_number, m)
         curved = lens.field_curvature_um * field_radius2(projection.shape, projection.principal_point)
         disc_px = defocus_disc(lens.defocus_um + curved, number) / pitch
         wavelength_um = camera.wavelength_nm * 1e-3
-        zones = blur_zones(
+        spread = field_blur(
             disc_px,
             lambda c: psf_kernel(pitch_um=pitch, wavelength_um=wavelength_um, f_number=number, disc_um=c * pitch),
         )
-    return _Prepared(maps, gain, zones)
+    return _Prepared(maps, gain, spread)
 
 
 def _maps(

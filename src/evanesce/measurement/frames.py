@@ -104,6 +104,11 @@ class FrameStream(ABC):
         """Yield every picture of the source once, in order, readable or not."""
 
     @property
+    def complete(self) -> bool:
+        """Whether every picture so far could be read."""
+        return not self._bad
+
+    @property
     def _own_time(self) -> bool:
         """Whether the file's time stamps are used: they exist and the user does not contradict them."""
         if self.stated_rate is None or self.given_rate is None:

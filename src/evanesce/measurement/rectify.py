@@ -1,11 +1,11 @@
 """Undistort to the "valid" view: no undefined pixel, focal length kept, so nothing is rescaled.
 
-This is the author's step, MATLAB's ``undistortImage(I, params, "OutputView", "valid")``: the ideal image is cut to whole
-pixels at the innermost point of each of its four curved edges, the principal point moves with the cut, and the focal
-length stays [1]_. Two things are done otherwise. MATLAB traces the edges on a pixel mask; here they are carried through
-the inverse distortion, so a cut may differ by a pixel. And a pixel counts as defined if bilinear interpolation needs no
-sample outside the frame, so the outermost half pixel of the frame is not used. Where the frame bows the other way
-(pincushion) the innermost point of an edge is a corner, and the rectangle is a little smaller than the largest possible.
+This is the author's step, MATLAB's ``undistortImage(I, params, "OutputView", "valid")``: the ideal image is cut to
+whole pixels at the innermost point of each of its four curved edges, the principal point moves with the cut, and the
+focal length stays [1]_. Two things are done otherwise. MATLAB traces the edges on a pixel mask; here they are carried
+through the inverse distortion, so a cut may differ by a pixel. And a pixel counts as defined if bilinear interpolation
+needs no sample outside the frame, so the outermost half pixel of the frame is not used. Where the frame bows the other
+way (pincushion) the innermost point of an edge is a corner, and the rectangle is a little below the largest possible.
 
 .. [1] MathWorks, undistortImage, documentation of R2021a; the camera matrix of each view is stated in
    MATLAB Answers 2009332.

@@ -1,0 +1,64 @@
+"""``evanesce measure``: contact area of a video or a folder of images by the author's chain."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from evanesce.cli.common import JsonOption, OutOption, check_json_target, handles_errors, write_json
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+
+    @app.command()
+    @handles_errors
+    def measure(
+        path: Annotated[Path, typer.Argument(metavar="VIDEO_OR_FOLDER", help="Video, image or folder of images.")],
+        calibration: Annotated[
+            Path | None, typer.Option("--calibration", help="JSON file of `evanesce calibrate`; needed to undistort.")
+        ] = None,
+        threshold: Annotated[
+            float, typer.Option("--threshold", help="Grey level 0 to 1; brighter is contact. Look at the histogram.")
+        ] = 0.15,
+        min_blob: Annotated[
+            int, typer.Option("--min-blob", help="Least size of a dilated blob that is kept [px].")
+        ] = 2000,
+        crop: Annotated[
+            str, typer.Option("--crop", help="r0:r1,c0:c1, half-open, in the undistorted view; an end may be empty.")
+        ] = ":,:",
+        fps: Annotated[
+            float | None, typer.Option("--fps", help="Frame rate [Hz]; wins over the file's own where they disagree.")
+        ] = None,
+        mm2_per_px: Annotated[
+            float | None, typer.Option("--mm2-per-px", help="Area of a pixel [mm^2]; wins over the calibration's.")
+        ] = None,
+        undistort: Annotated[
+            bool, typer.Option("--undistort/--no-undistort", help="Undistort to the valid view before cropping.")
+        ] = True,
+        blur: Annotated[float, typer.Option("--blur", help="Standard deviation of the Gaussian [px].")] = 1.0,
+        radius: Annotated[int, typer.Option("--radius", help="Radius of the dilating disk [px].")] = 10,
+        json_file: JsonOption = None,
+        out: OutOption = None,
+    ) -> None:
+        """Measure contact area against time by the author's thresholding chain.
+
+        Prints a table; --json writes it as JSON, --out adds CSV, overlays, intensity map and plots.
+        """
+        from evanesce.cli import measure_job
+        from evanesce.measurement.segment import Chain, Crop
+
+        check_json_target(json_file)
+        chain = Chain(threshold=threshold, min_blob=min_blob, blur=blur, radius=radius, crop=Crop.parse(crop))
+        job = measure_job.prepare(
+            path, chain, calibration=calibration, fps=fps, mm2_per_px=mm2_per_px, undistort=undistort, out=out
+        )
+        result = measure_job.run(job)
+        data = measure_job.record(job, result)
+        if out is not None:
+            measure_job.write_files(job, result, data)
+        write_json(json_file, data)
+        measure_job.show(result)
+        job.stream.finish()

@@ -1,0 +1,200 @@
+"""The work behind ``evanesce measure``, apart from its options so that asking for help stays quick."""
+
+from __future__ import annotations
+
+import math
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from evanesce import provenance
+from evanesce.cli.common import console, messages, out_dir, progress, write_json, write_text
+from evanesce.errors import InputError
+from evanesce.measurement.area import AreaRow, Measured, measure_frame, summary, to_csv, to_plain
+from evanesce.measurement.calibration import Calibration, load_calibration
+from evanesce.measurement.frames import FrameStream, open_frames
+from evanesce.measurement.plots import (
+    OverlayVideo,
+    area_figure,
+    histogram_figure,
+    intensity_figure,
+    overlay,
+    overlay_figure,
+    save_figure,
+)
+from evanesce.measurement.rectify import Rectification, rectification
+from evanesce.measurement.segment import Chain
+from evanesce.measurement.warn import FrameLog, Warning, scale_warning
+
+TABLE_ROWS = 24
+VIEWING_RATE = 30.0
+"""Frame rate of an overlay video whose source states none [Hz]; it is for the eye only."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is to be done, checked."""
+
+    path: Path
+    chain: Chain
+    mm2_per_px: float
+    rectified: Rectification | None
+    calibration: Path | None
+    out: Path | None
+    stream: FrameStream
+    warnings: tuple[Warning, ...]
+
+
+@dataclass(frozen=True)
+class Result:
+    """What came of it: the table, the frame of the largest area, the warnings."""
+
+    rows: list[AreaRow]
+    peak: Measured
+    warnings: list[Warning]
+
+
+def prepare(
+    path: Path,
+    chain: Chain,
+    *,
+    calibration: Path | None,
+    fps: float | None,
+    mm2_per_px: float | None,
+    undistort: bool,
+    out: Path | None,
+) -> Job:
+    """Check everything that can be checked before a frame is read.
+
+    Raises
+    ------
+    InputError
+        If something is missing, unreadable or out of range.
+    """
+    if out is not None and out.exists() and not out.is_dir():
+        raise InputError("is a file", file=out, key="--out", allowed="a folder")
+    stored = load_calibration(calibration) if calibration is not None else None
+    scale = _scale(mm2_per_px, stored)
+    if undistort and stored is None:
+        raise InputError("is needed to undistort", key="--calibration", allowed="a calibration file, or --no-undistort")
+    extra = scale_warning(stored.mm2_per_px if stored else None, mm2_per_px)
+    return Job(
+        path=path,
+        chain=chain,
+        mm2_per_px=scale,
+        stream=open_frames(path, fps),
+        rectified=rectification(stored) if undistort and stored is not None else None,
+        calibration=calibration,
+        out=out,
+        warnings=(extra,) if extra else (),
+    )
+
+
+def _scale(given: float | None, stored: Calibration | None) -> float:
+    """Return the area of a pixel [mm^2], the user's before the calibration's."""
+    if given is not None and not 0 < given < math.inf:
+        raise InputError(f"{given}", key="--mm2-per-px", allowed="above 0 mm^2, finite")
+    scale = given if given is not None else (stored.mm2_per_px if stored else None)
+    if scale is None:
+        where = "the calibration holds none" if stored else "there is no calibration"
+        raise InputError(
+            f"no area per pixel was given and {where}",
+            key="--mm2-per-px",
+            allowed="mm^2, or a calibration with a square card",
+        )
+    return scale
+
+
+def run(job: Job) -> Result:
+    """Measure every frame, holding one at a time and that of the largest area.
+
+    Raises
+    ------
+    InputError
+        If there is no readable frame, or the crop or calibration does not fit.
+    """
+    stream = job.stream
+    rows: list[AreaRow] = []
+    log = FrameLog(job.chain.threshold)
+    peak: Measured | None = None
+    with ExitStack() as stack:
+        bar = stack.enter_context(progress())
+        task = bar.add_task("measure", total=stream.count)
+        video: OverlayVideo | None = None
+        for frame in stream:
+            measured = measure_frame(frame, job.chain, job.mm2_per_px, job.rectified)
+            if job.out is not None and stream.count != 1:
+                if video is None:  # only now is it known that the input is good, so that a folder may be made
+                    folder = out_dir(job.out, "measure")
+                    rate = stream.given_rate or stream.stated_rate or VIEWING_RATE
+                    video = stack.enter_context(OverlayVideo(folder / "overlay.mp4", rate))
+                video.add(overlay(measured.view, measured.segmentation.mask))
+            rows.append(AreaRow.of(measured))
+            log.add(measured.figures)
+            if peak is None or measured.estimate.pixels > peak.estimate.pixels:
+                peak = measured
+            bar.advance(task)
+    if peak is None:
+        stream.finish()
+        raise InputError("no readable frame", file=job.path)
+    return Result(rows, peak, [*job.warnings, *stream.warnings, *log.warnings()])
+
+
+def record(job: Job, result: Result) -> dict[str, Any]:
+    """Return everything of a result as JSON-able data."""
+    settings = {
+        "threshold": job.chain.threshold,
+        "min_blob_px": job.chain.min_blob,
+        "blur_px": job.chain.blur,
+        "dilation_radius_px": job.chain.radius,
+        "crop": str(job.chain.crop),
+        "mm2_per_px": job.mm2_per_px,
+        "undistort": job.rectified is not None,
+    }
+    view = job.rectified
+    return {
+        "frames": to_plain(result.rows),
+        "complete": job.stream.complete,
+        "summary": summary(result.rows),
+        "warnings": [{"code": w.code, "text": w.text} for w in result.warnings],
+        "settings": settings,
+        "input": str(job.path),
+        "calibration": str(job.calibration) if job.calibration else None,
+        "view": {"origin_px": list(view.origin), "shape_px": list(view.shape)} if view else None,
+        "provenance": dict(provenance.record(config=settings)),
+    }
+
+
+def write_files(job: Job, result: Result, data: dict[str, Any]) -> None:
+    """Write table, record and pictures into the output folder."""
+    folder = out_dir(job.out, "measure")
+    index = f"{result.peak.estimate.index:06d}"
+    write_text(folder / "area.csv", to_csv(result.rows))
+    save_figure(area_figure(result.rows), folder / "area.png")
+    save_figure(overlay_figure(result.peak, job.mm2_per_px), folder / f"overlay_{index}.png")
+    save_figure(intensity_figure(result.peak, job.mm2_per_px), folder / f"intensity_{index}.png")
+    save_figure(histogram_figure(result.peak, job.chain.threshold, job.chain.blur), folder / f"histogram_{index}.png")
+    write_json(folder / "result.json", data)
+
+
+def show(result: Result) -> None:
+    """Print the table, thinned if it is long, and the warnings."""
+    table = Table(title="contact area", title_justify="left")
+    for name in ("frame", "time [s]", "pixels", "area [mm²]", "blobs"):
+        table.add_column(name, justify="right")
+    step = max(1, math.ceil(len(result.rows) / TABLE_ROWS))
+    for row in result.rows[::step]:
+        time = "" if math.isnan(row.time_s) else f"{row.time_s:.3f}"
+        table.add_row(str(row.index), time, str(row.pixels), f"{row.area_mm2:.3f}", str(row.blobs))
+    console.print(table)
+    total = summary(result.rows)
+    thinned = f" (every {step}th shown)" if step > 1 else ""
+    console.print(
+        f"{total['frames']} frames{thinned}, area {total['area_min_mm2']:.3f} to {total['area_max_mm2']:.3f} mm², "
+        f"greatest in frame {total['area_max_index']}"
+    )
+    for warning in result.warnings:
+        messages.print(f"warning: {warning.code}: {warning.text}", style="yellow", markup=False, highlight=False)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rich.markup import escape
 from rich.table import Table
 
 from evanesce import provenance
@@ -184,7 +185,7 @@ def show(result: Result) -> None:
     """Print the table, thinned if it is long, and the warnings."""
     table = Table(title="contact area", title_justify="left")
     for name in ("frame", "time [s]", "pixels", "area [mm²]", "blobs"):
-        table.add_column(name, justify="right")
+        table.add_column(escape(name), justify="right")  # "[s]" would be read as a style
     step = max(1, math.ceil(len(result.rows) / TABLE_ROWS))
     for row in result.rows[::step]:
         time = "" if math.isnan(row.time_s) else f"{row.time_s:.3f}"
@@ -197,4 +198,5 @@ def show(result: Result) -> None:
         f"greatest in frame {total['area_max_index']}"
     )
     for warning in result.warnings:
-        messages.print(f"warning: {warning.code}: {warning.text}", style="yellow", markup=False, highlight=False)
+        line = f"warning: {warning.code}: {warning.text}"
+        messages.print(line, style="yellow", markup=False, highlight=False, soft_wrap=True)

@@ -96,7 +96,8 @@ def spring_load(contact: AxisymmetricContact, edges: Floats, rings: int = 384) -
     """Return the normal force density of the springs [N/mm], shape (m,): the Abel transform of the pressure.
 
     The pressure is taken constant over each of ``rings`` rings, with the ring's exact force; the rest is exact, so that
-    the sum over all springs and both sides is the normal force. Tension at an adhesive edge is cut off: it adds no friction.
+    the sum over all springs and both sides is the normal force. Tension at an adhesive edge is cut off: it adds
+    no friction.
     """
     a = contact.contact_radius
     if a <= 0:

@@ -12,6 +12,7 @@ from scipy import stats
 
 from evanesce.errors import InputError
 from evanesce.materials.columns import Column, read_columns
+from evanesce.materials.tables import material, material_names
 
 Floats = NDArray[np.float64]
 
@@ -278,3 +279,18 @@ def read_compression(path: Path, *, height: float | None = None, area: float | N
     if kept.sum() < 5:
         raise InputError(f"{int(kept.sum())} rows with compression", file=path, allowed="at least 5")
     return 1.0 - strain[kept], -stress[kept]
+
+
+def of_material(name: str) -> MooneyRivlin:
+    """Return the fit that the thesis gives for a silicone (table 6).
+
+    Raises
+    ------
+    InputError
+        For an unknown material, or one without a compression test.
+    """
+    found = material(name).mooney_rivlin
+    if found is None:
+        known = ", ".join(n for n in material_names() if material(n).mooney_rivlin is not None)
+        raise InputError(f"no compression test of {name!r}", key="material", allowed=known)
+    return MooneyRivlin(found.C10_Pa * 1e-6, found.C01_Pa * 1e-6, found.C11_Pa * 1e-6)

@@ -1,0 +1,344 @@
+"""Ridges from a surface scan: height, width, pitch and rounding with their spread, and a height map for the finger."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
+
+from evanesce.errors import WorkError
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class HeightMap:
+    """A surface as the contact solvers take it.
+
+    Attributes
+    ----------
+    height : ndarray (rows, cols)
+        Towards the glass [mm]; 0 at the mean crest, furrows negative.
+    pitch : float
+        Sample distance in x and y [mm].
+    """
+
+    height: Floats
+    pitch: float
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Mean, standard deviation and count of a measure."""
+
+    mean: float
+    std: float
+    count: int
+
+    @property
+    def standard_error(self) -> float:
+        """Of the mean."""
+        return self.std / float(np.sqrt(self.count)) if self.count else float("nan")
+
+
+@dataclass(frozen=True)
+class RidgeResult:
+    """What a scan says of its ridges; lengths in mm.
+
+    Attributes
+    ----------
+    height : Spread
+        Central third of the crest above the central third of the furrows beside it, as ISO 5436-1 takes a step; 0.955
+        of the full height for a sinusoid.
+    width : Spread
+        At half height.
+    pitch : Spread
+        Distance of neighbouring ridge middles.
+    edge : Spread
+        Horizontal run of a flank from 10 to 90 % of the height: the rounding. A vertical wall has 0, a sinusoid 0.295
+        of its pitch.
+    crest_radius : Spread
+        Radius of curvature of the crest's upper tenth.
+    orientation : float
+        Direction along the ridges, from x towards y [rad]; NaN for a single profile.
+    lines : int
+        Profiles evaluated.
+    """
+
+    height: Spread
+    width: Spread
+    pitch: Spread
+    edge: Spread
+    crest_radius: Spread
+    orientation: float
+    lines: int
+
+
+def level(height: ArrayLike) -> Floats:
+    """Return a profile (n,) or map (rows, cols) with its best line or plane taken off; NaN allowed and kept."""
+    z = np.asarray(height, dtype=float)
+    axes = np.meshgrid(*(np.linspace(-1.0, 1.0, n) for n in z.shape), indexing="ij")
+    design = np.stack([np.ones(z.size), *(axis.ravel() for axis in axes)], axis=1)
+    known = np.isfinite(z.ravel())
+    if known.sum() < 0.5 * z.size:
+        raise WorkError(f"only {known.mean():.0%} of the scan holds data; at least half is needed")
+    solution, *_ = np.linalg.lstsq(design[known], z.ravel()[known], rcond=None)
+    return z - (design @ solution).reshape(z.shape)
+
+
+def remove_form(height: ArrayLike, degree: int = 2) -> Floats:
+    """Return a profile with a polynomial form taken off: a scan across a round finger is bent."""
+    z = np.asarray(height, dtype=float)
+    x = np.linspace(-1.0, 1.0, len(z))
+    known = np.isfinite(z)
+    return z - np.polynomial.Polynomial.fit(x[known], z[known], degree)(x)
+
+
+def fill_gaps(height: ArrayLike) -> Floats:
+    """Return a scan with its lost samples (NaN) taken from the nearest known one."""
+    z = np.asarray(height, dtype=float)
+    lost = ~np.isfinite(z)
+    if not lost.any():
+        return z
+    if lost.all():
+        raise WorkError("the scan holds no data")
+    nearest = ndimage.distance_transform_edt(lost, return_distances=False, return_indices=True)
+    return z[tuple(nearest)]
+
+
+@dataclass(frozen=True)
+class _Ridge:
+    middle: float
+    height: float
+    width: float
+    edges: tuple[float, ...]
+    crest_radius: float
+
+
+def _central_third(z: Floats, start: int, stop: int) -> float:
+    """Return the mean height of the central third of a plateau: unbiased by noise and by rounded flanks."""
+    third = (stop - start) // 3
+    return float(z[start + third : stop - third].mean())
+
+
+def _crossing(x: Floats, z: Floats, target: float, falling: bool) -> float:
+    """Return where z first passes a target along x, between samples."""
+    past = z <= target if falling else z >= target
+    hits = np.flatnonzero(past)
+    if len(hits) == 0 or hits[0] == 0:
+        return float("nan")
+    i = int(hits[0])
+    return float(x[i - 1] + (target - z[i - 1]) / (z[i] - z[i - 1]) * (x[i] - x[i - 1]))
+
+
+def _ridge(x: Floats, z: Floats, left: int, right: int, before: int, after: int) -> _Ridge | None:
+    """Measure the ridge between sample indices left and right, with furrows from ``before`` and up to ``after``."""
+    if right - left < 3 or min(left - before, after - right) < 3:
+        return None
+    # Furrows cut by an end of the scan count only where there is no whole one.
+    furrows = [(before, left, before > 0), (right, after, after < len(z))]
+    whole = [f for f in furrows if f[2]] or furrows
+    floor = float(np.mean([_central_third(z, start, stop) for start, stop, _ in whole]))
+    crest = _central_third(z, left, right)
+    height = crest - floor
+    if height <= 0:
+        return None
+    peak = left + int(np.argmax(z[left:right]))
+    sides = []
+    for s, part in ((-1.0, slice(peak, before, -1)), (1.0, slice(peak, after))):
+        run, fall = s * (x[part] - x[peak]), z[part]
+        sides.append([_crossing(run, fall, floor + share * height, True) for share in (0.9, 0.5, 0.1)])
+    (l90, l50, l10), (r90, r50, r10) = sides
+    if not (np.isfinite(l50) and np.isfinite(r50)):
+        return None
+    edges = tuple(e for e in (l10 - l90, r10 - r90) if np.isfinite(e))
+    top = slice(left, right)
+    upper = z[top] > crest - 0.1 * height
+    radius = float("nan")
+    if upper.sum() >= 5:
+        curvature = -2.0 * np.polyfit(x[top][upper] - x[peak], z[top][upper], 2)[0]
+        radius = 1.0 / curvature if curvature > 0 else float("inf")
+    return _Ridge(x[peak] + 0.5 * (r50 - l50), height, l50 + r50, edges, float(radius))
+
+
+def ridges_of_profile(x: ArrayLike, z: ArrayLike) -> list[_Ridge]:
+    """Find and measure the whole ridges of one levelled profile.
+
+    Ridges are where the profile, lightly smoothed, stands above the middle between its upper and lower tenth;
+    hysteresis of a fifth of the height keeps noise from splitting them. Ridges cut by the ends are left out.
+    """
+    x, z = np.asarray(x, dtype=float), np.asarray(z, dtype=float)
+    low, high = np.percentile(z, [10, 90])
+    smooth = ndimage.gaussian_filter1d(z, max(1.0, len(z) / 2000.0))
+    middle, margin = 0.5 * (low + high), 0.2 * (high - low)
+    # State of the last certain sample (well above or well below): hysteresis without a loop.
+    certain = np.where(smooth > middle + margin, 1, np.where(smooth < middle - margin, -1, 0))
+    last = np.maximum.accumulate(np.where(certain != 0, np.arange(len(z)), 0))
+    up = certain[last] > 0
+    turns: list[int] = np.flatnonzero(np.diff(up.astype(int))).tolist()
+    starts, ends = [t + 1 for t in turns if not up[t]], [t + 1 for t in turns if up[t]]
+    found = []
+    for i, start in enumerate(starts):
+        end = next((e for e in ends if e > start), None)
+        if end is None:
+            break
+        before = max((e for e in ends if e <= start), default=0)
+        after = starts[i + 1] if i + 1 < len(starts) else len(z)
+        ridge = _ridge(x, z, start, end, before, after)
+        if ridge is not None:
+            found.append(ridge)
+    return found
+
+
+def _spread(values: list[float]) -> Spread:
+    finite = np.array([v for v in values if np.isfinite(v)])
+    if len(finite) == 0:
+        return Spread(float("nan"), float("nan"), 0)
+    return Spread(float(finite.mean()), float(finite.std(ddof=1)) if len(finite) > 1 else 0.0, len(finite))
+
+
+def _collect(profiles: list[tuple[Floats, Floats]], orientation: float) -> RidgeResult:
+    per_line = [ridges_of_profile(x, z) for x, z in profiles]
+    every = [ridge for line in per_line for ridge in line]
+    if not every:
+        raise WorkError("no whole ridge found: the scan must hold at least one ridge with a furrow on either side")
+    middles = [sorted(ridge.middle for ridge in line) for line in per_line]
+    return RidgeResult(
+        height=_spread([r.height for r in every]),
+        width=_spread([r.width for r in every]),
+        pitch=_spread([float(d) for line in middles for d in np.diff(line)]),
+        edge=_spread([e for r in every for e in r.edges]),
+        crest_radius=_spread([r.crest_radius for r in every]),
+        orientation=orientation,
+        lines=len(profiles),
+    )
+
+
+def analyse_profile(x: ArrayLike, z: ArrayLike, form_degree: int = 1) -> RidgeResult:
+    """Measure the ridges of one profile.
+
+    Parameters
+    ----------
+    x, z : array_like (n,)
+        Position and height [mm].
+    form_degree : int
+        Polynomial taken off first: 1 levels, 2 flattens a round finger.
+
+    Raises
+    ------
+    WorkError
+        If no whole ridge is found.
+    """
+    flat = remove_form(fill_gaps(np.asarray(z, dtype=float)), form_degree)
+    return _collect([(np.asarray(x, dtype=float), flat)], float("nan"))
+
+
+def ridge_orientation(height: ArrayLike) -> float:
+    """Return the direction along the ridges of a levelled map [rad], in (-pi/2, pi/2], from its structure tensor.
+
+    References
+    ----------
+    J. Bigun and G. H. Granlund, Proc. 1st ICCV (1987) 433.
+    """
+    z = ndimage.gaussian_filter(np.asarray(height, dtype=float), 2.0)
+    gy, gx = np.gradient(z)
+    across = 0.5 * np.arctan2(2.0 * np.sum(gx * gy), np.sum(gx**2 - gy**2))
+    along = across + np.pi / 2
+    return float(along - np.pi if along > np.pi / 2 else along)
+
+
+def analyse_map(height: ArrayLike, pitch: float, lines: int = 64) -> RidgeResult:
+    """Measure the ridges of a map along lines across them.
+
+    Parameters
+    ----------
+    height : array_like (rows, cols)
+        [mm]; NaN where the scanner saw nothing.
+    pitch : float
+        Sample distance [mm].
+    lines : int
+        Evenly spaced profiles.
+
+    Raises
+    ------
+    WorkError
+        If no whole ridge is found, or most of the map is lost.
+    """
+    z = level(height)
+    filled = fill_gaps(z)
+    along = ridge_orientation(filled)
+    # Image axes: x along columns, y along rows, both in samples.
+    step = np.array([-np.sin(along), np.cos(along)])
+    centre = np.array([(z.shape[1] - 1) / 2, (z.shape[0] - 1) / 2])
+    reach = 0.5 * float(np.hypot(*z.shape))
+    s = np.arange(-reach, reach, 1.0)
+    profiles = []
+    for offset in np.linspace(-0.9, 0.9, lines) * 0.5 * min(z.shape):
+        x = centre[0] + s * step[0] + offset * np.cos(along)
+        y = centre[1] + s * step[1] + offset * np.sin(along)
+        inside = (x >= 0) & (x <= z.shape[1] - 1) & (y >= 0) & (y <= z.shape[0] - 1)
+        if inside.sum() < 32:
+            continue
+        values = ndimage.map_coordinates(filled, [y[inside], x[inside]], order=1)
+        profiles.append((s[inside] * pitch, values))
+    if not profiles:
+        raise WorkError("the map is too small: fewer than 32 samples across the ridges")
+    return _collect(profiles, along)
+
+
+def against_design(result: RidgeResult, design: Mapping[str, float]) -> dict[str, dict[str, float]]:
+    """Return measured, designed [mm] and relative deviation for each of ``height``, ``width``, ``pitch`` designed."""
+    table = {}
+    for name, wanted in design.items():
+        measured: Spread = getattr(result, name)
+        table[name] = {
+            "measured_mm": measured.mean,
+            "std_mm": measured.std,
+            "design_mm": wanted,
+            "relative_deviation": measured.mean / wanted - 1.0,
+        }
+    return table
+
+
+def height_map_of_scan(height: ArrayLike, pitch: float) -> HeightMap:
+    """Return a scanned map as a finger's height map: levelled, gaps filled, mean crest at 0."""
+    z = fill_gaps(level(height))
+    return HeightMap(z - _crest(z), pitch)
+
+
+def height_map_of_profile(x: ArrayLike, z: ArrayLike, shape: tuple[int, int], pitch: float) -> HeightMap:
+    """Return a height map of parallel ridges along y that repeat one measured profile.
+
+    The profile is levelled and cut to a whole number of ridges, so that its repetition has no step.
+
+    Parameters
+    ----------
+    x, z : array_like (n,)
+        Position and height [mm].
+    shape : tuple of int
+        (rows, cols).
+    pitch : float
+        Sample distance of the map [mm].
+
+    Raises
+    ------
+    WorkError
+        With fewer than two whole ridges in the profile.
+    """
+    x = np.asarray(x, dtype=float)
+    z = remove_form(fill_gaps(np.asarray(z, dtype=float)), 1)
+    middles = sorted(ridge.middle for ridge in ridges_of_profile(x, z))
+    if len(middles) < 2:
+        raise WorkError(f"{len(middles)} whole ridge in the profile; at least 2 are needed to repeat it")
+    start, period = middles[0], middles[-1] - middles[0]
+    at = start + np.mod((np.arange(shape[1]) - (shape[1] - 1) / 2) * pitch, period)
+    row = np.interp(at, x, z)
+    return HeightMap(np.tile(row - _crest(z), (shape[0], 1)), pitch)
+
+
+def _crest(z: Floats) -> float:
+    """Return the mean height of the upper tenth."""
+    return float(z[z >= np.percentile(z, 90)].mean())

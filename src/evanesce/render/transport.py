@@ -233,7 +233,9 @@ def _feedback(fields: Fields, irradiance: NDArray[np.float32], pitch: float) -> 
     return cv2.resize(change.astype(np.float32), (cols, rows), interpolation=cv2.INTER_LINEAR)
 
 
-def render_fast(scene: Scene, state: ContactState | None, *, view: IdealView | None = None) -> PlateLight:
+def render_fast(
+    scene: Scene, state: ContactState | None, *, seed: int = 0, view: IdealView | None = None
+) -> PlateLight:
     """Render a contact state by transport; interchangeable with :func:`evanesce.render.path.render`.
 
     Parameters
@@ -241,6 +243,8 @@ def render_fast(scene: Scene, state: ContactState | None, *, view: IdealView | N
     scene : Scene
     state : ContactState or None
         None leaves the plate empty, and dark.
+    seed : int
+        Not used: nothing here is random. Taken so that both renderers are called alike.
     view : IdealView, optional
         Pinhole grid; the one that covers the frame by default.
 

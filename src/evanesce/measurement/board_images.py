@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +32,8 @@ class BoardPictures:
         (cols, rows) [px].
     first : ndarray (rows, cols[, 3])
         The first picture, to draw on.
+    first_name : str
+        Its file's name.
     warnings : list of Warning
     """
 
@@ -38,6 +41,7 @@ class BoardPictures:
     grids: list[CornerGrid]
     image_size: tuple[int, int]
     first: NDArray[np.uint8]
+    first_name: str
     warnings: list[Warning]
 
 
@@ -65,6 +69,7 @@ def find_boards(paths: Sequence[Path], square_mm: float, *, done: Callable[[], A
     grids: list[CornerGrid] = []
     warnings: list[Warning] = []
     first: NDArray[np.uint8] | None = None
+    known: dict[bytes, CornerGrid] = {}  # a video of a still card, split into files, repeats its pictures
     reason = ""
     for path in paths:
         loaded = read_image(path)
@@ -77,8 +82,9 @@ def find_boards(paths: Sequence[Path], square_mm: float, *, done: Callable[[], A
             warnings.append(Warning("changed_resolution", text))
         else:
             warnings += saturation(picture, path.name)
+            digest = hashlib.sha256(picture.tobytes()).digest()
             try:
-                grid = find_corners(picture)
+                grid = known[digest] = known[digest] if digest in known else find_corners(picture)
             except WorkError as error:
                 reason = f"{path.name}: {error}"
                 warnings.append(Warning("no_board", f"{reason}: left out"))
@@ -88,7 +94,7 @@ def find_boards(paths: Sequence[Path], square_mm: float, *, done: Callable[[], A
         done()
     if first is None or not views:
         raise WorkError(reason or "no picture of a board")
-    return BoardPictures(views, grids, (first.shape[1], first.shape[0]), first, warnings)
+    return BoardPictures(views, grids, (first.shape[1], first.shape[0]), first, paths[0].name, warnings)
 
 
 def saturation(picture: NDArray[np.uint8], name: str) -> list[Warning]:

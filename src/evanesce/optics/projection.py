@@ -34,6 +34,23 @@ def rotation(tilt_x: float, tilt_y: float, roll: float) -> Array:
     return about_z @ about_y @ about_x
 
 
+def distort(x: ArrayLike, y: ArrayLike, coefficients: tuple[float, float, float, float, float]) -> tuple[Array, Array]:
+    """Apply OpenCV's radial-tangential distortion (k1, k2, p1, p2, k3) to normalised coordinates (any shape).
+
+    References
+    ----------
+    Brown, "Decentering distortion of lenses", Photogrammetric Engineering 32 (1966) 444.
+    """
+    x, y = np.asarray(x, float), np.asarray(y, float)
+    k1, k2, p1, p2, k3 = coefficients
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    return (
+        x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+        y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+    )
+
+
 @dataclass(frozen=True)
 class IdealView:
     """Pixel grid of a distortion-free pinhole that covers all that the distorted frame sees.
@@ -122,14 +139,7 @@ class Projection:
 
     def distort(self, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
         """Apply the lens's distortion to normalised coordinates (any shape)."""
-        x, y = np.asarray(x, float), np.asarray(y, float)
-        k1, k2, p1, p2, k3 = self.distortion
-        r2 = x * x + y * y
-        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        return (
-            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
-        )
+        return distort(x, y, self.distortion)
 
     def undistort(self, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
         """Invert :meth:`distort` (OpenCV's fixed point, to 1e-12)."""

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import tomllib
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.table import Table
 
 from evanesce.cli.common import (
     JsonOption,
@@ -21,7 +23,10 @@ from evanesce.cli.common import (
 )
 from evanesce.errors import InputError
 
-VariantOption = Annotated[str, typer.Option("--variant", help="auto, llvm, scalar or cuda.")]
+VariantOption = Annotated[str, typer.Option("--variant", help="Mitsuba variant: auto, llvm, scalar or cuda.")]
+FastOption = Annotated[
+    bool, typer.Option("--fast/--reference", help="Render by fast transport, or by the path tracer (the reference).")
+]
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", help="Override a key of the scene, e.g. leds.voltage_V=10 (repeatable).")
 ]
@@ -49,35 +54,139 @@ def register(app: typer.Typer) -> None:
     @app.command()
     @handles_errors
     def render(
-        scene: Annotated[str, typer.Argument(help="Scene file, or the name of a shipped scene (thesis, thesis_ridged).")],
+        scene: Annotated[
+            str, typer.Argument(help="Scene file, or the name of a shipped scene (thesis, thesis_ridged).")
+        ],
         force: Annotated[
             list[float] | None, typer.Option("--force", help="Normal force [N] instead of the programme (repeatable).")
         ] = None,
+        fast: FastOption = False,
         variant: VariantOption = "auto",
-        spp: Annotated[int | None, typer.Option("--spp", help="Paths per pixel in the contact's surroundings.")] = None,
-        passes: Annotated[int | None, typer.Option("--passes", help="Independent passes to average.")] = None,
-        seed: Annotated[int | None, typer.Option("--seed", help="Seed of light and noise.")] = None,
+        spp: Annotated[int | None, typer.Option("--spp", min=1, help="Paths per pixel around the contact.")] = None,
+        passes: Annotated[int | None, typer.Option("--passes", min=2, help="Independent passes to average.")] = None,
+        seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of light and noise.")] = None,
         settings: SetOption = None,
         exr: Annotated[bool, typer.Option("--exr/--no-exr", help="Write linear light and truth as OpenEXR.")] = True,
-        video: Annotated[
-            str | None, typer.Option("--video", help="Also write the frames as a video: h264 or ffv1.")
-        ] = None,
+        video: Annotated[str | None, typer.Option("--video", help="Also write a video: h264 or ffv1.")] = None,
         json_file: JsonOption = None,
         out: OutOption = None,
     ) -> None:
-        """Render a scene's loading programme: PNG frames, raw, OpenEXR with radiance, variance, gap, pressure, mask."""
-        from evanesce.cli import render_job
+        """Render a scene's loading programme: frames, raw, OpenEXR with radiance, variance, gap, pressure and mask."""
+        from evanesce.rig import dump_scene, load_scene
 
         check_json_target(json_file)
+        if video not in (None, "h264", "ffv1"):
+            raise InputError(f"{video!r} is no codec", key="--video", allowed="h264, ffv1")
         overrides = parse_overrides(settings)
         if force:
-            overrides["press.forces_N"] = list(force)
-        job = render_job.prepare(
-            scene, overrides, variant=variant, samples_per_pixel=spp, passes=passes, seed=seed, video=video
-        )
+            overrides["press"] = {"forces_N": list(force)}
+        loaded = load_scene(scene, overrides)
+        options: dict[str, Any] = {"samples_per_pixel": spp, "passes": passes}
+        if fast:
+            options = {}
         folder = out_dir(out, f"render-{Path(scene).stem}")
-        with progress() as bar:
-            result = render_job.run(job, folder, exr=exr, bar=bar)
-        write_text(folder / "scene.toml", render_job.scene_text(job))
+        result = _run(
+            loaded, folder, seed=loaded.render.seed if seed is None else seed, fast=fast, variant=variant,
+            options=options, exr=exr, video=video,
+        )  # fmt: skip
+        write_text(folder / "scene.toml", dump_scene(loaded))
+        write_text(folder / "README.txt", _README)
+        write_json(folder / "result.json", result)
         write_json(json_file, result)
-        render_job.show(result, console)
+        _show(result, folder)
+
+
+_README = """frame_NNNNNN.png   8-bit frame, as the measurement pipeline reads it
+raw_NNNNNN.png     12-bit raw numbers in a 16-bit PNG [DN]
+light_NNNNNN.exr   radiance, its variance, gap [mm], pressure [MPa], contact mask on the distortion-free pinhole view
+times.csv          time stamps of the frames [s]
+scene.toml         the scene as rendered
+result.json        true areas [mm^2], provenance
+"""
+
+
+def _run(
+    scene: Any,
+    folder: Path,
+    *,
+    seed: int,
+    fast: bool,
+    variant: str,
+    options: dict[str, Any],
+    exr: bool,
+    video: Any,
+) -> dict[str, Any]:
+    from evanesce import provenance
+    from evanesce.contact.solve import press_programme
+    from evanesce.render.exr import write_light
+    from evanesce.sensor.codec import VideoWriter, write_png
+    from evanesce.simulate import simulate
+
+    renderer, record = _renderer(fast, variant)
+    origin = provenance.record(seed=seed, config=scene.as_dict(), **record)
+    programme = press_programme(scene)
+    rows = []
+    with ExitStack() as stack:
+        bar = stack.enter_context(progress())
+        task = bar.add_task("frames", total=len(programme))
+        film = None
+        if video is not None:
+            target = folder / ("frames.mp4" if video == "h264" else "frames.mkv")
+            film = stack.enter_context(VideoWriter(target, codec=video, frame_rate_hz=scene.press.frame_rate_hz))
+        for index, (time_s, force_N) in enumerate(programme):
+            shot = simulate(scene, force_N, seed=seed, time_s=time_s, index=index, render=renderer, **options)
+            assert shot.state is not None  # a programme always presses
+            assert shot.frame.raw is not None
+            # Each frame goes to disk at once: what a crash interrupts keeps all frames before it.
+            if exr:
+                write_light(folder / f"light_{index:06d}.exr", shot.scene, shot.plate_light, shot.state, origin)
+            write_png(folder / f"frame_{index:06d}.png", shot.frame.data)
+            write_png(folder / f"raw_{index:06d}.png", shot.frame.raw)
+            if film is not None:
+                film.add(shot.frame)
+            rows.append(
+                {
+                    "index": index,
+                    "time_s": time_s,
+                    "force_N": force_N,
+                    "true_area_mm2": shot.state.nominal_contact_area,
+                    "law": shot.state.law,
+                    "brightest_DN": int(shot.frame.data.max()),
+                    "paths_per_px": shot.plate_light.samples,
+                }
+            )
+            bar.advance(task)
+    times = "".join(f"frame_{row['index']:06d}.png,{row['index']},{row['time_s']!r}\n" for row in rows)
+    write_text(folder / "times.csv", "file,index,time_s\n" + times)
+    return {"frames": rows, "provenance": origin}
+
+
+def _renderer(fast: bool, variant: str) -> tuple[Any, dict[str, Any]]:
+    """Return the renderer and what provenance says of it."""
+    if fast:
+        from evanesce.render.transport import render_fast
+
+        return render_fast, {"renderer": "transport"}
+    import functools
+
+    from evanesce.render.path import render as trace
+    from evanesce.render.variant import select
+
+    info = select(variant)
+    return functools.partial(trace, variant=variant), {"renderer": "path", "variant": info.name}
+
+
+def _show(result: dict[str, Any], folder: Path) -> None:
+    table = Table(title=f"Rendered into {folder}")
+    for column in ("frame", "time [s]", "force [N]", "true area [mm²]", "brightest [DN]", "paths per px"):
+        table.add_column(column, justify="right")
+    for row in result["frames"]:
+        table.add_row(
+            str(row["index"]),
+            f"{row['time_s']:.3f}",
+            f"{row['force_N']:g}",
+            f"{row['true_area_mm2']:.3f}",
+            str(row["brightest_DN"]),
+            str(row["paths_per_px"]),
+        )
+    console.print(table)

@@ -81,7 +81,7 @@ def _cast(light: EdgeLight, x: Array, y: Array, depth: Array, theta: Array, phi:
     along = np.where(hits_x, y + run * sin_phi, x + run * cos_phi)
     t = light.thickness
     unfolded = run / np.tan(theta) + np.where(down, depth, -depth)
-    bounces = np.floor(unfolded / t) + ~down  # an upward ray meets the top face at unfolded = 0
+    bounces = np.floor(unfolded / t) + np.logical_not(down)  # an upward ray meets the top face at unfolded = 0
     folded = np.mod(np.abs(unfolded), 2 * t)
     end_depth = np.where(folded > t, 2 * t - folded, folded)
     reflectance = fresnel_reflectance(np.cos(theta), light.refractive_index, 1.0)
@@ -168,7 +168,7 @@ def edge_radiance(light: EdgeLight, *, per_edge: int = 24, rays: int = 4096) -> 
             kernel[row] = np.pi * np.bincount(target, hits.transmission, count) / rays
     factor = light.edge_reflectance / np.pi
     solved = np.linalg.solve(np.eye(count) - factor * kernel, factor * direct)
-    return solved.reshape(4, per_edge)
+    return np.asarray(solved, np.float64).reshape(4, per_edge)
 
 
 def azimuthal_radiance(

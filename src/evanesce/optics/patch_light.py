@@ -86,9 +86,7 @@ def returned_radiance(gap: ArrayLike, theta: ArrayLike, interface: Interface) ->
     gap = np.asarray(gap, float)
     inside = internal_diffuse_reflectance(gap, interface.wavelength, interface.n_glass, interface.n_silicone)
     body = interface.body_reflectance / (1.0 - interface.body_reflectance * inside)
-    t = frustrated_transmittance(
-        np.cos(theta), gap, interface.wavelength, interface.n_glass, interface.n_silicone
-    )
+    t = frustrated_transmittance(np.cos(theta), gap, interface.wavelength, interface.n_glass, interface.n_silicone)
     return np.asarray(body / np.pi * (interface.n_glass / interface.n_silicone) ** 2 * t)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -306,3 +306,16 @@ def plate_scene(scene: Scene, state: ContactState | None, powers: Mapping[str, f
         body = {"type": "diffuse", "reflectance": {"type": "uniform", "value": scene.finger.diffuse_reflectance}}
         shapes["finger"] = _mesh("finger", mesh.vertices, mesh.faces, {"type": "twosided", "bsdf": body})
     return shapes | plate.faces(hole) | plate.edges(powers)
+
+
+def card_mesh(
+    name: str,
+    tiles: list[tuple[float, float, float, float]],
+    place: Callable[[Array], Array],
+    reflectance: float,
+) -> Any:
+    """Return tiles (x0, x1, y0, y1) of a card as one diffuse mesh that faces down; ``place`` puts points in space."""
+    flat = _horizontal(tiles, 0.0, up=False)
+    placed = place(flat.reshape(-1, 3)[:, :2]).reshape(flat.shape)
+    bsdf = {"type": "diffuse", "reflectance": {"type": "uniform", "value": reflectance}}
+    return _mesh(name, *_quads(placed), {"type": "twosided", "bsdf": bsdf})

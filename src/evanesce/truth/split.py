@@ -167,7 +167,15 @@ def _raw(frame: Frame) -> NDArray[Any]:
     return frame.raw
 
 
-def half_level_mask(light: NDArray[Any], mask: Mask, *, band_px: int = 8, window_px: int = 41, passes: int = 2) -> Mask:
+def half_level_mask(
+    light: NDArray[Any],
+    mask: Mask,
+    *,
+    band_px: int = 8,
+    window_px: int = 41,
+    smooth_px: float = 1.0,
+    passes: int = 2,
+) -> Mask:
     """Move a mask's edge to where the light is halfway between the levels on its two sides.
 
     Half a level is where the edge of an even patch lies before any symmetric blur, so this is the threshold that a blur
@@ -183,6 +191,8 @@ def half_level_mask(light: NDArray[Any], mask: Mask, *, band_px: int = 8, window
         Half-width of the band around the edge that is decided anew; it must hold the blur.
     window_px : int
         Side of the window over which the levels inside and outside the band are averaged.
+    smooth_px : float
+        Standard deviation of a Gaussian that quietens the light first [px]; being symmetric it moves no half level.
     passes : int
         The band is laid around the new edge and decided again.
 
@@ -192,6 +202,8 @@ def half_level_mask(light: NDArray[Any], mask: Mask, *, band_px: int = 8, window
         Unchanged where one side has no level in the window, as in a feature narrower than twice the band.
     """
     light = np.asarray(light, np.float64)
+    if smooth_px > 0:
+        light = cv2.GaussianBlur(light, (0, 0), smooth_px, borderType=cv2.BORDER_REPLICATE)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * band_px + 1, 2 * band_px + 1))
     for _ in range(passes):
         inner = cv2.erode(mask.astype(np.uint8), disc, borderType=cv2.BORDER_REPLICATE).astype(bool)

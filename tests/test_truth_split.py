@@ -158,6 +158,10 @@ def test_split_of_a_simulated_measurement() -> None:
     assert outwards > 0.01
     assert parts["threshold"] == pytest.approx(expected, rel=0.2)
 
+    # Distortion: the view is rectified by the true coefficients, so only resampling and rim pixels remain of it.
+    # Rectifying a frame that needs none would add 2 k1 r^2 = 1 % at this disc.
+    assert abs(parts["distortion"]) < 2e-3 * true_area
+
     # Noise moves single pixels of the rim (1.3e-3 of the area each per mille): it must be the smallest part by far.
     assert abs(parts["noise"]) < 0.1 * parts["threshold"]
     # With everything left out only counting pixels remains: 0.29 px on 800 independent rim pixels.

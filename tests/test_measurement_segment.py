@@ -23,6 +23,7 @@ from evanesce.measurement.segment import (
     Chain,
     Crop,
     _brighter,
+    _groups,
     _runs,
     blurred_grey,
     disk,
@@ -241,11 +242,50 @@ def test_undecided_pixels_by_windows_and_by_rows_agree(monkeypatch):
     for at in ((40, 50), (0, 0), (310, 426), (117, 261)):
         threshold = float(exact[at])
         by_windows = _brighter(image, threshold, 1.0)[0]
-        monkeypatch.setattr("evanesce.measurement.segment.MOST_WINDOWS", 0)
+        monkeypatch.setattr("evanesce.measurement.segment.MOST_WINDOWS", -1)
         by_rows = _brighter(image, threshold, 1.0)[0]
         monkeypatch.undo()
         np.testing.assert_array_equal(by_windows != 0, exact > threshold)
         np.testing.assert_array_equal(by_rows, by_windows)
+
+
+@pytest.mark.parametrize("radius", [0, 1, 3, 4, 8, 10, 11, 21])
+@pytest.mark.parametrize("diagonal", [False, True])
+def test_blobs_that_just_touch_are_one(radius, diagonal):
+    """Two pixels at every distance near the one at which their disks touch, at odd places of the blocks of 8."""
+    for apart in range(max(2 * radius - 8, 1), 2 * radius + 5):
+        step = (round(apart / 1.4), apart - round(apart / 1.4)) if diagonal else (0, apart)
+        image = np.zeros((3 * radius + 41, 4 * radius + 53), np.uint8)
+        at = (radius + 5, radius + 3 + apart % 7)
+        image[at] = image[at[0] + step[0], at[1] + step[1]] = 255
+        size = int(author_chain_literal(image, 0.5, 1, 0.0, radius)[1].sum())
+        one = int(disk(radius).sum())
+        for least in (one, one + 1, size, size + 1):
+            assert_same(image, 0.5, min_blob=least, blur=0.0, radius=radius)
+
+
+def test_entangled_groups_fall_back_to_the_whole_frame():
+    """Diagonal stripes, too far apart to touch: many groups with wide, overlapping boxes; corners are dropped."""
+    y, x = np.mgrid[:500, :617]
+    image = np.where((x + y) % 91 == 0, 255, 0).astype(np.uint8)
+    groups, _ = _groups(image, 10, 2000)
+    assert len(groups) == 1
+    assert groups[0][2].all()
+    found = assert_same(image, 0.3, min_blob=2000, blur=0.0)
+    assert (found.blobs, found.dropped_blobs) == (11, 2)  # x + y of 91 to 1001; 0 and 1092 lie in corners
+    assert len(_groups(image[:130, :190], 10, 2000)[0]) == 3
+    assert_same(image[:130, :190], 0.3, min_blob=2000, blur=0.0)
+
+
+def test_nested_groups_keep_apart():
+    """A ring around a disk around which it leaves a gap: each within the other's box, each of its own size."""
+    y, x = np.mgrid[:261, :273]
+    r = np.hypot(x - 131, y - 126)
+    image = np.where((r < 9) | ((r > 60) & (r < 64)), 255, 0).astype(np.uint8)
+    inner = int(author_chain_literal(np.where(r < 9, image, 0).astype(np.uint8), 0.4, 1)[1].sum())
+    for least in (1, inner, inner + 1, 20_000):
+        assert_same(image, 0.4, min_blob=least)
+    assert segment(image, Chain(threshold=0.4, min_blob=inner + 1)).blobs == 1
 
 
 def test_runs_cover_what_they_should():

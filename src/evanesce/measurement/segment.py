@@ -8,7 +8,8 @@ about a twentieth of the time:
   in single precision is then off by less than :func:`rounding_margin`. Only pixels closer to the threshold than that
   can differ from double precision; they are done again in double precision, and those that even this leaves open,
   such as a flat patch exactly at the threshold, with scikit-image's own functions on whole rows.
-* Dilation and labels are confined to the box around what was segmented.
+* Dilation and labels are confined to boxes around groups of bright pixels that cannot touch once dilated; a group whose
+  box is smaller than the least blob needs neither.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from evanesce.errors import InputError
 
 Image = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
+Pixels = tuple[NDArray[np.intp], NDArray[np.intp]]
 
 LUMA = (2125, 7154, 721)
 """Weights of R, G and B times 10000 (ITU-R BT.709 for CRT phosphors, as scikit-image has them)."""
@@ -42,6 +44,12 @@ SINGLE_ROUNDING = 2.0**-24
 
 DOUBLE_MARGIN = 1e-13
 """What double precision leaves undecided: two sums of at most 401 terms, up to 1, of unit roundoff 1.1e-16."""
+
+STRIP_PIXELS = 131_072
+"""Pixels of a strip: half a megabyte in single precision."""
+
+BLOCK = 8
+"""Side of the blocks in which bright pixels are grouped [px]: a word of eight bytes."""
 
 MOST_WINDOWS = 4000
 """Undecided pixels up to which their surroundings are gathered one by one; whole rows are cheaper for more."""
@@ -151,7 +159,7 @@ class Segmentation:
     pixels : int
         Pixels of the mask.
     blobs, dropped_blobs : int
-        Dilated blobs that survive, and those that are too small.
+        Dilated blobs that survive, and those that are too small (specks close together may count as one).
     grey_range : tuple of float
         Least and greatest blurred grey level of the crop, 0 to 1, to single precision.
     """
@@ -251,39 +259,51 @@ def rounding_margin(taps: int) -> float:
 
 
 def _brighter(view: Image, threshold: float, blur: float) -> tuple[Image, tuple[float, float]]:
-    """Return where the blurred grey level exceeds the threshold (0 or 1) and the range of levels."""
-    if view.ndim == 3:
-        level = cv2.transform(view.astype(np.float32), np.array([LUMA], dtype=np.float32))
-        scale = float(LUMA_SCALE)
-    else:
-        level, scale = view.astype(np.float32), 255.0
+    """Return where the blurred grey level exceeds the threshold (255, else 0) and the range of levels."""
     weights = _weights(blur)
-    if len(weights) > 1:
-        level = cv2.sepFilter2D(level, cv2.CV_32F, weights, weights, borderType=cv2.BORDER_REPLICATE)
-    low, high, _, _ = cv2.minMaxLoc(level)
+    reach = len(weights) // 2
+    scale = float(LUMA_SCALE) if view.ndim == 3 else 255.0
     margin = rounding_margin(len(weights))
-    # the limits are single precision, so each is moved outwards by its own rounding as well
-    outwards = 1 + 2 * SINGLE_ROUNDING
-    upper = np.float32((threshold + margin) * scale * outwards)
-    lower = np.float32((threshold - margin) * scale)
-    lower = np.float32(lower / outwards if lower > 0 else lower * outwards)
-    bright = cv2.threshold(level, float(upper), 1, cv2.THRESH_BINARY)[1].astype(np.uint8)
-    if high > lower and low < upper:
-        near = cv2.inRange(level, float(lower), float(upper))
-        undecided = cv2.countNonZero(near)
-        if 0 < undecided <= MOST_WINDOWS:
-            near = _decide_by_windows(view, threshold, weights, near, bright)
-            undecided = cv2.countNonZero(near)
-        if undecided:
-            _decide_by_rows(view, threshold, blur, near, bright, reach=len(weights) // 2)
-    return bright, (low / scale, high / scale)
+    # the limits are single precision themselves, so each is moved outwards by its own rounding as well
+    lower = float(np.nextafter(np.float32((threshold - margin) * scale), np.float32(-np.inf)))
+    upper = float(np.nextafter(np.float32((threshold + margin) * scale), np.float32(np.inf)))
+    bright = np.empty(view.shape[:2], dtype=np.uint8)
+    extremes: list[float] = []
+    undecided: list[Pixels] = []
+    # in strips that stay in the processor's cache, each with the rows around it that its blur needs
+    height = max(STRIP_PIXELS // view.shape[1], 4 * reach, 1)
+    for start in range(0, view.shape[0], height):
+        stop = min(start + height, view.shape[0])
+        top, bottom = max(start - reach, 0), min(stop + reach, view.shape[0])
+        level = _single_precision_grey(view[top:bottom])
+        if reach:
+            level = cv2.sepFilter2D(level, cv2.CV_32F, weights, weights, borderType=cv2.BORDER_REPLICATE)
+        level = level[start - top : stop - top]
+        extremes += cv2.minMaxLoc(level)[:2]
+        np.multiply(level > upper, np.uint8(255), out=bright[start:stop])
+        near = cv2.inRange(level, lower, upper)
+        if cv2.countNonZero(near):
+            at_rows, at_cols = np.nonzero(near)
+            undecided.append((at_rows + start, at_cols))
+    if undecided:
+        pixels = np.concatenate([rows for rows, _ in undecided]), np.concatenate([cols for _, cols in undecided])
+        if len(pixels[0]) <= MOST_WINDOWS:
+            pixels = _decide_by_windows(view, threshold, weights, pixels, bright)
+        _decide_by_rows(view, threshold, blur, pixels, bright)
+    return bright, (min(extremes) / scale, max(extremes) / scale)
+
+
+def _single_precision_grey(view: Image) -> NDArray[np.float32]:
+    """Return weighted sums of R, G and B (whole numbers up to :data:`LUMA_SCALE`), or grey levels as they are."""
+    single = view.astype(np.float32)
+    return single if view.ndim == 2 else np.asarray(cv2.transform(single, np.array([LUMA], dtype=np.float32)))
 
 
 def _decide_by_windows(
-    view: Image, threshold: float, weights: NDArray[np.float64], near: Image, bright: Image
-) -> Image:
-    """Set undecided pixels of ``bright`` in place in double precision; return those that even this leaves open."""
-    rows, cols = np.nonzero(near)
+    view: Image, threshold: float, weights: NDArray[np.float64], pixels: Pixels, bright: Image
+) -> Pixels:
+    """Set pixels of ``bright`` in place in double precision; return those that even this leaves undecided."""
+    rows, cols = pixels
     reach = len(weights) // 2
     steps = np.arange(-reach, reach + 1)
     around_rows = np.clip(rows[:, None] + steps, 0, view.shape[0] - 1)  # edges repeated
@@ -292,25 +312,24 @@ def _decide_by_windows(
     if windows.ndim == 4:
         windows = windows @ np.array(LUMA, dtype=np.float64) / 10_000
     level = np.einsum("kij,i,j->k", windows, weights, weights, optimize=True) / 255
-    bright[rows, cols] = level > threshold
+    bright[rows, cols] = np.where(level > threshold, 255, 0)
     still = np.abs(level - threshold) <= DOUBLE_MARGIN
-    left = np.zeros_like(near)
-    left[rows[still], cols[still]] = 1
-    return left
+    return rows[still], cols[still]
 
 
-def _decide_by_rows(view: Image, threshold: float, blur: float, near: Image, bright: Image, *, reach: int) -> None:
-    """Set undecided pixels of ``bright`` in place to the last bit, by the reference's own functions on whole rows.
+def _decide_by_rows(view: Image, threshold: float, blur: float, pixels: Pixels, bright: Image) -> None:
+    """Set pixels of ``bright`` in place to the last bit, by the reference's own functions on whole rows.
 
     Whole rows, because the matrix product behind `rgb2gray` may round differently at another place of a row; a block
-    with ``reach`` more rows on either side (or the image's edge) blurs to the very bits of the whole image.
+    with the blur's reach of rows on either side (or the image's edge) blurs to the very bits of the whole image.
     """
-    rows = view.shape[0]
-    for start, stop in _runs(np.flatnonzero(near.any(axis=1)), gap=2 * reach + 1):
-        top, bottom = max(start - reach, 0), min(stop + reach, rows)
-        exact = blurred_grey(view[top:bottom], blur)[start - top : stop - top]
-        undecided = near[start:stop] != 0
-        bright[start:stop][undecided] = exact[undecided] > threshold
+    rows, cols = pixels  # in the order of rows
+    reach = len(_weights(blur)) // 2
+    for start, stop in _runs(np.unique(rows), gap=2 * reach + 1):
+        top, bottom = max(start - reach, 0), min(stop + reach, view.shape[0])
+        exact = blurred_grey(view[top:bottom], blur)
+        some = slice(*np.searchsorted(rows, [start, stop]))
+        bright[rows[some], cols[some]] = np.where(exact[rows[some] - top, cols[some]] > threshold, 255, 0)
 
 
 def _runs(indices: NDArray[np.intp], gap: int) -> list[tuple[int, int]]:
@@ -334,25 +353,24 @@ def _keep_large(bright: Image, grey_range: tuple[float, float], chain: Chain) ->
     """Drop what belongs to no dilated blob of ``min_blob`` pixels."""
     mask = np.zeros(bright.shape, dtype=np.uint8)
     dilated = np.zeros(bright.shape, dtype=np.uint8)
-    x, y, width, height = cv2.boundingRect(bright)
-    blobs = dropped = pixels = 0
-    if width:
-        # the box holds every dilated blob whole, so labels and sizes are those of the full frame
-        r = slice(max(y - chain.radius, 0), y + height + chain.radius)
-        c = slice(max(x - chain.radius, 0), x + width + chain.radius)
-        box = np.ascontiguousarray(bright[r, c])
+    blobs = pixels = 0
+    groups, dropped = _groups(bright, chain.radius, chain.min_blob)
+    for rows, cols, members in groups:
+        box = cv2.bitwise_and(bright[rows, cols], members)  # 0 or 1
         grown = cv2.dilate(box, disk(chain.radius)) if chain.radius else box
         count, labels, stats, _ = cv2.connectedComponentsWithStats(grown, connectivity=8, ltype=cv2.CV_32S)
         large = stats[:, cv2.CC_STAT_AREA] >= chain.min_blob
         large[0] = False
-        blobs = int(large.sum())
-        dropped = count - 1 - blobs
-        if dropped:
+        kept = int(np.count_nonzero(large))
+        blobs += kept
+        dropped += count - 1 - kept
+        if kept < count - 1:
             grown = large.astype(np.uint8)[labels]
             box = cv2.bitwise_and(box, grown)
-        mask[r, c] = box
-        dilated[r, c] = grown
-        pixels = cv2.countNonZero(box)
+        # boxes may overlap, the blobs in them do not
+        mask[rows, cols] |= box
+        dilated[rows, cols] |= grown
+        pixels += cv2.countNonZero(box)
     return Segmentation(
         mask=mask.view(np.bool_),
         dilated=dilated.view(np.bool_),
@@ -361,3 +379,57 @@ def _keep_large(bright: Image, grey_range: tuple[float, float], chain: Chain) ->
         dropped_blobs=dropped,
         grey_range=grey_range,
     )
+
+
+def _groups(bright: Image, radius: int, min_blob: int) -> tuple[list[tuple[slice, slice, Image]], int]:
+    """Split bright pixels into groups that cannot touch each other once dilated.
+
+    Parameters
+    ----------
+    bright : ndarray of uint8 (rows, cols)
+        0 or 255.
+    radius, min_blob : int
+        Of the chain [px].
+
+    Returns
+    -------
+    groups : list of (slice, slice, ndarray of uint8)
+        Box of each group with room for its dilation, and 1 where a pixel of the box may belong to it.
+    dropped : int
+        Number of groups left out, because even their box is smaller than ``min_blob``.
+
+    Notes
+    -----
+    Pixels are gathered in blocks of 8 x 8, which a 64-bit word holds row by row. Disks touch, corner to corner
+    included, only if their centres are at most 2 radius + 1 apart in each direction, that is (2 radius + 8) // 8
+    blocks; blocks that far apart touch once each has grown by half of it.
+    """
+    rows, cols = bright.shape
+    padded = np.zeros((-(-rows // BLOCK) * BLOCK, -(-cols // BLOCK) * BLOCK), dtype=np.uint8)
+    padded[:rows, :cols] = bright
+    words = padded.view(np.uint64)  # one word to eight pixels
+    lit = (np.bitwise_or.reduce(words.reshape(-1, BLOCK, words.shape[1]), axis=1) != 0).astype(np.uint8)
+    grow = (2 * radius + BLOCK) // BLOCK // 2
+    grown = cv2.dilate(lit, np.ones((2 * grow + 1, 2 * grow + 1), np.uint8)) if grow else lit
+    count, labels, _, _ = cv2.connectedComponentsWithStats(grown, connectivity=8, ltype=cv2.CV_32S)
+    labels *= lit
+    groups, dropped, room = [], 0, 0
+    for label, found in enumerate(ndimage.find_objects(labels, count - 1), start=1):
+        top, bottom = found[0].start * BLOCK, min(found[0].stop * BLOCK, rows)
+        left, right = found[1].start * BLOCK, min(found[1].stop * BLOCK, cols)
+        r = slice(max(top - radius, 0), min(bottom + radius, rows))
+        c = slice(max(left - radius, 0), min(right + radius, cols))
+        size = (r.stop - r.start) * (c.stop - c.start)
+        if size < min_blob:
+            dropped += 1
+            continue
+        members = np.zeros((r.stop - r.start, c.stop - c.start), dtype=np.uint8)
+        inside = np.repeat(np.repeat(labels[found] == label, BLOCK, axis=0), BLOCK, axis=1)[
+            : bottom - top, : right - left
+        ]
+        members[top - r.start : bottom - r.start, left - c.start : right - c.start] = inside
+        groups.append((r, c, members))
+        room += size
+    if room > 2 * bright.size:  # entangled groups, each with a wide box: cheaper in one
+        return [(slice(0, rows), slice(0, cols), np.ones_like(bright))], 0
+    return groups, dropped

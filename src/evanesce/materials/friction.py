@@ -111,8 +111,8 @@ def analyse(
 
     The trace is smoothed by a quadratic Savitzky-Golay filter, which keeps the height of a peak wider than its window.
     Sliding lasts from the first to the last sample whose smoothed coefficient exceeds half the upper level. The static
-    coefficient is the largest smoothed value in the first half of it; the stable region is the rest after a quarter of
-    the time that remains behind that peak.
+    coefficient is the first peak within 2 % of the largest smoothed value in the first half of it; the stable region is
+    the rest after a quarter of the time that remains behind that peak.
 
     Parameters
     ----------
@@ -144,7 +144,10 @@ def analyse(
     runs = np.split(sliding, np.flatnonzero(np.diff(sliding) > window) + 1)
     run = max(runs, key=len)
     first, last = int(run[0]), int(run[-1])
-    peak = first + int(np.argmax(smooth[first : (first + last) // 2 + 1]))
+    # Under stick-slip every turn has its peak; the first that comes within 2 % of the highest is the first break-away.
+    early = smooth[first : (first + last) // 2 + 1]
+    reached = int(np.flatnonzero(early >= 0.98 * early.max())[0])
+    peak = first + reached + int(np.argmax(early[reached : reached + window]))
     if stable is None:
         start, stop = peak + (last - peak) // 4, last
     else:

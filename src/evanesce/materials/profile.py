@@ -77,24 +77,33 @@ class RidgeResult:
     lines: int
 
 
-def level(height: ArrayLike) -> Floats:
-    """Return a profile (n,) or map (rows, cols) with its best line or plane taken off; NaN allowed and kept."""
-    z = np.asarray(height, dtype=float)
-    axes = np.meshgrid(*(np.linspace(-1.0, 1.0, n) for n in z.shape), indexing="ij")
-    design = np.stack([np.ones(z.size), *(axis.ravel() for axis in axes)], axis=1)
-    known = np.isfinite(z.ravel())
-    if known.sum() < 0.5 * z.size:
+def _take_off(z: Floats, design: Floats) -> Floats:
+    """Return z less its form, fitted together with a step between ridges and furrows.
+
+    Without the step the form would lean towards whatever side of the scan holds the larger share of a ridge.
+    """
+    known = np.isfinite(z)
+    if known.sum() < max(0.5 * len(z), 8):
         raise WorkError(f"only {known.mean():.0%} of the scan holds data; at least half is needed")
-    solution, *_ = np.linalg.lstsq(design[known], z.ravel()[known], rcond=None)
-    return z - (design @ solution).reshape(z.shape)
+    form = np.linalg.lstsq(design[known], z[known], rcond=None)[0]
+    for _ in range(5):
+        rest = z[known] - design[known] @ form
+        raised = (rest > np.percentile(rest, [10, 90]).mean()).astype(float)
+        form = np.linalg.lstsq(np.column_stack([design[known], raised - raised.mean()]), z[known], rcond=None)[0][:-1]
+    return z - design @ form
+
+
+def level(height: ArrayLike) -> Floats:
+    """Return a map (rows, cols) with its best plane taken off; NaN allowed and kept."""
+    z = np.asarray(height, dtype=float)
+    y, x = np.meshgrid(*(np.linspace(-1.0, 1.0, n) for n in z.shape), indexing="ij")
+    return _take_off(z.ravel(), np.column_stack([np.ones(z.size), x.ravel(), y.ravel()])).reshape(z.shape)
 
 
 def remove_form(height: ArrayLike, degree: int = 2) -> Floats:
     """Return a profile with a polynomial form taken off: a scan across a round finger is bent."""
     z = np.asarray(height, dtype=float)
-    x = np.linspace(-1.0, 1.0, len(z))
-    known = np.isfinite(z)
-    return z - np.polynomial.Polynomial.fit(x[known], z[known], degree)(x)
+    return _take_off(z, np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, len(z)), degree))
 
 
 def fill_gaps(height: ArrayLike) -> Floats:

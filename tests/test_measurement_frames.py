@@ -100,6 +100,41 @@ def test_folder_without_frame_rate_has_no_times(tmp_path):
     assert codes(stream) == ["frame_rate_missing"]
 
 
+def test_folder_with_a_table_of_times(tmp_path):
+    """Uneven times come from times.csv, in any order of lines; a contradicting frame rate wins, with a warning."""
+    times = {"f2.png": 0.25, "f10.png": 1.0, "f11.png": 1.5}
+    for name in times:
+        cv2.imwrite(str(tmp_path / name), numbered(0))
+    (tmp_path / "times.csv").write_text(
+        "index,file,time_s\n" + "".join(f"0,{n},{t}\n" for n, t in reversed(times.items()))
+    )
+    stream = open_frames(tmp_path)
+    assert [f.time for f in stream] == [0.0, 0.75, 1.25]
+    assert stream.stated_rate == pytest.approx(2 / 1.25)
+    assert codes(stream) == []  # 0.75 s is 1.2 mean steps, not a gap
+    told = open_frames(tmp_path, 30)
+    assert [f.time for f in told] == [0, 1 / 30, 2 / 30]
+    assert codes(told) == ["frame_rate_at_odds"]
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ("name,time\nf0.png,0\n", "line 2: no file and time_s"),
+        ("file,time_s\nf0.png,nan\n", "line 2: time_s is nan"),
+        ("file,time_s\nf0.png,0\n", "1 image.s. without a time, first f1.png"),
+        ("file,time_s\nf0.png,0.5\nf1.png,0.5\n", "f1.png at 0.5 s comes after 0.5 s"),
+        ("file,time_s\nf0.png\n", "line 2"),
+    ],
+)
+def test_a_bad_table_of_times_is_refused(tmp_path, table, message):
+    for k in range(2):
+        cv2.imwrite(str(tmp_path / f"f{k}.png"), numbered(k))
+    (tmp_path / "times.csv").write_text(table)
+    with pytest.raises(InputError, match=message):
+        open_frames(tmp_path, 30)
+
+
 @pytest.mark.parametrize("suffix", ["png", "tif", "bmp"])
 @pytest.mark.parametrize("colour", [False, True])
 def test_lossless_images_come_back_to_the_bit(tmp_path, suffix, colour):

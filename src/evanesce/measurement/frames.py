@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from evanesce.errors import InputError, WorkError
 from evanesce.measurement.images import IMAGE_SUFFIXES, MAX_PIXELS, Loaded, Unreadable, load_image
+from evanesce.measurement.times import read_times
 from evanesce.measurement.warn import RATE_TOLERANCE, Warning, frame_rate_warning
 from evanesce.states import Frame
 
@@ -188,7 +189,7 @@ def natural_key(name: str) -> tuple[tuple[int, int | str], ...]:
 
 
 class ImageStream(FrameStream):
-    """Image files in natural order; times come from the frame rate given."""
+    """Image files in natural order; times come from the folder's ``times.csv`` or from the frame rate given."""
 
     def __init__(self, path: Path, given_rate: float | None) -> None:
         super().__init__(path, given_rate)
@@ -205,6 +206,10 @@ class ImageStream(FrameStream):
                 "the folder holds no images", file=path, allowed="files named " + " ".join(sorted(IMAGE_SUFFIXES))
             )
         self.count = len(self.paths)
+        self.times = read_times(path, [p.name for p in self.paths]) if path.is_dir() else None
+        if self.times and len(self.times) > 1:
+            self.stated_rate = (len(self.times) - 1) / (self.times[-1] - self.times[0])
+            self._first_time = self.times[0]  # also where the first image cannot be read
 
     def _items(self) -> Iterator[_Item]:
         with ThreadPoolExecutor(max_workers=2) as pool:
@@ -219,7 +224,8 @@ class ImageStream(FrameStream):
                     index, path, future = waiting.popleft()
                     try:
                         loaded = future.result()
-                        yield _Item(index, path.name, data=loaded.data, notes=loaded.notes)
+                        time = self.times[index] if self.times else None
+                        yield _Item(index, path.name, data=loaded.data, time=time, notes=loaded.notes)
                     except Unreadable as error:
                         yield _Item(index, path.name, reason=str(error))
             finally:

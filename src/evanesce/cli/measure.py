@@ -24,22 +24,22 @@ def register(app: typer.Typer) -> None:
             float, typer.Option("--threshold", help="Grey level 0 to 1; brighter is contact. Look at the histogram.")
         ] = 0.15,
         min_blob: Annotated[
-            int, typer.Option("--min-blob", help="Least size of a dilated blob that is kept [px].")
+            int, typer.Option("--min-blob", help="Least size of a dilated blob that is kept, in px.")
         ] = 2000,
         crop: Annotated[
             str, typer.Option("--crop", help="r0:r1,c0:c1, half-open, in the undistorted view; an end may be empty.")
         ] = ":,:",
         fps: Annotated[
-            float | None, typer.Option("--fps", help="Frame rate [Hz]; wins over the file's own where they disagree.")
+            float | None, typer.Option("--fps", help="Frame rate in Hz; wins over the file's own where they disagree.")
         ] = None,
         mm2_per_px: Annotated[
-            float | None, typer.Option("--mm2-per-px", help="Area of a pixel [mm^2]; wins over the calibration's.")
+            float | None, typer.Option("--mm2-per-px", help="Area of a pixel in mm^2; wins over the calibration's.")
         ] = None,
         undistort: Annotated[
             bool, typer.Option("--undistort/--no-undistort", help="Undistort to the valid view before cropping.")
         ] = True,
-        blur: Annotated[float, typer.Option("--blur", help="Standard deviation of the Gaussian [px].")] = 1.0,
-        radius: Annotated[int, typer.Option("--radius", help="Radius of the dilating disk [px].")] = 10,
+        blur: Annotated[float, typer.Option("--blur", help="Standard deviation of the Gaussian, in px.")] = 1.0,
+        radius: Annotated[int, typer.Option("--radius", help="Radius of the dilating disk, in px.")] = 10,
         json_file: JsonOption = None,
         out: OutOption = None,
     ) -> None:

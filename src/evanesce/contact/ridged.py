@@ -10,12 +10,13 @@ no adhesion, no friction, small slopes. The half-space solver has none of the fi
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.contact.heightmap import RidgeRow
 from evanesce.contact.patch import AxisymmetricContact, axisymmetric_state, cell_pressure, radii, require_fit
 from evanesce.contact.ridge_profile import closure_pressure, contact_edge, profile_exponent, ridge_gap, ridge_pressure
 from evanesce.errors import InputError
@@ -26,36 +27,6 @@ Array = NDArray[np.float64]
 MIN_SAMPLES_PER_PITCH = 8
 _SUBCELLS = 4
 _MAX_OVERLOAD = 1.25
-
-
-@dataclass(frozen=True)
-class RidgeRow:
-    """Ridges as moulded.
-
-    Attributes
-    ----------
-    pattern : {"parallel", "concentric"}
-        Parallel: a crest runs through the tip. Concentric: ring crests at (k + 1/2) pitch, a furrow at the tip.
-    pitch, width, height : float
-        Crest to crest, width at half height, crest to valley [mm].
-    orientation : float
-        Direction along parallel ridges, from +x towards +y [rad].
-    """
-
-    pattern: Literal["parallel", "concentric"]
-    pitch: float
-    width: float
-    height: float
-    orientation: float = 0.0
-
-    def locate(self, x: Array, y: Array) -> tuple[NDArray[np.int64], Array]:
-        """Return ridge number and distance from its crest [mm] of points relative to the tip [mm]."""
-        if self.pattern == "parallel":
-            across = -x * np.sin(self.orientation) + y * np.cos(self.orientation)
-        else:
-            across = np.hypot(x, y) - 0.5 * self.pitch
-        number = np.rint(across / self.pitch)
-        return number.astype(np.int64), across - number * self.pitch
 
 
 def ridged_state(
@@ -97,13 +68,7 @@ def ridged_state(
     ValueError
         If ``smooth`` has no pressure of that form, or a figure of ``ridges`` is impossible.
     """
-    if grid.pitch * MIN_SAMPLES_PER_PITCH > ridges.pitch:
-        raise InputError(
-            f"contact grid of {1e3 * grid.pitch:.4g} um per sample is too coarse for ridges {1e3 * ridges.pitch:.4g} um"
-            " apart",
-            key="grid.samples",
-            allowed=f"at least {MIN_SAMPLES_PER_PITCH} samples per ridge pitch",
-        )
+    require_resolved(grid, ridges)
     exponent = profile_exponent(ridges.width, ridges.pitch)
     closure = closure_pressure(modulus, ridges.height, ridges.pitch, exponent)
     named = {**(parameters or {}), "ridge_profile_exponent": exponent, "ridge_closure_pressure_MPa": closure}
@@ -112,7 +77,7 @@ def ridged_state(
     if smooth.contact_radius == 0:
         open_state = axisymmetric_state(grid, centre, smooth, law=law, parameters=named, time=time)
         furrow = ridge_gap(distance, 0.0, ridges.pitch, ridges.height, closure, exponent)
-        return _with(open_state, gap=open_state.gap + furrow)
+        return replace(open_state, gap=open_state.gap + furrow)
     if smooth.shape_exponent is None:
         raise ValueError("the first ridged model needs a macroscopic law without adhesion")
     require_fit(grid, centre, smooth.contact_radius)
@@ -136,8 +101,20 @@ def ridged_state(
     )
 
 
-def _with(state: ContactState, **changes: Any) -> ContactState:
-    return ContactState(**{**{key: getattr(state, key) for key in state.__dataclass_fields__}, **changes})
+def require_resolved(grid: PlateGrid, ridges: RidgeRow) -> None:
+    """Refuse a grid with fewer than :data:`MIN_SAMPLES_PER_PITCH` samples to a ridge.
+
+    Raises
+    ------
+    InputError
+    """
+    if grid.pitch * MIN_SAMPLES_PER_PITCH > ridges.pitch:
+        raise InputError(
+            f"contact grid of {1e3 * grid.pitch:.4g} um per sample is too coarse for ridges {1e3 * ridges.pitch:.4g} um"
+            " apart",
+            key="grid.samples",
+            allowed=f"at least {MIN_SAMPLES_PER_PITCH} samples per ridge pitch",
+        )
 
 
 def _peak(smooth: AxisymmetricContact) -> float:
@@ -252,34 +229,41 @@ def level_coverage(level: Callable[[Array, Array], Array], grid: PlateGrid, cent
 
 
 def ridged_area(smooth: AxisymmetricContact, ridges: RidgeRow, closure: float, exponent: float) -> float:
-    """Return the area of contact [mm^2] by quadrature across the ridges, without a grid.
+    """Return the area of contact [mm^2] by quadrature, without a grid of the plate.
 
-    At distance d from its crest the ridge touches inside the circle on which the macroscopic pressure is
-    p_c |sin(pi d/lambda)|^m, of radius rho(d). A parallel ridge at u adds the chords 2 sqrt(rho^2 - (u + d)^2); a ring
-    adds 2 pi r over the radii r < rho(d(r)).
+    At distance d from its crest a ridge touches inside the circle on which the macroscopic pressure is
+    p_c |sin(pi d/lambda)|^m, of radius rho(d). A parallel ridge at u adds the chords 2 sqrt(rho^2 - (u + d)^2); other
+    patterns are integrated along 2,000 parallel lines, on each of which the edges are found between nodes.
     """
+    if ridges.pattern != "parallel":
+        return _area_by_lines(_level(smooth, ridges, closure, exponent), smooth.contact_radius)
     k, radius, pitch = smooth.shape_exponent or 2.0, smooth.contact_radius, ridges.pitch
     need = closure / _peak(smooth)
-
-    def touching_radius(distance: Array) -> Array:
-        s = np.abs(np.sin(np.pi * distance / pitch))
-        return radius * np.clip(1.0 - (need * s**exponent) ** k, 0.0, None) ** (1.0 / k)
-
-    # midpoint rule: the integrand's only kinks are roots or steps at the ends of chords, error below 1e-5 of a pitch
+    # midpoint rule: the integrand's only kinks are roots at the ends of chords, error below 1e-5 of a pitch
     nodes = 4000
     d = ((np.arange(nodes) + 0.5) / nodes - 0.5) * pitch
+    s = np.abs(np.sin(np.pi * d / pitch))
+    rho = radius * np.clip(1.0 - (need * s**exponent) ** k, 0.0, None) ** (1.0 / k)
     reach = int(np.ceil(radius / pitch)) + 1
-    rho = touching_radius(d)
-    if ridges.pattern == "parallel":
-        across = np.arange(-reach, reach + 1)[:, None] * pitch + d[None, :]
-        chord = 2.0 * np.sqrt(np.clip(rho**2 - across**2, 0.0, None))
-        return float(chord.sum() * pitch / nodes)
-    r = (np.arange(reach + 1)[:, None] + 0.5) * pitch + d[None, :]
-    step = pitch / nodes
-    slope = np.gradient(rho - r, step, axis=1, edge_order=2)
-    # a cell of the rule that the edge cuts counts by its covered part
-    cover = np.clip(0.5 + (rho - r) / (np.abs(slope) * step), 0.0, 1.0)
-    return float((2.0 * np.pi * r * cover).sum() * step)
+    across = np.arange(-reach, reach + 1)[:, None] * pitch + d[None, :]
+    chord = 2.0 * np.sqrt(np.clip(rho**2 - across**2, 0.0, None))
+    return float(chord.sum() * pitch / nodes)
+
+
+def _area_by_lines(
+    level: Callable[[Array, Array], Array], radius: float, lines: int = 2000, nodes: int = 2001
+) -> float:
+    """Return the area on which a function is positive inside a circle: midpoint rule across, linear roots along."""
+    step = 2.0 * radius / lines
+    x = np.linspace(-radius, radius, nodes)
+    area = 0.0
+    for block in np.array_split(-radius + (np.arange(lines) + 0.5) * step, 20):
+        value = level(x[None, :], block[:, None])
+        left, right = value[:, :-1], value[:, 1:]
+        rise = np.abs(left) + np.abs(right)
+        part = np.divide(np.maximum(left, 0) + np.maximum(right, 0), rise, out=np.zeros_like(rise), where=rise > 0)
+        area += float(part.sum()) * (x[1] - x[0]) * step
+    return area
 
 
 def ridge_half_width(smooth: AxisymmetricContact, r: Array, ridges: RidgeRow, modulus: float) -> Array:

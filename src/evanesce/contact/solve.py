@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
 
+from evanesce.contact.heightmap import RidgeRow
 from evanesce.contact.hertz import hertz_contact, reduced_modulus, scaled_hertz_contact
 from evanesce.contact.jkr import jkr_contact
-from evanesce.contact.patch import AxisymmetricContact, axisymmetric_state
-from evanesce.contact.ridged import RidgeRow, ridged_state
+from evanesce.contact.patch import AxisymmetricContact, axisymmetric_state, radii
+from evanesce.contact.resolved import Adhesion, resolved_state
+from evanesce.contact.ridged import require_resolved, ridged_state
+from evanesce.contact.roughness import persson_contact_fraction
 from evanesce.contact.xydas_kao import xydas_kao_contact
 from evanesce.errors import InputError
 from evanesce.materials import material
 from evanesce.rig import Ridges, Scene
-from evanesce.rig.finger import HertzLaw, JkrLaw, ScaledHertzLaw, XydasKaoLaw
+from evanesce.rig.finger import HalfspaceLaw, HertzLaw, JkrLaw, ScaledHertzLaw, XydasKaoLaw
 from evanesce.states import ContactState, PlateGrid
 
 
@@ -50,26 +54,72 @@ def contact_state(scene: Scene, force_N: float, *, time_s: float = 0.0) -> Conta
     """
     if not (math.isfinite(force_N) and force_N >= 0):
         raise InputError(f"normal force of {force_N:g} N", key="press.forces_N", allowed="a finite force, not negative")
-    contact, modulus, parameters = _smooth(scene, force_N)
+    if isinstance(scene.contact, HalfspaceLaw):
+        state = _halfspace_state(scene, scene.contact, force_N, time_s)
+    else:
+        state = _analytic_state(scene, force_N, time_s)
+    slope = scene.finger.roughness_rms_slope
+    if slope == 0:
+        return state
+    fraction = persson_contact_fraction(state.pressure, _modulus(scene, force_N), slope)
+    parameters = {**state.parameters, "roughness_rms_slope": slope}
+    return replace(state, real_contact_fraction=fraction, parameters=parameters)
+
+
+def _analytic_state(scene: Scene, force: float, time: float) -> ContactState:
+    contact, modulus, parameters = _smooth(scene, force)
     grid, centre, law = contact_grid(scene), scene.finger.position_mm, scene.contact.law
     ridges = scene.finger.ridges
     if ridges is None:
-        return axisymmetric_state(grid, centre, contact, law=law, parameters=parameters, time=time_s)
+        return axisymmetric_state(grid, centre, contact, law=law, parameters=parameters, time=time)
     if isinstance(scene.contact, JkrLaw):
-        raise InputError(
-            "ridges need a law without adhesion", key="contact.law", allowed="hertz, scaled_hertz, xydas_kao"
-        )
+        allowed = "hertz, scaled_hertz, xydas_kao, halfspace"
+        raise InputError("the first ridged model needs a law without adhesion", key="contact.law", allowed=allowed)
+    if ridges.rounding_um is not None:
+        allowed = 'law "halfspace", or no rounding'
+        raise InputError("the first ridged model has its own shape", key="finger.ridges.rounding_um", allowed=allowed)
     row = _row(ridges)
-    parameters |= {"ridge_pattern": row.pattern, "ridge_pitch_mm": row.pitch}
-    parameters |= {"ridge_width_mm": row.width, "ridge_height_mm": row.height, "ridge_orientation_rad": row.orientation}
+    parameters |= _ridge_parameters(row)
     try:
-        return ridged_state(
-            grid, centre, contact, row, modulus, law=f"{law}+ridges", parameters=parameters, time=time_s
-        )
+        return ridged_state(grid, centre, contact, row, modulus, law=f"{law}+ridges", parameters=parameters, time=time)
     except InputError:
         raise
     except ValueError as error:
         raise InputError(str(error), key="finger.ridges") from None
+
+
+def _halfspace_state(scene: Scene, law: HalfspaceLaw, force: float, time: float) -> ContactState:
+    grid, centre, modulus = contact_grid(scene), scene.finger.position_mm, _modulus(scene, force)
+    heights = radii(grid, centre) ** 2 / (2.0 * scene.finger.tip_radius_mm)
+    parameters: dict[str, Any] = {
+        "tip_radius_mm": scene.finger.tip_radius_mm,
+        "material": scene.finger.material,
+        "reduced_modulus_MPa": modulus,
+    }
+    if scene.finger.ridges is not None:
+        row = _row(scene.finger.ridges)
+        require_resolved(grid, row)
+        try:
+            heights = heights + row.heights(grid.x[None, :] - centre[0], grid.y[:, None] - centre[1])
+        except ValueError as error:
+            raise InputError(str(error), key="finger.ridges") from None
+        parameters |= _ridge_parameters(row)
+    adhesion = Adhesion(law.work_of_adhesion_N_per_mm, law.cohesive_stress_MPa)
+    name = law.law if scene.finger.ridges is None else f"{law.law}+ridges"
+    return resolved_state(grid, heights, modulus, force, law=name, adhesion=adhesion, parameters=parameters, time=time)
+
+
+def _ridge_parameters(row: RidgeRow) -> dict[str, Any]:
+    named: dict[str, Any] = {
+        "ridge_pattern": row.pattern,
+        "ridge_pitch_mm": row.pitch,
+        "ridge_width_mm": row.width,
+        "ridge_height_mm": row.height,
+        "ridge_orientation_rad": row.orientation,
+    }
+    if row.rounding is not None:
+        named["ridge_rounding_mm"] = row.rounding
+    return named
 
 
 def _row(ridges: Ridges) -> RidgeRow:
@@ -79,6 +129,8 @@ def _row(ridges: Ridges) -> RidgeRow:
         width=1e-3 * ridges.width_um,
         height=1e-3 * ridges.height_um,
         orientation=math.radians(ridges.orientation_deg),
+        rounding=None if ridges.rounding_um is None else 1e-3 * ridges.rounding_um,
+        core_length=ridges.core_length_mm,
     )
 
 
@@ -119,6 +171,9 @@ def _smooth(scene: Scene, force: float) -> tuple[AxisymmetricContact, float, dic
             return scaled_hertz_contact(force, radius, modulus, law.area_scale), modulus, parameters
         case JkrLaw():
             parameters["work_of_adhesion_N_per_mm"] = law.work_of_adhesion_N_per_mm
+            return jkr_contact(force, radius, modulus, law.work_of_adhesion_N_per_mm), modulus, parameters
+        case HalfspaceLaw():
+            # for the depth of a ramp: ridges do not change what the smooth tip sinks in, adhesion as JKR has it
             return jkr_contact(force, radius, modulus, law.work_of_adhesion_N_per_mm), modulus, parameters
 
 
@@ -175,7 +230,7 @@ def _depth(scene: Scene, force: float) -> float:
         raise InputError(
             f"law {scene.contact.law} has no depth, which a ramp in mm/min needs",
             key="press.ramp.rate_mm_per_min",
-            allowed="rate_N_per_s, or law hertz, scaled_hertz or jkr",
+            allowed="rate_N_per_s, or law hertz, scaled_hertz, jkr or halfspace",
         )
     return depth
 

@@ -12,11 +12,18 @@ from evanesce.quantities import Strict, field
 class Ridges(Strict):
     """Moulded ridges: heights and widths are those of the cast, not of the drawing."""
 
-    pattern: Literal["parallel", "concentric"] = "parallel"
+    pattern: Literal["parallel", "concentric", "loop", "whorl"] = "parallel"
     height_um: float = field(47.67, unit="um", bounds=(0.1, 5000.0), source="thesis, section 3.5.1, table 4, moulded")
     width_um: float = field(501.1, unit="um", bounds=(1.0, 20000.0), source="thesis, section 3.5.1, table 4, moulded")
     pitch_um: float = field(unit="um", bounds=(2.0, 50000.0), doc="distance of neighbouring ridges; not published")
     orientation_deg: float = field(0.0, unit="deg", bounds=(-180.0, 180.0), doc="direction along parallel ridges")
+    rounding_um: float | None = field(
+        None,
+        unit="um",
+        bounds=(0.1, 5000.0),
+        doc="Gaussian rounding of a flat-topped ridge; none: a ridge without flats",
+    )
+    core_length_mm: float = field(2.0, unit="mm", bounds=(0.0, 100.0), doc="segment that a whorl's rings enclose")
 
 
 class Finger(Strict):
@@ -31,6 +38,16 @@ class Finger(Strict):
     material: str = "silskin_0"
     refractive_index: float = field(1.41, unit="1", bounds=(1.0, 2.5), doc="silicone; published 1.395 to 1.432")
     diffuse_reflectance: float = field(0.6, unit="1", bounds=(0.0, 1.0), doc="of the silicone body; not published")
+    scattering_length_mm: float = field(
+        0.0,
+        unit="mm",
+        bounds=(0.0, 5.0),
+        null=0.0,
+        doc="transport mean free path inside the silicone; 0: light leaves where it entered",
+    )
+    roughness_rms_slope: float = field(
+        0.0, unit="1", bounds=(0.0, 10.0), null=0.0, doc="rms gradient of the skin's roughness; sets real contact"
+    )
     ridges: Ridges | None = None
 
 
@@ -68,4 +85,16 @@ class XydasKaoLaw(Strict):
     gamma: float = field(unit="1", bounds=(0.0, 1.0 / 3.0))
 
 
-Contact = Annotated[HertzLaw | ScaledHertzLaw | JkrLaw | XydasKaoLaw, Field(discriminator="law")]
+class HalfspaceLaw(Strict):
+    """Elastic half-space carrying tip and ridges as a height map, solved on the contact grid."""
+
+    law: Literal["halfspace"]
+    work_of_adhesion_N_per_mm: float = field(0.0, unit="N/mm", bounds=(0.0, 0.1), null=0.0)
+    cohesive_stress_MPa: float | None = field(
+        None, unit="MPa", bounds=(1e-6, 1e3), doc="Dugdale's tension; none: as large as the grid resolves"
+    )
+    reduced_modulus_MPa: float | None = field(None, unit="MPa", bounds=(1e-5, 1e5))
+    reduced_modulus_slope_MPa_per_N: float | None = field(None, unit="MPa/N", bounds=(-10.0, 10.0))
+
+
+Contact = Annotated[HertzLaw | ScaledHertzLaw | JkrLaw | XydasKaoLaw | HalfspaceLaw, Field(discriminator="law")]

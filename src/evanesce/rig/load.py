@@ -202,7 +202,8 @@ def _as_input_error(model: type[BaseModel], error: ValidationError, data: Any, f
         allowed = context.get("expected") or context.get("expected_tags")
         return InputError(f"{first.get('input')!r} is not known", file=file, key=key, allowed=str(allowed))
     if kind == "union_tag_not_found":
-        return InputError("'law' is missing", file=file, key=key, allowed="hertz, scaled_hertz, jkr, xydas_kao")
+        laws = "hertz, scaled_hertz, jkr, xydas_kao, halfspace"
+        return InputError("'law' is missing", file=file, key=key, allowed=laws)
     if kind == "value_error":
         return InputError(str(context.get("error", first["msg"])), file=file, key=key)
     shown = repr(first.get("input"))

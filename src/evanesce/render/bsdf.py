@@ -134,7 +134,9 @@ def frustrated_bsdf(gap: Any, share: Any, optics: InterfaceOptics) -> Any:
     contact_factor = float(factors[0])
     factor_table = mi.Texture1f(mi.TensorXf(np.ascontiguousarray(factors[:, None], np.float32)))
 
-    class FrustratedInterface(mi.BSDF):
+    base: Any = mi.BSDF
+
+    class FrustratedInterface(base):
         """See the module's text."""
 
         def __init__(self) -> None:
@@ -237,6 +239,14 @@ def frustrated_bsdf(gap: Any, share: Any, optics: InterfaceOptics) -> Any:
 
         def eval_pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> tuple[Any, Any]:
             return self.eval(ctx, si, wo, active), self.pdf(ctx, si, wo, active)
+
+        def reflectance(self, u: Any, v: Any, cos_theta: Any, active: Any) -> Any:
+            """Return the specular reflectance at uv for light from the glass."""
+            si = dr.zeros(mi.SurfaceInteraction3f)
+            si.uv = mi.Point2f(u, v)
+            s, g, near, _ = self._local(si, active)
+            touching, apart = self._reflectances(cos_theta, g, near)
+            return s * touching + (1.0 - s) * apart
 
         def traverse(self, callback: Any) -> None:
             return

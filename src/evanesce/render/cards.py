@@ -206,7 +206,7 @@ def render_card(
     projection = Projection.of(scene.camera, scene.plate)
     view = projection.ideal_view() if view is None else view
     info = select(variant)
-    shapes = plate_scene(scene, None, {}, info.is_jit) | _card_shapes(card, pose) | {"room": room.shape()}
+    shapes = plate_scene(scene, None, {}, info.is_jit).shapes | _card_shapes(card, pose) | {"room": room.shape()}
     done = 0
 
     def tick() -> None:
@@ -218,7 +218,7 @@ def render_card(
     sums = trace(
         shapes,
         camera_dict(projection, view),
-        integrator_for(scene, info),
+        integrator_for(scene, info, None, {}),
         samples=pass_samples(samples_per_pixel, passes),
         passes=passes,
         seed=seed,

@@ -9,15 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.errors import InputError
+from evanesce.optics.emitters import led_table
 from evanesce.optics.led import led_powers
 from evanesce.optics.projection import IdealView, Projection
-from evanesce.render.scene import Window, camera_dict, plate_scene
+from evanesce.render.scene import Patch, Window, camera_dict, plate_scene
 from evanesce.render.variant import VariantInfo, select
 from evanesce.rig import Scene
 from evanesce.rng import integer_seed
 from evanesce.states import ContactState, PlateLight
 
 Array = NDArray[np.float64]
+Powers = float | Array
 LedChoice = Literal["all", "left", "right", "top", "bottom"]
 # Around the contact's bounding box; wider than lens blur and dilation by the pipeline.
 FOCUS_MARGIN_MM = 1.0
@@ -124,23 +126,39 @@ def trace(
     return sums
 
 
-def integrator_for(scene: Scene, info: VariantInfo, max_depth: int | None = None) -> Any:
-    """Return the integrator of a variant: the plate's own for llvm and cuda, ``volpath`` for scalar."""
-    depth = scene.render.max_depth if max_depth is None else max_depth
-    plate = scene.plate
-    if info.is_jit:
-        from evanesce.render.integrator import guided_integrator
+def integrator_for(
+    scene: Scene, info: VariantInfo, patch: Patch | None, powers: Mapping[str, Powers], *, connect: bool = True
+) -> Any:
+    """Return the integrator of a variant: the plate's own for llvm and cuda, built-in ones for scalar.
 
-        half = (plate.size_mm[0] / 2, plate.size_mm[1] / 2)
-        return guided_integrator(plate.absorption_coefficient_per_mm, plate.thickness_mm, half, depth)
-    kind = "volpath" if plate.absorption_coefficient_per_mm > 0 else "path"
-    # Roulette would act on every bounce of a guided path; such a path ends at an edge by itself.
-    return {"type": kind, "max_depth": depth, "rr_depth": depth}
+    Parameters
+    ----------
+    scene : Scene
+    info : VariantInfo
+    patch : Patch or None
+    powers : mapping
+        Radiant power of one LED [W] by edge.
+    connect : bool
+        Whether paths are connected to the LEDs (llvm and cuda); the mean is the same without, the noise larger.
+    """
+    plate, depth = scene.plate, scene.render.max_depth
+    if not info.is_jit:
+        kind = "volpath" if plate.absorption_coefficient_per_mm > 0 else "path"
+        # Roulette would act on every bounce of a guided path; such a path ends at an edge by itself.
+        return {"type": kind, "max_depth": depth, "rr_depth": depth}
+    from evanesce.render.connect import LedConnector
+    from evanesce.render.integrator import guided_integrator
+
+    geometry = plate.thickness_mm, plate.refractive_index, plate.absorption_coefficient_per_mm
+    place = (patch.extent, patch.reflectance) if patch else (None, None)
+    connector = LedConnector(led_table(plate, scene.leds, powers), *geometry, *place) if connect else None
+    half = (plate.size_mm[0] / 2, plate.size_mm[1] / 2)
+    return guided_integrator(plate.absorption_coefficient_per_mm, plate.thickness_mm, half, depth, connector)
 
 
-def lit_powers(scene: Scene, leds: LedChoice) -> dict[str, float]:
+def lit_powers(scene: Scene, leds: LedChoice) -> dict[str, Powers]:
     """Return the radiant power of one LED [W] on each edge that is lit in this rendering."""
-    powers = led_powers(scene.leds)
+    powers: dict[str, Powers] = dict(led_powers(scene.leds))
     if leds == "all":
         return powers
     if leds not in powers:
@@ -158,8 +176,9 @@ def render(
     seed: int | None = None,
     view: IdealView | None = None,
     leds: LedChoice = "all",
-    powers: Mapping[str, float] | None = None,
+    powers: Mapping[str, Powers] | None = None,
     focus: bool = True,
+    connect: bool = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> PlateLight:
     """Path trace the light that leaves the plate towards the lens.
@@ -182,9 +201,11 @@ def render(
     leds : {"all", "left", "right", "top", "bottom"}
         Which edges are lit. Light is linear in LED power: edges may be rendered apart and added.
     powers : mapping, optional
-        Radiant power of one LED [W] by edge, instead of what the supply voltages give.
+        Radiant power [W] by edge, of each LED there or of every one, instead of what the supply voltages give.
     focus : bool
         Spend the samples around the contact and an eighth of them elsewhere.
+    connect : bool
+        See :func:`integrator_for`.
     progress : callable, optional
         Called as ``progress(done, total)`` after each pass.
 
@@ -204,14 +225,15 @@ def render(
         raise InputError(f"{total}", key="samples_per_pixel", allowed="at least 1")
     if passes < 2:
         raise InputError(f"{passes}", key="passes", allowed="at least 2: the variance comes from them")
-    lit = lit_powers(scene, leds) if powers is None else dict(powers)
+    lit: Mapping[str, Powers] = lit_powers(scene, leds) if powers is None else powers
     projection = Projection.of(scene.camera, scene.plate)
     view = projection.ideal_view() if view is None else view
     if view.shape[0] * view.shape[1] > MAX_VIEW_PIXELS:
         raise InputError(f"a view of {view.shape[1]} x {view.shape[0]} pixels", allowed=f"{MAX_VIEW_PIXELS} pixels")
     info = select(variant)
     window = focus_window(projection, view, state, FOCUS_MARGIN_MM) if focus and state is not None else None
-    shapes, integrator = plate_scene(scene, state, lit, info.is_jit), integrator_for(scene, info)
+    model = plate_scene(scene, state, lit, info.is_jit)
+    integrator = integrator_for(scene, info, model.patch, lit, connect=connect)
     per_pass = pass_samples(total, passes)
     runs: list[tuple[str, Window | None, int]] = [("whole", None, per_pass)]
     if window is not None:
@@ -227,7 +249,7 @@ def render(
     radiance, variance = np.zeros(view.shape), np.zeros(view.shape)
     for name, part, samples in runs:
         sums = trace(
-            shapes,
+            model.shapes,
             camera_dict(projection, view, part),
             integrator,
             samples=samples,

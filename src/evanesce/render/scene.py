@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import maximum_filter
 
 from evanesce.optics.led import emitter_radiance, led_positions
@@ -187,8 +187,8 @@ class _Plate:
             shapes["top"] = _horizontal(top, 0.0, up=True)
         return {k: _mesh(k, *_quads(q), self.glass, interior=self.medium) for k, q in shapes.items()}
 
-    def edges(self, powers: Mapping[str, float]) -> dict[str, Any]:
-        """Return the edge faces: LEDs with their radiant power [W] each, and the diffuse rest.
+    def edges(self, powers: Mapping[str, ArrayLike]) -> dict[str, Any]:
+        """Return the edge faces: LEDs with their radiant powers [W] (in ascending place), and the diffuse rest.
 
         The LEDs' own faces reflect like the edge around them.
         """
@@ -206,14 +206,17 @@ class _Plate:
                 leds.emitting_height_mm,
             )
             rest.append(_on_edge(edge, self.half, dark))
-            power = powers.get(edge, 0.0)
-            if lit and power > 0:
-                radiance = {"type": "uniform", "value": emitter_radiance(leds, power)}
+            power = np.broadcast_to(np.asarray(powers.get(edge, 0.0), float), (len(lit),))
+            faces = _on_edge(edge, self.half, lit)
+            for k, level in enumerate(np.unique(power)):
+                same = faces[power == level]
+                if level <= 0:
+                    rest.append(same)
+                    continue
+                radiance = {"type": "uniform", "value": emitter_radiance(leds, float(level))}
                 emitter = {"type": "area", "radiance": radiance}
-                quads = _quads(_on_edge(edge, self.half, lit))
-                shapes[f"leds_{edge}"] = _mesh(f"leds_{edge}", *quads, rest_bsdf, emitter=emitter, exterior=self.medium)
-            elif lit:
-                rest.append(_on_edge(edge, self.half, lit))
+                name = f"leds_{edge}_{k}"
+                shapes[name] = _mesh(name, *_quads(same), rest_bsdf, emitter=emitter, exterior=self.medium)
         shapes["edges"] = _mesh("edges", *_quads(np.concatenate(rest)), rest_bsdf, exterior=self.medium)
         return shapes
 
@@ -247,8 +250,8 @@ def camera_dict(projection: Projection, view: IdealView, window: Window | None =
         "type": "perspective",
         "fov": float(np.rad2deg(2 * np.arctan(cols / 2 / view.focal_px))),
         "fov_axis": "x",
-        "principal_point_offset_x": (px + 0.5) / cols - 0.5,
-        "principal_point_offset_y": (py + 0.5) / rows - 0.5,
+        "principal_point_offset_x": 0.5 - (px + 0.5) / cols,
+        "principal_point_offset_y": 0.5 - (py + 0.5) / rows,
         "near_clip": 1e-3,
         "far_clip": 1e5,
         "to_world": mi.ScalarTransform4f(to_world.tolist()),
@@ -257,28 +260,59 @@ def camera_dict(projection: Projection, view: IdealView, window: Window | None =
     }
 
 
-def _patch(scene: Scene, state: ContactState, jit: bool, medium: Any) -> tuple[Any, tuple[float, float, float, float]]:
-    """Return the frustrated part of the top face, and its extent cut to the plate."""
+@dataclass(frozen=True)
+class Patch:
+    """The frustrated part of the top face.
+
+    Attributes
+    ----------
+    extent : tuple of float
+        (x0, x1, y0, y1) on the plate [mm].
+    reflectance : callable
+        ``reflectance(x, y, cos_theta, active)`` for light from the glass (llvm and cuda only).
+    """
+
+    extent: tuple[float, float, float, float]
+    reflectance: Callable[[Any, Any, Any, Any], Any] | None = None
+
+
+@dataclass(frozen=True)
+class PlateModel:
+    """Shapes for ``mitsuba.load_dict`` (the sensor is not among them), and the patch among them."""
+
+    shapes: dict[str, Any]
+    patch: Patch | None
+
+
+def _patch(scene: Scene, state: ContactState, jit: bool, medium: Any) -> tuple[Any, Patch]:
+    """Return the mesh of the frustrated patch, the contact grid cut to the plate, and its description."""
     optics = interface_optics(scene)
     gap, share = interface_maps(state, optics.near_gap)
-    extent = state.grid.extent
+    # Plain floats: numpy's scalars would swallow Dr.Jit's arrays in arithmetic.
+    extent = tuple(float(v) for v in state.grid.extent)
     hx, hy = scene.plate.size_mm[0] / 2, scene.plate.size_mm[1] / 2
     x0, x1, y0, y1 = max(extent[0], -hx), min(extent[1], hx), max(extent[2], -hy), min(extent[3], hy)
-    import mitsuba as mi
-
+    reflectance = None
     if jit:
+        import mitsuba as mi
+
         bsdf = frustrated_bsdf(mi.load_dict(_bitmap(gap)), mi.load_dict(_bitmap(share)), optics)
+
+        def reflectance(x: Any, y: Any, cos_theta: Any, active: Any) -> Any:
+            u, v = (x - extent[0]) / (extent[1] - extent[0]), (y - extent[2]) / (extent[3] - extent[2])
+            return bsdf.reflectance(u, v, cos_theta, active)
+
     else:
         bsdf = blended_bsdf(_bitmap(optics.coupling(share, gap).astype(np.float32)), optics)
     vertices, faces = _quads(_horizontal([(x0, x1, y0, y1)], 0.0, up=False))
     u = (vertices[:, 0] - extent[0]) / (extent[1] - extent[0])
     v = (vertices[:, 1] - extent[2]) / (extent[3] - extent[2])
     mesh = _mesh("patch", vertices, faces, bsdf, uv=np.stack([u, v], axis=1), exterior=medium)
-    return mesh, (x0, x1, y0, y1)
+    return mesh, Patch((x0, x1, y0, y1), reflectance)
 
 
-def plate_scene(scene: Scene, state: ContactState | None, powers: Mapping[str, float], jit: bool) -> dict[str, Any]:
-    """Return the rig's shapes for ``mitsuba.load_dict``; the sensor is not among them.
+def plate_scene(scene: Scene, state: ContactState | None, powers: Mapping[str, ArrayLike], jit: bool) -> PlateModel:
+    """Return the rig as shapes.
 
     Parameters
     ----------
@@ -286,7 +320,7 @@ def plate_scene(scene: Scene, state: ContactState | None, powers: Mapping[str, f
     state : ContactState or None
         None: the finger is lifted out of sight.
     powers : mapping
-        Radiant power of one LED [W] by edge; edges left out are dark.
+        Radiant power [W] by edge, of each LED there or of every one; edges left out are dark.
     jit : bool
         Whether the current variant is llvm or cuda: frustrated interface, absorption in the integrator. Otherwise
         built-in plugins only, absorption as a medium.
@@ -299,13 +333,14 @@ def plate_scene(scene: Scene, state: ContactState | None, powers: Mapping[str, f
         medium = mi.load_dict({"type": "homogeneous", "albedo": 0.0, "sigma_t": absorption})
     plate = _Plate(scene, medium)
     shapes: dict[str, Any] = {"type": "scene"}
-    hole = None
+    patch = None
     if state is not None:
-        shapes["patch"], hole = _patch(scene, state, jit, medium)
+        shapes["patch"], patch = _patch(scene, state, jit, medium)
         mesh = finger_mesh(scene.finger, _approach(state, scene.finger))
         body = {"type": "diffuse", "reflectance": {"type": "uniform", "value": scene.finger.diffuse_reflectance}}
         shapes["finger"] = _mesh("finger", mesh.vertices, mesh.faces, {"type": "twosided", "bsdf": body})
-    return shapes | plate.faces(hole) | plate.edges(powers)
+    shapes |= plate.faces(patch.extent if patch else None) | plate.edges(powers)
+    return PlateModel(shapes, patch)
 
 
 def card_mesh(

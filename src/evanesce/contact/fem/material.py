@@ -1,0 +1,188 @@
+"""The hyperelastic material of a finite-element finger: coefficients, known silicones and the range that is trusted."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.errors import InputError
+from evanesce.materials.tables import material as silicone
+from evanesce.materials.tables import material_names
+
+
+@dataclass(frozen=True)
+class Rubber:
+    """Nearly incompressible Mooney-Rivlin rubber of three parameters, and a fourth that is off by default.
+
+    W = C10 (I1 - 3) + C01 (I2 - 3) + C11 (I1 - 3)(I2 - 3) + C30 (I1 - 3)^3 with the invariants of the distortional
+    deformation, and K/2 (J - 1)^2 of the volume.
+
+    Attributes
+    ----------
+    c10, c01, c11 : float
+        [MPa].
+    c30 : float
+        [MPa]; 0 in every published fit used here: above 0 it stiffens large stretches and the result is no longer
+        that of the thesis's material.
+    bulk_ratio : float
+        Bulk over shear modulus, K/G; 500 is a Poisson ratio of 0.499.
+    stretch_limit : float
+        Largest principal stretch, and the inverse of the smallest, at which results are kept even of a material that
+        is stable further than that.
+    name : str
+
+    References
+    ----------
+    R. S. Rivlin and D. W. Saunders, Phil. Trans. R. Soc. A 243 (1951) 251.
+    """
+
+    c10: float
+    c01: float
+    c11: float = 0.0
+    c30: float = 0.0
+    bulk_ratio: float = 500.0
+    stretch_limit: float = 6.0
+    name: str = "custom"
+
+    def __post_init__(self) -> None:
+        for key in ("c10", "c01", "c11", "c30", "bulk_ratio", "stretch_limit"):
+            if not np.isfinite(getattr(self, key)):
+                raise InputError(f"{getattr(self, key)!r}", key=key, allowed="a finite number")
+        if self.c10 + self.c01 <= 0:
+            raise InputError(f"c10 + c01 = {self.c10 + self.c01:g} MPa", key="material", allowed="above 0")
+        if self.c30 < 0:
+            raise InputError(f"{self.c30:g} MPa", key="c30", allowed="0 or more")
+        if not 5.0 <= self.bulk_ratio <= 1e5:
+            raise InputError(f"{self.bulk_ratio:g}", key="bulk_ratio", allowed="5 to 100000")
+        if self.stretch_limit <= 1.0:
+            raise InputError(f"{self.stretch_limit:g}", key="stretch_limit", allowed="above 1")
+
+    @property
+    def shear_modulus(self) -> float:
+        """Small-strain shear modulus [MPa]."""
+        return 2.0 * (self.c10 + self.c01)
+
+    @property
+    def bulk_modulus(self) -> float:
+        """[MPa]."""
+        return self.bulk_ratio * self.shear_modulus
+
+    @property
+    def reduced_modulus(self) -> float:
+        """Small-strain E/(1 - nu^2) against a rigid plane [MPa]."""
+        k, g = self.bulk_modulus, self.shear_modulus
+        poisson = (3 * k - 2 * g) / (6 * k + 2 * g)
+        return 2 * g / (1 - poisson)
+
+    def stable_stretches(self) -> tuple[float, float]:
+        """Return the uniaxial stretches (below and above 1) at which the incompressible material loses stability.
+
+        Stable in Drucker's sense: stress rises with log strain in every direction, that is, the energy is convex in
+        the two free log strains. ``stretch_limit`` bounds the range searched.
+        """
+        log, h = np.linspace(0.0, np.log(self.stretch_limit), 601), 1e-3
+
+        def bound(sign: float) -> float:
+            def at(da: float, db: float) -> Any:
+                a, b = sign * log + da, -0.5 * sign * log + db
+                gradient = np.zeros((3, 3, log.size))
+                gradient[0, 0], gradient[1, 1], gradient[2, 2] = np.exp(a), np.exp(b), np.exp(-a - b)
+                return energy(self, gradient)
+
+            aa = at(h, 0) - 2 * at(0, 0) + at(-h, 0)
+            bb = at(0, h) - 2 * at(0, 0) + at(0, -h)
+            ab = 0.25 * (at(h, h) - at(h, -h) - at(-h, h) + at(-h, -h))
+            lost = np.flatnonzero((aa + bb <= 0) | (aa * bb <= ab**2))
+            return float(np.exp(sign * log[lost[0] if lost.size else -1]))
+
+        return bound(-1.0), bound(1.0)
+
+    def identity(self) -> dict[str, Any]:
+        """Return what a result depends on, for its digest; the name is left out."""
+        return {key: value for key, value in asdict(self).items() if key != "name"}
+
+
+def rubber(name: str, **changes: float) -> Rubber:
+    """Return a silicone of the thesis (table 6) by name, e.g. ``"silskin_20"``.
+
+    Raises
+    ------
+    InputError
+        For an unknown name or a silicone without a hyperelastic fit.
+    """
+    fit = silicone(name).mooney_rivlin
+    if fit is None:
+        fitted = ", ".join(n for n in material_names() if silicone(n).mooney_rivlin is not None)
+        raise InputError(f"{name!r} has no hyperelastic fit", key="material", allowed=fitted)
+    return Rubber(c10=fit.C10_Pa * 1e-6, c01=fit.C01_Pa * 1e-6, c11=fit.C11_Pa * 1e-6, name=name, **changes)
+
+
+def _invariants(gradient: NDArray[np.float64]) -> tuple[Any, ...]:
+    """Return a = J^(-2/3), I1, I2, F^-T, and dI2/dF of deformation gradients (3, 3, ...)."""
+    last = np.moveaxis(gradient, (0, 1), (-2, -1))
+    turned = np.moveaxis(np.linalg.inv(last), (-1, -2), (0, 1))
+    scale = np.cbrt(np.linalg.det(last)) ** -2
+    cauchy_green = np.einsum("mi...,mj...->ij...", gradient, gradient)
+    i1 = np.einsum("ii...->...", cauchy_green)
+    i2 = 0.5 * (i1**2 - np.einsum("ij...,ij...->...", cauchy_green, cauchy_green))
+    by_i2 = 2.0 * (i1 * gradient - np.einsum("im...,mj...->ij...", gradient, cauchy_green))
+    return scale, i1, i2, turned, by_i2, cauchy_green
+
+
+def _slopes(material: Rubber, j1: Any, j2: Any) -> tuple[Any, Any]:
+    """Return dW/dI1 and dW/dI2 at the distortional invariants."""
+    w1 = material.c10 + material.c11 * (j2 - 3.0) + 3.0 * material.c30 * (j1 - 3.0) ** 2
+    return w1, material.c01 + material.c11 * (j1 - 3.0)
+
+
+def energy(material: Rubber, gradient: NDArray[np.float64]) -> Any:
+    """Return the distortional energy density [MPa] at deformation gradients, shape (3, 3, ...)."""
+    scale, i1, i2, *_ = _invariants(gradient)
+    j1, j2 = scale * i1 - 3.0, scale**2 * i2 - 3.0
+    return material.c10 * j1 + material.c01 * j2 + material.c11 * j1 * j2 + material.c30 * j1**3
+
+
+def distortional_stress(material: Rubber, gradient: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the first Piola-Kirchhoff stress of the distortional energy [MPa], shape (3, 3, ...).
+
+    References
+    ----------
+    G. A. Holzapfel, Nonlinear Solid Mechanics (Wiley, 2000), section 6.4.
+    """
+    scale, i1, i2, turned, by_i2, _ = _invariants(gradient)
+    w1, w2 = _slopes(material, scale * i1, scale**2 * i2)
+    first = scale * (2.0 * gradient - (2.0 / 3.0) * i1 * turned)
+    second = scale**2 * (by_i2 - (4.0 / 3.0) * i2 * turned)
+    return np.asarray(w1 * first + w2 * second)
+
+
+def distortional_tangent(material: Rubber, gradient: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the derivative of :func:`distortional_stress` by the deformation gradient [MPa], (3, 3, 3, 3, ...)."""
+    scale, i1, i2, turned, by_i2, cauchy_green = _invariants(gradient)
+    w1, w2 = _slopes(material, scale * i1, scale**2 * i2)
+    first = scale * (2.0 * gradient - (2.0 / 3.0) * i1 * turned)
+    second = scale**2 * (by_i2 - (4.0 / 3.0) * i2 * turned)
+    s1, s2 = w1 * scale, w2 * scale**2
+
+    def dyad(a: Any, b: Any) -> Any:
+        return np.einsum("ij...,kl...->ijkl...", a, b)
+
+    # every term in F^-T, F and dI2/dF as one outer product; what is left needs crossed indices
+    mixed = s1 * (-4.0 / 3.0) * gradient + s2 * (-4.0 / 3.0) * by_i2
+    total = dyad(turned, mixed + (s1 * (4.0 / 9.0) * i1 + s2 * (16.0 / 9.0) * i2) * turned)
+    total += dyad(mixed, turned)
+    total += dyad(first, material.c11 * second + 6.0 * material.c30 * (scale * i1 - 3.0) * first)
+    total += material.c11 * dyad(second, first)
+    total += np.einsum("il...,kj...->ijkl...", ((2 / 3) * s1 * i1 + (4 / 3) * s2 * i2) * turned, turned)
+    total += dyad(4.0 * s2 * gradient, gradient)
+    total -= np.einsum("il...,kj...->ijkl...", 2.0 * s2 * gradient, gradient)
+    left = np.einsum("im...,km...->ik...", gradient, gradient)
+    for i in range(3):
+        for j in range(3):
+            total[i, j, i, j] += 2.0 * s1 + 2.0 * s2 * i1
+            total[i, :, i, j] -= 2.0 * s2 * cauchy_green[:, j]
+            total[i, j, :, j] -= 2.0 * s2 * left[i]
+    return np.asarray(total)

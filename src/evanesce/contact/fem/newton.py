@@ -1,0 +1,234 @@
+"""Newton's method for a rubber body against a moving glass, with the depth or the normal force prescribed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from evanesce.contact.fem.mesh import SolidMesh, nodal_areas
+from evanesce.contact.fem.plane import Glass, PlaneForces, free_anchors, plane_forces
+
+Floats = NDArray[np.float64]
+
+NOISE = 2e-10  # [N]: rounding of internal forces, bulk modulus times section times machine epsilon, summed over nodes
+
+
+class Solid(Protocol):
+    """What the solver needs of a body; the adapter to the finite-element library has it."""
+
+    def inverted(self, displacement: Floats) -> bool:
+        """Say whether an element is inside out."""
+
+    def forces(self, displacement: Floats) -> Floats:
+        """Return internal forces [N]."""
+
+    def tangent(self) -> Any:
+        """Return the tangent at the last forces [N/mm]."""
+
+    def stretches(self, displacement: Floats) -> tuple[float, float]:
+        """Return smallest and largest principal stretch."""
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """A solved instant.
+
+    Attributes
+    ----------
+    displacement : ndarray (n, d)
+        [mm].
+    depth, slide : float
+        Of the glass: upwards and along x [mm].
+    contact : PlaneForces
+        Of the candidate nodes.
+    normal_force, tangential_force : float
+        On the whole finger, both halves [N]; the tangential is the pull of the glass on the finger along x.
+    iterations : int
+    """
+
+    displacement: Floats
+    depth: float
+    slide: float
+    contact: PlaneForces
+    normal_force: float
+    tangential_force: float
+    iterations: int
+
+
+class StepFailed(Exception):  # noqa: N818  (caught by the step control, never shown)
+    """A step did not converge; the step control takes a smaller one."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """A body, its supports and its glass.
+
+    Attributes
+    ----------
+    mesh : SolidMesh
+    solid : Solid
+    glass : Glass
+    solve : callable
+        Linear solver: (sparse matrix, right-hand sides) -> solutions.
+    """
+
+    mesh: SolidMesh
+    solid: Solid
+    glass: Glass
+    solve: Callable[[Any, Floats], Floats]
+
+    @property
+    def turn(self) -> float:
+        """Whole finger over what is meshed: 1 for a section (a full turn), 2 for a half body."""
+        return 1.0 if self.mesh.dim == 2 else 2.0
+
+    @property
+    def free(self) -> NDArray[np.int64]:
+        """Unknowns that are not held."""
+        held = np.zeros(self.mesh.points.shape, dtype=bool)
+        held[self.mesh.clamped] = True
+        held[self.mesh.mirror, 0 if self.mesh.dim == 2 else 1] = True
+        return np.flatnonzero(~held.ravel())
+
+    @property
+    def areas(self) -> Floats:
+        """Undeformed area of each candidate node [mm^2]."""
+        return nodal_areas(self.mesh.points, self.mesh.facets)[self.mesh.candidates]
+
+    def relative(self, displacement: Floats, depth: float, slide: float) -> Floats:
+        """Return candidate positions in the glass's coordinates [mm]."""
+        chosen = self.mesh.candidates
+        offset = np.zeros(self.mesh.dim)
+        offset[-1] = depth
+        if self.mesh.dim == 3:
+            offset[0] = slide
+        return self.mesh.points[chosen] + displacement[chosen] - offset
+
+    def start(self) -> Equilibrium:
+        """Return the undeformed finger with the glass at its apex."""
+        rest = np.zeros(self.mesh.points.shape)
+        relative = self.relative(rest, 0.0, 0.0)
+        memory = free_anchors(relative)
+        contact = plane_forces(np.maximum(relative, 0.0), self.areas, self.glass, memory)
+        return Equilibrium(rest, 0.0, 0.0, contact, 0.0, 0.0, 0)
+
+
+@dataclass(frozen=True)
+class Target:
+    """Where the glass is to be: either a depth or a normal force, and a slide."""
+
+    slide: float = 0.0
+    depth: float | None = None
+    normal_force: float | None = None
+
+
+def equilibrium(
+    model: Model,
+    before: Equilibrium,
+    target: Target,
+    *,
+    guess: Equilibrium | None = None,
+    max_iterations: int = 30,
+    tolerance: float = 1e-8,
+) -> Equilibrium:
+    """Solve one step from the last accepted one.
+
+    The residual must fall below ``tolerance`` times the contact force (and :data:`NOISE` where hardly anything touches).
+    An iterate with an inverted element or a number that is not finite is shortened, at most five times.
+
+    Raises
+    ------
+    StepFailed
+    """
+    points, free = model.mesh.points, model.free
+    dim, force_control = model.mesh.dim, target.normal_force is not None
+    u = (guess or before).displacement.copy()
+    depth = before.depth if target.depth is None else target.depth
+    areas, anchors = model.areas, before.contact.anchors
+    best, previous = np.inf, np.inf
+    for iteration in range(max_iterations):
+        contact = plane_forces(model.relative(u, depth, target.slide), areas, model.glass, anchors)
+        residual = model.solid.forces(u)
+        residual[model.mesh.candidates] -= contact.force
+        normal = float(contact.force[:, -1].sum()) * model.turn
+        error = float(np.linalg.norm(residual.ravel()[free]))
+        missing = (target.normal_force - normal) / model.turn if target.normal_force is not None else 0.0
+        scale = float(np.linalg.norm(contact.force))
+        if not np.isfinite(error):
+            raise StepFailed
+        if iteration > 0 and error + abs(missing) <= tolerance * scale + NOISE:
+            tangential = -float(contact.force[:, 0].sum()) * model.turn if dim == 3 else 0.0
+            return Equilibrium(u, depth, target.slide, contact, normal, tangential, iteration)
+        if iteration > 12 and error > 1e3 * max(best, 1e-9):
+            raise StepFailed
+        share = 0.5 if iteration > 7 and error > 0.5 * previous else 1.0
+        best, previous = min(best, error), error
+        matrix = model.solid.tangent() + _contact_matrix(model, contact, points.size)
+        step, raise_by = _newton_step(model, matrix, residual, contact, free, missing, force_control)
+        u, depth = _shortened(model, u, depth, share * step, share * raise_by)
+    raise StepFailed
+
+
+def _contact_matrix(model: Model, contact: PlaneForces, size: int) -> Any:
+    """Assemble the contact's stiffness blocks."""
+    dim = model.mesh.dim
+    unknown = model.mesh.candidates[:, None] * dim + np.arange(dim)
+    rows = np.broadcast_to(unknown[:, :, None], contact.stiffness.shape)
+    cols = np.broadcast_to(unknown[:, None, :], contact.stiffness.shape)
+    kept = contact.touching
+    entries = (contact.stiffness[kept].ravel(), (rows[kept].ravel(), cols[kept].ravel()))
+    return sparse.coo_matrix(entries, shape=(size, size)).tocsr()
+
+
+def _newton_step(
+    model: Model, matrix: Any, residual: Floats, contact: PlaneForces, free: NDArray[np.int64], missing: float, rise: bool
+) -> tuple[Floats, float]:
+    """Return the correction of displacements and, under force control, of the depth."""
+    system = matrix[free][:, free]
+    rhs = -residual.ravel()[free][:, None]
+    if rise:
+        # raising the glass by one loads each node by its column of the contact stiffness (last component)
+        by_depth = np.zeros(residual.shape)
+        by_depth[model.mesh.candidates] = contact.stiffness[:, :, -1]
+        rhs = np.column_stack([rhs, by_depth.ravel()[free]])
+    solution = model.solve(system, rhs)
+    if not np.isfinite(solution).all():
+        raise StepFailed
+    solution = solution.reshape(free.size, -1)
+    change = solution[:, 0]
+    raise_by = 0.0
+    if rise:
+        row = np.zeros(residual.shape)
+        row[model.mesh.candidates, -1] = contact.stiffness[:, -1, -1]
+        grip = row.ravel()[free]
+        stiffness = float(contact.stiffness[:, -1, -1].sum() - grip @ solution[:, 1])
+        if stiffness <= 0:
+            raise StepFailed
+        raise_by = (missing + float(grip @ change)) / stiffness
+        change = change + raise_by * solution[:, 1]
+    step = np.zeros(residual.size)
+    step[free] = change
+    return step.reshape(residual.shape), raise_by
+
+
+def _shortened(model: Model, u: Floats, depth: float, step: Floats, raise_by: float) -> tuple[Floats, float]:
+    """Return the next iterate: the full step, or less of it where that would turn an element inside out."""
+    share = 1.0
+    for _ in range(6):
+        trial = u + share * step
+        if not model.solid.inverted(trial):
+            return trial, depth + share * raise_by
+        share *= 0.5
+    raise StepFailed
+
+
+def carried_on(before: Equilibrium, last: Equilibrium, share: float) -> Equilibrium:
+    """Return the last state carried on along the path from the one before, as a first guess."""
+    guess = last.displacement + share * (last.displacement - before.displacement)
+    return Equilibrium(guess, last.depth, last.slide, last.contact, last.normal_force, last.tangential_force, 0)
+

@@ -1,0 +1,202 @@
+"""Step control: go from goal to goal, halve a step that fails, let it grow again, keep every step that holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from evanesce.contact.fem.newton import Equilibrium, Model, StepFailed, Target, carried_on, equilibrium
+from evanesce.errors import InputError, WorkError
+
+APPROACH = 0.93  # of the force wanted that is reached by depth; from there on the glass is free and the force prescribed
+FORCE_RATIO = 1.35  # largest change of force in one force-controlled step
+
+
+@dataclass(frozen=True)
+class Goal:
+    """One stage of a programme.
+
+    Attributes
+    ----------
+    kind : {"depth", "force", "slide"}
+        What is to reach ``value`` [mm, N, mm]. Depth and force keep the slide.
+    value : float
+    hold : {"force", "depth"}
+        What is kept while sliding.
+    """
+
+    kind: Literal["depth", "force", "slide"]
+    value: float
+    hold: Literal["force", "depth"] = "force"
+
+
+@dataclass(frozen=True)
+class StepSizes:
+    """Largest, first and smallest step [mm] of depth or slide, and how a step grows after success."""
+
+    largest: float = 0.3
+    first: float = 0.02
+    smallest: float = 2e-4
+    growth: float = 1.5
+
+    def __post_init__(self) -> None:
+        if not 0 < self.smallest < self.largest:
+            raise InputError(f"{self.smallest:g} to {self.largest:g} mm", key="steps", allowed="0 < smallest < largest")
+
+
+@dataclass(frozen=True)
+class Step:
+    """One accepted step.
+
+    Attributes
+    ----------
+    state : Equilibrium
+    stretch_min, stretch_max : float
+        Principal stretches over all integration points.
+    goal : int
+        Index of the goal in work.
+    reached : bool
+        Whether the step ends that goal.
+    next_size : float
+        Step size to go on with [mm].
+    """
+
+    state: Equilibrium
+    stretch_min: float
+    stretch_max: float
+    goal: int
+    reached: bool
+    next_size: float
+
+
+@dataclass
+class History:
+    """Accepted steps of a run; ``complete`` once the last goal is reached."""
+
+    steps: list[Step] = field(default_factory=list)
+    complete: bool = False
+
+
+class LimitReached(WorkError):
+    """The material or a step left the range in which it can be solved; ``history`` holds the steps before."""
+
+    def __init__(self, what: str, history: History) -> None:
+        super().__init__(what)
+        self.history = history
+
+
+def advance(
+    model: Model,
+    goals: Sequence[Goal],
+    history: History,
+    *,
+    sizes: StepSizes,
+    stretch_range: tuple[float, float],
+    on_step: Callable[[Step, int], None] | None = None,
+) -> History:
+    """Work through the goals, from where ``history`` stands, and return it completed.
+
+    Parameters
+    ----------
+    model : Model
+    goals : sequence of Goal
+    history : History
+        Empty, or that of an interrupted run; it is extended in place.
+    sizes : StepSizes
+    stretch_range : tuple of float
+        Smallest and largest principal stretch at which a step is kept.
+    on_step : callable, optional
+        Called with each accepted step and its number (from 1).
+
+    Raises
+    ------
+    LimitReached
+        If a step leaves the range of stretches, or fails at the smallest size.
+    """
+    start = model.start()
+    while not history.complete:
+        last = history.steps[-1] if history.steps else None
+        goal_index = 0 if last is None else last.goal + int(last.reached)
+        if goal_index >= len(goals):
+            history.complete = True
+            break
+        size = sizes.first if last is None or last.reached and _turns(goals, goal_index) else last.next_size
+        before = history.steps[-2].state if len(history.steps) > 1 else start
+        step = _one_step(model, goals, goal_index, last.state if last else start, before, size, sizes, history)
+        number = len(history.steps) + 1
+        low, high = stretch_range
+        if step.stretch_max > high or step.stretch_min < low:
+            beyond = step.stretch_max if step.stretch_max > high else step.stretch_min
+            text = f"material limit reached: stretch {beyond:.3g} at step {number} (kept between {low:.3g} and {high:.3g})"
+            raise LimitReached(text, history)
+        history.steps.append(step)
+        if on_step is not None:
+            on_step(step, number)
+    return history
+
+
+def _turns(goals: Sequence[Goal], index: int) -> bool:
+    """Say whether the way of moving changes at a goal, so that the old step size means nothing."""
+    return index == 0 or (goals[index].kind == "slide") != (goals[index - 1].kind == "slide")
+
+
+def _one_step(
+    model: Model,
+    goals: Sequence[Goal],
+    goal_index: int,
+    last: Equilibrium,
+    before: Equilibrium,
+    size: float,
+    sizes: StepSizes,
+    history: History,
+) -> Step:
+    """Take the largest step towards a goal that converges."""
+    goal = goals[goal_index]
+    while True:
+        target, ends, share = _proposal(goal, last, before, size)
+        guesses = [carried_on(before, last, share), None] if 0 < share <= 2.0 else [None]
+        for guess in guesses:
+            try:
+                state = equilibrium(model, last, target, guess=guess)
+            except StepFailed:
+                continue
+            low, high = model.solid.stretches(state.displacement)
+            grown = min(size * sizes.growth, sizes.largest)
+            return Step(state, low, high, goal_index, ends, grown)
+        size *= 0.5
+        if size < sizes.smallest:
+            low, high = model.solid.stretches(last.displacement)
+            raise LimitReached(
+                f"step limit reached: no equilibrium beyond depth {last.depth:.4g} mm, slide {last.slide:.4g} mm at step "
+                f"{len(history.steps) + 1} (stretches so far {low:.3g} to {high:.3g}, smallest step {sizes.smallest:g} mm)",
+                history,
+            )
+
+
+def _proposal(goal: Goal, last: Equilibrium, before: Equilibrium, size: float) -> tuple[Target, bool, float]:
+    """Return where to go next, whether that ends the goal, and the way there as a multiple of the last step."""
+    deeper, further = last.depth - before.depth, last.slide - before.slide
+    if goal.kind == "slide":
+        rest = goal.value - last.slide
+        move = rest if abs(rest) <= size * 1.001 else size * (1 if rest > 0 else -1)
+        hold = Target(last.slide + move, None, last.normal_force) if goal.hold == "force" else Target(last.slide + move, last.depth)
+        return hold, move == rest, move / further if abs(further) > 1e-12 else 0.0
+    share = 0.0 if abs(deeper) < 1e-12 or abs(further) > 1e-12 else 1.0 / deeper
+    if goal.kind == "depth":
+        rest = goal.value - last.depth
+        move = rest if abs(rest) <= size * 1.001 else size * (1 if rest > 0 else -1)
+        return Target(last.slide, last.depth + move), move == rest, move * share
+    force, slope = last.normal_force, (last.normal_force - before.normal_force) / deeper if deeper else 0.0
+    if force < APPROACH * goal.value:
+        # aim at the approach, a little further than the slope so far predicts because contacts stiffen
+        move = size if slope <= 0 else min(size, 1.02 * (goal.value - force) / slope)
+        if slope <= 0 or force + slope * move * 1.02 < goal.value:
+            return Target(last.slide, last.depth + move), False, move * share
+    # step size bounds the estimated change of depth, so that halving works here as well
+    bound = max(abs(slope) * size, 1e-9)
+    change = max(-bound, min(bound, goal.value - force))
+    wanted = min(max(force + change, force / FORCE_RATIO), max(force, 0.05 * goal.value) * FORCE_RATIO)
+    ends = abs(wanted - goal.value) < 1e-12
+    way = (wanted - force) / slope if slope > 0 else 0.0
+    return Target(last.slide, None, goal.value if ends else wanted), ends, way * share

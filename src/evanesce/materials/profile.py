@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
@@ -103,7 +104,7 @@ def level(height: ArrayLike) -> Floats:
 def remove_form(height: ArrayLike, degree: int = 2) -> Floats:
     """Return a profile with a polynomial form taken off: a scan across a round finger is bent."""
     z = np.asarray(height, dtype=float)
-    return _take_off(z, np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, len(z)), degree))
+    return _take_off(z, np.asarray(legvander(np.linspace(-1.0, 1.0, len(z)), degree), dtype=float))
 
 
 def fill_gaps(height: ArrayLike) -> Floats:
@@ -188,7 +189,12 @@ def ridges_of_profile(x: ArrayLike, z: ArrayLike) -> list[_Ridge]:
     last = np.maximum.accumulate(np.where(certain != 0, np.arange(len(z)), 0))
     up = certain[last] > 0
     turns: list[int] = np.flatnonzero(np.diff(up.astype(int))).tolist()
-    starts, ends = [t + 1 for t in turns if not up[t]], [t + 1 for t in turns if up[t]]
+    # A turn is noticed a margin late; it lies where the profile last crossed the middle.
+    index = np.arange(len(z))
+    low_before = np.maximum.accumulate(np.where(smooth < middle, index, 0)).tolist()
+    high_before = np.maximum.accumulate(np.where(smooth >= middle, index, 0)).tolist()
+    starts = [low_before[t + 1] + 1 for t in turns if not up[t]]
+    ends = [high_before[t + 1] + 1 for t in turns if up[t]]
     found = []
     for i, start in enumerate(starts):
         end = next((e for e in ends if e > start), None)

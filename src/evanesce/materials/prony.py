@@ -188,7 +188,7 @@ def fit_prony(
     loss_factor: ArrayLike,
     *,
     times: Sequence[float] | None = None,
-    terms_per_decade: float = 1.0,
+    terms_per_decade: float = 3.0,
 ) -> PronyFit:
     """Fit a Prony series to storage modulus and loss factor by non-negative least squares.
 

@@ -49,6 +49,10 @@ UNIT_SUFFIXES: dict[str, str] = {
     "e_per_DN": "e-/DN",
     "e_per_s": "e-/s",
     "kg_per_m3": "kg/m^3",
+    "V_per_K": "V/K",
+    "per_K": "1/K",
+    "ohm_per_mm": "ohm/mm",
+    "per_cm2": "1/cm^2",
 }
 
 

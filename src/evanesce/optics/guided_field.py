@@ -8,6 +8,7 @@ independent check, and this is the path tracer's.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +20,8 @@ from evanesce.optics.interface import fresnel_reflectance
 
 Array = NDArray[np.float64]
 EDGES = ("left", "right", "top", "bottom")
+MAX_MIRRORINGS = 200
+"""At polished edges; light that is totally reflected by all of them finds an LED within about fifty."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,10 @@ class EdgeLight:
         Radiance of each emitter into the glass [W mm^-2 sr^-1], by edge.
     emitter_size : tuple of float
         Width along the edge and height across the thickness [mm]; centred on mid-thickness.
+    edge_polish : float
+        Share of the edge between the emitters that mirrors as bare glass (Fresnel) instead of scattering [1].
+    air_gap_share : float
+        Share of each emitter's face that an air film parts from the glass [1]; the film's light enters refracted.
     """
 
     size: tuple[float, float]
@@ -53,19 +60,28 @@ class EdgeLight:
     positions: dict[str, Array]
     radiances: dict[str, Array]
     emitter_size: tuple[float, float]
+    edge_polish: float = 0.0
+    air_gap_share: float = 0.0
 
 
 @dataclass(frozen=True)
 class _Hits:
-    """Where straight unfolded rays end: edge number, coordinate along it, depth below the top face, attenuation."""
+    """Where straight unfolded rays end: edge number, coordinate along it, depth below the top face, attenuation.
+
+    ``cosine`` is that to the edge's normal, ``down`` whether the ray ends on its way down.
+    """
 
     edge: NDArray[np.int64]
     along: Array
     depth: Array
     transmission: Array
+    cosine: Array
+    down: NDArray[np.bool_]
 
 
-def _cast(light: EdgeLight, x: Array, y: Array, depth: Array, theta: Array, phi: Array, down: Array) -> _Hits:
+def _cast(
+    light: EdgeLight, x: Array, y: Array, depth: Array, theta: Array, phi: Array, down: NDArray[np.bool_]
+) -> _Hits:
     """Follow rays from points inside the plate to the edge where each ends (all arguments broadcast).
 
     ``theta`` is the angle to the plate's normal, ``phi`` the azimuth, ``down`` whether the ray starts downwards.
@@ -86,13 +102,38 @@ def _cast(light: EdgeLight, x: Array, y: Array, depth: Array, theta: Array, phi:
     end_depth = np.where(folded > t, 2 * t - folded, folded)
     reflectance = fresnel_reflectance(np.cos(theta), light.refractive_index, 1.0)
     transmission = reflectance**bounces * np.exp(-light.absorption_coefficient * run / np.sin(theta))
-    return _Hits(edge, along, end_depth, transmission)
+    cosine = np.sin(theta) * np.abs(np.where(hits_x, cos_phi, sin_phi))
+    # A ray that started upwards and ends before the top face is still on its way up.
+    end_down = (unfolded >= 0) & (folded <= t)
+    return _Hits(edge, along, end_depth, transmission, cosine, end_down)
 
 
-def _emitted(light: EdgeLight, hits: _Hits) -> Array:
-    """Return the LED radiance that each hit sees (0 between the LEDs)."""
+def _mirror(light: EdgeLight, hits: _Hits, theta: Array, phi: Array) -> tuple[Array, Array, Array]:
+    """Return x, y and azimuth of rays mirrored by the edges that they met, a hair inside."""
+    side = np.where(hits.edge % 2 == 0, -0.5, 0.5) * (1 - 1e-9)
+    on_x = hits.edge < 2
+    x = np.where(on_x, side * light.size[0], hits.along)
+    y = np.where(on_x, hits.along, side * light.size[1])
+    return x, y, np.where(on_x, np.pi - phi, -phi)
+
+
+def _entering(light: EdgeLight, cosine: Array) -> Array:
+    """Return radiance inside the glass over that of an emitter in optical contact, by the angle to the edge's normal.
+
+    Through an air film a Lambertian face's radiance L enters as n^2 (1 - R) L, and only within the critical angle.
+    """
+    if light.air_gap_share == 0.0:
+        return np.ones(cosine.shape)
+    n = light.refractive_index
+    through = n * n * (1.0 - fresnel_reflectance(np.clip(cosine, 0.0, 1.0), n, 1.0))
+    return np.asarray(1.0 - light.air_gap_share + light.air_gap_share * through)
+
+
+def _emitted(light: EdgeLight, hits: _Hits) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the LED radiance that each hit sees (0 between the LEDs), and whether it is on an LED, lit or not."""
     width, height = light.emitter_size
     seen = np.zeros(hits.along.shape)
+    on_led = np.zeros(hits.along.shape, bool)
     in_height = np.abs(hits.depth - light.thickness / 2) <= height / 2
     for number, name in enumerate(EDGES):
         centres = light.positions.get(name)
@@ -107,8 +148,32 @@ def _emitted(light: EdgeLight, hits: _Hits) -> Array:
         before = np.maximum(nearest - 1, 0)
         closer = np.abs(along - sorted_centres[before]) <= np.abs(along - sorted_centres[nearest])
         index = np.where(closer, before, nearest)
-        seen[here] = np.where(np.abs(along - sorted_centres[index]) <= width / 2, radiance[index], 0.0)
-    return seen
+        within = np.abs(along - sorted_centres[index]) <= width / 2
+        seen[here] = np.where(within, radiance[index], 0.0)
+        on_led[here] = within
+    return seen * _entering(light, hits.cosine), on_led
+
+
+def _arrivals(
+    light: EdgeLight, x: Array, y: Array, depth: Array, theta: Array, phi: Array, down: NDArray[np.bool_]
+) -> Iterator[tuple[_Hits, Array, Array]]:
+    """Follow rays over mirroring edges; yield hits, the LED radiance there times its share, the share that scatters.
+
+    Shares include all losses on the way from the ray's start.
+    """
+    weight = np.ones(np.broadcast(x, theta, phi).shape)
+    for _ in range(MAX_MIRRORINGS if light.edge_polish > 0 else 1):
+        hits = _cast(light, x, y, depth, theta, phi, down)
+        emitted, on_led = _emitted(light, hits)
+        arriving = weight * hits.transmission
+        polish = np.where(on_led, 0.0, light.edge_polish)
+        yield hits, arriving * emitted, arriving * (1.0 - polish)
+        mirrored = fresnel_reflectance(np.clip(hits.cosine, 0.0, 1.0), light.refractive_index, 1.0)
+        weight = arriving * polish * mirrored
+        if not weight.max(initial=0.0) > 1e-5:
+            return
+        x, y, phi = _mirror(light, hits, theta, phi)
+        depth, down = hits.depth, hits.down
 
 
 def _segments(light: EdgeLight, per_edge: int) -> tuple[Array, Array]:
@@ -161,11 +226,12 @@ def edge_radiance(light: EdgeLight, *, per_edge: int = 24, rays: int = 4096) -> 
             x = np.full(rays, side * light.size[0] / 2) if number < 2 else along
             y = along if number < 2 else np.full(rays, side * light.size[1] / 2)
             # A hair inside, so that the ray does not end where it starts.
-            hits = _cast(light, x * (1 - 1e-9), y * (1 - 1e-9), depth, theta, phi, up < 0)
             row = number * per_edge + part
-            direct[row] = np.pi * np.mean(_emitted(light, hits) * hits.transmission)
-            target = _segment_of(light, hits, per_edge)
-            kernel[row] = np.pi * np.bincount(target, hits.transmission, count) / rays
+            for hits, led, scatter in _arrivals(
+                light, x * (1 - 1e-9), y * (1 - 1e-9), depth, theta, phi, np.asarray(up < 0)
+            ):
+                direct[row] += np.pi * np.mean(led)
+                kernel[row] += np.pi * np.bincount(_segment_of(light, hits, per_edge), scatter, count) / rays
     factor = light.edge_reflectance / np.pi
     solved = np.linalg.solve(np.eye(count) - factor * kernel, factor * direct)
     return np.asarray(solved, np.float64).reshape(4, per_edge)
@@ -204,12 +270,14 @@ def azimuthal_radiance(
     x, y, theta = (np.atleast_1d(np.asarray(a, float)) for a in (x, y, theta))
     golden = 0.6180339887498949
     steps = np.arange(azimuths)
-    result = np.empty((x.size, theta.size))
+    total = np.zeros((x.size, theta.size))
     for k, (px, py) in enumerate(zip(x, y, strict=True)):
         offset = np.mod((np.arange(theta.size) + k * theta.size) * golden, 1.0)
         phi = (steps[None, :] + offset[:, None]) * (2 * np.pi / azimuths)
         zero: Any = np.zeros_like(phi)
-        hits = _cast(light, px + zero, py + zero, zero, theta[:, None] + zero, phi, zero == 0)
-        seen = _emitted(light, hits) + diffuse.ravel()[_segment_of(light, hits, per_edge)]
-        result[k] = (seen * hits.transmission).mean(axis=1)
-    return result
+        for hits, led, scatter in _arrivals(
+            light, px + zero, py + zero, zero, theta[:, None] + zero, phi, np.asarray(zero == 0)
+        ):
+            seen = led + diffuse.ravel()[_segment_of(light, hits, per_edge)] * scatter
+            total[k] += seen.mean(axis=1)
+    return total

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,6 +13,7 @@ from scipy.special import wrightomega
 
 from evanesce.errors import InputError
 from evanesce.rig import LedCircuit, Leds, Plate
+from evanesce.rig.leds import Edge, StripEdge
 
 Array = NDArray[np.float64]
 BOLTZMANN_V_PER_K = 8.617333262e-5  # k/e, CODATA 2018
@@ -109,46 +113,198 @@ def series_resistor(circuit: LedCircuit) -> float:
     return drop / (circuit.rated_current_mA * 1e-3)
 
 
+@dataclass(frozen=True)
+class _Series:
+    """A segment as one diode with a resistor: V = scale ln(1 + I/saturation) + I resistance."""
+
+    saturation: float
+    scale: float
+    resistance: float
+
+
+def _series(circuit: LedCircuit) -> _Series:
+    """Return a segment's constants as warm as its junctions are; the resistor keeps the value of the cold strip."""
+    rated = circuit.rated_current_mA * 1e-3
+    forward = circuit.forward_voltage_V - circuit.forward_voltage_drop_V_per_K * circuit.warming_K
+    temperature = circuit.temperature_K + circuit.warming_K
+    try:
+        saturation = saturation_current(forward, rated, circuit.ideality, circuit.led_resistance_ohm, temperature)
+    except ValueError as error:
+        raise InputError(
+            f"{circuit.led_resistance_ohm:g} ohm: {error}",
+            key="leds.circuit.led_resistance_ohm",
+            allowed=f"below {forward / rated:g} ohm",
+        ) from None
+    resistance = series_resistor(circuit) + circuit.leds_per_segment * circuit.led_resistance_ohm
+    return _Series(
+        saturation, circuit.leds_per_segment * circuit.ideality * BOLTZMANN_V_PER_K * temperature, resistance
+    )
+
+
 def segment_current(circuit: LedCircuit, voltage: ArrayLike) -> Array:
     """Return the current of one strip segment [A] at a supply voltage [V].
 
-    The forward voltage (the LED's bin) fixes I_s and the rated voltage the resistor, both at the rated current.
+    The forward voltage (the LED's bin) fixes I_s and the rated voltage the resistor, both at the rated current. Warm
+    junctions (``warming_K``) lower the forward voltage at the rated current and widen the exponential.
 
     Raises
     ------
     InputError
         If the circuit's figures contradict each other.
     """
-    rated = circuit.rated_current_mA * 1e-3
-    try:
-        saturation = saturation_current(
-            circuit.forward_voltage_V, rated, circuit.ideality, circuit.led_resistance_ohm, circuit.temperature_K
-        )
-    except ValueError as error:
-        raise InputError(
-            f"{circuit.led_resistance_ohm:g} ohm: {error}",
-            key="leds.circuit.led_resistance_ohm",
-            allowed=f"below {circuit.forward_voltage_V / rated:g} ohm",
-        ) from None
-    resistance = series_resistor(circuit) + circuit.leds_per_segment * circuit.led_resistance_ohm
+    series = _series(circuit)
+    temperature = circuit.temperature_K + circuit.warming_K
     return series_current(
-        voltage, saturation, circuit.leds_per_segment, circuit.ideality, resistance, circuit.temperature_K
+        voltage, series.saturation, circuit.leds_per_segment, circuit.ideality, series.resistance, temperature
     )
 
 
+def relative_efficiency(current: ArrayLike, peak_current: float, droop: float) -> Array:
+    """Return an LED's efficiency over that at its peak, by the ABC model of recombination.
+
+    Non-radiative loss A n dominates below the peak and Auger loss C n^3 above it. In terms of s, the square root of
+    light output over that at the peak, and d = 1/Q: efficiency (1 + 2d)/(1 + d (s + 1/s)), and the current follows as
+    I/I_peak = s (d s^2 + s + d)/(1 + 2d), a cubic that is solved here.
+
+    Parameters
+    ----------
+    current : array_like
+        [A], not negative.
+    peak_current : float
+        Current of the best efficiency [A].
+    droop : float
+        d = 1/Q [1]; 0 gives 1 at every current.
+
+    References
+    ----------
+    S. Karpov, "ABC-model for interpretation of internal quantum efficiency and its droop in III-nitride LEDs: a
+    review", Optical and Quantum Electronics 47 (2015) 1293.
+    """
+    current = np.asarray(current, float)
+    if droop == 0.0:
+        return np.ones_like(current)
+    c = (1.0 + 2.0 * droop) * current / peak_current
+    # Each term of the cubic alone is at most c: an upper bound, from which Newton on a convex function only descends.
+    s = np.minimum(np.minimum(np.sqrt(c), np.cbrt(c / droop)), c / droop)
+    for _ in range(40):
+        s = s - (s * (droop * s * s + s + droop) - c) / (3.0 * droop * s * s + 2.0 * s + droop)
+    return np.asarray((1.0 + 2.0 * droop) * s / (droop * s * s + s + droop))
+
+
 def radiant_power(circuit: LedCircuit, voltage: ArrayLike) -> Array:
-    """Return the radiant power of one LED [W] at a supply voltage [V]: proportional to the segment's current."""
-    return np.asarray(circuit.efficacy_W_per_A * segment_current(circuit, voltage))
+    """Return the radiant power of one LED [W] at a supply voltage [V].
+
+    ``efficacy_W_per_A`` times the segment's current, times the efficiency relative to that at the rated current
+    (:func:`relative_efficiency`), times what warming leaves.
+    """
+    current = segment_current(circuit, voltage)
+    rated, peak = circuit.rated_current_mA * 1e-3, circuit.peak_current_mA * 1e-3
+    efficiency = relative_efficiency(current, peak, circuit.droop) / relative_efficiency(rated, peak, circuit.droop)
+    warm = math.exp(-circuit.efficacy_loss_per_K * circuit.warming_K)
+    return np.asarray(circuit.efficacy_W_per_A * current * efficiency * warm)
+
+
+def strip_voltages(circuit: LedCircuit, supply: float, distance: ArrayLike, resistance_per_mm: float) -> Array:
+    """Return the voltage at each LED of a strip whose rails have a resistance.
+
+    Kirchhoff's laws for a ladder fed at one end: V_k = V_0 - sum_j r min(x_k, x_j) i(V_j), each LED drawing its share,
+    one of ``leds_per_segment``, of its segment's current where it sits. Solved by Newton's method; the current grows
+    with the voltage and the resistances are positive, so that there is exactly one solution.
+
+    Parameters
+    ----------
+    circuit : LedCircuit
+    supply : float
+        V_0 at the fed end [V].
+    distance : array_like (leds,)
+        From the fed end [mm], not negative.
+    resistance_per_mm : float
+        Of both rails together [ohm/mm].
+
+    Returns
+    -------
+    ndarray (leds,)
+        [V].
+    """
+    x = np.asarray(distance, float)
+    voltage = np.full(x.shape, float(supply))
+    if resistance_per_mm == 0.0 or x.size == 0:
+        return voltage
+    series, share = _series(circuit), 1.0 / circuit.leds_per_segment
+    ladder = resistance_per_mm * np.minimum(x[:, None], x[None, :])
+    for _ in range(100):
+        segment = segment_current(circuit, voltage)
+        conductance = share / (series.scale / (segment + series.saturation) + series.resistance)
+        excess = voltage + ladder @ (share * segment) - supply
+        step = np.linalg.solve(np.eye(x.size) + ladder * conductance[None, :], excess)
+        voltage = voltage - step
+        if np.abs(step).max() < 1e-13 * max(abs(supply), 1.0):
+            break
+    return voltage
+
+
+def _supply(leds: Leds, edge: str) -> float:
+    """Return the voltage that feeds an edge's strip [V]."""
+    own = leds.edge.get(cast(Edge, edge))
+    return leds.voltage_V if own is None or own.voltage_V is None else own.voltage_V
 
 
 def led_powers(leds: Leds) -> dict[str, float]:
-    """Return the radiant power of one LED [W] on each lit edge, at that edge's own voltage."""
-    powers = {}
-    for edge in leds.edges:
-        own = leds.edge.get(edge)
-        voltage = leds.voltage_V if own is None or own.voltage_V is None else own.voltage_V
-        powers[str(edge)] = float(radiant_power(leds.circuit, voltage))
-    return powers
+    """Return the radiant power [W] of one LED at the fed end of each lit edge, at that edge's own voltage."""
+    return {str(edge): float(radiant_power(leds.circuit, _supply(leds, edge))) for edge in leds.edges}
+
+
+def led_radiances(plate: Plate, leds: Leds) -> dict[str, Array]:
+    """Return the radiance of each LED's emitting face [W mm^-2 sr^-1], by edge, in the order of :func:`led_positions`.
+
+    Each LED at the voltage that its strip leaves it (:func:`strip_voltages`), times its ``relative_power``.
+
+    Raises
+    ------
+    InputError
+        If an edge's ``relative_power`` has not one entry for each LED.
+    """
+    found = {}
+    for edge, centres in led_positions(plate, leds).items():
+        length = plate.size_mm[1] if edge in ("left", "right") else plate.size_mm[0]
+        voltage = strip_voltages(
+            leds.circuit, _supply(leds, edge), centres + length / 2, leds.strip_resistance_ohm_per_mm
+        )
+        power = radiant_power(leds.circuit, voltage) * _relative_power(leds, edge, centres.size)
+        found[edge] = emitter_radiance(leds, 1.0) * power
+    return found
+
+
+def _relative_power(leds: Leds, edge: str, count: int) -> Array:
+    own = leds.edge.get(cast(Edge, edge))
+    if own is None or not own.relative_power:
+        return np.ones(count)
+    if len(own.relative_power) != count:
+        raise InputError(
+            f"{len(own.relative_power)} figures for {count} LEDs",
+            key=f"leds.edge.{edge}.relative_power",
+            allowed=f"{count} figures, or none",
+        )
+    return np.array(own.relative_power)
+
+
+def scale_leds(plate: Plate, leds: Leds, factors: Mapping[str, Array]) -> Leds:
+    """Return strips whose LEDs have their power multiplied, LED by LED.
+
+    Parameters
+    ----------
+    plate : Plate
+    leds : Leds
+    factors : mapping of ndarray
+        By edge, in the order of :func:`led_positions`; edges left out stay.
+    """
+    edges = dict(leds.edge)
+    for edge, factor in factors.items():
+        named = cast(Edge, edge)
+        power = _relative_power(leds, edge, len(factor)) * factor
+        own = edges.get(named, StripEdge())
+        edges[named] = own.model_copy(update={"relative_power": tuple(float(p) for p in power)})
+    return leds.model_copy(update={"edge": edges})
 
 
 def led_positions(plate: Plate, leds: Leds) -> dict[str, Array]:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.signal import fftconvolve
 
 from evanesce.optics.guided_field import EdgeLight, azimuthal_radiance, edge_radiance
-from evanesce.optics.led import emitter_radiance, led_positions, led_powers
+from evanesce.optics.led import led_positions, led_radiances
 from evanesce.optics.patch_light import (
     Interface,
     angle_nodes,
@@ -83,19 +83,17 @@ class Fields:
 
 def edge_light(scene: Scene) -> EdgeLight:
     """Return the plate of a scene as a light guide with its LEDs at their powers."""
-    powers, positions = led_powers(scene.leds), led_positions(scene.plate, scene.leds)
     return EdgeLight(
         size=scene.plate.size_mm,
         thickness=scene.plate.thickness_mm,
         refractive_index=scene.plate.refractive_index,
         absorption_coefficient=scene.plate.absorption_coefficient_per_mm,
         edge_reflectance=scene.plate.edge_reflectance,
-        positions=positions,
-        radiances={
-            edge: np.full(centres.size, emitter_radiance(scene.leds, powers[edge]))
-            for edge, centres in positions.items()
-        },
+        positions=led_positions(scene.plate, scene.leds),
+        radiances=led_radiances(scene.plate, scene.leds),
         emitter_size=(scene.leds.emitting_width_mm, scene.leds.emitting_height_mm),
+        edge_polish=scene.plate.edge_polish,
+        air_gap_share=scene.leds.air_gap_share,
     )
 
 

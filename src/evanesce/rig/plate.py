@@ -19,3 +19,6 @@ class Plate(Strict):
     edge_reflectance: float = field(
         0.5, unit="1", bounds=(0.0, 1.0), doc="diffuse reflectance of the edge between the LEDs; not published"
     )
+    edge_polish: float = field(
+        0.0, unit="1", bounds=(0.0, 1.0), null=0.0, doc="share of the edge between the LEDs that mirrors as bare glass"
+    )

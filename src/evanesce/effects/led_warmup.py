@@ -1,0 +1,29 @@
+"""Junctions that warm after the LEDs were switched on: forward voltage falls, and so does the light per ampere."""
+
+from __future__ import annotations
+
+import math
+
+from evanesce.effects.protocol import Context, Effect, Stage
+from evanesce.quantities import Strict, field
+from evanesce.rig import Scene
+
+
+class Parameters(Strict):
+    """By how much, how fast, and since when."""
+
+    warming_K: float = field(0.0, unit="K", bounds=(0.0, 100.0), null=0.0, doc="rise of the junctions in the end")
+    time_constant_s: float = field(60.0, unit="s", bounds=(0.1, 10_000.0), doc="of the strip on its plate")
+    on_before_s: float = field(0.0, unit="s", bounds=(0.0, 1e6), doc="how long the LEDs were on at time 0")
+
+
+def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
+    """Add warming_K (1 - exp(-(t + on_before)/time_constant)) to the junctions; one thermal mass."""
+    elapsed = max(context.time_s + parameters.on_before_s, 0.0)
+    rise = parameters.warming_K * -math.expm1(-elapsed / parameters.time_constant_s)
+    circuit = scene.leds.circuit
+    warm = circuit.model_copy(update={"warming_K": circuit.warming_K + rise})
+    return scene.model_copy(update={"leds": scene.leds.model_copy(update={"circuit": warm})})
+
+
+EFFECT = Effect(id="led_warmup", stage=Stage.RIG, parameters=Parameters, amplitudes=("warming_K",), apply=apply)

@@ -16,10 +16,11 @@ MARGIN_PX = 60
 
 def demo_page(demo: Demo) -> Page:
     """Return the report of a demo run."""
-    worst = max(demo.frames, key=lambda frame: abs(frame.comparison.error_percent))
+    worst = max(demo.frames, key=lambda frame: abs(frame.evaluation.comparison.error_percent))
+    error = worst.evaluation.comparison.error_percent
     lead = (
         f"The thesis's rig, simulated, photographed and measured by the author's chain at threshold 0.15."
-        f" The area is off by up to {worst.comparison.error_percent:+.1f} % ({worst.finger}, {worst.force_N:g} N)."
+        f" The area is off by up to {error:+.1f} % ({worst.finger}, {worst.force_N:g} N)."
     )
     return Page(
         title="evanesce: the loop on the thesis's rig",
@@ -58,10 +59,14 @@ def _area_figure(demo: Demo) -> Picture:
         frames = [frame for frame in demo.frames if frame.finger == finger]
         forces = [frame.force_N for frame in frames]
         axes.plot(
-            forces, [f.comparison.true_area_mm2 for f in frames], marker + "-", c=TRUE_COLOUR, label=f"{finger}, true"
+            forces,
+            [f.evaluation.comparison.true_area_mm2 for f in frames],
+            marker + "-",
+            c=TRUE_COLOUR,
+            label=f"{finger}, true",
         )
         axes.plot(
-            forces, [f.comparison.area_mm2 for f in frames], marker + "--", c=MEASURED_COLOUR, mfc="none",
+            forces, [f.evaluation.comparison.area_mm2 for f in frames], marker + "--", c=MEASURED_COLOUR, mfc="none",
             label=f"{finger}, measured",
         )  # fmt: skip
     axes.set(xlabel="normal force [N]", ylabel="contact area [mm²]", ylim=(0, None))
@@ -104,18 +109,20 @@ def _frames(demo: Demo) -> Section:
 
 def _crop_figure(frame: DemoFrame) -> bytes:
     rows, cols = _window(frame)
-    view = frame.measured.view
+    view = frame.evaluation.measured.view
     grey = view if view.ndim == 2 else view[..., 1]
     crop = grey[rows, cols]
     figure = Figure(figsize=(10.5, 4.6), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.1))
     left.imshow(crop, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
-    left.contour(frame.labels.mask[rows, cols], [0.5], colors=TRUE_COLOUR, linewidths=0.9)
-    left.contour(frame.measured.estimate.mask[rows, cols], [0.5], colors=MEASURED_COLOUR, linewidths=0.9)
+    left.contour(frame.evaluation.labels.mask[rows, cols], [0.5], colors=TRUE_COLOUR, linewidths=0.9)
+    left.contour(frame.evaluation.measured.estimate.mask[rows, cols], [0.5], colors=MEASURED_COLOUR, linewidths=0.9)
     left.set(xlabel="column [px]", ylabel="row [px]")
     middle = crop.shape[0] // 2
     right.plot(crop[middle], c="0.3", lw=0.9, label="frame")
-    right.plot(255 * frame.labels.mask[rows, cols][middle], c=TRUE_COLOUR, lw=1.0, label="true contact (0 or 255)")
+    right.plot(
+        255 * frame.evaluation.labels.mask[rows, cols][middle], c=TRUE_COLOUR, lw=1.0, label="true contact (0 or 255)"
+    )
     right.axhline(255 * 0.15, c=MEASURED_COLOUR, ls="--", lw=1.0, label="threshold 0.15")
     right.set(xlabel="column [px]", ylabel="grey level [DN]", ylim=(0, 260))
     right.legend(frameon=False, fontsize=8)
@@ -123,7 +130,7 @@ def _crop_figure(frame: DemoFrame) -> bytes:
 
 
 def _window(frame: DemoFrame) -> tuple[slice, slice]:
-    both = (frame.labels.mask > 0) | frame.measured.estimate.mask
+    both = (frame.evaluation.labels.mask > 0) | frame.evaluation.measured.estimate.mask
     if not both.any():
         return slice(None), slice(None)
     hit_rows, hit_cols = np.flatnonzero(both.any(axis=1)), np.flatnonzero(both.any(axis=0))

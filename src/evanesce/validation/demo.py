@@ -11,23 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce import provenance
-from evanesce.measurement.area import Measured, SquareScale, measure_frame, square_scale
+from evanesce.measurement.area import SquareScale, square_scale
 from evanesce.measurement.board_images import find_boards
 from evanesce.measurement.calibrate import Calibrated, calibrate
 from evanesce.measurement.calibration import Calibration, save_calibration
 from evanesce.measurement.images import read_image
 from evanesce.measurement.rectify import Rectification, rectification, rectify
-from evanesce.measurement.segment import Chain, segment
-from evanesce.optics.projection import Projection
+from evanesce.measurement.segment import Chain
 from evanesce.render.cards import CHECKERBOARD, SQUARE, Card, Pose, render_card
 from evanesce.render.path import render
 from evanesce.rig import Scene, load_scene
 from evanesce.sensor.codec import write_png
-from evanesce.simulate import Render, SimulatedFrame, photograph, simulate
-from evanesce.states import Frame
-from evanesce.truth.compare import Comparison, compare
-from evanesce.truth.labels import FrameLabels, RectifiedView, label, view_geometry
-from evanesce.truth.split import ErrorSplit, MeasuredArea, Viewing, split
+from evanesce.simulate import Render, photograph, simulate
+from evanesce.validation.evaluate import Camera, Evaluation, evaluate
 
 Tick = Callable[[str, int, int], None]
 """``tick(what, done, total)``, called as work proceeds."""
@@ -100,30 +96,15 @@ class CalibratedRig:
 
 @dataclass(frozen=True, kw_only=True)
 class DemoFrame:
-    """One press: truth, picture, estimate and where the error comes from."""
+    """One press of one finger."""
 
     finger: str
     force_N: float
-    shot: SimulatedFrame
-    measured: Measured
-    labels: FrameLabels
-    comparison: Comparison
-    error: ErrorSplit
+    evaluation: Evaluation
 
     def row(self) -> dict[str, Any]:
         """Return the table's row, units in the keys."""
-        return {
-            "finger": self.finger,
-            "force_N": self.force_N,
-            "true_area_mm2": self.comparison.true_area_mm2,
-            "measured_area_mm2": self.comparison.area_mm2,
-            "pixels": self.measured.estimate.pixels,
-            "error_mm2": self.comparison.error_mm2,
-            "error_percent": self.comparison.error_percent,
-            "iou": self.comparison.iou,
-            "boundary_displacement_um": 1e3 * self.comparison.displacement_mm.mean,
-            "split_percent": {name: percent for name, _, percent in self.error.rows() if name != "total"},
-        }
+        return {"finger": self.finger, "force_N": self.force_N} | self.evaluation.row()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,49 +174,6 @@ def calibrate_rig(
     return CalibratedRig(calibration=calibration, result=result, square=square, rectified=rectified, pictures=pictures)
 
 
-def rectified_view(calibration: Calibration, rectified: Rectification) -> RectifiedView:
-    """Return the measurement's view in the terms of the truth, which carries its labels through it."""
-    return RectifiedView(
-        camera_matrix=calibration.camera_matrix,
-        distortion=calibration.distortion,
-        camera_matrix_new=rectified.camera_matrix_new,
-        shape=rectified.shape,
-    )
-
-
-def evaluate(
-    shot: SimulatedFrame, finger: str, force_N: float, rig: CalibratedRig, chain: Chain, seed: int
-) -> DemoFrame:
-    """Measure a simulated frame by the author's chain, compare it with the truth and split the error."""
-    assert shot.state is not None
-    projection = Projection.of(shot.scene.camera, shot.scene.plate)
-    view = rectified_view(rig.calibration, rig.rectified)
-    measured = measure_frame(shot.frame, chain, rig.square.mm2_per_px, rig.rectified)
-    labels = label(shot.state, view_geometry(projection, view))
-
-    def retake(without: Any) -> Frame:
-        index, time_s = shot.frame.index, shot.frame.time
-        return photograph(shot.scene, shot.plate_light, seed=seed, index=index, time_s=time_s, without=without)[1]
-
-    straight = Projection(**{**vars(projection), "distortion": (0.0, 0.0, 0.0, 0.0, 0.0)})
-    area = MeasuredArea(
-        photograph=retake,
-        segment=lambda image: segment(image, chain).mask,
-        mm2_per_px=rig.square.mm2_per_px,
-        viewing=Viewing.of(projection, view),
-        straight=Viewing.of(straight),
-    )
-    return DemoFrame(
-        finger=finger,
-        force_N=force_N,
-        shot=shot,
-        measured=measured,
-        labels=labels,
-        comparison=compare(measured.estimate.mask, measured.estimate.area, labels),
-        error=split(area, shot.state.nominal_contact_area),
-    )
-
-
 def run_demo(
     folder: Path,
     settings: DemoSettings,
@@ -264,6 +202,7 @@ def run_demo(
     (folder / "cards").mkdir(exist_ok=True)
     rig = calibrate_rig(smooth, folder / "cards", settings, variant, lambda done, total: tick("cards", done, total))
     chain = Chain(threshold=THRESHOLD)
+    camera = Camera.of(smooth, rig.calibration, rig.square.mm2_per_px)  # the fingers share it
     options: dict[str, Any] = {}
     if renderer is None:
         options = {"samples_per_pixel": settings.samples_per_pixel, "passes": settings.passes, "variant": variant}
@@ -278,7 +217,8 @@ def run_demo(
                 render=renderer or render, **options,
             )  # fmt: skip
             write_png(folder / finger / f"frame_{k:06d}.png", shot.frame.data)
-            frames.append(evaluate(shot, finger, force, rig, chain, settings.seed))
+            found = evaluate(shot, chain, camera, seed=settings.seed)
+            frames.append(DemoFrame(finger=finger, force_N=force, evaluation=found))
             tick("presses", len(frames), total)
     origin = provenance.record(seed=settings.seed, config=smooth.as_dict(), **(record or {}))
     return Demo(rig=rig, frames=frames, provenance=dict(origin))

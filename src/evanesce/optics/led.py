@@ -254,8 +254,8 @@ def led_powers(leds: Leds) -> dict[str, float]:
     return {str(edge): float(radiant_power(leds.circuit, _supply(leds, edge))) for edge in leds.edges}
 
 
-def led_radiances(plate: Plate, leds: Leds) -> dict[str, Array]:
-    """Return the radiance of each LED's emitting face [W mm^-2 sr^-1], by edge, in the order of :func:`led_positions`.
+def each_led_power(plate: Plate, leds: Leds) -> dict[str, Array]:
+    """Return the radiant power of each LED [W], by edge, in the order of :func:`led_positions`.
 
     Each LED at the voltage that its strip leaves it (:func:`strip_voltages`), times its ``relative_power``.
 
@@ -270,9 +270,13 @@ def led_radiances(plate: Plate, leds: Leds) -> dict[str, Array]:
         voltage = strip_voltages(
             leds.circuit, _supply(leds, edge), centres + length / 2, leds.strip_resistance_ohm_per_mm
         )
-        power = radiant_power(leds.circuit, voltage) * _relative_power(leds, edge, centres.size)
-        found[edge] = emitter_radiance(leds, 1.0) * power
+        found[edge] = radiant_power(leds.circuit, voltage) * _relative_power(leds, edge, centres.size)
     return found
+
+
+def led_radiances(plate: Plate, leds: Leds) -> dict[str, Array]:
+    """Return the radiance of each LED's emitting face [W mm^-2 sr^-1], by edge; see :func:`each_led_power`."""
+    return {edge: emitter_radiance(leds, 1.0) * power for edge, power in each_led_power(plate, leds).items()}
 
 
 def _relative_power(leds: Leds, edge: str, count: int) -> Array:

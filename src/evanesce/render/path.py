@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from evanesce.errors import InputError
 from evanesce.optics.emitters import led_table
-from evanesce.optics.led import led_powers
+from evanesce.optics.led import each_led_power
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.render.scene import Patch, Window, camera_dict, plate_scene
 from evanesce.render.variant import VariantInfo, select
@@ -156,9 +156,29 @@ def integrator_for(
     return guided_integrator(plate.absorption_coefficient_per_mm, plate.thickness_mm, half, depth, connector)
 
 
+def require_traceable(scene: Scene) -> None:
+    """Refuse what only the fast renderer knows.
+
+    Raises
+    ------
+    InputError
+        Naming the key.
+    """
+    only_fast = {
+        "plate.edge_polish": scene.plate.edge_polish,
+        "leds.air_gap_share": scene.leds.air_gap_share,
+        "finger.scattering_length_mm": scene.finger.scattering_length_mm,
+    }
+    for key, value in only_fast.items():
+        if value != 0.0:
+            raise InputError(
+                f"{value:g}: the path tracer does not model it", key=key, allowed="0, or the fast renderer"
+            )
+
+
 def lit_powers(scene: Scene, leds: LedChoice) -> dict[str, Powers]:
-    """Return the radiant power of one LED [W] on each edge that is lit in this rendering."""
-    powers: dict[str, Powers] = dict(led_powers(scene.leds))
+    """Return the radiant power of each LED [W] on the edges that are lit in this rendering."""
+    powers: dict[str, Powers] = dict(each_led_power(scene.plate, scene.leds))
     if leds == "all":
         return powers
     if leds not in powers:
@@ -225,6 +245,7 @@ def render(
         raise InputError(f"{total}", key="samples_per_pixel", allowed="at least 1")
     if passes < 2:
         raise InputError(f"{passes}", key="passes", allowed="at least 2: the variance comes from them")
+    require_traceable(scene)
     lit: Mapping[str, Powers] = lit_powers(scene, leds) if powers is None else powers
     projection = Projection.of(scene.camera, scene.plate)
     view = projection.ideal_view() if view is None else view

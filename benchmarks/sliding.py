@@ -69,9 +69,8 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     result = measure(given.frames, given.samples)
-    print(
-        f"{given.frames} frames at {given.samples}^2: {result['total_s']:.2f} s ({result['march_s']:.2f} s of it the march)"
-    )
+    total, march_s = result["total_s"], result["march_s"]
+    print(f"{given.frames} frames at {given.samples}^2: {total:.2f} s ({march_s:.2f} s of it the march)")
     if given.json:
         given.json.write_text(json.dumps({**result, "provenance": dict(provenance.record())}, indent=2) + "\n")
 

@@ -124,7 +124,7 @@ def test_profile_and_map(run, tmp_path):
     assert result["against_design"]["height"]["relative_deviation"] == pytest.approx(-0.523, abs=0.002)
     with np.load(out / "height_map.npz", allow_pickle=False) as data:
         assert data["pitch_mm"] == pytest.approx(0.004)
-        assert data["height_mm"].min() == pytest.approx(-0.04767, rel=0.01)
+        assert data["distance_mm"].max() == pytest.approx(0.04767, rel=0.01)
     grid = tmp_path / "m.csv"
     np.savetxt(grid, np.tile(z[::4], (200, 1)), delimiter=",")
     out = tmp_path / "m"

@@ -267,6 +267,17 @@ def test_height_maps_for_the_finger(scan):
     assert np.abs(np.diff(row)).max() < 1.1 * HEIGHT / FLANK * 0.01
 
 
+def test_a_measured_profile_goes_straight_into_the_half_space_solver():
+    from evanesce.contact.halfspace import press_height_map
+
+    x = np.arange(0, 9.3, 0.004)
+    tiled = profile.height_map_of_profile(x, ridge(x - 0.21) + 0.002 * x, (8, 856), PITCH / 107)
+    light = press_height_map(tiled.distance, tiled.pitch, 0.3, 1e-5, periodic=True)
+    touched = light.pressure > 0
+    assert light.pressure.sum() * tiled.pitch**2 == pytest.approx(1e-5, rel=1e-6)
+    assert np.all(tiled.distance[touched] < 0.1 * HEIGHT)  # crests touch, furrows do not
+
+
 def test_maps_from_files(tmp_path, scan):
     import OpenEXR
     from PIL import Image

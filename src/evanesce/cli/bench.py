@@ -296,7 +296,7 @@ def _profile(
     _table("ridges", rows)
     if surface is not None:
         temporary = folder / ".height_map.part.npz"
-        np.savez_compressed(temporary, height_mm=surface.height, pitch_mm=surface.pitch)
+        np.savez_compressed(temporary, distance_mm=surface.distance, pitch_mm=surface.pitch)
         temporary.replace(folder / "height_map.npz")
     summary = {
         "test": "profile",

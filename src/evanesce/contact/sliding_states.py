@@ -39,7 +39,7 @@ class SlideView:
     direction: float = 0.0
     follows: bool = True
     trailing_share: float = 1.0
-    near_gap: float = 1e-3
+    near_gap: float = 0.01
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,11 @@ class HeightMap:
     height: Floats
     pitch: float
 
+    @property
+    def distance(self) -> Floats:
+        """Undeformed distance from the glass with the mean crest touching [mm]: what the half-space solver presses."""
+        return -self.height
+
 
 @dataclass(frozen=True)
 class Spread:

@@ -18,7 +18,7 @@ It is symmetric (reciprocal), and because 1 - R_i = (n1/n3)^2 times the integral
 R(i) + T(i) rho (1 - R_i)/(1 - rho R_i): exactly 1 for rho = 1, below it otherwise. A mixture of such surfaces by area,
 and of them with a plain dielectric, keeps both properties.
 
-From outside, the wedge between finger and glass is closed where they are near: that side is black.
+From outside, the wedge between finger and glass is closed where they are near: the finger's flank, Lambertian with rho.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ def frustrated_bsdf(gap: Any, share: Any, optics: InterfaceOptics) -> Any:
     guided_share = GUIDED_SHARE if cone2 > escape2 else 0.0
     both = mi.BSDFFlags.FrontSide | mi.BSDFFlags.BackSide
     flags = mi.BSDFFlags
-    lobes = [flags.DeltaReflection | both, flags.DiffuseReflection | flags.FrontSide, flags.DeltaTransmission | both]
+    lobes = [flags.DeltaReflection | both, flags.DiffuseReflection | both, flags.DeltaTransmission | both]
     gaps = np.linspace(0.0, optics.near_gap, _TABLE)
     factors = optics.body_factor(gaps)
     contact_factor = float(factors[0])
@@ -189,56 +189,55 @@ def frustrated_bsdf(gap: Any, share: Any, optics: InterfaceOptics) -> Any:
             bare, cos_t, eta_it, eta_ti = mi.fresnel(cos_i, 1.0 / n1)
             r = self._reflectances(dr.abs(cos_i), g, near)
             open_share = dr.select(near, 0.0, 1.0 - s)
-            p_reflect = dr.select(front, s * r[0] + (1.0 - s) * r[1], bare)
-            p_transmit = dr.select(front, open_share, 1.0) * (1.0 - bare)
+            p_reflect = dr.select(front, s * r[0] + (1.0 - s) * r[1], open_share * bare)
+            p_transmit = open_share * (1.0 - bare)
             p_diffuse = dr.maximum(1.0 - p_reflect - p_transmit, 0.0)
             reflect = sample1 < p_reflect
             transmit = ~reflect & (sample1 < p_reflect + p_transmit)
-            diffuse = ~reflect & ~transmit & front
 
-            wo = self._direction(sample2)
-            cos_o = dr.maximum(wo.z, 0.0)
-            direction_pdf = self._direction_pdf(cos_o)
+            inward, outward = self._direction(sample2), mi.warp.square_to_cosine_hemisphere(sample2)
+            wo = dr.select(front, inward, mi.Vector3f(outward.x, outward.y, -outward.z))
+            cos_o = dr.abs(wo.z)
+            direction_pdf = dr.select(front, self._direction_pdf(cos_o), cos_o / dr.pi)
             ro = self._reflectances(cos_o, g, near)
             diffuse_pdf = p_diffuse * direction_pdf
-            scattered = self._diffuse(r, ro, s, near, factor) * cos_o / diffuse_pdf
+            scattered = dr.select(
+                front, self._diffuse(r, ro, s, near, factor) * cos_o / diffuse_pdf, optics.reflectance
+            )
             through = mi.refract(si.wi, cos_t, eta_ti)
             scale = dr.square(eta_ti) if ctx.mode == mi.TransportMode.Radiance else 1.0
-            delta_share = dr.select(front, 1.0, open_share)
 
             bs = mi.BSDFSample3f()
             bs.wo = dr.select(reflect, mi.reflect(si.wi), dr.select(transmit, through, wo))
             bs.eta = dr.select(transmit, eta_it, 1.0)
-            bs.pdf = dr.select(
-                reflect, p_reflect, dr.select(transmit, p_transmit, dr.select(diffuse, diffuse_pdf, 0.0))
-            )
+            bs.pdf = dr.select(reflect, p_reflect, dr.select(transmit, p_transmit, diffuse_pdf))
             bs.sampled_component = dr.select(reflect, mi.UInt32(0), dr.select(transmit, mi.UInt32(2), mi.UInt32(1)))
             bs.sampled_type = dr.select(
                 reflect,
                 mi.UInt32(+flags.DeltaReflection),
                 dr.select(transmit, mi.UInt32(+flags.DeltaTransmission), mi.UInt32(+flags.DiffuseReflection)),
             )
-            weight = dr.select(reflect, delta_share, dr.select(transmit, delta_share * scale, scattered))
-            valid = active & (bs.pdf > 0) & (reflect | transmit | diffuse)
+            weight = dr.select(reflect, 1.0, dr.select(transmit, scale, scattered))
+            valid = active & (bs.pdf > 0)
             return bs, dr.select(valid, mi.Spectrum(weight), 0.0)
 
         def eval(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
-            cos_i, cos_o = mi.Frame3f.cos_theta(si.wi), mi.Frame3f.cos_theta(wo)
-            active = active & (cos_i > 0) & (cos_o > 0)
-            s, g, near, factor = self._local(si, active)
-            ri, ro = self._reflectances(dr.abs(cos_i), g, near), self._reflectances(dr.abs(cos_o), g, near)
-            return mi.Spectrum(dr.select(active, self._diffuse(ri, ro, s, near, factor) * cos_o, 0.0))
+            return self.eval_pdf(ctx, si, wo, active)[0]
 
         def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
-            cos_i, cos_o = mi.Frame3f.cos_theta(si.wi), mi.Frame3f.cos_theta(wo)
-            active = active & (cos_i > 0) & (cos_o > 0)
-            s, g, near, _ = self._local(si, active)
-            r = self._reflectances(dr.abs(cos_i), g, near)
-            p_diffuse = s * (1.0 - r[0]) + dr.select(near, (1.0 - s) * (1.0 - r[1]), 0.0)
-            return dr.select(active, p_diffuse * self._direction_pdf(cos_o), 0.0)
+            return self.eval_pdf(ctx, si, wo, active)[1]
 
         def eval_pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> tuple[Any, Any]:
-            return self.eval(ctx, si, wo, active), self.pdf(ctx, si, wo, active)
+            cos_i, cos_o = mi.Frame3f.cos_theta(si.wi), mi.Frame3f.cos_theta(wo)
+            active = active & (cos_i * cos_o > 0)
+            front, cos_i, cos_o = cos_i > 0, dr.abs(cos_i), dr.abs(cos_o)
+            s, g, near, factor = self._local(si, active)
+            ri, ro = self._reflectances(cos_i, g, near), self._reflectances(cos_o, g, near)
+            closed = dr.select(near, 1.0, s)
+            value = dr.select(front, self._diffuse(ri, ro, s, near, factor), closed * optics.reflectance / dr.pi)
+            p_diffuse = s * (1.0 - ri[0]) + dr.select(near, (1.0 - s) * (1.0 - ri[1]), 0.0)
+            pdf = dr.select(front, p_diffuse * self._direction_pdf(cos_o), closed * cos_o / dr.pi)
+            return mi.Spectrum(dr.select(active, value * cos_o, 0.0)), dr.select(active, pdf, 0.0)
 
         def reflectance(self, u: Any, v: Any, cos_theta: Any, active: Any) -> Any:
             """Return the specular reflectance at uv for light from the glass."""

@@ -254,7 +254,7 @@ def _fit_blur(
         miss,
         start,
         diff_step=[0.1, 0.1, 0.1],
-        bounds=([0.0, 0.0, -5.0], [40.0, 60.0, 5.0]),
+        bounds=([-40.0, 0.0, -5.0], [40.0, 60.0, 5.0]),
         loss="soft_l1",
         f_scale=_ROBUST_DN,
         max_nfev=8,

@@ -138,3 +138,70 @@ def test_programmes_are_capped_and_need_a_depth() -> None:
         press_programme(
             scene(**ramp(stop_N=2.0, rate_mm_per_min=5.0), contact={"law": "xydas_kao", "c_mm": 2.0, "gamma": 0.2})
         )
+
+
+# --- half-space
+
+
+def halfspace(name: str = "thesis", law: dict | None = None, **more: object) -> Scene:
+    return scene(name, contact={"law": "halfspace"} | (law or {}), grid__samples=256, **more)
+
+
+def test_the_half_space_of_a_smooth_finger_is_hertz() -> None:
+    solved, hertz = contact_state(halfspace(), 1.3), contact_state(scene(), 1.3)
+    assert solved.law == "halfspace"
+    assert solved.nominal_contact_area == pytest.approx(hertz.nominal_contact_area, rel=0.01)
+    assert solved.depth == pytest.approx(hertz.depth, rel=1e-3)
+    assert solved.pressure.max() == pytest.approx(hertz.pressure.max(), rel=0.01)
+
+
+@pytest.mark.parametrize("pattern", ["parallel", "concentric", "loop", "whorl"])
+@pytest.mark.parametrize("rounding", [None, 60.0])
+def test_every_pattern_presses(pattern: str, rounding: float | None) -> None:
+    ridges = {"finger__ridges__pattern": pattern, "finger__ridges__height_um": 90.0}
+    if rounding is not None:
+        ridges["finger__ridges__rounding_um"] = rounding
+    state = contact_state(halfspace("thesis_ridged", **ridges), 1.3)
+    smooth = contact_state(scene(), 1.3)
+    assert state.law == "halfspace+ridges"
+    assert 0.3 < state.nominal_contact_area / smooth.nominal_contact_area < 1.0
+    assert state.pressure.sum() * state.grid.pitch**2 == pytest.approx(1.3, rel=1e-9)
+    assert state.parameters["ridge_pattern"] == pattern
+    if rounding is None:
+        first = contact_state(scene("thesis_ridged", **ridges), 1.3)
+        # pitch over radius is 0.5: the models agree to a part of it
+        assert first.nominal_contact_area == pytest.approx(state.nominal_contact_area, rel=0.25)
+        assert first.contact_mask.sum() * first.grid.pitch**2 == pytest.approx(first.nominal_contact_area, rel=1e-3)
+
+
+def test_the_half_space_sticks_where_the_scene_says_so() -> None:
+    dry = contact_state(halfspace(), 0.4)
+    sticky = contact_state(halfspace(law={"work_of_adhesion_N_per_mm": 1e-3}), 0.4)
+    jkr = contact_state(scene(contact={"law": "jkr", "work_of_adhesion_N_per_mm": 1e-3}), 0.4)
+    assert dry.nominal_contact_area < sticky.nominal_contact_area < 1.02 * jkr.nominal_contact_area
+    # four cells of 54 um to the cohesive zone: Maugis's parameter is about 1.3, area within a tenth of JKR's
+    assert sticky.nominal_contact_area == pytest.approx(jkr.nominal_contact_area, rel=0.1)
+
+
+def test_rounding_needs_the_half_space() -> None:
+    with pytest.raises(InputError, match=r"rounding_um.*halfspace"):
+        contact_state(scene("thesis_ridged", finger__ridges__rounding_um=30.0), 1.0)
+
+
+def test_roughness_makes_real_contact_a_share_that_grows_with_pressure() -> None:
+    smooth = contact_state(scene(), 1.0)
+    assert smooth.real_contact_fraction is None
+    rough = contact_state(scene(finger__roughness_rms_slope=0.3), 1.0)
+    share = rough.real_contact_fraction
+    assert share is not None
+    assert np.array_equal(rough.pressure, smooth.pressure)
+    order = np.argsort(rough.pressure.ravel())
+    assert (np.diff(share.ravel()[order]) >= 0).all()
+    assert 0.3 < share.max() < 1.0
+    assert share[rough.contact_mask == 0].max() == 0.0
+
+
+def test_a_depth_ramp_of_the_half_space_takes_hertz_depth() -> None:
+    entries = ramp(start_N=0.1, stop_N=1.0, rate_mm_per_min=5.0)
+    solved, hertz = np.array(press_programme(halfspace(**entries))), np.array(press_programme(scene(**entries)))
+    np.testing.assert_allclose(solved, hertz, rtol=1e-9)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -15,6 +15,7 @@ from evanesce.contact.fem.plane import Glass, PlaneForces, free_anchors, plane_f
 
 Floats = NDArray[np.float64]
 
+GRIP = 1e9  # coefficient of friction that nothing slips on
 NOISE = 2e-10  # [N]: rounding of internal forces, bulk modulus times section times machine epsilon, summed over nodes
 
 
@@ -150,9 +151,13 @@ def equilibrium(
     u = (guess or before).displacement.copy()
     depth = before.depth if target.depth is None else target.depth
     areas, anchors = model.areas, before.contact.anchors
+    gripping = replace(model.glass, friction=GRIP)
     best, previous = np.inf, np.inf
     for iteration in range(max_iterations):
-        contact = plane_forces(model.relative(u, depth, target.slide), areas, model.glass, anchors)
+        # a cantilever as soft as a finger springs back far beyond the glass's small move if its first iterate may
+        # slip, and then slips the other way for ever: let the skin follow the glass first
+        glass = gripping if iteration == 0 and guess is None and target.slide != before.slide else model.glass
+        contact = plane_forces(model.relative(u, depth, target.slide), areas, glass, anchors)
         residual = model.solid.forces(u)
         residual[model.mesh.candidates] -= contact.force
         normal = float(contact.force[:, -1].sum()) * model.turn
@@ -162,7 +167,7 @@ def equilibrium(
         if not np.isfinite(error):
             raise StepFailed
         if iteration > 0 and error + abs(missing) <= tolerance * scale + NOISE:
-            tangential = -float(contact.force[:, 0].sum()) * model.turn if dim == 3 else 0.0
+            tangential = float(contact.force[:, 0].sum()) * model.turn if dim == 3 else 0.0
             return Equilibrium(u, depth, target.slide, contact, normal, tangential, iteration)
         if iteration > 12 and error > 1e3 * max(best, 1e-9):
             raise StepFailed

@@ -119,11 +119,18 @@ def plane_forces(relative: Floats, areas: Floats, glass: Glass, anchors: Anchors
     before = anchors.last[new]
     drop = before[:, -1] - height[new]
     share = np.clip(np.where(drop > 0, before[:, -1] / np.where(drop > 0, drop, 1.0), 0.0), 0.0, 1.0)
-    origin[new] = before[:, :-1] + share[:, None] * (relative[new, :-1] - before[:, :-1])
+    move = relative[new, :-1] - before[:, :-1]
+    origin[new] = before[:, :-1] + share[:, None] * move
+    # how the way from the anchor changes with the node's place: by itself along the glass, and with its height
+    along, with_height = np.ones(count), np.zeros((count, dim - 1))
+    along[new] = 1.0 - share
+    crossed = drop > 0
+    with_height[np.flatnonzero(new)[crossed]] = (-before[crossed, -1] / drop[crossed] ** 2)[:, None] * move[crossed]
     touchdown = np.where(new[:, None], origin, np.where(touching[:, None], anchors.touchdown, relative[:, :-1]))
     slipping, place = touching.copy(), relative[:, :-1].copy()
     if glass.friction > 0 and touching.any():
-        tangential, block, slipping = _coulomb(relative[:, :-1] - origin, areas, normal, normal_stiffness, touching, glass)
+        way = _Way(relative[:, :-1] - origin, along, with_height)
+        tangential, block, slipping = _coulomb(way, areas, normal, normal_stiffness, touching, glass)
         force[:, :-1] = -tangential
         stiffness[:, :-1] = block
         stick = glass.tangential_ratio * glass.penalty * areas
@@ -132,8 +139,17 @@ def plane_forces(relative: Floats, areas: Floats, glass: Glass, anchors: Anchors
     return PlaneForces(force, stiffness, slipping, touching, Anchors(touching, place, touchdown, relative.copy()))
 
 
+@dataclass(frozen=True)
+class _Way:
+    """Way of each node from its anchor (k, d - 1), its derivative along the glass (k,) and with height (k, d - 1)."""
+
+    value: Floats
+    along: Floats
+    with_height: Floats
+
+
 def _coulomb(
-    stretch: Floats,
+    stretch: _Way,
     areas: Floats,
     normal: Floats,
     normal_stiffness: Floats,
@@ -142,24 +158,25 @@ def _coulomb(
 ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Return friction (k, d - 1), its rows of the stiffness (k, d - 1, d) and which nodes slip.
 
-    ``stretch`` is the way from each node's anchor; an elastic trial force beyond Coulomb's cone is drawn back to it.
+    An elastic trial force beyond Coulomb's cone is drawn back to it.
     """
-    count, across_dim = stretch.shape
+    count, across_dim = stretch.value.shape
     stick = glass.tangential_ratio * glass.penalty * areas
-    pull = stick[:, None] * stretch
+    pull = stick[:, None] * stretch.value
     size, limit = np.linalg.norm(pull, axis=1), glass.friction * normal
     slipping = touching & (size > limit)
     held = touching & ~slipping
     way = np.divide(pull, size[:, None], out=np.zeros_like(pull), where=size[:, None] > 0)
     tangential = np.where(held[:, None], pull, np.where(slipping[:, None], limit[:, None] * way, 0.0))
-    eye = np.eye(across_dim)
     ratio = np.divide(limit, size, out=np.zeros_like(limit), where=size > 0)
+    # derivative of the traction by the way: the identity where held, the part across the pull where slipping
+    across = (stick * ratio)[:, None, None] * (np.eye(across_dim) - way[:, :, None] * way[:, None, :])
+    held_part = stick[:, None, None] * np.eye(across_dim)
+    by_way = np.where(held[:, None, None], held_part, np.where(slipping[:, None, None], across, 0.0))
     block = np.zeros((count, across_dim, across_dim + 1))
-    sideways = (stick * ratio)[:, None, None] * (eye - way[:, :, None] * way[:, None, :])
-    block[:, :, :-1] = np.where(
-        held[:, None, None], stick[:, None, None] * eye, np.where(slipping[:, None, None], sideways, 0.0)
-    )
+    block[:, :, :-1] = by_way * stretch.along[:, None, None]
+    block[:, :, -1] = (by_way @ stretch.with_height[:, :, None])[:, :, 0]
     # a slipping node's friction follows its pressure, which makes the tangent unsymmetric
-    block[:, :, -1] = np.where(slipping[:, None], -glass.friction * normal_stiffness[:, None] * way, 0.0)
+    block[:, :, -1] -= np.where(slipping[:, None], glass.friction * normal_stiffness[:, None] * way, 0.0)
     return tangential, block, slipping
 

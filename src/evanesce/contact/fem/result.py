@@ -138,6 +138,9 @@ def write_npz(path: Path, arrays: Mapping[str, NDArray[Any]], *, compressed: boo
                 (np.savez_compressed if compressed else np.savez)(stream, **arrays)  # type: ignore[arg-type]
                 stream.flush()
                 os.fsync(stream.fileno())
+            umask = os.umask(0)
+            os.umask(umask)
+            os.chmod(name, 0o666 & ~umask)
             os.replace(name, path)
         except BaseException:
             os.unlink(name)

@@ -64,7 +64,7 @@ def profile_of(print_: Footprint, depth: float, normal_force: float) -> Axisymme
     )
 
 
-def _pressure_at(profile: AxisymmetricProfile, r: Floats) -> Floats:
+def pressure_at(profile: AxisymmetricProfile, r: Floats) -> Floats:
     """Return the pressure [MPa] between nodes.
 
     p^2 is straight at the edge. The last node in contact is left out: its area reaches beyond the edge, so that its
@@ -79,7 +79,7 @@ def _pressure_at(profile: AxisymmetricProfile, r: Floats) -> Floats:
     return np.asarray(np.sqrt(np.interp(r, knots, squares, right=0.0)))
 
 
-def _gap_at(profile: AxisymmetricProfile, r: Floats, beyond: float) -> Floats:
+def gap_at(profile: AxisymmetricProfile, r: Floats, beyond: float) -> Floats:
     """Return the gap [mm] between nodes; ``beyond`` where the finger's widest place has no skin over the glass."""
     a = profile.contact_radius
     outside = (profile.gap > 0) & (profile.r > a)
@@ -96,7 +96,7 @@ def _gap_at(profile: AxisymmetricProfile, r: Floats, beyond: float) -> Floats:
 def axisymmetric_contact(profile: AxisymmetricProfile, beyond: float) -> AxisymmetricContact:
     """Return a profile as the contact that every axisymmetric law gives, its pressure scaled to carry the force."""
     r = np.linspace(0.0, max(profile.contact_radius, 1e-9), RADIAL_POINTS)
-    p = _pressure_at(profile, r)
+    p = pressure_at(profile, r)
     ring = 2 * np.pi * r * p
     within = np.concatenate([[0.0], np.cumsum(0.5 * (ring[1:] + ring[:-1]) * np.diff(r))])
     scale = profile.normal_force / within[-1] if within[-1] > 0 else 0.0
@@ -109,7 +109,7 @@ def axisymmetric_contact(profile: AxisymmetricProfile, beyond: float) -> Axisymm
         normal_force=profile.normal_force,
         depth=profile.depth,
         force_within=force_within,
-        gap=lambda radius: _gap_at(profile, np.asarray(radius, dtype=float), beyond),
+        gap=lambda radius: gap_at(profile, np.asarray(radius, dtype=float), beyond),
     )
 
 

@@ -1,0 +1,46 @@
+"""Solve the presses of the library and write their files: ``python -m evanesce.contact.fem.make_library [FOLDER]``.
+
+Takes some minutes a press on one core; a second call finds the runs in the cache.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from evanesce.contact.fem.library import BONES, FOLDER, save_library_press
+from evanesce.contact.fem.material import rubber
+from evanesce.contact.fem.mesh import FingerShape, MeshSize
+from evanesce.contact.fem.press import press
+from evanesce.contact.fem.result import SolvedRun
+from evanesce.contact.fem.runs import cache_folder
+from evanesce.materials.tables import material as silicone
+
+FORCES = (0.1, 0.15, 0.22, 0.33, 0.5, 0.7, 1.0, 1.4, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0)
+SIZE = MeshSize(contact=0.06, fine_extent=5.8)
+MATERIALS = ("silskin_0", "silskin_20")
+
+
+def library_run(material: str, bone: str) -> SolvedRun:
+    """Solve one press of the library: the thesis's smooth finger with its static friction on glass."""
+    friction = silicone(material).friction
+    assert friction is not None  # both materials have one in the tables
+    shape = FingerShape(bone_radius=BONES[bone])
+    mu = friction.static_coefficient_smooth
+    return press(shape, rubber(material), forces=FORCES, friction=mu, size=SIZE, cache=cache_folder())
+
+
+def main(folder: Path = FOLDER) -> None:
+    """Write every file of the library."""
+    for material in MATERIALS:
+        for bone in BONES:
+            run = library_run(material, bone)
+            save_library_press(folder / f"{material}_{bone}.npz", run)
+            for index in run.reached():
+                row = run.row(index)
+                print(f"{material} {bone} {row['normal_force_N']:.2f} N  depth {row['depth_mm']:.3f} mm  "
+                      f"area {row['area_mm2']:.2f} mm^2  E* {row['reduced_modulus_MPa']:.4f} MPa", flush=True)  # fmt: skip
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER)

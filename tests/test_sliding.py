@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from evanesce.contact import partial_slip
@@ -175,6 +177,28 @@ def test_falling_normal_force_sheds_tangential_force():
     # Springs only lose on this path, so the end is Cattaneo-Mindlin's for the last N at the held displacement.
     whole = 0.75 * MU * 0.3 * N / (G * hertz_radius(0.3 * N, R, E))
     assert q[-1] == pytest.approx(MU * 0.3 * N * (1 - (1 - 0.3 / whole) ** 1.5), rel=1e-4)
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(
+    st.lists(st.tuples(st.floats(0.05, 2.0), st.floats(-0.8, 0.8)), min_size=3, max_size=9),
+    st.floats(0.3, 1.0),
+    st.floats(0.0, 0.08),
+)
+def test_any_path_dissipates_and_stays_within_strength(path, ratio, tau0):
+    """Second law, and |Q| at most tau0 A + alpha N, for random presses and slides with weakening."""
+    force, drive = (np.repeat(np.array(v), 3) for v in zip(*path, strict=True))
+    friction = InterfaceFriction(tau0, 0.6, dynamic_ratio=ratio)
+    contacts = [press(float(f)) for f in force]
+    slide = march(contacts, np.arange(len(force)) * 0.1, drive, friction, G, springs=128)
+    q = slide.series("tangential_force")
+    strength = tau0 * np.pi * np.array([c.contact_radius for c in contacts]) ** 2 + 0.6 * force
+    assert np.all(np.abs(q) <= strength * (1 + 1e-9))
+    for before, after in zip(slide.frames, slide.frames[1:], strict=False):
+        moved = after.spring_slip - before.spring_slip
+        kept = (after.spring_slip != 0) & (before.contact.contact_radius == after.contact.contact_radius)
+        # At constant load a spring that slipped pulls the way it slipped.
+        assert np.all(moved[kept] * after.force_density[kept] >= -1e-12)
 
 
 def test_series_stiffness_adds_compliance():

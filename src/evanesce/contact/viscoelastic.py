@@ -12,14 +12,16 @@ Hertz's displacements, followed by the creep operator.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from evanesce.contact.patch import AxisymmetricContact
+from evanesce.contact.patch import AxisymmetricContact, axisymmetric_state
 from evanesce.materials.prony import PronySeries
+from evanesce.states import ContactState, PlateGrid
 
 Floats = NDArray[np.float64]
 MAX_STEPS = 6000
@@ -123,6 +125,39 @@ class ViscoelasticHistory:
         # The two terms cancel far out; there the series 4/(3 pi) b/r takes over.
         far = np.where(outside > 1e3, 4.0 / (3.0 * np.pi) / outside, far)
         return b**2 / self.tip_radius * np.where(ratio <= 1.0, 1.0 - 0.5 * ratio**2, far)
+
+
+def viscoelastic_states(
+    grid: PlateGrid,
+    centre: tuple[float, float],
+    history: ViscoelasticHistory,
+    times: ArrayLike,
+    parameters: Mapping[str, Any] | None = None,
+) -> Iterator[ContactState]:
+    """Yield the contact states of the computed instants nearest to the wanted times [s].
+
+    Parameters
+    ----------
+    grid : PlateGrid
+    centre : tuple of float
+        (x, y) of the tip on the plate [mm].
+    history : ViscoelasticHistory
+    times : array_like
+        Frame times [s]; the time in each state is that of the instant computed.
+    parameters : mapping, optional
+        Recorded in each state.
+
+    Raises
+    ------
+    InputError
+        If a contact leaves the grid.
+    """
+    for wanted in np.atleast_1d(np.asarray(times, dtype=float)):
+        i = int(np.argmin(np.abs(history.time - wanted)))
+        found = {**(parameters or {}), "grown_until_s": float(history.growing_until[i])}
+        now = float(history.time[i])
+        contact = history.contact(i)
+        yield axisymmetric_state(grid, centre, contact, law="viscoelastic_hertz", parameters=found, time=now)
 
 
 def press_by_force(time: ArrayLike, force: ArrayLike, tip_radius: float, series: PronySeries) -> ViscoelasticHistory:

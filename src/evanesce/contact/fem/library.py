@@ -71,7 +71,9 @@ class LibraryPress:
         if not low * (1 - 1e-9) <= force <= high * (1 + 1e-9):
             raise InputError(f"{force:g} N", key="force", allowed=f"{low:g} to {high:g} N in the library")
         index = int(np.clip(np.searchsorted(self.force, force) - 1, 0, self.force.size - 2))
-        share = float(np.clip(np.log(force / self.force[index]) / np.log(self.force[index + 1] / self.force[index]), 0, 1))
+        share = float(
+            np.clip(np.log(force / self.force[index]) / np.log(self.force[index + 1] / self.force[index]), 0, 1)
+        )
 
         def mix(a: Any, b: Any) -> Any:
             return (1 - share) * a + share * b
@@ -135,7 +137,10 @@ def save_library_press(path: Path, run: SolvedRun) -> None:
         "force": np.array([p.normal_force for p in profiles]),
         "depth": np.array([p.depth for p in profiles]),
         "contact_radius": np.array([p.contact_radius for p in profiles]),
-        **{key: np.array([getattr(p, key) for p in profiles], dtype="?" if key == "slipping" else "f4") for key in _FIELDS},
+        **{
+            key: np.array([getattr(p, key) for p in profiles], dtype="?" if key == "slipping" else "f4")
+            for key in _FIELDS
+        },
     }
     write_npz(path, arrays, compressed=True)
 
@@ -202,4 +207,6 @@ def library_state(
     press = library_press(material, bone)
     parameters = {"material": material, "bone": bone, "run_sha256": press.digest, "force_N": float(force_N)}
     beyond = float(press.inputs["shape"]["length"])
-    return press_state(grid, centre, press.at(float(force_N)), beyond=beyond, parameters=parameters, law="fem_library", time=time)
+    return press_state(
+        grid, centre, press.at(float(force_N)), beyond=beyond, parameters=parameters, law="fem_library", time=time
+    )

@@ -199,7 +199,9 @@ def _bone_boundary(shape: FingerShape, cap_arcs: Floats, outer: Floats, n_cap: i
     """Return the bone's round end and side, nodes opposite those of the skin."""
     angle = 0.5 * np.pi * cap_arcs / cap_arcs[-1]
     if len(outer) == n_cap + 1:
-        angle = angle * min(1.0, np.arccos(max(-1.0, (shape.diameter / 2 - shape.length) / shape.bone_radius)) / angle[-1])
+        angle = angle * min(
+            1.0, np.arccos(max(-1.0, (shape.diameter / 2 - shape.length) / shape.bone_radius)) / angle[-1]
+        )
     centre = shape.diameter / 2
     end = np.column_stack([shape.bone_radius * np.sin(angle), centre - shape.bone_radius * np.cos(angle)])
     end[0, 0] = 0.0
@@ -214,7 +216,7 @@ def _corner_of(arcs: Floats, shape: FingerShape) -> int:
     return int(np.clip(np.argmin(np.abs(arcs / shape.tip_radius - angle)), 1, arcs.size - 2))
 
 
-def finger_section(shape: FingerShape, size: MeshSize = MeshSize()) -> SolidMesh:  # noqa: B008  (frozen)
+def finger_section(shape: FingerShape, size: MeshSize = MeshSize()) -> SolidMesh:
     """Mesh the half section r >= 0 of a finger with quadrilaterals.
 
     Parameters
@@ -303,7 +305,7 @@ def _half_disc(centre_cells: int, rings: int) -> tuple[Floats, Ints, Ints]:
     return points, cells, full[:, -1]
 
 
-def finger_half(shape: FingerShape, size: MeshSize = MeshSize(contact=0.55)) -> SolidMesh:  # noqa: B008  (frozen)
+def finger_half(shape: FingerShape, size: MeshSize = MeshSize(contact=0.55)) -> SolidMesh:
     """Mesh the half body y >= 0 of a finger with hexahedra.
 
     Parameters
@@ -330,7 +332,11 @@ def finger_half(shape: FingerShape, size: MeshSize = MeshSize(contact=0.55)) -> 
     cells.append(_bricks(grid))
     cap_points, side_points = blocks[0].reshape(-1, 3), blocks[1].reshape(-1, 3)
     n_cap_skin = line.cap - line.corner + 1
-    facets = [disc_cells, len(cap_points) + _quads(grid[:n_cap_skin, 0]), len(cap_points) + _quads(grid[n_cap_skin - 1 :, 0])]
+    facets = [
+        disc_cells,
+        len(cap_points) + _quads(grid[:n_cap_skin, 0]),
+        len(cap_points) + _quads(grid[n_cap_skin - 1 :, 0]),
+    ]
     everything = [cap_points, side_points]
     all_cells = [cells[0], len(cap_points) + cells[1]]
     if shape.bone_radius == 0:
@@ -344,7 +350,9 @@ def finger_half(shape: FingerShape, size: MeshSize = MeshSize(contact=0.55)) -> 
     skin = [renumber[f] for f in facets]
     clamped = points[:, 2] > shape.length - 1e-7
     if shape.bone_radius > 0:
-        inner = np.concatenate([np.arange(len(disc)) + len(disc) * (line.layers.size - 1), len(cap_points) + grid[:, -1].ravel()])
+        inner = np.concatenate(
+            [np.arange(len(disc)) + len(disc) * (line.layers.size - 1), len(cap_points) + grid[:, -1].ravel()]
+        )
         clamped[renumber[inner]] = True
     return SolidMesh(
         points=points,

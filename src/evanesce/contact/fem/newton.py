@@ -61,7 +61,7 @@ class Equilibrium:
     iterations: int
 
 
-class StepFailed(Exception):  # noqa: N818  (caught by the step control, never shown)
+class StepFailed(Exception):
     """A step did not converge; the step control takes a smaller one."""
 
 
@@ -191,7 +191,13 @@ def _contact_matrix(model: Model, contact: PlaneForces, size: int) -> Any:
 
 
 def _newton_step(
-    model: Model, matrix: Any, residual: Floats, contact: PlaneForces, free: NDArray[np.int64], missing: float, rise: bool
+    model: Model,
+    matrix: Any,
+    residual: Floats,
+    contact: PlaneForces,
+    free: NDArray[np.int64],
+    missing: float,
+    rise: bool,
 ) -> tuple[Floats, float]:
     """Return the correction of displacements and, under force control, of the depth."""
     system = matrix[free][:, free]
@@ -236,4 +242,3 @@ def carried_on(before: Equilibrium, last: Equilibrium, share: float) -> Equilibr
     """Return the last state carried on along the path from the one before, as a first guess."""
     guess = last.displacement + share * (last.displacement - before.displacement)
     return Equilibrium(guess, last.depth, last.slide, last.contact, last.normal_force, last.tangential_force, 0)
-

@@ -179,4 +179,3 @@ def _coulomb(
     # a slipping node's friction follows its pressure, which makes the tangent unsymmetric
     block[:, :, -1] -= np.where(slipping[:, None], glass.friction * normal_stiffness[:, None] * way, 0.0)
     return tangential, block, slipping
-

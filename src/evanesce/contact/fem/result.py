@@ -64,7 +64,9 @@ class SolvedRun:
         """Return the figures of one step: depth, slide and stretches, forces [N], area [mm^2], penetration [mm]."""
         step = self.history.steps[index]
         state, print_ = step.state, self.footprint(index)
-        heights = self.mesh.points[self.mesh.candidates, -1] + state.displacement[self.mesh.candidates, -1] - state.depth
+        heights = (
+            self.mesh.points[self.mesh.candidates, -1] + state.displacement[self.mesh.candidates, -1] - state.depth
+        )
         sliding = float(state.contact.force[print_.touching & ~print_.slipping, -1].sum())
         total = float(state.contact.force[:, -1].sum())
         radius = self.inputs["shape"]["tip_radius"]
@@ -75,7 +77,9 @@ class SolvedRun:
             "normal_force_N": state.normal_force,
             "tangential_force_N": state.tangential_force,
             "area_mm2": print_.area,
-            "reduced_modulus_MPa": 0.75 * state.normal_force / (np.sqrt(radius) * state.depth**1.5) if state.depth > 0 else np.nan,
+            "reduced_modulus_MPa": 0.75 * state.normal_force / (np.sqrt(radius) * state.depth**1.5)
+            if state.depth > 0
+            else np.nan,
             "peak_pressure_MPa": float(print_.pressure.max(initial=0.0)),
             "stick_force_share": sliding / total if total > 0 else np.nan,
             "stretch_min": step.stretch_min,

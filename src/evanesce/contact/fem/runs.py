@@ -29,7 +29,13 @@ def cache_folder() -> Path:
 
 
 def run_inputs(
-    kind: str, shape: FingerShape, size: MeshSize, material: Rubber, glass: Glass, goals: Sequence[Goal], sizes: StepSizes
+    kind: str,
+    shape: FingerShape,
+    size: MeshSize,
+    material: Rubber,
+    glass: Glass,
+    goals: Sequence[Goal],
+    sizes: StepSizes,
 ) -> dict[str, Any]:
     """Return all that a run depends on as JSON-able data."""
     return {

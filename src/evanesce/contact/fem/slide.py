@@ -13,7 +13,7 @@ from evanesce.contact.fem.mesh import FingerShape, MeshSize, finger_half
 from evanesce.contact.fem.plane import Glass
 from evanesce.contact.fem.result import SolvedRun
 from evanesce.contact.fem.runs import Progress, run_inputs, solved
-from evanesce.contact.fem.state import slide_state
+from evanesce.contact.fem.state import surface_state
 from evanesce.contact.fem.steps import Goal, StepSizes
 from evanesce.errors import InputError
 from evanesce.states import ContactState, PlateGrid
@@ -94,7 +94,7 @@ def slide_contact_state(
         If the contact does not fit on the grid.
     """
     state = run.history.steps[index].state
-    return slide_state(
+    return surface_state(
         grid, centre, run.footprint(index), depth=state.depth, normal_force=state.normal_force,
         tangential_force=state.tangential_force, beyond=float(run.inputs["shape"]["length"]),
         parameters={"inputs": dict(run.inputs), "step": index + 1, "slide_mm": state.slide}, time=time,

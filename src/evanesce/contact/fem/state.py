@@ -171,20 +171,26 @@ def surface_states(covered: Floats, gap: Floats, slipping: NDArray[np.bool_]) ->
     return np.asarray(state, dtype=np.uint8)
 
 
-def _mirrored(print_: Footprint) -> tuple[Floats, dict[str, Floats], Floats]:
-    """Return both halves of a half body's footprint: places, fields, and the sign of y by node."""
+_SCALARS = ("pressure", "gap", "opening", "touching", "slipping")
+_VECTORS = ("traction", "slip")
+
+
+def _one_piece(print_: Footprint) -> tuple[Floats, dict[str, Floats]]:
+    """Return places and fields as they are."""
+    return print_.place, {key: np.asarray(getattr(print_, key)) for key in _SCALARS + _VECTORS}
+
+
+def _both_halves(print_: Footprint) -> tuple[Floats, dict[str, Floats]]:
+    """Return places and fields of a half y >= 0 together with its mirror image."""
     own = print_.place[:, 1] > 1e-6
     mirror = np.array([1.0, -1.0])
-    place = np.vstack([print_.place, print_.place[own] * mirror])
-    fields = {
-        key: np.concatenate([getattr(print_, key), getattr(print_, key)[own]])
-        for key in ("pressure", "gap", "opening", "touching", "slipping")
-    }
-    vectors = {key: np.vstack([getattr(print_, key), getattr(print_, key)[own] * mirror]) for key in ("traction", "slip")}
-    return place, fields | vectors, own
+    fields = {key: np.concatenate([getattr(print_, key), getattr(print_, key)[own]]) for key in _SCALARS}
+    for key in _VECTORS:
+        fields[key] = np.vstack([getattr(print_, key), getattr(print_, key)[own] * mirror])
+    return np.vstack([print_.place, print_.place[own] * mirror]), fields
 
 
-def slide_state(
+def surface_state(
     grid: PlateGrid,
     centre: tuple[float, float],
     print_: Footprint,
@@ -194,10 +200,11 @@ def slide_state(
     tangential_force: float,
     beyond: float,
     parameters: Mapping[str, Any],
+    mirrored: bool = True,
     law: str = "fem_slide",
     time: float = 0.0,
 ) -> ContactState:
-    """Sample a half body's footprint, and its mirror image, on a grid.
+    """Sample a three-dimensional footprint on a grid.
 
     Parameters
     ----------
@@ -211,6 +218,8 @@ def slide_state(
         On the whole finger [N].
     beyond : float
         Gap where there is no finger over the glass [mm].
+    mirrored : bool
+        The footprint is the half y >= 0; its mirror image is added.
     parameters, law, time
         Passed on to the state.
 
@@ -219,7 +228,7 @@ def slide_state(
     InputError
         If the contact does not fit on the grid.
     """
-    place, fields, _ = _mirrored(print_)
+    place, fields = _both_halves(print_) if mirrored else _one_piece(print_)
     place = place + np.asarray(centre)
     touching = fields["touching"].astype(bool)
     if touching.any():

@@ -9,7 +9,9 @@ from typing import Literal
 from evanesce.contact.fem.newton import Equilibrium, Model, StepFailed, Target, carried_on, equilibrium
 from evanesce.errors import InputError, WorkError
 
-APPROACH = 0.93  # of the force wanted that is reached by depth; from there on the glass is free and the force prescribed
+APPROACH = (
+    0.93  # of the force wanted that is reached by depth; from there on the glass is free and the force prescribed
+)
 FORCE_RATIO = 1.35  # largest change of force in one force-controlled step
 
 
@@ -121,14 +123,16 @@ def advance(
         if goal_index >= len(goals):
             history.complete = True
             break
-        size = sizes.first if last is None or last.reached and _turns(goals, goal_index) else last.next_size
+        size = sizes.first if last is None or (last.reached and _turns(goals, goal_index)) else last.next_size
         before = history.steps[-2].state if len(history.steps) > 1 else start
         step = _one_step(model, goals, goal_index, last.state if last else start, before, size, sizes, history)
         number = len(history.steps) + 1
         low, high = stretch_range
         if step.stretch_max > high or step.stretch_min < low:
             beyond = step.stretch_max if step.stretch_max > high else step.stretch_min
-            text = f"material limit reached: stretch {beyond:.3g} at step {number} (kept between {low:.3g} and {high:.3g})"
+            text = (
+                f"material limit reached: stretch {beyond:.3g} at step {number} (kept between {low:.3g} and {high:.3g})"
+            )
             raise LimitReached(text, history)
         history.steps.append(step)
         if on_step is not None:
@@ -180,7 +184,11 @@ def _proposal(goal: Goal, last: Equilibrium, before: Equilibrium, size: float) -
     if goal.kind == "slide":
         rest = goal.value - last.slide
         move = rest if abs(rest) <= size * 1.001 else size * (1 if rest > 0 else -1)
-        hold = Target(last.slide + move, None, last.normal_force) if goal.hold == "force" else Target(last.slide + move, last.depth)
+        hold = (
+            Target(last.slide + move, None, last.normal_force)
+            if goal.hold == "force"
+            else Target(last.slide + move, last.depth)
+        )
         return hold, move == rest, move / further if abs(further) > 1e-12 else 0.0
     share = 0.0 if abs(deeper) < 1e-12 or abs(further) > 1e-12 else 1.0 / deeper
     if goal.kind == "depth":

@@ -153,7 +153,9 @@ def signed_opening(place: Floats, faces: Ints, gap: Floats, touching: NDArray[np
     the edge to the neighbour in contact it gives that one a value; the mean over its edges is taken.
     """
     q = np.cbrt(gap) ** 2
-    pairs = np.unique(np.sort(np.vstack([faces[:, [i, j]] for i in range(4) for j in range(i)]), axis=1), axis=0)
+    corners = faces.shape[1]
+    joined = [faces[:, [i, j]] for i in range(corners) for j in range(i)]
+    pairs = np.unique(np.sort(np.vstack(joined), axis=1), axis=0)
     both = np.vstack([pairs, pairs[:, ::-1]])
     free = ~touching
     moment, right = np.zeros((len(place), 2, 2)), np.zeros((len(place), 2))
@@ -165,7 +167,9 @@ def signed_opening(place: Floats, faces: Ints, gap: Floats, touching: NDArray[np
     edge = both[touching[both[:, 0]] & free[both[:, 1]]]
     outside = edge[:, 1]
     trace = np.maximum(np.einsum("kii->k", moment[outside]), 1e-12)
-    gradient = np.linalg.solve(moment[outside] + 1e-9 * trace[:, None, None] * np.eye(2), right[outside][..., None])[..., 0]
+    gradient = np.linalg.solve(moment[outside] + 1e-9 * trace[:, None, None] * np.eye(2), right[outside][..., None])[
+        ..., 0
+    ]
     value = q[outside] + ((place[edge[:, 0]] - place[outside]) * gradient).sum(axis=1)
     total, count = np.zeros(len(place)), np.zeros(len(place))
     np.add.at(total, edge[:, 0], np.minimum(value, 0.0))
@@ -181,18 +185,18 @@ def triangles(faces: Ints) -> Ints:
 
 
 def level_area(place: Floats, faces: Ints, value: Floats) -> float:
-    """Return the area in which a field is negative, linear over triangles cut from both diagonals [mm^2].
+    """Return the area in which a field is negative [mm^2]; quadrilaterals are cut along both diagonals in turn.
 
     Parameters
     ----------
     place : ndarray (k, 2)
         [mm].
-    faces : ndarray (f, 4)
+    faces : ndarray (f, 3 or 4)
     value : ndarray (k,)
     """
     total = 0.0
-    for turned in (faces, np.roll(faces, 1, axis=1)):  # the mean of both diagonals favours neither direction
-        cut = triangles(turned)
+    cuts = [faces] * 2 if faces.shape[1] == 3 else [triangles(faces), triangles(np.roll(faces, 1, axis=1))]
+    for cut in cuts:  # the mean of both diagonals of a quadrilateral favours neither
         p, v = place[cut], value[cut]
         a, b = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
         area = 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
@@ -207,3 +211,15 @@ def level_area(place: Floats, faces: Ints, value: Floats) -> float:
                 share[lone] = part if n == 1 else 1.0 - part
         total += 0.5 * float((share * area).sum())
     return total
+
+
+def nodal_shares(place: Floats, faces: Ints) -> Floats:
+    """Return the area of each node of a flat mesh of triangles or quadrilaterals [mm^2]: a linear field's integral."""
+    share = np.zeros(len(place))
+    cut = faces if faces.shape[1] == 3 else np.vstack([triangles(faces), triangles(np.roll(faces, 1, axis=1))])
+    p = place[cut]
+    a, b = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
+    area = 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / (1 if faces.shape[1] == 3 else 2)
+    for i in range(3):
+        np.add.at(share, cut[:, i], area / 3.0)
+    return share

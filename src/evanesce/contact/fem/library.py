@@ -164,7 +164,7 @@ def library_press(material: str, bone: str = "none", folder: Path = FOLDER) -> L
         raise InputError(f"no solved press of {material!r} with bone {bone!r}", key="material",
                          allowed=", ".join(library_names(folder)))  # fmt: skip
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
             meta = json.loads(str(data["meta"]))
             return LibraryPress(
                 force=data["force"], depth=data["depth"], contact_radius=data["contact_radius"],

@@ -162,7 +162,7 @@ def load_run(path: Path) -> SolvedRun:
         If the file is missing, damaged or of another schema.
     """
     try:
-        with np.load(path, allow_pickle=False) as data:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
             arrays = {key: data[key] for key in data.files}
         meta = json.loads(str(arrays["meta"]))
         if meta["schema"] != SCHEMA:
@@ -237,5 +237,5 @@ def write_vtk(path: Path, run: SolvedRun, index: int) -> None:
         os.replace(temporary, path)
     except OSError as error:
         raise WorkError(f"{path}: cannot write: {error.strerror}") from None
-    except (meshio.WriteError, SystemExit, KeyError) as error:
+    except (meshio.WriteError, meshio.ReadError, SystemExit, KeyError) as error:
         raise InputError(f"{path.suffix!r}: {error}", file=path, allowed=".vtu, .vtk, .xdmf") from None

@@ -17,6 +17,7 @@ from evanesce.contact.interface_friction import (
     area_under_shear,
     coulomb,
     interface_of,
+    shaft_stiffness,
     tilted_compliance,
     tip_contact_fits,
 )
@@ -272,6 +273,18 @@ def test_tilted_finger():
     np.testing.assert_allclose(np.abs(axis @ c @ axis), 1 / 40.0)
     assert tip_contact_fits(5.0, 7.5, np.radians(45))
     assert not tip_contact_fits(5.5, 7.5, np.radians(45))
+
+
+def test_shaft_stiffness_has_the_limits_of_beam_theory():
+    slender = shaft_stiffness(0.3, 1.0, 400.0)
+    assert slender == pytest.approx((0.3 * np.pi / 400.0, 3 * 0.3 * np.pi / 4 / 400.0**3), rel=1e-3)
+    stubby = shaft_stiffness(0.3, 400.0, 1.0, poisson_ratio=0.5)[1]
+    assert stubby == pytest.approx(0.9 * 0.1 * np.pi * 400.0**2, rel=1e-3)
+    euler = np.pi**3 * 0.3 * 7.5**4 / (16 * 25.0**2)
+    half = shaft_stiffness(0.3, 7.5, 25.0, euler / 2)[1]
+    assert half == pytest.approx(0.5 * shaft_stiffness(0.3, 7.5, 25.0)[1])
+    with pytest.raises(ValueError, match="folds"):
+        shaft_stiffness(0.3, 7.5, 25.0, 1.01 * euler)
 
 
 def test_area_laws():

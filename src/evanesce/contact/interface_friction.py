@@ -153,6 +153,45 @@ def tilted_compliance(axial_stiffness: float, bending_stiffness: float, angle: f
     return turn.T @ np.diag([1.0 / bending_stiffness, 1.0 / axial_stiffness]) @ turn
 
 
+def shaft_stiffness(
+    youngs_modulus: float, radius: float, length: float, normal_force: float = 0.0, poisson_ratio: float = 0.5
+) -> tuple[float, float]:
+    """Return (axial, bending) stiffness [N/mm] of a solid round finger held at its top.
+
+    A Timoshenko cantilever; the normal force bends it further once it is bent, by 1/(1 - N/N_cr) with Euler's N_cr.
+
+    Parameters
+    ----------
+    youngs_modulus : float
+        [MPa].
+    radius, length : float
+        [mm].
+    normal_force : float
+        [N], below Euler's load.
+    poisson_ratio : float
+
+    Raises
+    ------
+    ValueError
+        For non-positive sizes, or a normal force beyond Euler's load: the finger folds.
+
+    References
+    ----------
+    G. R. Cowper, J. Appl. Mech. 33 (1966) 335 (shear coefficient); S. P. Timoshenko and J. M. Gere, Theory of Elastic
+    Stability (1961), section 1.11 (amplification).
+    """
+    if min(youngs_modulus, radius, length) <= 0:
+        raise ValueError("modulus, radius and length must be positive")
+    section, inertia = np.pi * radius**2, np.pi * radius**4 / 4.0
+    shear = youngs_modulus / (2.0 * (1.0 + poisson_ratio))
+    coefficient = 6.0 * (1.0 + poisson_ratio) / (7.0 + 6.0 * poisson_ratio)
+    euler = np.pi**2 * youngs_modulus * inertia / (4.0 * length**2)
+    if normal_force >= euler:
+        raise ValueError(f"{normal_force:g} N is beyond the load of {euler:.3g} N at which the finger folds")
+    bending = length**3 / (3.0 * youngs_modulus * inertia) + length / (coefficient * shear * section)
+    return float(youngs_modulus * section / length), float((1.0 - normal_force / euler) / bending)
+
+
 def tip_contact_fits(contact_radius: float, tip_radius: float, angle: float) -> bool:
     """Tell whether a contact stays on the hemispherical tip of a finger tilted by an angle [rad].
 

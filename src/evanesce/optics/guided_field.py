@@ -162,12 +162,14 @@ def _arrivals(
     Shares include all losses on the way from the ray's start.
     """
     weight = np.ones(np.broadcast(x, theta, phi).shape)
-    for _ in range(MAX_MIRRORINGS if light.edge_polish > 0 else 1):
+    for _ in range(MAX_MIRRORINGS):
         hits = _cast(light, x, y, depth, theta, phi, down)
         emitted, on_led = _emitted(light, hits)
         arriving = weight * hits.transmission
         polish = np.where(on_led, 0.0, light.edge_polish)
         yield hits, arriving * emitted, arriving * (1.0 - polish)
+        if light.edge_polish == 0.0:
+            return
         mirrored = fresnel_reflectance(np.clip(hits.cosine, 0.0, 1.0), light.refractive_index, 1.0)
         weight = arriving * polish * mirrored
         if not weight.max(initial=0.0) > 1e-5:

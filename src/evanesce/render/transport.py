@@ -31,6 +31,7 @@ from evanesce.optics.patch_light import (
 )
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.provenance import digest
+from evanesce.render.glow import Glow, glow_radiance, make_glow
 from evanesce.rig import Scene
 from evanesce.states import ContactState, PlateLight
 
@@ -69,6 +70,8 @@ class Fields:
         Radiance in air towards the lens per irradiance inside the silicone [1/sr].
     loss, gain : ndarray
         Feedback kernels on the coarse grid, sums over cells [1].
+    glow : Glow or None
+        Lateral spread inside the silicone; None where light leaves where it entered.
     """
 
     x: Array
@@ -79,6 +82,7 @@ class Fields:
     response: Array
     loss: Array
     gain: Array
+    glow: Glow | None = None
 
 
 def edge_light(scene: Scene) -> EdgeLight:
@@ -123,7 +127,11 @@ def precompute(scene: Scene) -> Fields:
     view = math.asin(math.sin(_mean_view_angle(scene)) / interface.n_glass)
     response = returned_radiance(gaps, view, interface) * window_transmittance(view, interface.n_glass)
     loss, gain = _feedback_kernels(scene, interface, theta, radiance.mean(axis=0))
-    return Fields(x, y, modes, gaps, coupling, np.asarray(response), loss, gain)
+    length, grid = scene.finger.scattering_length_mm, scene.grid
+    glow = None
+    if length > 0 and interface.body_reflectance > 0:
+        glow = make_glow(interface, length, grid.size_mm, grid.size_mm / grid.samples, gaps, view)
+    return Fields(x, y, modes, gaps, coupling, np.asarray(response), loss, gain, glow)
 
 
 def _nodes(scene: Scene) -> tuple[Array, Array]:
@@ -165,7 +173,8 @@ def _feedback_kernels(scene: Scene, interface: Interface, theta: Array, radiance
 def rig_digest(scene: Scene) -> str:
     """Return the digest of all that the fields depend on: a change of load, exposure or tone keeps them."""
     data = scene.as_dict()
-    finger = {key: data["finger"][key] for key in ("position_mm", "refractive_index", "diffuse_reflectance")}
+    optical = ("position_mm", "refractive_index", "diffuse_reflectance", "scattering_length_mm")
+    finger = {key: data["finger"][key] for key in optical}
     camera = {k: v for k, v in data["camera"].items() if k not in ("exposure_ms", "analogue_gain", "tone_curve")}
     return digest([data["plate"], data["leds"], finger, camera, data["grid"]])
 
@@ -214,9 +223,23 @@ def patch_radiance(fields: Fields, state: ContactState, refine: int = 2) -> tupl
     for mode, table in zip(fields.modes, fields.coupling.astype(np.float32), strict=True):
         field = cv2.remap(mode.astype(np.float32), map_x, map_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         irradiance += field * (table[low] * (1 - part) + table[low + 1] * part)
+    touching = _touching(state, (rows * refine, cols * refine))
+    if touching is not None:
+        irradiance *= touching
     irradiance *= 1.0 + _feedback(fields, irradiance, pitch)
+    if fields.glow is not None:
+        return glow_radiance(fields.glow, irradiance, low, part, touching, pitch), pitch
     response = fields.response.astype(np.float32)
     return irradiance * (response[low] * (1 - part) + response[low + 1] * part), pitch
+
+
+def _touching(state: ContactState, shape: tuple[int, int]) -> NDArray[np.float32] | None:
+    """Return the real-contact fraction on the fine grid, 1 outside nominal contact; None where all of it touches."""
+    if state.real_contact_fraction is None:
+        return None
+    fraction = np.where(np.asarray(state.contact_mask) > 0, state.real_contact_fraction, 1.0)
+    fine = cv2.resize(np.asarray(np.clip(fraction, 0.0, 1.0), np.float32), shape[::-1], interpolation=cv2.INTER_LINEAR)
+    return np.asarray(fine, np.float32)
 
 
 def _feedback(fields: Fields, irradiance: NDArray[np.float32], pitch: float) -> NDArray[np.float32]:

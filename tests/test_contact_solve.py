@@ -108,6 +108,7 @@ def test_a_depth_ramp_moves_evenly() -> None:
         ({}, float("nan"), "press.forces_N"),
         ({}, float("inf"), "press.forces_N"),
         ({}, 900.0, "grid.size_mm"),
+        ({"grid__size_mm": 40.0, "finger__diameter_mm": 11.0}, 30.0, "cross-section"),
         ({"finger__material": "butter"}, 1.0, "finger.material"),
         ({"contact__reduced_modulus_MPa": 0.1, "contact__reduced_modulus_slope_MPa_per_N": -0.1}, 1.5, "slope"),
     ],

@@ -66,8 +66,8 @@ def hertz_radius(force: ArrayLike, tip_radius: float, modulus: ArrayLike) -> Arr
 
     Notes
     -----
-    Valid for a << R, small strains and a parabolic tip: at a/R = 0.3 the sphere departs from the parabola by 2 % of
-    the depth. It is used beyond that, as in the thesis, because the fitted modulus absorbs the difference.
+    Valid for a << R, small strains and a parabolic tip: at r/R = 0.3 the sphere lies 2 % higher
+    than the parabola. It is used beyond that, as in the thesis, because the fitted modulus absorbs the difference.
 
     References
     ----------

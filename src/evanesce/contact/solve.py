@@ -49,8 +49,8 @@ def contact_state(scene: Scene, force_N: float, *, time_s: float = 0.0) -> Conta
     Raises
     ------
     InputError
-        If the force is impossible, the contact does not fit on the grid, the grid is too coarse for the ridges, the
-        material is unknown, or the law has no answer for this force.
+        If the force is impossible, the contact does not fit on the grid or the finger, the grid is too coarse for the
+        ridges, the material is unknown, or the law has no answer for this force.
     """
     if not (math.isfinite(force_N) and force_N >= 0):
         raise InputError(f"normal force of {force_N:g} N", key="press.forces_N", allowed="a finite force, not negative")
@@ -58,12 +58,24 @@ def contact_state(scene: Scene, force_N: float, *, time_s: float = 0.0) -> Conta
         state = _halfspace_state(scene, scene.contact, force_N, time_s)
     else:
         state = _analytic_state(scene, force_N, time_s)
+    _require_on_finger(scene, state)
     slope = scene.finger.roughness_rms_slope
     if slope == 0:
         return state
     fraction = persson_contact_fraction(state.pressure, _modulus(scene, force_N), slope)
     parameters = {**state.parameters, "roughness_rms_slope": slope}
     return replace(state, real_contact_fraction=fraction, parameters=parameters)
+
+
+def _require_on_finger(scene: Scene, state: ContactState) -> None:
+    """Refuse a contact larger than the finger's cross-section: no law here knows of the finger's side."""
+    largest = math.pi * (0.5 * scene.finger.diameter_mm) ** 2
+    if state.nominal_contact_area > largest:
+        raise InputError(
+            f"{state.normal_force:g} N would press {state.nominal_contact_area:.4g} mm^2 of contact",
+            key="press.forces_N",
+            allowed=f"at most the finger's cross-section of {largest:.4g} mm^2",
+        )
 
 
 def _analytic_state(scene: Scene, force: float, time: float) -> ContactState:

@@ -156,4 +156,7 @@ def guided_integrator(
                 depth += 1
             return mi.Spectrum(radiance), mi.Bool(active), []
 
+        def to_string(self) -> str:
+            return f"GuidedIntegrator[max_depth={self.max_depth}]"
+
     return GuidedIntegrator()

@@ -217,7 +217,9 @@ class _Plate:
                 emitter = {"type": "area", "radiance": radiance}
                 name = f"leds_{edge}_{k}"
                 shapes[name] = _mesh(name, *_quads(same), rest_bsdf, emitter=emitter, exterior=self.medium)
-        shapes["edges"] = _mesh("edges", *_quads(np.concatenate(rest)), rest_bsdf, exterior=self.medium)
+        bare = np.concatenate(rest)
+        if len(bare):
+            shapes["edges"] = _mesh("edges", *_quads(bare), rest_bsdf, exterior=self.medium)
         return shapes
 
 

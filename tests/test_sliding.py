@@ -281,10 +281,12 @@ def test_shaft_stiffness_has_the_limits_of_beam_theory():
     stubby = shaft_stiffness(0.3, 400.0, 1.0, poisson_ratio=0.5)[1]
     assert stubby == pytest.approx(0.9 * 0.1 * np.pi * 400.0**2, rel=1e-3)
     euler = np.pi**3 * 0.3 * 7.5**4 / (16 * 25.0**2)
-    half = shaft_stiffness(0.3, 7.5, 25.0, euler / 2)[1]
+    half = shaft_stiffness(0.3, 7.5, 25.0, normal_force=euler / 2)[1]
     assert half == pytest.approx(0.5 * shaft_stiffness(0.3, 7.5, 25.0)[1])
+    rolling = shaft_stiffness(0.3, 7.5, 25.0, normal_force=euler / 2, tip_radius=12.5)[1]
+    assert rolling == pytest.approx(0.875 * shaft_stiffness(0.3, 7.5, 25.0)[1])  # half the column, four times the load
     with pytest.raises(ValueError, match="folds"):
-        shaft_stiffness(0.3, 7.5, 25.0, 1.01 * euler)
+        shaft_stiffness(0.3, 7.5, 25.0, normal_force=1.01 * euler)
 
 
 def test_area_laws():

@@ -154,11 +154,18 @@ def tilted_compliance(axial_stiffness: float, bending_stiffness: float, angle: f
 
 
 def shaft_stiffness(
-    youngs_modulus: float, radius: float, length: float, normal_force: float = 0.0, poisson_ratio: float = 0.5
+    youngs_modulus: float,
+    radius: float,
+    length: float,
+    *,
+    normal_force: float = 0.0,
+    tip_radius: float = 0.0,
+    poisson_ratio: float = 0.5,
 ) -> tuple[float, float]:
     """Return (axial, bending) stiffness [N/mm] of a solid round finger held at its top.
 
-    A Timoshenko cantilever; the normal force bends it further once it is bent, by 1/(1 - N/N_cr) with Euler's N_cr.
+    A Timoshenko cantilever; a normal force bends it further once it is bent, by 1/(1 - N/N_cr) with Euler's N_cr. On a
+    spherical tip that rolls the normal force always points through the sphere's centre, so that the column ends there.
 
     Parameters
     ----------
@@ -168,6 +175,8 @@ def shaft_stiffness(
         [mm].
     normal_force : float
         [N], below Euler's load.
+    tip_radius : float
+        Of the spherical tip [mm], less than the length.
     poisson_ratio : float
 
     Raises
@@ -180,12 +189,12 @@ def shaft_stiffness(
     G. R. Cowper, J. Appl. Mech. 33 (1966) 335 (shear coefficient); S. P. Timoshenko and J. M. Gere, Theory of Elastic
     Stability (1961), section 1.11 (amplification).
     """
-    if min(youngs_modulus, radius, length) <= 0:
-        raise ValueError("modulus, radius and length must be positive")
+    if min(youngs_modulus, radius, length) <= 0 or not 0 <= tip_radius < length:
+        raise ValueError("modulus, radius and length must be positive, the tip radius less than the length")
     section, inertia = np.pi * radius**2, np.pi * radius**4 / 4.0
     shear = youngs_modulus / (2.0 * (1.0 + poisson_ratio))
     coefficient = 6.0 * (1.0 + poisson_ratio) / (7.0 + 6.0 * poisson_ratio)
-    euler = np.pi**2 * youngs_modulus * inertia / (4.0 * length**2)
+    euler = np.pi**2 * youngs_modulus * inertia / (4.0 * (length - tip_radius) ** 2)
     if normal_force >= euler:
         raise ValueError(f"{normal_force:g} N is beyond the load of {euler:.3g} N at which the finger folds")
     bending = length**3 / (3.0 * youngs_modulus * inertia) + length / (coefficient * shear * section)

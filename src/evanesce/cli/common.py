@@ -25,7 +25,8 @@ from rich.progress import (
 
 from evanesce.errors import EvanesceError, InputError, WorkError
 
-console = Console()
+# Where output is not a terminal (a file, CI) tables would be squeezed into 80 columns.
+console = Console() if sys.stdout.isatty() else Console(width=150)
 messages = Console(stderr=True)
 
 P = ParamSpec("P")

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -24,6 +25,7 @@ Array = NDArray[np.float64]
 SCALES_PX = (1.5, 2.5, 4.0, 6.5)  # smoothing at which candidates are sought; squares of about 7 to 100 px
 MAX_SIDE = 512  # corners along one side of a board
 MIN_CORNERS = 16
+GROWTH_WINDOW_PX = 9.0  # windows while growing; the last fit of each corner takes a wider one
 _SEEDS_PER_SCALE = 400
 _ORIGIN = MAX_SIDE
 _PADDED = 2 * MAX_SIDE + 1
@@ -122,17 +124,17 @@ def find_corners(image: NDArray[np.generic]) -> CornerGrid:
 
 def _candidates(image: Array, sigma: float) -> _Candidates:
     """Return the saddle points at one smoothing, weakest removed, strongest first."""
-    hxx, hyy, hxy = (
-        ndimage.gaussian_filter(image, sigma, order=order, mode="nearest") for order in ((0, 2), (2, 0), (1, 1))
-    )
+    taps = _gaussian_taps(sigma)
+    hxx, hyy, hxy = (_separable(image, taps[kx], taps[ky]) for kx, ky in ((2, 0), (0, 2), (1, 1)))
     # eigenvalues of the Hessian: mean +- root; a saddle has one of each sign
     mean, root = (hxx + hyy) / 2, np.hypot((hxx - hyy) / 2, hxy)
     strength = np.maximum(root - np.abs(mean), 0.0) * sigma**2
-    smooth = ndimage.gaussian_filter(image, 6 * sigma, mode="nearest")
-    local = np.sqrt(np.maximum(ndimage.gaussian_filter((image - smooth) ** 2, 6 * sigma, mode="nearest"), 0.0))
+    smooth = _widely_smoothed(image, 6 * sigma)
+    local = np.sqrt(np.maximum(_widely_smoothed((image - smooth) ** 2, 6 * sigma), 0.0))
     floor = max(1e-3 * float(np.ptp(image)), 1e-12)
     # a sharp corner of contrast a has strength 2 a/pi and local deviation a
-    peaks = ndimage.maximum_filter(strength, size=2 * int(np.ceil(1.5 * sigma)) + 1, mode="nearest")
+    side = 2 * int(np.ceil(1.5 * sigma)) + 1
+    peaks = cv2.dilate(strength, np.ones((side, side), np.uint8), borderType=cv2.BORDER_REPLICATE)
     rows, cols = np.nonzero((strength == peaks) & (strength > 0.15 * local) & (local > floor))
     order = np.argsort(-(strength / np.maximum(local, floor))[rows, cols], kind="stable")
     rows, cols = rows[order], cols[order]
@@ -145,6 +147,30 @@ def _candidates(image: Array, sigma: float) -> _Candidates:
     edges = np.stack([along + across, along - across], axis=1)
     edges /= np.linalg.norm(edges, axis=-1, keepdims=True)
     return _Candidates(np.stack([cols, rows], axis=-1).astype(np.float64), edges, bright)
+
+
+def _gaussian_taps(sigma: float) -> tuple[Array, Array, Array]:
+    """Return a Gaussian and its first and second derivative, sampled to four standard deviations."""
+    x = np.arange(-int(4 * sigma + 0.5), int(4 * sigma + 0.5) + 1, dtype=np.float64)
+    gauss = np.exp(-0.5 * (x / sigma) ** 2)
+    gauss /= gauss.sum()
+    return gauss, x / sigma**2 * gauss, (x**2 / sigma**2 - 1) / sigma**2 * gauss
+
+
+def _separable(image: Array, along_x: Array, along_y: Array) -> Array:
+    """Correlate with a separable kernel, the border repeated."""
+    return np.asarray(cv2.sepFilter2D(image, cv2.CV_64F, along_x, along_y, borderType=cv2.BORDER_REPLICATE))
+
+
+def _widely_smoothed(image: Array, sigma: float) -> Array:
+    """Smooth by a wide Gaussian, on an image reduced so far that its standard deviation is 3 px there."""
+    rows, cols = image.shape
+    factor = max(1.0, sigma / 3.0)
+    size = max(1, round(cols / factor)), max(1, round(rows / factor))
+    small = cv2.GaussianBlur(
+        cv2.resize(image, size, interpolation=cv2.INTER_AREA), (0, 0), sigma / factor, borderType=cv2.BORDER_REPLICATE
+    )
+    return np.asarray(cv2.resize(small, (cols, rows), interpolation=cv2.INTER_LINEAR))
 
 
 def _seeds(candidates: _Candidates, taken: NDArray[np.bool_]) -> Iterator[tuple[list[int], Array]]:
@@ -287,7 +313,7 @@ class _Growth:
         cells, place, lattice = cells[sure], place[sure], lattice[sure]
         if not len(cells):
             return 0
-        fit = fit_saddles(self.image, place, lattice)
+        fit = fit_saddles(self.image, place, lattice, limit_px=GROWTH_WINDOW_PX)
         even = fit.contrast * _parity(cells)
         good = self._fits(cells, place, lattice, fit, even)
         self.place[tuple(cells[good].T)] = fit.position[good]

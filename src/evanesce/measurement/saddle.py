@@ -24,7 +24,7 @@ from scipy.special import erf
 Array = NDArray[np.float64]
 
 ITERATIONS = 25
-MAX_HALF_WIDTH_PX = 16.0
+MAX_HALF_WIDTH_PX = 13.0
 MAX_BATCH_SAMPLES = 400_000
 _CAUCHY = 2.385  # 95 % efficiency on Gaussian noise (Holland & Welsch 1977)
 _SQRT2 = np.sqrt(2.0)
@@ -66,7 +66,9 @@ class SaddleFit:
     support: Array
 
 
-def fit_saddles(image: Array, centres: Array, lattice: Array, half_width: float = 0.42) -> SaddleFit:
+def fit_saddles(
+    image: Array, centres: Array, lattice: Array, half_width: float = 0.42, limit_px: float = MAX_HALF_WIDTH_PX
+) -> SaddleFit:
     """Fit the corner model around approximate places.
 
     Parameters
@@ -79,13 +81,16 @@ def fit_saddles(image: Array, centres: Array, lattice: Array, half_width: float 
         Local lattice: ``lattice[k] @ (u, v)`` is the offset in pixels of u squares along the first grid axis and v
         along the second.
     half_width : float
-        Half-width of the window in squares; below 0.5 the next corner stays outside. Never more than 16 px.
+        Half-width of the window in squares; below 0.5 the next corner stays outside.
+    limit_px : float
+        Half-width that is never exceeded [px]; the work grows as its square.
 
     Returns
     -------
     SaddleFit
     """
-    widths = _half_widths(lattice, half_width)
+    pitch = np.sqrt(np.abs(np.linalg.det(lattice)))
+    widths = np.minimum(half_width, limit_px / pitch)  # fine boards are cut at the limit
     reach = int(np.ceil((widths[:, None] * np.abs(lattice).sum(axis=2)).max(initial=1.0))) + 1
     step = max(1, MAX_BATCH_SAMPLES // (2 * reach + 1) ** 2)
     starts = range(0, max(len(centres), 1), step)
@@ -125,12 +130,6 @@ def quadrants(image: Array, position: Array, lattice: Array) -> Array:
     count = inside.sum(axis=-1)
     median = np.take_along_axis(ordered, np.maximum(count - 1, 0)[..., None] // 2, axis=-1)[..., 0]
     return np.where(count >= u.size // 3, median, np.nan)
-
-
-def _half_widths(lattice: Array, half_width: float) -> Array:
-    """Return the half-width of each window in squares: fine boards are cut at ``MAX_HALF_WIDTH_PX``."""
-    pitch = np.sqrt(np.abs(np.linalg.det(lattice)))
-    return np.minimum(half_width, MAX_HALF_WIDTH_PX / pitch)
 
 
 def _fit_batch(image: Array, centres: Array, lattice: Array, widths: Array, reach: int) -> SaddleFit:

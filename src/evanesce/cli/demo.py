@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
-from rich.table import Table
 
 from evanesce.cli.common import (
     JsonOption,
@@ -18,10 +17,8 @@ from evanesce.cli.common import (
     progress,
     write_json,
 )
+from evanesce.cli.compare import comparison_table
 from evanesce.cli.render import FastOption, VariantOption
-
-if TYPE_CHECKING:
-    from evanesce.validation.demo import Demo
 
 
 def register(app: typer.Typer) -> None:
@@ -68,28 +65,5 @@ def register(app: typer.Typer) -> None:
         report = write(folder / "report.html", demo_page(found))
         write_json(folder / "result.json", result)
         write_json(json_file, result)
-        console.print(_table(found))
+        console.print(comparison_table([frame.row() for frame in found.frames], ("finger", "force_N")))
         console.print(f"{info.name}, {result['seconds']:.0f} s. Report: {report}", highlight=False, soft_wrap=True)
-
-
-def _table(found: Demo) -> Table:
-    table = Table(
-        title="Contact area by the author's chain against the truth",
-        caption="Error and its parts in percent of the true area; 'scale' is the square card's, 'blur' the lens's.",
-    )
-    for column in ("finger", "force [N]", "true [mm²]", "measured [mm²]", "error [%]"):
-        table.add_column(column, justify="left" if column == "finger" else "right")
-    rows = [frame.row() for frame in found.frames]
-    parts = list(rows[0]["split_percent"])
-    for part in parts:
-        table.add_column(f"{part} [%]", justify="right")
-    for row in rows:
-        table.add_row(
-            row["finger"],
-            f"{row['force_N']:g}",
-            f"{row['true_area_mm2']:.3f}",
-            f"{row['measured_area_mm2']:.3f}",
-            f"{row['error_percent']:+.2f}",
-            *(f"{row['split_percent'][part]:+.2f}" for part in parts),
-        )
-    return table

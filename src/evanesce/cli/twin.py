@@ -101,6 +101,7 @@ def _record(made: Twin, judged: Judgement) -> dict[str, Any]:
             "wide_squares_um": judged.spacing_wide_um,
             "ink_um": 1e3 * board.ink_mm,
             "stretch": board.stretch,
+            "shear": board.shear,
         },
         "camera": camera.model_dump(mode="json"),
     }

@@ -24,8 +24,8 @@ SENSOR_WIDTH_UM = 4056 * 1.55
 SPARE_LINES = 8
 """Lines added at each side of the corners found: the board goes on beyond the frame."""
 
-_PARAMETERS = ("scale", "x", "y", "cx", "cy", "roll", "tilt_x", "tilt_y", "k1", "k2", "stretch")
-_TYPICAL = np.array([30.0, 1.0, 1.0, 10.0, 10.0, 1.0, 1.0, 1.0, 0.1, 0.1, 0.01])
+_PARAMETERS = ("scale", "x", "y", "cx", "cy", "roll", "tilt_x", "tilt_y", "k1", "k2", "stretch", "shear")
+_TYPICAL = np.array([30.0, 1.0, 1.0, 10.0, 10.0, 1.0, 1.0, 1.0, 0.1, 0.1, 0.01, 0.01])
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,8 @@ class PrintedBoard:
         Grid coordinates of the plate's origin [mm].
     stretch : float
         Length of a millimetre of the print's second axis over that of its first.
+    shear : float
+        By how much the print's second axis leans along its first [1].
     bright_even : bool
         Whether the square between lines 0 and 1 of both axes is bright.
     ink_mm : float
@@ -49,12 +51,14 @@ class PrintedBoard:
     lines: BoardLines
     middle: Array
     stretch: float
+    shear: float
     bright_even: bool
     ink_mm: float = 0.0
 
     def to_plate(self, world: Array) -> Array:
         """Return plate coordinates (n, 2) [mm] of corners given by their nominal place."""
-        return (self.lines.place(world) - self.middle) * [1.0, self.stretch]
+        placed = self.lines.place(world) - self.middle
+        return np.stack([placed[:, 0] + self.shear * placed[:, 1], self.stretch * placed[:, 1]], axis=-1)
 
     def bright_share(self, x: Array, y: Array, footprint_mm: float) -> Array:
         """Return the share of bright print in a square footprint around plate points (any shape) [mm].
@@ -63,8 +67,9 @@ class PrintedBoard:
         two means. A footprint turned against the lines is taken as one along them: same second moment.
         """
         shares: list[list[Array]] = [[], []]
-        for axis, (points, size) in enumerate(((x, 1.0), (y, self.stretch))):
-            at, half = points / size + self.middle[axis], footprint_mm / size / 2
+        along = y / self.stretch
+        for axis, (points, size) in enumerate(((x - self.shear * along, 1.0), (along, self.stretch))):
+            at, half = points + self.middle[axis], footprint_mm / size / 2
             for parity in (0, 1):
                 knots, total = self._stripes(axis, parity)
                 part = np.interp(at + half, knots, total) - np.interp(at - half, knots, total)
@@ -114,7 +119,7 @@ def bright_even(grid: CornerGrid) -> bool:
 def fit_rig(
     view: BoardView, image_size: tuple[int, int], base: Camera, plate: Plate, *, even_is_bright: bool
 ) -> FittedRig:
-    """Fit camera pose, centre, two radial terms, the print's stretch and its lines to corners seen through the glass.
+    """Fit camera, two radial terms, the print's stretch, shear and lines to corners seen through the glass.
 
     A flat board does not tell the focal length; the base camera's is kept, with the pixel pitch that its sensor has in
     a photograph of the whole field.
@@ -146,10 +151,10 @@ def fit_rig(
     along = (homography[:2, :2] - np.outer(flat.camera_matrix[:2, 2], homography[2, :2])) / w
     offset = flat.camera_matrix[:2, 2] - (np.array(image_size) - 1) / 2
     scale, turn = np.sqrt(abs(np.linalg.det(along))), -np.rad2deg(np.arctan2(along[1, 0], along[0, 0]))
-    start = np.array([scale, *axis_mm, *offset, turn, 0.0, 0.0, *flat.distortion[:2], 1.0])
+    start = np.array([scale, *axis_mm, *offset, turn, 0.0, 0.0, *flat.distortion[:2], 1.0, 0.0])
 
     def rig(theta: Array) -> FittedRig:
-        board = PrintedBoard(lines, middle, float(theta[-1]), even_is_bright)
+        board = PrintedBoard(lines, middle, float(theta[-2]), float(theta[-1]), even_is_bright)
         return FittedRig(_camera(theta, base, image_size), board)
 
     def miss(theta: Array) -> Array:

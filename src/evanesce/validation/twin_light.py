@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import RBFInterpolator
+from scipy.interpolate import RBFInterpolator, RectBivariateSpline
 from scipy.ndimage import map_coordinates
+from scipy.spatial import KDTree
 
 from evanesce.errors import WorkError
 from evanesce.measurement.corners import CornerGrid
@@ -24,6 +25,8 @@ SMOOTHING = 0.05
 MIN_SQUARES = 12
 _COARSE_PX = 8
 _OUTLIER = 4.0
+_SMALL = 0.1  # of the level: less is never an outlier
+_NEIGHBOURS = 12
 
 
 @dataclass(frozen=True)
@@ -94,35 +97,34 @@ def smooth_field(centre: Array, value: Array, shape: tuple[int, int]) -> Array:
     """
     if len(value) < MIN_SQUARES:
         raise WorkError(f"{len(value)} whole squares of one colour in half of the picture (needed: {MIN_SQUARES})")
-    keep = np.ones(len(value), dtype=bool)
-    for _ in range(3):
-        spline = RBFInterpolator(centre[keep] / 100, value[keep], smoothing=SMOOTHING, kernel="thin_plate_spline")
-        off = value - spline(centre / 100)
-        spread = 1.4826 * np.median(np.abs(off[keep]))
-        keep = np.abs(off) <= max(_OUTLIER * spread, 1e-9)
+    # an interpolating spline follows an outlier: each value is held against the plane through its neighbours instead
+    _, near = KDTree(centre).query(centre, k=min(_NEIGHBOURS + 1, len(value)))
+    off = np.empty(len(value))
+    for i, others in enumerate(near[:, 1:]):
+        design = np.column_stack([np.ones(len(others)), centre[others] - centre[i]])
+        off[i] = value[i] - np.linalg.lstsq(design, value[others], rcond=None)[0][0]
+    spread = 1.4826 * np.median(np.abs(off))
+    keep = np.abs(off) <= max(_OUTLIER * spread, _SMALL * float(np.median(np.abs(value))))
+    spline = RBFInterpolator(centre[keep] / 100, value[keep], smoothing=SMOOTHING, kernel="thin_plate_spline")
     rows, cols = shape
     coarse_x = np.linspace(0, cols - 1, cols // _COARSE_PX + 2)
     coarse_y = np.linspace(0, rows - 1, rows // _COARSE_PX + 2)
     nodes = np.stack(np.meshgrid(coarse_x, coarse_y), axis=-1)
     field = spline(nodes.reshape(-1, 2) / 100).reshape(nodes.shape[:2])
-    x, y = np.meshgrid(
-        np.arange(cols) * ((len(coarse_x) - 1) / (cols - 1)), np.arange(rows) * ((len(coarse_y) - 1) / (rows - 1))
-    )
-    fine = cv2.remap(field, x.astype(np.float32), y.astype(np.float32), cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+    fine = RectBivariateSpline(coarse_y, coarse_x, field)(np.arange(rows), np.arange(cols))
     # beyond the outermost squares a spline may run off: it stays within what was seen
     low, high = value[keep].min(), value[keep].max()
     return np.asarray(np.clip(fine, low, high), dtype=np.float64)
 
 
 def block_mask(grid: CornerGrid, shape: tuple[int, int], judged: bool) -> NDArray[np.bool_]:
-    """Return the pixels of whole squares that belong to the judged blocks, or to those of the fit."""
+    """Return the pixels of whole squares that belong to the judged blocks, or to those of the fit; never to both."""
     number = np.full(grid.index.max(axis=0) + 1, -1)
     number[tuple(grid.index.T)] = np.arange(len(grid))
     corners = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1)
     cells = np.argwhere((corners >= 0).all(axis=-1))
-    cells = cells[judged_block(cells) == judged]
-    mask = np.zeros(shape, dtype=np.uint8)
     outlines = np.rint(grid.fit.position[corners[tuple(cells.T)]] * 16).astype(np.int32)
-    for outline in outlines:
-        cv2.fillConvexPoly(mask, outline, 1, shift=4)
-    return np.asarray(mask > 0)
+    masks = {True: np.zeros(shape, dtype=np.uint8), False: np.zeros(shape, dtype=np.uint8)}
+    for outline, part in zip(outlines, judged_block(cells), strict=True):
+        cv2.fillConvexPoly(masks[bool(part)], outline, 1, shift=4)
+    return np.asarray((masks[judged] > 0) & (masks[not judged] == 0))

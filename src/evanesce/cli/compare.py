@@ -1,0 +1,114 @@
+"""``evanesce compare``: measure rendered frames and hold the result against their truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.table import Table
+
+from evanesce.cli.common import (
+    JsonOption,
+    OutOption,
+    check_json_target,
+    console,
+    handles_errors,
+    messages,
+    out_dir,
+    progress,
+    write_json,
+)
+from evanesce.errors import InputError
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+
+    @app.command()
+    @handles_errors
+    def compare(
+        rendered: Annotated[Path, typer.Argument(help="Folder written by `evanesce render`.")],
+        calibration: Annotated[
+            Path | None, typer.Option("--calibration", help="JSON of `evanesce calibrate`, with a square card.")
+        ] = None,
+        mm2_per_px: Annotated[
+            float | None, typer.Option("--mm2-per-px", help="Area of a pixel in mm², instead of the calibration's.")
+        ] = None,
+        threshold: Annotated[float, typer.Option("--threshold", help="Grey level, 0 to 1.")] = 0.15,
+        min_blob: Annotated[int, typer.Option("--min-blob", help="Least size of a dilated blob in px.")] = 2000,
+        blur: Annotated[float, typer.Option("--blur", help="Standard deviation of the Gaussian in px.")] = 1.0,
+        parts: Annotated[bool, typer.Option("--split/--no-split", help="Split the error by source.")] = True,
+        json_file: JsonOption = None,
+        out: OutOption = None,
+    ) -> None:
+        """Measure rendered frames by the author's chain and compare with the truth.
+
+        Area error, mask overlap, boundary displacement, and the error split into scale, distortion, blur, threshold and
+        noise, each switched off in turn.
+        """
+        from evanesce.measurement.calibration import load_calibration
+        from evanesce.measurement.segment import Chain
+        from evanesce.validation.evaluate import Camera, evaluate
+        from evanesce.validation.rendered import read_rendered
+
+        check_json_target(json_file)
+        chain = Chain(threshold=threshold, min_blob=min_blob, blur=blur)
+        loaded = None if calibration is None else load_calibration(calibration)
+        scale = mm2_per_px if mm2_per_px is not None else None if loaded is None else loaded.mm2_per_px
+        if scale is None:
+            key = "--mm2-per-px" if loaded is None else "mm2_per_px"
+            raise InputError(
+                "the area of a pixel is not known", file=calibration, key=key,
+                allowed="--mm2-per-px X, or a calibration made with --square",
+            )  # fmt: skip
+        if not 1e-12 < scale < 1e6:
+            raise InputError(f"{scale:g}", key="--mm2-per-px", allowed="1e-12 to 1e6 mm²")
+        job = read_rendered(rendered)
+        if parts and not job.has_light:
+            messages.print("note: the folder keeps no linear light (light_*.exr), so the error is not split")
+            parts = False
+        camera = Camera.of(job.true_scene(), loaded, scale)
+        rows = []
+        with progress() as bar:
+            task = bar.add_task("frames", total=len(job.frames))
+            for entry, shot in zip(job.frames, job.shots(), strict=True):
+                found = evaluate(shot, chain, camera, seed=job.seed, parts=parts)
+                row: dict[str, Any] = {"index": entry.index, "time_s": entry.time_s, "force_N": entry.force_N}
+                rows.append(row | found.row())
+                bar.advance(task)
+        result = {"frames": rows, "settings": {"threshold": threshold, "min_blob": min_blob, "mm2_per_px": scale}}
+        if out is not None:
+            write_json(out_dir(out, "compare") / "result.json", result)
+        write_json(json_file, result)
+        console.print(comparison_table(rows, ("index", "force_N")))
+
+
+HEADINGS = {"index": "frame", "force_N": "force [N]", "finger": "finger"}
+
+
+def comparison_table(rows: list[dict[str, Any]], leading: tuple[str, ...]) -> Table:
+    """Return the table of compared frames; ``leading`` names the columns that tell frames apart."""
+    table = Table(
+        title="Contact area by the author's chain against the truth",
+        caption="Error and its parts in percent of the true area; interaction: what sources do only together.",
+    )
+    for key in leading:
+        table.add_column(HEADINGS[key], justify="left" if key == "finger" else "right")
+    for heading in ("true [mm²]", "measured [mm²]", "error [mm²]", "error [%]", "IoU", "edge [µm]"):
+        table.add_column(heading, justify="right")
+    parts = list(rows[0].get("split_percent", {}))
+    for part in parts:
+        table.add_column(f"{part} [%]", justify="right")
+    for row in rows:
+        table.add_row(
+            *(f"{row[key]:g}" if isinstance(row[key], float) else str(row[key]) for key in leading),
+            f"{row['true_area_mm2']:.3f}",
+            f"{row['measured_area_mm2']:.3f}",
+            f"{row['error_mm2']:+.3f}",
+            f"{row['error_percent']:+.2f}",
+            f"{row['iou']:.4f}",
+            f"{row['boundary_displacement_um']:+.1f}",
+            *(f"{row['split_percent'][part]:+.2f}" for part in parts),
+        )
+    return table

@@ -117,7 +117,7 @@ def _geometry(twin: Twin, judged: Judgement) -> Section:
         axes.text(at, axes.get_ylim()[1] * 0.94, f" {dots} dots", color="tab:red")
     axes.set_xlabel("width of a square minus 1 mm [µm]")
     axes.set_ylabel("columns and rows")
-    axes.legend(loc="upper left")
+    axes.legend(loc="upper center")
     miss = twin.corner_miss
     arrows, quiver_axes = _figure(9.0, 7.0)
     some = twin.corners_judged
@@ -198,7 +198,7 @@ def _fitted(twin: Twin) -> Section:
         ("k1, k2", f"{lens.distortion.k1:.4f}, {lens.distortion.k2:.4f}"),
         ("defocus on the axis, further at the corner [µm]", f"{lens.defocus_um:.1f}, {lens.field_curvature_um:.1f}"),
         ("ink beyond each edge [µm]", f"{1e3 * board.ink_mm:.1f}"),
-        ("print's second axis over its first", f"{board.stretch:.5f}"),
+        ("print's second axis over its first; lean", f"{board.stretch:.5f}; {board.shear:.5f}"),
         ("focal length (assumed) [mm]", f"{lens.focal_length_mm:g}"),
         (
             "glass (assumed): thickness [mm], index",

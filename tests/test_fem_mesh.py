@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evanesce.contact.fem.mesh import FingerShape, MeshSize, SolidMesh, finger_half, finger_section, graded, nodal_areas
+from evanesce.contact.fem.mesh import FingerShape, MeshSize, SolidMesh, finger_section, graded, nodal_areas
+from evanesce.contact.fem.mesh_half import finger_half
 from evanesce.errors import InputError
 
 SHAPES = {
@@ -54,7 +55,7 @@ def _hex_volumes(mesh: SolidMesh) -> np.ndarray:
 def test_section_has_the_fingers_volume_and_skin(name: str) -> None:
     shape, h = SHAPES[name], 0.3
     mesh = finger_section(shape, MeshSize(contact=h, coarsest=0.6))
-    # chords of length c inside a circle of radius R lose a share of about c^2/(6 R^2) of volume and c^2/(24 R^2) of skin
+    # chords of length c inside a circle of radius R lose about c^2/(6 R^2) of volume and c^2/(24 R^2) of skin
     loss = 0.6**2 / (2 * shape.tip_radius**2)
     assert 0 <= 1 - _ring_volume(mesh) / _volume(shape) < loss or shape.bone_radius > 0
     assert _ring_volume(mesh) == pytest.approx(_volume(shape), rel=2 * loss)

@@ -1,4 +1,4 @@
-"""Pressing with finite elements: patch test, Hertz's limit, balance of forces, control, limits, checkpoints after kill -9."""
+"""Pressing with finite elements: patch test, Hertz's limit, balance, control, limits, checkpoints after kill -9."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ pytest.importorskip("felupe", reason="the optional extra 'fem' is not installed"
 
 from evanesce.contact.fem.felupe_adapter import Body
 from evanesce.contact.fem.material import Rubber, distortional_stress, rubber
-from evanesce.contact.fem.mesh import FingerShape, MeshSize, SolidMesh, finger_half, finger_section
+from evanesce.contact.fem.mesh import FingerShape, MeshSize, SolidMesh, finger_section
+from evanesce.contact.fem.mesh_half import finger_half
 from evanesce.contact.fem.press import press, press_contact_state
 from evanesce.contact.fem.result import SolvedRun, load_run, write_vtk
 from evanesce.contact.fem.steps import LimitReached, StepSizes
@@ -44,7 +45,9 @@ def _inner(mesh: SolidMesh) -> np.ndarray:
 @pytest.mark.parametrize("dim", [2, 3])
 def test_patch_a_uniform_deformation_leaves_inner_nodes_unloaded(dim: int) -> None:
     mesh = finger_section(SHAPE, COARSE) if dim == 2 else finger_half(SHAPE, MeshSize(1.7, growth=1.4))
-    gradient = np.diag([1.08, 0.91]) if dim == 2 else np.array([[1.05, 0.07, -0.02], [0.01, 0.96, 0.04], [0.1, 0.0, 0.93]])
+    gradient = (
+        np.diag([1.08, 0.91]) if dim == 2 else np.array([[1.05, 0.07, -0.02], [0.01, 0.96, 0.04], [0.1, 0.0, 0.93]])
+    )
     forces = Body(mesh, rubber("silskin_20")).forces(_affine(mesh, gradient))
     # rounding: bulk modulus 5 MPa times faces of some mm^2 times 1e-16, summed over 8 elements of 8 points
     assert np.abs(forces[_inner(mesh)]).max() < 1e-12 * np.abs(forces).max() * 1e2
@@ -56,7 +59,10 @@ def test_patch_the_top_carries_the_closed_form_stress() -> None:
     forces = Body(mesh, material).forces(_affine(mesh, np.diag([radial, axial])))
     gradient = np.diag([radial, radial, axial])
     volume = radial**2 * axial
-    nominal = distortional_stress(material, gradient[:, :, None])[2, 2, 0] + material.bulk_modulus * (volume - 1) * volume / axial
+    nominal = (
+        distortional_stress(material, gradient[:, :, None])[2, 2, 0]
+        + material.bulk_modulus * (volume - 1) * volume / axial
+    )
     top = np.abs(mesh.points[:, 1] - SHAPE.length) < 1e-9
     # what holds the top face is all of the load along z on a shaft whose sides are parallel to it
     assert forces[top, 1].sum() == pytest.approx(nominal * np.pi * (SHAPE.diameter / 2) ** 2, rel=1e-10)
@@ -64,7 +70,11 @@ def test_patch_the_top_carries_the_closed_form_stress() -> None:
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_tangent_is_the_derivative_of_the_forces(dim: int) -> None:
-    mesh = finger_section(SHAPE, MeshSize(2.5)) if dim == 2 else finger_half(SHAPE, MeshSize(3.0, growth=1.8, coarsest=5.0))
+    mesh = (
+        finger_section(SHAPE, MeshSize(2.5))
+        if dim == 2
+        else finger_half(SHAPE, MeshSize(3.0, growth=1.8, coarsest=5.0))
+    )
     body = Body(mesh, rubber("silskin_20"))
     rng = np.random.default_rng(3)
     u = 0.05 * rng.normal(size=mesh.points.shape)
@@ -106,7 +116,9 @@ def test_forces_balance(run: SolvedRun) -> None:
         state = run.history.steps[index].state
         forces = body.forces(state.displacement)
         held = forces[mesh.clamped, 1].sum()
-        assert held == pytest.approx(-state.normal_force, rel=1e-6)  # Newton's residual is 1e-8 per node, some 1e2 nodes
+        assert held == pytest.approx(
+            -state.normal_force, rel=1e-6
+        )  # Newton's residual is 1e-8 per node, some 1e2 nodes
         print_ = run.footprint(index)
         assert (np.abs(print_.traction[:, 0]) <= 0.4 * print_.pressure * (1 + 1e-9)).all()
 

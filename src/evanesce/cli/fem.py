@@ -25,7 +25,6 @@ from evanesce.errors import InputError
 
 if TYPE_CHECKING:
     from evanesce.contact.fem.material import Rubber
-    from evanesce.contact.fem.mesh import FingerShape
     from evanesce.contact.fem.result import SolvedRun
 
 Hold = Literal["force", "depth"]
@@ -147,7 +146,7 @@ def convergence(
     out: OutOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Press on ever finer meshes, 3.75 mm down to 0.33 mm as the thesis and finer, and plot area against element size."""
+    """Press on ever finer meshes, from 3.75 mm down to the thesis's 0.33 mm and finer; plot area against size."""
     from evanesce import provenance
     from evanesce.contact.fem.convergence import FINER_SIZES, THESIS_SIZES, MeshResult
     from evanesce.contact.fem.convergence import convergence as study

@@ -1,1 +1,1 @@
-"""Finite elements: a rubber finger pressed on and slid over rigid glass; solving needs the extra ``fem``, reading not."""
+"""Finite elements: a rubber finger pressed on rigid glass and slid; only solving needs the extra ``fem``."""

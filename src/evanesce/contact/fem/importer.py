@@ -82,9 +82,18 @@ class ForeignContact:
             If the contact does not fit on the grid.
         """
         return surface_state(
-            grid, centre, self.footprint(), depth=float("nan"), normal_force=self.force, tangential_force=0.0,
-            beyond=beyond, parameters={"source": self.source}, mirrored=False, law="fem_import", time=time,
-        )  # fmt: skip
+            grid,
+            centre,
+            self.footprint(),
+            depth=float("nan"),
+            normal_force=self.force,
+            tangential_force=0.0,
+            beyond=beyond,
+            parameters={"source": self.source},
+            mirrored=False,
+            law="fem_import",
+            time=time,
+        )
 
 
 def check_contact(
@@ -152,15 +161,23 @@ def _check_units(span: float, pressure: Floats, source: str) -> None:
         raise InputError(f"nodes span {span:.4g} mm{hint}", file=source, key="x, y", allowed=f"{low:g} to {high:g} mm")
     if not (pressure > 0).any():
         index = int(np.argmax(pressure))
-        raise InputError(f"empty contact: the largest pressure is {pressure[index]:g} MPa at node {index}", file=source,
-                         key="pressure", allowed="at least one node above 0")  # fmt: skip
+        raise InputError(
+            f"empty contact: the largest pressure is {pressure[index]:g} MPa at node {index}",
+            file=source,
+            key="pressure",
+            allowed="at least one node above 0",
+        )
     peak, (low, high) = float(pressure.max()), PEAK
     if not low <= peak <= high:
         factors = [f for f in (1e-3, 1e-6, 1e3, 1e6) if low <= peak * f <= high]
         hint = f"; times {factors[0]:g} it would fit: is the unit of pressure off?" if factors else ""
         where = int(np.argmax(pressure))
-        raise InputError(f"peak pressure {peak:.4g} MPa at node {where}{hint}", file=source, key="pressure",
-                         allowed=f"{low:g} to {high:g} MPa")  # fmt: skip
+        raise InputError(
+            f"peak pressure {peak:.4g} MPa at node {where}{hint}",
+            file=source,
+            key="pressure",
+            allowed=f"{low:g} to {high:g} MPa",
+        )
 
 
 def _check_doubles(place: Floats, span: float, source: str, first_index: int) -> None:
@@ -173,21 +190,37 @@ def _check_doubles(place: Floats, span: float, source: str, first_index: int) ->
 def _check_signs(pressure: Floats, gap: Floats, span: float, source: str, first_index: int) -> None:
     below = np.flatnonzero(pressure < -1e-6 * pressure.max())
     if below.size:
-        raise InputError(f"node {below[0] + first_index}: {pressure[below[0]]:g} MPa", file=source, key="pressure",
-                         allowed="0 or more: contact pressure presses")  # fmt: skip
+        raise InputError(
+            f"node {below[0] + first_index}: {pressure[below[0]]:g} MPa",
+            file=source,
+            key="pressure",
+            allowed="0 or more: contact pressure presses",
+        )
     deep = np.flatnonzero(gap < -PENETRATION * span)
     if deep.size:
-        raise InputError(f"node {deep[0] + first_index}: {gap[deep[0]]:g} mm is inside the glass", file=source, key="gap",
-                         allowed=f"above {-PENETRATION * span:.3g} mm")  # fmt: skip
+        raise InputError(
+            f"node {deep[0] + first_index}: {gap[deep[0]]:g} mm is inside the glass",
+            file=source,
+            key="gap",
+            allowed=f"above {-PENETRATION * span:.3g} mm",
+        )
     far = int(np.argmax(gap))
     if gap[far] > 10 * span:
-        raise InputError(f"node {far + first_index}: {gap[far]:g} mm over nodes that span {span:.4g} mm", file=source, key="gap",
-                         allowed=f"below {10 * span:.3g} mm; is its unit off by 1000?")  # fmt: skip
+        raise InputError(
+            f"node {far + first_index}: {gap[far]:g} mm over nodes that span {span:.4g} mm",
+            file=source,
+            key="gap",
+            allowed=f"below {10 * span:.3g} mm; is its unit off by 1000?",
+        )
     apart = np.flatnonzero((pressure > 0) & (gap > PENETRATION * span))
     if apart.size:
         i = int(apart[0])
-        raise InputError(f"node {i + first_index} carries {pressure[i]:g} MPa at a gap of {gap[i]:g} mm", file=source,
-                         key="gap", allowed="no pressure across a gap")  # fmt: skip
+        raise InputError(
+            f"node {i + first_index} carries {pressure[i]:g} MPa at a gap of {gap[i]:g} mm",
+            file=source,
+            key="gap",
+            allowed="no pressure across a gap",
+        )
 
 
 def _checked_cells(place: Floats, cells: Ints, source: str) -> Ints:
@@ -203,8 +236,12 @@ def _checked_cells(place: Floats, cells: Ints, source: str) -> Ints:
     sense = 1.0 if np.sum(np.sign(turn.sum(axis=1))) >= 0 else -1.0
     bad = np.flatnonzero((turn * sense <= 0).any(axis=1))
     if bad.size:
-        raise InputError(f"face {bad[0]} (nodes {', '.join(map(str, cells[bad[0]]))}) is inverted or flat", file=source,
-                         key="cells", allowed="faces all turned the same way")  # fmt: skip
+        raise InputError(
+            f"face {bad[0]} (nodes {', '.join(map(str, cells[bad[0]]))}) is inverted or flat",
+            file=source,
+            key="cells",
+            allowed="faces all turned the same way",
+        )
     return cells if sense > 0 else cells[:, ::-1]
 
 
@@ -223,14 +260,22 @@ def _check_force(found: float, stated: float, source: str) -> None:
     if not np.isfinite(stated) or stated <= 0:
         raise InputError(f"{stated!r}", key="force", allowed="above 0, finite [N]")
     if abs(found - stated) > FORCE_TOLERANCE * stated:
-        raise InputError(f"pressures add up to {found:.4g} N, not {stated:g} N ({found / stated:.4g} times)", file=source,
-                         key="pressure", allowed=f"within {FORCE_TOLERANCE:.0%}; a wrong unit or half a model?")  # fmt: skip
+        raise InputError(
+            f"pressures add up to {found:.4g} N, not {stated:g} N ({found / stated:.4g} times)",
+            file=source,
+            key="pressure",
+            allowed=f"within {FORCE_TOLERANCE:.0%}; a wrong unit or half a model?",
+        )
 
 
 def read_foreign(
-    path: Path, *, force: float | None = None, names: Mapping[str, str] | None = None, length_unit_mm: float = 1.0,
+    path: Path,
+    *,
+    force: float | None = None,
+    names: Mapping[str, str] | None = None,
+    length_unit_mm: float = 1.0,
     pressure_unit_MPa: float = 1.0,
-) -> ForeignContact:  # fmt: skip
+) -> ForeignContact:
     """Read a contact from a CSV with headings (``x_mm, y_mm, pressure_MPa, gap_mm``; any unit) or from a VTK file.
 
     Parameters
@@ -282,15 +327,23 @@ def _read_vtk(path: Path, force: float | None, names: dict[str, str], length: fl
         wanted[key] = fields[name]
     shells = [b.data for b in mesh.cells if b.type in ("triangle", "quad")]
     if len(shells) != 1:
-        raise InputError(f"{len(shells)} blocks of triangles or quadrilaterals", file=path, key="cells",
-                         allowed="one: the skin that faces the glass")  # fmt: skip
+        raise InputError(
+            f"{len(shells)} blocks of triangles or quadrilaterals",
+            file=path,
+            key="cells",
+            allowed="one: the skin that faces the glass",
+        )
     used = np.unique(shells[0])
     number = np.full(len(mesh.points), -1, dtype=np.int64)
     number[used] = np.arange(used.size)
     return check_contact(
-        mesh.points[used, :2] * length, wanted["pressure"][used] * stress, wanted["gap"][used] * length,
-        number[shells[0]], source=str(path), force=force,
-    )  # fmt: skip
+        mesh.points[used, :2] * length,
+        wanted["pressure"][used] * stress,
+        wanted["gap"][used] * length,
+        number[shells[0]],
+        source=str(path),
+        force=force,
+    )
 
 
 def summary(contact: ForeignContact) -> dict[str, Any]:

@@ -38,8 +38,11 @@ def main(folder: Path = FOLDER) -> None:
             save_library_press(folder / f"{material}_{bone}.npz", run)
             for index in run.reached():
                 row = run.row(index)
-                print(f"{material} {bone} {row['normal_force_N']:.2f} N  depth {row['depth_mm']:.3f} mm  "
-                      f"area {row['area_mm2']:.2f} mm^2  E* {row['reduced_modulus_MPa']:.4f} MPa", flush=True)  # fmt: skip
+                print(
+                    f"{material} {bone} {row['normal_force_N']:.2f} N  depth {row['depth_mm']:.3f} mm  "
+                    f"area {row['area_mm2']:.2f} mm^2  E* {row['reduced_modulus_MPa']:.4f} MPa",
+                    flush=True,
+                )
 
 
 if __name__ == "__main__":

@@ -139,7 +139,7 @@ def equilibrium(
 ) -> Equilibrium:
     """Solve one step from the last accepted one.
 
-    The residual must fall below ``tolerance`` times the contact force (and :data:`NOISE` where hardly anything touches).
+    The residual must fall below ``tolerance`` times the contact force, or :data:`NOISE` where hardly anything touches.
     An iterate with an inverted element or a number that is not finite is shortened, at most five times.
 
     Raises

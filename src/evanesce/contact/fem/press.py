@@ -11,7 +11,7 @@ from evanesce.contact.fem.material import Rubber
 from evanesce.contact.fem.mesh import FingerShape, MeshSize, finger_section
 from evanesce.contact.fem.plane import Glass
 from evanesce.contact.fem.result import SolvedRun
-from evanesce.contact.fem.runs import Progress, run_inputs, solved
+from evanesce.contact.fem.runs import Progress, check_friction, run_inputs, solved
 from evanesce.contact.fem.state import press_state, profile_of
 from evanesce.contact.fem.steps import Goal, StepSizes
 from evanesce.errors import InputError
@@ -78,12 +78,10 @@ def press(
     LimitReached
         The material or the step control came to its end; the steps before are kept.
     """
-    if not np.isfinite(friction) or friction < 0:
-        raise InputError(f"{friction!r}", key="friction", allowed="0 or more, finite")
     goals = press_goals(forces, depths)
     size, sizes = size or MeshSize(), sizes or StepSizes()
     stiff = penalty if penalty is not None else max(50.0, 5000.0 * material.shear_modulus)
-    glass = Glass(friction=float(friction), penalty=stiff)
+    glass = Glass(friction=check_friction(friction), penalty=stiff)
     inputs = run_inputs("press", shape, size, material, glass, goals, sizes)
     mesh = finger_section(shape, size)
     return solved(inputs, mesh, material, glass, goals, sizes, cache=cache, on_step=on_step)

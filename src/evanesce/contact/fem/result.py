@@ -1,4 +1,4 @@
-"""Solved runs: what they hold, and the file they are kept in (NPZ without objects, so that nothing is ever unpickled)."""
+"""Solved runs: what they hold, and the file they are kept in (NPZ without objects: nothing is ever unpickled)."""
 
 from __future__ import annotations
 
@@ -95,8 +95,8 @@ def save_run(path: Path, run: SolvedRun) -> None:
     The NPZ holds: ``meta`` (JSON: schema, inputs, complete, limit), the mesh (``points``, ``cells``, ``facets``,
     ``candidates``, ``clamped``, ``mirror``), and by step (first axis) ``depth``, ``slide``, ``normal_force``,
     ``tangential_force``, ``iterations``, ``stretches`` (min, max), ``goal``, ``reached``, ``next_size``,
-    ``displacement`` (steps, nodes, d), ``contact_force`` (steps, candidates, d) [N], ``touching``, ``slipping``, and the
-    anchors of friction ``place`` and ``touchdown`` (steps, candidates, d - 1). Lengths in mm; (r, z) or (x, y, z).
+    ``displacement`` (steps, nodes, d), ``contact_force`` (steps, candidates, d) [N], ``touching``, ``slipping``, and
+    the anchors of friction ``place`` and ``touchdown`` (steps, candidates, d - 1). Lengths in mm; (r, z) or (x, y, z).
 
     Raises
     ------
@@ -133,7 +133,7 @@ def save_run(path: Path, run: SolvedRun) -> None:
 
 
 def write_npz(path: Path, arrays: Mapping[str, NDArray[Any]], *, compressed: bool = False) -> None:
-    """Write arrays to an NPZ beside its place and rename it there, so that a kill leaves the old file or the new one."""
+    """Write arrays to an NPZ beside its place and rename it there, so that a kill leaves either file whole."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=path.parent, prefix="." + path.name, suffix=".tmp")

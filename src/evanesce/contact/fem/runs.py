@@ -1,4 +1,4 @@
-"""Presses and slides as runs: inputs with a digest, a cache, a checkpoint after each step, and going on after a kill."""
+"""Presses and slides as runs: inputs with a digest, a cache, a checkpoint after each step, going on after a kill."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import platformdirs
 
 from evanesce.contact.fem.material import Rubber
@@ -26,6 +27,13 @@ Progress = Callable[[SolvedRun, int], None]
 def cache_folder() -> Path:
     """Return where solved runs are kept: under EVANESCE_CACHE or the user's cache folder."""
     return Path(os.environ.get("EVANESCE_CACHE") or platformdirs.user_cache_dir("evanesce")) / "fem"
+
+
+def check_friction(value: float) -> float:
+    """Return Coulomb's coefficient; refuse what is negative or not finite."""
+    if not np.isfinite(value) or value < 0:
+        raise InputError(f"{value!r}", key="friction", allowed="0 or more, finite")
+    return float(value)
 
 
 def run_inputs(

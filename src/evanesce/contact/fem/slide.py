@@ -9,10 +9,11 @@ from typing import Literal
 import numpy as np
 
 from evanesce.contact.fem.material import Rubber
-from evanesce.contact.fem.mesh import FingerShape, MeshSize, finger_half
+from evanesce.contact.fem.mesh import FingerShape, MeshSize
+from evanesce.contact.fem.mesh_half import finger_half
 from evanesce.contact.fem.plane import Glass
 from evanesce.contact.fem.result import SolvedRun
-from evanesce.contact.fem.runs import Progress, run_inputs, solved
+from evanesce.contact.fem.runs import Progress, check_friction, run_inputs, solved
 from evanesce.contact.fem.state import surface_state
 from evanesce.contact.fem.steps import Goal, StepSizes
 from evanesce.errors import InputError
@@ -20,6 +21,29 @@ from evanesce.states import ContactState, PlateGrid
 
 SLIDE_MESH = MeshSize(contact=0.55, growth=1.3, coarsest=3.0)
 SLIDE_STEPS = StepSizes(largest=0.75, first=0.1, smallest=1e-3)
+
+
+def slide_goals(
+    force: float | None, depth: float | None, distances: Sequence[float], hold: Literal["force", "depth"]
+) -> tuple[Goal, ...]:
+    """Return the stages of a slide: one press, then each distance in turn.
+
+    Raises
+    ------
+    InputError
+        For both or neither of force and depth, or a value out of range.
+    """
+    if (force is None) == (depth is None):
+        raise InputError("give a force or a depth to press to", key="slide", allowed="one of the two")
+    wanted = force if force is not None else depth
+    if wanted is None or not np.isfinite(wanted) or wanted <= 0:
+        raise InputError(f"{wanted!r}", key="force" if force is not None else "depth", allowed="above 0, finite")
+    if not all(np.isfinite(d) for d in distances):
+        raise InputError(f"{list(distances)!r}", key="distances", allowed="finite [mm]")
+    return (
+        Goal("force" if force is not None else "depth", float(wanted)),
+        *(Goal("slide", float(d), hold=hold) for d in distances),
+    )
 
 
 def slide(
@@ -62,21 +86,9 @@ def slide(
     LimitReached
         With the steps before, also in the cache.
     """
-    if (force is None) == (depth is None):
-        raise InputError("give a force or a depth to press to", key="slide", allowed="one of the two")
-    wanted = force if force is not None else depth
-    if wanted is None or not np.isfinite(wanted) or wanted <= 0:
-        raise InputError(f"{wanted!r}", key="force" if force is not None else "depth", allowed="above 0, finite")
-    if not np.isfinite(friction) or friction < 0:
-        raise InputError(f"{friction!r}", key="friction", allowed="0 or more, finite")
-    if not all(np.isfinite(d) for d in distances):
-        raise InputError(f"{list(distances)!r}", key="distances", allowed="finite [mm]")
-    goals = (
-        Goal("force" if force is not None else "depth", float(wanted)),
-        *(Goal("slide", float(d), hold=hold) for d in distances),
-    )
+    goals = slide_goals(force, depth, distances, hold)
     stiff = penalty if penalty is not None else max(30.0, 1000.0 * material.shear_modulus)
-    glass = Glass(friction=float(friction), penalty=stiff, softness=0.002)
+    glass = Glass(friction=check_friction(friction), penalty=stiff, softness=0.002)
     inputs = run_inputs("slide", shape, size, material, glass, goals, sizes)
     return solved(inputs, finger_half(shape, size), material, glass, goals, sizes, cache=cache, on_step=on_step)
 

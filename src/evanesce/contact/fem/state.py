@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
-from scipy.spatial import Delaunay
+from scipy.spatial import Delaunay, cKDTree
 
 from evanesce.contact.fem.surface import Footprint
 from evanesce.contact.patch import AxisymmetricContact, axisymmetric_state, radii, require_fit
@@ -148,18 +148,19 @@ def press_state(
     contact = axisymmetric_contact(profile, beyond)
     base = axisymmetric_state(grid, centre, contact, law=law, parameters=parameters, time=time)
     r = radii(grid, centre)
-    way = np.stack([
-        np.broadcast_to((grid.x[None, :] - centre[0]), grid.shape), np.broadcast_to((grid.y[:, None] - centre[1]), grid.shape)
-    ]) / np.where(r > 0, r, 1.0)  # fmt: skip
+    way = np.stack(np.meshgrid(grid.x - centre[0], grid.y - centre[1])) / np.where(r > 0, r, 1.0)
     # a cell on the rim is whole as a state, but carries only its covered share of traction and slip
-    covered = np.asarray(base.contact_mask)
+    covered = np.asarray(base.contact_mask, dtype=np.float64)
     radial = np.interp(r, profile.r, profile.traction) * covered
     slipped = np.interp(r, profile.r, profile.slip) * (covered > 0)
-    slipping = np.interp(r, profile.r, profile.slipping.astype(float)) >= 0.5
+    # beyond the last node in contact, its own label goes on to the edge
+    inside = profile.pressure > 0
+    labels = profile.slipping[inside].astype(float)
+    slipping = np.interp(r, profile.r[inside], labels) >= 0.5 if inside.any() else np.zeros(grid.shape, dtype=bool)
     return ContactState(
         grid=grid, pressure=base.pressure, gap=base.gap, contact_mask=covered, normal_force=base.normal_force,
         nominal_contact_area=base.nominal_contact_area, law=law, depth=base.depth, traction=radial * way,
-        slip=slipped * way, state=surface_states(covered, np.asarray(base.gap), slipping), time=time,
+        slip=slipped * way, state=surface_states(covered, np.asarray(base.gap, dtype=np.float64), slipping), time=time,
         parameters=dict(parameters),
     )  # fmt: skip
 
@@ -236,7 +237,7 @@ def surface_state(
         low, high = place[touching].min(axis=0), place[touching].max(axis=0)
         if low[0] < x_min or high[0] > x_max or low[1] < y_min or high[1] > y_max:
             raise InputError(
-                f"contact from ({low[0]:.3g}, {low[1]:.3g}) to ({high[0]:.3g}, {high[1]:.3g}) mm is off the contact grid",
+                f"contact from ({low[0]:.3g}, {low[1]:.3g}) to ({high[0]:.3g}, {high[1]:.3g}) is off the contact grid",
                 key="grid.size_mm", allowed=f"inside {x_min:g} to {x_max:g}, {y_min:g} to {y_max:g} mm",
             )  # fmt: skip
     tessellation = Delaunay(place)
@@ -246,9 +247,7 @@ def surface_state(
     steepest = float((fields["pressure"][inside] ** 2).max()) if inside.any() else 0.0
     reach = float(-q[inside].min()) if inside.any() else 1.0
     square = np.where(inside, fields["pressure"] ** 2, -np.abs(q) * steepest / max(reach, 1e-12))
-    table = np.column_stack([
-        q, square, fields["traction"], fields["slip"], fields["slipping"].astype(float)
-    ])  # fmt: skip
+    table = np.column_stack([q, square, fields["traction"], fields["slip"]])
     sample = LinearNDInterpolator(tessellation, table)(at_x, at_y)
     off = ~np.isfinite(sample[..., 0])
     sample = np.where(off[..., None], 0.0, sample)
@@ -259,12 +258,16 @@ def surface_state(
     if carried > 0:
         pressure = pressure * (normal_force / carried)
     traction = np.moveaxis(sample[..., 2:4], -1, 0) * covered
+    slipping = np.zeros(grid.shape, dtype=bool)
+    if touching.any():  # the label of the nearest node in contact, also on the rim beyond the last one
+        nearest = cKDTree(place[touching]).query(np.stack([at_x, at_y], axis=-1))[1]
+        slipping = fields["slipping"].astype(bool)[touching][nearest]
     gap = np.where(covered >= 1.0, 0.0, np.maximum(opening, 0.0) ** 1.5)
     return ContactState(
         grid=grid, pressure=pressure, gap=gap, contact_mask=covered, normal_force=normal_force,
         nominal_contact_area=print_.area, law=law, depth=depth, traction=traction,
         slip=np.moveaxis(sample[..., 4:6], -1, 0) * (covered > 0),
-        state=surface_states(covered, gap, sample[..., 6] >= 0.5), tangential_force=(tangential_force, 0.0), time=time,
+        state=surface_states(covered, gap, slipping), tangential_force=(tangential_force, 0.0), time=time,
         parameters=dict(parameters),
     )  # fmt: skip
 

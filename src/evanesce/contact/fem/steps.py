@@ -172,8 +172,9 @@ def _one_step(
         if size < sizes.smallest:
             low, high = model.solid.stretches(last.displacement)
             raise LimitReached(
-                f"step limit reached: no equilibrium beyond depth {last.depth:.4g} mm, slide {last.slide:.4g} mm at step "
-                f"{len(history.steps) + 1} (stretches so far {low:.3g} to {high:.3g}, smallest step {sizes.smallest:g} mm)",
+                f"step limit reached: no equilibrium beyond depth {last.depth:.4g} mm, slide {last.slide:.4g} mm "
+                f"at step {len(history.steps) + 1} (stretches so far {low:.3g} to {high:.3g}, "
+                f"smallest step {sizes.smallest:g} mm)",
                 history,
             )
 

@@ -72,16 +72,20 @@ def press(
     """Press a finger straight onto the glass (axisymmetric) and print depth, area and modulus at each force."""
     from evanesce.contact.fem.mesh import FingerShape, MeshSize
     from evanesce.contact.fem.press import press as solve
+    from evanesce.contact.fem.press import press_goals
+    from evanesce.contact.fem.runs import check_friction
 
     check_json_target(json_file)
+    check_friction(friction)
     shape = FingerShape(tip_radius, diameter, length, bone_radius)
     chosen = _rubber(material, c30)
-    goals = force or depth or [1.0]
+    forces = force or ([] if depth else [1.0])
+    goals = press_goals(forces, depth or [])
     size = None if element is None else MeshSize(contact=element)
 
     def work(on_step: Callable[[Any, int], None]) -> SolvedRun:
         return solve(
-            shape, chosen, forces=force or ([] if depth else [1.0]), depths=depth or [], friction=friction, size=size,
+            shape, chosen, forces=forces, depths=depth or [], friction=friction, size=size,
             cache=_cache(cache), on_step=on_step,
         )  # fmt: skip
 
@@ -108,7 +112,8 @@ def slide(
 ) -> None:
     """Press a finger and drag the glass under it (three-dimensional): forces, area and stick against the way."""
     from evanesce.contact.fem.mesh import FingerShape, MeshSize
-    from evanesce.contact.fem.slide import SLIDE_MESH
+    from evanesce.contact.fem.runs import check_friction
+    from evanesce.contact.fem.slide import SLIDE_MESH, slide_goals
     from evanesce.contact.fem.slide import slide as solve
 
     check_json_target(json_file)
@@ -118,6 +123,9 @@ def slide(
     if force is None and depth is None:
         force = 1.0
     distances = distance or [10.0]
+    kept: Hold = "force" if hold == "force" else "depth"
+    check_friction(friction)
+    slide_goals(force, depth, distances, kept)
     size = SLIDE_MESH
     if element is not None:
         size = MeshSize(element, SLIDE_MESH.fine_extent, SLIDE_MESH.growth, max(SLIDE_MESH.coarsest, element))
@@ -125,7 +133,7 @@ def slide(
     def work(on_step: Callable[[Any, int], None]) -> SolvedRun:
         return solve(
             shape, chosen, force=force, depth=depth, distances=distances, friction=friction, size=size,
-            hold="force" if hold == "force" else "depth", cache=_cache(cache), on_step=on_step,
+            hold=kept, cache=_cache(cache), on_step=on_step,
         )  # fmt: skip
 
     _solve_and_report("slide", work, 1 + len(distances), out, json_file, vtk, c30)
@@ -148,7 +156,7 @@ def convergence(
 ) -> None:
     """Press on ever finer meshes, from 3.75 mm down to the thesis's 0.33 mm and finer; plot area against size."""
     from evanesce import provenance
-    from evanesce.contact.fem.convergence import FINER_SIZES, THESIS_SIZES, MeshResult
+    from evanesce.contact.fem.convergence import FINER_SIZES, THESIS_SIZES, MeshResult, check_sizes
     from evanesce.contact.fem.convergence import convergence as study
     from evanesce.contact.fem.mesh import FingerShape
     from evanesce.contact.fem.press import press_goals
@@ -157,6 +165,7 @@ def convergence(
     press_goals([force])
     shape, chosen = FingerShape(tip_radius, diameter, length, bone_radius), _rubber(material, 0.0)
     wanted = tuple(sizes) if sizes else THESIS_SIZES + FINER_SIZES
+    check_sizes(wanted)
     folder = out_dir(out, "fem-convergence")
     with progress() as bar:
         task = bar.add_task("meshes", total=len(wanted))
@@ -238,11 +247,12 @@ def import_(
 def _rubber(name: str, c30: float) -> Rubber:
     from evanesce.contact.fem.material import rubber
 
+    chosen = rubber(name, c30=c30)
     if c30:
         messages.print(
             f"note: c30 = {c30:g} MPa is added for stability; results are not those of the thesis's material"
         )
-    return rubber(name, c30=c30)
+    return chosen
 
 
 def _cache(wanted: bool) -> Path | None:

@@ -14,9 +14,7 @@ from evanesce.rig import Scene
 class Parameters(Strict):
     """How much is lost, and where."""
 
-    loss: float = field(
-        0.0, unit="1", bounds=(0.0, 1.0), null=0.0, doc="share of their power that is lost; 1: dead"
-    )
+    loss: float = field(0.0, unit="1", bounds=(0.0, 1.0), null=0.0, doc="share of their power that is lost; 1: dead")
     first: int = field(
         0,
         unit="1",

@@ -1,0 +1,162 @@
+"""Marks on the plate's top face that scatter guided light without contact: dust, scratches, films.
+
+Their light is stated against that of a contact: a mark of relative radiance 1 is as bright as the finger would be if it
+touched there. So it follows voltage, dead LEDs and absorption, and no absolute figure has to be invented.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import RectBivariateSpline
+
+from evanesce.optics.guided_field import azimuthal_radiance, edge_radiance
+from evanesce.optics.patch_light import (
+    angle_nodes,
+    returned_radiance,
+    transmitted_irradiance_kernel,
+    window_transmittance,
+)
+from evanesce.optics.projection import Projection
+from evanesce.provenance import digest
+from evanesce.render.transport import edge_light, interface_of
+from evanesce.rig import Scene
+from evanesce.states import PlateLight
+
+Array = NDArray[np.float64]
+
+NODE_SPACING = 10.0
+"""Spacing of the field's nodes [mm]: it varies over the distance of the edges."""
+
+EDGE_MARGIN = 0.5
+"""Nodes stay this far inside the plate [mm]."""
+
+_KEPT: OrderedDict[str, Any] = OrderedDict()
+_KEEP = 4
+
+
+def _kept(key: str, make: Callable[[], Any]) -> Any:
+    """Return a cached value of this process; the oldest beyond a few are dropped."""
+    if key not in _KEPT:
+        _KEPT[key] = make()
+        while len(_KEPT) > _KEEP:
+            _KEPT.popitem(last=False)
+    _KEPT.move_to_end(key)
+    return _KEPT[key]
+
+
+def contact_radiance(scene: Scene, x: ArrayLike, y: ArrayLike) -> Array:
+    """Return the radiance towards the lens that a small contact would have at plate points; 0 off the plate.
+
+    Parameters
+    ----------
+    scene : Scene
+    x, y : array_like
+        Points on the top face [mm], of one shape.
+
+    Returns
+    -------
+    ndarray
+        [W mm^-2 sr^-1].
+    """
+    x, y = np.asarray(x, float), np.asarray(y, float)
+    half_x, half_y = scene.plate.size_mm[0] / 2 - EDGE_MARGIN, scene.plate.size_mm[1] / 2 - EDGE_MARGIN
+    data = scene.as_dict()
+    optical = [data["finger"]["refractive_index"], data["finger"]["diffuse_reflectance"], scene.camera.wavelength_nm]
+    field = _kept(digest([data["plate"], data["leds"], optical]), lambda: _contact_field(scene))
+    found = field.ev(np.clip(y, -half_y, half_y), np.clip(x, -half_x, half_x))
+    on_plate = (np.abs(x) <= half_x + EDGE_MARGIN) & (np.abs(y) <= half_y + EDGE_MARGIN)
+    return np.asarray(np.where(on_plate, np.maximum(found, 0.0), 0.0))
+
+
+def _contact_field(scene: Scene) -> RectBivariateSpline:
+    """Return contact radiance over the plate as a spline of (y, x)."""
+    light, interface = edge_light(scene), interface_of(scene)
+    theta, weights = angle_nodes(20, interface.n_glass)
+    axes = []
+    for size in scene.plate.size_mm:
+        half = size / 2 - EDGE_MARGIN
+        axes.append(np.linspace(-half, half, max(4, math.ceil(2 * half / NODE_SPACING) + 1)))
+    points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+    diffuse = edge_radiance(light, rays=1024)
+    radiance = azimuthal_radiance(light, points[:, 0], points[:, 1], theta, azimuths=720, diffuse=diffuse)
+    irradiance = radiance @ transmitted_irradiance_kernel(theta, weights, np.zeros(1), interface)[0]
+    seen = returned_radiance(0.0, 0.0, interface) * window_transmittance(0.0, interface.n_glass)
+    grid = (irradiance * float(seen)).reshape(axes[1].size, axes[0].size)
+    return RectBivariateSpline(axes[1], axes[0], grid)
+
+
+def view_position(scene: Scene, light: PlateLight, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
+    """Return where plate points [mm] appear on the light's pinhole grid (column, row) [px]."""
+    xn, yn = Projection.of(scene.camera, scene.plate).plate_to_ray(x, y)
+    px, py = light.principal_point
+    return xn * light.focal_px + px, yn * light.focal_px + py
+
+
+def plate_points(scene: Scene, light: PlateLight) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the plate point (x, y) [mm] that each pixel of the light's pinhole grid sees; kept for the last rigs."""
+    data = scene.as_dict()
+    key = digest([data["camera"], data["plate"], light.radiance.shape, light.focal_px, light.principal_point, "points"])
+
+    def make() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        rows, cols = light.radiance.shape
+        px, py = light.principal_point
+        u, v = np.meshgrid((np.arange(cols) - px) / light.focal_px, (np.arange(rows) - py) / light.focal_px)
+        x, y = Projection.of(scene.camera, scene.plate).ray_to_plate(u, v)
+        return x.astype(np.float32), y.astype(np.float32)
+
+    found: tuple[NDArray[np.float32], NDArray[np.float32]] = _kept(key, make)
+    return found
+
+
+def pixel_area(scene: Scene, light: PlateLight, u: Array, v: Array) -> Array:
+    """Return the area of the contact plane [mm^2] that a pixel at (u, v) of the light's grid sees."""
+    projection = Projection.of(scene.camera, scene.plate)
+    px, py = light.principal_point
+
+    def at(du: float, dv: float) -> Array:
+        return np.stack(projection.ray_to_plate((u + du - px) / light.focal_px, (v + dv - py) / light.focal_px))
+
+    across, down = at(0.5, 0.0) - at(-0.5, 0.0), at(0.0, 0.5) - at(0.0, -0.5)
+    return np.asarray(np.abs(across[0] * down[1] - across[1] * down[0]))
+
+
+def add_points(scene: Scene, light: PlateLight, x: Array, y: Array, flux: Array) -> PlateLight:
+    """Add points of light on the contact plane.
+
+    Parameters
+    ----------
+    scene : Scene
+    light : PlateLight
+    x, y : ndarray (points,)
+        On the top face [mm].
+    flux : ndarray (points,)
+        Radiance times area [W sr^-1].
+
+    Returns
+    -------
+    PlateLight
+        Each point shared among the four pixels around it, so that radiance summed over the plane keeps ``flux`` and
+        its place; what falls off the grid is dropped.
+    """
+    u, v = view_position(scene, light, x, y)
+    rows, cols = light.radiance.shape
+    inside = (u > -1) & (u < cols) & (v > -1) & (v < rows)
+    u, v = u[inside], v[inside]
+    weight = flux[inside] / pixel_area(scene, light, u, v)
+    col, row = np.floor(u).astype(np.int64), np.floor(v).astype(np.int64)
+    part_u, part_v = u - col, v - row
+    added = np.zeros(rows * cols)
+    for dv, share_v in ((0, 1 - part_v), (1, part_v)):
+        for du, share_u in ((0, 1 - part_u), (1, part_u)):
+            at_row, at_col = row + dv, col + du
+            ok = (at_row >= 0) & (at_row < rows) & (at_col >= 0) & (at_col < cols)
+            index = at_row[ok] * cols + at_col[ok]
+            added += np.bincount(index, (weight * share_v * share_u)[ok], rows * cols)
+    return replace(light, radiance=light.radiance + added.reshape(rows, cols))

@@ -118,8 +118,8 @@ class Room:
         steps = 64
         tangent = (np.arange(steps) - (steps - 1) / 2) / steps * 2 * ROOM_HALF_SIZE / ROOM_DISTANCE
         level = 1.0 + self.gradient[0] * np.tanh(tangent)[None, :] + self.gradient[1] * np.tanh(tangent)[:, None]
-        # The bitmap's v runs up from its last row; the rectangle's own normal is +z.
-        picture = np.ascontiguousarray((self.radiance * np.clip(level, 0.0, None))[::-1, :, None].astype(np.float32))
+        # The bitmap's first row lies at v = 0, the rectangle's lowest y; its own normal is +z.
+        picture = np.ascontiguousarray((self.radiance * np.clip(level, 0.0, None))[:, :, None].astype(np.float32))
         place = mi.ScalarTransform4f().translate([0, 0, -ROOM_DISTANCE]).scale([ROOM_HALF_SIZE, ROOM_HALF_SIZE, 1])
         texture = {"type": "bitmap", "bitmap": mi.Bitmap(picture), "raw": True, "wrap_mode": "clamp"}
         return {"type": "rectangle", "to_world": place, "emitter": {"type": "area", "radiance": texture}}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,6 +26,7 @@ LedChoice = Literal["all", "left", "right", "top", "bottom"]
 FOCUS_MARGIN_MM = 1.0
 # Outside that window this fraction of the samples: there is next to nothing to see.
 BACKGROUND_SHARE = 0.125
+MAX_BACKGROUND_FACTOR = 8
 MAX_VIEW_PIXELS = 200_000_000
 
 
@@ -88,6 +90,18 @@ def focus_window(projection: Projection, view: IdealView, state: ContactState, m
     row0, row1 = max(0, int(np.floor(v.min()))), min(view.shape[0], int(np.ceil(v.max())) + 1)
     col0, col1 = max(0, int(np.floor(u.min()))), min(view.shape[1], int(np.ceil(u.max())) + 1)
     return Window(row0, row1, col0, col1) if row1 > row0 and col1 > col0 else None
+
+
+def background_factor(px_per_mm: float) -> int:
+    """Return how many pixels a side share one sample region beside the contact: at least three such to the margin."""
+    return int(np.clip(FOCUS_MARGIN_MM * px_per_mm / 3, 1, MAX_BACKGROUND_FACTOR))
+
+
+def enlarged(image: Array, shape: tuple[int, int]) -> Array:
+    """Return an image of the same field on more pixels, bilinear; the same array where the shape is the same."""
+    if image.shape == shape:
+        return image
+    return np.asarray(cv2.resize(image, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR))
 
 
 def pass_samples(total: int, passes: int) -> int:
@@ -223,7 +237,8 @@ def render(
     powers : mapping, optional
         Radiant power [W] by edge, of each LED there or of every one, instead of what the supply voltages give.
     focus : bool
-        Spend the samples around the contact and an eighth of them elsewhere.
+        Spend the samples around the contact and an eighth of them elsewhere, there on coarser pixels: what little
+        light there is beside a contact is smooth, and few samples a pixel would leave it as bright single specks.
     connect : bool
         See :func:`integrator_for`.
     progress : callable, optional
@@ -256,9 +271,11 @@ def render(
     model = plate_scene(scene, state, lit, info.is_jit)
     integrator = integrator_for(scene, info, model.patch, lit, connect=connect)
     per_pass = pass_samples(total, passes)
-    runs: list[tuple[str, Window | None, int]] = [("whole", None, per_pass)]
+    runs: list[tuple[str, IdealView, Window | None, int]] = [("whole", view, None, per_pass)]
     if window is not None:
-        runs = [("whole", None, pass_samples(round(per_pass * BACKGROUND_SHARE), 1)), ("focus", window, per_pass)]
+        coarse = background_factor(scene.camera.scale_px_per_mm * view.focal_px / projection.focal_px)
+        background = pass_samples(round(per_pass * BACKGROUND_SHARE * coarse**2), 1)
+        runs = [("whole", scaled_view(view, 1 / coarse), None, background), ("focus", view, window, per_pass)]
     done = 0
 
     def tick() -> None:
@@ -267,11 +284,10 @@ def render(
         if progress is not None:
             progress(done, passes * len(runs))
 
-    radiance, variance = np.zeros(view.shape), np.zeros(view.shape)
-    for name, part, samples in runs:
+    for name, seen, part, samples in runs:
         sums = trace(
             model.shapes,
-            camera_dict(projection, view, part),
+            camera_dict(projection, seen, part),
             integrator,
             samples=samples,
             passes=passes,
@@ -279,8 +295,11 @@ def render(
             name=name,
             tick=tick,
         )
-        where = np.s_[:, :] if part is None else np.s_[part.row0 : part.row1, part.col0 : part.col1]
-        radiance[where], variance[where] = sums.mean, sums.variance_of_mean
+        if part is None:
+            radiance, variance = (enlarged(image, view.shape) for image in (sums.mean, sums.variance_of_mean))
+        else:
+            where = np.s_[part.row0 : part.row1, part.col0 : part.col1]
+            radiance[where], variance[where] = sums.mean, sums.variance_of_mean
     return PlateLight(
         radiance=radiance,
         variance=variance,

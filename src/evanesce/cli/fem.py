@@ -110,7 +110,7 @@ def slide(
     out: OutOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Press a finger and drag the glass under it (three-dimensional): forces, area and stick against the way."""
+    """Press a finger and slide it over the glass (three-dimensional): forces, area and stick against the way."""
     from evanesce.contact.fem.mesh import FingerShape, MeshSize
     from evanesce.contact.fem.runs import check_friction
     from evanesce.contact.fem.slide import SLIDE_MESH, slide_goals
@@ -275,12 +275,10 @@ def _solve_and_report(
 
     folder = out_dir(out, f"fem-{kind}")
     limit: LimitReached | None = None
-    latest: list[SolvedRun] = []
     with progress() as bar:
         task = bar.add_task(kind, total=goals)
 
         def on_step(run: SolvedRun, goal: int) -> None:
-            latest[:] = [run]
             last = run.history.steps[-1].state
             where = f"step {len(run)}: {last.depth:.3f} mm, {last.normal_force:.3f} N, slide {last.slide:.2f} mm"
             bar.update(task, completed=goal + int(run.history.steps[-1].reached), description=where)
@@ -289,9 +287,9 @@ def _solve_and_report(
             run = work(on_step)
         except LimitReached as error:
             limit = error
-            if not latest:
+            run = error.run
+            if not len(run):
                 raise
-            run = latest[0]
     _write_run(kind, run, folder, json_file, vtk, c30, str(limit) if limit else "")
     if limit is not None:
         raise limit

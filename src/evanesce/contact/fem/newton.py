@@ -44,11 +44,11 @@ class Equilibrium:
     displacement : ndarray (n, d)
         [mm].
     depth, slide : float
-        Of the glass: upwards and along x [mm].
+        The glass is raised by ``depth`` and moved by ``slide`` along -x: the finger slides over it along +x [mm].
     contact : PlaneForces
         Of the candidate nodes.
     normal_force, tangential_force : float
-        On the whole finger, both halves [N]; the tangential is the pull of the glass on the finger along x.
+        Of the whole finger on the glass, both halves [N]; the tangential along x, the way of the slide.
     iterations : int
     """
 
@@ -107,7 +107,7 @@ class Model:
         offset = np.zeros(self.mesh.dim)
         offset[-1] = depth
         if self.mesh.dim == 3:
-            offset[0] = slide
+            offset[0] = -slide
         return self.mesh.points[chosen] + displacement[chosen] - offset
 
     def start(self) -> Equilibrium:
@@ -167,7 +167,7 @@ def equilibrium(
         if not np.isfinite(error):
             raise StepFailed
         if iteration > 0 and error + abs(missing) <= tolerance * scale + NOISE:
-            tangential = float(contact.force[:, 0].sum()) * model.turn if dim == 3 else 0.0
+            tangential = -float(contact.force[:, 0].sum()) * model.turn if dim == 3 else 0.0
             return Equilibrium(u, depth, target.slide, contact, normal, tangential, iteration)
         if iteration > 12 and error > 1e3 * max(best, 1e-9):
             raise StepFailed

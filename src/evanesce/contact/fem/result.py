@@ -95,7 +95,7 @@ def save_run(path: Path, run: SolvedRun) -> None:
     The NPZ holds: ``meta`` (JSON: schema, inputs, complete, limit), the mesh (``points``, ``cells``, ``facets``,
     ``candidates``, ``clamped``, ``mirror``), and by step (first axis) ``depth``, ``slide``, ``normal_force``,
     ``tangential_force``, ``iterations``, ``stretches`` (min, max), ``goal``, ``reached``, ``next_size``,
-    ``displacement`` (steps, nodes, d), ``contact_force`` (steps, candidates, d) [N], ``touching``, ``slipping``, and
+    ``displacement`` (steps, nodes, d), ``contact_force`` (steps, candidates, d) [N] on the finger, ``touching``, ``slipping``, and
     the anchors of friction ``place`` and ``touchdown`` (steps, candidates, d - 1). Lengths in mm; (r, z) or (x, y, z).
 
     Raises
@@ -184,7 +184,7 @@ def _run_of(arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> Solv
         offset = np.zeros(mesh.dim)
         offset[-1] = arrays["depth"][i]
         if mesh.dim == 3:
-            offset[0] = arrays["slide"][i]
+            offset[0] = -arrays["slide"][i]
         moved = arrays["displacement"][i]
         touching = arrays["touching"][i]
         last = mesh.points[mesh.candidates] + moved[mesh.candidates] - offset

@@ -83,7 +83,7 @@ def solved(
     Raises
     ------
     LimitReached
-        The steps before are in ``error.history`` and in the cache.
+        The steps before are in ``error.run`` and in the cache.
     InputError
         Without the extra ``fem``, if there is anything left to solve.
     """
@@ -97,7 +97,9 @@ def solved(
         else:
             history, limit = kept.history, kept.limit
     if limit:
-        raise LimitReached(limit, history)
+        ended = LimitReached(limit, history)
+        ended.run = SolvedRun(mesh, inputs, history, limit)
+        raise ended
     if history.complete:
         return SolvedRun(mesh, inputs, history)
     from evanesce.contact.fem.felupe_adapter import Body, linear_solver
@@ -114,8 +116,9 @@ def solved(
     try:
         advance(model, goals, history, sizes=sizes, stretch_range=material.stable_stretches(), on_step=keep)
     except LimitReached as error:
+        error.run = SolvedRun(mesh, inputs, history, str(error))
         if file is not None:
-            save_run(file, SolvedRun(mesh, inputs, history, str(error)))
+            save_run(file, error.run)
         raise
     run = SolvedRun(mesh, inputs, history)
     if file is not None:

@@ -1,4 +1,4 @@
-"""Press a finger and drag the glass under it (three-dimensional, the half y >= 0)."""
+"""Press a finger and slide it over the glass along +x (three-dimensional, the half y >= 0)."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def slide(
     cache: Path | None = None,
     on_step: Progress | None = None,
 ) -> SolvedRun:
-    """Press to a force or depth, then move the glass along +x while the finger's top is held.
+    """Press to a force or depth, then slide the finger's top along +x over the glass.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def slide(
 def slide_contact_state(
     run: SolvedRun, index: int, grid: PlateGrid, *, centre: tuple[float, float] = (0.0, 0.0), time: float = 0.0
 ) -> ContactState:
-    """Return step ``index`` of a slide on a grid that rests with the camera: the finger's top stays over ``centre``.
+    """Return step ``index`` of a slide on a grid that rests with the glass; the finger sets out from ``centre``.
 
     Needs no finite-element library.
 
@@ -106,8 +106,9 @@ def slide_contact_state(
         If the contact does not fit on the grid.
     """
     state = run.history.steps[index].state
+    moved = (centre[0] + state.slide, centre[1])
     return surface_state(
-        grid, centre, run.footprint(index), depth=state.depth, normal_force=state.normal_force,
+        grid, moved, run.footprint(index), depth=state.depth, normal_force=state.normal_force,
         tangential_force=state.tangential_force, beyond=float(run.inputs["shape"]["length"]),
         parameters={"inputs": dict(run.inputs), "step": index + 1, "slide_mm": state.slide}, time=time,
     )  # fmt: skip

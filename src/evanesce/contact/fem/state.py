@@ -211,7 +211,7 @@ def surface_state(
     ----------
     grid : PlateGrid
     centre : tuple of float
-        Plate point (x, y) over which the finger's axis hangs at rest [mm].
+        Plate point (x, y) under the middle of the finger's top [mm].
     print_ : Footprint
     depth : float
         [mm].

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 from evanesce.contact.fem.newton import Equilibrium, Model, StepFailed, Target, carried_on, equilibrium
 from evanesce.errors import InputError, WorkError
@@ -81,11 +81,20 @@ class History:
 
 
 class LimitReached(WorkError):
-    """The material or a step left the range in which it can be solved; ``history`` holds the steps before."""
+    """The material or a step left the range in which it can be solved.
+
+    Attributes
+    ----------
+    history : History
+        The steps before.
+    run : SolvedRun or None
+        The same as a run, where one was being made.
+    """
 
     def __init__(self, what: str, history: History) -> None:
         super().__init__(what)
         self.history = history
+        self.run: Any = None
 
 
 def advance(

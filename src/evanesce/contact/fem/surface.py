@@ -31,16 +31,16 @@ class Footprint:
     Attributes
     ----------
     place : ndarray (k, 1 or 2)
-        r, or (x, y), of the skin's nodes that may touch, relative to the glass's resting place [mm].
+        r, or (x, y), of the skin's nodes that may touch, relative to the middle of the finger's top [mm].
     pressure : ndarray (k,)
         Nodal force over the node's own area on the glass [MPa].
     traction : ndarray (k, 1 or 2)
-        Along the glass, on the finger [MPa].
+        Of the finger on the glass [MPa].
     gap : ndarray (k,)
         [mm]; 0 in contact.
     touching, slipping : ndarray of bool (k,)
     slip : ndarray (k, 1 or 2)
-        Way slipped over the glass since the touch [mm].
+        Way of the finger over the glass since the touch [mm].
     opening : ndarray (k,)
         Signed q = gap^(2/3) [mm^(2/3)]: positive outside, continued to negative values inside the contact.
     area : float
@@ -77,7 +77,7 @@ def footprint(
     depth : float
         Height of the glass [mm].
     force : ndarray (k, d)
-        Contact forces of the candidates [N].
+        Contact forces on the candidates [N].
     touching, slipping : ndarray of bool (k,)
     slip : ndarray (k, d - 1)
         [mm].
@@ -101,7 +101,7 @@ def footprint(
     return Footprint(
         place=place,
         pressure=np.where(touching, force[:, -1] / safe, 0.0),
-        traction=np.where(touching[:, None], force[:, :-1] / safe[:, None], 0.0),
+        traction=np.where(touching[:, None], -force[:, :-1] / safe[:, None], 0.0),
         gap=gap,
         touching=touching,
         slipping=slipping & touching,

@@ -59,7 +59,7 @@ class DemoSettings:
     """
 
     forces: tuple[float, ...] = (1.0, 2.0, 5.0)
-    samples_per_pixel: int = 48
+    samples_per_pixel: int = 96
     passes: int = 4
     card_samples_per_pixel: int = 8
     poses: tuple[Pose, ...] = POSES
@@ -68,7 +68,7 @@ class DemoSettings:
     @classmethod
     def quick(cls) -> DemoSettings:
         """Return less than a minute's work: one force, fewer paths, and the author's single static board."""
-        return cls(forces=(2.0,), samples_per_pixel=16, passes=2, card_samples_per_pixel=4, poses=POSES[-1:])
+        return cls(forces=(2.0,), samples_per_pixel=48, passes=2, card_samples_per_pixel=4, poses=POSES[-1:])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -146,3 +146,21 @@ def test_finishes_mix_by_area() -> None:
     assert (taped.edge_polish, taped.edge_reflectance) == (0.0, pytest.approx(0.6 * 0.5 + 0.4 * 0.85))
     both = edge_light(changed(scene, "edge_finish", share=1.0, polish=0.25, reflectance=0.1))
     assert (both.edge_polish, both.edge_reflectance) == (0.25, pytest.approx(0.1))
+
+
+def test_the_path_tracer_gets_power_led_by_led_and_refuses_what_it_cannot_do() -> None:
+    from evanesce.render.path import lit_powers, require_traceable
+
+    scene = rig()
+    dead = changed(scene, "led_dead", loss=1.0, first=1, count=2)
+    whole, part = lit_powers(scene, "all"), lit_powers(dead, "all")
+    np.testing.assert_allclose(np.asarray(part["right"]) / whole["right"], [1, 0, 0, 1])
+    np.testing.assert_allclose(part["top"], whole["top"])
+    require_traceable(dead)
+    for name, values in (
+        ("edge_finish", {"share": 0.2}),
+        ("led_air_gap", {"share": 0.2}),
+        ("lateral_glow", {"length_mm": 1.0}),
+    ):
+        with pytest.raises(InputError, match="fast renderer"):
+            require_traceable(changed(scene, name, **values))

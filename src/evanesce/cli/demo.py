@@ -18,7 +18,7 @@ from evanesce.cli.common import (
     write_json,
 )
 from evanesce.cli.compare import comparison_table
-from evanesce.cli.render import FastOption, VariantOption
+from evanesce.cli.render import FastOption, VariantOption, check_variant
 
 
 def register(app: typer.Typer) -> None:
@@ -43,6 +43,7 @@ def register(app: typer.Typer) -> None:
         from evanesce.validation.demo import DemoSettings, run_demo
 
         check_json_target(json_file)
+        check_variant(variant)
         folder = out_dir(out, "demo")
         settings = replace(DemoSettings.quick() if quick else DemoSettings(), seed=seed)
         started = time.monotonic()

@@ -24,12 +24,19 @@ from evanesce.cli.common import (
 from evanesce.errors import InputError
 
 VariantOption = Annotated[str, typer.Option("--variant", help="Mitsuba variant: auto, llvm, scalar or cuda.")]
+VARIANTS = ("auto", "llvm", "scalar", "cuda")
 FastOption = Annotated[
     bool, typer.Option("--fast/--reference", help="Render by fast transport, or by the path tracer (the reference).")
 ]
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", help="Override a key of the scene, e.g. leds.voltage_V=10 (repeatable).")
 ]
+
+
+def check_variant(variant: str) -> None:
+    """Refuse an unknown variant, also where none is needed."""
+    if variant not in VARIANTS:
+        raise InputError(f"{variant!r} is not known", key="--variant", allowed=", ".join(VARIANTS))
 
 
 def parse_overrides(pairs: list[str] | None) -> dict[str, Any]:
@@ -75,6 +82,7 @@ def register(app: typer.Typer) -> None:
         from evanesce.rig import dump_scene, load_scene
 
         check_json_target(json_file)
+        check_variant(variant)
         if video not in (None, "h264", "ffv1"):
             raise InputError(f"{video!r} is no codec", key="--video", allowed="h264, ffv1")
         overrides = parse_overrides(settings)

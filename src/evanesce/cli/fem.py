@@ -352,7 +352,7 @@ def _convergence_figure(found: Any) -> Any:
     axes.invert_xaxis()
     axes.set_xlabel("element size at the contact [mm]")
     axes.set_ylabel(f"contact area at {found.force:g} N [mm²]")
-    axes.annotate("finest ± 1 %", (size[0], finest), xytext=(0, -14), textcoords="offset points", fontsize=8)
+    axes.annotate("finest ± 1 %", (size[0], finest), xytext=(0, 6), textcoords="offset points", fontsize=8)
     axes.set_xticks(size, [f"{s:g}" for s in size])
     axes.minorticks_off()
     axes.grid(alpha=0.3)

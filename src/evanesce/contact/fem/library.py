@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.contact.fem.result import SolvedRun, write_npz
+from evanesce.contact.fem.result import DAMAGED, SolvedRun, write_npz
 from evanesce.contact.fem.state import AxisymmetricProfile, gap_at, press_state, pressure_at, profile_of
 from evanesce.errors import InputError
 from evanesce.provenance import digest
@@ -170,7 +170,7 @@ def library_press(material: str, bone: str = "none", folder: Path = FOLDER) -> L
                 force=data["force"], depth=data["depth"], contact_radius=data["contact_radius"],
                 profiles={key: data[key] for key in _FIELDS}, inputs=meta["inputs"], digest=meta["digest"],
             )  # fmt: skip
-    except Exception as error:  # zipfile, zlib, json and numpy each have their own
+    except DAMAGED as error:
         raise InputError(f"damaged: {error}", file=path) from None
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import tempfile
+import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +24,8 @@ from evanesce.errors import InputError, WorkError
 
 Floats = NDArray[np.float64]
 SCHEMA = 1
+# what a file that is cut short, altered or another file altogether can raise while it is read
+DAMAGED = (OSError, ValueError, KeyError, TypeError, IndexError, EOFError, zipfile.BadZipFile, zlib.error)
 
 
 @dataclass(frozen=True)
@@ -95,8 +99,9 @@ def save_run(path: Path, run: SolvedRun) -> None:
     The NPZ holds: ``meta`` (JSON: schema, inputs, complete, limit), the mesh (``points``, ``cells``, ``facets``,
     ``candidates``, ``clamped``, ``mirror``), and by step (first axis) ``depth``, ``slide``, ``normal_force``,
     ``tangential_force``, ``iterations``, ``stretches`` (min, max), ``goal``, ``reached``, ``next_size``,
-    ``displacement`` (steps, nodes, d), ``contact_force`` (steps, candidates, d) [N] on the finger, ``touching``, ``slipping``, and
-    the anchors of friction ``place`` and ``touchdown`` (steps, candidates, d - 1). Lengths in mm; (r, z) or (x, y, z).
+    ``displacement`` (steps, nodes, d), ``contact_force`` (steps, candidates, d) on the finger, ``touching``,
+    ``slipping``, and the anchors of friction ``place`` and ``touchdown`` (steps, candidates, d - 1). Lengths in mm,
+    forces in N; coordinates (r, z) or (x, y, z).
 
     Raises
     ------
@@ -170,10 +175,8 @@ def load_run(path: Path) -> SolvedRun:
         return _run_of(arrays, meta)
     except InputError:
         raise
-    except (OSError, ValueError, KeyError, TypeError, IndexError, EOFError, json.JSONDecodeError) as error:
+    except DAMAGED as error:
         raise InputError(f"not a solved run: {error}", file=path, allowed="an NPZ written by `evanesce fem`") from None
-    except Exception as error:  # zipfile and zlib have their own bases
-        raise InputError(f"damaged: {error}", file=path, allowed="an NPZ written by `evanesce fem`") from None
 
 
 def _run_of(arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> SolvedRun:

@@ -13,7 +13,7 @@ from scipy import fft
 
 from evanesce.optics.glow import open_film_transmittance, open_inside_reflectance, profile_kernel
 from evanesce.optics.interface import frustrated_transmittance, internal_diffuse_reflectance
-from evanesce.optics.patch_light import Interface, window_transmittance
+from evanesce.optics.patch_light import Interface
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -44,7 +44,9 @@ class Glow:
     leave: Array
 
 
-def make_glow(interface: Interface, length: float, size: float, pitch: float, gaps: Array, view: float) -> Glow:
+def make_glow(
+    interface: Interface, length: float, size: float, pitch: float, gaps: Array, view: float, window: float
+) -> Glow:
     """Return the glow's tables.
 
     Parameters
@@ -60,6 +62,8 @@ def make_glow(interface: Interface, length: float, size: float, pitch: float, ga
         Gaps of the tables [mm]; the last stands for all wider ones.
     view : float
         Angle inside the glass under which the lens sees the contact [rad].
+    window : float
+        Radiance in air over radiance at the top face, on the way to the lens [1].
     """
     cell = min(GLOW_CELL, max(length / 4, pitch))
     kernel = profile_kernel(interface.body_reflectance, length, cell, math.ceil(size / cell))
@@ -70,7 +74,7 @@ def make_glow(interface: Interface, length: float, size: float, pitch: float, ga
     inside[-1] = open_inside_reflectance(n3, n1)
     cos_inside = math.sqrt(1.0 - min(1.0, (n1 / n3 * math.sin(view)) ** 2))
     through[-1] = open_film_transmittance(cos_inside, n3, n1)
-    leave = through / np.pi * (n1 / n3) ** 2 * window_transmittance(view, n1)
+    leave = through / np.pi * (n1 / n3) ** 2 * window
     return Glow(cell, kernel, inside, np.asarray(leave))
 
 

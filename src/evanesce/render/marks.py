@@ -87,8 +87,9 @@ def _contact_field(scene: Scene) -> RectBivariateSpline:
     diffuse = edge_radiance(light, rays=1024)
     radiance = azimuthal_radiance(light, points[:, 0], points[:, 1], theta, azimuths=720, diffuse=diffuse)
     irradiance = radiance @ transmitted_irradiance_kernel(theta, weights, np.zeros(1), interface)[0]
-    seen = returned_radiance(0.0, 0.0, interface) * window_transmittance(0.0, interface.n_glass)
-    grid = (irradiance * float(seen)).reshape(axes[1].size, axes[0].size)
+    seen = float(returned_radiance(0.0, 0.0, interface) * window_transmittance(0.0, interface.n_glass))
+    seen *= math.exp(-scene.plate.absorption_coefficient_per_mm * scene.plate.thickness_mm)
+    grid = (irradiance * seen).reshape(axes[1].size, axes[0].size)
     return RectBivariateSpline(axes[1], axes[0], grid)
 
 

@@ -125,12 +125,16 @@ def precompute(scene: Scene) -> Fields:
     coupling = shapes[:MODES] @ kernel.T
     coupling[:, -1] = 0.0
     view = math.asin(math.sin(_mean_view_angle(scene)) / interface.n_glass)
-    response = returned_radiance(gaps, view, interface) * window_transmittance(view, interface.n_glass)
+    # On its way out the light crosses the plate once more.
+    way = scene.plate.thickness_mm / math.cos(view)
+    window = float(window_transmittance(view, interface.n_glass))
+    window *= math.exp(-scene.plate.absorption_coefficient_per_mm * way)
+    response = returned_radiance(gaps, view, interface) * window
     loss, gain = _feedback_kernels(scene, interface, theta, radiance.mean(axis=0))
     length, grid = scene.finger.scattering_length_mm, scene.grid
     glow = None
     if length > 0 and interface.body_reflectance > 0:
-        glow = make_glow(interface, length, grid.size_mm, grid.size_mm / grid.samples, gaps, view)
+        glow = make_glow(interface, length, grid.size_mm, grid.size_mm / grid.samples, gaps, view, window)
     return Fields(x, y, modes, gaps, coupling, np.asarray(response), loss, gain, glow)
 
 

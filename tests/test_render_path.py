@@ -150,6 +150,18 @@ def test_brightness_is_linear_in_led_power():
     np.testing.assert_allclose(more.variance, 2.5**2 * once.variance, rtol=1e-3)
 
 
+def test_the_faintest_glow_is_still_linear():
+    """1e-41 W is below 32-bit numbers; the light is what 1 W gives, scaled."""
+    need("llvm")
+    scene, state = small_rig(), hard_contact()
+    options = {"variant": "llvm", "view": view_around(scene, CENTRE, 8, 2.0), "samples_per_pixel": 16, "passes": 2}
+    bright = render(scene, state, powers={"left": 1.0, "top": 0.25}, **options)
+    faint = render(scene, state, powers={"left": 1e-41, "top": 0.25e-41}, **options)
+    assert bright.radiance.max() > 0
+    np.testing.assert_allclose(faint.radiance, 1e-41 * bright.radiance, rtol=1e-4)
+    assert render(scene, state, powers={"left": 0.0}, **options).radiance.max() == 0.0
+
+
 def test_edges_add_up():
     need("llvm")
     scene, state = small_rig(), hard_contact()

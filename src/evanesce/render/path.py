@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import cv2
@@ -200,6 +201,39 @@ def lit_powers(scene: Scene, leds: LedChoice) -> dict[str, Powers]:
     return {leds: powers[leds]}
 
 
+@dataclass(frozen=True)
+class SamplingRun:
+    """One view (or a window of it) with its samples per pixel and pass."""
+
+    name: str
+    view: IdealView
+    window: Window | None
+    samples: int
+
+
+def sampling_runs(view: IdealView, window: Window | None, samples: int, px_per_mm: float) -> list[SamplingRun]:
+    """Return what to render: all of the view alike, or its window finely over a coarse whole."""
+    if window is None:
+        return [SamplingRun("whole", view, None, samples)]
+    coarse = background_factor(px_per_mm)
+    background = pass_samples(round(samples * BACKGROUND_SHARE * coarse**2), 1)
+    return [
+        SamplingRun("whole", scaled_view(view, 1 / coarse), None, background),
+        SamplingRun("focus", view, window, samples),
+    ]
+
+
+def in_units(powers: Mapping[str, Powers]) -> tuple[dict[str, Powers], float]:
+    """Return powers over a power of two that makes them of order one, and that unit.
+
+    Light is linear in them and the division is exact, but below the knee of the LEDs' characteristic they fall out of
+    the range of the renderer's 32-bit numbers.
+    """
+    largest = max((float(np.max(p, initial=0.0)) for p in powers.values()), default=0.0)
+    unit = 2.0 ** np.floor(np.log2(largest)) if largest > 0 else 1.0
+    return {edge: np.asarray(p) / unit for edge, p in powers.items()}, float(unit)
+
+
 def render(
     scene: Scene,
     state: ContactState | None,
@@ -261,21 +295,17 @@ def render(
     if passes < 2:
         raise InputError(f"{passes}", key="passes", allowed="at least 2: the variance comes from them")
     require_traceable(scene)
-    lit: Mapping[str, Powers] = lit_powers(scene, leds) if powers is None else powers
+    lit, unit = in_units(lit_powers(scene, leds) if powers is None else powers)
     projection = Projection.of(scene.camera, scene.plate)
     view = projection.ideal_view() if view is None else view
     if view.shape[0] * view.shape[1] > MAX_VIEW_PIXELS:
         raise InputError(f"a view of {view.shape[1]} x {view.shape[0]} pixels", allowed=f"{MAX_VIEW_PIXELS} pixels")
     info = select(variant)
-    window = focus_window(projection, view, state, FOCUS_MARGIN_MM) if focus and state is not None else None
     model = plate_scene(scene, state, lit, info.is_jit)
     integrator = integrator_for(scene, info, model.patch, lit, connect=connect)
     per_pass = pass_samples(total, passes)
-    runs: list[tuple[str, IdealView, Window | None, int]] = [("whole", view, None, per_pass)]
-    if window is not None:
-        coarse = background_factor(scene.camera.scale_px_per_mm * view.focal_px / projection.focal_px)
-        background = pass_samples(round(per_pass * BACKGROUND_SHARE * coarse**2), 1)
-        runs = [("whole", scaled_view(view, 1 / coarse), None, background), ("focus", view, window, per_pass)]
+    window = focus_window(projection, view, state, FOCUS_MARGIN_MM) if focus and state is not None else None
+    runs = sampling_runs(view, window, per_pass, scene.camera.scale_px_per_mm * view.focal_px / projection.focal_px)
     done = 0
 
     def tick() -> None:
@@ -284,25 +314,25 @@ def render(
         if progress is not None:
             progress(done, passes * len(runs))
 
-    for name, seen, part, samples in runs:
+    for run in runs:
         sums = trace(
             model.shapes,
-            camera_dict(projection, seen, part),
+            camera_dict(projection, run.view, run.window),
             integrator,
-            samples=samples,
+            samples=run.samples,
             passes=passes,
             seed=seed,
-            name=name,
+            name=run.name,
             tick=tick,
         )
-        if part is None:
+        if (part := run.window) is None:
             radiance, variance = (enlarged(image, view.shape) for image in (sums.mean, sums.variance_of_mean))
         else:
             where = np.s_[part.row0 : part.row1, part.col0 : part.col1]
             radiance[where], variance[where] = sums.mean, sums.variance_of_mean
     return PlateLight(
-        radiance=radiance,
-        variance=variance,
+        radiance=radiance * unit,
+        variance=variance * unit**2,
         focal_px=view.focal_px,
         principal_point=view.principal_point,
         samples=per_pass * passes,

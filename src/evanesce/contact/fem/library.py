@@ -59,8 +59,8 @@ class LibraryPress:
     def at(self, force: float) -> AxisymmetricProfile:
         """Return the profile at a force [N].
 
-        Between two stored forces every quantity is interpolated in log force at the same node, gaps and pressures
-        in the powers in which they are straight at the edge; the radius of contact in its log.
+        Between two stored forces the radius of contact and the depth are interpolated in logs, and the shapes of
+        pressure (over the mean pressure), gap and slip in log force at places that correspond.
 
         Raises
         ------
@@ -79,6 +79,7 @@ class LibraryPress:
             return (1 - share) * a + share * b
 
         radius = float(np.exp(mix(*np.log(self.contact_radius[index : index + 2]))))
+        mean = force / (np.pi * radius**2)
         # nodes stretched so that both profiles have the wanted radius of contact, then mixed place by place
         pair = [self._scaled(index + i, radius) for i in (0, 1)]
         r = mix(pair[0]["r"], pair[1]["r"])
@@ -86,8 +87,8 @@ class LibraryPress:
         return AxisymmetricProfile(
             r=r,
             gap=np.where(r > radius, np.maximum(mixed["gap"], 1e-12), 0.0),
-            pressure=np.where(r < radius, mixed["pressure"], 0.0),
-            traction=np.where(r < radius, mixed["traction"], 0.0),
+            pressure=np.where(r < radius, mean * mixed["pressure"], 0.0),
+            traction=np.where(r < radius, mean * mixed["traction"], 0.0),
             slip=np.where(r < radius, mixed["slip"], 0.0),
             slipping=pair[round(share)]["slipping"] & (r < radius),
             contact_radius=radius,
@@ -96,7 +97,7 @@ class LibraryPress:
         )
 
     def _scaled(self, index: int, radius: float) -> dict[str, Any]:
-        """Return one stored force's fields at nodes common to all: radii in units of the radius of contact."""
+        """Return one stored force's fields at places common to all; stresses in units of the mean pressure."""
         stored = {key: np.asarray(values[index], dtype=float) for key, values in self.profiles.items()}
         a, r = float(self.contact_radius[index]), stored["r"]
         widest = int(np.argmax(r)) + 1
@@ -105,11 +106,12 @@ class LibraryPress:
         inner, outer = nodes * a, a + nodes[1:] ** 2 * (r[widest - 1] - a)
         own = np.concatenate([inner, outer])
         profile = _profile(self, index)
+        mean = float(self.force[index]) / (np.pi * a**2)
         return {
             "r": np.concatenate([nodes * radius, radius + (outer - a)]),
             "gap": gap_at(profile, own, float(stored["gap"][widest - 1])),
-            "pressure": pressure_at(profile, own),
-            "traction": np.interp(own, r[:widest], stored["traction"][:widest]),
+            "pressure": pressure_at(profile, own) / mean,
+            "traction": np.interp(own, r[:widest], stored["traction"][:widest]) / mean,
             "slip": np.interp(own, r[:widest], stored["slip"][:widest]),
             "slipping": np.interp(own, r[:widest], stored["slipping"][:widest]) >= 0.5,
         }

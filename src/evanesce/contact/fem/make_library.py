@@ -9,11 +9,13 @@ import sys
 from pathlib import Path
 
 from evanesce.contact.fem.library import BONES, FOLDER, save_library_press
+from evanesce.contact.fem.library_slide import SLIDES, save_library_slide
 from evanesce.contact.fem.material import rubber
 from evanesce.contact.fem.mesh import FingerShape, MeshSize
 from evanesce.contact.fem.press import press
 from evanesce.contact.fem.result import SolvedRun
 from evanesce.contact.fem.runs import cache_folder
+from evanesce.contact.fem.slide import slide
 from evanesce.materials.tables import material as silicone
 
 FORCES = (0.1, 0.15, 0.22, 0.33, 0.5, 0.7, 1.0, 1.4, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0)
@@ -30,6 +32,13 @@ def library_run(material: str, bone: str) -> SolvedRun:
     return press(shape, rubber(material), forces=FORCES, friction=mu, size=SIZE, cache=cache_folder())
 
 
+def library_slide_run() -> SolvedRun:
+    """Solve the slide of the library: Silskin 0 %, 1 N held, mu 0.67, 10 mm."""
+    size = MeshSize(contact=0.7, growth=1.4, coarsest=3.0)
+    shape, chosen = FingerShape(), rubber("silskin_0")
+    return slide(shape, chosen, force=1.0, distances=(10.0,), friction=0.67, size=size, cache=cache_folder())
+
+
 def main(folder: Path = FOLDER) -> None:
     """Write every file of the library."""
     for material in MATERIALS:
@@ -43,6 +52,7 @@ def main(folder: Path = FOLDER) -> None:
                     f"area {row['area_mm2']:.2f} mm^2  E* {row['reduced_modulus_MPa']:.4f} MPa",
                     flush=True,
                 )
+    save_library_slide(folder / SLIDES.name / "silskin_0_mu067.npz", library_slide_run())
 
 
 if __name__ == "__main__":

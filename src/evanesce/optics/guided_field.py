@@ -129,45 +129,66 @@ def _entering(light: EdgeLight, cosine: Array) -> Array:
     return np.asarray(1.0 - light.air_gap_share + light.air_gap_share * through)
 
 
-def _emitted(light: EdgeLight, hits: _Hits) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the LED radiance that each hit sees (0 between the LEDs), and whether it is on an LED, lit or not."""
+def led_count(light: EdgeLight) -> int:
+    """Return the number of LEDs on all edges."""
+    return sum(light.positions[name].size for name in EDGES if name in light.positions)
+
+
+def stacked_radiances(light: EdgeLight) -> Array:
+    """Return the radiances of all LEDs, edge after edge in the order of ``EDGES`` [W mm^-2 sr^-1]."""
+    parts = [light.radiances[name] for name in EDGES if name in light.positions]
+    return np.concatenate([np.zeros(0), *parts])
+
+
+def _led_met(light: EdgeLight, hits: _Hits) -> NDArray[np.int64]:
+    """Return the number of the LED that each hit is on, in the order of :func:`stacked_radiances`; -1 for none."""
     width, height = light.emitter_size
-    seen = np.zeros(hits.along.shape)
-    on_led = np.zeros(hits.along.shape, bool)
+    met = np.full(hits.along.shape, -1)
     in_height = np.abs(hits.depth - light.thickness / 2) <= height / 2
+    first = 0
     for number, name in enumerate(EDGES):
         centres = light.positions.get(name)
         if centres is None or centres.size == 0:
             continue
         here = (hits.edge == number) & in_height
         order = np.argsort(centres)
-        sorted_centres, radiance = centres[order], light.radiances[name][order]
+        sorted_centres = centres[order]
         along = hits.along[here]
-        nearest = np.clip(np.searchsorted(sorted_centres, along), 1, max(centres.size - 1, 1))
-        nearest = np.minimum(nearest, centres.size - 1)
+        nearest = np.minimum(np.searchsorted(sorted_centres, along), centres.size - 1)
         before = np.maximum(nearest - 1, 0)
         closer = np.abs(along - sorted_centres[before]) <= np.abs(along - sorted_centres[nearest])
         index = np.where(closer, before, nearest)
         within = np.abs(along - sorted_centres[index]) <= width / 2
-        seen[here] = np.where(within, radiance[index], 0.0)
-        on_led[here] = within
-    return seen * _entering(light, hits.cosine), on_led
+        met[here] = np.where(within, first + order[index], -1)
+        first += centres.size
+    return met
+
+
+@dataclass(frozen=True)
+class _Arrival:
+    """Rays at the edge where they end or are mirrored: what each brings of an LED's radiance and of the edge's own.
+
+    ``share`` is what is left of each ray when it arrives.
+    """
+
+    hits: _Hits
+    led: NDArray[np.int64]
+    share: Array
+    led_share: Array
+    edge_share: Array
 
 
 def _arrivals(
     light: EdgeLight, x: Array, y: Array, depth: Array, theta: Array, phi: Array, down: NDArray[np.bool_]
-) -> Iterator[tuple[_Hits, Array, Array]]:
-    """Follow rays over mirroring edges; yield hits, the LED radiance there times its share, the share that scatters.
-
-    Shares include all losses on the way from the ray's start.
-    """
+) -> Iterator[_Arrival]:
+    """Follow rays over mirroring edges; shares include all losses on the way from the ray's start."""
     weight = np.ones(np.broadcast(x, theta, phi).shape)
     for _ in range(MAX_MIRRORINGS):
         hits = _cast(light, x, y, depth, theta, phi, down)
-        emitted, on_led = _emitted(light, hits)
+        led = _led_met(light, hits)
         arriving = weight * hits.transmission
-        polish = np.where(on_led, 0.0, light.edge_polish)
-        yield hits, arriving * emitted, arriving * (1.0 - polish)
+        polish = np.where(led >= 0, 0.0, light.edge_polish)
+        yield _Arrival(hits, led, arriving, arriving * _entering(light, hits.cosine), arriving * (1.0 - polish))
         if light.edge_polish == 0.0:
             return
         mirrored = fresnel_reflectance(np.clip(hits.cosine, 0.0, 1.0), light.refractive_index, 1.0)
@@ -190,52 +211,108 @@ def _segment_of(light: EdgeLight, hits: _Hits, per_edge: int) -> NDArray[np.int6
     return hits.edge * per_edge + np.clip(inside, 0, per_edge - 1)
 
 
-def edge_radiance(light: EdgeLight, *, per_edge: int = 24, rays: int = 4096) -> Array:
-    """Return the diffuse radiance that each edge sends back into the plate.
+@dataclass(frozen=True)
+class EdgeExchange:
+    """Irradiance on segments of the edges, averaged over the thickness.
 
-    Solves L = (rho/pi)(E_led + K L) on ``per_edge`` segments of each edge, averaged over the thickness.
+    Attributes
+    ----------
+    from_led : ndarray (segments, leds)
+        Per radiance of each LED [sr].
+    from_edge : ndarray (segments, segments)
+        Per diffuse radiance of each segment [sr].
+    """
+
+    from_led: Array
+    from_edge: Array
+
+
+def edge_exchange(light: EdgeLight, *, per_edge: int = 24, rays: int = 4096) -> EdgeExchange:
+    """Return what the edges receive from the LEDs and from each other over the empty plate.
 
     Parameters
     ----------
     light : EdgeLight
+        Its radiances do not count.
     per_edge : int
         Segments of each edge.
     rays : int
         Quasi-random rays from each segment.
+    """
+    segments = 4 * per_edge
+    start, step = _segments(light, per_edge)
+    sample = qmc.Sobol(4, scramble=True, rng=np.random.default_rng(20240611)).random(rays)
+    from_edge = np.zeros((segments, segments))
+    for row in range(segments):
+        number, part = divmod(row, per_edge)
+        along = start[number] + (part + sample[:, 3]) * step[number]
+        for met in _from_edge(light, number, along, sample[:, 2] * light.thickness, sample[:, :2]):
+            segment = _segment_of(light, met.hits, per_edge)
+            from_edge[row] += np.bincount(segment, met.edge_share, segments) * (np.pi / rays)
+    return EdgeExchange(_from_leds(light, per_edge, sample), from_edge)
+
+
+def _from_edge(light: EdgeLight, number: int, along: Array, depth: Array, u: Array) -> Iterator[_Arrival]:
+    """Follow cosine-weighted rays from points of an edge; ``u`` (rays, 2) are uniform numbers for their directions."""
+    inward = np.deg2rad([0.0, 180.0, 90.0, 270.0])[number]
+    sin_a, around = np.sqrt(u[:, 0]), 2 * np.pi * u[:, 1]
+    normal, tangent, up = np.sqrt(1 - u[:, 0]), sin_a * np.cos(around), sin_a * np.sin(around)
+    theta = np.arccos(np.clip(np.abs(up), 1e-9, 1.0))
+    # A hair inside, so that the ray does not end where it starts.
+    side = np.full(along.shape, (-0.5, 0.5)[number % 2] * (1 - 1e-9))
+    along = along * (1 - 1e-9)
+    x, y = (side * light.size[0], along) if number < 2 else (along, side * light.size[1])
+    return _arrivals(light, x, y, depth, theta, inward + np.arctan2(tangent, normal), np.asarray(up < 0))
+
+
+def _from_leds(light: EdgeLight, per_edge: int, sample: Array) -> Array:
+    """Return :attr:`EdgeExchange.from_led`: rays from each LED, all of which arrive somewhere."""
+    segments = 4 * per_edge
+    width, height = light.emitter_size
+    _, step = _segments(light, per_edge)
+    area = np.repeat(step, per_edge) * light.thickness
+    depth = light.thickness / 2 + (sample[:, 2] - 0.5) * height
+    entering = _entering(light, np.sqrt(1 - sample[:, 0]))
+    found = np.zeros((segments, led_count(light)))
+    led = 0
+    for number, name in enumerate(EDGES):
+        for centre in light.positions.get(name, np.zeros(0)):
+            along = centre + (sample[:, 3] - 0.5) * width
+            for met in _from_edge(light, number, along, depth, sample[:, :2]):
+                segment = _segment_of(light, met.hits, per_edge)
+                found[:, led] += np.bincount(segment, met.share * entering, segments)
+            led += 1
+    return np.asarray(found * (np.pi * width * height / len(sample)) / area[:, None])
+
+
+def edge_response(exchange: EdgeExchange, reflectance: float) -> Array:
+    """Return the diffuse radiance of each segment per irradiance that falls on each from elsewhere [1/sr].
+
+    L = (rho/pi)(E + K L), solved for L.
+    """
+    factor = reflectance / np.pi
+    unity = np.eye(exchange.from_edge.shape[0])
+    return np.asarray(np.linalg.solve(unity - factor * exchange.from_edge, factor * unity))
+
+
+def edge_radiance(light: EdgeLight, *, per_edge: int = 24, rays: int = 4096) -> Array:
+    """Return the diffuse radiance that each edge sends back into the plate.
+
+    Parameters
+    ----------
+    light : EdgeLight
+    per_edge, rays : int
+        As for :func:`edge_exchange`.
 
     Returns
     -------
     ndarray (4, per_edge)
         [W mm^-2 sr^-1], edges in the order of ``EDGES``.
     """
-    count = 4 * per_edge
     if light.edge_reflectance == 0.0:
         return np.zeros((4, per_edge))
-    start, step = _segments(light, per_edge)
-    sample = qmc.Sobol(4, scramble=True, rng=np.random.default_rng(20240611)).random(rays)
-    direct, kernel = np.zeros(count), np.zeros((count, count))
-    inward = np.deg2rad([0.0, 180.0, 90.0, 270.0])
-    # Cosine-weighted about the edge's inward normal: E = pi <L>.
-    sin_a, around = np.sqrt(sample[:, 0]), 2 * np.pi * sample[:, 1]
-    normal, tangent, up = np.sqrt(1 - sample[:, 0]), sin_a * np.cos(around), sin_a * np.sin(around)
-    theta = np.arccos(np.clip(np.abs(up), 1e-9, 1.0))
-    depth = sample[:, 2] * light.thickness
-    for number in range(4):
-        phi = inward[number] + np.arctan2(tangent, normal)
-        for part in range(per_edge):
-            along = start[number] + (part + sample[:, 3]) * step[number]
-            side = (-1.0, 1.0)[number % 2]
-            x = np.full(rays, side * light.size[0] / 2) if number < 2 else along
-            y = along if number < 2 else np.full(rays, side * light.size[1] / 2)
-            # A hair inside, so that the ray does not end where it starts.
-            row = number * per_edge + part
-            for hits, led, scatter in _arrivals(
-                light, x * (1 - 1e-9), y * (1 - 1e-9), depth, theta, phi, np.asarray(up < 0)
-            ):
-                direct[row] += np.pi * np.mean(led)
-                kernel[row] += np.pi * np.bincount(_segment_of(light, hits, per_edge), scatter, count) / rays
-    factor = light.edge_reflectance / np.pi
-    solved = np.linalg.solve(np.eye(count) - factor * kernel, factor * direct)
+    exchange = edge_exchange(light, per_edge=per_edge, rays=rays)
+    solved = edge_response(exchange, light.edge_reflectance) @ (exchange.from_led @ stacked_radiances(light))
     return np.asarray(solved, np.float64).reshape(4, per_edge)
 
 
@@ -270,6 +347,7 @@ def azimuthal_radiance(
     diffuse = edge_radiance(light) if diffuse is None else diffuse
     per_edge = diffuse.shape[1]
     x, y, theta = (np.atleast_1d(np.asarray(a, float)) for a in (x, y, theta))
+    radiances = np.append(stacked_radiances(light), 0.0)  # the last stands for no LED, number -1
     golden = 0.6180339887498949
     steps = np.arange(azimuths)
     total = np.zeros((x.size, theta.size))
@@ -277,9 +355,8 @@ def azimuthal_radiance(
         offset = np.mod((np.arange(theta.size) + k * theta.size) * golden, 1.0)
         phi = (steps[None, :] + offset[:, None]) * (2 * np.pi / azimuths)
         zero: Any = np.zeros_like(phi)
-        for hits, led, scatter in _arrivals(
-            light, px + zero, py + zero, zero, theta[:, None] + zero, phi, np.asarray(zero == 0)
-        ):
-            seen = led + diffuse.ravel()[_segment_of(light, hits, per_edge)] * scatter
+        for met in _arrivals(light, px + zero, py + zero, zero, theta[:, None] + zero, phi, np.asarray(zero == 0)):
+            seen = met.led_share * radiances[met.led]
+            seen += met.edge_share * diffuse.ravel()[_segment_of(light, met.hits, per_edge)]
             total[k] += seen.mean(axis=1)
     return total

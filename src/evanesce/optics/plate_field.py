@@ -1,0 +1,218 @@
+"""Unit fields of the empty plate: what each LED and each stretch of edge sends to points of the top face, by angle.
+
+Light is linear in the power of every LED, so that these serve all voltages, LED bins and dead LEDs of a plate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from evanesce.optics.guided_field import (
+    EDGES,
+    EdgeLight,
+    _arrivals,
+    _entering,
+    _segment_of,
+    edge_exchange,
+    edge_response,
+    led_count,
+)
+from evanesce.optics.interface import fresnel_reflectance
+
+Array = NDArray[np.float64]
+
+SUB_NODES = 4
+"""Angles per bin over which tables are averaged."""
+
+_CHUNK = 1 << 19
+
+
+@dataclass(frozen=True)
+class AngleBins:
+    """Bins of s = sin^2(theta) inside the glass, from 0 to where the silicone takes light no more.
+
+    In s the irradiance is pi times the mean radiance: cos(theta) d(omega) = ds dphi / 2.
+
+    Attributes
+    ----------
+    borders : ndarray (bins + 1,)
+        Of s; closer together at the critical angles, where the coupling has vertical tangents.
+    critical : int
+        Number of the first bin beyond the critical angle to air.
+    """
+
+    borders: Array
+    critical: int
+
+    @classmethod
+    def of(cls, n_glass: float, n_silicone: float, *, steep: int = 16, guided: int = 48) -> AngleBins:
+        """Return ``steep`` bins below the critical angle to air and ``guided`` beyond it."""
+        low, high = min(1.0, n_glass**-2.0), min(1.0, (n_silicone / n_glass) ** 2)
+
+        def part(a: float, b: float, count: int) -> Array:
+            u = np.linspace(0.0, 1.0, count + 1)
+            return a + (b - a) * u * u * (3.0 - 2.0 * u)
+
+        if high <= low:
+            return cls(part(0.0, high, steep), steep)
+        return cls(np.concatenate([part(0.0, low, steep), part(low, high, guided)[1:]]), steep)
+
+    @property
+    def count(self) -> int:
+        """Number of bins."""
+        return self.borders.size - 1
+
+    @property
+    def cosines(self) -> Array:
+        """Cosines of ``SUB_NODES`` angles in each bin, shape (bins, SUB_NODES)."""
+        part = (np.arange(SUB_NODES) + 0.5) / SUB_NODES
+        s = self.borders[:-1, None] + np.diff(self.borders)[:, None] * part
+        return np.asarray(np.sqrt(1.0 - s))
+
+    @property
+    def centres(self) -> Array:
+        """Angle at the middle of each bin [rad]."""
+        return np.asarray(np.arcsin(np.sqrt(0.5 * (self.borders[1:] + self.borders[:-1]))))
+
+
+@dataclass(frozen=True)
+class UnitFields:
+    """The plate's linear response to its sources.
+
+    Attributes
+    ----------
+    led : ndarray (leds, points, bins)
+        Irradiance on the glass side of the top face, by bin, per radiance of each LED [sr].
+    edge : ndarray (segments, points, bins)
+        The same per diffuse radiance of each segment of the edges [sr].
+    response : ndarray (segments, segments)
+        Radiance of each segment per irradiance that falls on each from elsewhere, mutual light included [1/sr].
+    edge_from_led : ndarray (segments, leds)
+        Irradiance on each segment per radiance of each LED [sr].
+    segment_area : ndarray (segments,)
+        [mm^2].
+    """
+
+    led: Array
+    edge: Array
+    response: Array
+    edge_from_led: Array
+    segment_area: Array
+
+    def irradiance(self, radiances: Array) -> Array:
+        """Return the irradiance of each point by bin, (points, bins), for LED radiances [W mm^-2 sr^-1]."""
+        edges = self.response @ (self.edge_from_led @ radiances)
+        return np.asarray(np.tensordot(radiances, self.led, 1) + np.tensordot(edges, self.edge, 1))
+
+
+def _direct_fields(light: EdgeLight, points: Array, bins: AngleBins, *, across: int = 4, down: int = 8) -> Array:
+    """Return ``led`` of :class:`UnitFields` for light that no edge has mirrored.
+
+    Reflected in the plate's faces an LED at depth d becomes a column of images at depths 2 j t + d and 2 j t - d; the
+    integral over each image's face is smooth and takes few nodes (``across`` by ``down``).
+    """
+    width, height = light.emitter_size
+    n, t, leds = light.refractive_index, light.thickness, led_count(light)
+    ua, wa = np.polynomial.legendre.leggauss(across)
+    ud, wd = np.polynomial.legendre.leggauss(down)
+    farthest = float(np.hypot(*light.size))
+    # Guided light, and as many images again for what leaks near the critical angle.
+    images = int(np.ceil(farthest * np.sqrt(n * n - 1.0) / (2 * t))) + 8
+    j = np.arange(images)[:, None]
+    inside = t / 2 + ud * height / 2
+    drop = np.stack([2 * j * t + inside, 2 * (j + 1) * t - inside]).reshape(-1)
+    drop_weight = np.tile(wd * height / 2, 2 * images)
+    found = np.zeros((leds, points.shape[0], bins.count))
+    place = np.arange(points.shape[0])[:, None] * bins.count
+    led = 0
+    for number, name in enumerate(EDGES):
+        for centre in light.positions.get(name, np.zeros(0)):
+            for along, weight in zip(centre + ua * width / 2, wa * width / 2, strict=True):
+                on_x = number < 2
+                wall = (-0.5, 0.5)[number % 2] * (light.size[0] if on_x else light.size[1])
+                normal = np.abs(points[:, 0 if on_x else 1] - wall)
+                run2 = normal**2 + (points[:, 1 if on_x else 0] - along) ** 2
+                length2 = run2[:, None] + drop**2
+                cosine, cos_led = drop / np.sqrt(length2), normal[:, None] / np.sqrt(length2)
+                s = 1.0 - cosine**2
+                bounces = np.floor(drop / t)
+                share = fresnel_reflectance(cosine, n, 1.0) ** bounces
+                share *= np.exp(-light.absorption_coefficient * np.sqrt(length2)) * _entering(light, cos_led)
+                value = share * cosine * cos_led / length2 * drop_weight * weight
+                index = np.searchsorted(bins.borders, s) - 1
+                value[index >= bins.count] = 0.0
+                flat = (place + np.clip(index, 0, bins.count - 1)).ravel()
+                found[led] += np.bincount(flat, value.ravel(), found[led].size).reshape(found[led].shape)
+            led += 1
+    return found
+
+
+def _points_fields(light: EdgeLight, points: Array, bins: AngleBins, rays: int, per_edge: int) -> tuple[Array, Array]:
+    """Return ``led`` and ``edge`` of :class:`UnitFields` by quasi-random rays from each point.
+
+    Each point has the same Sobol points shifted by its own offset, so that neighbours' errors are independent and a
+    smooth fit takes them out. Steep light is dim far from the edges and gets an eighth of the rays.
+    """
+    leds, segments, count = led_count(light), 4 * per_edge, bins.count
+    found = np.zeros((leds + 1, points.shape[0], count)), np.zeros((segments, points.shape[0], count))
+    found[0][1:] = _direct_fields(light, points, bins)
+    offset = qmc.Sobol(2, scramble=True, rng=np.random.default_rng(7)).random(points.shape[0])
+    edges_of_part = (0, bins.critical, count)
+    for first, last, number in zip(edges_of_part[:-1], edges_of_part[1:], (rays // 8, rays), strict=True):
+        if first == last:
+            continue
+        low, high = bins.borders[first], bins.borders[last]
+        sample = qmc.Sobol(2, scramble=True, rng=np.random.default_rng(11)).random(number)
+        step = max(1, _CHUNK // number)
+        for start in range(0, points.shape[0], step):
+            which = np.arange(start, min(start + step, points.shape[0]))
+            u = np.mod(sample[None, :, :] + offset[which][:, None, :], 1.0)
+            s, phi = low + (high - low) * u[..., 0], 2 * np.pi * u[..., 1]
+            theta = np.arcsin(np.sqrt(np.clip(s, 1e-12, 1.0 - 1e-12)))
+            place = which[:, None] * count + np.clip(np.searchsorted(bins.borders, s) - 1, first, last - 1)
+            zero = np.zeros_like(s)
+            x, y = points[which, 0][:, None] + zero, points[which, 1][:, None] + zero
+            weight = np.pi * (high - low) / number
+            arrivals = _arrivals(light, x, y, zero, theta, phi, np.ones(s.shape, bool))
+            for mirrorings, met in enumerate(arrivals):
+                segment = _segment_of(light, met.hits, per_edge)
+                parts = [(found[1], segment, met.edge_share)]
+                if mirrorings > 0:
+                    parts.append((found[0], met.led + 1, met.led_share))
+                for into, source, share in parts:
+                    flat = (source * (points.shape[0] * count) + place).ravel()
+                    into += np.bincount(flat, share.ravel() * weight, into.size).reshape(into.shape)
+    return found[0][1:], found[1]
+
+
+def unit_fields(
+    light: EdgeLight, points: Array, bins: AngleBins, *, rays: int = 1 << 15, per_edge: int = 48
+) -> UnitFields:
+    """Compute the unit fields of a plate.
+
+    Parameters
+    ----------
+    light : EdgeLight
+        Its radiances do not count.
+    points : ndarray (points, 2)
+        On the top face [mm].
+    bins : AngleBins
+    rays : int
+        From each point into guided angles, a power of two.
+    per_edge : int
+        Segments of each edge.
+    """
+    exchange = edge_exchange(light, per_edge=per_edge, rays=rays)
+    led, edge = _points_fields(light, points, bins, rays, per_edge)
+    lengths = np.repeat([light.size[1], light.size[1], light.size[0], light.size[0]], per_edge) / per_edge
+    return UnitFields(
+        led,
+        edge,
+        edge_response(exchange, light.edge_reflectance),
+        exchange.from_led,
+        lengths * light.thickness,
+    )

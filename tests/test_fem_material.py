@@ -9,7 +9,7 @@ import pytest
 
 from evanesce.contact.fem.material import Rubber, distortional_stress, distortional_tangent, energy, rubber
 from evanesce.errors import InputError
-from evanesce.materials.hyperelastic import MooneyRivlin
+from evanesce.materials.hyperelastic import MooneyRivlin, drucker_tangent
 
 MATERIALS = {
     "silskin_0": rubber("silskin_0"),
@@ -60,7 +60,7 @@ def test_uniaxial_stress_is_the_closed_form(name: str, stretch: float) -> None:
 
 
 def test_stable_range_of_the_thesis_materials() -> None:
-    """Silskin 0 % loses Drucker stability at 0.36 and 2.63 (design note); 20 % is stable throughout."""
+    """Silskin 0 % loses Drucker stability at 0.36 and 2.63, as its table says; 20 % is stable throughout."""
     low, high = MATERIALS["silskin_0"].stable_stretches()
     step = np.log(6) / 600  # spacing of the search in log stretch
     assert low == pytest.approx(0.36, rel=2 * step + 0.005)  # 0.36 is rounded to 0.005
@@ -68,6 +68,17 @@ def test_stable_range_of_the_thesis_materials() -> None:
     low, high = MATERIALS["silskin_20"].stable_stretches()
     assert high == pytest.approx(6.0)
     assert low == pytest.approx(1 / 6)
+
+
+def test_stability_agrees_with_the_closed_form_tangent() -> None:
+    """Differences of the energy here; the analytic Hessian of the materials room there."""
+    material = MATERIALS["silskin_0"]
+    a, b = (values.ravel() for values in np.meshgrid(np.geomspace(0.3, 3.3, 60), np.geomspace(0.3, 3.3, 60)))
+    smallest = drucker_tangent(MooneyRivlin(material.c10, material.c01, material.c11), a, b)
+    clear = np.abs(smallest) > 1e-3  # [MPa]: differences of step 1e-3 err by some 1e-6 of moduli of up to 10 MPa
+    found = material.is_stable(1.2 * np.column_stack([a, b, 1 / (a * b)]))
+    assert 0.05 < found.mean() < 0.95
+    np.testing.assert_array_equal(found[clear], smallest[clear] > 0)
 
 
 def test_a_cubic_term_widens_the_stable_range() -> None:

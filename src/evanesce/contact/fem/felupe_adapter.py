@@ -109,12 +109,11 @@ class Body:
             matrix = matrix[turn][:, turn]
         return matrix
 
-    def stretches(self, displacement: Floats) -> tuple[float, float]:
-        """Return the smallest and largest principal stretch over all integration points."""
+    def stretches(self, displacement: Floats) -> Floats:
+        """Return the principal stretches at all integration points, largest first, shape (points, 3)."""
         self._set(displacement)
         gradient = np.moveaxis(self._field.extract()[0], (0, 1), (-2, -1))
-        values = np.linalg.svd(gradient, compute_uv=False)
-        return float(values.min()), float(values.max())
+        return np.asarray(np.linalg.svd(gradient, compute_uv=False).reshape(-1, 3))
 
 
 def linear_solver() -> Callable[[Any, Floats], Floats]:

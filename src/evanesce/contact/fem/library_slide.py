@@ -2,8 +2,8 @@
 
 ``library/slides/<name>.npz`` holds the footprints of every step from the end of the press on: ``depth``, ``slide``,
 ``normal_force``, ``tangential_force``, ``area`` (s,), ``place``, ``traction``, ``slip`` (s, k, 2), ``pressure``,
-``gap``, ``opening``, ``touching``, ``slipping`` (s, k) by node of the cap's half y >= 0, and ``meta`` (JSON). Lengths in
-mm, N, MPa.
+``gap``, ``opening``, ``touching``, ``slipping`` (s, k) by node of the cap's half y >= 0, and ``meta`` (JSON). Lengths
+in mm, forces in N, stresses in MPa.
 """
 
 from __future__ import annotations

@@ -83,22 +83,40 @@ class Rubber:
         Stable in Drucker's sense: stress rises with log strain in every direction, that is, the energy is convex in
         the two free log strains. ``stretch_limit`` bounds the range searched.
         """
-        log, h = np.linspace(0.0, np.log(self.stretch_limit), 601), 1e-3
+        log = np.linspace(0.0, np.log(self.stretch_limit), 601)
 
         def bound(sign: float) -> float:
-            def at(da: float, db: float) -> Any:
-                a, b = sign * log + da, -0.5 * sign * log + db
-                gradient = np.zeros((3, 3, log.size))
-                gradient[0, 0], gradient[1, 1], gradient[2, 2] = np.exp(a), np.exp(b), np.exp(-a - b)
-                return energy(self, gradient)
-
-            aa = at(h, 0) - 2 * at(0, 0) + at(-h, 0)
-            bb = at(0, h) - 2 * at(0, 0) + at(0, -h)
-            ab = 0.25 * (at(h, h) - at(h, -h) - at(-h, h) + at(-h, -h))
-            lost = np.flatnonzero((aa + bb <= 0) | (aa * bb <= ab**2))
+            stretches = np.exp(sign * log[:, None] * np.array([1.0, -0.5, -0.5]))
+            lost = np.flatnonzero(~self.is_stable(stretches))
             return float(np.exp(sign * log[lost[0] if lost.size else -1]))
 
         return bound(-1.0), bound(1.0)
+
+    def is_stable(self, stretches: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Say where the distortional material is stable in Drucker's sense.
+
+        Parameters
+        ----------
+        stretches : ndarray (n, 3)
+            Principal stretches; a change of volume is taken off.
+
+        References
+        ----------
+        D. C. Drucker, J. Appl. Mech. 26 (1959) 101.
+        """
+        logs, h = np.log(stretches), 1e-3
+        logs = logs - logs.mean(axis=1, keepdims=True)
+
+        def at(da: float, db: float) -> Any:
+            a, b = logs[:, 0] + da, logs[:, 1] + db
+            gradient = np.zeros((3, 3, len(logs)))
+            gradient[0, 0], gradient[1, 1], gradient[2, 2] = np.exp(a), np.exp(b), np.exp(-a - b)
+            return energy(self, gradient)
+
+        middle = 2 * at(0, 0)
+        aa, bb = at(h, 0) - middle + at(-h, 0), at(0, h) - middle + at(0, -h)
+        ab = 0.25 * (at(h, h) - at(h, -h) - at(-h, h) + at(-h, -h))
+        return np.asarray((aa + bb > 0) & (aa * bb > ab**2))
 
     def identity(self) -> dict[str, Any]:
         """Return what a result depends on, for its digest; the name is left out."""

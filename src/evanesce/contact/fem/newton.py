@@ -31,8 +31,8 @@ class Solid(Protocol):
     def tangent(self) -> Any:
         """Return the tangent at the last forces [N/mm]."""
 
-    def stretches(self, displacement: Floats) -> tuple[float, float]:
-        """Return smallest and largest principal stretch."""
+    def stretches(self, displacement: Floats) -> Floats:
+        """Return principal stretches (points, 3)."""
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from evanesce.contact.fem.mesh import FingerShape, MeshSize, SolidMesh
 from evanesce.contact.fem.newton import Model
 from evanesce.contact.fem.plane import Glass
 from evanesce.contact.fem.result import SolvedRun, load_run, save_run
-from evanesce.contact.fem.steps import Goal, History, LimitReached, Step, StepSizes, advance
+from evanesce.contact.fem.steps import Goal, History, LimitReached, MaterialLimits, Step, StepSizes, advance
 from evanesce.errors import InputError
 from evanesce.provenance import digest
 
@@ -113,8 +113,9 @@ def solved(
         if on_step is not None:
             on_step(run, step.goal)
 
+    limits = MaterialLimits(material.stable_stretches(), material.is_stable)
     try:
-        advance(model, goals, history, sizes=sizes, stretch_range=material.stable_stretches(), on_step=keep)
+        advance(model, goals, history, sizes=sizes, limits=limits, on_step=keep)
     except LimitReached as error:
         error.run = SolvedRun(mesh, inputs, history, str(error))
         if file is not None:

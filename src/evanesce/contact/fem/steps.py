@@ -6,8 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from evanesce.contact.fem.newton import Equilibrium, Model, StepFailed, Target, carried_on, equilibrium
 from evanesce.errors import InputError, WorkError
+
+Floats = NDArray[np.float64]
 
 APPROACH = (
     0.93  # of the force wanted that is reached by depth; from there on the glass is free and the force prescribed
@@ -45,6 +50,14 @@ class StepSizes:
     def __post_init__(self) -> None:
         if not 0 < self.smallest < self.largest:
             raise InputError(f"{self.smallest:g} to {self.largest:g} mm", key="steps", allowed="0 < smallest < largest")
+
+
+@dataclass(frozen=True)
+class MaterialLimits:
+    """Smallest and largest principal stretch kept, and a test of stability of stretches (n, 3) -> (n,)."""
+
+    range: tuple[float, float]
+    is_stable: Callable[[Floats], NDArray[np.bool_]]
 
 
 @dataclass(frozen=True)
@@ -103,7 +116,7 @@ def advance(
     history: History,
     *,
     sizes: StepSizes,
-    stretch_range: tuple[float, float],
+    limits: MaterialLimits,
     on_step: Callable[[Step, int], None] | None = None,
 ) -> History:
     """Work through the goals, from where ``history`` stands, and return it completed.
@@ -115,8 +128,8 @@ def advance(
     history : History
         Empty, or that of an interrupted run; it is extended in place.
     sizes : StepSizes
-    stretch_range : tuple of float
-        Smallest and largest principal stretch at which a step is kept.
+    limits : MaterialLimits
+        Of the material: a step that leaves its range of stretches is not kept.
     on_step : callable, optional
         Called with each accepted step and its number (from 1).
 
@@ -134,9 +147,9 @@ def advance(
             break
         size = sizes.first if last is None or (last.reached and _turns(goals, goal_index)) else last.next_size
         before = history.steps[-2].state if len(history.steps) > 1 else start
-        step = _one_step(model, goals, goal_index, last.state if last else start, before, size, sizes, history)
+        step = _one_step(model, goals, goal_index, last.state if last else start, before, size, sizes, limits, history)
         number = len(history.steps) + 1
-        low, high = stretch_range
+        low, high = limits.range
         if step.stretch_max > high or step.stretch_min < low:
             beyond = step.stretch_max if step.stretch_max > high else step.stretch_min
             text = (
@@ -162,6 +175,7 @@ def _one_step(
     before: Equilibrium,
     size: float,
     sizes: StepSizes,
+    limits: MaterialLimits,
     history: History,
 ) -> Step:
     """Take the largest step towards a goal that converges."""
@@ -174,18 +188,30 @@ def _one_step(
                 state = equilibrium(model, last, target, guess=guess)
             except StepFailed:
                 continue
-            low, high = model.solid.stretches(state.displacement)
+            stretches = model.solid.stretches(state.displacement)
+            low, high = float(stretches.min()), float(stretches.max())
             grown = min(size * sizes.growth, sizes.largest)
             return Step(state, low, high, goal_index, ends, grown)
         size *= 0.5
         if size < sizes.smallest:
-            low, high = model.solid.stretches(last.displacement)
-            raise LimitReached(
-                f"step limit reached: no equilibrium beyond depth {last.depth:.4g} mm, slide {last.slide:.4g} mm "
-                f"at step {len(history.steps) + 1} (stretches so far {low:.3g} to {high:.3g}, "
-                f"smallest step {sizes.smallest:g} mm)",
-                history,
-            )
+            raise LimitReached(_why(model.solid.stretches(last.displacement), last, sizes, limits, history), history)
+
+
+def _why(stretches: Floats, last: Equilibrium, sizes: StepSizes, limits: MaterialLimits, history: History) -> str:
+    """Name the limit at which no smaller step helps: the material's where it has lost stability, else the step's."""
+    number = len(history.steps) + 1
+    where = f"no equilibrium beyond depth {last.depth:.4g} mm, slide {last.slide:.4g} mm"
+    lost = stretches[~limits.is_stable(stretches)]
+    if lost.size:
+        worst = float(lost.ravel()[np.argmax(np.abs(np.log(lost)))])
+        return (
+            f"material limit reached: stretch {worst:.3g} at step {number} ({where}; the material is unstable at "
+            f"{len(lost)} of {len(stretches)} integration points)"
+        )
+    return (
+        f"step limit reached: {where} at step {number} (stretches so far {stretches.min():.3g} to "
+        f"{stretches.max():.3g}, smallest step {sizes.smallest:g} mm)"
+    )
 
 
 def _proposal(goal: Goal, last: Equilibrium, before: Equilibrium, size: float) -> tuple[Target, bool, float]:

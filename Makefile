@@ -37,6 +37,13 @@ types: install
 contracts: install
 	$(BIN)/lint-imports
 
+pictures: install
+	$(BIN)/python docs/pictures/make.py
+
+benchmarks: install
+	$(BIN)/python benchmarks/render.py
+	$(BIN)/python benchmarks/measure.py
+
 check: lint types contracts test
 
 clean:

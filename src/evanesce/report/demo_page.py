@@ -72,9 +72,10 @@ def _area_figure(demo: Demo) -> Picture:
     axes.set(xlabel="normal force [N]", ylabel="contact area [mm²]", ylim=(0, None))
     axes.legend(frameon=False)
     axes.grid(alpha=0.3)
+    errors = [frame.evaluation.comparison.error_percent for frame in demo.frames]
     return Picture(
         figure_png(figure),
-        "The measured area follows the true one from above: the threshold lies low on a blurred edge.",
+        f"Measured against true area; the error runs from {min(errors):+.2f} to {max(errors):+.2f} % of the true area.",
     )
 
 
@@ -91,7 +92,7 @@ def _split_figure(demo: Demo) -> Picture:
         )
     axes.axhline(0, c="k", lw=0.8)
     axes.set(xticks=range(len(names)), xticklabels=names, ylabel="share of the area error [% of true area]")
-    axes.legend(frameon=False, ncols=len(parts), fontsize=8)
+    axes.legend(frameon=False, ncols=len(parts), fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     return Picture(figure_png(figure), "Which source makes the error, each switched off in turn.")
 
 

@@ -59,7 +59,7 @@ class DemoSettings:
     """
 
     forces: tuple[float, ...] = (1.0, 2.0, 5.0)
-    samples_per_pixel: int = 96
+    samples_per_pixel: int = 48
     passes: int = 4
     card_samples_per_pixel: int = 8
     poses: tuple[Pose, ...] = POSES

@@ -1,0 +1,67 @@
+"""Make the README's picture: rendered frames with the true and the measured outline, and a profile across an edge.
+
+Run from the checkout: ``python docs/pictures/make.py [--fast]``; writes ``docs/pictures/loop.png``.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from evanesce.measurement.segment import Chain
+from evanesce.render.path import render
+from evanesce.render.transport import render_fast
+from evanesce.rig import load_scene
+from evanesce.simulate import simulate
+from evanesce.truth.labels import label
+from evanesce.validation.evaluate import Camera, evaluate
+
+HERE = Path(__file__).resolve().parent
+PANELS = (
+    ("thesis", 2.0, "smooth, 2 N"),
+    ("thesis_ridged", 0.3, "ridged, 0.3 N"),
+    ("thesis_ridged", 2.0, "ridged, 2 N"),
+)
+THRESHOLD = 0.15
+TRUE, MEASURED = "#00b3ff", "#ff7f0e"
+
+
+def main() -> None:
+    """Render the panels and write the picture."""
+    fast = "--fast" in sys.argv[1:]
+    options = {} if fast else {"samples_per_pixel": 256, "passes": 4}
+    figure = Figure(figsize=(13.2, 3.7), layout="constrained")
+    axes = figure.subplots(1, 4, width_ratios=(1, 1, 1, 1.1))
+    camera = None
+    for axis, (name, force, title) in zip(axes, PANELS, strict=False):
+        scene = load_scene(name)
+        # Frames are taken as they are: at the middle the lens distorts by less than a pixel.
+        camera = camera or Camera.of(scene, None, scene.camera.scale_px_per_mm**-2)
+        shot = simulate(scene, force, seed=7, render=render_fast if fast else render, **options)
+        found = evaluate(shot, Chain(threshold=THRESHOLD), camera, seed=7, parts=False)
+        truth = label(shot.state, camera.geometry)
+        rows, cols = slice(550, 950), slice(800, 1200)
+        extent = np.array([cols.start, cols.stop, rows.stop, rows.start]) / scene.camera.scale_px_per_mm
+        extent -= np.repeat(np.array(shot.frame.data.shape[::-1]) / 2 / scene.camera.scale_px_per_mm, 2)
+        axis.imshow(shot.frame.data[rows, cols], cmap="gray", vmin=0, vmax=255, extent=extent, interpolation="nearest")
+        where = {"extent": extent, "origin": "upper", "linewidths": 1.1}
+        axis.contour(truth.mask[rows, cols], [0.5], colors=TRUE, **where)
+        axis.contour(found.measured.estimate.mask[rows, cols], [0.5], colors=MEASURED, **where)
+        axis.set(xlabel="x [mm]", title=f"{title}: area {found.comparison.error_percent:+.1f} %")
+        if force == PANELS[0][1] and name == PANELS[0][0]:
+            axis.set_ylabel("y [mm]")
+            row, edge = 750, slice(840, 880)
+            axes[3].plot(np.arange(edge.start, edge.stop), shot.frame.data[row, edge], "k.-", label="frame")
+            step = 255 * truth.mask[row, edge]
+            axes[3].step(np.arange(edge.start, edge.stop), step, where="mid", c=TRUE, label="true contact")
+    axes[3].axhline(255 * THRESHOLD, c=MEASURED, ls="--", label=f"threshold {THRESHOLD}")
+    axes[3].set(xlabel="column [px]", ylabel="grey level [DN]", title="smooth, across the left edge")
+    axes[3].legend(frameon=False, fontsize=8)
+    figure.savefig(HERE / "loop.png", dpi=100, facecolor="white")
+
+
+if __name__ == "__main__":
+    main()

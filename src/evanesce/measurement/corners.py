@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 SCALES_PX = (1.5, 2.5, 4.0, 6.5)  # smoothing at which candidates are sought; squares of about 7 to 100 px
 MAX_SIDE = 512  # corners along one side of a board
 MIN_CORNERS = 16
+COARSER = 1.25  # squares that only a larger smoothing finds are at least this much larger
 GROWTH_WINDOW_PX = 9.0  # windows while growing; the last fit of each corner takes a wider one
 _SEEDS_PER_SCALE = 400
 _ORIGIN = MAX_SIDE
@@ -116,6 +117,8 @@ def find_corners(image: NDArray[np.generic]) -> CornerGrid:
             taken |= growth.covers(candidates.position)
             if best is None or growth.count > best.count:
                 best = growth
+        if best is not None and best.count * (COARSER * best.pitch) ** 2 > values.size:
+            break  # a board of the next scale's larger squares has no room for as many corners
     if best is None or best.count < MIN_CORNERS:
         found = 0 if best is None else best.count
         raise WorkError(f"no checkerboard found: {found} corners that fit one grid (needed: at least {MIN_CORNERS})")
@@ -251,6 +254,12 @@ class _Growth:
     def count(self) -> int:
         """Number of corners."""
         return int(self.known.sum())
+
+    @property
+    def pitch(self) -> float:
+        """Median distance of neighbouring corners [px]."""
+        steps = [np.linalg.norm(np.diff(self.place, axis=axis), axis=-1) for axis in (0, 1)]
+        return float(np.nanmedian(np.concatenate([step[np.isfinite(step)] for step in steps])))
 
     def run(self) -> None:
         """Fit the patch, then grow ring by ring until nothing fits; then once more after pruning."""

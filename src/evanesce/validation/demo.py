@@ -68,7 +68,7 @@ class DemoSettings:
     @classmethod
     def quick(cls) -> DemoSettings:
         """Return less than a minute's work: one force, fewer paths, and the author's single static board."""
-        return cls(forces=(2.0,), samples_per_pixel=48, passes=2, card_samples_per_pixel=4, poses=POSES[-1:])
+        return cls(forces=(2.0,), samples_per_pixel=48, passes=2, card_samples_per_pixel=2, poses=POSES[-1:])
 
 
 @dataclass(frozen=True, kw_only=True)

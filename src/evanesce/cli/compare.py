@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich import box
 from rich.table import Table
 
 from evanesce.cli.common import (
@@ -84,22 +85,24 @@ def register(app: typer.Typer) -> None:
         console.print(comparison_table(rows, ("index", "force_N")))
 
 
-HEADINGS = {"index": "frame", "force_N": "force [N]", "finger": "finger"}
+HEADINGS = {"index": "frame", "force_N": "force\n[N]", "finger": "finger"}
 
 
 def comparison_table(rows: list[dict[str, Any]], leading: tuple[str, ...]) -> Table:
     """Return the table of compared frames; ``leading`` names the columns that tell frames apart."""
     table = Table(
         title="Contact area by the author's chain against the truth",
-        caption="Error and its parts in percent of the true area; interaction: what sources do only together.",
+        caption="Parts of the error in percent of the true area; interaction: what sources do only together.",
+        box=box.SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
     )
     for key in leading:
         table.add_column(HEADINGS[key], justify="left" if key == "finger" else "right")
-    for heading in ("true [mm²]", "measured [mm²]", "error [mm²]", "error [%]", "IoU", "edge [µm]"):
+    for heading in ("true\n[mm²]", "measured\n[mm²]", "error\n[mm²]", "error\n[%]", "IoU\n[1]", "edge\n[µm]"):
         table.add_column(heading, justify="right")
     parts = list(rows[0].get("split_percent", {}))
     for part in parts:
-        table.add_column(f"{part} [%]", justify="right")
+        table.add_column(f"{part}\n[%]", justify="right")
     for row in rows:
         table.add_row(
             *(f"{row[key]:g}" if isinstance(row[key], float) else str(row[key]) for key in leading),

@@ -61,14 +61,14 @@ class DemoSettings:
     forces: tuple[float, ...] = (1.0, 2.0, 5.0)
     samples_per_pixel: int = 48
     passes: int = 4
-    card_samples_per_pixel: int = 8
+    card_samples_per_pixel: int = 4
     poses: tuple[Pose, ...] = POSES
     seed: int = 1
 
     @classmethod
     def quick(cls) -> DemoSettings:
         """Return less than a minute's work: one force, fewer paths, and the author's single static board."""
-        return cls(forces=(2.0,), samples_per_pixel=48, passes=2, card_samples_per_pixel=2, poses=POSES[-1:])
+        return cls(forces=(2.0,), samples_per_pixel=36, passes=2, card_samples_per_pixel=2, poses=POSES[-1:])
 
 
 @dataclass(frozen=True, kw_only=True)

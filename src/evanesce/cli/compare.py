@@ -85,33 +85,40 @@ def register(app: typer.Typer) -> None:
         console.print(comparison_table(rows, ("index", "force_N")))
 
 
-HEADINGS = {"index": "frame", "force_N": "force\n[N]", "finger": "finger"}
+# Short enough that the whole table fits a terminal of 80 columns.
+LEADING = {"index": "frame\n", "force_N": "force\n[N]", "finger": "finger\n"}
+PARTS = {
+    "scale": "scale",
+    "distortion": "dist.",
+    "blur": "blur",
+    "threshold": "thr.",
+    "noise": "noise",
+    "residual": "rest",
+    "interaction": "joint",
+}
+CAPTION = """Error and its parts in percent of the true area, each part by switching its source off: scale of the
+square card, lens distortion, blur, threshold, noise; rest: with all of them off; joint: only together."""
 
 
 def comparison_table(rows: list[dict[str, Any]], leading: tuple[str, ...]) -> Table:
     """Return the table of compared frames; ``leading`` names the columns that tell frames apart."""
+    parts = list(rows[0].get("split_percent", {}))
     table = Table(
         title="Contact area by the author's chain against the truth",
-        caption="Parts of the error in percent of the true area; interaction: what sources do only together.",
+        caption=CAPTION.replace("\n", " ") if parts else None,
         box=box.SIMPLE_HEAD,
         padding=(0, 1, 0, 0),
     )
     for key in leading:
-        table.add_column(HEADINGS[key], justify="left" if key == "finger" else "right")
-    for heading in ("true\n[mm²]", "measured\n[mm²]", "error\n[mm²]", "error\n[%]", "IoU\n[1]", "edge\n[µm]"):
-        table.add_column(heading, justify="right")
-    parts = list(rows[0].get("split_percent", {}))
-    for part in parts:
-        table.add_column(f"{part}\n[%]", justify="right")
+        table.add_column(LEADING[key], justify="left" if key == "finger" else "right", no_wrap=True)
+    for heading in ("true\n[mm²]", "meas.\n[mm²]", "error\n[%]", *(f"{PARTS[part]}\n[%]" for part in parts)):
+        table.add_column(heading, justify="right", no_wrap=True)
     for row in rows:
         table.add_row(
             *(f"{row[key]:g}" if isinstance(row[key], float) else str(row[key]) for key in leading),
             f"{row['true_area_mm2']:.3f}",
             f"{row['measured_area_mm2']:.3f}",
-            f"{row['error_mm2']:+.3f}",
             f"{row['error_percent']:+.2f}",
-            f"{row['iou']:.4f}",
-            f"{row['boundary_displacement_um']:+.1f}",
             *(f"{row['split_percent'][part]:+.2f}" for part in parts),
         )
     return table

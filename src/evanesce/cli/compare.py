@@ -107,7 +107,7 @@ def comparison_table(rows: list[dict[str, Any]], leading: tuple[str, ...]) -> Ta
         title="Contact area by the author's chain against the truth",
         caption=CAPTION.replace("\n", " ") if parts else None,
         box=box.SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
+        padding=0,
     )
     for key in leading:
         table.add_column(LEADING[key], justify="left" if key == "finger" else "right", no_wrap=True)
@@ -116,8 +116,8 @@ def comparison_table(rows: list[dict[str, Any]], leading: tuple[str, ...]) -> Ta
     for row in rows:
         table.add_row(
             *(f"{row[key]:g}" if isinstance(row[key], float) else str(row[key]) for key in leading),
-            f"{row['true_area_mm2']:.3f}",
-            f"{row['measured_area_mm2']:.3f}",
+            f"{row['true_area_mm2']:.2f}",
+            f"{row['measured_area_mm2']:.2f}",
             f"{row['error_percent']:+.2f}",
             *(f"{row['split_percent'][part]:+.2f}" for part in parts),
         )

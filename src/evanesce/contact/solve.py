@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from functools import lru_cache
+from typing import Any, overload
 
 import numpy as np
 from scipy.optimize import brentq
@@ -13,14 +15,17 @@ from evanesce.contact.heightmap import RidgeRow
 from evanesce.contact.hertz import hertz_contact, reduced_modulus, scaled_hertz_contact
 from evanesce.contact.jkr import jkr_contact
 from evanesce.contact.patch import AxisymmetricContact, axisymmetric_state, radii
-from evanesce.contact.resolved import Adhesion, resolved_state
+from evanesce.contact.resolved import Adhesion, pressed_profile, resolved_state
 from evanesce.contact.ridged import require_resolved, ridged_state
 from evanesce.contact.roughness import persson_contact_fraction
+from evanesce.contact.sliding_states import SlideStates
+from evanesce.contact.solve_fem import fem_contact, fem_state, small_strain_modulus
+from evanesce.contact.solve_slide import slide_programme, slide_states
 from evanesce.contact.xydas_kao import xydas_kao_contact
 from evanesce.errors import InputError
 from evanesce.materials import material
 from evanesce.rig import Ridges, Scene
-from evanesce.rig.finger import HalfspaceLaw, HertzLaw, JkrLaw, ScaledHertzLaw, XydasKaoLaw
+from evanesce.rig.finger import FemLaw, HalfspaceLaw, HertzLaw, JkrLaw, ScaledHertzLaw, XydasKaoLaw
 from evanesce.states import ContactState, PlateGrid
 
 
@@ -54,7 +59,11 @@ def contact_state(scene: Scene, force_N: float, *, time_s: float = 0.0) -> Conta
     """
     if not (math.isfinite(force_N) and force_N >= 0):
         raise InputError(f"normal force of {force_N:g} N", key="press.forces_N", allowed="a finite force, not negative")
-    if isinstance(scene.contact, HalfspaceLaw):
+    if scene.slide is not None:
+        state = _sliding_state(scene, force_N, time_s)
+    elif isinstance(scene.contact, FemLaw):
+        state = _fem_state(scene, scene.contact, force_N, time_s)
+    elif isinstance(scene.contact, HalfspaceLaw):
         state = _halfspace_state(scene, scene.contact, force_N, time_s)
     else:
         state = _analytic_state(scene, force_N, time_s)
@@ -121,6 +130,78 @@ def _halfspace_state(scene: Scene, law: HalfspaceLaw, force: float, time: float)
     return resolved_state(grid, heights, modulus, force, law=name, adhesion=adhesion, parameters=parameters, time=time)
 
 
+def _fem_state(scene: Scene, law: FemLaw, force: float, time: float) -> ContactState:
+    """Return the library's press; ridges ride on it as on a half-space of the local stiffness."""
+    grid, centre = contact_grid(scene), scene.finger.position_mm
+    smooth = fem_state(scene.finger, law, force, grid, time)
+    if scene.finger.ridges is None:
+        return smooth
+    row, modulus = _row(scene.finger.ridges), _modulus(scene, force)
+    require_resolved(grid, row)
+    try:
+        ridges = row.heights(grid.x[None, :] - centre[0], grid.y[:, None] - centre[1])
+    except ValueError as error:
+        raise InputError(str(error), key="finger.ridges") from None
+    pressure, gap = np.asarray(smooth.pressure, dtype=float), np.asarray(smooth.gap, dtype=float)
+    heights = pressed_profile(pressure, gap, ridges, grid.pitch, modulus)
+    parameters = {**smooth.parameters, **_ridge_parameters(row), "reduced_modulus_MPa": modulus}
+    state = resolved_state(grid, heights, modulus, force, law="fem+ridges", parameters=parameters, time=time)
+    return replace(state, depth=smooth.depth)  # the half-space's own approach is not the finger's
+
+
+def contact_sequence(scene: Scene) -> Sequence[ContactState]:
+    """Return the contact of every frame of a scene's programme, each made when it is asked for.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Raises
+    ------
+    InputError
+        As :func:`contact_state` and :func:`press_programme`.
+    """
+    return _Sequence(scene, press_programme(scene))
+
+
+class _Sequence(Sequence[ContactState]):
+    def __init__(self, scene: Scene, programme: list[tuple[float, float]]) -> None:
+        self._scene, self._programme = scene, programme
+
+    def __len__(self) -> int:
+        return len(self._programme)
+
+    @overload
+    def __getitem__(self, index: int) -> ContactState: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[ContactState]: ...
+    def __getitem__(self, index: int | slice) -> ContactState | list[ContactState]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        time, force = self._programme[index]
+        return contact_state(self._scene, force, time_s=time)
+
+
+@lru_cache(maxsize=2)
+def _slide_of(scene_json: str) -> SlideStates:
+    """Return a scene's slide, marched once for all its frames; keyed by text because scenes hold tables."""
+    scene = Scene.model_validate_json(scene_json)
+    return slide_states(
+        scene, contact_grid(scene), lambda force: _smooth(scene, force)[0], lambda force: _modulus(scene, force)
+    )
+
+
+def _sliding_state(scene: Scene, force: float, time: float) -> ContactState:
+    """Return the frame of a scene's slide that is seen at a time."""
+    times, forces, _ = slide_programme(scene).sample()
+    index = round(time * scene.press.frame_rate_hz)
+    if not 0 <= index < times.size or abs(times[index] - time) > 1e-6 or abs(forces[index] - force) > 1e-6:
+        raise InputError(
+            f"{force:g} N at {time:g} s is no frame of the slide", key="slide", allowed="a frame of its programme"
+        )
+    return _slide_of(scene.model_dump_json())[index]
+
+
 def _ridge_parameters(row: RidgeRow) -> dict[str, Any]:
     named: dict[str, Any] = {
         "ridge_pattern": row.pattern,
@@ -151,8 +232,10 @@ def _modulus(scene: Scene, force: float) -> float:
 
     An intercept without a slope is a constant modulus: the slope of another fit would not belong to it.
     """
-    published = material(scene.finger.material).flat_reduced_modulus
     law = scene.contact
+    if isinstance(law, FemLaw):
+        return law.reduced_modulus_MPa or small_strain_modulus(scene.finger.material)
+    published = material(scene.finger.material).flat_reduced_modulus
     intercept, slope = published.intercept_MPa, published.slope_MPa_per_N
     if not isinstance(law, XydasKaoLaw):
         if law.reduced_modulus_MPa is not None:
@@ -184,6 +267,8 @@ def _smooth(scene: Scene, force: float) -> tuple[AxisymmetricContact, float, dic
         case JkrLaw():
             parameters["work_of_adhesion_N_per_mm"] = law.work_of_adhesion_N_per_mm
             return jkr_contact(force, radius, modulus, law.work_of_adhesion_N_per_mm), modulus, parameters
+        case FemLaw():
+            return fem_contact(scene.finger, law, force), modulus, parameters | {"bone": law.bone}
         case HalfspaceLaw():
             # for the depth of a ramp: ridges do not change what the smooth tip sinks in, adhesion as JKR has it
             return jkr_contact(force, radius, modulus, law.work_of_adhesion_N_per_mm), modulus, parameters
@@ -192,8 +277,9 @@ def _smooth(scene: Scene, force: float) -> tuple[AxisymmetricContact, float, dic
 def press_programme(scene: Scene) -> list[tuple[float, float]]:
     """Return when which normal force is seen: one ``(time_s, force_N)`` per frame.
 
-    A list of forces is one frame each at the frame rate. A ramp starts at its first force and is sampled at the frame
-    rate until it has reached the last; in mm/min the depth moves evenly and the law's own depth gives the force.
+    A slide is sampled at the frame rate. A list of forces is one frame each at the frame rate. A ramp starts at its
+    first force and is sampled at the frame rate until it has reached the last; in mm/min the depth moves evenly and the
+    law's own depth gives the force.
 
     Parameters
     ----------
@@ -205,6 +291,10 @@ def press_programme(scene: Scene) -> list[tuple[float, float]]:
         If it needs more than ``press.max_frames`` frames, or a ramp in mm/min meets a law without a depth.
     """
     press = scene.press
+    if scene.slide is not None:
+        times, loads, _ = slide_programme(scene).sample()
+        _require_frames(times.size, press.max_frames)
+        return [(float(t), float(f)) for t, f in zip(times, loads, strict=True)]
     if press.forces_N is not None:
         _require_frames(len(press.forces_N), press.max_frames)
         return [(index / press.frame_rate_hz, force) for index, force in enumerate(press.forces_N)]

@@ -5,7 +5,7 @@ from evanesce.rig.finger import Contact, Finger, Ridges
 from evanesce.rig.leds import LedCircuit, Leds
 from evanesce.rig.load import dump_scene, load_scene, scene_path
 from evanesce.rig.plate import Plate
-from evanesce.rig.press import Press, Ramp
+from evanesce.rig.press import Press, Ramp, Slide
 from evanesce.rig.scene import Scene
 
 __all__ = [
@@ -20,6 +20,7 @@ __all__ = [
     "Ramp",
     "Ridges",
     "Scene",
+    "Slide",
     "dump_scene",
     "load_scene",
     "scene_path",

@@ -97,4 +97,16 @@ class HalfspaceLaw(Strict):
     reduced_modulus_slope_MPa_per_N: float | None = field(None, unit="MPa/N", bounds=(-10.0, 10.0))
 
 
-Contact = Annotated[HertzLaw | ScaledHertzLaw | JkrLaw | XydasKaoLaw | HalfspaceLaw, Field(discriminator="law")]
+class FemLaw(Strict):
+    """Finite elements: the solved press of the thesis's finger that ships with the project, ridges by a half-space."""
+
+    law: Literal["fem"]
+    bone: Literal["none", "half"] = "none"
+    reduced_modulus_MPa: float | None = field(
+        None, unit="MPa", bounds=(1e-5, 1e5), doc="at the ridges and the roughness; none: 4 G of the material"
+    )
+
+
+Contact = Annotated[
+    HertzLaw | ScaledHertzLaw | JkrLaw | XydasKaoLaw | HalfspaceLaw | FemLaw, Field(discriminator="law")
+]

@@ -11,7 +11,7 @@ from evanesce.rig.camera import Camera
 from evanesce.rig.finger import Contact, Finger, HertzLaw
 from evanesce.rig.leds import Leds
 from evanesce.rig.plate import Plate
-from evanesce.rig.press import Press
+from evanesce.rig.press import Press, Slide
 
 MAX_PIXELS = 100_000_000
 
@@ -47,6 +47,7 @@ class Scene(Strict):
     contact: Contact = HertzLaw(law="hertz")
     camera: Camera = Camera()
     press: Press
+    slide: Slide | None = None
     grid: ContactGrid = ContactGrid()
     render: RenderSettings = RenderSettings()
     effects: dict[str, dict[str, float | int | bool | str | list[float]]] = Field(default_factory=dict)
@@ -79,11 +80,21 @@ class Scene(Strict):
                 f"finger.ridges.width_um = {ridges.width_um:g} exceeds the pitch"
                 f" (allowed: at most finger.ridges.pitch_um = {ridges.pitch_um:g} um)"
             )
+        self._slide_is_possible()
         for table, name in ((self.assumptions, "assumptions"), (self.sources, "sources")):
             for key in table:
                 if not self._has(key):
                     raise ValueError(f"{name}.'{key}' names no key of a scene")
         return self
+
+    def _slide_is_possible(self) -> None:
+        if self.slide is None:
+            return
+        forces = self.press.forces_N
+        if forces is None or len(forces) != 1 or forces[0] <= self.slide.preload_N:
+            raise ValueError("a slide needs press.forces_N with one force, above slide.preload_N")
+        if self.finger.ridges is not None or self.contact.law == "halfspace":
+            raise ValueError("a slide needs a smooth finger and a law other than halfspace: it knows round contacts")
 
     def _has(self, dotted: str) -> bool:
         """Tell whether a dotted key names something in this scene."""

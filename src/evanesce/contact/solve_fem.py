@@ -1,0 +1,71 @@
+"""From a scene's finger to the library of solved presses: which one it is, and what it cannot be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from evanesce.contact.fem.library import LibraryPress, library_press, library_state
+from evanesce.contact.fem.state import axisymmetric_contact
+from evanesce.contact.patch import AxisymmetricContact
+from evanesce.errors import InputError
+from evanesce.materials import material
+from evanesce.rig import Finger
+from evanesce.rig.finger import FemLaw
+from evanesce.states import ContactState, PlateGrid
+
+
+def small_strain_modulus(name: str) -> float:
+    """Return E* = 4 G [MPa] of an incompressible silicone from its Mooney-Rivlin fit.
+
+    Raises
+    ------
+    InputError
+        For a material without such a fit.
+    """
+    fit = material(name).mooney_rivlin
+    if fit is None:
+        raise InputError(f"{name!r} has no hyperelastic fit", key="finger.material", allowed="silskin_0, silskin_20")
+    return 4.0 * fit.shear_modulus_MPa
+
+
+def _library(finger: Finger, law: FemLaw, force: float) -> LibraryPress:
+    """Return the press that a finger asks for; refuse any other shape, material or force than were solved."""
+    small_strain_modulus(finger.material)
+    press = library_press(finger.material, law.bone)
+    shape: Mapping[str, Any] = press.inputs["shape"]
+    for key in ("tip_radius", "diameter", "length"):
+        value, solved = getattr(finger, f"{key}_mm"), float(shape[key])
+        if abs(value - solved) > 1e-9 * solved:
+            allowed = f"{solved:g}, the finger that was solved (others: `evanesce fem press`)"
+            raise InputError(f"{value:g} mm with law fem", key=f"finger.{key}_mm", allowed=allowed)
+    low, high = float(press.force[0]), float(press.force[-1])
+    if not low * (1 - 1e-9) <= force <= high * (1 + 1e-9):
+        allowed = f"{low:g} to {high:g} N with law fem"
+        raise InputError(f"normal force of {force:g} N", key="press.forces_N", allowed=allowed)
+    return press
+
+
+def fem_contact(finger: Finger, law: FemLaw, force: float) -> AxisymmetricContact:
+    """Return the smooth finger's contact at a force [N].
+
+    Raises
+    ------
+    InputError
+        For a finger or a force that was not solved.
+    """
+    return axisymmetric_contact(_library(finger, law, force).at(force), finger.length_mm)
+
+
+def fem_state(finger: Finger, law: FemLaw, force: float, grid: PlateGrid, time: float) -> ContactState:
+    """Return the smooth finger's contact at a force [N] on a grid, its law named ``fem``.
+
+    Raises
+    ------
+    InputError
+        For a finger or a force that was not solved, or a contact that does not fit on the grid.
+    """
+    _library(finger, law, force)
+    found = library_state(finger.material, force, grid, centre=finger.position_mm, bone=law.bone, time=time)
+    return replace(found, law="fem")

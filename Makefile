@@ -22,7 +22,7 @@ demo: install
 	$(BIN)/evanesce demo
 
 test: install
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest -n 2 -m "not slow"
 
 test-all: install
 	$(BIN)/python -m pytest

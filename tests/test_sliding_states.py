@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 
 import numpy as np
 import pytest
@@ -131,15 +130,13 @@ def test_a_slide_off_the_grid_is_refused_before_any_work():
     SlideStates(coulomb_slide(length=9.0), GRID, SlideView(follows=False))
 
 
-def test_two_hundred_frames_at_512_are_fast():
-    """Under 20 s of processor time; some 2 s when measured (``benchmarks/sliding.py``)."""
+def test_two_hundred_frames_at_512_stay_within_the_grid():
+    """A whole press and slide at the size of a dataset; how long it takes is measured by ``benchmarks/sliding.py``."""
     grid = PlateGrid((512, 512), 14 / 512)
     force = np.concatenate([np.linspace(0.05, N, 60), np.full(140, N)])
     contacts = [hertz_contact(f, R, E) for f in force[:60]]
     contacts += [contacts[-1]] * 140
     drive = np.concatenate([np.zeros(60), np.linspace(0, 2, 140)])
-    start = time.process_time()
     slide = march(contacts, np.arange(200) / 30, drive, interface_of("silskin_0"), G, drive_stiffness=3.0)
     total = sum(float(state.contact_mask[0, 0]) for state in SlideStates(slide, grid))
     assert total == 0.0
-    assert time.process_time() - start < 20.0

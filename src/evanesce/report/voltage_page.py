@@ -217,8 +217,8 @@ def _observation(found: VoltageStudy) -> Section:
     )
     text = [
         f"A rig shows what the thesis saw if, at every force, the patch appears (at {100 * SEEN:g} % of its true area) "
-        f"between {ONSET_V[0]:g} and {ONSET_V[1]:g} V; if the estimate then grows by at least {100 * RISE:g} % of the truth "
-        f"and never falls; and if from {CONVERGED_V:g} V at the latest it stays within {100 * FLAT:g} % of its "
+        f"between {ONSET_V[0]:g} and {ONSET_V[1]:g} V; if the estimate then grows by at least {100 * RISE:g} % of the "
+        f"truth and never falls; and if from {CONVERGED_V:g} V at the latest it stays within {100 * FLAT:g} % of its "
         "value at the last voltage. " + settled,
         "From 9 to 12 V the LEDs still become several times brighter, and light beside the contact falls off "
         "gradually, so that a fixed threshold at a fixed exposure goes on taking in more of it. A plateau so needs "

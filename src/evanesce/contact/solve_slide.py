@@ -89,7 +89,7 @@ def slide_states(
         )
     friction = _friction(scene)
     poisson = material(finger.material).poisson_ratio
-    stiffness = _stiffness(scene, programme.normal_force, angle)
+    stiffness = _stiffness(scene, programme.normal_force, contacts[-1].depth, angle)
     shear = np.array([float(tangential_modulus(modulus(force), poisson)) for force in known])
     slid = march(
         contacts, times, drive, friction, np.interp(forces, list(known), shear), drive_stiffness=stiffness,
@@ -121,17 +121,19 @@ def _friction(scene: Scene) -> InterfaceFriction:
         raise InputError(str(error), key="slide.friction_coefficient", allowed="a coefficient") from None
 
 
-def _stiffness(scene: Scene, force: float, angle: float) -> float:
+def _stiffness(scene: Scene, force: float, depth: float, angle: float) -> float:
     """Return the stiffness of the shaft along the slide [N/mm]; infinite for a rigid one."""
     if _slide(scene).shaft == "rigid":
         return math.inf
     finger, silicone = scene.finger, material(scene.finger.material)
     fit = silicone.mooney_rivlin
     youngs = silicone.youngs_modulus_MPa if fit is None else fit.youngs_modulus_MPa
-    column = finger.tip_radius_mm if finger.tip_radius_mm < finger.length_mm else 0.0
+    # the pressed finger is shorter by its depth, where the law knows one
+    length = finger.length_mm - (depth if math.isfinite(depth) else 0.0)
+    column = finger.tip_radius_mm if finger.tip_radius_mm < length else 0.0
     try:
         axial, bending = shaft_stiffness(
-            youngs, 0.5 * finger.diameter_mm, finger.length_mm, normal_force=force, tip_radius=column
+            youngs, 0.5 * finger.diameter_mm, length, normal_force=force, tip_radius=column
         )
     except ValueError as error:
         raise InputError(

@@ -1,0 +1,62 @@
+"""``evanesce study mechanics``: contact area, sliding and ridges as they follow from the thesis's inputs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import typer
+from rich.table import Table
+
+from evanesce.cli.common import (
+    JsonOption,
+    OutOption,
+    check_json_target,
+    console,
+    handles_errors,
+    messages,
+    out_dir,
+    write_json,
+)
+
+
+def register(group: typer.Typer) -> None:
+    """Add the command to the group of studies."""
+
+    @group.command()
+    @handles_errors
+    def mechanics(json_file: JsonOption = None, out: OutOption = None) -> None:
+        """Predict areas, ridges and sliding from the thesis's inputs alone; solved finite elements ship with it."""
+        import os
+
+        from evanesce import provenance
+        from evanesce.report.html import figure_png
+        from evanesce.report.mechanics_plots import mechanics_figure
+        from evanesce.validation.mechanics import as_json, predictions
+
+        check_json_target(json_file)
+        folder = out_dir(out, "study-mechanics")
+        with messages.status("ridges on solved contacts: some seconds"):
+            found = predictions()
+            result = as_json(found)
+        result["provenance"] = dict(provenance.record())
+        picture = folder / "mechanics.png"
+        temporary = picture.with_name(".mechanics.tmp.png")
+        temporary.write_bytes(figure_png(mechanics_figure(result)))
+        os.replace(temporary, picture)
+        write_json(folder / "mechanics.json", result)
+        write_json(json_file, result)
+        _show(result)
+        console.print(f"each figure's basis is in the JSON; written to {folder}", highlight=False, soft_wrap=True)
+
+
+def _show(result: dict[str, Any]) -> None:
+    table = Table(title="Predicted from the thesis's inputs alone")
+    table.add_column("figure")
+    for heading in ("value", "low", "high"):
+        table.add_column(heading, justify="right")
+    for key in result["basis"]:
+        entry = result[key]
+        rows = entry.items() if isinstance(entry, dict) else (("", entry),)
+        for sub, values in rows:
+            table.add_row(f"{key} {sub}".strip(), *(f"{value:.3f}" for value in values))
+    console.print(table)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,10 @@ import pytest
 from evanesce.contact.fem.library import library_press
 from evanesce.contact.solve import contact_grid, contact_sequence, contact_state, press_programme
 from evanesce.errors import InputError
+from evanesce.optics.projection import Projection
 from evanesce.rig import Scene, dump_scene, load_scene
-from evanesce.states import SurfaceState
+from evanesce.simulate import simulate_press
+from evanesce.states import ContactState, PlateLight, SurfaceState
 
 UGLY = {"finger.position_mm": [1.7, -2.3], "grid.samples": 300, "grid.size_mm": 13.7}
 SLIDE = {"distance_mm": 1.3, "speed_mm_per_s": 2.6, "direction_deg": 30.0, "press_time_s": 0.4, "hold_time_s": 0.2}
@@ -172,3 +175,21 @@ def test_a_moment_between_frames_is_refused() -> None:
 def test_a_slide_beyond_the_grid_is_refused() -> None:
     with pytest.raises(InputError, match=r"grid\.size_mm"):
         contact_sequence(sliding({"distance_mm": 12.0, "shaft": "rigid"}))[0]
+
+
+def test_the_simulation_takes_a_slide_frame_by_frame() -> None:
+    def dark(scene: Scene, state: ContactState | None, *, seed: int) -> PlateLight:
+        view = Projection.of(scene.camera, scene.plate).ideal_view()
+        nothing = np.zeros(view.shape, np.float32)
+        return PlateLight(
+            radiance=nothing, variance=nothing, focal_px=view.focal_px, principal_point=view.principal_point
+        )
+
+    scene = sliding(camera__resolution_px=[64, 48], sources={}, assumptions={})
+    shots = list(islice(simulate_press(scene, seed=3, render=dark), 14))
+    wanted = contact_sequence(scene)
+    for shot, state in zip(shots, wanted, strict=False):
+        assert shot.state is not None
+        assert shot.state.tangential_force == state.tangential_force
+        assert shot.frame.time == state.time
+    assert np.hypot(*shots[-1].state.tangential_force) > 0

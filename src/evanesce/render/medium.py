@@ -24,6 +24,7 @@ from scipy.ndimage import map_coordinates
 
 from evanesce.optics.glow import absorption_coefficient
 from evanesce.rig import Finger
+from evanesce.rng import generator
 from evanesce.states import ContactState
 
 Array = NDArray[np.float64]
@@ -148,7 +149,7 @@ def finger_body(finger: Finger, state: ContactState, *, station: float = 0.05, s
     mesh.merge_vertices()
     vertices = np.array(mesh.vertices)
     distance, lower = np.hypot(vertices[:, 0], vertices[:, 1]), vertices[:, 2] < top - 1e-9
-    row, col = grid.index(vertices[:, 1] + cy, vertices[:, 0] + cx)
+    row, col = grid.index(vertices[:, 0] + cx, vertices[:, 1] + cy)
     gap = map_coordinates(np.asarray(state.gap, float), [row, col], order=1, mode="nearest")
     # Far out the state's gap is that of a paraboloid; the body is a sphere.
     sphere = np.maximum(vertices[:, 2] - depth, 0.0)
@@ -214,7 +215,8 @@ def exitance(scene: Any, points: Array, *, seed: int) -> Array:
     """
     import mitsuba as mi
 
-    rng = np.random.default_rng(seed)
+    # A named stream: a caller's points may come from a generator of the same seed.
+    rng = generator(seed, "medium", "directions")
     normal, place, met = _surface(scene, points)
     # Cosine-weighted about the inward normal: the mean radiance times pi is the exitance.
     u, phi = rng.random(len(points)), 2 * np.pi * rng.random(len(points))
@@ -227,7 +229,7 @@ def exitance(scene: Any, points: Array, *, seed: int) -> Array:
     origin = place + START * normal
     integrator = mi.load_dict({"type": "volpath", "max_depth": MAX_DEPTH, "rr_depth": ROULETTE})
     sampler = mi.load_dict({"type": "independent"})
-    if "scalar" in mi.variant():
+    if str(mi.variant()).startswith("scalar"):
         sampler.seed(seed)
         radiance = np.array(
             [_one(mi, integrator, scene, sampler, o, d) for o, d in zip(origin, direction, strict=True)]
@@ -250,7 +252,7 @@ def _surface(scene: Any, points: Array) -> tuple[Array, Array, NDArray[np.bool_]
     import mitsuba as mi
 
     start = np.column_stack([points, np.full(len(points), -1.0)])
-    if "scalar" in mi.variant():
+    if str(mi.variant()).startswith("scalar"):
         hits = [scene.ray_intersect(mi.Ray3f(mi.Point3f(*p), mi.Vector3f(0, 0, 1))) for p in start]
         normal = np.array([np.array(h.n) for h in hits]).reshape(-1, 3)
         place = np.array([np.array(h.p) for h in hits]).reshape(-1, 3)

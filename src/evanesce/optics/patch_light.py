@@ -95,6 +95,16 @@ def window_transmittance(theta_glass: ArrayLike, n_glass: float) -> Array:
     return np.asarray((1.0 - fresnel_reflectance(np.cos(theta_glass), n_glass, 1.0)) / n_glass**2)
 
 
+EXTERNAL_REFLECTANCE_NODES = 64
+
+
+def external_diffuse_reflectance(n_glass: float) -> float:
+    """Return the reflectance of bare glass for diffuse light from the air: the mean of R over d(sin^2 theta)."""
+    u, w = np.polynomial.legendre.leggauss(EXTERNAL_REFLECTANCE_NODES)
+    cosine = 0.5 * (u + 1.0)
+    return float(np.sum(w * fresnel_reflectance(cosine, 1.0, n_glass) * cosine))
+
+
 @dataclass(frozen=True)
 class Feedback:
     """What a contact element does to the irradiance of another at distance r, per area of the first.
@@ -146,15 +156,17 @@ def feedback(
     smooth = np.interp(nodes, theta, radiance)
     zero = np.zeros(1)
     total = float(transmitted_irradiance_kernel(nodes, weights, zero, interface)[0] @ smooth)
+    n = interface.n_glass
     loss, gain = np.zeros(r.shape), np.zeros(r.shape)
     for k in range(1, bounces + 1):
         angle = np.arctan2(r, 2 * thickness * k)
+        cosine = np.cos(angle)
         # d(theta)/dr over the ring's circumference: the area element of plan view
         per_area = (2 * thickness * k / (r**2 + (2 * thickness * k) ** 2)) / (2 * np.pi * r)
-        t = frustrated_transmittance(np.cos(angle), 0.0, interface.wavelength, interface.n_glass, interface.n_silicone)
-        received = 2 * np.pi * np.cos(angle) * np.sin(angle) * t * per_area
-        bottom = fresnel_reflectance(np.cos(angle), interface.n_glass, 1.0)
-        along = bottom ** (2 * k - 1) * np.exp(-absorption_coefficient * r / np.sin(angle))
+        t = frustrated_transmittance(cosine, 0.0, interface.wavelength, n, interface.n_silicone)
+        bare = fresnel_reflectance(cosine, n, 1.0)
+        along = bare ** (2 * k - 1) * np.exp(-absorption_coefficient * r / np.sin(angle))
+        received = 2 * np.pi * cosine * np.sin(angle) * t * per_area
         gain += received * along * returned_radiance(0.0, angle, interface)
         loss += received * t * np.interp(angle, theta, radiance) / total
     return Feedback(loss, gain)

@@ -114,7 +114,7 @@ def body_light(kernel: Array, irradiance: Array, inside: Array) -> Array:
 
 
 def glow_radiance(
-    glow: Glow, irradiance: Image, low: NDArray[np.int32], part: Image, touching: Image | None, pitch: float
+    glow: Glow, irradiance: Image, share: Image, low: NDArray[np.int32], part: Image, pitch: float
 ) -> Image:
     """Return the radiance towards the lens on the fine grid.
 
@@ -123,21 +123,18 @@ def glow_radiance(
     glow : Glow
     irradiance : ndarray (rows, cols)
         That enters the silicone [W/mm^2].
+    share : ndarray (rows, cols)
+        Share in contact; asperities are finer than the light's walk, so that the body sees the mean of both parts.
     low, part : ndarray (rows, cols)
-        Place of each gap in the tables: node below, and what is beyond it.
-    touching : ndarray (rows, cols), optional
-        Real-contact fraction: between the asperities the film is open. They are finer than the light's walk, so the
-        body sees their mean.
+        Place of the other part's gap in the tables: node below, and what is beyond it.
     pitch : float
         Of the fine grid [mm].
     """
 
     def at(table: Array) -> Image:
         table32 = table.astype(np.float32)
-        found = table32[low] * (1 - part) + table32[low + 1] * part
-        if touching is not None:
-            found = touching * found + (1 - touching) * table32[-1]
-        return np.asarray(found, np.float32)
+        apart = table32[low] * (1 - part) + table32[low + 1] * part
+        return np.asarray(share * table32[0] + (1 - share) * apart, np.float32)
 
     rows, cols = irradiance.shape
     coarse = (max(1, round(cols * pitch / glow.cell)), max(1, round(rows * pitch / glow.cell)))

@@ -158,7 +158,7 @@ def finger_mesh(finger: Finger, depth: float) -> trimesh.Trimesh:
     return trimesh.Trimesh(vertices, mesh.faces, process=False)
 
 
-def _approach(state: ContactState, finger: Finger) -> float:
+def approach(state: ContactState, finger: Finger) -> float:
     """Return the state's depth, or that of a sphere cut at the contact area where the law has none [mm]."""
     if np.isfinite(state.depth):
         return float(state.depth)
@@ -338,7 +338,7 @@ def plate_scene(scene: Scene, state: ContactState | None, powers: Mapping[str, A
     patch = None
     if state is not None:
         shapes["patch"], patch = _patch(scene, state, jit, medium)
-        mesh = finger_mesh(scene.finger, _approach(state, scene.finger))
+        mesh = finger_mesh(scene.finger, approach(state, scene.finger))
         body = {"type": "diffuse", "reflectance": {"type": "uniform", "value": scene.finger.diffuse_reflectance}}
         shapes["finger"] = _mesh("finger", mesh.vertices, mesh.faces, {"type": "twosided", "bsdf": body})
     shapes |= plate.faces(patch.extent if patch else None) | plate.edges(powers)

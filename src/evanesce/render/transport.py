@@ -2,260 +2,219 @@
 
 Guided light is smooth and nearly unchanged by a contact. What a contact sends to the lens is therefore a product of
 the guided irradiance of the empty plate (a field, by angle), the interface's transmittance at the local gap (a table)
-and the body's response (a table), corrected for what other parts of the contact take away or give back through the
-plate (a convolution on a coarse grid).
+and the body's response (a table), corrected for what the contact takes away from itself or gives back, directly
+through the plate (convolutions on a coarse grid) and over the edges (a small matrix). Beside the contact the lens sees
+the finger's flank, lit by the contact's own light and by what escapes near the plate's edges.
 """
 
 from __future__ import annotations
 
-import math
-from collections import OrderedDict
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import fftconvolve
+from scipy import fft
 
-from evanesce.optics.guided_field import EdgeLight, azimuthal_radiance, edge_radiance
-from evanesce.optics.led import led_positions, led_radiances
-from evanesce.optics.patch_light import (
-    Interface,
-    angle_nodes,
-    feedback,
-    returned_radiance,
-    transmitted_irradiance_kernel,
-    window_transmittance,
-)
 from evanesce.optics.projection import IdealView, Projection
-from evanesce.provenance import digest
-from evanesce.render.glow import Glow, glow_radiance, make_glow
+from evanesce.render.fields import (
+    FEEDBACK_CELL,
+    FLANK_AZIMUTHS,
+    FLANK_STATIONS,
+    GAP_STEPS,
+    MODES,
+    Fields,
+    edge_light,
+    fields_of,
+    flank_depths,
+    interface_of,
+    kept,
+    optics_digest,
+    profile_of,
+)
+from evanesce.render.glow import glow_radiance
+from evanesce.render.scene import approach, interface_maps
 from evanesce.rig import Scene
-from evanesce.states import ContactState, PlateLight
+from evanesce.states import ContactState, PlateGrid, PlateLight
 
-Array = NDArray[np.float64]
-T = TypeVar("T")
+Array = NDArray[Any]
+Image = NDArray[np.float32]
 
-MODES = 3
-"""Spatial modes of the guided field's angular shape; the fourth is below 1e-4 of the first on any rig tried."""
+__all__ = ["MODES", "edge_light", "fields_of", "interface_of", "patch_radiance", "render_fast"]
 
-GAP_END = 2e-3
-"""Gap [mm] beyond which nothing couples (exp(-2 kappa g) < 1e-9 but within 0.5 deg of the critical angle)."""
-
-GAP_STEPS = 2048
-FIELD_SPACING = 1.5
-"""Spacing of the field's nodes [mm]."""
-
-FEEDBACK_CELL = 0.25
-"""Cell of the feedback's coarse grid [mm]."""
+ROUNDS = 3
+"""Of the feedback; each is some 1 % of the one before."""
 
 
 @dataclass(frozen=True)
-class Fields:
-    """What is computed once per rig.
+class CoarseGrid:
+    """Coarse cells over a contact grid, and all that the feedback needs on them.
 
     Attributes
     ----------
-    x, y : ndarray
-        Nodes of the field on the plate [mm].
-    modes : ndarray (MODES, y, x)
-        Spatial modes of the guided radiance [W mm^-2 sr^-1].
-    gaps : ndarray (GAP_STEPS,)
-        Gaps of the tables, evenly spaced in the square root [mm].
-    coupling : ndarray (MODES, GAP_STEPS)
-        Irradiance inside the silicone per mode [sr].
-    response : ndarray (GAP_STEPS,)
-        Radiance in air towards the lens per irradiance inside the silicone [1/sr].
-    loss, gain : ndarray
-        Feedback kernels on the coarse grid, sums over cells [1].
-    glow : Glow or None
-        Lateral spread inside the silicone; None where light leaves where it entered.
+    shape : tuple of int
+        (rows, cols) of cells.
+    area : float
+        Of a cell [mm^2].
+    contact : ndarray (rows, cols)
+        Irradiance into silicone in full contact, without feedback [W mm^-2].
+    spectrum : ndarray
+        Transform of the kernel, gain less loss.
+    padded : tuple of int
+        Shape of the transforms.
+    onto_x, onto_y : ndarray (nodes, cells)
+        Linear interpolation between the field's nodes, along x and y.
     """
 
-    x: Array
-    y: Array
-    modes: Array
-    gaps: Array
-    coupling: Array
-    response: Array
-    loss: Array
-    gain: Array
-    glow: Glow | None = None
+    shape: tuple[int, int]
+    area: float
+    contact: Array
+    spectrum: NDArray[np.complex128]
+    padded: tuple[int, int]
+    onto_x: Array
+    onto_y: Array
 
 
-def edge_light(scene: Scene) -> EdgeLight:
-    """Return the plate of a scene as a light guide with its LEDs at their powers."""
-    return EdgeLight(
-        size=scene.plate.size_mm,
-        thickness=scene.plate.thickness_mm,
-        refractive_index=scene.plate.refractive_index,
-        absorption_coefficient=scene.plate.absorption_coefficient_per_mm,
-        edge_reflectance=scene.plate.edge_reflectance,
-        positions=led_positions(scene.plate, scene.leds),
-        radiances=led_radiances(scene.plate, scene.leds),
-        emitter_size=(scene.leds.emitting_width_mm, scene.leds.emitting_height_mm),
-        edge_polish=scene.plate.edge_polish,
-        air_gap_share=scene.leds.air_gap_share,
-    )
+def _hats(nodes: Array, x: Array) -> Array:
+    """Return the weights (nodes, points) of linear interpolation between even nodes, ends continued."""
+    place = np.clip((x - nodes[0]) / (nodes[1] - nodes[0]), 0, nodes.size - 1)
+    return np.asarray(np.clip(1.0 - np.abs(place[None, :] - np.arange(nodes.size)[:, None]), 0.0, None))
 
 
-def interface_of(scene: Scene) -> Interface:
-    """Return the interface of a scene's plate and finger."""
-    return Interface(
-        n_glass=scene.plate.refractive_index,
-        n_silicone=scene.finger.refractive_index,
-        body_reflectance=scene.finger.diffuse_reflectance,
-        wavelength=scene.camera.wavelength_nm,
-    )
+def coarse_grid(fields: Fields, grid: PlateGrid) -> CoarseGrid:
+    """Return the coarse grid of a contact grid."""
+    rows, cols = (max(1, round(n * grid.pitch / FEEDBACK_CELL)) for n in grid.shape)
+    x0, x1, y0, y1 = grid.extent
+    dx, dy = (x1 - x0) / cols, (y1 - y0) / rows
+    x, y = x0 + (np.arange(cols) + 0.5) * dx, y0 + (np.arange(rows) + 0.5) * dy
+    onto_x, onto_y = _hats(fields.x, x), _hats(fields.y, y)
+    contact = onto_y.T @ np.tensordot(fields.coupling[:, 0], fields.modes, 1) @ onto_x
+    padded = (fft.next_fast_len(2 * rows, real=True), fft.next_fast_len(2 * cols, real=True))
+    kernel = fields.rig.gain - fields.rig.loss
+    middle = kernel.shape[0] // 2
+    reach_y, reach_x = min(rows - 1, middle), min(cols - 1, middle)
+    around = np.zeros(padded)
+    iy, ix = np.arange(-reach_y, reach_y + 1), np.arange(-reach_x, reach_x + 1)
+    around[iy[:, None] % padded[0], ix[None, :] % padded[1]] = kernel[middle + iy[:, None], middle + ix[None, :]]
+    return CoarseGrid((rows, cols), dx * dy, contact, fft.rfft2(around), padded, onto_x, onto_y)
 
 
-def precompute(scene: Scene) -> Fields:
-    """Compute the fields of a rig: a second or two of work."""
-    light, interface = edge_light(scene), interface_of(scene)
-    theta, weights = angle_nodes(24, interface.n_glass)
-    x, y = _nodes(scene)
-    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    radiance = azimuthal_radiance(light, points[:, 0], points[:, 1], theta, diffuse=edge_radiance(light))
-    left, strength, shapes = np.linalg.svd(radiance * weights, full_matrices=False)
-    modes = (left[:, :MODES] * strength[:MODES]).T.reshape(MODES, y.size, x.size)
-    gaps = GAP_END * np.linspace(0.0, 1.0, GAP_STEPS) ** 2
-    kernel = transmitted_irradiance_kernel(theta, np.ones_like(theta), gaps, interface)
-    coupling = shapes[:MODES] @ kernel.T
-    coupling[:, -1] = 0.0
-    view = math.asin(math.sin(_mean_view_angle(scene)) / interface.n_glass)
-    # On its way out the light crosses the plate once more.
-    way = scene.plate.thickness_mm / math.cos(view)
-    window = float(window_transmittance(view, interface.n_glass))
-    window *= math.exp(-scene.plate.absorption_coefficient_per_mm * way)
-    response = returned_radiance(gaps, view, interface) * window
-    loss, gain = _feedback_kernels(scene, interface, theta, radiance.mean(axis=0))
-    length, grid = scene.finger.scattering_length_mm, scene.grid
-    glow = None
-    if length > 0 and interface.body_reflectance > 0:
-        glow = make_glow(interface, length, grid.size_mm, grid.size_mm / grid.samples, gaps, view, window)
-    return Fields(x, y, modes, gaps, coupling, np.asarray(response), loss, gain, glow)
+def feedback(fields: Fields, coarse: CoarseGrid, entering: Array) -> tuple[Array, Array]:
+    """Return what the contact does to its own light.
 
+    Parameters
+    ----------
+    fields : Fields
+    coarse : CoarseGrid
+    entering : ndarray (rows, cols)
+        Irradiance that enters the silicone, mean of each cell, without feedback [W mm^-2].
 
-def _nodes(scene: Scene) -> tuple[Array, Array]:
-    """Nodes over the contact grid, kept off the edges."""
-    half = scene.grid.size_mm / 2
-    axes = []
-    for centre, size in zip(scene.finger.position_mm, scene.plate.size_mm, strict=True):
-        low, high = max(centre - half, -size / 2 + 0.5), min(centre + half, size / 2 - 0.5)
-        axes.append(np.linspace(low, high, max(4, math.ceil((high - low) / FIELD_SPACING) + 1)))
-    return axes[0], axes[1]
-
-
-def _mean_view_angle(scene: Scene) -> float:
-    """Angle in air at which the lens sees the finger's tip [rad]."""
-    projection = Projection.of(scene.camera, scene.plate)
-    x, y = projection.plate_to_ray(*(np.array([p]) for p in scene.finger.position_mm))
-    ray = projection.axes @ np.array([x[0], y[0], 1.0])
-    return float(np.arccos(ray[2] / np.linalg.norm(ray)))
-
-
-def _feedback_kernels(scene: Scene, interface: Interface, theta: Array, radiance: Array) -> tuple[Array, Array]:
-    """Return loss and gain kernels that reach over the contact grid, as sums over coarse cells."""
-    reach = math.ceil(scene.grid.size_mm / FEEDBACK_CELL)
-    steps = np.arange(-reach, reach + 1) * FEEDBACK_CELL
-    r = np.hypot(steps[None, :], steps[:, None])
-    # A cell onto itself: its mean distance; the rings there have theta near 0, where little is guided.
-    r[reach, reach] = 0.3826 * FEEDBACK_CELL
-    found = feedback(
-        r,
-        scene.plate.thickness_mm,
-        interface,
-        theta,
-        radiance,
-        absorption_coefficient=scene.plate.absorption_coefficient_per_mm,
-    )
-    return found.loss * FEEDBACK_CELL**2, found.gain * FEEDBACK_CELL**2
-
-
-def rig_digest(scene: Scene) -> str:
-    """Return the digest of all that the fields depend on: a change of load, exposure or tone keeps them."""
-    data = scene.as_dict()
-    optical = ("position_mm", "refractive_index", "diffuse_reflectance", "scattering_length_mm")
-    finger = {key: data["finger"][key] for key in optical}
-    camera = {k: v for k, v in data["camera"].items() if k not in ("exposure_ms", "analogue_gain", "tone_curve")}
-    return digest([data["plate"], data["leds"], finger, camera, data["grid"]])
-
-
-_KEPT: OrderedDict[str, Any] = OrderedDict()
-_KEEP = 8
-
-
-def _kept(key: str, make: Callable[[], T]) -> T:
-    """Return a cached value of this process, made if needed; the oldest beyond a few are dropped."""
-    if key not in _KEPT:
-        _KEPT[key] = make()
-        while len(_KEPT) > _KEEP:
-            _KEPT.popitem(last=False)
-    _KEPT.move_to_end(key)
-    found: T = _KEPT[key]
-    return found
-
-
-def fields_of(scene: Scene) -> Fields:
-    """Return the fields of a scene, kept for the last few rigs."""
-    return _kept("fields" + rig_digest(scene), lambda: precompute(scene))
-
-
-def patch_radiance(fields: Fields, state: ContactState, refine: int = 2) -> tuple[NDArray[np.float32], float]:
-    """Return the radiance towards the lens on the contact grid, ``refine`` times as fine, and its pitch [mm].
-
-    The gap is interpolated bilinearly between the grid's samples, as the path tracer's texture does it.
+    Returns
+    -------
+    change : ndarray (rows, cols)
+        Of the irradiance, relative [1].
+    taken : ndarray (points,)
+        Power that the contact takes in, shared among the field's nodes [W].
     """
-    rows, cols = state.grid.shape
-    gap = np.asarray(state.gap, np.float32)
-    fine = cv2.resize(gap, (cols * refine, rows * refine), interpolation=cv2.INTER_LINEAR)
-    pitch = state.grid.pitch / refine
-    x = state.grid.centre[0] + (np.arange(cols * refine) - (cols * refine - 1) / 2) * pitch
-    y = state.grid.centre[1] + (np.arange(rows * refine) - (rows * refine - 1) / 2) * pitch
-    index = np.sqrt(np.minimum(fine, GAP_END) / GAP_END) * np.float32(GAP_STEPS - 1)
+    rows, cols = coarse.shape
+    level = np.maximum(coarse.contact, 1e-300)
+    change, taken = np.zeros_like(entering), np.zeros(0)
+    for _ in range(ROUNDS):
+        inside = entering * (1.0 + change)
+        # The loss is relative to the field at the second place; the field is nearly even, and the first serves, too.
+        net = coarse.spectrum * fft.rfft2(inside, coarse.padded)
+        taken = (coarse.onto_y @ inside @ coarse.onto_x.T).ravel() * coarse.area
+        edges = (fields.rig.edges @ taken).reshape(fields.y.size, fields.x.size)
+        returned = fft.irfft2(net, coarse.padded)[:rows, :cols] + coarse.onto_y.T @ edges @ coarse.onto_x
+        change = returned / level
+    return change, taken
+
+
+def field_images(fields: Fields, x: Array, y: Array) -> Image:
+    """Return the field's modes at columns x and rows y [mm], shape (MODES, rows, cols), cubic between the nodes."""
+    map_x = ((x - fields.x[0]) / (fields.x[1] - fields.x[0])).astype(np.float32)
+    map_y = ((y - fields.y[0]) / (fields.y[1] - fields.y[0])).astype(np.float32)
+    map_x, map_y = (np.ascontiguousarray(m) for m in np.broadcast_arrays(map_x[None, :], map_y[:, None]))
+    return np.stack(
+        [
+            cv2.remap(m.astype(np.float32), map_x, map_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+            for m in fields.modes
+        ]
+    )
+
+
+def table_place(gap: Image, end: float) -> tuple[NDArray[np.int32], Image]:
+    """Return each gap's node below in the tables, and the part beyond it; all wide gaps are at the last node."""
+    # The gap between rough asperities is set just below the end; it is open.
+    wide = gap >= np.float32(0.998 * end)
+    index = np.where(wide, GAP_STEPS - 1, np.sqrt(np.minimum(gap / np.float32(end), 1)) * np.float32(GAP_STEPS - 1))
     low = np.minimum(index.astype(np.int32), GAP_STEPS - 2)
-    part = index - low
-    irradiance = np.zeros_like(fine)
-    map_x = np.broadcast_to(
-        ((x - fields.x[0]) / (fields.x[1] - fields.x[0])).astype(np.float32)[None, :], fine.shape
-    ).copy()
-    map_y = np.broadcast_to(
-        ((y - fields.y[0]) / (fields.y[1] - fields.y[0])).astype(np.float32)[:, None], fine.shape
-    ).copy()
-    for mode, table in zip(fields.modes, fields.coupling.astype(np.float32), strict=True):
-        field = cv2.remap(mode.astype(np.float32), map_x, map_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        irradiance += field * (table[low] * (1 - part) + table[low + 1] * part)
-    touching = _touching(state, (rows * refine, cols * refine))
-    if touching is not None:
-        irradiance *= touching
-    irradiance *= 1.0 + _feedback(fields, irradiance, pitch)
+    return low, np.asarray(index - low, np.float32)
+
+
+@dataclass(frozen=True)
+class PatchLight:
+    """What a contact shows on a refined contact grid.
+
+    Attributes
+    ----------
+    radiance : ndarray (rows, cols)
+        Towards the lens, of silicone at the glass [W mm^-2 sr^-1].
+    cover : ndarray (rows, cols)
+        Share where silicone at the glass hides the finger's flank [1].
+    taken : ndarray (points,)
+        Power that the contact takes in, shared among the field's nodes [W].
+    pitch : float
+        [mm].
+    """
+
+    radiance: Image
+    cover: Image
+    taken: Array
+    pitch: float
+
+
+def patch_light(fields: Fields, state: ContactState, refine: int = 2) -> PatchLight:
+    """Return the light of a contact on its grid, ``refine`` times as fine.
+
+    Gap and share in contact are those of the path tracer's textures, interpolated bilinearly as it does.
+    """
+    grid = state.grid
+    rows, cols = grid.shape
+    end = float(fields.gaps[-1])
+    size = (cols * refine, rows * refine)
+    gap, share = (cv2.resize(m, size, interpolation=cv2.INTER_LINEAR) for m in interface_maps(state, end))
+    pitch = grid.pitch / refine
+    x = grid.centre[0] + (np.arange(size[0]) - (size[0] - 1) / 2) * pitch
+    y = grid.centre[1] + (np.arange(size[1]) - (size[1] - 1) / 2) * pitch
+    low, part = table_place(gap, end)
+
+    def mixed(table: Array) -> Image:
+        table32 = table.astype(np.float32)
+        return np.asarray(share * table32[0] + (1 - share) * (table32[low] * (1 - part) + table32[low + 1] * part))
+
+    images = field_images(fields, x, y)
+    irradiance = np.zeros_like(gap)
+    for image, table in zip(images, fields.coupling, strict=True):
+        irradiance += image * mixed(table)
+    coarse = coarse_grid(fields, grid)
+    entering = cv2.resize(irradiance, coarse.shape[::-1], interpolation=cv2.INTER_AREA).astype(float)
+    change, taken = feedback(fields, coarse, entering)
+    rise = cv2.resize(1.0 + change.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
+    cover = np.where(gap < np.float32(end), np.float32(1.0), share)
     if fields.glow is not None:
-        return glow_radiance(fields.glow, irradiance, low, part, touching, pitch), pitch
-    response = fields.response.astype(np.float32)
-    return irradiance * (response[low] * (1 - part) + response[low + 1] * part), pitch
+        return PatchLight(glow_radiance(fields.glow, irradiance * rise, share, low, part, pitch), cover, taken, pitch)
+    radiance = np.zeros_like(gap)
+    for image, table in zip(images, fields.coupling * fields.response, strict=True):
+        radiance += image * mixed(table)
+    return PatchLight(radiance * rise, cover, taken, pitch)
 
 
-def _touching(state: ContactState, shape: tuple[int, int]) -> NDArray[np.float32] | None:
-    """Return the real-contact fraction on the fine grid, 1 outside nominal contact; None where all of it touches."""
-    if state.real_contact_fraction is None:
-        return None
-    fraction = np.where(np.asarray(state.contact_mask) > 0, state.real_contact_fraction, 1.0)
-    fine = cv2.resize(np.asarray(np.clip(fraction, 0.0, 1.0), np.float32), shape[::-1], interpolation=cv2.INTER_LINEAR)
-    return np.asarray(fine, np.float32)
-
-
-def _feedback(fields: Fields, irradiance: NDArray[np.float32], pitch: float) -> NDArray[np.float32]:
-    """Return the relative change of irradiance through the plate, on the fine grid."""
-    rows, cols = irradiance.shape
-    coarse = (max(1, round(cols * pitch / FEEDBACK_CELL)), max(1, round(rows * pitch / FEEDBACK_CELL)))
-    peak = float(irradiance.max())
-    if peak <= 0.0:
-        return np.zeros_like(irradiance)
-    covered = cv2.resize(irradiance, coarse, interpolation=cv2.INTER_AREA) / peak
-    change = fftconvolve(covered, fields.gain - fields.loss, mode="same")
-    return cv2.resize(change.astype(np.float32), (cols, rows), interpolation=cv2.INTER_LINEAR)
+def patch_radiance(fields: Fields, state: ContactState, refine: int = 2) -> tuple[Image, float]:
+    """Return radiance and pitch of :func:`patch_light`."""
+    found = patch_light(fields, state, refine)
+    return found.radiance, found.pitch
 
 
 def render_fast(
@@ -280,18 +239,25 @@ def render_fast(
     """
     projection = Projection.of(scene.camera, scene.plate)
     view = projection.ideal_view() if view is None else view
-    dark = np.zeros(view.shape, np.float32)
-    if state is None:
-        return PlateLight(
-            radiance=dark, variance=dark, focal_px=view.focal_px, principal_point=view.principal_point, samples=0
-        )
-    radiance, pitch = patch_radiance(fields_of(scene), state)
-    footprint = max(1, round(1.0 / (scene.camera.scale_px_per_mm * pitch)))
-    smooth = cv2.blur(radiance, (footprint, footprint), borderType=cv2.BORDER_CONSTANT)
-    x0, y0 = state.grid.extent[0] + pitch / 2, state.grid.extent[2] + pitch / 2
-    key = f"maps{rig_digest(scene)}{view}{x0:.9g} {y0:.9g} {pitch:.9g}"
-    map_x, map_y = _kept(key, lambda: _plate_maps(scene, view, x0, y0, pitch))
-    seen = cv2.remap(smooth, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+    seen = np.zeros(view.shape, np.float32)
+    if state is not None:
+        fields = fields_of(scene)
+        patch = patch_light(fields, state)
+        scale = scene.camera.scale_px_per_mm * view.focal_px / projection.focal_px
+        footprint = max(1, round(1.0 / (scale * patch.pitch)))
+        x0, y0 = (state.grid.extent[i] + patch.pitch / 2 for i in (0, 2))
+        key = f"maps{optics_digest(scene)}{view}{x0:.9g} {y0:.9g} {patch.pitch:.9g}"
+        direct, turned = kept(key, lambda: _plate_maps(scene, view, x0, y0, patch.pitch))
+
+        def on_view(image: Image, maps: Maps) -> Image:
+            mean = cv2.blur(image, (footprint, footprint), borderType=cv2.BORDER_CONSTANT)
+            found = cv2.remap(mean, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+            return np.asarray(found, np.float32)
+
+        bare = 1.0 - on_view(patch.cover, direct)
+        flank = flank_image(scene, fields, state, patch.taken, view)
+        seen = on_view(patch.radiance, direct)
+        seen += bare * (np.float32(fields.ghost) * on_view(patch.radiance, turned) + flank)
     return PlateLight(
         radiance=seen,
         variance=np.zeros_like(seen),
@@ -301,13 +267,83 @@ def render_fast(
     )
 
 
-def _plate_maps(
-    scene: Scene, view: IdealView, x0: float, y0: float, pitch: float
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return where each pixel of a pinhole view falls on the refined contact grid."""
-    projection = Projection.of(scene.camera, scene.plate)
+Maps = tuple[Image, Image]
+
+
+def _rays(view: IdealView, step: int = 1) -> tuple[Array, Array]:
     rows, cols = view.shape
     px, py = view.principal_point
-    u, v = np.meshgrid((np.arange(cols) - px) / view.focal_px, (np.arange(rows) - py) / view.focal_px)
+    u, v = np.meshgrid(
+        (np.arange(0, cols + step - 1, step) - px) / view.focal_px,
+        (np.arange(0, rows + step - 1, step) - py) / view.focal_px,
+    )
+    return u, v
+
+
+def _plate_maps(scene: Scene, view: IdealView, x0: float, y0: float, pitch: float) -> tuple[Maps, Maps]:
+    """Return where each pixel of a pinhole view falls on the refined contact grid.
+
+    Directly, and after one more turn between the plate's faces.
+    """
+    projection = Projection.of(scene.camera, scene.plate)
+    x, y, slope_x, slope_y = plate_rays(projection, *_rays(view))
+    turn = 2 * scene.plate.thickness_mm
+    found = []
+    for px, py in ((x, y), (x + turn * slope_x, y + turn * slope_y)):
+        found.append((((px - x0) / pitch).astype(np.float32), ((py - y0) / pitch).astype(np.float32)))
+    return found[0], found[1]
+
+
+def plate_rays(projection: Projection, u: Array, v: Array) -> tuple[Array, Array, Array, Array]:
+    """Return where directions (u, v, 1) meet the contact plane [mm], and dx/dz, dy/dz inside the glass."""
     x, y = projection.ray_to_plate(u, v)
-    return ((x - x0) / pitch).astype(np.float32), ((y - y0) / pitch).astype(np.float32)
+    d = u[..., None] * projection.axes[:, 0] + v[..., None] * projection.axes[:, 1] + projection.axes[:, 2]
+    tan_x, tan_y = d[..., 0] / d[..., 2], d[..., 1] / d[..., 2]
+    tan2 = tan_x**2 + tan_y**2
+    ratio = 1.0 / np.sqrt(projection.refractive_index**2 * (1 + tan2) - tan2)
+    return x, y, tan_x * ratio, tan_y * ratio
+
+
+def flank_image(
+    scene: Scene, fields: Fields, state: ContactState, taken: Array, view: IdealView, *, step: int = 8
+) -> Image:
+    """Return the radiance of the finger's flank on a view; smooth, so that every ``step``-th pixel is enough.
+
+    Parameters
+    ----------
+    scene : Scene
+    fields : Fields
+    state : ContactState
+    taken : ndarray (points,)
+        See :class:`PatchLight`.
+    view : IdealView
+    step : int
+    """
+    depths = flank_depths(scene)
+    # A tenth of a millimetre of approach changes nothing that can be seen, and the geometry is kept.
+    depth = round(float(np.clip(approach(state, scene.finger), depths[0], depths[-1])), 1)
+    key = f"flank{optics_digest(scene)}{view}{step}{depth:.1f}"
+    place = kept(key, lambda: _flank_place(scene, view, depth, step))
+    between = [np.interp(depth, depths, row) for row in np.eye(depths.size)]
+    lit = np.tensordot(between, fields.flank_lit + fields.rig.flank_contact @ taken, 1) * fields.open_response
+    lit = np.concatenate([lit, lit[:, :1]], axis=1).astype(np.float32)
+    coarse = cv2.remap(lit, place[0], place[1], cv2.INTER_LINEAR) * place[2]
+    # Sampled at pixels 0, step, 2 step, ...
+    onto = np.array([[step, 0, 0], [0, step, 0]], np.float32)
+    return np.asarray(cv2.warpAffine(coarse, onto, view.shape[::-1], flags=cv2.INTER_LINEAR), np.float32)
+
+
+def _flank_place(scene: Scene, view: IdealView, depth: float, step: int) -> tuple[Image, Image, Image]:
+    """Return column and row in the flank's table that every ``step``-th pixel sees, and 1 where it sees the flank."""
+    projection = Projection.of(scene.camera, scene.plate)
+    x, y, slope_x, slope_y = plate_rays(projection, *_rays(view, step))
+    # Out of the glass: slope in the air from that in the glass.
+    n = projection.refractive_index
+    inside = slope_x**2 + slope_y**2
+    leave = n / np.sqrt(np.maximum(1 + inside - n * n * inside, 1e-6))
+    station, azimuth = profile_of(scene).meet(x, y, slope_x * leave, slope_y * leave, depth)
+    seen = np.isfinite(station)
+    station, azimuth = np.where(seen, station, 0.0), np.where(seen, azimuth, 0.0)
+    row = np.interp(station, FLANK_STATIONS, np.arange(FLANK_STATIONS.size))
+    column = np.mod(azimuth, 2 * np.pi) * (FLANK_AZIMUTHS / (2 * np.pi))
+    return column.astype(np.float32), row.astype(np.float32), seen.astype(np.float32)

@@ -52,7 +52,7 @@ def _areas(axis: Axes, curves: Mapping[str, Any]) -> None:
         law = material(name).measured_area
         if law is not None:
             axis.plot(force, law.area(force), COLOURS[name], ls=":", label=f"{TITLES[name]}, measured (published fit)")
-    axis.set(xlabel="normal force [N]", ylabel="contact area [mm$^2$]", title="pressing", ylim=(0, None))
+    axis.set(xlabel="normal force [N]", ylabel="contact area [mm$^2$]", title="pressing", ylim=(0, 160))
 
 
 def _slides(axis: Axes, slides: Mapping[str, Any], what: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.ndimage import maximum_filter
 
 from evanesce.contact.solve import contact_state
 from evanesce.effects import Context, all_effects
@@ -201,7 +202,9 @@ def test_glow_lights_grooves_and_moves_light_without_making_any() -> None:
     bright, _ = patch_radiance(fields_of(glowing), state)
     grooves = (
         np.kron(
-            (state.gap > 3e-3) & (np.hypot(state.grid.x[None] - 1.3, state.grid.y[:, None] + 0.8) < 1.5),
+            (maximum_filter(state.contact_mask, 3) == 0)  # the textures' interpolation reaches one cell beyond contact
+            & (state.gap > 3e-3)
+            & (np.hypot(state.grid.x[None] - 1.3, state.grid.y[:, None] + 0.8) < 1.5),
             np.ones((2, 2)),
         )
         > 0

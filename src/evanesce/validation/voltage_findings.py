@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce import rng
-from evanesce.validation.voltage_unknowns import FLAT, RATIOS, SEEN, THRESHOLDS, UNKNOWNS, Samples, problem
+from evanesce.validation.voltage_unknowns import FLAT, GRID_MM, RATIOS, SEEN, THRESHOLDS, UNKNOWNS, Samples, problem
 
 Array = NDArray[np.float64]
 
@@ -18,6 +18,8 @@ ONSET_V = (7.5, 8.25)
 """Where the thesis loses the patch: "below 8 V", read as between these."""
 CONVERGED_V = 9.25
 """Latest voltage of convergence that still counts as "from about 9 V"."""
+FILLED_MM2 = np.pi / 4 * GRID_MM**2
+"""An estimate this large has reached the border of the sampled skin: it converges there on nothing but that border."""
 RISE = 0.05
 """Least growth of the estimate, over the true area, that counts as rising."""
 
@@ -67,7 +69,8 @@ class Claims:
     ----------
     vanishes, rises, settles : ndarray of bool (samples,)
         Nothing to segment below about 8 V; the estimate grows by :data:`RISE` of the true area or more from where it
-        appears; it has converged by about 9 V.
+        appears; it has converged by about 9 V, on
+        something, and not because it has reached the border of the sampled skin (:data:`FILLED_MM2`).
     onset, settled : ndarray (samples,)
         The voltages, mean over the forces [V].
     excess : ndarray (samples,)
@@ -114,7 +117,9 @@ def claims(samples: Samples) -> Claims:
     nine = int(np.argmin(np.abs(v - 9.0)))
     excess = (samples.own[..., nine] / samples.true_area - 1.0).mean(axis=1)
     inside = (first >= ONSET_V[0]) & (first <= ONSET_V[1])
-    rises, settles = (growth >= RISE) & ~falls, settled <= CONVERGED_V
+    last = samples.own[..., -1]
+    real = (last >= SEEN * samples.true_area) & (last < FILLED_MM2)
+    rises, settles = (growth >= RISE) & ~falls, (settled <= CONVERGED_V) & real
     return Claims(
         np.all(inside, axis=1), np.all(rises, axis=1), np.all(settles, axis=1),
         first.mean(axis=1), settled.mean(axis=1), excess,

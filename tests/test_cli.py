@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -38,6 +39,8 @@ def test_every_command_explains_itself(command: str) -> None:
         (["render", "thesis", "--set", "plate.thickness_mm"], ["--set", "key=value"]),
         (["render", "thesis", "--set", "leds.voltage_V=nine"], ["leds.voltage_V", "nine", "TOML"]),
         (["render", "thesis", "--force", "-1"], ["press.forces_N", "-1", "0 to 1000 N"]),
+        (["render", "thesis", "--set", "effects.vigneting.k=0.1"], ["thesis.toml", "effects.vigneting", "vignetting"]),
+        (["render", "thesis", "--set", "x=" + "[" * 5000 + "]" * 5000], ["--set x", "TOML"]),
         (["render", "thesis", "--video", "gif"], ["--video", "gif", "h264"]),
         (["render", "thesis", "--variant", "metal", "--fast"], ["--variant"]),
         (["render", "thesis", "--json", "no/such/folder/x.json"], ["--json", "no/such/folder"]),
@@ -137,3 +140,20 @@ def test_json_has_no_nan_and_is_not_left_half_written(tmp_path: Path) -> None:
     with pytest.raises(WorkError):
         write_json(tmp_path / "no" / "a.json", {})
     assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
+
+
+def test_a_slower_variant_is_announced(tmp_path: Path) -> None:
+    """Without LLVM the work is done all the same, and standard error says that it is slower and what to install."""
+    environment = os.environ | {"DRJIT_LIBLLVM_PATH": str(tmp_path / "none.so"), "EVANESCE_CACHE": str(tmp_path / "c")}
+    small = [part.replace("400, 300", "80, 60").replace("11.674", "2.335") for part in SMALL]
+    done = subprocess.run(
+        [sys.executable, "-m", "evanesce.cli", "render", "thesis", "--force", "1", "--spp", "2", "--passes", "2",
+         *small, "--out", str(tmp_path / "r"), "--json", str(tmp_path / "r.json")],
+        capture_output=True, text=True, env=environment, cwd=tmp_path, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    record = json.loads((tmp_path / "r.json").read_text())["provenance"]
+    assert record["renderer"] == "path"
+    if "scalar" in json.dumps(record):  # a machine may have another libLLVM where Dr.Jit looks by itself
+        assert "note: " in done.stderr
+        assert "libllvm" in done.stderr.lower()

@@ -150,3 +150,16 @@ def test_the_real_photograph(rig_photo: Path) -> None:
     assert np.median(found) < 0.3
     nearest, _ = KDTree(grid.fit.position).query(given.image)
     assert np.sqrt((nearest[nearest < 10.0] ** 2).mean()) < 0.6, "also with the corners beyond 3 px counted"
+
+
+def test_the_real_photograph_has_its_origin_where_the_author_put_it(rig_photo: Path) -> None:
+    """Joined on world coordinates as they stand, without aligning anything, the corners are the author's."""
+    picture = cv2.imread(str(rig_photo / "checkerboard_1mm.png"))[..., ::-1]
+    view = find_corners(picture).view("photo", 1.0)
+    given = read_points(rig_photo / "corners.csv")[0]
+    places = {tuple(w): p for w, p in zip(given.world.tolist(), given.image, strict=True)}
+    distance = [np.hypot(*(p - places[tuple(w)])) for w, p in zip(view.world.tolist(), view.image, strict=True)
+                if tuple(w) in places]  # fmt: skip
+    assert len(distance) >= 1000
+    assert np.median(distance) < 0.3
+    assert np.sqrt(np.mean(np.square(distance))) < 0.6

@@ -83,6 +83,14 @@ def test_thesis_scene_agrees_with_the_published_figures() -> None:
         ({"leds.emitting_height_mm": 7.0}, ["leds.emitting_height_mm", "7", "plate.thickness_mm = 6"]),
         ({"press": {}}, ["press", "exactly one of forces_N and ramp"]),
         ({"press": {"ramp": {"stop_N": 5.0}}}, ["press.ramp", "rate_N_per_s"]),
+        ({"contact.law": "hertzz"}, ["contact.law", "'hertzz'", "hertz", "fem"]),
+        ({"contact": {}}, ["contact.law", "missing", "halfspace"]),
+        ({"press": {"forces_N": []}}, ["press.forces_N", "[]", "at least 1"]),
+        ({"camera.resolution_px": [2000.5, 1500]}, ["camera.resolution_px", "2000.5", "whole"]),
+        ({"schema_version": 99}, ["schema_version", "99", "at most 1"]),
+        ({"finger.position_mm": [500.0, 0.0]}, ["finger.position_mm", "500", "+-60 mm"]),
+        ({"leds.edges": ["left", "left"]}, ["leds.edges", "left", "once"]),
+        ({"camera.lens.distortion": {"k1": -2.0}}, ["camera.lens.distortion", "folds over"]),
         ({"sources": {"plate.colour": "nowhere"}}, ["sources.'plate.colour'", "names no key"]),
     ],
 )
@@ -110,6 +118,9 @@ def test_missing_and_broken_files_are_input_errors(tmp_path: Path) -> None:
         load_scene("no_such_scene")
     broken = tmp_path / "broken.toml"
     broken.write_bytes(b"plate = {")
+    with pytest.raises(InputError, match=r"broken\.toml.*not valid TOML"):
+        load_scene(broken)
+    broken.write_text("a=" + "[" * 5000 + "]" * 5000)
     with pytest.raises(InputError, match=r"broken\.toml.*not valid TOML"):
         load_scene(broken)
     broken.write_bytes(b"\xff\xfe\x00")

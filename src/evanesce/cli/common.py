@@ -56,6 +56,16 @@ def handles_errors(command: Callable[P, R]) -> Callable[P, R]:
     return wrapped
 
 
+def chosen_variant(variant: str) -> Any:
+    """Return the Mitsuba variant that works here; where it is a slower one than hoped for, say so and why."""
+    from evanesce.render.variant import select
+
+    info = select(variant)
+    if info.note:
+        print(f"note: {info.note}", file=sys.stderr)
+    return info
+
+
 def progress() -> Progress:
     """Return a progress bar with elapsed time and ETA on standard error."""
     return Progress(

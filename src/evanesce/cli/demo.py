@@ -11,6 +11,7 @@ from evanesce.cli.common import (
     JsonOption,
     OutOption,
     check_json_target,
+    chosen_variant,
     console,
     handles_errors,
     out_dir,
@@ -37,7 +38,6 @@ def register(app: typer.Typer) -> None:
         """Render, photograph, calibrate, measure and compare: smooth and ridged finger at 1, 2 and 5 N."""
         from dataclasses import replace
 
-        from evanesce.render.variant import select
         from evanesce.report.demo_page import demo_page
         from evanesce.report.html import write
         from evanesce.validation.demo import DemoSettings, run_demo
@@ -47,8 +47,8 @@ def register(app: typer.Typer) -> None:
         folder = out_dir(out, "demo")
         settings = replace(DemoSettings.quick() if quick else DemoSettings(), seed=seed)
         started = time.monotonic()
-        info = select(variant)
-        renderer, record = None, {"renderer": "path", "variant": info.name}
+        info = chosen_variant(variant)
+        renderer, record = None, {"renderer": "path"} | info.record()
         if fast:
             from evanesce.render.transport import render_fast
 

@@ -14,6 +14,7 @@ from evanesce.cli.common import (
     JsonOption,
     OutOption,
     check_json_target,
+    chosen_variant,
     console,
     handles_errors,
     out_dir,
@@ -48,7 +49,7 @@ def parse_overrides(pairs: list[str] | None) -> dict[str, Any]:
             raise InputError(f"{pair!r} is not key=value", key="--set", allowed="e.g. leds.voltage_V=10")
         try:
             overrides[key.strip()] = tomllib.loads(f"value = {text}")["value"]
-        except (tomllib.TOMLDecodeError, KeyError):
+        except (ValueError, RecursionError, KeyError):
             raise InputError(
                 f"{text!r} is not a TOML value", key=f"--set {key.strip()}", allowed='a number, true, "text" or [list]'
             ) from None
@@ -79,7 +80,8 @@ def register(app: typer.Typer) -> None:
         out: OutOption = None,
     ) -> None:
         """Render a scene's loading programme: frames, raw, OpenEXR with radiance, variance, gap, pressure and mask."""
-        from evanesce.rig import dump_scene, load_scene
+        from evanesce.effects import active_effects
+        from evanesce.rig import dump_scene, load_scene, scene_path
 
         check_json_target(json_file)
         check_variant(variant)
@@ -89,6 +91,7 @@ def register(app: typer.Typer) -> None:
         if force:
             overrides["press"] = {"forces_N": list(force)}
         loaded = load_scene(scene, overrides)
+        active_effects(loaded, scene_path(scene))  # refused here, before anything is written
         options: dict[str, Any] = {"samples_per_pixel": spp, "passes": passes}
         if fast:
             options = {}
@@ -178,10 +181,9 @@ def _renderer(fast: bool, variant: str) -> tuple[Any, dict[str, Any]]:
     import functools
 
     from evanesce.render.path import render as trace
-    from evanesce.render.variant import select
 
-    info = select(variant)
-    return functools.partial(trace, variant=variant), {"renderer": "path", "variant": info.name}
+    info = chosen_variant(variant)
+    return functools.partial(trace, variant=variant), {"renderer": "path"} | info.record()
 
 
 def _show(result: dict[str, Any], folder: Path) -> None:

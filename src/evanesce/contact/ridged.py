@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from evanesce.contact.heightmap import RidgeRow
 from evanesce.contact.patch import AxisymmetricContact, axisymmetric_state, cell_pressure, radii, require_fit
-from evanesce.contact.ridge_profile import closure_pressure, contact_edge, profile_exponent, ridge_gap, ridge_pressure
+from evanesce.contact.ridge_profile import closure_pressure, profile_exponent, ridge_gap, ridge_pressure
 from evanesce.errors import InputError
 from evanesce.states import ContactState, PlateGrid
 
@@ -264,11 +264,3 @@ def _area_by_lines(
         part = np.divide(np.maximum(left, 0) + np.maximum(right, 0), rise, out=np.zeros_like(rise), where=rise > 0)
         area += float(part.sum()) * (x[1] - x[0]) * step
     return area
-
-
-def ridge_half_width(smooth: AxisymmetricContact, r: Array, ridges: RidgeRow, modulus: float) -> Array:
-    """Return the half width of contact [mm] of a ridge whose crest lies at radius r [mm] from the tip."""
-    exponent = profile_exponent(ridges.width, ridges.pitch)
-    closure = closure_pressure(modulus, ridges.height, ridges.pitch, exponent)
-    edge = contact_edge(_mean_pressure(smooth, r), closure, exponent)
-    return ridges.pitch / np.pi * np.arcsin(edge)

@@ -63,8 +63,14 @@ class CornerGrid:
         return len(self.index)
 
     def view(self, name: str, square_mm: float) -> BoardView:
-        """Return the corners as calibration takes them; the board's origin is the grid's first row and column."""
-        return BoardView(name, self.index.astype(np.float64) * square_mm, self.fit.position)
+        """Return the corners as calibration takes them, in mm on the board.
+
+        A board shows no origin. It is put on the first lines that are at least half as long as the median line: stray
+        corners on a fringe beyond, which come and go with the light, get negative places instead of
+        shifting all others.
+        """
+        origin = [_first_filled(self.index[:, 0]), _first_filled(self.index[:, 1])]
+        return BoardView(name, (self.index - origin).astype(np.float64) * square_mm, self.fit.position)
 
 
 @dataclass(frozen=True)
@@ -233,6 +239,12 @@ def _neighbour(candidates: _Candidates, tree: KDTree, centre: int, direction: Ar
     return None
 
 
+def _first_filled(line: NDArray[np.int64]) -> int:
+    """Return the number of the first line with at least half as many corners as the median line."""
+    numbers, counts = np.unique(line, return_counts=True)
+    return int(numbers[np.argmax(counts >= 0.5 * np.median(counts))])
+
+
 class _Growth:
     """A lattice that grows from a 3 x 3 patch; the one mutable thing here, private to :func:`find_corners`."""
 
@@ -282,7 +294,7 @@ class _Growth:
         return distance < pitch[near] / 3
 
     def result(self) -> CornerGrid:
-        """Return the grid, its first axis along the picture's x and counted from 0, with a last fit of each corner."""
+        """Return the grid, its first axis along the picture's x, with a last fit of each corner."""
         cells = np.argwhere(self.known)
         _, lattice, _ = self._predict(cells)
         fit = fit_saddles(self.image, self.place[self.known], lattice)

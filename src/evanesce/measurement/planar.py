@@ -72,21 +72,6 @@ def apply_homography(homography: Array, points: Array) -> Array:
     return np.asarray(mapped[:, :2] / mapped[:, 2:])
 
 
-def board_homography(view: BoardView, undistorted: Array) -> Array:
-    """Return the least-squares homography from the board [mm] to undistorted pixels.
-
-    Raises
-    ------
-    WorkError
-        If the corners do not span a plane.
-    """
-    shift, size = _normaliser(view.world)
-    found, _ = cv2.findHomography((view.world - shift) / size, undistorted, 0)
-    if found is None or not np.isfinite(found).all() or abs(np.linalg.det(found)) < 1e-12:
-        raise WorkError(f"view {view.name}: its corners do not span a plane")
-    return np.asarray(found @ np.array([[1, 0, -shift[0]], [0, 1, -shift[1]], [0, 0, size]]) / size)
-
-
 def fit_planar(
     views: Sequence[BoardView], image_size: tuple[int, int], focal_px: float, model: str = "radial2"
 ) -> BoardFit:

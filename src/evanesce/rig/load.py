@@ -15,6 +15,7 @@ from pydantic import BaseModel, ValidationError
 from evanesce.errors import InputError
 from evanesce.quantities import UNIT_SUFFIXES, Quantity, Strict, quantity_of
 from evanesce.resources import resource
+from evanesce.rig.finger import Contact
 from evanesce.rig.scene import Scene
 
 MAX_SCENE_BYTES = 1_000_000
@@ -59,7 +60,7 @@ def load_scene(name: str | Path, overrides: dict[str, Any] | None = None) -> Sce
         raise InputError(f"scene of {path.stat().st_size} bytes", file=path, allowed=f"at most {MAX_SCENE_BYTES} bytes")
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError and UnicodeDecodeError are ValueErrors
         raise InputError(f"not valid TOML: {error}", file=path) from None
     for dotted, value in (overrides or {}).items():
         _set(data, dotted, value, path)
@@ -200,15 +201,38 @@ def _as_input_error(model: type[BaseModel], error: ValidationError, data: Any, f
         return InputError("missing", file=file, key=key, allowed="this key is required")
     if kind in ("literal_error", "union_tag_invalid"):
         allowed = context.get("expected") or context.get("expected_tags")
-        return InputError(f"{first.get('input')!r} is not known", file=file, key=key, allowed=str(allowed))
+        found = first.get("input")
+        if kind == "union_tag_invalid" and isinstance(found, dict):
+            found, key = found.get("law"), f"{key}.law"
+        return InputError(f"{found!r} is not known", file=file, key=key, allowed=str(allowed))
     if kind == "union_tag_not_found":
-        laws = "hertz, scaled_hertz, jkr, xydas_kao, halfspace"
-        return InputError("'law' is missing", file=file, key=key, allowed=laws)
+        return InputError("'law' is missing", file=file, key=f"{key}.law", allowed=", ".join(_laws()))
     if kind == "value_error":
         return InputError(str(context.get("error", first["msg"])), file=file, key=key)
+    if kind in ("too_short", "too_long", "tuple_type"):
+        size = context.get("min_length", context.get("max_length"))
+        bound = "at least" if kind == "too_short" else "at most"
+        allowed = f"{bound} {size} entries" if size is not None else "a list"
+        return InputError(f"{_plain(first.get('input'))!r}", file=file, key=key, allowed=allowed)
+    if kind == "int_type" or kind == "int_from_float":
+        return InputError(f"{first.get('input')!r} is not a whole number", file=file, key=key, allowed="whole numbers")
+    if kind in ("greater_than_equal", "less_than_equal"):
+        bound = f"at least {context['ge']:g}" if "ge" in context else f"at most {context['le']:g}"
+        return InputError(f"{first.get('input')!r} is out of range", file=file, key=key, allowed=bound)
     shown = repr(first.get("input"))
     shown = shown if len(shown) < 80 else shown[:77] + "..."
     return InputError(f"{shown}: {first['msg'].lower()}", file=file, key=key)
+
+
+def _laws() -> list[str]:
+    """Return the names of all contact laws."""
+    models = typing.get_args(typing.get_args(Contact)[0])
+    return [str(law) for model in models for law in typing.get_args(model.model_fields["law"].annotation)]
+
+
+def _plain(value: Any) -> Any:
+    """Tuples as the lists that the file has."""
+    return [_plain(v) for v in value] if isinstance(value, tuple) else value
 
 
 def dump_scene(scene: Scene) -> str:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from evanesce.quantities import Strict, field
@@ -30,6 +32,13 @@ class RenderSettings(Strict):
     passes: int = field(4, unit="1", bounds=(2, 100_000), doc="independent passes: the variance comes from them")
     max_depth: int = field(64, unit="1", bounds=(2, 4096))
     seed: int = field(0, unit="1", bounds=(0, 2**62))
+
+
+def _positive_roots(rising: list[float]) -> list[float]:
+    """Return the positive real roots of a polynomial given by its coefficients, constant first."""
+    roots = np.polynomial.Polynomial(rising).trim().roots()
+    values = np.asarray(roots, np.complex128)
+    return [float(root.real) for root in values if abs(root.imag) < 1e-12 and root.real > 0]
 
 
 class Scene(Strict):
@@ -59,6 +68,15 @@ class Scene(Strict):
         width, height = self.camera.resolution_px
         if width * height > MAX_PIXELS:
             raise ValueError(f"camera.resolution_px asks for {width * height} pixels (allowed: at most {MAX_PIXELS})")
+        if len(set(self.leds.edges)) < len(self.leds.edges):
+            raise ValueError(f"leds.edges = {list(self.leds.edges)} names an edge twice (allowed: each edge once)")
+        for centre, size, axis in zip(self.finger.position_mm, self.plate.size_mm, "xy", strict=True):
+            if abs(centre) >= size / 2:
+                raise ValueError(
+                    f"finger.position_mm puts the tip at {axis} = {centre:g} mm, off the plate"
+                    f" (allowed: within +-{size / 2:g} mm)"
+                )
+        self._lens_is_invertible()
         for edge in self.leds.edge:
             if edge not in self.leds.edges:
                 raise ValueError(f"leds.edge.{edge} is described, but '{edge}' is not in leds.edges")
@@ -86,6 +104,25 @@ class Scene(Strict):
                 if not self._has(key):
                     raise ValueError(f"{name}.'{key}' names no key of a scene")
         return self
+
+    def _lens_is_invertible(self) -> None:
+        """Refuse a distortion that folds over within the frame: two directions would share a pixel."""
+        lens, (width, height) = self.camera.lens, self.camera.resolution_px
+        focal_px = lens.focal_length_mm * 1e3 / self.camera.pixel.pitch_um
+        dx, dy = self.camera.principal_point_offset_px
+        corner = math.hypot(width / 2 + abs(dx) + 1, height / 2 + abs(dy) + 1) / focal_px
+        k1, k2, k3 = lens.distortion.k1, lens.distortion.k2, lens.distortion.k3
+        # r (1 + k1 r^2 + k2 r^4 + k3 r^6) must rise until it reaches the frame's corner.
+        turning = _positive_roots([1.0, 3 * k1, 5 * k2, 7 * k3])
+        if not turning:
+            return
+        r2 = min(turning)
+        reach = math.sqrt(r2) * (1 + r2 * (k1 + r2 * (k2 + r2 * k3)))
+        if reach <= corner:
+            raise ValueError(
+                f"camera.lens.distortion folds over at {100 * reach / corner:.0f} % of the frame's half-diagonal"
+                " (allowed: coefficients whose radial curve rises out to the frame's corner)"
+            )
 
     def _slide_is_possible(self) -> None:
         if self.slide is None:

@@ -171,7 +171,7 @@ def make_twin(picture: NDArray[np.uint8], base: Scene, *, seed: int, curve: Curv
         raise WorkError(f"{len(grid)} corners found, half of which would be fitted (needed: {MIN_CORNERS})")
     size = (photo.shape[1], photo.shape[0])
     fit_half = ~judged_block(grid.index)
-    known = grid.view("photograph", 1.0)
+    known = BoardView("photograph", grid.index.astype(np.float64), grid.fit.position)  # numbered as the grid is
     even = bright_even(grid)
     half = BoardView("half", known.world[fit_half], known.image[fit_half])
     camera = base.camera.model_copy(update={"tone_curve": curve})

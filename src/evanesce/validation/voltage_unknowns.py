@@ -204,7 +204,7 @@ class ReducedRig:
         for force in self.plan.forces:
             state = contact_state(scene, force)
             radiance, _ = patch_radiance(fields, state, refine=1)
-            share = np.asarray(state.contact_mask)
+            share = np.asarray(state.contact_mask, np.float64)
             images.append(np.asarray(radiance, float) * (self.unit * self.charge))
             areas.append(state.nominal_contact_area)
             spread = cv2.GaussianBlur(images[-1], (0, 0), self.sigma, borderType=cv2.BORDER_REPLICATE)

@@ -132,16 +132,14 @@ def feedback(fields: Fields, coarse: CoarseGrid, entering: Array) -> tuple[Array
 
 
 def field_images(fields: Fields, x: Array, y: Array) -> Image:
-    """Return the field's modes at columns x and rows y [mm], shape (MODES, rows, cols), cubic between the nodes."""
+    """Return the field's modes at plate points x, y [mm] (rows, cols), cubic between the nodes: (MODES, rows, cols)."""
     map_x = ((x - fields.x[0]) / (fields.x[1] - fields.x[0])).astype(np.float32)
     map_y = ((y - fields.y[0]) / (fields.y[1] - fields.y[0])).astype(np.float32)
-    map_x, map_y = (np.ascontiguousarray(m) for m in np.broadcast_arrays(map_x[None, :], map_y[:, None]))
-    return np.stack(
-        [
-            cv2.remap(m.astype(np.float32), map_x, map_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-            for m in fields.modes
-        ]
-    )
+    found = [
+        cv2.remap(m.astype(np.float32), map_x, map_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        for m in fields.modes
+    ]
+    return np.stack(found)
 
 
 def table_place(gap: Image, end: float) -> tuple[NDArray[np.int32], Image]:
@@ -194,7 +192,7 @@ def patch_light(fields: Fields, state: ContactState, refine: int = 2) -> PatchLi
         table32 = table.astype(np.float32)
         return np.asarray(share * table32[0] + (1 - share) * (table32[low] * (1 - part) + table32[low + 1] * part))
 
-    images = field_images(fields, x, y)
+    images = field_images(fields, *np.meshgrid(x, y))
     irradiance = np.zeros_like(gap)
     for image, table in zip(images, fields.coupling, strict=True):
         irradiance += image * mixed(table)
@@ -247,7 +245,7 @@ def render_fast(
         footprint = max(1, round(1.0 / (scale * patch.pitch)))
         x0, y0 = (state.grid.extent[i] + patch.pitch / 2 for i in (0, 2))
         key = f"maps{optics_digest(scene)}{view}{x0:.9g} {y0:.9g} {patch.pitch:.9g}"
-        direct, turned = kept(key, lambda: _plate_maps(scene, view, x0, y0, patch.pitch))
+        direct, turned = kept(key, lambda: plate_maps(scene, view_rays(view), (x0, y0), patch.pitch, footprint))
 
         def on_view(image: Image, maps: Maps) -> Image:
             mean = cv2.blur(image, (footprint, footprint), borderType=cv2.BORDER_CONSTANT)
@@ -270,7 +268,8 @@ def render_fast(
 Maps = tuple[Image, Image]
 
 
-def _rays(view: IdealView, step: int = 1) -> tuple[Array, Array]:
+def view_rays(view: IdealView, step: int = 1) -> tuple[Array, Array]:
+    """Return the directions (u, v, 1) of every ``step``-th pixel of a view."""
     rows, cols = view.shape
     px, py = view.principal_point
     u, v = np.meshgrid(
@@ -280,17 +279,34 @@ def _rays(view: IdealView, step: int = 1) -> tuple[Array, Array]:
     return u, v
 
 
-def _plate_maps(scene: Scene, view: IdealView, x0: float, y0: float, pitch: float) -> tuple[Maps, Maps]:
-    """Return where each pixel of a pinhole view falls on the refined contact grid.
+def plate_maps(
+    scene: Scene, rays: tuple[Array, Array], first: tuple[float, float], pitch: float, footprint: int
+) -> tuple[Maps, Maps]:
+    """Return where directions (u, v, 1) fall on the refined contact grid.
 
     Directly, and after one more turn between the plate's faces.
+
+    Parameters
+    ----------
+    scene : Scene
+    rays : tuple of ndarray
+        u, v.
+    first : tuple of float
+        Place of the grid's first sample [mm].
+    pitch : float
+        [mm].
+    footprint : int
+        Samples that the box filter before takes together: an even one of OpenCV is half a sample off.
     """
     projection = Projection.of(scene.camera, scene.plate)
-    x, y, slope_x, slope_y = plate_rays(projection, *_rays(view))
+    x, y, slope_x, slope_y = plate_rays(projection, *rays)
     turn = 2 * scene.plate.thickness_mm
-    found = []
+    found: list[Any] = []
     for px, py in ((x, y), (x + turn * slope_x, y + turn * slope_y)):
-        found.append((((px - x0) / pitch).astype(np.float32), ((py - y0) / pitch).astype(np.float32)))
+        places = (
+            (p - p0) / pitch + (0.5 if footprint % 2 == 0 else 0.0) for p, p0 in zip((px, py), first, strict=True)
+        )
+        found.append(tuple(place.astype(np.float32) for place in places))
     return found[0], found[1]
 
 
@@ -305,7 +321,7 @@ def plate_rays(projection: Projection, u: Array, v: Array) -> tuple[Array, Array
 
 
 def flank_image(
-    scene: Scene, fields: Fields, state: ContactState, taken: Array, view: IdealView, *, step: int = 8
+    scene: Scene, fields: Fields, state: ContactState, taken: Array, view: IdealView, *, step: int = 4
 ) -> Image:
     """Return the radiance of the finger's flank on a view; smooth, so that every ``step``-th pixel is enough.
 
@@ -319,24 +335,38 @@ def flank_image(
     view : IdealView
     step : int
     """
-    depths = flank_depths(scene)
-    # A tenth of a millimetre of approach changes nothing that can be seen, and the geometry is kept.
-    depth = round(float(np.clip(approach(state, scene.finger), depths[0], depths[-1])), 1)
+    depth = flank_depth(scene, state)
     key = f"flank{optics_digest(scene)}{view}{step}{depth:.1f}"
-    place = kept(key, lambda: _flank_place(scene, view, depth, step))
-    between = [np.interp(depth, depths, row) for row in np.eye(depths.size)]
-    lit = np.tensordot(between, fields.flank_lit + fields.rig.flank_contact @ taken, 1) * fields.open_response
-    lit = np.concatenate([lit, lit[:, :1]], axis=1).astype(np.float32)
-    coarse = cv2.remap(lit, place[0], place[1], cv2.INTER_LINEAR) * place[2]
-    # Sampled at pixels 0, step, 2 step, ...
+    column, row, seen = kept(key, lambda: flank_place(scene, *view_rays(view, step), depth))
+    coarse = cv2.remap(flank_lit(scene, fields, taken, depth), column, row, cv2.INTER_LINEAR) * seen
+    return enlarged(np.asarray(coarse, np.float32), step, view.shape)
+
+
+def enlarged(coarse: Image, step: int, shape: tuple[int, int]) -> Image:
+    """Return an image sampled at pixels 0, step, 2 step, ... at all pixels."""
     onto = np.array([[step, 0, 0], [0, step, 0]], np.float32)
-    return np.asarray(cv2.warpAffine(coarse, onto, view.shape[::-1], flags=cv2.INTER_LINEAR), np.float32)
+    return np.asarray(cv2.warpAffine(coarse, onto, shape[::-1], flags=cv2.INTER_LINEAR), np.float32)
 
 
-def _flank_place(scene: Scene, view: IdealView, depth: float, step: int) -> tuple[Image, Image, Image]:
-    """Return column and row in the flank's table that every ``step``-th pixel sees, and 1 where it sees the flank."""
+def flank_depth(scene: Scene, state: ContactState) -> float:
+    """Return a state's approach for the flank's tables [mm]: a tenth changes nothing that can be seen."""
+    depths = flank_depths(scene)
+    return round(float(np.clip(approach(state, scene.finger), depths[0], depths[-1])), 1)
+
+
+def flank_lit(scene: Scene, fields: Fields, taken: Array, depth: float) -> Image:
+    """Return the radiance of the flank towards the lens by station and azimuth, the first azimuth twice."""
+    depths = flank_depths(scene)
+    between = np.array([np.interp(depth, depths, row) for row in np.eye(depths.size)])
+    lit = np.tensordot(between, fields.flank_lit, 1) + np.tensordot(between, fields.rig.flank_contact, 1) @ taken
+    lit = lit * fields.open_response
+    return np.concatenate([lit, lit[:, :1]], axis=1).astype(np.float32)
+
+
+def flank_place(scene: Scene, u: Array, v: Array, depth: float) -> tuple[Image, Image, Image]:
+    """Return column and row in the flank's table that directions (u, v, 1) see, and 1 where they see the flank."""
     projection = Projection.of(scene.camera, scene.plate)
-    x, y, slope_x, slope_y = plate_rays(projection, *_rays(view, step))
+    x, y, slope_x, slope_y = plate_rays(projection, u, v)
     # Out of the glass: slope in the air from that in the glass.
     n = projection.refractive_index
     inside = slope_x**2 + slope_y**2

@@ -293,6 +293,11 @@ def form_image(
     return SensorLight(irradiance=irradiance if prepared.spread is None else blur(irradiance, prepared.spread))
 
 
+def prepared_lens(camera: Camera, plate: Plate, view: IdealView) -> _Prepared:
+    """Return what a camera does to light on a pinhole view: remap maps, gain [sr] and blur, as form_image uses them."""
+    return _prepare(camera, plate, view, True, True)
+
+
 @functools.lru_cache(maxsize=2)
 def _prepare(camera: Camera, plate: Plate, view: IdealView, distortion: bool, blurred: bool) -> _Prepared:
     projection = Projection.of(camera, plate)

@@ -1,0 +1,535 @@
+"""The fast camera: from a contact state to a noisy 8-bit frame at video rate, what does not change computed once.
+
+It is the chain of :mod:`evanesce.simulate` for the ideal rig, behind the fast renderer. A scene with an effect, or with
+a camera that the fast way does not model, goes through the general chain: slower, never different in what it means.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce import rng
+from evanesce.effects import Context, Stage, active_effects, apply_stage
+from evanesce.optics.projection import IdealView, Projection
+from evanesce.render.fields import Fields, fields_of
+from evanesce.render.fused import Backend, Lit, Readout, in_threads, llvm_works, operators
+from evanesce.render.transport import (
+    CoarseGrid,
+    Maps,
+    coarse_grid,
+    enlarged,
+    feedback,
+    field_images,
+    flank_depth,
+    flank_lit,
+    flank_place,
+    plate_maps,
+    render_fast,
+    view_rays,
+)
+from evanesce.rig import Scene
+from evanesce.sensor.lens import form_image, prepared_lens
+from evanesce.sensor.pixel import photon_count
+from evanesce.sensor.tone import develop
+from evanesce.simulate import photograph
+from evanesce.states import ContactState, Frame, PlateGrid
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+
+REFINE = 2
+FLANK_STEP = 4
+BLUR_ERROR = 5e-3
+"""Of the light of a point, what the separable sum may put elsewhere than the lens's kernel."""
+
+LEAST_READ_NOISE_E = 1.0
+"""Below, the steps of Poisson's distribution show, which the fast noise does not have."""
+
+
+@dataclass(frozen=True)
+class _Optics:
+    """All of one scene and contact grid that frames share.
+
+    Attributes
+    ----------
+    view : IdealView
+    ideal : tuple
+        Map from the pinhole view to the refined grid.
+    frame : tuple
+        Maps from the frame to the pinhole view, one per sub-sample.
+    contact_e : ndarray (rows, cols)
+        Mean charge in full contact without feedback, over the sub-samples' number [e-].
+    charge_per_radiance : ndarray (rows, cols)
+        [e- mm^2 sr/W].
+    direct, turned : tuple
+        Maps from the frame to the refined grid, directly and after one more turn between the plate's faces.
+    fine : tuple of int
+        (rows, cols) of the refined grid.
+    blur : tuple of ndarray
+        Factors of the separable kernels, (factor, signed factor) each.
+    decay : ndarray
+        Coupling by gap over that of contact.
+    coarse : CoarseGrid
+    footprint : int
+        Samples of the refined grid, per side, in a pixel.
+    first : tuple of float
+        Place of the refined grid's first sample [mm].
+    pitch : float
+        [mm].
+    reach : int
+        Of the blur [px].
+    direction : tuple of ndarray
+        Undistorted direction (u, v, 1) of each pixel.
+    """
+
+    view: IdealView
+    ideal: Maps
+    frame: tuple[Maps, ...]
+    contact_e: Image
+    charge_per_radiance: Image
+    direct: Maps
+    turned: Maps
+    fine: tuple[int, int]
+    blur: tuple[tuple[Image, Image], ...]
+    decay: Image
+    coarse: CoarseGrid
+    footprint: int
+    first: tuple[float, float]
+    pitch: float
+    reach: int
+    direction: tuple[Array, Array]
+
+
+def separable(kernel: Array, error: float) -> tuple[tuple[Image, Image], ...]:
+    """Return a symmetric kernel as the shortest sum of separable ones that moves at most ``error`` of the light.
+
+    Parameters
+    ----------
+    kernel : ndarray (k, k)
+        Symmetric, sum 1.
+    error : float
+        Largest sum of absolute differences [1].
+    """
+    values, vectors = np.linalg.eigh(kernel)
+    order = np.argsort(-np.abs(values))
+    total = np.zeros_like(kernel)
+    parts: list[tuple[Array, Array]] = []
+    for k in order:
+        parts.append((vectors[:, k], values[k] * vectors[:, k]))
+        total = total + np.outer(*parts[-1])
+        if np.abs(kernel - total / total.sum()).sum() <= error:
+            break
+    scale = total.sum()
+    return tuple((a.astype(np.float32), (b / scale).astype(np.float32)) for a, b in parts)
+
+
+def blurred(image: Image, parts: tuple[tuple[Image, Image], ...]) -> Image:
+    """Fold an image with separable kernels, dark around; stripes of rows in threads."""
+    if not parts:
+        return image
+    reach = parts[0][0].size // 2
+    padded = cv2.copyMakeBorder(image, reach, reach, 0, 0, cv2.BORDER_CONSTANT)
+    out = np.empty_like(image)
+
+    def work(rows: range) -> None:
+        stripe = padded[rows.start : rows.stop + 2 * reach]
+        total = cv2.sepFilter2D(stripe, cv2.CV_32F, *parts[0], borderType=cv2.BORDER_CONSTANT)
+        for across, down in parts[1:]:
+            total += cv2.sepFilter2D(stripe, cv2.CV_32F, across, down, borderType=cv2.BORDER_CONSTANT)
+        out[rows.start : rows.stop] = total[reach : total.shape[0] - reach]
+
+    in_threads(work, image.shape[0], max(64, -(-image.shape[0] // 2)))
+    return out
+
+
+class FastCamera:
+    """Frames of one scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    backend : {"auto", "llvm", "numpy"}
+        ``auto`` takes llvm where it works.
+
+    Attributes
+    ----------
+    backend : str
+        ``llvm`` or ``numpy``.
+    falls_back : str
+        Why frames go through the general chain; empty if they do not.
+    """
+
+    def __init__(self, scene: Scene, backend: Literal["auto", "llvm", "numpy"] = "auto") -> None:
+        self.scene = scene
+        self._effects = active_effects(scene)
+        self.falls_back = _why_general(
+            scene, [e.effect.id for e in self._effects if not e.effect.is_null(e.parameters)]
+        )
+        if backend == "auto":
+            backend = "llvm" if llvm_works() else "numpy"
+        elif backend == "llvm" and not llvm_works():
+            raise ValueError("Dr.Jit's LLVM backend does not work here")
+        self.backend: Backend = backend
+        self._operators = operators(backend)
+        self._readout = _readout(scene)
+        self._fields: Fields | None = None
+        self._optics: tuple[PlateGrid, _Optics] | None = None
+        self._flank: tuple[float, _FlankView] | None = None
+
+    def frame(
+        self, state: ContactState | None, *, seed: int, index: int = 0, time_s: float = 0.0, with_raw: bool = False
+    ) -> Frame:
+        """Take the picture of a contact; the same arguments give the same bytes.
+
+        Parameters
+        ----------
+        state : ContactState or None
+            None: nothing touches.
+        seed, index : int
+            The run's seed and the frame's number: noise is a function of both.
+        time_s : float
+            Mid-exposure time [s].
+        with_raw : bool
+            Whether to keep the raw numbers, too.
+        """
+        if self.falls_back:
+            return self._general(state, seed, index, time_s)
+        lit = Lit(0, 0, np.zeros((0, 0), np.float32)) if state is None else self.mean_charge(state)
+        key = rng.seed_sequence(seed, "exposure", index).generate_state(2)
+        data, raw = self._operators.expose(lit, self._readout, (int(key[0]), int(key[1])), with_raw=with_raw)
+        return Frame(data=data, raw=raw, time=time_s, index=index)
+
+    def _general(self, state: ContactState | None, seed: int, index: int, time_s: float) -> Frame:
+        """Take the picture by the general chain."""
+        scene = apply_stage(Stage.RIG, self.scene, self._effects, Context(self.scene, seed, time_s, index))
+        if state is not None:
+            state = apply_stage(Stage.CONTACT, state, self._effects, Context(scene, seed, time_s, index))
+        light = render_fast(scene, state)
+        return photograph(scene, light, seed=seed, time_s=time_s, index=index)[1]
+
+    def mean_charge(self, state: ContactState) -> Lit:
+        """Return the mean charge by light, blurred, in the smallest box that holds it [e-]."""
+        scene = self.scene
+        if self._fields is None:
+            self._fields = fields_of(scene)
+        fields = self._fields
+        if fields.glow is not None:
+            # What wanders in the silicone is not fused; lens and pixel take it from the general chain.
+            light = form_image(render_fast(scene, state), scene.camera, scene.plate)
+            charge = light.irradiance * _charge_per_irradiance(scene)
+            return Lit(0, 0, charge.astype(np.float32))
+        optics = self._optics_for(state.grid)
+        end, coarse = float(fields.gaps[-1]), optics.coarse
+        row, col, gap, share = interface_box(state, end)
+        size = (gap.shape[1] * REFINE, gap.shape[0] * REFINE)
+        gap, share = (cv2.resize(m, size, interpolation=cv2.INTER_LINEAR) for m in (gap, share))
+        coupled = self._operators.coupling(gap, share, end, optics.decay)
+        cover = np.where(gap < np.float32(end), np.float32(1), share)
+        box = _Box(row * REFINE, col * REFINE, coupled, cover)
+        change, taken = feedback(fields, coarse, coarse.contact * _coarse_mean(box, state.grid, coarse))
+        depth = flank_depth(scene, state)
+        if self._flank is None or self._flank[0] != depth:
+            self._flank = (depth, _FlankView.of(scene, optics, depth))
+        flank = self._flank[1]
+        dim = cv2.remap(flank_lit(scene, fields, taken, depth), flank.column, flank.row, cv2.INTER_LINEAR)
+        return _on_frame(scene, fields.ghost, optics, box, change, flank, dim * flank.charge)
+
+    def _optics_for(self, grid: PlateGrid) -> _Optics:
+        if self._optics is None or self._optics[0] != grid:
+            self._optics = (grid, _prepare(self.scene, grid))
+        return self._optics[1]
+
+
+@dataclass(frozen=True)
+class _Box:
+    """Part of the refined grid from (row, col) on: coupling and cover."""
+
+    row: int
+    col: int
+    coupled: Image
+    cover: Image
+
+
+@dataclass(frozen=True)
+class _FlankView:
+    """Where every ``FLANK_STEP``-th pixel of the frame sees the flank.
+
+    ``column`` and ``row`` are its place in the flank's table, ``charge`` [e- mm^2 sr/W] is 0 elsewhere; all start at
+    pixel (``first_row``, ``first_col``).
+    """
+
+    first_row: int
+    first_col: int
+    column: Image
+    row: Image
+    charge: Image
+
+    @classmethod
+    def of(cls, scene: Scene, optics: _Optics, depth: float) -> _FlankView:
+        """Find the flank in the frame."""
+        step = FLANK_STEP
+        column, row, seen = flank_place(
+            scene, optics.direction[0][::step, ::step], optics.direction[1][::step, ::step], depth
+        )
+        charge = optics.charge_per_radiance[::step, ::step] * seen
+        rows, cols = np.nonzero(seen.any(axis=1))[0], np.nonzero(seen.any(axis=0))[0]
+        if rows.size == 0:
+            return cls(0, 0, column[:1, :1], row[:1, :1], charge[:1, :1] * 0)
+        part = np.s_[max(0, rows[0] - 1) : rows[-1] + 2, max(0, cols[0] - 1) : cols[-1] + 2]
+        first = part[0].start * step, part[1].start * step
+        return cls(*first, *(np.ascontiguousarray(a[part], np.float32) for a in (column, row, charge)))
+
+
+def interface_box(state: ContactState, end: float) -> tuple[int, int, Image, Image]:
+    """Return :func:`evanesce.render.scene.interface_maps` where there is contact or a film below ``end`` [mm].
+
+    Returns
+    -------
+    row, col : int
+        Of the box's upper left cell.
+    gap, share : ndarray (rows, cols)
+        [mm], [1]; a cell's width beyond, so that all is interpolated as on the whole grid.
+    """
+    near = (state.gap < end) | (state.contact_mask > 0)
+    rows, cols = np.nonzero(near.any(axis=1))[0], np.nonzero(near.any(axis=0))[0]
+    if rows.size == 0:
+        return 0, 0, np.full((1, 1), 4 * end, np.float32), np.zeros((1, 1), np.float32)
+    (r0, r1), (c0, c1) = ((int(i[0]), int(i[-1]) + 1) for i in (rows, cols))
+    # Two cells more: one for the filter below, one for the interpolation.
+    part = np.s_[max(0, r0 - 3) : r1 + 3, max(0, c0 - 3) : c1 + 3]
+    gap = np.clip(state.gap[part].astype(np.float32), 0, np.float32(4 * end))
+    share = np.clip(state.contact_mask[part].astype(np.float32), 0, 1)
+    touched = (share > 0).astype(np.uint8)
+    cv2.copyTo(cv2.dilate(gap, np.ones((3, 3), np.uint8)), touched, gap)
+    if state.real_contact_fraction is not None:
+        fraction = np.clip(state.real_contact_fraction[part].astype(np.float32), 0, 1)
+        rough = (touched > 0) & (fraction < 1)
+        gap = np.where(rough, np.maximum(gap, np.float32(0.999 * end)), gap)
+        share = share * fraction
+    return part[0].start, part[1].start, gap, share
+
+
+def _coarse_mean(box: _Box, grid: PlateGrid, coarse: CoarseGrid) -> Array:
+    """Return the mean coupling of each coarse cell."""
+    rows, cols = (n * REFINE for n in grid.shape)
+    high, wide = box.coupled.shape
+    # Whole coarse cells, if they are whole numbers of samples; the full grid else.
+    tall, broad = rows / coarse.shape[0], cols / coarse.shape[1]
+    if tall == int(tall) and broad == int(broad):
+        t, b = int(tall), int(broad)
+        above, left = box.row % t, box.col % b
+        below, right = -(above + high) % t, -(left + wide) % b
+        whole = cv2.copyMakeBorder(box.coupled, above, below, left, right, cv2.BORDER_CONSTANT)
+        small = cv2.resize(whole, (whole.shape[1] // b, whole.shape[0] // t), interpolation=cv2.INTER_AREA)
+        found = np.zeros(coarse.shape)
+        r, c = box.row // t, box.col // b
+        found[r : r + small.shape[0], c : c + small.shape[1]] = small
+        return found
+    whole = np.zeros((rows, cols), np.float32)
+    whole[box.row : box.row + high, box.col : box.col + wide] = box.coupled
+    return np.asarray(cv2.resize(whole, coarse.shape[::-1], interpolation=cv2.INTER_AREA), np.float64)
+
+
+def _frame_window(scene: Scene, optics: _Optics, box: _Box) -> tuple[int, int, int, int]:
+    """Return rows and columns (r0, r1, c0, c1) of the frame that a box on the plate and its blur reach."""
+    projection = Projection.of(scene.camera, scene.plate)
+    x0, y0 = optics.first[0] + box.col * optics.pitch, optics.first[1] + box.row * optics.pitch
+    x1, y1 = x0 + box.coupled.shape[1] * optics.pitch, y0 + box.coupled.shape[0] * optics.pitch
+    side = np.linspace(0.0, 1.0, 9)
+    x = np.concatenate([x0 + (x1 - x0) * side] * 2 + [np.full(9, x0), np.full(9, x1)])
+    y = np.concatenate([np.full(9, y0), np.full(9, y1)] + [y0 + (y1 - y0) * side] * 2)
+    u, v = projection.to_image(x, y)
+    # The ghost of the second turn lies nearer to the axis.
+    turn = 2 * scene.plate.thickness_mm
+    foot = projection.pinhole
+    slope = 1.0 / (projection.clearance * projection.refractive_index + projection.thickness)
+    inner = 1.0 / (1.0 + turn * slope)
+    gu, gv = projection.to_image(foot[0] + (x - foot[0]) * inner, foot[1] + (y - foot[1]) * inner)
+    u, v = np.concatenate([u, gu]), np.concatenate([v, gv])
+    margin = optics.reach + 4
+    rows, cols = projection.shape
+    r0, r1 = max(0, int(v.min()) - margin), min(rows, int(v.max()) + margin + 2)
+    c0, c1 = max(0, int(u.min()) - margin), min(cols, int(u.max()) + margin + 2)
+    return r0, max(r0, r1), c0, max(c0, c1)
+
+
+def _on_frame(
+    scene: Scene, ghost: float, optics: _Optics, box: _Box, change: Array, flank: _FlankView, dim: Image
+) -> Lit:
+    """Carry coupling and flank into the frame, to charges, and blur them there."""
+    step = FLANK_STEP
+    rows, cols = optics.charge_per_radiance.shape
+    high, wide = (
+        min(n, s * step) for n, s in ((rows - flank.first_row, dim.shape[0]), (cols - flank.first_col, dim.shape[1]))
+    )
+    r0, r1, c0, c1 = _frame_window(scene, optics, box)
+    if r1 <= r0 or c1 <= c0:
+        return Lit(flank.first_row, flank.first_col, enlarged(dim, step, (high, wide)))
+    # A box for both, its corner on the flank's raster.
+    top = min(r0, flank.first_row) // step * step
+    left = min(c0, flank.first_col) // step * step
+    bottom, right = max(r1, flank.first_row + high), max(c1, flank.first_col + wide)
+    charge = np.zeros((bottom - top, right - left), np.float32)
+    charge[
+        flank.first_row - top : flank.first_row - top + high, flank.first_col - left : flank.first_col - left + wide
+    ] = enlarged(dim, step, (high, wide))
+    here = np.s_[r0:r1, c0:c1]
+    inside = np.s_[r0 - top : r1 - top, c0 - left : c1 - left]
+    charge[inside] = blurred(_contact_charge(ghost, optics, box, change, here, charge[inside]), optics.blur)
+    return Lit(top, left, charge)
+
+
+def _contact_charge(ghost: float, optics: _Optics, box: _Box, change: Array, here: Any, flank: Image) -> Image:
+    """Return the charge of contact and of the flank beside it, before blur."""
+    places = [(m[0][here], m[1][here]) for m in optics.frame]
+    low_x, high_x = _extremes([x for x, _ in places])
+    low_y, high_y = _extremes([y for _, y in places])
+    rows, cols = optics.view.shape
+    part = np.s_[max(0, low_y - 1) : min(rows, high_y + 3), max(0, low_x - 1) : min(cols, high_x + 3)]
+    size = (optics.footprint, optics.footprint)
+    corner = np.float32(box.col), np.float32(box.row)
+
+    def from_box(image: Image, x: Image, y: Image) -> Image:
+        x, y = x - corner[0], y - corner[1]
+        return np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0))
+
+    coupled = cv2.blur(box.coupled, size, borderType=cv2.BORDER_CONSTANT)
+    seen = from_box(coupled, optics.ideal[0][part], optics.ideal[1][part])
+    total = None
+    for x, y in places:
+        x, y = x - np.float32(part[1].start), y - np.float32(part[0].start)
+        one = cv2.remap(seen, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        total = one if total is None else cv2.add(total, one, dst=total)
+    assert total is not None  # there is at least one map
+    # What is dim or smooth is sampled at every few pixels only.
+    shape = total.shape
+
+    def dim(step: int, of: Callable[[Any], Image]) -> Image:
+        return enlarged(
+            of(np.s_[here[0].start : here[0].stop + step : step, here[1].start : here[1].stop + step : step]),
+            step,
+            shape,
+        )
+
+    cover = cv2.blur(box.cover, size, borderType=cv2.BORDER_CONSTANT)
+    hidden = dim(2, lambda at: from_box(cover, optics.direct[0][at], optics.direct[1][at]))
+    turned = dim(4, lambda at: from_box(coupled, optics.turned[0][at], optics.turned[1][at]))
+    rise = (1.0 + change).astype(np.float32)
+    onto = np.float32(rise.shape[1] / optics.fine[1]), np.float32(rise.shape[0] / optics.fine[0])
+    half = np.float32(0.5)
+    lifted = dim(
+        8,
+        lambda at: np.asarray(
+            cv2.remap(
+                rise,
+                (optics.direct[0][at] + half) * onto[0] - half,
+                (optics.direct[1][at] + half) * onto[1] - half,
+                cv2.INTER_LINEAR,
+                borderMode=cv2.BORDER_REPLICATE,
+            )
+        ),
+    )
+    turned *= np.float32(ghost * len(places))
+    turned *= 1 - hidden
+    total += turned
+    total *= lifted
+    total *= optics.contact_e[here]
+    total += (1 - hidden) * flank
+    return np.asarray(total)
+
+
+def _extremes(maps: list[Image]) -> tuple[int, int]:
+    """Return least and largest whole number in smooth maps, which have them on their borders."""
+    rims = [rim for m in maps for rim in (m[0], m[-1], m[:, 0], m[:, -1])]
+    return int(min(rim.min() for rim in rims)), int(max(rim.max() for rim in rims))
+
+
+def _why_general(scene: Scene, active: list[str]) -> str:
+    """Return why a scene needs the general chain; empty if it does not."""
+    pixel, lens = scene.camera.pixel, scene.camera.lens
+    if active:
+        return f"effects: {', '.join(active)}"
+    if pixel.prnu > 0 or pixel.dsnu_e > 0:
+        return "camera.pixel: fixed pattern"
+    if pixel.read_noise_e < LEAST_READ_NOISE_E:
+        return f"camera.pixel.read_noise_e below {LEAST_READ_NOISE_E:g}"
+    if lens.field_curvature_um != 0.0:
+        return "camera.lens.field_curvature_um: blur that varies over the field"
+    return ""
+
+
+def _readout(scene: Scene) -> Readout:
+    camera, pixel = scene.camera, scene.camera.pixel
+    every = np.arange(2**pixel.bits, dtype=np.uint16)
+    cols, rows = camera.resolution_px
+    return Readout(
+        shape=(rows, cols),
+        dark_e=pixel.dark_current_e_per_s * camera.exposure_ms * 1e-3,
+        full_well_e=pixel.full_well_capacity_e,
+        read_noise_e=pixel.read_noise_e,
+        gain=camera.analogue_gain / pixel.conversion_gain_e_per_DN,
+        black_DN=pixel.black_level_DN,
+        tone=develop(every, black_level_DN=pixel.black_level_DN, bits=pixel.bits, curve=camera.tone_curve),
+    )
+
+
+def _charge_per_irradiance(scene: Scene) -> float:
+    """Return mean charge over irradiance [e- mm^2/W]."""
+    camera, pixel = scene.camera, scene.camera.pixel
+    photons = photon_count(
+        np.ones(1),
+        pitch_um=pixel.pitch_um,
+        fill_factor=pixel.fill_factor,
+        exposure_s=camera.exposure_ms * 1e-3,
+        wavelength_nm=camera.wavelength_nm,
+    )
+    return float(photons[0]) * pixel.quantum_efficiency
+
+
+def _prepare(scene: Scene, grid: PlateGrid) -> _Optics:
+    """Compute what all frames on one contact grid share."""
+    fields, projection = fields_of(scene), Projection.of(scene.camera, scene.plate)
+    view = projection.ideal_view()
+    lens = prepared_lens(scene.camera, scene.plate, view)
+    pitch = grid.pitch / REFINE
+    first = (float(grid.extent[0]) + pitch / 2, float(grid.extent[2]) + pitch / 2)
+    footprint = max(1, round(1.0 / (scene.camera.scale_px_per_mm * pitch)))
+    rows, cols = projection.shape
+    cx, cy = projection.principal_point
+    u, v = np.meshgrid((np.arange(cols) - cx) / projection.focal_px, (np.arange(rows) - cy) / projection.focal_px)
+    direction = projection.undistort(u, v)
+    coarse = coarse_grid(fields, grid)
+    place = (first, pitch, footprint)
+    direct, turned = plate_maps(scene, direction, *place)
+    x, y = (m.astype(float) * pitch + p0 for m, p0 in zip(direct, first, strict=True))
+    # Mean over the sub-samples is in the gain already.
+    per_map = lens.gain * _charge_per_irradiance(scene)
+    contact = fields.coupling[:, 0] * fields.response[0]
+    level = np.tensordot(contact, field_images(fields, x, y), 1)
+    kernels = () if lens.spread is None else lens.spread.kernels
+    middle = np.tensordot(fields.coupling * fields.response, fields.modes.mean(axis=(1, 2)), (0, 0))
+    blur = separable(kernels[0], BLUR_ERROR) if kernels else ()
+    return _Optics(
+        view=view,
+        ideal=plate_maps(scene, view_rays(view), *place)[0],
+        frame=lens.maps,
+        direction=direction,
+        contact_e=(level * per_map).astype(np.float32),
+        charge_per_radiance=(per_map * len(lens.maps)).astype(np.float32),
+        direct=direct,
+        turned=turned,
+        fine=(grid.shape[0] * REFINE, grid.shape[1] * REFINE),
+        blur=blur,
+        reach=kernels[0].shape[0] // 2 if kernels else 0,
+        decay=(middle / middle[0]).astype(np.float32),
+        coarse=coarse,
+        footprint=footprint,
+        first=first,
+        pitch=pitch,
+    )

@@ -1,0 +1,337 @@
+"""The last operators of a frame, fused: coupling by gap, and from mean charge to a noisy 8-bit frame.
+
+Each exists twice, as one Dr.Jit kernel and in NumPy, with the same numbers within float32's rounding. Noise is a
+function of seed, frame and pixel alone: a hash of the pixel's number gives 32 bits, whose halves are looked up in a
+table of normal quantiles, one for shot noise and one for read noise.
+
+Shot noise is Poisson's to its third moment: mean + sqrt(mean) z + (z^2 - 1)/6 min(mean, 1), the first terms of the
+Cornish-Fisher expansion. Below some ten electrons Poisson's steps would show; read noise of a few electrons hides them.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+Image = NDArray[np.float32]
+Backend = Literal["llvm", "numpy"]
+
+THREADS = 2
+NORMALS = 1 << 16
+_ROWS = 24  # of a block: what fits into a core's cache
+
+
+@functools.cache
+def normal_table() -> Image:
+    """Return the means of the normal distribution's 2^16 equal shares, scaled to variance 1."""
+    edges = ndtri(np.linspace(0.0, 1.0, NORMALS + 1))
+    density = np.exp(-0.5 * edges**2) / np.sqrt(2 * np.pi)
+    means = -np.diff(density) * NORMALS
+    return np.asarray(means / np.sqrt(np.mean(means**2)), np.float32)
+
+
+@dataclass(frozen=True)
+class Readout:
+    """A camera from mean charge to 8 bits.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        (rows, cols).
+    dark_e : float
+        Mean charge without light [e-].
+    full_well_e, read_noise_e : float
+        [e-].
+    gain : float
+        [DN/e-].
+    black_DN : float
+        [DN].
+    tone : ndarray of uint8 (2^bits,)
+        8-bit value of each raw number.
+    """
+
+    shape: tuple[int, int]
+    dark_e: float
+    full_well_e: float
+    read_noise_e: float
+    gain: float
+    black_DN: float
+    tone: NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Lit:
+    """The part of a frame that light falls on.
+
+    Attributes
+    ----------
+    row, col : int
+        Of its upper left pixel.
+    charge : ndarray of float32 (rows, cols)
+        Mean charge by light [e-].
+    """
+
+    row: int
+    col: int
+    charge: Image
+
+
+# --- NumPy -----------------------------------------------------------------------------------------------------------
+
+
+def _mix(x: NDArray[np.uint32], work: NDArray[np.uint32]) -> None:
+    """Scramble 32-bit words in place (C. Wellons's lowbias32, a bijection)."""
+    for shift, factor in ((16, 0x7FEB352D), (15, 0x846CA68B)):
+        np.right_shift(x, np.uint32(shift), out=work)
+        np.bitwise_xor(x, work, out=x)
+        np.multiply(x, np.uint32(factor), out=x)
+    np.right_shift(x, np.uint32(16), out=work)
+    np.bitwise_xor(x, work, out=x)
+
+
+def pixel_bits(first: int, count: int, keys: tuple[int, int]) -> NDArray[np.uint32]:
+    """Return 32 random bits for pixels ``first`` to ``first + count``; two keyed rounds, so that frames differ."""
+    x = np.arange(first, first + count, dtype=np.uint32)
+    work = np.empty_like(x)
+    np.add(x, np.uint32(keys[0]), out=x)
+    _mix(x, work)
+    np.bitwise_xor(x, np.uint32(keys[1]), out=x)
+    _mix(x, work)
+    return x
+
+
+def _expose_rows(
+    out: NDArray[np.uint8], raw: NDArray[np.uint16] | None, rows: range, lit: Lit, readout: Readout, keys: Any
+) -> None:
+    """Expose some rows: every pixel as if dark, then the lit ones anew."""
+    cols = readout.shape[1]
+    bits = pixel_bits(rows.start * cols, len(rows) * cols, keys).reshape(len(rows), cols)
+    here = slice(rows.start, rows.stop)
+    dark = readout.dark_e == 0.0
+    table = _dark_table(readout)
+    high = bits >> np.uint32(16)
+    if dark:
+        values = table.take(high)
+    else:
+        values = _quantised(np.full(bits.shape, readout.dark_e, np.float32), bits, readout)
+    r0, r1 = max(rows.start, lit.row), min(rows.stop, lit.row + lit.charge.shape[0])
+    if r1 > r0:
+        columns = slice(lit.col, lit.col + lit.charge.shape[1])
+        inside = (slice(r0 - rows.start, r1 - rows.start), columns)
+        charge = lit.charge[r0 - lit.row : r1 - lit.row] + np.float32(readout.dark_e)
+        values[inside] = _quantised(charge, bits[inside], readout)
+    if raw is not None:
+        raw[here] = values
+    readout.tone.take(values, out=out[here])
+
+
+def _quantised(charge: Image, bits: NDArray[np.uint32], readout: Readout) -> NDArray[np.uint16]:
+    """Return raw numbers of mean charges."""
+    table = normal_table()
+    z = table.take(bits & np.uint32(NORMALS - 1))
+    charge = np.maximum(charge, np.float32(0))
+    collected = charge + np.sqrt(charge) * z
+    collected += (z * z - np.float32(1)) * np.minimum(charge, np.float32(1)) * np.float32(1 / 6)
+    np.minimum(collected, np.float32(readout.full_well_e), out=collected)
+    return _numbers(collected, table.take(bits >> np.uint32(16)), readout)
+
+
+def _numbers(charge: NDArray[Any], z: Image, readout: Readout) -> NDArray[np.uint16]:
+    signal = z * np.float32(readout.read_noise_e) + charge
+    signal = signal * np.float32(readout.gain) + np.float32(readout.black_DN + 0.5)
+    return np.clip(signal, np.float32(0), np.float32(readout.tone.size - 1)).astype(np.uint16)
+
+
+@functools.lru_cache(maxsize=4)
+def _dark_numbers(full_well: float, noise: float, gain: float, black: float, top: int) -> NDArray[np.uint16]:
+    readout = Readout((1, 1), 0.0, full_well, noise, gain, black, np.zeros(top, np.uint8))
+    return _numbers(np.zeros(NORMALS, np.float32), normal_table(), readout)
+
+
+def _dark_table(readout: Readout) -> NDArray[np.uint16]:
+    """Return the raw number of a pixel without charge by its upper 16 bits."""
+    return _dark_numbers(
+        readout.full_well_e, readout.read_noise_e, readout.gain, readout.black_DN, readout.tone.size
+    )  # fmt: skip
+
+
+@functools.cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(THREADS)
+
+
+def in_threads(work: Callable[[range], None], rows: int, block: int) -> None:
+    """Call ``work`` on blocks of rows, in a few threads; each writes to its own rows, so order does not matter."""
+    list(_pool().map(work, [range(r, min(r + block, rows)) for r in range(0, rows, block)]))
+
+
+def expose_numpy(
+    lit: Lit, readout: Readout, keys: tuple[int, int], *, with_raw: bool = False
+) -> tuple[NDArray[np.uint8], NDArray[np.uint16] | None]:
+    """Return 8-bit frame and, if asked for, raw numbers."""
+    out = np.empty(readout.shape, np.uint8)
+    raw = np.empty(readout.shape, np.uint16) if with_raw else None
+    in_threads(lambda rows: _expose_rows(out, raw, rows, lit, readout, keys), readout.shape[0], _ROWS)
+    return out, raw
+
+
+def coupling_numpy(gap: Image, share: Image, end: float, table: Image) -> Image:
+    """Return the coupling of each point: its share in contact, and of the rest what the gap lets through.
+
+    Parameters
+    ----------
+    gap, share : ndarray (rows, cols)
+        [mm], [1].
+    end : float
+        Gap of the table's last entry [mm].
+    table : ndarray
+        Coupling by the square root of the gap, evenly spaced, 0 in the last entry [1].
+    """
+    out = np.empty_like(gap)
+
+    def work(rows: range) -> None:
+        here = slice(rows.start, rows.stop)
+        g, s = gap[here], share[here]
+        index = np.sqrt(np.minimum(g * np.float32(1 / end), np.float32(1))) * np.float32(table.size - 1)
+        through = table.take((index + np.float32(0.5)).astype(np.int32))
+        np.multiply(through, 1 - s, out=out[here])
+        out[here] += s
+
+    in_threads(work, gap.shape[0], 128)
+    return out
+
+
+# --- Dr.Jit ----------------------------------------------------------------------------------------------------------
+
+
+def llvm_works() -> bool:
+    """Tell whether Dr.Jit's LLVM backend runs here; the first call prepares it."""
+    from evanesce.render.variant import VariantInfo, select
+
+    try:
+        info: VariantInfo = select("llvm")
+    except Exception:  # any failure of a foreign library means: not here
+        return False
+    return info.is_jit
+
+
+@functools.cache
+def _coupling_kernel(steps: int) -> Any:
+    """Return the kernel of :func:`coupling_llvm` for a table's length less 1."""
+    import drjit as dr
+    from drjit.llvm import Float, UInt32
+
+    def coupling(gap: Any, share: Any, table: Any, scale: Any) -> Any:
+        index = dr.sqrt(dr.minimum(gap * scale, 1.0)) * float(steps)
+        return dr.fma(dr.gather(Float, table, UInt32(index + 0.5)), 1.0 - share, share)
+
+    return dr.freeze(coupling)
+
+
+@functools.lru_cache(maxsize=8)
+def _exposure_kernel(
+    shape: tuple[int, int], camera: tuple[float, float, float, float, float], top: int, raw: bool
+) -> Any:
+    """Return the kernel of :func:`expose_llvm`; the camera's constants are compiled into it."""
+    import drjit as dr
+    from drjit.llvm import Float, UInt8, UInt32
+
+    (rows, cols), (dark, well, noise, gain, black) = shape, camera
+
+    def mix(x: Any) -> Any:
+        for shift, factor in ((16, 0x7FEB352D), (15, 0x846CA68B)):
+            x = (x ^ (x >> shift)) * UInt32(factor)
+        return x ^ (x >> 16)
+
+    def expose(charge: Any, box: Any, normals: Any, tone: Any, keys: Any) -> Any:
+        i = dr.arange(UInt32, rows * cols)
+        bits = mix(mix(i + keys[0]) ^ keys[1])
+        y = i // cols
+        r, c = y - box[0], i - y * cols - box[1]  # wraps round outside, and is then too large
+        lit = (r < box[2]) & (c < box[3])
+        mean: Any = dr.maximum(dr.gather(Float, charge, r * box[3] + c, lit) + dark, 0.0)
+        z = dr.gather(Float, normals, bits & (NORMALS - 1), mean > 0)
+        collected = mean + dr.sqrt(mean) * z + (z * z - 1.0) * dr.minimum(mean, 1.0) * (1.0 / 6.0)
+        collected = dr.minimum(dr.select(mean > 0, collected, 0.0), well)
+        signal = dr.gather(Float, normals, bits >> 16) * noise + collected
+        number = UInt32(dr.clip(signal * gain + black, 0.0, float(top)))
+        data = dr.gather(UInt8, tone, number)
+        return (data, number) if raw else (data,)
+
+    return dr.freeze(expose)
+
+
+@functools.lru_cache(maxsize=4)
+def _device_tone(tone: bytes) -> Any:
+    from drjit.llvm import UInt8
+
+    return UInt8(np.frombuffer(tone, np.uint8))
+
+
+@functools.cache
+def _device_normals() -> Any:
+    from drjit.llvm import Float
+
+    return Float(normal_table())
+
+
+def expose_llvm(
+    lit: Lit, readout: Readout, keys: tuple[int, int], *, with_raw: bool = False
+) -> tuple[NDArray[np.uint8], NDArray[np.uint16] | None]:
+    """Return the same as :func:`expose_numpy`, by one kernel."""
+    import drjit as dr
+    from drjit.llvm import Float, UInt32
+
+    charge = np.ascontiguousarray(lit.charge, np.float32)
+    empty = charge.size == 0
+    box = (lit.row, lit.col, *((0, 0) if empty else charge.shape))
+    scalars = (readout.dark_e, readout.full_well_e, readout.read_noise_e, readout.gain, readout.black_DN + 0.5)
+    found = _exposure_kernel(readout.shape, scalars, readout.tone.size - 1, with_raw)(
+        Float(np.zeros(1, np.float32) if empty else charge.ravel()),
+        tuple(dr.opaque(UInt32, int(b)) for b in box),
+        _device_normals(),
+        _device_tone(readout.tone.tobytes()),
+        tuple(dr.opaque(UInt32, int(k)) for k in keys),
+    )
+    dr.eval(found)
+    dr.sync_thread()
+    out = [np.asarray(np.array(f, copy=False)).reshape(readout.shape) for f in found]
+    return out[0], out[1].astype(np.uint16) if with_raw else None
+
+
+def coupling_llvm(gap: Image, share: Image, end: float, table: Image) -> Image:
+    """Return the same as :func:`coupling_numpy`, by one kernel."""
+    import drjit as dr
+    from drjit.llvm import Float
+
+    found = _coupling_kernel(table.size - 1)(
+        Float(np.ascontiguousarray(gap).ravel()),
+        Float(np.ascontiguousarray(share).ravel()),
+        Float(np.ascontiguousarray(table)),
+        dr.opaque(Float, 1.0 / end),
+    )
+    dr.eval(found)
+    dr.sync_thread()
+    return np.asarray(np.array(found, copy=False)).reshape(gap.shape)
+
+
+@dataclass(frozen=True)
+class Operators:
+    """The fused operators of one backend."""
+
+    coupling: Callable[[Image, Image, float, Image], Image]
+    expose: Callable[..., tuple[NDArray[np.uint8], NDArray[np.uint16] | None]]
+
+
+def operators(backend: Backend) -> Operators:
+    """Return the operators of a backend; llvm has to work (:func:`llvm_works`)."""
+    if backend == "llvm":
+        return Operators(coupling_llvm, expose_llvm)
+    return Operators(coupling_numpy, expose_numpy)

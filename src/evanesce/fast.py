@@ -6,7 +6,7 @@ a camera that the fast way does not model, goes through the general chain: slowe
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from evanesce import rng
 from evanesce.effects import Context, Stage, active_effects, apply_stage
-from evanesce.optics.projection import IdealView, Projection
+from evanesce.optics.projection import Projection
 from evanesce.render.fields import Fields, fields_of
 from evanesce.render.fused import Backend, Lit, Readout, in_threads, llvm_works, operators
 from evanesce.render.transport import (
@@ -31,7 +31,6 @@ from evanesce.render.transport import (
     flank_place,
     plate_maps,
     render_fast,
-    view_rays,
 )
 from evanesce.rig import Scene
 from evanesce.sensor.lens import form_image, prepared_lens
@@ -58,13 +57,8 @@ class _Optics:
 
     Attributes
     ----------
-    view : IdealView
-    ideal : tuple
-        Map from the pinhole view to the refined grid.
-    frame : tuple
-        Maps from the frame to the pinhole view, one per sub-sample.
     contact_e : ndarray (rows, cols)
-        Mean charge in full contact without feedback, over the sub-samples' number [e-].
+        Mean charge in full contact without feedback [e-].
     charge_per_radiance : ndarray (rows, cols)
         [e- mm^2 sr/W].
     direct, turned : tuple
@@ -76,8 +70,8 @@ class _Optics:
     decay : ndarray
         Coupling by gap over that of contact.
     coarse : CoarseGrid
-    footprint : int
-        Samples of the refined grid, per side, in a pixel.
+    pixel : ndarray
+        See :func:`pixel_kernel`.
     first : tuple of float
         Place of the refined grid's first sample [mm].
     pitch : float
@@ -88,9 +82,6 @@ class _Optics:
         Undistorted direction (u, v, 1) of each pixel.
     """
 
-    view: IdealView
-    ideal: Maps
-    frame: tuple[Maps, ...]
     contact_e: Image
     charge_per_radiance: Image
     direct: Maps
@@ -99,7 +90,7 @@ class _Optics:
     blur: tuple[tuple[Image, Image], ...]
     decay: Image
     coarse: CoarseGrid
-    footprint: int
+    pixel: Image
     first: tuple[float, float]
     pitch: float
     reach: int
@@ -213,6 +204,22 @@ class FastCamera:
         light = render_fast(scene, state)
         return photograph(scene, light, seed=seed, time_s=time_s, index=index)[1]
 
+    def frames(
+        self, states: Iterable[ContactState | None], *, seed: int, frame_rate_hz: float = 30.0, with_raw: bool = False
+    ) -> Iterator[Frame]:
+        """Take the pictures of a sequence.
+
+        Parameters
+        ----------
+        states : iterable of ContactState or None
+        seed : int
+        frame_rate_hz : float
+            Of the frames' times [Hz].
+        with_raw : bool
+        """
+        for index, state in enumerate(states):
+            yield self.frame(state, seed=seed, index=index, time_s=index / frame_rate_hz, with_raw=with_raw)
+
     def mean_charge(self, state: ContactState) -> Lit:
         """Return the mean charge by light, blurred, in the smallest box that holds it [e-]."""
         scene = self.scene
@@ -227,16 +234,17 @@ class FastCamera:
         optics = self._optics_for(state.grid)
         end, coarse = float(fields.gaps[-1]), optics.coarse
         row, col, gap, share = interface_box(state, end)
+        cover = np.where(gap < np.float32(end), np.float32(1), share)
         size = (gap.shape[1] * REFINE, gap.shape[0] * REFINE)
         gap, share = (cv2.resize(m, size, interpolation=cv2.INTER_LINEAR) for m in (gap, share))
         coupled = self._operators.coupling(gap, share, end, optics.decay)
-        cover = np.where(gap < np.float32(end), np.float32(1), share)
         box = _Box(row * REFINE, col * REFINE, coupled, cover)
         change, taken = feedback(fields, coarse, coarse.contact * _coarse_mean(box, state.grid, coarse))
         depth = flank_depth(scene, state)
-        if self._flank is None or self._flank[0] != depth:
-            self._flank = (depth, _FlankView.of(scene, optics, depth))
-        flank = self._flank[1]
+        kept = self._flank
+        if kept is None or kept[0] != depth:
+            kept = self._flank = (depth, _FlankView.of(scene, optics, depth))
+        flank = kept[1]
         dim = cv2.remap(flank_lit(scene, fields, taken, depth), flank.column, flank.row, cv2.INTER_LINEAR)
         return _on_frame(scene, fields.ghost, optics, box, change, flank, dim * flank.charge)
 
@@ -248,7 +256,7 @@ class FastCamera:
 
 @dataclass(frozen=True)
 class _Box:
-    """Part of the refined grid from (row, col) on: coupling and cover."""
+    """Part of the refined grid from (row, col) on: coupling; and cover, on the contact grid itself."""
 
     row: int
     col: int
@@ -387,67 +395,70 @@ def _on_frame(
 
 def _contact_charge(ghost: float, optics: _Optics, box: _Box, change: Array, here: Any, flank: Image) -> Image:
     """Return the charge of contact and of the flank beside it, before blur."""
-    places = [(m[0][here], m[1][here]) for m in optics.frame]
-    low_x, high_x = _extremes([x for x, _ in places])
-    low_y, high_y = _extremes([y for _, y in places])
-    rows, cols = optics.view.shape
-    part = np.s_[max(0, low_y - 1) : min(rows, high_y + 3), max(0, low_x - 1) : min(cols, high_x + 3)]
-    size = (optics.footprint, optics.footprint)
-    corner = np.float32(box.col), np.float32(box.row)
 
-    def from_box(image: Image, x: Image, y: Image) -> Image:
-        x, y = x - corner[0], y - corner[1]
+    def from_box(image: Image, x: Image, y: Image, coarser: int = 1) -> Image:
+        # A grid ``coarser`` times as coarse has its first sample (coarser - 1)/2 later.
+        shift = (coarser - 1) / 2
+        x = x * np.float32(1 / coarser) - np.float32((box.col + shift) / coarser)
+        y = y * np.float32(1 / coarser) - np.float32((box.row + shift) / coarser)
         return np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0))
 
-    coupled = cv2.blur(box.coupled, size, borderType=cv2.BORDER_CONSTANT)
-    seen = from_box(coupled, optics.ideal[0][part], optics.ideal[1][part])
-    total = None
-    for x, y in places:
-        x, y = x - np.float32(part[1].start), y - np.float32(part[0].start)
-        one = cv2.remap(seen, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        total = one if total is None else cv2.add(total, one, dst=total)
-    assert total is not None  # there is at least one map
-    # What is dim or smooth is sampled at every few pixels only.
+    coupled = blurred(box.coupled, ((optics.pixel, optics.pixel),))
+    total = from_box(coupled, optics.direct[0][here], optics.direct[1][here])
     shape = total.shape
 
-    def dim(step: int, of: Callable[[Any], Image]) -> Image:
-        return enlarged(
-            of(np.s_[here[0].start : here[0].stop + step : step, here[1].start : here[1].stop + step : step]),
-            step,
-            shape,
-        )
+    def dim(step: int, of: Callable[[Any], Any]) -> Image:
+        # What is dim or smooth is sampled at every few pixels only.
+        rows, cols = here
+        at = np.s_[rows.start : rows.stop + step : step, cols.start : cols.stop + step : step]
+        return enlarged(np.asarray(of(at), np.float32), step, shape)
 
-    cover = cv2.blur(box.cover, size, borderType=cv2.BORDER_CONSTANT)
-    hidden = dim(2, lambda at: from_box(cover, optics.direct[0][at], optics.direct[1][at]))
+    bare = dim(2, lambda at: 1 - from_box(box.cover, optics.direct[0][at], optics.direct[1][at], REFINE))
     turned = dim(4, lambda at: from_box(coupled, optics.turned[0][at], optics.turned[1][at]))
     rise = (1.0 + change).astype(np.float32)
-    onto = np.float32(rise.shape[1] / optics.fine[1]), np.float32(rise.shape[0] / optics.fine[0])
+    per_x, per_y = (np.float32(a / b) for a, b in zip(rise.shape[::-1], optics.fine[::-1], strict=True))
     half = np.float32(0.5)
-    lifted = dim(
-        8,
-        lambda at: np.asarray(
-            cv2.remap(
-                rise,
-                (optics.direct[0][at] + half) * onto[0] - half,
-                (optics.direct[1][at] + half) * onto[1] - half,
-                cv2.INTER_LINEAR,
-                borderMode=cv2.BORDER_REPLICATE,
-            )
-        ),
-    )
-    turned *= np.float32(ghost * len(places))
-    turned *= 1 - hidden
+
+    def lifted(at: Any) -> Any:
+        x, y = (optics.direct[0][at] + half) * per_x - half, (optics.direct[1][at] + half) * per_y - half
+        return cv2.remap(rise, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+
+    turned *= np.float32(ghost)
+    turned *= bare
     total += turned
-    total *= lifted
+    total *= dim(8, lifted)
     total *= optics.contact_e[here]
-    total += (1 - hidden) * flank
-    return np.asarray(total)
+    bare *= flank
+    total += bare
+    return total
 
 
-def _extremes(maps: list[Image]) -> tuple[int, int]:
-    """Return least and largest whole number in smooth maps, which have them on their borders."""
-    rims = [rim for m in maps for rim in (m[0], m[-1], m[:, 0], m[:, -1])]
-    return int(min(rim.min() for rim in rims)), int(max(rim.max() for rim in rims))
+def pixel_kernel(samples_per_px: float, sub_samples: int) -> Image:
+    """Return what the general chain's sampling does to light on the refined grid, as a kernel along one axis.
+
+    A pixel of the pinhole view is a box; the frame's sub-samples read it by linear interpolation, whose mean over all
+    phases is a triangle. The remap from the refined grid interpolates, too: by so much the box is narrower.
+
+    Parameters
+    ----------
+    samples_per_px : float
+        Of the refined grid.
+    sub_samples : int
+        Of a frame pixel along one axis.
+    """
+    fine = 64
+    pitch = 1.0 / samples_per_px
+    width = np.sqrt(max(1.0 - 2.0 * pitch**2, 0.0625))
+    x = np.arange(-3 * fine, 3 * fine + 1) / fine
+    box = np.clip((width / 2 - np.abs(x)) * fine + 0.5, 0.0, 1.0)
+    triangle = np.clip(1.0 - np.abs(x), 0.0, None)
+    spread = np.convolve(box, triangle, mode="same")
+    offsets = (np.arange(sub_samples) + 0.5) / sub_samples - 0.5
+    spread = sum(np.interp(x - offset, x, spread) for offset in offsets)
+    reach = int(np.ceil((0.5 * width + 1.0 + 0.5) * samples_per_px))
+    taps = np.arange(-reach, reach + 1) * pitch
+    found = np.array([(spread * np.clip(1.0 - np.abs(x - t) / pitch, 0.0, None)).sum() for t in taps])
+    return np.asarray(found / found.sum(), np.float32)
 
 
 def _why_general(scene: Scene, active: list[str]) -> str:
@@ -499,29 +510,24 @@ def _prepare(scene: Scene, grid: PlateGrid) -> _Optics:
     lens = prepared_lens(scene.camera, scene.plate, view)
     pitch = grid.pitch / REFINE
     first = (float(grid.extent[0]) + pitch / 2, float(grid.extent[2]) + pitch / 2)
-    footprint = max(1, round(1.0 / (scene.camera.scale_px_per_mm * pitch)))
     rows, cols = projection.shape
     cx, cy = projection.principal_point
     u, v = np.meshgrid((np.arange(cols) - cx) / projection.focal_px, (np.arange(rows) - cy) / projection.focal_px)
     direction = projection.undistort(u, v)
     coarse = coarse_grid(fields, grid)
-    place = (first, pitch, footprint)
-    direct, turned = plate_maps(scene, direction, *place)
+    direct, turned = plate_maps(scene, direction, first, pitch, 1)
     x, y = (m.astype(float) * pitch + p0 for m, p0 in zip(direct, first, strict=True))
-    # Mean over the sub-samples is in the gain already.
-    per_map = lens.gain * _charge_per_irradiance(scene)
+    # The gain is per sub-sample.
+    charge = lens.gain * (_charge_per_irradiance(scene) * len(lens.maps))
     contact = fields.coupling[:, 0] * fields.response[0]
     level = np.tensordot(contact, field_images(fields, x, y), 1)
     kernels = () if lens.spread is None else lens.spread.kernels
     middle = np.tensordot(fields.coupling * fields.response, fields.modes.mean(axis=(1, 2)), (0, 0))
     blur = separable(kernels[0], BLUR_ERROR) if kernels else ()
     return _Optics(
-        view=view,
-        ideal=plate_maps(scene, view_rays(view), *place)[0],
-        frame=lens.maps,
         direction=direction,
-        contact_e=(level * per_map).astype(np.float32),
-        charge_per_radiance=(per_map * len(lens.maps)).astype(np.float32),
+        contact_e=(level * charge).astype(np.float32),
+        charge_per_radiance=charge.astype(np.float32),
         direct=direct,
         turned=turned,
         fine=(grid.shape[0] * REFINE, grid.shape[1] * REFINE),
@@ -529,7 +535,7 @@ def _prepare(scene: Scene, grid: PlateGrid) -> _Optics:
         reach=kernels[0].shape[0] // 2 if kernels else 0,
         decay=(middle / middle[0]).astype(np.float32),
         coarse=coarse,
-        footprint=footprint,
+        pixel=pixel_kernel(1.0 / (scene.camera.scale_px_per_mm * pitch), round(np.sqrt(len(lens.maps)))),
         first=first,
         pitch=pitch,
     )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import evanesce.effects
-from evanesce.effects import Active, Context, Effect, Stage, active_effects, all_effects, apply_stage
+from evanesce.effects import OBSERVABLES, Active, Context, Effect, Stage, active_effects, all_effects, apply_stage
 from evanesce.errors import InputError
 from evanesce.quantities import Strict, field
 from evanesce.resources import resource
@@ -50,6 +50,8 @@ def value_of(stage: Stage) -> object:
             )
         case Stage.RIG:
             return scene()
+        case Stage.LOAD:
+            return 1.3
 
 
 def bytes_of(value: object) -> list[bytes]:
@@ -58,6 +60,8 @@ def bytes_of(value: object) -> list[bytes]:
         return [dump_scene(value).encode()]
     if isinstance(value, np.ndarray):
         return [value.tobytes()]
+    if isinstance(value, float):
+        return [value.hex().encode()]
     return [
         entry.tobytes() if isinstance(entry, np.ndarray) else repr(entry).encode() for entry in vars(value).values()
     ]
@@ -97,9 +101,9 @@ def test_parameters_declare_unit_bounds_and_null(effect: Effect) -> None:
 def test_absent_bit_for_bit_at_null(effect: Effect) -> None:
     """Skipped at null, and the identity when applied all the same, whichever amplitude is the one at null."""
     value = value_of(effect.stage)
-    for name in effect.amplitudes:
-        null = dict(effect.parameters.quantities())[name].null
-        parameters = strong(effect).model_copy(update={name: null})
+    nulls = {name: dict(effect.parameters.quantities())[name].null for name in effect.amplitudes}
+    for gone in [nulls] if effect.null_when == "all" else [{name: null} for name, null in nulls.items()]:
+        parameters = strong(effect).model_copy(update=gone)
         assert effect.is_null(parameters)
         skipped = apply_stage(effect.stage, value, (Active(effect, parameters),), context())
         assert skipped is value
@@ -133,6 +137,95 @@ def test_an_effect_without_an_off_is_refused() -> None:
         Effect(id="x", stage=Stage.FRAME, parameters=NoNull, amplitudes=("size",), apply=lambda v, p, c: v)
     with pytest.raises(TypeError, match="no amplitude"):
         Effect(id="x", stage=Stage.FRAME, parameters=NoNull, amplitudes=(), apply=lambda v, p, c: v)
+
+
+# --- what a fit may vary -------------------------------------------------------------------------------------------
+
+
+def test_declares_what_a_fit_may_vary(effect: Effect) -> None:
+    """Names, departures and starts agree with the parameters; the effect departs from null where they say."""
+    candidates = effect.candidate_parameters()
+    assert {c.name.split("[")[0] for c in candidates} >= set(effect.amplitudes), "every amplitude can be fitted"
+    assert set(effect.needs) <= set(OBSERVABLES)
+    assert effect.needs
+    assert effect.is_null(effect.with_values({c.name: c.null for c in candidates}))
+    for candidate in candidates:
+        low, high = candidate.bounds
+        assert low <= candidate.null <= high
+        inside = min(max(candidate.null + candidate.deviation, low), high)
+        if inside == candidate.null:
+            inside = max(candidate.null - candidate.deviation, low)
+        assert inside != candidate.null
+        stepped = effect.with_values({candidate.name: inside})
+        assert stepped != effect.parameters(), "one step changes what it names"
+        for value in candidate.start:
+            effect.with_values({candidate.name: value})
+    if effect.null_when == "any" and len(effect.amplitudes) > 1:
+        started = effect.with_values({c.name: c.start[0] for c in candidates if c.start})
+        assert not effect.is_null(started), "amplitudes that multiply have no derivative at null: start elsewhere"
+
+
+class Pair(Strict):
+    """Two amplitudes of unlike bounds, a pair of numbers and a count."""
+
+    a_um: float = field(0.5, unit="um", bounds=(-1.0, 3.0), null=0.5)
+    b_deg: float = field(0.0, unit="deg", bounds=(0.0, 7.0), null=0.0)
+    place_mm: tuple[float, float] = field((1.5, -2.0), unit="mm", bounds=(-9.0, 9.0))
+    first: int = field(2, unit="1", bounds=(0, 11))
+
+
+def pair(**more: object) -> Effect:
+    values = {"id": "pair", "stage": Stage.FRAME, "parameters": Pair, "amplitudes": ("a_um", "b_deg"), **more}
+    return Effect(apply=lambda v, p, c: v, **values)  # type: ignore[arg-type]
+
+
+def test_departures_default_to_a_tenth_of_the_bounds_and_start_at_null() -> None:
+    first, second = pair().candidate_parameters()
+    assert (first.name, first.unit, first.null, first.bounds) == ("a_um", "um", 0.5, (-1.0, 3.0))
+    assert first.deviation == pytest.approx(0.4)
+    assert second.deviation == pytest.approx(0.7)
+    assert first.amplitude
+    assert first.start == ()
+    assert pair().needs == ("press",)
+
+
+def test_one_number_of_a_pair_and_counts_can_be_fitted() -> None:
+    effect = pair(fitted={"b_deg": 2.0, "place_mm[1]": 0.3, "first": 4.0}, start={"first": (0.0, 5.0), "b_deg": 1.5})
+    angle, place, count = effect.candidate_parameters()
+    assert (place.null, place.amplitude) == (-2.0, False)
+    assert (count.null, count.start) == (2.0, (0.0, 5.0))
+    assert angle.start == (1.5,)
+    made = effect.with_values({"place_mm[1]": 0.25, "first": 4.6, "b_deg": 3.0})
+    assert made.model_dump() == {"a_um": 0.5, "b_deg": 3.0, "place_mm": (1.5, 0.25), "first": 5}
+    with pytest.raises(InputError, match="b_deg"):
+        effect.with_values({"b_deg": 7.5})
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"fitted": {"c": 1.0}}, "no parameter c"),
+        ({"fitted": {"place_mm": 1.0}}, "not one number"),
+        ({"fitted": {"place_mm[2]": 1.0}}, "not one number"),
+        ({"fitted": {"a_um[0]": 1.0}}, "not one number"),
+        ({"fitted": {"a_um": 0.0}}, "departure"),
+        ({"fitted": {"a_um": float("nan")}}, "departure"),
+        ({"fitted": {"a_um": 4.5}}, "departure"),
+        ({"start": {"b_deg": 8.0}}, "bounds 0 to 7"),
+        ({"start": {"first": 1.0}}, "not fitted"),
+        ({"needs": ("press", "a hammer")}, "a hammer"),
+    ],
+)
+def test_wrong_declarations_are_refused(more: dict[str, object], words: str) -> None:
+    with pytest.raises(TypeError, match=words):
+        pair(**more)
+
+
+def test_amplitudes_that_add_are_absent_only_together() -> None:
+    one_off = {"a_um": 0.5, "b_deg": 1.0}
+    assert pair().is_null(Pair(**one_off))
+    assert not pair(null_when="all").is_null(Pair(**one_off))
+    assert pair(null_when="all").is_null(Pair())
 
 
 # --- what a scene may say --------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""The whole chain on one page, in physical order: rig -> contact -> light -> lens -> pixel -> readout -> frame."""
+"""The whole chain on one page, in physical order: rig, load, contact, light, lens, pixel, readout, frame."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def simulate(
     ----------
     scene : Scene
     force_N : float or None
-        Normal force [N]; None leaves the finger away (a dark frame).
+        Normal force that the load cell tells [N]; None leaves the finger away (a dark frame).
     seed : int
         The run's one seed; light, noise and effects draw from their own streams of it.
     time_s, index : float, int
@@ -82,20 +82,42 @@ def simulate(
     InputError
         If the scene's effects are not valid.
     """
-    effects = active_effects(scene, file)
-    scene = apply_stage(Stage.RIG, scene, effects, Context(scene, seed, time_s, index))
-    context = Context(scene, seed, time_s, index)
-
-    state = None
-    if force_N is not None:
-        state = (contact or _scene_contact())(scene, force_N, time_s=time_s)
-        state = apply_stage(Stage.CONTACT, state, effects, context)
+    scene, state = touch(scene, force_N, seed=seed, time_s=time_s, index=index, contact=contact, file=file)
 
     light_seed = rng.integer_seed(seed, "render", index)
     plate_light = (render or _path_tracer())(scene, state, seed=light_seed, **render_options)
 
     sensor_light, frame = photograph(scene, plate_light, seed=seed, time_s=time_s, index=index, file=file)
     return SimulatedFrame(scene, state, plate_light, sensor_light, frame)
+
+
+def touch(
+    scene: Scene,
+    force_N: float | None,
+    *,
+    seed: int,
+    time_s: float = 0.0,
+    index: int = 0,
+    contact: Callable[..., ContactState] | None = None,
+    file: Path | str = ANY_SCENE,
+) -> tuple[Scene, ContactState | None]:
+    """Press: the half of the chain before the light. Parameters as for :func:`simulate`.
+
+    Returns
+    -------
+    scene : Scene
+        The rig as it really is at that time.
+    state : ContactState or None
+        What touches; None where the finger is away.
+    """
+    effects = active_effects(scene, file)
+    scene = apply_stage(Stage.RIG, scene, effects, Context(scene, seed, time_s, index))
+    if force_N is None:
+        return scene, None
+    context = Context(scene, seed, time_s, index)
+    force_N = apply_stage(Stage.LOAD, force_N, effects, context)
+    state = (contact or _scene_contact())(scene, force_N, time_s=time_s)
+    return scene, apply_stage(Stage.CONTACT, state, effects, context)
 
 
 def photograph(

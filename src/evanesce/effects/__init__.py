@@ -10,12 +10,33 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
-from evanesce.effects.protocol import ANY_SCENE, Active, Context, Effect, Stage, apply_stage
+from evanesce.effects.protocol import (
+    ANY_SCENE,
+    OBSERVABLES,
+    Active,
+    Candidate,
+    Context,
+    Effect,
+    Observable,
+    Stage,
+    apply_stage,
+)
 from evanesce.errors import InputError
 from evanesce.rig import Scene
 from evanesce.rig.load import validate
 
-__all__ = ["Active", "Context", "Effect", "Stage", "active_effects", "all_effects", "apply_stage"]
+__all__ = [
+    "OBSERVABLES",
+    "Active",
+    "Candidate",
+    "Context",
+    "Effect",
+    "Observable",
+    "Stage",
+    "active_effects",
+    "all_effects",
+    "apply_stage",
+]
 
 
 @functools.cache

@@ -35,4 +35,6 @@ EFFECT = Effect(
     parameters=Parameters,
     amplitudes=("fraction", "rate_e_per_s"),
     apply=apply,
+    fitted={"fraction": 0.001, "rate_e_per_s": 1e5},
+    start={"fraction": 0.001, "rate_e_per_s": 1e5},
 )

@@ -1,0 +1,229 @@
+"""What lies where in a bundle, and the values that are read from it. See docs/bundle.md."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+MEASUREMENT_FILE = "measurement.toml"
+PRESS_TABLE = "press.csv"
+PRESS_FOLDER = "press"
+REPLICATES_FOLDER = "replicates"
+REPLICATES_TABLE = "replicates.csv"
+SERIES_FOLDER = "series"
+
+AUXILIARY = ("led_off", "lens_cap", "checkerboard", "square")
+"""Folders of shots that need no table."""
+
+OBSERVABLES = (
+    "press", "voltage", "force", "time", "displacement", "replicates", "led_off", "lens_cap", "checkerboard", "square",
+    "series",
+)  # fmt: skip
+"""What a bundle may hold; effects name what they need in these words.
+
+``press``: frames of presses; ``voltage``, ``force``: at least two of them; ``time``: frames of one held state that lie
+at least :data:`LEAST_DWELL_S` apart; ``displacement``: given for each frame; the rest: folders of that name.
+"""
+
+LEAST_DWELL_S = 10.0
+"""Shortest hold of one state from which anything slow can be seen [s]."""
+
+SAME_FORCE = (0.01, 0.02)
+"""Absolute [N] and relative difference of forces that count as one condition: a load cell never repeats a figure."""
+
+SAME_VOLTAGE_V = 0.05
+"""Difference of voltages that count as one condition [V]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shot:
+    """One frame's line of a table.
+
+    Attributes
+    ----------
+    index : int
+        Number of the frame: its file's name, or its place in the video.
+    time_s : float
+        Mid-exposure time since an origin that all tables share [s].
+    force_N : float
+        Normal force [N].
+    voltage_V : float
+        Supply of the LEDs [V].
+    displacement_mm : float
+        Of the finger's top towards the plate since first touch [mm]; NaN where not given.
+    session : int
+        Frames between which the finger was not taken off or moved over the plate share one.
+    condition : int
+        Frames of one session, force and voltage share one; counted from 0 in the order of appearance.
+    held_s : float
+        Time since the first frame of this hold: the unbroken run of frames of one session and force [s].
+    """
+
+    index: int
+    time_s: float
+    force_N: float
+    voltage_V: float
+    displacement_mm: float = math.nan
+    session: int = 0
+    condition: int = 0
+    held_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Replicates:
+    """Frames of a state that was held: their differences are noise.
+
+    Attributes
+    ----------
+    shots : tuple of Shot
+        One for each frame; empty where the state is not known (the frames then tell of noise alone).
+    count : int
+        Number of frames.
+    """
+
+    shots: tuple[Shot, ...] = ()
+    count: int = 0
+
+    def __len__(self) -> int:
+        return self.count
+
+
+@dataclass(frozen=True, kw_only=True)
+class Series:
+    """A scalar measured against another.
+
+    Attributes
+    ----------
+    name : str
+        Its file's name without suffix.
+    x_name, x_unit : str
+        ``force`` [N], ``voltage`` [V], ``time`` [s] or ``displacement`` [mm].
+    y_name, y_unit : str
+        ``area`` [mm2] or ``force`` [N].
+    x, y : ndarray (n,)
+    sigma : ndarray (n,) or None
+        Standard deviation of ``y``, in its unit; None where not given.
+    held : Mapping of str to float
+        What was held while it was measured and how an area was read, as :data:`HELD` names it.
+    """
+
+    name: str
+    x_name: str
+    x_unit: str
+    y_name: str
+    y_unit: str
+    x: Array
+    y: Array
+    sigma: Array | None = None
+    held: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+
+    def __len__(self) -> int:
+        return int(self.x.size)
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table: its closed bounds, and whether it has to be there."""
+
+    lo: float
+    hi: float
+    unit: str
+    required: bool = False
+    whole: bool = False
+
+    def __str__(self) -> str:
+        whole = "whole numbers " if self.whole else ""
+        return f"{whole}{self.lo:g} to {self.hi:g}" + ("" if self.unit == "1" else f" {self.unit}")
+
+
+SHOT_COLUMNS: Mapping[str, Column] = MappingProxyType(
+    {
+        "index": Column(0, 9_999_999, "1", required=True, whole=True),
+        "time_s": Column(0.0, 1e7, "s", required=True),
+        "force_N": Column(0.0, 1000.0, "N", required=True),
+        "voltage_V": Column(0.0, 60.0, "V"),
+        "displacement_mm": Column(-10.0, 100.0, "mm"),
+        "session": Column(0, 9999, "1", whole=True),
+    }
+)
+"""Columns of ``press.csv`` and ``replicates.csv``."""
+
+SERIES_X: Mapping[str, Column] = MappingProxyType(
+    {
+        "force_N": Column(0.0, 1000.0, "N"),
+        "voltage_V": Column(0.0, 60.0, "V"),
+        "time_s": Column(0.0, 1e7, "s"),
+        "displacement_mm": Column(-10.0, 100.0, "mm"),
+    }
+)
+SERIES_Y: Mapping[str, Column] = MappingProxyType(
+    {"area_mm2": Column(0.0, 1e6, "mm2"), "force_N": Column(0.0, 1000.0, "N")}
+)
+
+HELD: Mapping[str, Column] = MappingProxyType(
+    {
+        "force_N": Column(0.0, 1000.0, "N"),
+        "voltage_V": Column(0.0, 60.0, "V"),
+        "time_s": Column(0.0, 1e7, "s"),
+        "threshold": Column(0.0, 1.0, "1"),
+        "blur_px": Column(0.0, 100.0, "px"),
+        "min_blob_mm2": Column(0.0, 1e4, "mm2"),
+    }
+)
+"""Keys of a table ``[series.NAME]`` of ``measurement.toml``: the held state, and the chain that read an area."""
+
+
+def conditions(shots: list[Shot]) -> tuple[Shot, ...]:
+    """Return the shots with their condition and the time since their hold began.
+
+    Parameters
+    ----------
+    shots : list of Shot
+        In the order of time.
+    """
+    firsts: list[Shot] = []
+    found: list[Shot] = []
+    hold: Shot | None = None
+    for shot in shots:
+        number = next((k for k, first in enumerate(firsts) if same_condition(first, shot)), len(firsts))
+        if number == len(firsts):
+            firsts.append(shot)
+        if hold is None or hold.session != shot.session or not same_force(hold.force_N, shot.force_N):
+            hold = shot
+        found.append(_with(shot, condition=number, held_s=shot.time_s - hold.time_s))
+    return tuple(found)
+
+
+def same_force(one: float, other: float) -> bool:
+    """Tell whether two forces [N] are one within what a load cell repeats."""
+    absolute, relative = SAME_FORCE
+    return abs(one - other) <= absolute + relative * max(abs(one), abs(other))
+
+
+def same_condition(one: Shot, other: Shot) -> bool:
+    """Tell whether two shots are of one session, force and voltage."""
+    return (
+        one.session == other.session
+        and same_force(one.force_N, other.force_N)
+        and abs(one.voltage_V - other.voltage_V) <= SAME_VOLTAGE_V
+    )
+
+
+def _with(shot: Shot, *, condition: int, held_s: float) -> Shot:
+    return Shot(
+        index=shot.index,
+        time_s=shot.time_s,
+        force_N=shot.force_N,
+        voltage_V=shot.voltage_V,
+        displacement_mm=shot.displacement_mm,
+        session=shot.session,
+        condition=condition,
+        held_s=held_s,
+    )

@@ -1,0 +1,459 @@
+"""Read a bundle: tables at once, frames when they are asked for. What is broken is refused with its exact place."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image as PillowImage
+from pydantic import Field
+
+from evanesce.bundle.layout import (
+    AUXILIARY,
+    HELD,
+    LEAST_DWELL_S,
+    MEASUREMENT_FILE,
+    PRESS_FOLDER,
+    PRESS_TABLE,
+    REPLICATES_FOLDER,
+    REPLICATES_TABLE,
+    SAME_VOLTAGE_V,
+    SERIES_FOLDER,
+    Replicates,
+    Series,
+    Shot,
+    same_force,
+)
+from evanesce.bundle.tables import line_numbers, read_series, read_shots
+from evanesce.errors import InputError
+from evanesce.measurement.frames import natural_key, open_frames
+from evanesce.measurement.images import read_image
+from evanesce.measurement.segment import grey
+from evanesce.quantities import Strict
+from evanesce.resources import resource
+from evanesce.rig import Scene, load_scene
+from evanesce.rig.load import validate
+
+Grey = NDArray[np.uint8]
+
+MAX_FILES = 100_000
+MAX_TOML_BYTES = 1_000_000
+
+
+class _Press(Strict):
+    video: str | None = Field(None, max_length=255)
+
+
+class _Replicates(Strict):
+    press_index: int | None = Field(None, ge=0)
+
+
+class _Measurement(Strict):
+    """``measurement.toml``."""
+
+    schema_version: int = Field(1, ge=1, le=1)
+    title: str = Field("", max_length=200)
+    scene: str = Field(min_length=1, max_length=255)
+    press: _Press = Field(default_factory=lambda: _Press.model_validate({}))
+    replicates: _Replicates = Field(default_factory=lambda: _Replicates.model_validate({}))
+    series: dict[str, dict[str, float | int]] = Field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Bundle:
+    """A measurement bundle; frames are read when asked for, everything else has been checked.
+
+    Attributes
+    ----------
+    path : Path
+        The folder.
+    scene : Scene
+        The rig that is believed.
+    title : str
+    press : tuple of Shot
+        In the order of time.
+    replicates : Replicates
+    series : Mapping of str to Series
+    """
+
+    path: Path
+    scene: Scene
+    title: str = ""
+    press: tuple[Shot, ...] = ()
+    replicates: Replicates = field(default_factory=Replicates)
+    series: Mapping[str, Series] = field(default_factory=lambda: MappingProxyType({}))
+    _files: Mapping[str, tuple[Path, ...]] = field(default_factory=lambda: MappingProxyType({}), repr=False)
+    _video: Path | None = field(default=None, repr=False)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, cols) of every frame [px]."""
+        cols, rows = self.scene.camera.resolution_px
+        return rows, cols
+
+    def frame(self, shot: Shot) -> Grey:
+        """Return a press frame, uint8 (rows, cols) [DN]; colour is made grey by the luma weights of the chain.
+
+        Raises
+        ------
+        InputError
+            If the file is damaged, has 16 bits or another size than the scene's camera.
+        KeyError
+            If the shot is none of :attr:`press`.
+        """
+        if self._video is not None:
+            return self._film[shot.index]
+        place = {s.index: k for k, s in enumerate(self.press)}[shot.index]
+        return self._read(self._files[PRESS_FOLDER][place])
+
+    def frames(self, kind: str) -> tuple[Grey, ...]:
+        """Return all frames of ``press``, ``replicates`` or one of :data:`AUXILIARY`; empty where there are none."""
+        if kind == PRESS_FOLDER:
+            return tuple(self.frame(shot) for shot in self.press)
+        if kind not in (REPLICATES_FOLDER, *AUXILIARY):
+            raise KeyError(kind)
+        return tuple(self._read(path) for path in self._files.get(kind, ()))
+
+    def count(self, kind: str) -> int:
+        """Return how many frames of a kind there are."""
+        return len(self.press) if kind == PRESS_FOLDER else len(self._files.get(kind, ()))
+
+    @cached_property
+    def replicate_frames(self) -> tuple[Grey, ...]:
+        """Frames of the held state."""
+        return self.frames(REPLICATES_FOLDER)
+
+    @cached_property
+    def led_off(self) -> tuple[Grey, ...]:
+        """Frames with the LEDs off and the finger away."""
+        return self.frames("led_off")
+
+    @cached_property
+    def lens_cap(self) -> tuple[Grey, ...]:
+        """Frames with the lens covered."""
+        return self.frames("lens_cap")
+
+    @cached_property
+    def checkerboard(self) -> tuple[Grey, ...]:
+        """Shots of the checkerboard on the glass."""
+        return self.frames("checkerboard")
+
+    @cached_property
+    def square(self) -> tuple[Grey, ...]:
+        """Shots of the square on the glass."""
+        return self.frames("square")
+
+    @cached_property
+    def available(self) -> frozenset[str]:
+        """What of :data:`~evanesce.bundle.layout.OBSERVABLES` is there."""
+        found = {kind for kind in AUXILIARY if self._files.get(kind)}
+        if self.press:
+            first = self.press[0]
+            found.add("press")
+            if any(abs(s.voltage_V - first.voltage_V) > SAME_VOLTAGE_V for s in self.press):
+                found.add("voltage")
+            if any(not same_force(s.force_N, first.force_N) for s in self.press):
+                found.add("force")
+            if any(s.held_s >= LEAST_DWELL_S for s in self.press):
+                found.add("time")
+            if not any(np.isnan(s.displacement_mm) for s in self.press):
+                found.add("displacement")
+        if len(self.replicates) > 1:
+            found.add("replicates")
+        if self.series:
+            found.add("series")
+        return frozenset(found)
+
+    @cached_property
+    def _film(self) -> dict[int, Grey]:
+        """The video's frames that the table names, decoded in one go."""
+        assert self._video is not None
+        wanted = {shot.index for shot in self.press}
+        found: dict[int, Grey] = {}
+        stream = open_frames(self._video)
+        seen = 0
+        for frame in stream:
+            seen += 1
+            if frame.index in wanted:
+                found[frame.index] = self._checked(frame.data, self._video)
+            if len(found) == len(wanted):
+                return found
+        stream.finish()
+        missing = min(wanted - set(found))
+        raise InputError(
+            f"frame {missing} is named, but the video holds {seen}", file=self.path / PRESS_TABLE, key="column index",
+            allowed=f"0 to {seen - 1}",
+        )  # fmt: skip
+
+    def _read(self, path: Path) -> Grey:
+        loaded = read_image(path)
+        if any(note.code == "bit_depth" for note in loaded.notes):
+            raise InputError("16-bit samples", file=path, allowed="8 bits, as the measurement pipeline reads them")
+        return self._checked(loaded.data, path)
+
+    def _checked(self, data: Grey, path: Path) -> Grey:
+        _check_size((data.shape[1], data.shape[0]), self.scene, path)
+        if data.ndim == 3:
+            data = np.floor(255.0 * grey(data) + 0.5).astype(np.uint8)
+        data.flags.writeable = False
+        return data
+
+
+def scene_at(scene: Scene, shot: Shot) -> Scene:
+    """Return the believed rig with the LEDs' supply as it was for a shot."""
+    if shot.voltage_V == scene.leds.voltage_V:
+        return scene
+    return scene.model_copy(update={"leds": scene.leds.model_copy(update={"voltage_V": shot.voltage_V})})
+
+
+def read_bundle(path: str | Path, *, decode: bool = True) -> Bundle:
+    """Read and check a bundle.
+
+    Parameters
+    ----------
+    path : str or Path
+    decode : bool
+        Whether to decode every frame once, so that damage is refused here; else only sizes are looked at.
+
+    Raises
+    ------
+    InputError
+        With file, line and column of the first thing wrong.
+    """
+    root = Path(path)
+    if not root.is_dir():
+        raise InputError("no such folder", file=root, allowed="a measurement bundle, see docs/bundle.md")
+    described = _measurement(root)
+    scene = _scene(root, described.scene)
+    video = None if described.press.video is None else _inside(root, described.press.video, "press.video")
+    press, press_files = _read_press(root, scene, video)
+    files = {kind: _pngs(root, kind) for kind in AUXILIARY}
+    files[PRESS_FOLDER] = press_files
+    replicates, files[REPLICATES_FOLDER] = _read_replicates(root, scene, described, press)
+    bundle = Bundle(
+        path=root,
+        scene=scene,
+        title=described.title,
+        press=press,
+        replicates=replicates,
+        series=_read_series(root, described),
+        _files=MappingProxyType(files),
+        _video=video,
+    )
+    if not bundle.available:
+        raise InputError("holds nothing measured", file=root, allowed="press frames, other shots or a scalar series")
+    for paths in files.values():
+        for file in paths:
+            _check_header(file, scene)
+    if decode:
+        for kind in (PRESS_FOLDER, REPLICATES_FOLDER, *AUXILIARY):
+            bundle.frames(kind)
+    return bundle
+
+
+def _measurement(root: Path) -> _Measurement:
+    path = _inside(root, MEASUREMENT_FILE, None)
+    if path.stat().st_size > MAX_TOML_BYTES:
+        raise InputError(f"{path.stat().st_size} bytes", file=path, allowed=f"at most {MAX_TOML_BYTES} bytes")
+    try:
+        data: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"not valid TOML: {error}", file=path) from None
+    return validate(_Measurement, data, path)
+
+
+def _scene(root: Path, name: str) -> Scene:
+    """Return the believed rig: a file of the bundle, or a scene that ships, by its bare name."""
+    if name.endswith(".toml"):
+        return load_scene(_inside(root, name, "scene"))
+    if not name.replace("_", "").replace("-", "").isalnum():
+        raise InputError(
+            f"{name!r}", file=root / MEASUREMENT_FILE, key="scene",
+            allowed="a TOML file inside the bundle, or the name of a shipped scene",
+        )  # fmt: skip
+    # Only ever a shipped scene: a file of that name in the working folder is not the bundle's.
+    shipped = resource("scenes", f"{name}.toml")
+    if not shipped.is_file():
+        known = ", ".join(sorted(p.stem for p in resource("scenes").glob("*.toml")))
+        raise InputError(
+            f"no shipped scene {name!r}", file=root / MEASUREMENT_FILE, key="scene",
+            allowed=f"a TOML file inside the bundle, or {known}",
+        )  # fmt: skip
+    return load_scene(shipped)
+
+
+def _inside(root: Path, name: str, key: str | None) -> Path:
+    """Return a regular file of the bundle; a name that leads out of the folder is refused.
+
+    Raises
+    ------
+    InputError
+        If it is not there, no regular file, absolute, climbs, or is a link that leaves the bundle.
+    """
+    where = root / MEASUREMENT_FILE
+    parts = Path(name).parts
+    if Path(name).is_absolute() or ".." in parts or "\\" in name or "\0" in name or ":" in name:
+        raise InputError(f"{name!r} leads out of the bundle", file=where, key=key, allowed="a file inside the folder")
+    path = root / name
+    if not path.exists():
+        if key is None:
+            raise InputError("is missing", file=path, allowed="see docs/bundle.md")
+        raise InputError(f"no such file: {name}", file=where, key=key, allowed="a file inside the folder")
+    _check_inside(root, path)
+    if not path.is_file():
+        raise InputError("is no regular file", file=path)
+    return path
+
+
+def _check_inside(root: Path, path: Path) -> None:
+    if not path.resolve().is_relative_to(root.resolve()):
+        raise InputError("is a link that leads out of the bundle", file=path, allowed="files inside the folder")
+
+
+def _pngs(root: Path, folder: str) -> tuple[Path, ...]:
+    """Return a folder's frames in natural order; empty where there is no such folder."""
+    where = root / folder
+    if not where.exists():
+        return ()
+    _check_inside(root, where)
+    if not where.is_dir():
+        raise InputError("is a file", file=where, allowed="a folder of PNG frames")
+    found = []
+    for entry in os.scandir(where):
+        if entry.name.startswith(".") or (entry.name == REPLICATES_TABLE and folder == REPLICATES_FOLDER):
+            continue
+        path = Path(entry.path)
+        if path.suffix.lower() != ".png":
+            raise InputError("is no PNG frame", file=path, allowed="PNG files only in this folder")
+        _check_inside(root, path)
+        if not path.is_file():
+            raise InputError("is no regular file", file=path)
+        found.append(path)
+        if len(found) > MAX_FILES:
+            raise InputError(f"more than {MAX_FILES} files", file=where)
+    if not found:
+        raise InputError("holds no frame", file=where, allowed="PNG frames, or no such folder")
+    return tuple(sorted(found, key=lambda p: (natural_key(p.name), p.name)))
+
+
+def _read_press(root: Path, scene: Scene, video: Path | None) -> tuple[tuple[Shot, ...], tuple[Path, ...]]:
+    table = root / PRESS_TABLE
+    folder = () if video is not None else _pngs(root, PRESS_FOLDER)
+    if video is not None and (root / PRESS_FOLDER).exists():
+        raise InputError(
+            "there is a video and a folder press/", file=root / MEASUREMENT_FILE, key="press.video",
+            allowed="one of both",
+        )  # fmt: skip
+    if not table.exists():
+        if folder or video is not None:
+            raise InputError("is missing, but there are press frames", file=table, allowed="a line for each frame")
+        return (), ()
+    _inside(root, PRESS_TABLE, None)
+    shots = read_shots(table, scene.leds.voltage_V)
+    if video is not None:
+        return shots, ()
+    by_number = _numbered(folder)
+    for line, shot in zip(line_numbers(table), shots, strict=True):
+        if shot.index not in by_number:
+            raise InputError(
+                f"frame {shot.index} is missing: no {PRESS_FOLDER}/{shot.index:04d}.png", file=table,
+                key=f"line {line}, column index", allowed=f"{len(shots)} frames, one to each line",
+            )  # fmt: skip
+    extra = sorted(set(by_number) - {shot.index for shot in shots})
+    if extra:
+        raise InputError(
+            f"has no line in {PRESS_TABLE}: {len(by_number)} frames, {len(shots)} lines", file=by_number[extra[0]],
+            allowed="a line for each frame",
+        )  # fmt: skip
+    return shots, tuple(by_number[shot.index] for shot in shots)
+
+
+def _numbered(paths: Sequence[Path]) -> dict[int, Path]:
+    """Return frames by the number that is their name."""
+    found: dict[int, Path] = {}
+    for path in paths:
+        if not (path.stem.isascii() and path.stem.isdecimal()):
+            raise InputError(f"{path.stem!r} is no number", file=path, allowed="NNNN.png, the index of press.csv")
+        if int(path.stem) in found:
+            raise InputError(f"is frame {int(path.stem)} once more", file=path, allowed="each number once")
+        found[int(path.stem)] = path
+    return found
+
+
+def _read_replicates(
+    root: Path, scene: Scene, described: _Measurement, press: tuple[Shot, ...]
+) -> tuple[Replicates, tuple[Path, ...]]:
+    files = _pngs(root, REPLICATES_FOLDER)
+    table, index = root / REPLICATES_FOLDER / REPLICATES_TABLE, described.replicates.press_index
+    key = "replicates.press_index"
+    if not files:
+        if index is not None:
+            raise InputError("there are no replicates", file=root / MEASUREMENT_FILE, key=key)
+        return Replicates(), ()
+    if table.exists():
+        if index is not None:
+            raise InputError(f"{table.name} gives the state, too", file=root / MEASUREMENT_FILE, key=key)
+        _inside(root, f"{REPLICATES_FOLDER}/{REPLICATES_TABLE}", None)
+        shots = read_shots(table, scene.leds.voltage_V)
+        if len(shots) != len(files):
+            raise InputError(
+                f"{len(shots)} lines, but {len(files)} frames", file=table, allowed="a line for each frame"
+            )
+        return Replicates(shots, len(files)), files
+    if index is None:
+        return Replicates((), len(files)), files
+    held = [shot for shot in press if shot.index == index]
+    if not held:
+        raise InputError(f"{index} is no frame of {PRESS_TABLE}", file=root / MEASUREMENT_FILE, key=key)
+    return Replicates((held[0],) * len(files), len(files)), files
+
+
+def _read_series(root: Path, described: _Measurement) -> Mapping[str, Series]:
+    folder = root / SERIES_FOLDER
+    for name, table in described.series.items():
+        where, key = root / MEASUREMENT_FILE, f"series.{name}"
+        for entry, value in table.items():
+            if entry not in HELD:
+                raise InputError(f"unknown key {entry!r}", file=where, key=key, allowed=", ".join(HELD))
+            if isinstance(value, bool) or not HELD[entry].lo <= value <= HELD[entry].hi:
+                raise InputError(f"{value!r}", file=where, key=f"{key}.{entry}", allowed=str(HELD[entry]))
+        if not (name.replace("_", "").replace("-", "").isalnum() and (folder / f"{name}.csv").exists()):
+            raise InputError(f"no {SERIES_FOLDER}/{name}.csv", file=where, key=key)
+    if not folder.exists():
+        return MappingProxyType({})
+    _check_inside(root, folder)
+    if not folder.is_dir():
+        raise InputError("is a file", file=folder, allowed="a folder of CSV tables")
+    found = {}
+    for path in sorted(p for p in folder.iterdir() if not p.name.startswith(".")):
+        if path.suffix.lower() != ".csv":
+            raise InputError("is no CSV table", file=path, allowed="CSV tables only in this folder")
+        _inside(root, f"{SERIES_FOLDER}/{path.name}", None)
+        found[path.stem] = read_series(path, {k: float(v) for k, v in described.series.get(path.stem, {}).items()})
+    return MappingProxyType(found)
+
+
+def _check_header(path: Path, scene: Scene) -> None:
+    """Compare an image's size with the camera's without decoding it."""
+    try:
+        with PillowImage.open(path, formats=("PNG",)) as picture:
+            size = picture.size
+    except (OSError, ValueError, SyntaxError, PillowImage.DecompressionBombError) as error:
+        raise InputError(f"cannot be read as PNG: {error}", file=path) from None
+    _check_size(size, scene, path)
+
+
+def _check_size(size: tuple[int, int], scene: Scene, path: Path) -> None:
+    cols, rows = scene.camera.resolution_px
+    if size != (cols, rows):
+        raise InputError(
+            f"{size[0]} x {size[1]} pixels", file=path, allowed=f"{cols} x {rows}, the believed camera's resolution_px"
+        )

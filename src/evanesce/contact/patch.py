@@ -48,6 +48,23 @@ def radii(grid: PlateGrid, centre: tuple[float, float]) -> Array:
     return np.hypot(grid.x[None, :] - centre[0], grid.y[:, None] - centre[1])
 
 
+def box_around(grid: PlateGrid, centre: tuple[float, float], radius: float) -> tuple[slice, slice]:
+    """Return the (rows, cols) of a grid that hold a circle which fits on it, with a margin of two cells."""
+    row, col = grid.index(np.array(centre[0]), np.array(centre[1]))
+    reach = radius / grid.pitch + 2.0
+    low = (max(0, int(np.floor(at - reach))) for at in (row, col))
+    high = (int(np.ceil(at + reach)) + 1 for at in (row, col))
+    rows, cols = (slice(a, min(b, n)) for a, b, n in zip(low, high, grid.shape, strict=True))
+    return rows, cols
+
+
+def grid_part(grid: PlateGrid, box: tuple[slice, slice]) -> PlateGrid:
+    """Return a box of a grid as a grid of its own."""
+    x, y = grid.x[box[1]], grid.y[box[0]]
+    middle = (0.5 * float(x[0] + x[-1]), 0.5 * float(y[0] + y[-1]))
+    return PlateGrid((y.size, x.size), grid.pitch, middle)
+
+
 def disc_coverage(grid: PlateGrid, centre: tuple[float, float], radius: float) -> Array:
     """Return the share of each cell that a disc covers, exact to rounding.
 
@@ -157,19 +174,22 @@ def axisymmetric_state(
     """
     require_fit(grid, centre, contact.contact_radius)
     gap = contact.gap(radii(grid, centre))
+    pressure, covered = np.zeros(grid.shape), np.zeros(grid.shape)
     if contact.contact_radius > 0:
-        pressure = cell_pressure(grid, centre, contact)
+        # outside the circle there is neither pressure nor contact
+        box = box_around(grid, centre, contact.contact_radius)
+        part = grid_part(grid, box)
+        pressure[box] = cell_pressure(part, centre, contact)
+        covered[box] = disc_coverage(part, centre, contact.contact_radius)
         carried = float(pressure.sum()) * grid.pitch**2
         # a pulling or vanishing force is a difference of large terms, where a factor would mean nothing
         if contact.shape_exponent is not None and carried > 0:
-            pressure = pressure * (contact.normal_force / carried)
-    else:
-        pressure = np.zeros(grid.shape)
+            pressure *= contact.normal_force / carried
     return ContactState(
         grid=grid,
         pressure=pressure,
         gap=gap,
-        contact_mask=disc_coverage(grid, centre, contact.contact_radius),
+        contact_mask=covered,
         normal_force=contact.normal_force,
         nominal_contact_area=float(np.pi * contact.contact_radius**2),
         depth=contact.depth,

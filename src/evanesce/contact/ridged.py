@@ -16,8 +16,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.contact.heightmap import RidgeRow
-from evanesce.contact.patch import AxisymmetricContact, axisymmetric_state, cell_pressure, radii, require_fit
+from evanesce.contact.heightmap import RidgeRow, furrow_depth
+from evanesce.contact.patch import (
+    AxisymmetricContact,
+    axisymmetric_state,
+    box_around,
+    cell_pressure,
+    grid_part,
+    radii,
+    require_fit,
+)
 from evanesce.contact.ridge_profile import closure_pressure, profile_exponent, ridge_gap, ridge_pressure
 from evanesce.errors import InputError
 from evanesce.states import ContactState, PlateGrid
@@ -81,17 +89,24 @@ def ridged_state(
     if smooth.shape_exponent is None:
         raise ValueError("the first ridged model needs a macroscopic law without adhesion")
     require_fit(grid, centre, smooth.contact_radius)
-    mean = cell_pressure(grid, centre, smooth)
-    local = _mean_pressure(smooth, radii(grid, centre))
-    pressure = ridge_pressure(distance, local, ridges.pitch, closure, exponent)
-    pressure = share_forces(pressure, mean, number) * (smooth.normal_force / (mean.sum() * grid.pitch**2))
-    gap = smooth.gap(radii(grid, centre)) + ridge_gap(distance, local, ridges.pitch, ridges.height, closure, exponent)
-    level = _level(smooth, ridges, closure, exponent)
+    # nothing touches outside the smooth circle: only the gap is needed there, and its furrows are undeformed
+    box = box_around(grid, centre, smooth.contact_radius)
+    part = grid_part(grid, box)
+    mean = cell_pressure(part, centre, smooth)
+    r = radii(grid, centre)
+    local = _mean_pressure(smooth, r[box])
+    inner = ridge_pressure(distance[box], local, ridges.pitch, closure, exponent)
+    inner = share_forces(inner, mean, number[box]) * (smooth.normal_force / (mean.sum() * grid.pitch**2))
+    furrow = furrow_depth(distance, ridges.pitch, ridges.width, ridges.height)
+    furrow[box] = ridge_gap(distance[box], local, ridges.pitch, ridges.height, closure, exponent)
+    pressure, covered = np.zeros(grid.shape), np.zeros(grid.shape)
+    pressure[box] = inner
+    covered[box] = level_coverage(_level(smooth, ridges, closure, exponent), part, centre)
     return ContactState(
         grid=grid,
         pressure=pressure,
-        gap=gap,
-        contact_mask=level_coverage(level, grid, centre),
+        gap=smooth.gap(r) + furrow,
+        contact_mask=covered,
         normal_force=smooth.normal_force,
         nominal_contact_area=ridged_area(smooth, ridges, closure, exponent),
         depth=smooth.depth,

@@ -12,7 +12,7 @@ from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import Delaunay, cKDTree
 
 from evanesce.contact.fem.surface import Footprint
-from evanesce.contact.patch import AxisymmetricContact, axisymmetric_state, radii, require_fit
+from evanesce.contact.patch import AxisymmetricContact, axisymmetric_state, box_around, grid_part, radii, require_fit
 from evanesce.errors import InputError
 from evanesce.states import ContactState, PlateGrid, SurfaceState
 
@@ -147,20 +147,24 @@ def press_state(
     require_fit(grid, centre, profile.contact_radius)
     contact = axisymmetric_contact(profile, beyond)
     base = axisymmetric_state(grid, centre, contact, law=law, parameters=parameters, time=time)
-    r = radii(grid, centre)
-    way = np.stack(np.meshgrid(grid.x - centre[0], grid.y - centre[1])) / np.where(r > 0, r, 1.0)
-    # a cell on the rim is whole as a state, but carries only its covered share of traction and slip
     covered = np.asarray(base.contact_mask, dtype=np.float64)
-    radial = np.interp(r, profile.r, profile.traction) * covered
-    slipped = np.interp(r, profile.r, profile.slip) * (covered > 0)
+    traction, slip = np.zeros((2, *grid.shape)), np.zeros((2, *grid.shape))
+    slipping = np.zeros(grid.shape, dtype=bool)
+    box = box_around(grid, centre, profile.contact_radius)
+    part, whole = grid_part(grid, box), (slice(None), *box)
+    r = radii(part, centre)
+    way = np.stack(np.meshgrid(part.x - centre[0], part.y - centre[1])) / np.where(r > 0, r, 1.0)
+    # a cell on the rim is whole as a state, but carries only its covered share of traction and slip
+    traction[whole] = np.interp(r, profile.r, profile.traction) * covered[box] * way
+    slip[whole] = np.interp(r, profile.r, profile.slip) * (covered[box] > 0) * way
     # beyond the last node in contact, its own label goes on to the edge
     inside = profile.pressure > 0
-    labels = profile.slipping[inside].astype(float)
-    slipping = np.interp(r, profile.r[inside], labels) >= 0.5 if inside.any() else np.zeros(grid.shape, dtype=bool)
+    if inside.any():
+        slipping[box] = np.interp(r, profile.r[inside], profile.slipping[inside].astype(float)) >= 0.5
     return ContactState(
         grid=grid, pressure=base.pressure, gap=base.gap, contact_mask=covered, normal_force=base.normal_force,
-        nominal_contact_area=base.nominal_contact_area, law=law, depth=base.depth, traction=radial * way,
-        slip=slipped * way, state=surface_states(covered, np.asarray(base.gap, dtype=np.float64), slipping), time=time,
+        nominal_contact_area=base.nominal_contact_area, law=law, depth=base.depth, traction=traction,
+        slip=slip, state=surface_states(covered, np.asarray(base.gap, dtype=np.float64), slipping), time=time,
         parameters=dict(parameters),
     )  # fmt: skip
 

@@ -120,6 +120,40 @@ def touch(
     return scene, apply_stage(Stage.CONTACT, state, effects, context)
 
 
+def simulate_card(
+    scene: Scene,
+    which: Literal["checkerboard", "square"],
+    *,
+    seed: int,
+    pose: Any = None,
+    time_s: float = 0.0,
+    index: int = 0,
+    file: Path | str = ANY_SCENE,
+    **render_options: Any,
+) -> Frame:
+    """Take the picture of a calibration card, LEDs off.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its ``[card]`` table describes the print.
+    which : {"checkerboard", "square"}
+    pose : Pose, optional
+        Intended (:class:`evanesce.render.cards.Pose`); flat on the glass if not given.
+    seed, time_s, index, file
+        As for :func:`simulate`.
+    **render_options
+        Passed to :func:`evanesce.render.cards.render_card`.
+    """
+    from evanesce.render.cards import checkerboard_of, pose_of, render_card, square_of
+
+    rig, _ = touch(scene, None, seed=seed, time_s=time_s, index=index, file=file)
+    card = checkerboard_of(rig.card) if which == "checkerboard" else square_of(rig.card)
+    light_seed = rng.integer_seed(seed, "card", which, index)
+    light = render_card(rig, card, pose_of(rig.card, pose), seed=light_seed, **render_options)
+    return photograph(rig, light, seed=seed, time_s=time_s, index=index, file=file)[1]
+
+
 def photograph(
     scene: Scene,
     plate_light: PlateLight,

@@ -254,8 +254,8 @@ class Effect:
         if any(not low <= value <= high for value in start):
             raise TypeError(f"effect {self.id}: start {start} of {name} (bounds {low:g} to {high:g})")
         default = getattr(self.parameters(), key)
-        amplitude = key in self.amplitudes
-        null = quantity.null if amplitude else default if index is None else default[index]
+        amplitude = quantity.null is not None and key in self.amplitudes
+        null: Any = quantity.null if amplitude else default if index is None else default[index]
         return Candidate(
             name=name,
             unit=quantity.unit,

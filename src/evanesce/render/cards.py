@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from evanesce.optics.projection import IdealView, Projection, rotation
 from evanesce.render.path import integrator_for, pass_samples, trace
 from evanesce.render.scene import camera_dict, card_mesh, plate_scene
 from evanesce.render.variant import select
-from evanesce.rig import Scene
+from evanesce.rig import Cards, Scene
 from evanesce.states import PlateLight
 
 Array = NDArray[np.float64]
@@ -65,8 +65,30 @@ class Card:
         return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
 
-CHECKERBOARD = Card(squares=(42, 31), side=1.0)
-SQUARE = Card(side=15.0)
+def checkerboard_of(cards: Cards) -> Card:
+    """Return the checkerboard that a rig's ``[card]`` table describes."""
+    return Card(
+        squares=cards.checkerboard_squares,
+        side=cards.checkerboard_side_mm,
+        margin=cards.checkerboard_margin_mm,
+        white=cards.white_reflectance,
+        black=cards.black_reflectance,
+    )
+
+
+def square_of(cards: Cards) -> Card:
+    """Return the plain square that a rig's ``[card]`` table describes."""
+    return Card(
+        side=cards.square_side_mm,
+        margin=cards.square_margin_mm,
+        white=cards.white_reflectance,
+        black=cards.black_reflectance,
+        inverted=cards.square_inverted,
+    )
+
+
+CHECKERBOARD = checkerboard_of(Cards())
+SQUARE = square_of(Cards())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,6 +116,19 @@ class Pose:
         turn = rotation(*np.deg2rad([self.tilt_x_deg, self.tilt_y_deg, self.rotation_deg]))
         flat = np.column_stack([points, np.zeros(len(points))])
         return flat @ turn.T + [self.shift[0], self.shift[1], self.height]
+
+
+def pose_of(cards: Cards, pose: Pose | None = None) -> Pose:
+    """Return where a card's printed side really is: as far above its intended pose as it stands off when lying.
+
+    Parameters
+    ----------
+    cards : Cards
+    pose : Pose, optional
+        Intended; flat on the glass at the origin if not given.
+    """
+    intended = pose or Pose()
+    return replace(intended, height=intended.height + (cards.height_mm - AIR_FILM))
 
 
 @dataclass(frozen=True, kw_only=True)

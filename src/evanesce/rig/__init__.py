@@ -1,6 +1,7 @@
 """The rig as data: plate, LEDs, finger, camera, loading programme. Strict, frozen, no physics."""
 
 from evanesce.rig.camera import Camera, Distortion
+from evanesce.rig.card import Cards
 from evanesce.rig.finger import Contact, Finger, Ridges
 from evanesce.rig.leds import LedCircuit, Leds
 from evanesce.rig.load import dump_scene, load_scene, scene_path
@@ -10,6 +11,7 @@ from evanesce.rig.scene import Scene
 
 __all__ = [
     "Camera",
+    "Cards",
     "Contact",
     "Distortion",
     "Finger",

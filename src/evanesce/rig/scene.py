@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from evanesce.quantities import Strict, field
 from evanesce.rig.camera import Camera
+from evanesce.rig.card import Cards
 from evanesce.rig.finger import Contact, Finger, HertzLaw
 from evanesce.rig.leds import Leds
 from evanesce.rig.plate import Plate
@@ -55,6 +56,7 @@ class Scene(Strict):
     finger: Finger
     contact: Contact = HertzLaw(law="hertz")
     camera: Camera = Camera()
+    card: Cards = Cards()
     press: Press
     slide: Slide | None = None
     grid: ContactGrid = ContactGrid()

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from evanesce.errors import InputError
 from evanesce.optics.projection import IdealView, Projection, rotation
-from evanesce.render.path import integrator_for, pass_samples, trace
+from evanesce.render.passes import Until, pass_samples, trace
+from evanesce.render.path import integrator_for
 from evanesce.render.scene import camera_dict, card_mesh, plate_scene
 from evanesce.render.variant import select
 from evanesce.rig import Cards, Scene
@@ -242,27 +243,19 @@ def render_card(
     view = projection.ideal_view() if view is None else view
     info = select(variant)
     shapes = plate_scene(scene, None, {}, info.is_jit).shapes | _card_shapes(card, pose) | {"room": room.shape()}
-    done = 0
-
-    def tick() -> None:
-        nonlocal done
-        done += 1
-        if progress is not None:
-            progress(done, passes)
-
     sums = trace(
         shapes,
         camera_dict(projection, view),
         integrator_for(scene, info, None, {}),
         samples=pass_samples(samples_per_pixel, passes),
-        passes=passes,
+        until=Until(passes),
         seed=seed,
         name="card",
-        tick=tick,
+        tick=progress or (lambda done, total: None),
     )
     return PlateLight(
-        radiance=sums.mean,
-        variance=sums.variance_of_mean,
+        radiance=sums.mean[..., 0],
+        variance=sums.variance_of_mean[..., 0],
         focal_px=view.focal_px,
         principal_point=view.principal_point,
         samples=pass_samples(samples_per_pixel, passes) * passes,

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
@@ -28,14 +29,50 @@ import numpy as np
 from evanesce.optics.emitters import LedTable
 
 
+@dataclass(frozen=True)
+class Guide:
+    """The plate as a light guide.
+
+    Attributes
+    ----------
+    half_size : tuple of float
+        Half its extent in x and y [mm].
+    thickness : float
+        It fills -thickness < z < 0 [mm].
+    refractive_index : float
+        [1].
+    absorption : float
+        [1/mm].
+    air_gap_share : float
+        Share of each LED's face that an air film parts from the edge [1].
+    """
+
+    half_size: tuple[float, float]
+    thickness: float
+    refractive_index: float
+    absorption: float
+    air_gap_share: float = 0.0
+
+    def entering(self, cos_theta: Any) -> Any:
+        """Return an LED's radiance in the glass over that of a face in contact, by the angle to the edge's normal.
+
+        Through the film a Lambertian face's radiance L enters as n^2 (1 - R) L, within the critical angle only: all of
+        the power that the face sends into air, less what the glass reflects.
+        """
+        if self.air_gap_share == 0.0:
+            return mi.Float(1.0)
+        n: Any = self.refractive_index
+        through = n * n * (1.0 - mi.fresnel(dr.clip(cos_theta, 0.0, 1.0), 1.0 / n)[0])
+        return 1.0 + self.air_gap_share * (through - 1.0)
+
+
 class LedConnector:
     """Sampler of guided connections, for the current (llvm or cuda) variant.
 
     Parameters
     ----------
     leds : LedTable
-    thickness, refractive_index, absorption : float
-        Of the plate [mm], [1], [1/mm].
+    guide : Guide
     patch : tuple of float, optional
         Extent (x0, x1, y0, y1) of the frustrated patch [mm].
     reflectance : callable, optional
@@ -45,28 +82,26 @@ class LedConnector:
     def __init__(
         self,
         leds: LedTable,
-        thickness: float,
-        refractive_index: float,
-        absorption: float,
+        guide: Guide,
         patch: tuple[float, float, float, float] | None,
         reflectance: Callable[[Any, Any, Any, Any], Any] | None,
     ) -> None:
-        self.thickness, self.absorption = thickness, absorption
+        self.guide, self.thickness, self.absorption = guide, guide.thickness, guide.absorption
         self.patch, self.reflectance = patch, reflectance
-        self.escape2 = refractive_index**-2.0
-        self.cot_critical = math.sqrt(refractive_index**2 - 1.0)
+        self.escape2 = guide.refractive_index**-2.0
+        self.cot_critical = math.sqrt(guide.refractive_index**2 - 1.0)
         self.width, self.height = leds.width, leds.height
         self.count = len(leds.radiance)
         weights = leds.radiance if self.count else np.ones(1)
         self.total = float(weights.sum())
         self.choice = mi.DiscreteDistribution(mi.Float(weights.astype(np.float32)))
-        columns = (*leds.centre.T, *leds.normal.T, leds.radiance)
+        columns = (*leds.centre.T, *leds.normal.T, leds.radiance, leds.group)
         self.columns = [mi.Float(np.ascontiguousarray(c, np.float32)) for c in columns]
         self.bounces = 0
         if patch is not None:
             # A line of bounces 2 t tan(theta) apart, theta beyond the critical angle, across the patch's diagonal.
             diagonal = math.hypot(patch[1] - patch[0], patch[3] - patch[2])
-            self.bounces = int(diagonal * self.cot_critical / (2 * thickness)) + 1
+            self.bounces = int(diagonal * self.cot_critical / (2 * self.thickness)) + 1
 
     def is_guided(self, direction: Any) -> Any:
         """Tell whether a direction inside the glass lies beyond the critical angle of both faces."""
@@ -100,7 +135,9 @@ class LedConnector:
         low = dr.ceil((dr.select(on_top, 0.0, -reach) + offset) / (2 * self.thickness))
         return low, dr.floor((reach + offset) / (2 * self.thickness)) - low + 1.0
 
-    def sample(self, p: Any, on_top: Any, u_led: Any, u_place: Any, u_image: Any, active: Any) -> tuple[Any, Any, Any]:
+    def sample(
+        self, p: Any, on_top: Any, u_led: Any, u_place: Any, u_image: Any, active: Any
+    ) -> tuple[Any, Any, Any, Any]:
         """Draw a connection.
 
         Parameters
@@ -123,10 +160,12 @@ class LedConnector:
             estimates the guided light from the LEDs.
         density : Float
             Probability density of the direction [1/sr].
+        group : Float
+            Number of the LED's group.
         """
         t = self.thickness
         index, reused, pmf = self.choice.sample_reuse_pmf(u_led, active)
-        cx, cy, nx, ny, radiance = (dr.gather(mi.Float, c, index, active) for c in self.columns)
+        cx, cy, nx, ny, radiance, group = (dr.gather(mi.Float, c, index, active) for c in self.columns)
         along = (u_place.x - 0.5) * self.width
         depth_led = 0.5 * t + (u_place.y - 0.5) * self.height
         delta = mi.Vector2f(cx - ny * along - p.x, cy + nx * along - p.y)
@@ -139,10 +178,10 @@ class LedConnector:
         cos_led = -(delta.x * nx + delta.y * ny) / length
         ok = active & (count > 0) & (cos_led > 1e-6) & (dr.abs(drop) > 1e-6)
         density = self._density(pmf, count, length, cos_led)
-        weight = radiance * dr.exp(-self.absorption * length) / density
+        weight = radiance * self.guide.entering(cos_led) * dr.exp(-self.absorption * length) / density
         weight *= self._patch_transmission(p, delta, drop, depth, on_top, dr.abs(drop) / length, ok)
         direction = mi.Vector3f(delta.x, delta.y, -drop) / length
-        return direction, dr.select(ok, weight, 0.0), density
+        return direction, dr.select(ok, weight, 0.0), density, group
 
     def _density(self, pmf: Any, count: Any, length: Any, cos_led: Any) -> Any:
         """Return the probability density of a connection's direction [1/sr]."""
@@ -162,7 +201,7 @@ class LedConnector:
         same_way : Bool
             Whether it arrives going down if it left going down: it does so on the images 2 j t + d.
         emitted : Float
-            Radiance of the LED.
+            Radiance of the LED's face in contact.
         """
         depth, depth_led = dr.clip(-p.z, 0.0, self.thickness), dr.clip(-q.z, 0.0, self.thickness)
         run = dr.norm(mi.Vector2f(q.x - p.x, q.y - p.y))

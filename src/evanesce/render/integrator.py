@@ -10,38 +10,39 @@ limit costs nothing.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
-from evanesce.render.connect import LedConnector
+from evanesce.render.connect import Guide, LedConnector
 
 # Connections at the first scattering point, which all of the path's light passes; one at each later point.
 FIRST_CONNECTIONS = 4
 
 
 def guided_integrator(
-    absorption: float,
-    thickness: float,
-    half_size: tuple[float, float],
+    guide: Guide,
     max_depth: int,
     connector: LedConnector | None = None,
+    groups: Sequence[str] = (),
+    group_of: Mapping[str, int] | None = None,
 ) -> Any:
     """Return the integrator for the current (llvm or cuda) variant.
 
     Parameters
     ----------
-    absorption : float
-        Of the glass [1/mm].
-    thickness : float
-        Glass fills -thickness < z < 0 [mm].
-    half_size : tuple of float
-        Half the plate's extent in x and y [mm].
+    guide : Guide
     max_depth : int
         Surfaces met at most; a guard against endless paths.
     connector : LedConnector, optional
         Without it paths find the LEDs by chance: the same mean, far more noise.
+    groups : sequence of str
+        Names of LED groups; each becomes a channel of the image behind that of all light, filled by the same paths.
+    group_of : mapping, optional
+        Number of the group of each emitting shape, by the shape's name.
     """
 
     class Start:
@@ -63,10 +64,38 @@ def guided_integrator(
         def __init__(self) -> None:
             mi.SamplingIntegrator.__init__(self, mi.Properties())
             # Attributes, because Dr.Jit's rewritten function does not see the enclosing one's variables.
-            self.absorption, self.thickness, self.max_depth = absorption, thickness, max_depth
-            self.half_x, self.half_y = half_size
+            self.absorption, self.thickness, self.max_depth = guide.absorption, guide.thickness, max_depth
+            self.half_x, self.half_y = guide.half_size
+            self.guide, self.groups = guide, tuple(groups)
+            self.group_table = mi.Float(0.0)
             self.start_type = Start
             self.connects = connector is not None and connector.count > 0
+
+        def aov_names(self) -> list[str]:
+            return list(self.groups)
+
+        def learn_emitters(self, scene: Any) -> None:
+            """Take down which group each emitter of a loaded scene belongs to, by its number in Dr.Jit's registry."""
+            if not self.groups:
+                return
+            found = {}
+            for shape in scene.shapes():
+                if shape.is_emitter():
+                    pointer: Any = dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(shape.emitter()))
+                    found[int(pointer[0])] = (group_of or {})[shape.id()]
+            table = np.full(max(found, default=0) + 1, -1.0, np.float32)
+            table[list(found)] = list(found.values())
+            self.group_table = mi.Float(table)
+
+        def deposit(self, channels: list[Any], group: Any, value: Any) -> list[Any]:
+            """Return the groups' radiances with ``value`` added to that of a group."""
+            return [c + dr.select(group == float(k), value, 0.0) for k, c in enumerate(channels)]
+
+        def met_group(self, emitter: Any) -> Any:
+            """Return the group of an emitter that a path met; -1 for none."""
+            number: Any = dr.reinterpret_array(mi.UInt32, emitter)
+            known: Any = (number > 0) & (number < dr.width(self.group_table))
+            return dr.select(known, dr.gather(mi.Float, self.group_table, number, known), -1.0)
 
         def crossing(self, ray: Any, si: Any, hit: Any) -> Any:
             """Return the transmittance of the glass along a segment that ends at ``si``."""
@@ -80,21 +109,28 @@ def guided_integrator(
             level = (si.p.z < 1e-3) & (si.p.z > -self.thickness - 1e-3)
             return level & (mi.Frame3f.cos_theta(si.wi) > 0)
 
-        def connections(self, ctx: Any, sampler: Any, si: Any, bsdf: Any, first: Any, active: Any) -> Any:
-            """Estimate the guided light from the LEDs that ``si`` scatters back along the path.
+        def connections(
+            self, ctx: Any, sampler: Any, si: Any, bsdf: Any, first: Any, scale: Any, channels: list[Any], active: Any
+        ) -> Any:
+            """Estimate the guided light from the LEDs that ``si`` scatters back along the path, times ``scale``.
 
-            The mean of several connections at the path's first scattering point, of one later on.
+            The mean of several connections at the path's first scattering point, of one later on. Returns it, and the
+            groups' radiances with their parts of it added.
             """
             assert connector is not None
             total, number = mi.Float(0.0), dr.select(first, float(FIRST_CONNECTIONS), 1.0)
             for k in range(FIRST_CONNECTIONS):
                 wanted = active & (first | (k == 0))
                 u_led, u_image, u_place = sampler.next_1d(wanted), sampler.next_1d(wanted), sampler.next_2d(wanted)
-                direction, weight, density = connector.sample(si.p, si.n.z < -0.5, u_led, u_place, u_image, wanted)
+                direction, weight, density, group = connector.sample(
+                    si.p, si.n.z < -0.5, u_led, u_place, u_image, wanted
+                )
                 usable = wanted & (weight > 0)
                 value, scatter = bsdf.eval_pdf(ctx, si, si.to_local(direction), usable)
-                total += dr.select(usable, weight * value.x / (1.0 + scatter / (number * density)), 0.0)
-            return total / number
+                part = dr.select(usable, weight * value.x / (1.0 + scatter / (number * density)), 0.0)
+                total += part
+                channels = self.deposit(channels, group, scale * part / number)
+            return scale * total / number, channels
 
         def share(self, start: Any, si: Any, emitted: Any) -> Any:
             """Return what an LED counts that a path meets: what connections did not already bring."""
@@ -116,6 +152,7 @@ def guided_integrator(
             ctx = mi.BSDFContext()
             ray = mi.Ray3f(ray)
             throughput, radiance = mi.Float(1.0), mi.Float(0.0)
+            channels = [mi.Float(0.0) for _ in self.groups]
             depth, walking = mi.UInt32(0), mi.Bool(active)
             first = mi.Bool(True)
             start: Any = dr.zeros(self.start_type)
@@ -124,21 +161,28 @@ def guided_integrator(
                 hit = walking & si.is_valid()
                 if dr.hint(self.absorption > 0, mode="scalar"):
                     throughput *= self.crossing(ray, si, hit)
-                emitted = si.emitter(scene, walking).eval(si, walking).x
+                emitter = si.emitter(scene, walking)
+                face = emitter.eval(si, walking).x
+                emitted = face * self.guide.entering(si.wi.z)
                 if dr.hint(self.connects, mode="scalar"):
                     start.length += dr.select(hit, si.t, 0.0)
-                    emitted *= self.share(start, si, emitted)
+                    emitted *= self.share(start, si, face)
                 radiance += throughput * emitted
+                if dr.hint(len(self.groups) > 0, mode="scalar"):
+                    channels = self.deposit(channels, self.met_group(emitter), throughput * emitted)
                 bsdf = si.bsdf(ray)
                 smooth = hit & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
                 if dr.hint(self.connects, mode="scalar"):
                     joins = smooth & self.in_plate(si)
                     if joins:
-                        radiance += throughput * self.connections(ctx, sampler, si, bsdf, first, joins)
+                        part, channels = self.connections(ctx, sampler, si, bsdf, first, throughput, channels, joins)
+                        radiance += part
                 bs, weight = bsdf.sample(ctx, si, sampler.next_1d(hit), sampler.next_2d(hit), hit)
                 w = weight.x
                 scatters = mi.has_flag(bs.sampled_type, mi.BSDFFlags.DiffuseReflection)
-                survival = dr.select(scatters & ~first, dr.minimum(w, 1.0), 1.0)
+                # A polished edge mirrors in part; light mirrored there could not have come by a connection.
+                turns = mi.has_flag(bs.sampled_type, mi.BSDFFlags.DeltaReflection) & (dr.abs(si.n.z) < 0.5)
+                survival = dr.select((scatters | turns) & ~first, dr.minimum(w, 1.0), 1.0)
                 walking = hit & (w > 0) & (sampler.next_1d(hit) < survival) & (depth + 1 < self.max_depth)
                 throughput *= dr.select(walking, w / survival, 1.0)
                 ray = si.spawn_ray(si.to_world(bs.wo))
@@ -151,10 +195,10 @@ def guided_integrator(
                     start.pdf = dr.select(begins, bs.pdf, start.pdf)
                     start.number = dr.select(begins, dr.select(first, float(FIRST_CONNECTIONS), 1.0), start.number)
                     start.length = dr.select(begins, 0.0, start.length)
-                    start.covered = dr.select(begins, self.covered(ray.d), start.covered & ~passes & ~scatters)
+                    start.covered = dr.select(begins, self.covered(ray.d), start.covered & ~passes & ~scatters & ~turns)
                 first &= ~scatters
                 depth += 1
-            return mi.Spectrum(radiance), mi.Bool(active), []
+            return mi.Spectrum(radiance), mi.Bool(active), channels
 
         def to_string(self) -> str:
             return f"GuidedIntegrator[max_depth={self.max_depth}]"

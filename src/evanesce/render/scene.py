@@ -14,6 +14,7 @@ from scipy.ndimage import maximum_filter
 from evanesce.optics.led import emitter_radiance, led_positions
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.render.bsdf import InterfaceOptics, blended_bsdf, frustrated_bsdf
+from evanesce.render.edge import edge_bsdf
 from evanesce.rig import Finger, Scene
 from evanesce.states import ContactState
 
@@ -187,15 +188,18 @@ class _Plate:
             shapes["top"] = _horizontal(top, 0.0, up=True)
         return {k: _mesh(k, *_quads(q), self.glass, interior=self.medium) for k, q in shapes.items()}
 
-    def edges(self, powers: Mapping[str, ArrayLike]) -> dict[str, Any]:
-        """Return the edge faces: LEDs with their radiant powers [W] (in ascending place), and the diffuse rest.
+    def edges(
+        self, powers: Mapping[str, ArrayLike], groups: Mapping[str, ArrayLike]
+    ) -> tuple[dict[str, Any], dict[str, int]]:
+        """Return the edge faces: LEDs with their radiant powers [W] (in ascending place), and the rest.
 
-        The LEDs' own faces reflect like the edge around them.
+        The LEDs' own faces scatter like the ground part of the edge around them. Returned as well: the group's number
+        of each shape that emits.
         """
         leds, plate = self.scene.leds, self.scene.plate
-        rest_bsdf = {"type": "diffuse", "reflectance": {"type": "uniform", "value": plate.edge_reflectance}}
+        ground = {"type": "diffuse", "reflectance": {"type": "uniform", "value": plate.edge_reflectance}}
         positions = led_positions(plate, leds)
-        shapes, rest = {}, []
+        shapes, numbers, rest, unlit = {}, {}, [], []
         for edge in EDGES:
             length = plate.size_mm[1] if edge in ("left", "right") else plate.size_mm[0]
             lit, dark = edge_spans(
@@ -207,20 +211,27 @@ class _Plate:
             )
             rest.append(_on_edge(edge, self.half, dark))
             power = np.broadcast_to(np.asarray(powers.get(edge, 0.0), float), (len(lit),))
+            group = np.broadcast_to(np.asarray(groups.get(edge, 0)), (len(lit),))
             faces = _on_edge(edge, self.half, lit)
-            for k, level in enumerate(np.unique(power)):
-                same = faces[power == level]
-                if level <= 0:
-                    rest.append(same)
-                    continue
-                radiance = {"type": "uniform", "value": emitter_radiance(leds, float(level))}
-                emitter = {"type": "area", "radiance": radiance}
-                name = f"leds_{edge}_{k}"
-                shapes[name] = _mesh(name, *_quads(same), rest_bsdf, emitter=emitter, exterior=self.medium)
-        bare = np.concatenate(rest)
-        if len(bare):
-            shapes["edges"] = _mesh("edges", *_quads(bare), rest_bsdf, exterior=self.medium)
-        return shapes
+            unlit.append(faces[power <= 0])
+            for number in np.unique(group):
+                for k, level in enumerate(np.unique(power[power > 0])):
+                    same = faces[(power == level) & (group == number)]
+                    if not len(same):
+                        continue
+                    radiance = {"type": "uniform", "value": emitter_radiance(leds, float(level))}
+                    emitter = {"type": "area", "radiance": radiance}
+                    name = f"leds_{edge}_{number}_{k}"
+                    shapes[name] = _mesh(name, *_quads(same), ground, emitter=emitter, exterior=self.medium)
+                    numbers[name] = int(number)
+        finish: Any = ground
+        if plate.edge_polish > 0:
+            finish = edge_bsdf(plate.edge_reflectance, plate.edge_polish, plate.refractive_index)
+        for name, quads, bsdf in (("edges", rest, finish), ("leds_off", unlit, ground)):
+            bare = np.concatenate(quads)
+            if len(bare):
+                shapes[name] = _mesh(name, *_quads(bare), bsdf, exterior=self.medium)
+        return shapes, numbers
 
 
 def camera_dict(projection: Projection, view: IdealView, window: Window | None = None) -> dict[str, Any]:
@@ -280,10 +291,11 @@ class Patch:
 
 @dataclass(frozen=True)
 class PlateModel:
-    """Shapes for ``mitsuba.load_dict`` (the sensor is not among them), and the patch among them."""
+    """Shapes for ``mitsuba.load_dict`` (the sensor is not among them), the patch among them, groups of the emitters."""
 
     shapes: dict[str, Any]
     patch: Patch | None
+    group_of: dict[str, int]
 
 
 def _patch(scene: Scene, state: ContactState, jit: bool, medium: Any) -> tuple[Any, Patch]:
@@ -313,7 +325,13 @@ def _patch(scene: Scene, state: ContactState, jit: bool, medium: Any) -> tuple[A
     return mesh, Patch((x0, x1, y0, y1), reflectance)
 
 
-def plate_scene(scene: Scene, state: ContactState | None, powers: Mapping[str, ArrayLike], jit: bool) -> PlateModel:
+def plate_scene(
+    scene: Scene,
+    state: ContactState | None,
+    powers: Mapping[str, ArrayLike],
+    jit: bool,
+    groups: Mapping[str, ArrayLike] | None = None,
+) -> PlateModel:
     """Return the rig as shapes.
 
     Parameters
@@ -326,6 +344,8 @@ def plate_scene(scene: Scene, state: ContactState | None, powers: Mapping[str, A
     jit : bool
         Whether the current variant is llvm or cuda: frustrated interface, absorption in the integrator. Otherwise
         built-in plugins only, absorption as a medium.
+    groups : mapping, optional
+        Number of the group that LEDs belong to, by edge, of each LED there or of every one; 0 if not given.
     """
     import mitsuba as mi
 
@@ -341,8 +361,9 @@ def plate_scene(scene: Scene, state: ContactState | None, powers: Mapping[str, A
         mesh = finger_mesh(scene.finger, approach(state, scene.finger))
         body = {"type": "diffuse", "reflectance": {"type": "uniform", "value": scene.finger.diffuse_reflectance}}
         shapes["finger"] = _mesh("finger", mesh.vertices, mesh.faces, {"type": "twosided", "bsdf": body})
-    shapes |= plate.faces(patch.extent if patch else None) | plate.edges(powers)
-    return PlateModel(shapes, patch)
+    edges, group_of = plate.edges(powers, groups or {})
+    shapes |= plate.faces(patch.extent if patch else None) | edges
+    return PlateModel(shapes, patch, group_of)
 
 
 def card_mesh(

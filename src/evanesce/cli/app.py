@@ -20,7 +20,20 @@ app = typer.Typer(
 )
 
 # One module a command (or group); each has `register(app)`.
-COMMANDS = ("demo", "render", "calibrate", "measure", "compare", "twin", "bench", "fem", "study", "doctor")
+COMMANDS = (
+    "demo",
+    "render",
+    "simulate",
+    "bundle",
+    "calibrate",
+    "measure",
+    "compare",
+    "twin",
+    "bench",
+    "fem",
+    "study",
+    "doctor",
+)
 
 
 def _version(value: bool) -> None:

@@ -1,0 +1,150 @@
+"""A printed card on the glass without path tracing: paper, ink and two faces of glass under an even room.
+
+The card lies or is held at a pose; each pixel's share of paper is counted by sub-rays through the same projection as
+everything else, and Fresnel's equations give what the glass adds and takes. The path tracer's
+:func:`evanesce.render.cards.render_card` is the reference.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.optics.interface import fresnel_reflectance
+from evanesce.optics.projection import IdealView, Projection
+from evanesce.render.cards import Card, Pose, Room
+from evanesce.rig import Scene
+from evanesce.states import PlateLight
+
+Array = NDArray[np.float64]
+
+SUB_RAYS = 4
+"""Sub-rays along a pixel's side."""
+
+
+def card_light(
+    scene: Scene, card: Card, pose: Pose | None = None, *, room: Room | None = None, view: IdealView | None = None
+) -> PlateLight:
+    """Return the light of a card under an even room, LEDs off.
+
+    Parameters
+    ----------
+    scene : Scene
+        Plate and camera are used.
+    card : Card
+    pose : Pose, optional
+        Flat on the glass at the origin if not given.
+    room : Room, optional
+        Its radiance; a gradient is not modelled here.
+    view : IdealView, optional
+        Pinhole grid; the one that covers the frame by default.
+
+    Returns
+    -------
+    PlateLight
+        With zero variance.
+
+    Raises
+    ------
+    ValueError
+        If the room has a gradient.
+    """
+    pose, room = pose or Pose(), room or Room()
+    if any(room.gradient):
+        raise ValueError("only an even room is modelled; use render_card")
+    projection = Projection.of(scene.camera, scene.plate)
+    view = projection.ideal_view() if view is None else view
+    rows, cols = view.shape
+    albedo, offset = np.zeros(view.shape), (np.arange(SUB_RAYS) + 0.5) / SUB_RAYS - 0.5
+    px, py = view.principal_point
+    for dv in offset:
+        for du in offset:
+            u, v = np.meshgrid((np.arange(cols) + du - px) / view.focal_px, (np.arange(rows) + dv - py) / view.focal_px)
+            albedo += reflectance_seen(projection, card, pose, u, v)
+    albedo /= SUB_RAYS**2
+    u, v = np.meshgrid((np.arange(cols) - px) / view.focal_px, (np.arange(rows) - py) / view.focal_px)
+    seen = room.radiance * through_glass(scene, albedo, cosine_to_plate(projection, u, v), _mean_albedo(card))
+    return PlateLight(
+        radiance=seen,
+        variance=np.zeros_like(seen),
+        focal_px=view.focal_px,
+        principal_point=view.principal_point,
+        samples=0,
+    )
+
+
+def reflectance_seen(projection: Projection, card: Card, pose: Pose, u: Array, v: Array) -> Array:
+    """Return the diffuse reflectance [1] that directions (u, v, 1) meet; 0 beside the card.
+
+    Parameters
+    ----------
+    projection : Projection
+    card : Card
+    pose : Pose
+    u, v : ndarray
+        Undistorted normalised directions.
+    """
+    x, y = projection.ray_to_plate(u, v)
+    d = u[..., None] * projection.axes[:, 0] + v[..., None] * projection.axes[:, 1] + projection.axes[:, 2]
+    tan_x, tan_y = d[..., 0] / d[..., 2], d[..., 1] / d[..., 2]
+    # The ray leaves the glass as steep as it entered; it meets the card's plane somewhat above.
+    corners = pose.place(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+    middle, across, down = corners[0], corners[1] - corners[0], corners[2] - corners[0]
+    normal = np.cross(across, down)
+    way = normal @ middle - normal[0] * x - normal[1] * y
+    s = way / (normal[0] * tan_x + normal[1] * tan_y + normal[2])
+    away = np.stack([x + s * tan_x - middle[0], y + s * tan_y - middle[1], s - middle[2]])
+    return _print(card, np.tensordot(across, away, 1), np.tensordot(down, away, 1))
+
+
+def _print(card: Card, x: Array, y: Array) -> Array:
+    """Return the card's reflectance at its own coordinates [mm]."""
+    (width, height), (cols, rows) = card.size, card.squares or (1, 1)
+    inside = (np.abs(x) < width / 2) & (np.abs(y) < height / 2)
+    near = (np.abs(x) < width / 2 + card.margin) & (np.abs(y) < height / 2 + card.margin)
+    if card.squares is None:
+        field, border = (card.black, card.white) if card.inverted else (card.white, card.black)
+        return np.where(inside, field, np.where(near, border, 0.0))
+    col = np.clip(np.floor((x + width / 2) / card.side), 0, cols - 1)
+    row = np.clip(np.floor((y + height / 2) / card.side), 0, rows - 1)
+    return np.where(inside, np.where((col + row) % 2 == 1, card.black, card.white), np.where(near, card.white, 0.0))
+
+
+def _mean_albedo(card: Card) -> float:
+    """Return the mean reflectance of the printed face."""
+    return 0.5 * (card.white + card.black)
+
+
+def cosine_to_plate(projection: Projection, u: Array, v: Array) -> Array:
+    """Return the cosine of the angle in air at which directions (u, v, 1) meet the plate."""
+    d = u[..., None] * projection.axes[:, 0] + v[..., None] * projection.axes[:, 1] + projection.axes[:, 2]
+    return np.asarray(np.abs(d[..., 2]) / np.linalg.norm(d, axis=-1))
+
+
+def through_glass(scene: Scene, albedo: Array, cosine: Array, mean_albedo: float) -> Array:
+    """Return radiance over that of the room: what the plate mirrors, and what paper behind it sends back.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its plate is used.
+    albedo : ndarray
+        Reflectance of the paper [1].
+    cosine : ndarray
+        Of the viewing angle in air.
+    mean_albedo : float
+        Of the paper around, for light that the far face sends back beside where it left [1].
+    """
+    n = scene.plate.refractive_index
+    absorbed = np.exp(-2 * scene.plate.absorption_coefficient_per_mm * scene.plate.thickness_mm)
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    mu, weight = (nodes + 1) / 2, weights / 2
+    face = fresnel_reflectance(mu, 1.0, n)
+    near = float(2 * np.sum(weight * mu * face))  # hemispherical reflectance of one face, of the slab
+    slab = float(2 * np.sum(weight * mu * 2 * face / (1 + face)))
+    seen = fresnel_reflectance(cosine, 1.0, n)
+    mirrored, passed = 2 * seen / (1 + seen), (1 - seen) / (1 + seen)
+    returned = 1 - near * albedo - (slab - near) * mean_albedo
+    return np.asarray(
+        mirrored * (albedo > 0) + mirrored * (albedo == 0) + passed * (1 - slab) * absorbed * albedo / returned
+    )

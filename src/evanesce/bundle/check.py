@@ -1,0 +1,60 @@
+"""What a bundle holds, and which effects its measurements cannot tell of."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from evanesce.bundle.layout import AUXILIARY, OBSERVABLES
+from evanesce.bundle.read import Bundle
+from evanesce.effects import all_effects
+
+MISSING = {
+    "press": "frames of presses",
+    "voltage": "press frames at two LED voltages or more",
+    "force": "press frames at two forces or more",
+    "time": "a hold of at least 10 s",
+    "displacement": "displacement_mm in press.csv",
+    "replicates": "two frames or more of a held state: without them the false-alarm rate is not controlled",
+    "led_off": "frames with the LEDs off",
+    "lens_cap": "frames with the lens covered",
+    "checkerboard": "a shot of the checkerboard",
+    "square": "a shot of the square",
+    "series": "a scalar series",
+}
+
+
+def contents(bundle: Bundle) -> dict[str, Any]:
+    """Return what is there, what is not, and which effects cannot be told for want of it (JSON-able)."""
+    press = bundle.press
+    missing = [name for name in OBSERVABLES if name not in bundle.available]
+    blind = {
+        name: [need for need in effect.needs if need not in bundle.available]
+        for name, effect in all_effects().items()
+        if not set(effect.needs) <= bundle.available
+    }
+    rows, cols = bundle.shape
+    return {
+        "path": str(bundle.path),
+        "title": bundle.title,
+        "resolution_px": [cols, rows],
+        "frames": {kind: bundle.count(kind) for kind in ("press", "replicates", *AUXILIARY)},
+        "press": {
+            "conditions": len({shot.condition for shot in press}),
+            "sessions": len({shot.session for shot in press}),
+            "force_N": _range([shot.force_N for shot in press]),
+            "voltage_V": _range([shot.voltage_V for shot in press]),
+            "time_s": _range([shot.time_s for shot in press]),
+            "longest_hold_s": max((shot.held_s for shot in press), default=0.0),
+        },
+        "series": {
+            name: {"x": f"{s.x_name} [{s.x_unit}]", "y": f"{s.y_name} [{s.y_unit}]", "points": len(s)}
+            for name, s in bundle.series.items()
+        },
+        "available": [name for name in OBSERVABLES if name in bundle.available],
+        "missing": missing,
+        "cannot_be_named": blind,
+    }
+
+
+def _range(values: list[float]) -> list[float]:
+    return [min(values), max(values)] if values else []

@@ -1,0 +1,80 @@
+"""The measurement that a lab can do in ten minutes: ramp, hold, voltage sweep, and the shots that tell causes apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from evanesce.bundle.layout import Shot, conditions
+from evanesce.optics.led import led_radiances
+from evanesce.rig import Scene
+
+RAMP = (0.08, 0.2, 0.36, 0.6, 0.8, 1.0)
+"""Forces of the ramp over the largest."""
+
+DWELL_S = (5.0, 12.0, 25.0, 45.0, 75.0, 120.0)
+"""Times of the hold's frames after the ramp's last [s]."""
+
+LIGHT = (0.35, 0.55, 0.75, 1.25, 1.5)
+"""LED power of the voltage sweep's frames over that of the scene's voltage."""
+
+RAMP_STEP_S = 5.0
+SWEEP_STEP_S = 6.0
+VOLTAGE_STEP_V = 0.05
+
+
+@dataclass(frozen=True, kw_only=True)
+class Protocol:
+    """What is photographed.
+
+    Attributes
+    ----------
+    press : tuple of Shot
+    replicates, led_off, lens_cap, checkerboard, square : int
+        Number of frames; replicates repeat the hold's last frame.
+    """
+
+    press: tuple[Shot, ...]
+    replicates: int = 12
+    led_off: int = 4
+    lens_cap: int = 4
+    checkerboard: int = 1
+    square: int = 1
+
+
+def default_protocol(scene: Scene) -> Protocol:
+    """Return the usual protocol of a rig: load only rises, so that what creeps or sticks has one history.
+
+    A ramp of six forces at the scene's voltage, six frames of a hold at the largest over two minutes, five voltages at
+    that force; 17 frames in one session.
+    """
+    largest = (
+        max(scene.press.forces_N) if scene.press.forces_N else scene.press.ramp.stop_N if scene.press.ramp else 5.0
+    )
+    volts = scene.leds.voltage_V
+    steps = [(k * RAMP_STEP_S, share * largest, volts) for k, share in enumerate(RAMP)]
+    start = steps[-1][0]
+    steps += [(start + dwell, largest, volts) for dwell in DWELL_S]
+    start = steps[-1][0]
+    steps += [(start + (k + 1) * SWEEP_STEP_S, largest, v) for k, v in enumerate(sweep_voltages(scene))]
+    shots = [
+        Shot(index=k, time_s=time, force_N=round(force, 6), voltage_V=voltage)
+        for k, (time, force, voltage) in enumerate(steps)
+    ]
+    return Protocol(press=conditions(shots))
+
+
+def sweep_voltages(scene: Scene) -> list[float]:
+    """Return voltages that give the LEDs :data:`LIGHT` times their power, to the step that a supply is set to [V]."""
+    volts = np.arange(0.2, 60.0, VOLTAGE_STEP_V)
+    own = scene.leds.voltage_V
+
+    def power(voltage: float) -> float:
+        leds = scene.leds.model_copy(update={"voltage_V": float(voltage)})
+        return float(np.mean(np.concatenate(list(led_radiances(scene.plate, leds).values()))))
+
+    near = volts[(volts > 0.5 * own) & (volts < 1.5 * own)]
+    powers = np.array([power(v) for v in near]) / max(power(own), 1e-300)
+    found = [round(float(near[np.argmin(np.abs(powers - share))]), 2) for share in LIGHT]
+    return [v for k, v in enumerate(found) if v not in found[:k] and abs(v - own) > 1e-6]

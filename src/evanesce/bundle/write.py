@@ -1,0 +1,330 @@
+"""Write a bundle of simulated measurements, whole or not at all: what a lab would have in its hands afterwards."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+from numpy.typing import NDArray
+
+from evanesce import rng
+from evanesce.bundle.area import MIN_BLOB_MM2, AreaReading, contact_area
+from evanesce.bundle.card_light import card_light
+from evanesce.bundle.layout import (
+    AUXILIARY,
+    MEASUREMENT_FILE,
+    PRESS_FOLDER,
+    PRESS_TABLE,
+    REPLICATES_FOLDER,
+    REPLICATES_TABLE,
+    SERIES_FOLDER,
+    Shot,
+)
+from evanesce.bundle.protocol import Protocol, default_protocol
+from evanesce.bundle.read import scene_at
+from evanesce.effects import Context, Stage, active_effects, all_effects, apply_stage
+from evanesce.errors import InputError, WorkError
+from evanesce.render.cards import Card, Pose, checkerboard_of, pose_of, square_of
+from evanesce.render.transport import render_fast
+from evanesce.rig import Scene, dump_scene
+from evanesce.sensor.codec import write_png
+from evanesce.simulate import Render, photograph, touch
+from evanesce.states import ContactState, PlateLight
+
+Grey = NDArray[np.uint8]
+Tick = Callable[[int, int], None]
+CardRender = Callable[[Scene, Card, Pose], PlateLight]
+
+# Numbers of frames that are no press: apart, so that no two share a stream of noise.
+_FIRST_INDEX = {REPLICATES_FOLDER: 100_000, "led_off": 200_000, "lens_cap": 300_000, "checkerboard": 400_000,
+                "square": 500_000}  # fmt: skip
+
+BEHIND_THE_LENS = (Stage.CHARGE, Stage.READOUT, Stage.FRAME)
+
+
+class Rig:
+    """A rig that takes the pictures of a bundle; equal light is rendered once.
+
+    Parameters
+    ----------
+    scene : Scene
+        As it really is.
+    seed : int
+    render : Render, optional
+        The fast renderer by default.
+    card : callable, optional
+        ``card(scene, card, pose) -> PlateLight``.
+    """
+
+    def __init__(
+        self, scene: Scene, seed: int, *, render: Render | None = None, card: CardRender | None = None
+    ) -> None:
+        self.scene, self.seed = scene, seed
+        self._render, self._card = render or render_fast, card or card_light
+        self._kept: tuple[str, PlateLight] | None = None
+
+    def press(self, shot: Shot, index: int | None = None) -> tuple[Grey, ContactState]:
+        """Return the frame of a press [DN], and the contact."""
+        index = shot.index if index is None else index
+        scene, state = touch(scene_at(self.scene, shot), shot.force_N, seed=self.seed, time_s=shot.time_s, index=index)
+        assert state is not None
+        light = self._light(scene, state)
+        return self._photograph(scene, light, shot.time_s, index), state
+
+    def led_off(self, index: int) -> Grey:
+        """Return a frame with the LEDs off and the finger away [DN]."""
+        dark = self.scene.leds.model_copy(
+            update={
+                "voltage_V": 0.0,
+                "edge": {
+                    name: edge.model_copy(update={"voltage_V": None}) for name, edge in self.scene.leds.edge.items()
+                },
+            }
+        )
+        scene, _ = touch(self.scene.model_copy(update={"leds": dark}), None, seed=self.seed, index=index)
+        return self._photograph(scene, no_light(scene), 0.0, index)
+
+    def lens_cap(self, index: int) -> Grey:
+        """Return a frame with the lens covered [DN]: only what happens behind the lens is left."""
+        known = all_effects()
+        behind = {name: table for name, table in self.scene.effects.items() if known[name].stage in BEHIND_THE_LENS}
+        scene = self.scene.model_copy(update={"effects": behind})
+        return self._photograph(scene, no_light(scene), 0.0, index)
+
+    def card(self, kind: str, index: int) -> Grey:
+        """Return the shot of ``checkerboard`` or ``square`` lying on the glass [DN]."""
+        context = Context(self.scene, self.seed, 0.0, index)
+        scene = apply_stage(Stage.RIG, self.scene, active_effects(self.scene), context)
+        card = checkerboard_of(scene.card) if kind == "checkerboard" else square_of(scene.card)
+        return self._photograph(scene, self._card(scene, card, pose_of(scene.card)), 0.0, index)
+
+    def _photograph(self, scene: Scene, light: PlateLight, time_s: float, index: int) -> Grey:
+        frame = photograph(scene, light, seed=self.seed, time_s=time_s, index=index)[1]
+        return np.asarray(frame.data, np.uint8)
+
+    def _light(self, scene: Scene, state: ContactState) -> PlateLight:
+        """Render; a state that stands still is rendered once, so that its frames differ by noise alone."""
+        digest = hashlib.sha256(scene.model_dump_json(exclude={"effects", "title"}).encode())
+        for array in (state.gap, state.contact_mask, state.pressure):
+            digest.update(np.ascontiguousarray(array).tobytes())
+        key = digest.hexdigest()
+        if self._kept is None or self._kept[0] != key:
+            light_seed = rng.integer_seed(self.seed, "render", key)
+            self._kept = (key, self._render(scene, state, seed=light_seed))
+        return self._kept[1]
+
+
+def no_light(scene: Scene) -> PlateLight:
+    """Return darkness on the scene's pinhole view."""
+    from evanesce.optics.projection import Projection
+
+    view = Projection.of(scene.camera, scene.plate).ideal_view()
+    dark = np.zeros(view.shape)
+    return PlateLight(
+        radiance=dark, variance=dark, focal_px=view.focal_px, principal_point=view.principal_point, samples=0
+    )
+
+
+def write_bundle(
+    folder: Path,
+    scene: Scene,
+    *,
+    seed: int,
+    believed: Scene | None = None,
+    protocol: Protocol | None = None,
+    render: Render | None = None,
+    card: CardRender | None = None,
+    provenance: Mapping[str, Any] | None = None,
+    tick: Tick = lambda done, total: None,
+) -> None:
+    """Simulate a protocol and write it as a bundle; the folder appears when all of it is there.
+
+    Parameters
+    ----------
+    folder : Path
+        Must not exist, or be empty.
+    scene : Scene
+        The rig as it really is.
+    seed : int
+    believed : Scene, optional
+        The rig that the bundle names; ``scene`` by default, so that nothing is hidden.
+    protocol : Protocol, optional
+    render, card : callable, optional
+        Renderers of contacts and cards; the fast ones by default.
+    provenance : Mapping, optional
+        Goes to ``provenance.json``.
+    tick : callable
+        ``tick(done, total)`` after every frame.
+
+    Raises
+    ------
+    InputError
+        If the folder holds something.
+    WorkError
+        If it cannot be written.
+    """
+    protocol = protocol or default_protocol(scene)
+    active_effects(scene)
+    rig = Rig(scene, seed, render=render, card=card)
+    counts = {kind: getattr(protocol, kind) for kind in (REPLICATES_FOLDER, *AUXILIARY)}
+    total, done = len(protocol.press) + sum(counts.values()), 0
+
+    def shown() -> None:
+        nonlocal done
+        done += 1
+        tick(done, total)
+
+    with new_folder(folder) as part:
+        believed = believed or scene
+        (part / "scene.toml").write_text(dump_scene(believed), encoding="utf-8")
+        frames, states = [], []
+        for shot in protocol.press:
+            frame, state = rig.press(shot)
+            write_frame(part, PRESS_FOLDER, shot.index, frame)
+            frames.append(frame)
+            states.append(state)
+            shown()
+        depths = [state.depth for state in states]
+        write_shots(part / PRESS_TABLE, protocol.press, depths)
+        areas = _replicates(part, rig, protocol, believed, states[-1].depth if states else float("nan"), shown)
+        for kind in AUXILIARY:
+            for k in range(counts[kind]):
+                index = _FIRST_INDEX[kind] + k
+                picture = rig.led_off(index) if kind == "led_off" else rig.lens_cap(index) if kind == "lens_cap" else (
+                    rig.card(kind, index)
+                )  # fmt: skip
+                write_frame(part, kind, k, picture)
+                shown()
+        series = _series(part, protocol, frames, depths, believed, areas)
+        described = {"schema_version": 1, "title": believed.title, "scene": "scene.toml"} | (
+            {"series": series} if series else {}
+        )
+        (part / MEASUREMENT_FILE).write_text(tomli_w.dumps(described), encoding="utf-8")
+        if provenance is not None:
+            import json
+
+            (part / "provenance.json").write_text(json.dumps(dict(provenance), indent=2) + "\n", encoding="utf-8")
+
+
+def _replicates(
+    part: Path, rig: Rig, protocol: Protocol, believed: Scene, depth: float, shown: Callable[[], None]
+) -> list[float]:
+    """Write frames of the last hold, repeated, and return the areas that the chain finds in them [mm^2]."""
+    if not (protocol.replicates and protocol.press):
+        return []
+    held = max(protocol.press, key=lambda shot: shot.held_s if shot.voltage_V == rig.scene.leds.voltage_V else -1.0)
+    last = max(shot.time_s for shot in protocol.press)
+    shots, areas = [], []
+    for k in range(protocol.replicates):
+        time = last + 10.0 + k / rig.scene.press.frame_rate_hz
+        shot = Shot(index=k, time_s=time, force_N=held.force_N, voltage_V=held.voltage_V, session=held.session)
+        frame, _ = rig.press(shot, _FIRST_INDEX[REPLICATES_FOLDER] + k)
+        write_frame(part, REPLICATES_FOLDER, k, frame)
+        areas.append(contact_area(frame, believed))
+        shots.append(shot)
+        shown()
+    write_shots(part / REPLICATES_FOLDER / REPLICATES_TABLE, shots, [depth] * len(shots))
+    return areas
+
+
+def _series(
+    part: Path,
+    protocol: Protocol,
+    frames: list[Grey],
+    depths: list[float],
+    believed: Scene,
+    repeated: list[float],
+) -> dict[str, dict[str, float]]:
+    """Write area against force and force against displacement of the ramp; return what was held."""
+    volts = believed.leds.voltage_V
+    ramp = [k for k, shot in enumerate(protocol.press) if shot.voltage_V == volts and shot.held_s == 0.0]
+    if len(ramp) < 2:
+        return {}
+    folder, reading = part / SERIES_FOLDER, AreaReading()
+    folder.mkdir()
+    pixel = 1.0 / believed.camera.scale_px_per_mm**2
+    sigma = max(float(np.std(repeated, ddof=1)) if len(repeated) > 1 else 0.0, pixel)
+    shots = [protocol.press[k] for k in ramp]
+    rows = [
+        [shot.force_N, contact_area(frames[k], believed, reading), sigma] for shot, k in zip(shots, ramp, strict=True)
+    ]
+    _csv(folder / "area_force.csv", ["force_N", "area_mm2", "sigma_mm2"], rows)
+    found = {
+        "area_force": {
+            "voltage_V": volts, "threshold": reading.threshold, "blur_px": reading.blur_px,
+            "min_blob_mm2": round(MIN_BLOB_MM2, 6),
+        }
+    }  # fmt: skip
+    if np.isfinite([depths[k] for k in ramp]).all():
+        _csv(
+            folder / "force_displacement.csv", ["displacement_mm", "force_N"],
+            [[depths[k], shot.force_N] for shot, k in zip(shots, ramp, strict=True)],
+        )  # fmt: skip
+    return found
+
+
+def write_frame(root: Path, kind: str, index: int, frame: Grey) -> None:
+    """Write one frame to its place in a bundle."""
+    (root / kind).mkdir(exist_ok=True)
+    write_png(root / kind / f"{index:04d}.png", frame)
+
+
+def write_shots(path: Path, shots: tuple[Shot, ...] | list[Shot], displacement_mm: list[float] | None = None) -> None:
+    """Write ``press.csv`` or ``replicates.csv``; displacements that are not known stay empty."""
+    known = displacement_mm is not None and bool(np.isfinite(displacement_mm).all())
+    depths = displacement_mm if known and displacement_mm is not None else [None] * len(shots)
+    rows = [
+        [s.index, s.time_s, s.force_N, s.voltage_V, "" if d is None else d, s.session]
+        for s, d in zip(shots, depths, strict=True)
+    ]
+    _csv(path, ["index", "time_s", "force_N", "voltage_V", "displacement_mm", "session"], rows)
+
+
+def _csv(path: Path, header: list[str], rows: list[list[Any]]) -> None:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    for row in rows:
+        writer.writerow([f"{value:.9g}" if isinstance(value, float) else value for value in row])
+    path.write_text(text.getvalue(), encoding="utf-8")
+
+
+@contextmanager
+def new_folder(folder: Path) -> Iterator[Path]:
+    """Give a temporary folder beside ``folder`` to fill; it takes that name only if all went well.
+
+    Raises
+    ------
+    InputError
+        If ``folder`` exists and is no empty folder, or its parent is missing.
+    WorkError
+        If the system refuses.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError("exists and is not empty", file=folder, allowed="a new folder; nothing is overwritten")
+    if not folder.parent.is_dir():
+        raise InputError("no such folder", file=folder.parent, allowed="a folder in which the bundle can be made")
+    try:
+        part = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
+    except OSError as error:
+        raise WorkError(f"{folder}: cannot make the folder: {error.strerror}") from None
+    try:
+        yield part
+        umask = os.umask(0)
+        os.umask(umask)
+        part.chmod(0o777 & ~umask)
+        os.replace(part, folder)
+    except OSError as error:
+        raise WorkError(f"{folder}: cannot write: {error.strerror}") from None
+    finally:
+        shutil.rmtree(part, ignore_errors=True)

@@ -1,0 +1,66 @@
+"""``evanesce bundle``: look at a measurement bundle before anything is made of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from evanesce.cli.common import JsonOption, check_json_target, console, handles_errors, write_json
+
+
+def register(app: typer.Typer) -> None:
+    """Add the group."""
+    group = typer.Typer(no_args_is_help=True, help="Measurement bundles: what a lab measured, in one folder.")
+    app.add_typer(group, name="bundle")
+
+    @group.callback()
+    def _group() -> None:
+        """Keep ``check`` a command of its own, also while it is the only one."""
+
+    @group.command()
+    @handles_errors
+    def check(
+        folder: Annotated[Path, typer.Argument(help="The bundle, see docs/bundle.md.")], json_file: JsonOption = None
+    ) -> None:
+        """Check every table and frame; say what is there, and what cannot be named without what is missing."""
+        from evanesce.bundle import read_bundle
+        from evanesce.bundle.check import contents
+
+        check_json_target(json_file)
+        found = contents(read_bundle(folder))
+        write_json(json_file, found)
+        _show(found)
+
+
+def _show(found: dict[str, Any]) -> None:
+    from evanesce.bundle.check import MISSING
+
+    cols, rows = found["resolution_px"]
+    table = Table(title=f"{found['path']}: {cols} x {rows} px")
+    for column in ("what", "there"):
+        table.add_column(column)
+    for kind, count in found["frames"].items():
+        table.add_row(kind, f"{count} frame(s)" if count else "none")
+    press = found["press"]
+    if found["frames"]["press"]:
+        for name, key, unit in (("force", "force_N", "N"), ("voltage", "voltage_V", "V"), ("time", "time_s", "s")):
+            lo, hi = press[key]
+            table.add_row(escape(f"{name} [{unit}]"), f"{lo:g} to {hi:g}")
+        table.add_row("conditions, sessions", f"{press['conditions']}, {press['sessions']}")
+        table.add_row(escape("longest hold [s]"), f"{press['longest_hold_s']:g}")
+    for name, entry in found["series"].items():
+        table.add_row(f"series {name}", escape(f"{entry['points']} points, {entry['y']} against {entry['x']}"))
+    console.print(table)
+    for name in found["missing"]:
+        console.print(f"missing: {name} ({MISSING[name]})", highlight=False)
+    if found["cannot_be_named"]:
+        blind = Table(title="Cannot be named from this bundle")
+        blind.add_column("effect")
+        blind.add_column("for want of")
+        for name, needs in found["cannot_be_named"].items():
+            blind.add_row(name, ", ".join(needs))
+        console.print(blind)

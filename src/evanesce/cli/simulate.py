@@ -1,0 +1,106 @@
+"""``evanesce simulate``: a scene to the measurement bundle that a lab with exactly that rig would have."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from evanesce.cli.common import chosen_variant, console, handles_errors, progress
+from evanesce.cli.render import FastOption, SetOption, VariantOption, check_variant, parse_overrides
+from evanesce.errors import InputError
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+
+    @app.command()
+    @handles_errors
+    def simulate(
+        scene: Annotated[str, typer.Argument(help="Scene file, or the name of a shipped scene.")],
+        bundle: Annotated[Path, typer.Option("--bundle", help="Folder to make; must not hold anything.")],
+        seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of noise and patterns.")] = 0,
+        fast: FastOption = True,
+        coarser: Annotated[
+            int, typer.Option("--camera-coarser", min=1, max=50, help="Pixels this many times as large, same field.")
+        ] = 1,
+        variant: VariantOption = "auto",
+        spp: Annotated[int | None, typer.Option("--spp", min=1, help="Paths per pixel of the reference.")] = None,
+        settings: SetOption = None,
+    ) -> None:
+        """Simulate ramp, hold, voltage sweep, replicates, dark frames and cards, and write them as a bundle.
+
+        Nothing is hidden: the bundle names the very scene that made it. See docs/bundle.md.
+        """
+        from evanesce import provenance
+        from evanesce.bundle.write import write_bundle
+        from evanesce.effects import active_effects
+        from evanesce.rig import load_scene, scene_path
+
+        check_variant(variant)
+        loaded = coarser_camera(load_scene(scene, parse_overrides(settings)), coarser)
+        active_effects(loaded, scene_path(scene))
+        render, card, record = _renderers(fast, variant, spp)
+        origin = provenance.record(seed=seed, config=loaded.as_dict(), **record)
+        with progress() as bar:
+            task = bar.add_task("frames", total=None)
+            write_bundle(
+                bundle, loaded, seed=seed, render=render, card=card, provenance=origin,
+                tick=lambda done, total: bar.update(task, completed=done, total=total),
+            )  # fmt: skip
+        console.print(f"Written: {bundle}  (evanesce bundle check {bundle})", highlight=False)
+
+
+def coarser_camera(scene: Any, factor: int) -> Any:
+    """Return the scene with a camera of the same field whose pixels are ``factor`` times as large.
+
+    Wells and gain grow with a pixel's area, as where pixels are binned in charge.
+
+    Raises
+    ------
+    InputError
+        If the resolution does not divide.
+    """
+    if factor == 1:
+        return scene
+    camera = scene.camera
+    cols, rows = camera.resolution_px
+    if cols % factor or rows % factor:
+        raise InputError(
+            f"{factor} does not divide {cols} x {rows} px", key="--camera-coarser", allowed="a common divisor"
+        )
+    dx, dy = camera.principal_point_offset_px
+    pixel = camera.pixel.model_copy(
+        update={
+            "pitch_um": camera.pixel.pitch_um * factor,
+            "full_well_capacity_e": camera.pixel.full_well_capacity_e * factor**2,
+            "conversion_gain_e_per_DN": camera.pixel.conversion_gain_e_per_DN * factor**2,
+        }
+    )
+    update = {
+        "resolution_px": (cols // factor, rows // factor),
+        "scale_px_per_mm": camera.scale_px_per_mm / factor,
+        "principal_point_offset_px": (dx / factor, dy / factor),
+        "pixel": pixel,
+    }
+    from evanesce.rig import Scene
+    from evanesce.rig.load import validate
+
+    changed = scene.model_copy(update={"camera": camera.model_copy(update=update)})
+    return validate(Scene, changed.as_dict(), "--camera-coarser")
+
+
+def _renderers(fast: bool, variant: str, spp: int | None) -> tuple[Any, Any, dict[str, Any]]:
+    """Return the renderers of contacts and cards, and what provenance says of them."""
+    if fast:
+        return None, None, {"renderer": "transport"}
+    import functools
+
+    from evanesce.render.cards import render_card
+    from evanesce.render.path import render
+
+    info = chosen_variant(variant)
+    options: dict[str, Any] = {} if spp is None else {"samples_per_pixel": spp}
+    trace = functools.partial(render, variant=variant, **options)
+    return trace, functools.partial(render_card, variant=variant), {"renderer": "path"} | info.record()

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -13,9 +12,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image as PillowImage
 from pydantic import Field
 
+from evanesce.bundle.files import check_header, check_inside, check_size, inside, numbered, png_files
 from evanesce.bundle.layout import (
     AUXILIARY,
     HELD,
@@ -34,7 +33,7 @@ from evanesce.bundle.layout import (
 )
 from evanesce.bundle.tables import line_numbers, read_series, read_shots
 from evanesce.errors import InputError
-from evanesce.measurement.frames import natural_key, open_frames
+from evanesce.measurement.frames import open_frames
 from evanesce.measurement.images import read_image
 from evanesce.measurement.segment import grey
 from evanesce.quantities import Strict
@@ -44,7 +43,6 @@ from evanesce.rig.load import validate
 
 Grey = NDArray[np.uint8]
 
-MAX_FILES = 100_000
 MAX_TOML_BYTES = 1_000_000
 
 
@@ -200,7 +198,7 @@ class Bundle:
         return self._checked(loaded.data, path)
 
     def _checked(self, data: Grey, path: Path) -> Grey:
-        _check_size((data.shape[1], data.shape[0]), self.scene, path)
+        check_size((data.shape[1], data.shape[0]), self.scene, path)
         if data.ndim == 3:
             data = np.floor(255.0 * grey(data) + 0.5).astype(np.uint8)
         data.flags.writeable = False
@@ -233,9 +231,9 @@ def read_bundle(path: str | Path, *, decode: bool = True) -> Bundle:
         raise InputError("no such folder", file=root, allowed="a measurement bundle, see docs/bundle.md")
     described = _measurement(root)
     scene = _scene(root, described.scene)
-    video = None if described.press.video is None else _inside(root, described.press.video, "press.video")
+    video = None if described.press.video is None else inside(root, described.press.video, "press.video")
     press, press_files = _read_press(root, scene, video)
-    files = {kind: _pngs(root, kind) for kind in AUXILIARY}
+    files = {kind: png_files(root, kind) for kind in AUXILIARY}
     files[PRESS_FOLDER] = press_files
     replicates, files[REPLICATES_FOLDER] = _read_replicates(root, scene, described, press)
     bundle = Bundle(
@@ -252,7 +250,7 @@ def read_bundle(path: str | Path, *, decode: bool = True) -> Bundle:
         raise InputError("holds nothing measured", file=root, allowed="press frames, other shots or a scalar series")
     for paths in files.values():
         for file in paths:
-            _check_header(file, scene)
+            check_header(file, scene)
     if decode:
         for kind in (PRESS_FOLDER, REPLICATES_FOLDER, *AUXILIARY):
             bundle.frames(kind)
@@ -260,7 +258,7 @@ def read_bundle(path: str | Path, *, decode: bool = True) -> Bundle:
 
 
 def _measurement(root: Path) -> _Measurement:
-    path = _inside(root, MEASUREMENT_FILE, None)
+    path = inside(root, MEASUREMENT_FILE, None)
     if path.stat().st_size > MAX_TOML_BYTES:
         raise InputError(f"{path.stat().st_size} bytes", file=path, allowed=f"at most {MAX_TOML_BYTES} bytes")
     try:
@@ -273,7 +271,7 @@ def _measurement(root: Path) -> _Measurement:
 def _scene(root: Path, name: str) -> Scene:
     """Return the believed rig: a file of the bundle, or a scene that ships, by its bare name."""
     if name.endswith(".toml"):
-        return load_scene(_inside(root, name, "scene"))
+        return load_scene(inside(root, name, "scene"))
     if not name.replace("_", "").replace("-", "").isalnum():
         raise InputError(
             f"{name!r}", file=root / MEASUREMENT_FILE, key="scene",
@@ -290,63 +288,9 @@ def _scene(root: Path, name: str) -> Scene:
     return load_scene(shipped)
 
 
-def _inside(root: Path, name: str, key: str | None) -> Path:
-    """Return a regular file of the bundle; a name that leads out of the folder is refused.
-
-    Raises
-    ------
-    InputError
-        If it is not there, no regular file, absolute, climbs, or is a link that leaves the bundle.
-    """
-    where = root / MEASUREMENT_FILE
-    parts = Path(name).parts
-    if Path(name).is_absolute() or ".." in parts or "\\" in name or "\0" in name or ":" in name:
-        raise InputError(f"{name!r} leads out of the bundle", file=where, key=key, allowed="a file inside the folder")
-    path = root / name
-    if not path.exists():
-        if key is None:
-            raise InputError("is missing", file=path, allowed="see docs/bundle.md")
-        raise InputError(f"no such file: {name}", file=where, key=key, allowed="a file inside the folder")
-    _check_inside(root, path)
-    if not path.is_file():
-        raise InputError("is no regular file", file=path)
-    return path
-
-
-def _check_inside(root: Path, path: Path) -> None:
-    if not path.resolve().is_relative_to(root.resolve()):
-        raise InputError("is a link that leads out of the bundle", file=path, allowed="files inside the folder")
-
-
-def _pngs(root: Path, folder: str) -> tuple[Path, ...]:
-    """Return a folder's frames in natural order; empty where there is no such folder."""
-    where = root / folder
-    if not where.exists():
-        return ()
-    _check_inside(root, where)
-    if not where.is_dir():
-        raise InputError("is a file", file=where, allowed="a folder of PNG frames")
-    found = []
-    for entry in os.scandir(where):
-        if entry.name.startswith(".") or (entry.name == REPLICATES_TABLE and folder == REPLICATES_FOLDER):
-            continue
-        path = Path(entry.path)
-        if path.suffix.lower() != ".png":
-            raise InputError("is no PNG frame", file=path, allowed="PNG files only in this folder")
-        _check_inside(root, path)
-        if not path.is_file():
-            raise InputError("is no regular file", file=path)
-        found.append(path)
-        if len(found) > MAX_FILES:
-            raise InputError(f"more than {MAX_FILES} files", file=where)
-    if not found:
-        raise InputError("holds no frame", file=where, allowed="PNG frames, or no such folder")
-    return tuple(sorted(found, key=lambda p: (natural_key(p.name), p.name)))
-
-
 def _read_press(root: Path, scene: Scene, video: Path | None) -> tuple[tuple[Shot, ...], tuple[Path, ...]]:
     table = root / PRESS_TABLE
-    folder = () if video is not None else _pngs(root, PRESS_FOLDER)
+    folder = () if video is not None else png_files(root, PRESS_FOLDER)
     if video is not None and (root / PRESS_FOLDER).exists():
         raise InputError(
             "there is a video and a folder press/", file=root / MEASUREMENT_FILE, key="press.video",
@@ -356,11 +300,11 @@ def _read_press(root: Path, scene: Scene, video: Path | None) -> tuple[tuple[Sho
         if folder or video is not None:
             raise InputError("is missing, but there are press frames", file=table, allowed="a line for each frame")
         return (), ()
-    _inside(root, PRESS_TABLE, None)
+    inside(root, PRESS_TABLE, None)
     shots = read_shots(table, scene.leds.voltage_V)
     if video is not None:
         return shots, ()
-    by_number = _numbered(folder)
+    by_number = numbered(folder)
     for line, shot in zip(line_numbers(table), shots, strict=True):
         if shot.index not in by_number:
             raise InputError(
@@ -376,22 +320,10 @@ def _read_press(root: Path, scene: Scene, video: Path | None) -> tuple[tuple[Sho
     return shots, tuple(by_number[shot.index] for shot in shots)
 
 
-def _numbered(paths: Sequence[Path]) -> dict[int, Path]:
-    """Return frames by the number that is their name."""
-    found: dict[int, Path] = {}
-    for path in paths:
-        if not (path.stem.isascii() and path.stem.isdecimal()):
-            raise InputError(f"{path.stem!r} is no number", file=path, allowed="NNNN.png, the index of press.csv")
-        if int(path.stem) in found:
-            raise InputError(f"is frame {int(path.stem)} once more", file=path, allowed="each number once")
-        found[int(path.stem)] = path
-    return found
-
-
 def _read_replicates(
     root: Path, scene: Scene, described: _Measurement, press: tuple[Shot, ...]
 ) -> tuple[Replicates, tuple[Path, ...]]:
-    files = _pngs(root, REPLICATES_FOLDER)
+    files = png_files(root, REPLICATES_FOLDER)
     table, index = root / REPLICATES_FOLDER / REPLICATES_TABLE, described.replicates.press_index
     key = "replicates.press_index"
     if not files:
@@ -401,7 +333,7 @@ def _read_replicates(
     if table.exists():
         if index is not None:
             raise InputError(f"{table.name} gives the state, too", file=root / MEASUREMENT_FILE, key=key)
-        _inside(root, f"{REPLICATES_FOLDER}/{REPLICATES_TABLE}", None)
+        inside(root, f"{REPLICATES_FOLDER}/{REPLICATES_TABLE}", None)
         shots = read_shots(table, scene.leds.voltage_V)
         if len(shots) != len(files):
             raise InputError(
@@ -429,31 +361,13 @@ def _read_series(root: Path, described: _Measurement) -> Mapping[str, Series]:
             raise InputError(f"no {SERIES_FOLDER}/{name}.csv", file=where, key=key)
     if not folder.exists():
         return MappingProxyType({})
-    _check_inside(root, folder)
+    check_inside(root, folder)
     if not folder.is_dir():
         raise InputError("is a file", file=folder, allowed="a folder of CSV tables")
     found = {}
     for path in sorted(p for p in folder.iterdir() if not p.name.startswith(".")):
         if path.suffix.lower() != ".csv":
             raise InputError("is no CSV table", file=path, allowed="CSV tables only in this folder")
-        _inside(root, f"{SERIES_FOLDER}/{path.name}", None)
+        inside(root, f"{SERIES_FOLDER}/{path.name}", None)
         found[path.stem] = read_series(path, {k: float(v) for k, v in described.series.get(path.stem, {}).items()})
     return MappingProxyType(found)
-
-
-def _check_header(path: Path, scene: Scene) -> None:
-    """Compare an image's size with the camera's without decoding it."""
-    try:
-        with PillowImage.open(path, formats=("PNG",)) as picture:
-            size = picture.size
-    except (OSError, ValueError, SyntaxError, PillowImage.DecompressionBombError) as error:
-        raise InputError(f"cannot be read as PNG: {error}", file=path) from None
-    _check_size(size, scene, path)
-
-
-def _check_size(size: tuple[int, int], scene: Scene, path: Path) -> None:
-    cols, rows = scene.camera.resolution_px
-    if size != (cols, rows):
-        raise InputError(
-            f"{size[0]} x {size[1]} pixels", file=path, allowed=f"{cols} x {rows}, the believed camera's resolution_px"
-        )

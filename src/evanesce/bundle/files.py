@@ -1,0 +1,100 @@
+"""Files of a bundle: none outside its folder, frames as PNG and of one size."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from PIL import Image as PillowImage
+
+from evanesce.bundle.layout import MEASUREMENT_FILE, REPLICATES_FOLDER, REPLICATES_TABLE
+from evanesce.errors import InputError
+from evanesce.measurement.frames import natural_key
+from evanesce.rig import Scene
+
+MAX_FILES = 100_000
+
+
+def inside(root: Path, name: str, key: str | None) -> Path:
+    """Return a regular file of the bundle; a name that leads out of the folder is refused.
+
+    Raises
+    ------
+    InputError
+        If it is not there, no regular file, absolute, climbs, or is a link that leaves the bundle.
+    """
+    where = root / MEASUREMENT_FILE
+    parts = Path(name).parts
+    if Path(name).is_absolute() or ".." in parts or "\\" in name or "\0" in name or ":" in name:
+        raise InputError(f"{name!r} leads out of the bundle", file=where, key=key, allowed="a file inside the folder")
+    path = root / name
+    if not path.exists():
+        if key is None:
+            raise InputError("is missing", file=path, allowed="see docs/bundle.md")
+        raise InputError(f"no such file: {name}", file=where, key=key, allowed="a file inside the folder")
+    check_inside(root, path)
+    if not path.is_file():
+        raise InputError("is no regular file", file=path)
+    return path
+
+
+def check_inside(root: Path, path: Path) -> None:
+    """Refuse a link that leads out of the bundle."""
+    if not path.resolve().is_relative_to(root.resolve()):
+        raise InputError("is a link that leads out of the bundle", file=path, allowed="files inside the folder")
+
+
+def png_files(root: Path, folder: str) -> tuple[Path, ...]:
+    """Return a folder's frames in natural order; empty where there is no such folder."""
+    where = root / folder
+    if not where.exists():
+        return ()
+    check_inside(root, where)
+    if not where.is_dir():
+        raise InputError("is a file", file=where, allowed="a folder of PNG frames")
+    found = []
+    for path in where.iterdir():
+        if path.name.startswith(".") or (path.name == REPLICATES_TABLE and folder == REPLICATES_FOLDER):
+            continue
+        if path.suffix.lower() != ".png":
+            raise InputError("is no PNG frame", file=path, allowed="PNG files only in this folder")
+        check_inside(root, path)
+        if not path.is_file():
+            raise InputError("is no regular file", file=path)
+        found.append(path)
+        if len(found) > MAX_FILES:
+            raise InputError(f"more than {MAX_FILES} files", file=where)
+    if not found:
+        raise InputError("holds no frame", file=where, allowed="PNG frames, or no such folder")
+    return tuple(sorted(found, key=lambda p: (natural_key(p.name), p.name)))
+
+
+def numbered(paths: Sequence[Path]) -> dict[int, Path]:
+    """Return frames by the number that is their name."""
+    found: dict[int, Path] = {}
+    for path in paths:
+        if not (path.stem.isascii() and path.stem.isdecimal()):
+            raise InputError(f"{path.stem!r} is no number", file=path, allowed="NNNN.png, the index of press.csv")
+        if int(path.stem) in found:
+            raise InputError(f"is frame {int(path.stem)} once more", file=path, allowed="each number once")
+        found[int(path.stem)] = path
+    return found
+
+
+def check_header(path: Path, scene: Scene) -> None:
+    """Compare an image's size with the camera's without decoding it."""
+    try:
+        with PillowImage.open(path, formats=("PNG",)) as picture:
+            size = picture.size
+    except (OSError, ValueError, SyntaxError, PillowImage.DecompressionBombError) as error:
+        raise InputError(f"cannot be read as PNG: {error}", file=path) from None
+    check_size(size, scene, path)
+
+
+def check_size(size: tuple[int, int], scene: Scene, path: Path) -> None:
+    """Refuse an image whose (columns, rows) are not those of the believed camera."""
+    cols, rows = scene.camera.resolution_px
+    if size != (cols, rows):
+        raise InputError(
+            f"{size[0]} x {size[1]} pixels", file=path, allowed=f"{cols} x {rows}, the believed camera's resolution_px"
+        )

@@ -40,6 +40,7 @@ UNIT_SUFFIXES: dict[str, str] = {
     "DN": "DN",
     "px": "px",
     "per_mm": "1/mm",
+    "per_N": "1/N",
     "px_per_mm": "px/mm",
     "N_per_mm": "N/mm",
     "N_per_s": "N/s",

@@ -11,6 +11,7 @@ from typing import Any, overload
 import numpy as np
 from scipy.optimize import brentq
 
+from evanesce.contact.adhered import adhered_state
 from evanesce.contact.heightmap import RidgeRow
 from evanesce.contact.hertz import hertz_contact, reduced_modulus, scaled_hertz_contact
 from evanesce.contact.jkr import jkr_contact
@@ -18,6 +19,7 @@ from evanesce.contact.patch import AxisymmetricContact, axisymmetric_state, radi
 from evanesce.contact.resolved import Adhesion, pressed_profile, resolved_state
 from evanesce.contact.ridged import require_resolved, ridged_state
 from evanesce.contact.roughness import persson_contact_fraction
+from evanesce.contact.scaling import stiffness_factor
 from evanesce.contact.sliding_states import SlideStates
 from evanesce.contact.solve_fem import fem_contact, fem_state, small_strain_modulus
 from evanesce.contact.solve_slide import slide_programme, slide_states
@@ -61,12 +63,13 @@ def contact_state(scene: Scene, force_N: float, *, time_s: float = 0.0) -> Conta
         raise InputError(f"normal force of {force_N:g} N", key="press.forces_N", allowed="a finite force, not negative")
     if scene.slide is not None:
         state = _sliding_state(scene, force_N, time_s)
-    elif isinstance(scene.contact, FemLaw):
-        state = _fem_state(scene, scene.contact, force_N, time_s)
-    elif isinstance(scene.contact, HalfspaceLaw):
-        state = _halfspace_state(scene, scene.contact, force_N, time_s)
+    elif scene.finger.work_of_adhesion_N_per_mm > 0 and not _knows_adhesion(scene):
+        bare = scene.finger.model_copy(update={"work_of_adhesion_N_per_mm": 0.0})
+        state = _dry_state(scene.model_copy(update={"finger": bare}), force_N, time_s)
+        adhesion = Adhesion(scene.finger.work_of_adhesion_N_per_mm)
+        state = adhered_state(state, _modulus(scene, force_N), adhesion)
     else:
-        state = _analytic_state(scene, force_N, time_s)
+        state = _dry_state(scene, force_N, time_s)
     _require_on_finger(scene, state)
     slope = scene.finger.roughness_rms_slope
     if slope == 0:
@@ -74,6 +77,22 @@ def contact_state(scene: Scene, force_N: float, *, time_s: float = 0.0) -> Conta
     fraction = persson_contact_fraction(state.pressure, _modulus(scene, force_N), slope)
     parameters = {**state.parameters, "roughness_rms_slope": slope}
     return replace(state, real_contact_fraction=fraction, parameters=parameters)
+
+
+def _dry_state(scene: Scene, force: float, time: float) -> ContactState:
+    """Return what the scene's law says, with the adhesion that the law knows of."""
+    if isinstance(scene.contact, FemLaw):
+        return _fem_state(scene, scene.contact, force, time)
+    if isinstance(scene.contact, HalfspaceLaw):
+        return _halfspace_state(scene, scene.contact, force, time)
+    return _analytic_state(scene, force, time)
+
+
+def _knows_adhesion(scene: Scene) -> bool:
+    """Tell whether the finger's own work of adhesion enters the law's formulas: Hertz turns into JKR."""
+    if isinstance(scene.contact, HertzLaw | JkrLaw):
+        return scene.finger.ridges is None
+    return isinstance(scene.contact, HalfspaceLaw)
 
 
 def _require_on_finger(scene: Scene, state: ContactState) -> None:
@@ -125,7 +144,8 @@ def _halfspace_state(scene: Scene, law: HalfspaceLaw, force: float, time: float)
         except ValueError as error:
             raise InputError(str(error), key="finger.ridges") from None
         parameters |= _ridge_parameters(row)
-    adhesion = Adhesion(law.work_of_adhesion_N_per_mm, law.cohesive_stress_MPa)
+    work = law.work_of_adhesion_N_per_mm + scene.finger.work_of_adhesion_N_per_mm
+    adhesion = Adhesion(work, law.cohesive_stress_MPa)
     name = law.law if scene.finger.ridges is None else f"{law.law}+ridges"
     return resolved_state(grid, heights, modulus, force, law=name, adhesion=adhesion, parameters=parameters, time=time)
 
@@ -133,7 +153,7 @@ def _halfspace_state(scene: Scene, law: HalfspaceLaw, force: float, time: float)
 def _fem_state(scene: Scene, law: FemLaw, force: float, time: float) -> ContactState:
     """Return the library's press; ridges ride on it as on a half-space of the local stiffness."""
     grid, centre = contact_grid(scene), scene.finger.position_mm
-    smooth = fem_state(scene.finger, law, force, grid, time)
+    smooth = fem_state(scene.finger, law, force, grid, time, stiffness_factor(scene.finger, force))
     if scene.finger.ridges is None:
         return smooth
     row, modulus = _row(scene.finger.ridges), _modulus(scene, force)
@@ -193,6 +213,12 @@ def _slide_of(scene_json: str) -> SlideStates:
 
 def _sliding_state(scene: Scene, force: float, time: float) -> ContactState:
     """Return the frame of a scene's slide that is seen at a time."""
+    if scene.finger.work_of_adhesion_N_per_mm > 0 and not _knows_adhesion(scene):
+        raise InputError(
+            f"a slide under law {scene.contact.law} knows no adhesion",
+            key="finger.work_of_adhesion_N_per_mm",
+            allowed="0, or law hertz or jkr",
+        )
     times, forces, _ = slide_programme(scene).sample()
     index = round(time * scene.press.frame_rate_hz)
     if not 0 <= index < times.size or abs(times[index] - time) > 1e-6 or abs(forces[index] - force) > 1e-6:
@@ -228,6 +254,12 @@ def _row(ridges: Ridges) -> RidgeRow:
 
 
 def _modulus(scene: Scene, force: float) -> float:
+    """Return E* [MPa] of the finger as stiff as it is (:mod:`evanesce.contact.scaling`)."""
+    factor = stiffness_factor(scene.finger, force)
+    return factor * _nominal_modulus(scene, force / factor)
+
+
+def _nominal_modulus(scene: Scene, force: float) -> float:
     """Return E* [MPa]: the law's own figures where it gives them, the material's otherwise.
 
     An intercept without a slope is a constant modulus: the slope of another fit would not belong to it.
@@ -252,26 +284,35 @@ def _modulus(scene: Scene, force: float) -> float:
 def _smooth(scene: Scene, force: float) -> tuple[AxisymmetricContact, float, dict[str, Any]]:
     """Return the smooth finger's contact, E* [MPa] and the parameters worth recording."""
     law, radius = scene.contact, scene.finger.tip_radius_mm
-    modulus = _modulus(scene, force)
+    modulus, factor = _modulus(scene, force), stiffness_factor(scene.finger, force)
+    work = scene.finger.work_of_adhesion_N_per_mm
     parameters: dict[str, Any] = {"tip_radius_mm": radius, "material": scene.finger.material}
+    if factor != 1.0:
+        parameters["stiffness_factor"] = factor
     if isinstance(law, XydasKaoLaw):
         parameters |= {"c_mm": law.c_mm, "gamma": law.gamma}
-        return xydas_kao_contact(force, radius, law.c_mm, law.gamma), modulus, parameters
+        # c N^gamma of a stiffer finger is c (N/factor)^gamma
+        contact = xydas_kao_contact(force, radius, law.c_mm * factor**-law.gamma, law.gamma)
+        return contact, modulus, parameters
     parameters["reduced_modulus_MPa"] = modulus
     match law:
+        case HertzLaw() if work > 0:
+            parameters["work_of_adhesion_N_per_mm"] = work
+            return jkr_contact(force, radius, modulus, work), modulus, parameters
         case HertzLaw():
             return hertz_contact(force, radius, modulus), modulus, parameters
         case ScaledHertzLaw():
             parameters["area_scale"] = law.area_scale
             return scaled_hertz_contact(force, radius, modulus, law.area_scale), modulus, parameters
         case JkrLaw():
-            parameters["work_of_adhesion_N_per_mm"] = law.work_of_adhesion_N_per_mm
-            return jkr_contact(force, radius, modulus, law.work_of_adhesion_N_per_mm), modulus, parameters
+            work += law.work_of_adhesion_N_per_mm
+            parameters["work_of_adhesion_N_per_mm"] = work
+            return jkr_contact(force, radius, modulus, work), modulus, parameters
         case FemLaw():
-            return fem_contact(scene.finger, law, force), modulus, parameters | {"bone": law.bone}
+            return fem_contact(scene.finger, law, force, factor), modulus, parameters | {"bone": law.bone}
         case HalfspaceLaw():
             # for the depth of a ramp: ridges do not change what the smooth tip sinks in, adhesion as JKR has it
-            return jkr_contact(force, radius, modulus, law.work_of_adhesion_N_per_mm), modulus, parameters
+            return jkr_contact(force, radius, modulus, law.work_of_adhesion_N_per_mm + work), modulus, parameters
 
 
 def press_programme(scene: Scene) -> list[tuple[float, float]]:

@@ -9,6 +9,7 @@ from typing import Any
 from evanesce.contact.fem.library import LibraryPress, library_press, library_state
 from evanesce.contact.fem.state import axisymmetric_contact
 from evanesce.contact.patch import AxisymmetricContact
+from evanesce.contact.scaling import stiffened_contact, stiffened_state
 from evanesce.errors import InputError
 from evanesce.materials import material
 from evanesce.rig import Finger
@@ -30,8 +31,11 @@ def small_strain_modulus(name: str) -> float:
     return 4.0 * fit.shear_modulus_MPa
 
 
-def _library(finger: Finger, law: FemLaw, force: float) -> LibraryPress:
-    """Return the press that a finger asks for; refuse any other shape, material or force than were solved."""
+def _library(finger: Finger, law: FemLaw, force: float, factor: float) -> LibraryPress:
+    """Return the press that a finger asks for; refuse any other shape, material or force than were solved.
+
+    A finger ``factor`` times as stiff takes the shape that was solved at the force over ``factor``.
+    """
     small_strain_modulus(finger.material)
     press = library_press(finger.material, law.bone)
     shape: Mapping[str, Any] = press.inputs["shape"]
@@ -40,32 +44,36 @@ def _library(finger: Finger, law: FemLaw, force: float) -> LibraryPress:
         if abs(value - solved) > 1e-9 * solved:
             allowed = f"{solved:g}, the finger that was solved (others: `evanesce fem press`)"
             raise InputError(f"{value:g} mm with law fem", key=f"finger.{key}_mm", allowed=allowed)
-    low, high = float(press.force[0]), float(press.force[-1])
+    low, high = factor * float(press.force[0]), factor * float(press.force[-1])
     if not low * (1 - 1e-9) <= force <= high * (1 + 1e-9):
-        allowed = f"{low:g} to {high:g} N with law fem"
+        stiff = "" if factor == 1.0 else f" and a finger {factor:.4g} times as stiff"
+        allowed = f"{low:g} to {high:g} N with law fem{stiff}"
         raise InputError(f"normal force of {force:g} N", key="press.forces_N", allowed=allowed)
     return press
 
 
-def fem_contact(finger: Finger, law: FemLaw, force: float) -> AxisymmetricContact:
-    """Return the smooth finger's contact at a force [N].
+def fem_contact(finger: Finger, law: FemLaw, force: float, factor: float = 1.0) -> AxisymmetricContact:
+    """Return the smooth finger's contact at a force [N], its silicone ``factor`` times as stiff as was solved.
 
     Raises
     ------
     InputError
         For a finger or a force that was not solved.
     """
-    return axisymmetric_contact(_library(finger, law, force).at(force), finger.length_mm)
+    press = _library(finger, law, force, factor)
+    return stiffened_contact(axisymmetric_contact(press.at(force / factor), finger.length_mm), factor)
 
 
-def fem_state(finger: Finger, law: FemLaw, force: float, grid: PlateGrid, time: float) -> ContactState:
-    """Return the smooth finger's contact at a force [N] on a grid, its law named ``fem``.
+def fem_state(
+    finger: Finger, law: FemLaw, force: float, grid: PlateGrid, time: float, factor: float = 1.0
+) -> ContactState:
+    """Return the smooth finger's contact at a force [N] on a grid, its law named ``fem``; ``factor`` as above.
 
     Raises
     ------
     InputError
         For a finger or a force that was not solved, or a contact that does not fit on the grid.
     """
-    _library(finger, law, force)
-    found = library_state(finger.material, force, grid, centre=finger.position_mm, bone=law.bone, time=time)
-    return replace(found, law="fem")
+    _library(finger, law, force, factor)
+    found = library_state(finger.material, force / factor, grid, centre=finger.position_mm, bone=law.bone, time=time)
+    return replace(stiffened_state(found, factor), law="fem", normal_force=force)

@@ -18,6 +18,7 @@ from evanesce.contact.interface_friction import (
 from evanesce.contact.partial_slip import tangential_modulus
 from evanesce.contact.patch import AxisymmetricContact
 from evanesce.contact.press_slide import SlideProgramme
+from evanesce.contact.scaling import stiffness_factor
 from evanesce.contact.sliding import march
 from evanesce.contact.sliding_states import SlideStates, SlideView
 from evanesce.errors import InputError
@@ -128,6 +129,7 @@ def _stiffness(scene: Scene, force: float, depth: float, angle: float) -> float:
     finger, silicone = scene.finger, material(scene.finger.material)
     fit = silicone.mooney_rivlin
     youngs = silicone.youngs_modulus_MPa if fit is None else fit.youngs_modulus_MPa
+    youngs *= stiffness_factor(finger, force)
     # the pressed finger is shorter by its depth, where the law knows one
     length = finger.length_mm - (depth if math.isfinite(depth) else 0.0)
     column = finger.tip_radius_mm if finger.tip_radius_mm < length else 0.0

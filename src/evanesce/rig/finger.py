@@ -48,6 +48,15 @@ class Finger(Strict):
     roughness_rms_slope: float = field(
         0.0, unit="1", bounds=(0.0, 10.0), null=0.0, doc="rms gradient of the skin's roughness; sets real contact"
     )
+    modulus_factor: float = field(
+        1.0, unit="1", bounds=(0.05, 20.0), null=1.0, doc="stiffness of the silicone over that of its material"
+    )
+    stiffening_per_N: float = field(
+        0.0, unit="1/N", bounds=(0.0, 5.0), null=0.0, doc="relative rise of the finger's stiffness with normal force"
+    )
+    work_of_adhesion_N_per_mm: float = field(
+        0.0, unit="N/mm", bounds=(0.0, 0.1), null=0.0, doc="beside what the contact law has; 0.001 N/mm is 1 J/m^2"
+    )
     ridges: Ridges | None = None
 
 

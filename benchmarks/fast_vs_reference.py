@@ -26,9 +26,9 @@ from evanesce.contact.solve import contact_state
 from evanesce.fast import FastCamera
 from evanesce.optics.projection import Projection
 from evanesce.provenance import package_versions
-from evanesce.render.fields import compute_rig_fields
 from evanesce.render.fused import llvm_works
 from evanesce.render.path import render, scaled_view
+from evanesce.render.rig_fields import compute_rig_fields
 from evanesce.render.transport import render_fast
 from evanesce.rig import load_scene
 from evanesce.validation.agreement import Case, agreement, cases, coarser

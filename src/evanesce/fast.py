@@ -17,21 +17,11 @@ from numpy.typing import NDArray
 from evanesce import rng
 from evanesce.effects import Context, Stage, active_effects, apply_stage
 from evanesce.optics.projection import Projection
+from evanesce.render.feedback import CoarseGrid, coarse_mean, feedback
 from evanesce.render.fields import Fields, fields_of
 from evanesce.render.fused import Backend, Lit, Readout, in_threads, llvm_works, operators
-from evanesce.render.transport import (
-    CoarseGrid,
-    Maps,
-    coarse_grid,
-    enlarged,
-    feedback,
-    field_images,
-    flank_depth,
-    flank_lit,
-    flank_place,
-    plate_maps,
-    render_fast,
-)
+from evanesce.render.patch import InterfaceBox, enlarged, field_images, refinement
+from evanesce.render.transport import Maps, flank_depth, flank_lit, flank_place, plate_maps, render_fast
 from evanesce.rig import Scene
 from evanesce.sensor.lens import form_image, prepared_lens
 from evanesce.sensor.pixel import photon_count
@@ -42,7 +32,6 @@ from evanesce.states import ContactState, Frame, PlateGrid
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
-REFINE = 2
 FLANK_STEP = 4
 BLUR_ERROR = 5e-3
 """Of the light of a point, what the separable sum may put elsewhere than the lens's kernel."""
@@ -63,6 +52,8 @@ class _Optics:
         [e- mm^2 sr/W].
     direct, turned : tuple
         Maps from the frame to the refined grid, directly and after one more turn between the plate's faces.
+    refine : int
+        Samples a side of one cell of the contact grid.
     fine : tuple of int
         (rows, cols) of the refined grid.
     blur : tuple of ndarray
@@ -86,6 +77,7 @@ class _Optics:
     charge_per_radiance: Image
     direct: Maps
     turned: Maps
+    refine: int
     fine: tuple[int, int]
     blur: tuple[tuple[Image, Image], ...]
     decay: Image
@@ -233,13 +225,11 @@ class FastCamera:
             return Lit(0, 0, charge.astype(np.float32))
         optics = self._optics_for(state.grid)
         end, coarse = float(fields.gaps[-1]), optics.coarse
-        row, col, gap, share = interface_box(state, end)
-        cover = np.where(gap < np.float32(end), np.float32(1), share)
-        size = (gap.shape[1] * REFINE, gap.shape[0] * REFINE)
-        gap, share = (cv2.resize(m, size, interpolation=cv2.INTER_LINEAR) for m in (gap, share))
-        coupled = self._operators.coupling(gap, share, end, optics.decay)
-        box = _Box(row * REFINE, col * REFINE, coupled, cover)
-        change, taken = feedback(fields, coarse, coarse.contact * _coarse_mean(box, state.grid, coarse))
+        found = InterfaceBox.of(state, end, optics.refine)
+        coupled = self._operators.coupling(found.gap, found.share, end, optics.decay)
+        box = _Box(found.row, found.col, coupled, found.cover)
+        mean = coarse_mean(coupled, (box.row, box.col), optics.fine, coarse.shape)
+        change, taken = feedback(fields, coarse, coarse.contact * mean)
         depth = flank_depth(scene, state)
         kept = self._flank
         if kept is None or kept[0] != depth:
@@ -292,56 +282,6 @@ class _FlankView:
         part = np.s_[max(0, rows[0] - 1) : rows[-1] + 2, max(0, cols[0] - 1) : cols[-1] + 2]
         first = part[0].start * step, part[1].start * step
         return cls(*first, *(np.ascontiguousarray(a[part], np.float32) for a in (column, row, charge)))
-
-
-def interface_box(state: ContactState, end: float) -> tuple[int, int, Image, Image]:
-    """Return :func:`evanesce.render.scene.interface_maps` where there is contact or a film below ``end`` [mm].
-
-    Returns
-    -------
-    row, col : int
-        Of the box's upper left cell.
-    gap, share : ndarray (rows, cols)
-        [mm], [1]; a cell's width beyond, so that all is interpolated as on the whole grid.
-    """
-    near = (state.gap < end) | (state.contact_mask > 0)
-    rows, cols = np.nonzero(near.any(axis=1))[0], np.nonzero(near.any(axis=0))[0]
-    if rows.size == 0:
-        return 0, 0, np.full((1, 1), 4 * end, np.float32), np.zeros((1, 1), np.float32)
-    (r0, r1), (c0, c1) = ((int(i[0]), int(i[-1]) + 1) for i in (rows, cols))
-    # Two cells more: one for the filter below, one for the interpolation.
-    part = np.s_[max(0, r0 - 3) : r1 + 3, max(0, c0 - 3) : c1 + 3]
-    gap = np.clip(state.gap[part].astype(np.float32), 0, np.float32(4 * end))
-    share = np.clip(state.contact_mask[part].astype(np.float32), 0, 1)
-    touched = (share > 0).astype(np.uint8)
-    cv2.copyTo(cv2.dilate(gap, np.ones((3, 3), np.uint8)), touched, gap)
-    if state.real_contact_fraction is not None:
-        fraction = np.clip(state.real_contact_fraction[part].astype(np.float32), 0, 1)
-        rough = (touched > 0) & (fraction < 1)
-        gap = np.where(rough, np.maximum(gap, np.float32(0.999 * end)), gap)
-        share = share * fraction
-    return part[0].start, part[1].start, gap, share
-
-
-def _coarse_mean(box: _Box, grid: PlateGrid, coarse: CoarseGrid) -> Array:
-    """Return the mean coupling of each coarse cell."""
-    rows, cols = (n * REFINE for n in grid.shape)
-    high, wide = box.coupled.shape
-    # Whole coarse cells, if they are whole numbers of samples; the full grid else.
-    tall, broad = rows / coarse.shape[0], cols / coarse.shape[1]
-    if tall == int(tall) and broad == int(broad):
-        t, b = int(tall), int(broad)
-        above, left = box.row % t, box.col % b
-        below, right = -(above + high) % t, -(left + wide) % b
-        whole = cv2.copyMakeBorder(box.coupled, above, below, left, right, cv2.BORDER_CONSTANT)
-        small = cv2.resize(whole, (whole.shape[1] // b, whole.shape[0] // t), interpolation=cv2.INTER_AREA)
-        found = np.zeros(coarse.shape)
-        r, c = box.row // t, box.col // b
-        found[r : r + small.shape[0], c : c + small.shape[1]] = small
-        return found
-    whole = np.zeros((rows, cols), np.float32)
-    whole[box.row : box.row + high, box.col : box.col + wide] = box.coupled
-    return np.asarray(cv2.resize(whole, coarse.shape[::-1], interpolation=cv2.INTER_AREA), np.float64)
 
 
 def _frame_window(scene: Scene, optics: _Optics, box: _Box) -> tuple[int, int, int, int]:
@@ -413,7 +353,7 @@ def _contact_charge(ghost: float, optics: _Optics, box: _Box, change: Array, her
         at = np.s_[rows.start : rows.stop + step : step, cols.start : cols.stop + step : step]
         return enlarged(np.asarray(of(at), np.float32), step, shape)
 
-    bare = dim(2, lambda at: 1 - from_box(box.cover, optics.direct[0][at], optics.direct[1][at], REFINE))
+    bare = dim(2, lambda at: 1 - from_box(box.cover, optics.direct[0][at], optics.direct[1][at], optics.refine))
     turned = dim(4, lambda at: from_box(coupled, optics.turned[0][at], optics.turned[1][at]))
     rise = (1.0 + change).astype(np.float32)
     per_x, per_y = (np.float32(a / b) for a, b in zip(rise.shape[::-1], optics.fine[::-1], strict=True))
@@ -508,19 +448,20 @@ def _prepare(scene: Scene, grid: PlateGrid) -> _Optics:
     fields, projection = fields_of(scene), Projection.of(scene.camera, scene.plate)
     view = projection.ideal_view()
     lens = prepared_lens(scene.camera, scene.plate, view)
-    pitch = grid.pitch / REFINE
+    refine = refinement(grid.pitch, 1.0 / scene.camera.scale_px_per_mm)
+    pitch = grid.pitch / refine
     first = (float(grid.extent[0]) + pitch / 2, float(grid.extent[2]) + pitch / 2)
     rows, cols = projection.shape
     cx, cy = projection.principal_point
     u, v = np.meshgrid((np.arange(cols) - cx) / projection.focal_px, (np.arange(rows) - cy) / projection.focal_px)
     direction = projection.undistort(u, v)
-    coarse = coarse_grid(fields, grid)
-    direct, turned = plate_maps(scene, direction, first, pitch, 1)
+    coarse = CoarseGrid.of(fields, grid)
+    direct, turned = plate_maps(scene, direction, first, pitch)
     x, y = (m.astype(float) * pitch + p0 for m, p0 in zip(direct, first, strict=True))
     # The gain is per sub-sample.
     charge = lens.gain * (_charge_per_irradiance(scene) * len(lens.maps))
     contact = fields.coupling[:, 0] * fields.response[0]
-    level = np.tensordot(contact, field_images(fields, x, y), 1)
+    level = sum(c * image for c, image in zip(contact, field_images(fields, x, y), strict=True))
     kernels = () if lens.spread is None else lens.spread.kernels
     middle = np.tensordot(fields.coupling * fields.response, fields.modes.mean(axis=(1, 2)), (0, 0))
     blur = separable(kernels[0], BLUR_ERROR) if kernels else ()
@@ -530,7 +471,8 @@ def _prepare(scene: Scene, grid: PlateGrid) -> _Optics:
         charge_per_radiance=charge.astype(np.float32),
         direct=direct,
         turned=turned,
-        fine=(grid.shape[0] * REFINE, grid.shape[1] * REFINE),
+        refine=refine,
+        fine=(grid.shape[0] * refine, grid.shape[1] * refine),
         blur=blur,
         reach=kernels[0].shape[0] // 2 if kernels else 0,
         decay=(middle / middle[0]).astype(np.float32),

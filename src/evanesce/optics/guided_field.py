@@ -241,15 +241,21 @@ def edge_exchange(light: EdgeLight, *, per_edge: int = 24, rays: int = 4096) -> 
     """
     segments = 4 * per_edge
     start, step = _segments(light, per_edge)
-    sample = qmc.Sobol(4, scramble=True, rng=np.random.default_rng(20240611)).random(rays)
     from_edge = np.zeros((segments, segments))
-    for row in range(segments):
+    for row, sample in enumerate(_shifted(rays, segments, 20240611)):
         number, part = divmod(row, per_edge)
         along = start[number] + (part + sample[:, 3]) * step[number]
         for met in _from_edge(light, number, along, sample[:, 2] * light.thickness, sample[:, :2]):
             segment = _segment_of(light, met.hits, per_edge)
             from_edge[row] += np.bincount(segment, met.edge_share, segments) * (np.pi / rays)
-    return EdgeExchange(_from_leds(light, per_edge, sample), from_edge)
+    return EdgeExchange(_from_leds(light, per_edge, rays), from_edge)
+
+
+def _shifted(rays: int, count: int, seed: int) -> Iterator[Array]:
+    """Yield quasi-random points (rays, 4), each time shifted anew: errors that all sources share would not average."""
+    sample = qmc.Sobol(4, scramble=True, rng=np.random.default_rng(seed)).random(rays)
+    for shift in qmc.Halton(4, scramble=True, rng=np.random.default_rng(seed + 1)).random(count):
+        yield np.mod(sample + shift, 1.0)
 
 
 def _from_edge(light: EdgeLight, number: int, along: Array, depth: Array, u: Array) -> Iterator[_Arrival]:
@@ -265,24 +271,26 @@ def _from_edge(light: EdgeLight, number: int, along: Array, depth: Array, u: Arr
     return _arrivals(light, x, y, depth, theta, inward + np.arctan2(tangent, normal), np.asarray(up < 0))
 
 
-def _from_leds(light: EdgeLight, per_edge: int, sample: Array) -> Array:
+def _from_leds(light: EdgeLight, per_edge: int, rays: int) -> Array:
     """Return :attr:`EdgeExchange.from_led`: rays from each LED, all of which arrive somewhere."""
     segments = 4 * per_edge
     width, height = light.emitter_size
     _, step = _segments(light, per_edge)
     area = np.repeat(step, per_edge) * light.thickness
-    depth = light.thickness / 2 + (sample[:, 2] - 0.5) * height
-    entering = _entering(light, np.sqrt(1 - sample[:, 0]))
     found = np.zeros((segments, led_count(light)))
+    samples = _shifted(rays, led_count(light), 20240613)
     led = 0
     for number, name in enumerate(EDGES):
         for centre in light.positions.get(name, np.zeros(0)):
+            sample = next(samples)
             along = centre + (sample[:, 3] - 0.5) * width
+            depth = light.thickness / 2 + (sample[:, 2] - 0.5) * height
+            entering = _entering(light, np.sqrt(1 - sample[:, 0]))
             for met in _from_edge(light, number, along, depth, sample[:, :2]):
                 segment = _segment_of(light, met.hits, per_edge)
                 found[:, led] += np.bincount(segment, met.share * entering, segments)
             led += 1
-    return np.asarray(found * (np.pi * width * height / len(sample)) / area[:, None])
+    return np.asarray(found * (np.pi * width * height / rays) / area[:, None])
 
 
 def edge_response(exchange: EdgeExchange, reflectance: float) -> Array:

@@ -13,6 +13,7 @@ from scipy.stats import qmc
 
 from evanesce.optics.guided_field import (
     EDGES,
+    EdgeExchange,
     EdgeLight,
     _arrivals,
     _entering,
@@ -89,24 +90,27 @@ class UnitFields:
         Irradiance on the glass side of the top face, by bin, per radiance of each LED [sr].
     edge : ndarray (segments, points, bins)
         The same per diffuse radiance of each segment of the edges [sr].
-    response : ndarray (segments, segments)
-        Radiance of each segment per irradiance that falls on each from elsewhere, mutual light included [1/sr].
-    edge_from_led : ndarray (segments, leds)
-        Irradiance on each segment per radiance of each LED [sr].
+    exchange : EdgeExchange
+        What the segments receive from LEDs and from each other.
     segment_area : ndarray (segments,)
         [mm^2].
     """
 
     led: Array
     edge: Array
-    response: Array
-    edge_from_led: Array
+    exchange: EdgeExchange
     segment_area: Array
 
-    def irradiance(self, radiances: Array) -> Array:
+    def irradiance(self, radiances: Array, edge_reflectance: float) -> Array:
         """Return the irradiance of each point by bin, (points, bins), for LED radiances [W mm^-2 sr^-1]."""
-        edges = self.response @ (self.edge_from_led @ radiances)
+        edges = edge_response(self.exchange, edge_reflectance) @ (self.exchange.from_led @ radiances)
         return np.asarray(np.tensordot(radiances, self.led, 1) + np.tensordot(edges, self.edge, 1))
+
+
+def segment_areas(light: EdgeLight, per_edge: int) -> Array:
+    """Return the area of each segment of the edges [mm^2]."""
+    lengths = np.array([light.size[1], light.size[1], light.size[0], light.size[0]])
+    return np.asarray(np.repeat(lengths, per_edge) / per_edge * light.thickness)
 
 
 def _direct_fields(light: EdgeLight, points: Array, bins: AngleBins, *, across: int = 4, down: int = 8) -> Array:
@@ -190,14 +194,14 @@ def _points_fields(light: EdgeLight, points: Array, bins: AngleBins, rays: int, 
 
 
 def unit_fields(
-    light: EdgeLight, points: Array, bins: AngleBins, *, rays: int = 1 << 15, per_edge: int = 48
+    light: EdgeLight, points: Array, bins: AngleBins, *, rays: int = 1 << 14, per_edge: int = 48
 ) -> UnitFields:
     """Compute the unit fields of a plate.
 
     Parameters
     ----------
     light : EdgeLight
-        Its radiances do not count.
+        Its radiances and its edges' reflectance do not count.
     points : ndarray (points, 2)
         On the top face [mm].
     bins : AngleBins
@@ -206,13 +210,6 @@ def unit_fields(
     per_edge : int
         Segments of each edge.
     """
-    exchange = edge_exchange(light, per_edge=per_edge, rays=rays)
+    exchange = edge_exchange(light, per_edge=per_edge, rays=rays // 4)
     led, edge = _points_fields(light, points, bins, rays, per_edge)
-    lengths = np.repeat([light.size[1], light.size[1], light.size[0], light.size[0]], per_edge) / per_edge
-    return UnitFields(
-        led,
-        edge,
-        edge_response(exchange, light.edge_reflectance),
-        exchange.from_led,
-        lengths * light.thickness,
-    )
+    return UnitFields(led, edge, exchange, segment_areas(light, per_edge))

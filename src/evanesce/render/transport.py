@@ -9,214 +9,42 @@ the finger's flank, lit by the contact's own light and by what escapes near the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
 
 from evanesce.optics.projection import IdealView, Projection
-from evanesce.render.fields import (
-    FEEDBACK_CELL,
+from evanesce.render.fields import MODES, Fields, fields_of, sight_digest
+from evanesce.render.kept import kept
+from evanesce.render.patch import PatchLight, enlarged, patch_light, patch_radiance, refinement
+from evanesce.render.rig_fields import (
     FLANK_AZIMUTHS,
     FLANK_STATIONS,
-    GAP_STEPS,
-    MODES,
-    Fields,
     edge_light,
-    fields_of,
     flank_depths,
     interface_of,
-    kept,
-    optics_digest,
     profile_of,
 )
-from evanesce.render.glow import glow_radiance
-from evanesce.render.scene import approach, interface_maps
+from evanesce.render.scene import approach
 from evanesce.rig import Scene
-from evanesce.states import ContactState, PlateGrid, PlateLight
+from evanesce.states import ContactState, PlateLight
 
 Array = NDArray[Any]
 Image = NDArray[np.float32]
 
 __all__ = ["MODES", "edge_light", "fields_of", "interface_of", "patch_radiance", "render_fast"]
 
-ROUNDS = 3
-"""Of the feedback; each is some 1 % of the one before."""
-
-
-@dataclass(frozen=True)
-class CoarseGrid:
-    """Coarse cells over a contact grid, and all that the feedback needs on them.
-
-    Attributes
-    ----------
-    shape : tuple of int
-        (rows, cols) of cells.
-    area : float
-        Of a cell [mm^2].
-    contact : ndarray (rows, cols)
-        Irradiance into silicone in full contact, without feedback [W mm^-2].
-    spectrum : ndarray
-        Transform of the kernel, gain less loss.
-    padded : tuple of int
-        Shape of the transforms.
-    onto_x, onto_y : ndarray (nodes, cells)
-        Linear interpolation between the field's nodes, along x and y.
-    """
-
-    shape: tuple[int, int]
-    area: float
-    contact: Array
-    spectrum: NDArray[np.complex128]
-    padded: tuple[int, int]
-    onto_x: Array
-    onto_y: Array
-
-
-def _hats(nodes: Array, x: Array) -> Array:
-    """Return the weights (nodes, points) of linear interpolation between even nodes, ends continued."""
-    place = np.clip((x - nodes[0]) / (nodes[1] - nodes[0]), 0, nodes.size - 1)
-    return np.asarray(np.clip(1.0 - np.abs(place[None, :] - np.arange(nodes.size)[:, None]), 0.0, None))
-
-
-def coarse_grid(fields: Fields, grid: PlateGrid) -> CoarseGrid:
-    """Return the coarse grid of a contact grid."""
-    rows, cols = (max(1, round(n * grid.pitch / FEEDBACK_CELL)) for n in grid.shape)
-    x0, x1, y0, y1 = grid.extent
-    dx, dy = (x1 - x0) / cols, (y1 - y0) / rows
-    x, y = x0 + (np.arange(cols) + 0.5) * dx, y0 + (np.arange(rows) + 0.5) * dy
-    onto_x, onto_y = _hats(fields.x, x), _hats(fields.y, y)
-    contact = onto_y.T @ np.tensordot(fields.coupling[:, 0], fields.modes, 1) @ onto_x
-    padded = (fft.next_fast_len(2 * rows, real=True), fft.next_fast_len(2 * cols, real=True))
-    kernel = fields.rig.gain - fields.rig.loss
-    middle = kernel.shape[0] // 2
-    reach_y, reach_x = min(rows - 1, middle), min(cols - 1, middle)
-    around = np.zeros(padded)
-    iy, ix = np.arange(-reach_y, reach_y + 1), np.arange(-reach_x, reach_x + 1)
-    around[iy[:, None] % padded[0], ix[None, :] % padded[1]] = kernel[middle + iy[:, None], middle + ix[None, :]]
-    return CoarseGrid((rows, cols), dx * dy, contact, fft.rfft2(around), padded, onto_x, onto_y)
-
-
-def feedback(fields: Fields, coarse: CoarseGrid, entering: Array) -> tuple[Array, Array]:
-    """Return what the contact does to its own light.
-
-    Parameters
-    ----------
-    fields : Fields
-    coarse : CoarseGrid
-    entering : ndarray (rows, cols)
-        Irradiance that enters the silicone, mean of each cell, without feedback [W mm^-2].
-
-    Returns
-    -------
-    change : ndarray (rows, cols)
-        Of the irradiance, relative [1].
-    taken : ndarray (points,)
-        Power that the contact takes in, shared among the field's nodes [W].
-    """
-    rows, cols = coarse.shape
-    level = np.maximum(coarse.contact, 1e-300)
-    change, taken = np.zeros_like(entering), np.zeros(0)
-    for _ in range(ROUNDS):
-        inside = entering * (1.0 + change)
-        # The loss is relative to the field at the second place; the field is nearly even, and the first serves, too.
-        net = coarse.spectrum * fft.rfft2(inside, coarse.padded)
-        taken = (coarse.onto_y @ inside @ coarse.onto_x.T).ravel() * coarse.area
-        edges = (fields.rig.edges @ taken).reshape(fields.y.size, fields.x.size)
-        returned = fft.irfft2(net, coarse.padded)[:rows, :cols] + coarse.onto_y.T @ edges @ coarse.onto_x
-        change = returned / level
-    return change, taken
-
-
-def field_images(fields: Fields, x: Array, y: Array) -> Image:
-    """Return the field's modes at plate points x, y [mm] (rows, cols), cubic between the nodes: (MODES, rows, cols)."""
-    map_x = ((x - fields.x[0]) / (fields.x[1] - fields.x[0])).astype(np.float32)
-    map_y = ((y - fields.y[0]) / (fields.y[1] - fields.y[0])).astype(np.float32)
-    found = [
-        cv2.remap(m.astype(np.float32), map_x, map_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        for m in fields.modes
-    ]
-    return np.stack(found)
-
-
-def table_place(gap: Image, end: float) -> tuple[NDArray[np.int32], Image]:
-    """Return each gap's node below in the tables, and the part beyond it; all wide gaps are at the last node."""
-    # The gap between rough asperities is set just below the end; it is open.
-    wide = gap >= np.float32(0.998 * end)
-    index = np.where(wide, GAP_STEPS - 1, np.sqrt(np.minimum(gap / np.float32(end), 1)) * np.float32(GAP_STEPS - 1))
-    low = np.minimum(index.astype(np.int32), GAP_STEPS - 2)
-    return low, np.asarray(index - low, np.float32)
-
-
-@dataclass(frozen=True)
-class PatchLight:
-    """What a contact shows on a refined contact grid.
-
-    Attributes
-    ----------
-    radiance : ndarray (rows, cols)
-        Towards the lens, of silicone at the glass [W mm^-2 sr^-1].
-    cover : ndarray (rows, cols)
-        Share where silicone at the glass hides the finger's flank [1].
-    taken : ndarray (points,)
-        Power that the contact takes in, shared among the field's nodes [W].
-    pitch : float
-        [mm].
-    """
-
-    radiance: Image
-    cover: Image
-    taken: Array
-    pitch: float
-
-
-def patch_light(fields: Fields, state: ContactState, refine: int = 2) -> PatchLight:
-    """Return the light of a contact on its grid, ``refine`` times as fine.
-
-    Gap and share in contact are those of the path tracer's textures, interpolated bilinearly as it does.
-    """
-    grid = state.grid
-    rows, cols = grid.shape
-    end = float(fields.gaps[-1])
-    size = (cols * refine, rows * refine)
-    gap, share = (cv2.resize(m, size, interpolation=cv2.INTER_LINEAR) for m in interface_maps(state, end))
-    pitch = grid.pitch / refine
-    x = grid.centre[0] + (np.arange(size[0]) - (size[0] - 1) / 2) * pitch
-    y = grid.centre[1] + (np.arange(size[1]) - (size[1] - 1) / 2) * pitch
-    low, part = table_place(gap, end)
-
-    def mixed(table: Array) -> Image:
-        table32 = table.astype(np.float32)
-        return np.asarray(share * table32[0] + (1 - share) * (table32[low] * (1 - part) + table32[low + 1] * part))
-
-    images = field_images(fields, *np.meshgrid(x, y))
-    irradiance = np.zeros_like(gap)
-    for image, table in zip(images, fields.coupling, strict=True):
-        irradiance += image * mixed(table)
-    coarse = coarse_grid(fields, grid)
-    entering = cv2.resize(irradiance, coarse.shape[::-1], interpolation=cv2.INTER_AREA).astype(float)
-    change, taken = feedback(fields, coarse, entering)
-    rise = cv2.resize(1.0 + change.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
-    cover = np.where(gap < np.float32(end), np.float32(1.0), share)
-    if fields.glow is not None:
-        return PatchLight(glow_radiance(fields.glow, irradiance * rise, share, low, part, pitch), cover, taken, pitch)
-    radiance = np.zeros_like(gap)
-    for image, table in zip(images, fields.coupling * fields.response, strict=True):
-        radiance += image * mixed(table)
-    return PatchLight(radiance * rise, cover, taken, pitch)
-
-
-def patch_radiance(fields: Fields, state: ContactState, refine: int = 2) -> tuple[Image, float]:
-    """Return radiance and pitch of :func:`patch_light`."""
-    found = patch_light(fields, state, refine)
-    return found.radiance, found.pitch
-
 
 def render_fast(
-    scene: Scene, state: ContactState | None, *, seed: int = 0, view: IdealView | None = None
+    scene: Scene,
+    state: ContactState | None,
+    *,
+    seed: int = 0,
+    view: IdealView | None = None,
+    fields: Fields | None = None,
 ) -> PlateLight:
     """Render a contact state by transport; interchangeable with :func:`evanesce.render.path.render`.
 
@@ -229,6 +57,8 @@ def render_fast(
         Not used: nothing here is random. Taken so that both renderers are called alike.
     view : IdealView, optional
         Pinhole grid; the one that covers the frame by default.
+    fields : Fields, optional
+        The scene's own by default; those of a finger close by spare seconds where it has moved a little.
 
     Returns
     -------
@@ -239,23 +69,14 @@ def render_fast(
     view = projection.ideal_view() if view is None else view
     seen = np.zeros(view.shape, np.float32)
     if state is not None:
-        fields = fields_of(scene)
-        patch = patch_light(fields, state)
-        scale = scene.camera.scale_px_per_mm * view.focal_px / projection.focal_px
-        footprint = max(1, round(1.0 / (scale * patch.pitch)))
-        x0, y0 = (state.grid.extent[i] + patch.pitch / 2 for i in (0, 2))
-        key = f"maps{optics_digest(scene)}{view}{x0:.9g} {y0:.9g} {patch.pitch:.9g}"
-        direct, turned = kept(key, lambda: plate_maps(scene, view_rays(view), (x0, y0), patch.pitch, footprint))
-
-        def on_view(image: Image, maps: Maps) -> Image:
-            mean = cv2.blur(image, (footprint, footprint), borderType=cv2.BORDER_CONSTANT)
-            found = cv2.remap(mean, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
-            return np.asarray(found, np.float32)
-
-        bare = 1.0 - on_view(patch.cover, direct)
-        flank = flank_image(scene, fields, state, patch.taken, view)
-        seen = on_view(patch.radiance, direct)
-        seen += bare * (np.float32(fields.ghost) * on_view(patch.radiance, turned) + flank)
+        fields = fields_of(scene) if fields is None else fields
+        pixel_mm = projection.focal_px / (scene.camera.scale_px_per_mm * view.focal_px)
+        patch = patch_light(fields, state, refinement(state.grid.pitch, pixel_mm))
+        direct, turned = _patch_views(scene, state, patch, view, pixel_mm)
+        bare = 1.0 - direct(patch.cover, patch.refine)
+        seen = direct(patch.radiance, 1)
+        ghost = np.float32(fields.ghost) * turned(patch.radiance, 1)
+        seen += bare * (ghost + flank_image(scene, fields, state, patch.taken, view))
     return PlateLight(
         radiance=seen,
         variance=np.zeros_like(seen),
@@ -263,6 +84,38 @@ def render_fast(
         principal_point=view.principal_point,
         samples=0,
     )
+
+
+def _patch_views(
+    scene: Scene, state: ContactState, patch: PatchLight, view: IdealView, pixel_mm: float
+) -> tuple[Callable[[Image, int], Image], ...]:
+    """Return functions that carry an image of a patch into a view, directly and after one more turn in the plate.
+
+    Each takes the image and how many times its samples are as large as the refined grid's.
+    """
+    x0, y0 = (state.grid.extent[i] + patch.pitch / 2 for i in (0, 2))
+    key = f"{sight_digest(scene)}{view}{x0:.9g} {y0:.9g} {patch.pitch:.9g}"
+    maps = kept("maps", key, lambda: plate_maps(scene, view_rays(view), (x0, y0), patch.pitch))
+
+    def onto(maps: Maps) -> Callable[[Image, int], Image]:
+        def carry(image: Image, coarser: int) -> Image:
+            # The mean over a pixel; beyond the patch there is nothing, and as much is added as the mean reaches.
+            footprint = max(1, round(pixel_mm / (patch.pitch * coarser)))
+            reach = footprint // 2 + 1
+            wide = cv2.copyMakeBorder(image, reach, reach, reach, reach, cv2.BORDER_CONSTANT)
+            mean = cv2.blur(wide, (footprint, footprint), borderType=cv2.BORDER_CONSTANT)
+            # Samples ``coarser`` times as large have their first (coarser - 1)/2 later; OpenCV's even boxes are half a
+            # sample off.
+            shift = reach + (0.5 if footprint % 2 == 0 else 0.0) - (coarser - 1) / 2 / coarser
+            x, y = (
+                m * np.float32(1 / coarser) + np.float32(shift - first / coarser)
+                for m, first in zip(maps, (patch.col, patch.row), strict=True)
+            )
+            return np.asarray(cv2.remap(mean, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0))
+
+        return carry
+
+    return onto(maps[0]), onto(maps[1])
 
 
 Maps = tuple[Image, Image]
@@ -279,9 +132,7 @@ def view_rays(view: IdealView, step: int = 1) -> tuple[Array, Array]:
     return u, v
 
 
-def plate_maps(
-    scene: Scene, rays: tuple[Array, Array], first: tuple[float, float], pitch: float, footprint: int
-) -> tuple[Maps, Maps]:
+def plate_maps(scene: Scene, rays: tuple[Array, Array], first: tuple[float, float], pitch: float) -> tuple[Maps, Maps]:
     """Return where directions (u, v, 1) fall on the refined contact grid.
 
     Directly, and after one more turn between the plate's faces.
@@ -295,18 +146,13 @@ def plate_maps(
         Place of the grid's first sample [mm].
     pitch : float
         [mm].
-    footprint : int
-        Samples that the box filter before takes together: an even one of OpenCV is half a sample off.
     """
     projection = Projection.of(scene.camera, scene.plate)
     x, y, slope_x, slope_y = plate_rays(projection, *rays)
     turn = 2 * scene.plate.thickness_mm
     found: list[Any] = []
     for px, py in ((x, y), (x + turn * slope_x, y + turn * slope_y)):
-        places = (
-            (p - p0) / pitch + (0.5 if footprint % 2 == 0 else 0.0) for p, p0 in zip((px, py), first, strict=True)
-        )
-        found.append(tuple(place.astype(np.float32) for place in places))
+        found.append(tuple(((p - p0) / pitch).astype(np.float32) for p, p0 in zip((px, py), first, strict=True)))
     return found[0], found[1]
 
 
@@ -336,16 +182,10 @@ def flank_image(
     step : int
     """
     depth = flank_depth(scene, state)
-    key = f"flank{optics_digest(scene)}{view}{step}{depth:.1f}"
-    column, row, seen = kept(key, lambda: flank_place(scene, *view_rays(view, step), depth))
+    key = f"{sight_digest(scene)}{view}{step}{depth:.1f}"
+    column, row, seen = kept("flank", key, lambda: flank_place(scene, *view_rays(view, step), depth))
     coarse = cv2.remap(flank_lit(scene, fields, taken, depth), column, row, cv2.INTER_LINEAR) * seen
     return enlarged(np.asarray(coarse, np.float32), step, view.shape)
-
-
-def enlarged(coarse: Image, step: int, shape: tuple[int, int]) -> Image:
-    """Return an image sampled at pixels 0, step, 2 step, ... at all pixels."""
-    onto = np.array([[step, 0, 0], [0, step, 0]], np.float32)
-    return np.asarray(cv2.warpAffine(coarse, onto, shape[::-1], flags=cv2.INTER_LINEAR), np.float32)
 
 
 def flank_depth(scene: Scene, state: ContactState) -> float:

@@ -1,0 +1,41 @@
+"""Values that are computed once and kept, in the process: the oldest of each kind are dropped."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+
+LIMITS = {"unit": 4, "rig": 8, "tables": 16, "glow": 16, "fields": 32, "maps": 2, "flank": 32, "coarse": 8}
+"""How many of each kind; a camera's maps of 2000 x 1500 pixels take 80 MB."""
+
+_KEPT: dict[str, OrderedDict[str, Any]] = {kind: OrderedDict() for kind in LIMITS}
+
+
+def kept(kind: str, key: str, make: Callable[[], T]) -> T:
+    """Return a kept value, made if needed.
+
+    Parameters
+    ----------
+    kind : str
+        One of :data:`LIMITS`.
+    key : str
+        All that the value depends on.
+    make : callable
+    """
+    group = _KEPT[kind]
+    if key not in group:
+        group[key] = make()
+        while len(group) > LIMITS[kind]:
+            group.popitem(last=False)
+    group.move_to_end(key)
+    found: T = group[key]
+    return found
+
+
+def forget() -> None:
+    """Drop everything, for tests and benchmarks."""
+    for group in _KEPT.values():
+        group.clear()

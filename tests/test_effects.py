@@ -26,18 +26,24 @@ def context(**effects: dict[str, object]) -> Context:
     return Context(scene(**effects), seed=5, time_s=0.1, index=3)
 
 
-def value_of(stage: Stage) -> object:
-    """An ugly value of each stage."""
+def ridged() -> Scene:
+    return load_scene("thesis_ridged")
+
+
+def value_of(stage: Stage, name: str = "") -> object:
+    """An ugly value of each stage; of an effect that asks for more, such as ridges, by its name."""
     numbers = np.random.default_rng(2).uniform(0.3, 900.0, SHAPE)
     match stage:
         case Stage.PLATE_LIGHT:
             return PlateLight(radiance=numbers, variance=numbers**2, focal_px=77.7, principal_point=(21.3, 30.1))
         case Stage.SENSOR_LIGHT:
             return SensorLight(irradiance=numbers)
-        case Stage.CHARGE | Stage.READOUT:
+        case Stage.CHARGE:
             return numbers
+        case Stage.READOUT:
+            return 4.3 * numbers  # up to near full well
         case Stage.FRAME:
-            return Frame(data=numbers.astype(np.uint8), raw=numbers.astype(np.uint16))
+            return Frame(data=numbers.astype(np.uint8), raw=numbers.astype(np.uint16), time=0.7)
         case Stage.CONTACT:
             return ContactState(
                 grid=PlateGrid(SHAPE, 0.1, (1.0, -2.0)),
@@ -49,7 +55,7 @@ def value_of(stage: Stage) -> object:
                 law="none",
             )
         case Stage.RIG:
-            return scene()
+            return ridged() if name == "ridge_height" else scene()
         case Stage.LOAD:
             return 1.3
 
@@ -100,7 +106,7 @@ def test_parameters_declare_unit_bounds_and_null(effect: Effect) -> None:
 
 def test_absent_bit_for_bit_at_null(effect: Effect) -> None:
     """Skipped at null, and the identity when applied all the same, whichever amplitude is the one at null."""
-    value = value_of(effect.stage)
+    value = value_of(effect.stage, effect.id)
     nulls = {name: dict(effect.parameters.quantities())[name].null for name in effect.amplitudes}
     for gone in [nulls] if effect.null_when == "all" else [{name: null} for name, null in nulls.items()]:
         parameters = strong(effect).model_copy(update=gone)
@@ -112,7 +118,7 @@ def test_absent_bit_for_bit_at_null(effect: Effect) -> None:
 
 
 def test_pure_and_repeatable(effect: Effect) -> None:
-    value = value_of(effect.stage)
+    value = value_of(effect.stage, effect.id)
     before = bytes_of(value)
     first = bytes_of(effect.apply(value, strong(effect), context()))
     assert bytes_of(effect.apply(value, strong(effect), context())) == first
@@ -145,7 +151,9 @@ def test_an_effect_without_an_off_is_refused() -> None:
 def test_declares_what_a_fit_may_vary(effect: Effect) -> None:
     """Names, departures and starts agree with the parameters; the effect departs from null where they say."""
     candidates = effect.candidate_parameters()
-    assert {c.name.split("[")[0] for c in candidates} >= set(effect.amplitudes), "every amplitude can be fitted"
+    nulls, default = dict(effect.parameters.quantities()), effect.parameters()
+    off = {name for name in effect.amplitudes if getattr(default, name) == nulls[name].null}
+    assert {c.name.split("[")[0] for c in candidates} >= off, "every amplitude that is off can be fitted"
     assert set(effect.needs) <= set(OBSERVABLES)
     assert effect.needs
     assert effect.is_null(effect.with_values({c.name: c.null for c in candidates}))
@@ -160,7 +168,7 @@ def test_declares_what_a_fit_may_vary(effect: Effect) -> None:
         assert stepped != effect.parameters(), "one step changes what it names"
         for value in candidate.start:
             effect.with_values({candidate.name: value})
-    if effect.null_when == "any" and len(effect.amplitudes) > 1:
+    if effect.null_when == "any" and len(off) > 1:
         started = effect.with_values({c.name: c.start[0] for c in candidates if c.start})
         assert not effect.is_null(started), "amplitudes that multiply have no derivative at null: start elsewhere"
 

@@ -12,9 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from evanesce.contact.patch import box_around, grid_part
+from evanesce.contact.reshape import mask_with_sum
 from evanesce.contact.resolved import Adhesion, pressed_profile, resolved_state
 from evanesce.states import ContactState
 
@@ -67,7 +67,7 @@ def adhered_state(state: ContactState, modulus: float, adhesion: Adhesion) -> Co
         return whole
 
     area = state.nominal_contact_area + found.nominal_contact_area - without.nominal_contact_area
-    mask = _with_sum(added("contact_mask"), np.asarray(state.contact_mask), area / grid.pitch**2)
+    mask = mask_with_sum(added("contact_mask"), np.asarray(state.contact_mask), area / grid.pitch**2)
     return replace(
         state,
         pressure=added("pressure"),
@@ -80,20 +80,3 @@ def adhered_state(state: ContactState, modulus: float, adhesion: Adhesion) -> Co
             **{key: found.parameters[key] for key in ("work_of_adhesion_N_per_mm", "cohesive_stress_MPa")},
         },
     )
-
-
-def _with_sum(mask: Array, before: Array, wanted: float) -> Array:
-    """Return a mask within 0 to 1 whose sum is ``wanted`` [cells]: its border's cells take one common offset.
-
-    Two masks place a border within its cells by different rules, so that their difference on top of a third spills
-    over 0 and 1; what is cut off there would be missing in the area.
-    """
-    border = ((mask != before) | ((mask > 0) & (mask < 1))) & ((mask > 0) | (before > 0))
-    place, whole = mask[border], float(np.count_nonzero(mask[~border] >= 1.0))
-    clipped = np.clip(mask, 0.0, 1.0)
-    if place.size == 0 or not 0.0 < wanted - whole < place.size:
-        return clipped
-    reach = 1.0 + float(np.abs(place).max())
-    offset = brentq(lambda shift: np.clip(place + shift, 0.0, 1.0).sum() - (wanted - whole), -reach, reach)
-    clipped[border] = np.clip(place + offset, 0.0, 1.0)
-    return clipped

@@ -1,0 +1,179 @@
+"""The page of ``evanesce criticise``: what is wrong, how sure that is, what to measure next, what it gains."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from evanesce.criticism.evidence import Evidence, Shown
+from evanesce.report.html import Page, Picture, Section, Table, figure_png
+
+MOST_VIEWS = 6
+RANGE = 5.0
+"""Residuals are shown from -RANGE to +RANGE standard deviations."""
+
+VERDICTS = {
+    "none": "Nothing: what the believed rig leaves of these data is noise, as far as this can be seen.",
+    "named": "The data depart from the believed rig, and one cause explains it: {names}.",
+    "ambiguous": "The data depart from the believed rig; these causes explain it alike, and these data cannot tell "
+    "them apart: {names}.",
+    "unknown": "The data depart from the believed rig in a way that no effect of the library explains.",
+}
+
+
+def page(result: Mapping[str, Any], evidence: Evidence, name: str, provenance: Mapping[str, Any]) -> Page:
+    """Return the report of one criticised bundle.
+
+    Parameters
+    ----------
+    result : mapping
+        The JSON of ``evanesce criticise``.
+    evidence : Evidence
+    name : str
+        Of the bundle.
+    provenance : mapping
+    """
+    sections = [_residuals(evidence), _causes(result, evidence), _next(result), _battery(result, evidence)]
+    if result.get("unknown"):
+        sections.insert(2, _unknown(result["unknown"]))
+    sections += [_gain(result), _scene(evidence)]
+    if evidence.notes:
+        sections.append(Section("What limits this answer", list(evidence.notes)))
+    return Page(f"What the simulation gets wrong: {name}", verdict_words(result), sections, provenance)
+
+
+def verdict_words(result: Mapping[str, Any]) -> str:
+    """Return the verdict as a sentence, with the family's probability."""
+    names = ", ".join([effect["id"] for effect in result.get("effects", [])] or ["-"])
+    if result["verdict"] == "ambiguous":
+        group = [effect["id"] for effect in result.get("effects", [])] + list(result.get("ambiguous_with", []))
+        names = " or ".join(dict.fromkeys(group))
+    words = VERDICTS[result["verdict"]].format(names=names)
+    control = "" if result.get("false_alarm_control", True) else " There are no replicate frames: the rate of false "
+    control += "" if result.get("false_alarm_control", True) else "alarms is not controlled."
+    return f"{words} Noise alone rings as loudly with probability {result['global_p']:.3g}.{control}"
+
+
+def residual_figure(shown: list[Shown]) -> Figure:
+    """Return measured frames above their residuals before and after."""
+    figure = Figure(figsize=(2.6 * len(shown) + 0.8, 6.4), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(3, len(shown), squeeze=False)
+    picture = None
+    for column, view in zip(axes.T, shown, strict=True):
+        column[0].imshow(view.data, cmap="gray", vmin=0)
+        column[0].set_title(view.title + (" (locked)" if view.locked else ""), fontsize=8)
+        for panel, residual in zip(column[1:], (view.before, view.after), strict=True):
+            picture = panel.imshow(residual, cmap="RdBu_r", vmin=-RANGE, vmax=RANGE, interpolation="nearest")
+        for panel in column:
+            panel.set_xticks([])
+            panel.set_yticks([])
+    for row, label in enumerate(("measured", "residual, believed", "residual, extended")):
+        axes[row, 0].set_ylabel(label, fontsize=9)
+    if picture is not None:
+        figure.colorbar(picture, ax=axes[1:].ravel().tolist(), label="residual [standard deviations]", shrink=0.7)
+    return figure
+
+
+def _residuals(evidence: Evidence) -> Section:
+    if not evidence.shown:
+        return Section("Residuals", ["These data hold no frames; see the tests of the series below."])
+    size = [float(np.nanmean(np.square(view.before))) for view in evidence.shown]
+    chosen = sorted(np.argsort(size)[::-1][:MOST_VIEWS])
+    caption = (
+        "Red: brighter than the model says, blue: darker. Above, what the believed rig leaves after pose, light and "
+        "the other nuisances were fitted; below, what the extended one leaves. Structure below is still unexplained."
+    )
+    figure = residual_figure([evidence.shown[k] for k in chosen])
+    return Section("Residuals before and after", pictures=[Picture(figure_png(figure), caption)])
+
+
+def _causes(result: Mapping[str, Any], evidence: Evidence) -> Section:
+    rows = [
+        (" + ".join(r.effects) or "none", f"{r.gain:+.1f} ± {r.gain_error:.1f}", f"{r.probability:.3f}", r.note)
+        for r in evidence.ranking
+    ]
+    tables = [
+        Table(
+            ("cause", "held-out log score over believed [nats]", "probability", "remark"), rows,
+            "Ranked by what each predicts of conditions that its fit did not see.",
+        ),
+        _parameters(result),
+    ]  # fmt: skip
+    text = []
+    if others := result.get("ambiguous_with"):
+        text.append(f"Cannot be told apart with these data: {', '.join(others)}.")
+    text += [f"{entry['id']} would not be seen: {entry['by']} takes its place." for entry in result.get("absorbed", [])]
+    return Section("Causes", text, tables=[table for table in tables if table.rows])
+
+
+def _parameters(result: Mapping[str, Any]) -> Table:
+    rows = [
+        (effect["id"], name, f"{p['value']:.4g}", f"{p['lo']:.4g} to {p['hi']:.4g}", str(p["unit"]))
+        for effect in result.get("effects", [])
+        for name, p in effect["parameters"].items()
+    ]
+    return Table(("effect", "parameter", "value", "90 % interval", "unit"), rows, "Fitted to all data but the locked.")
+
+
+def _next(result: Mapping[str, Any]) -> Section:
+    advice = result.get("next_measurement")
+    if not advice:
+        return Section("What to measure next", ["Nothing more is needed to tell the named causes apart."])
+    separates = ", ".join(advice.get("separates", [])) or "what remains"
+    return Section("What to measure next", [f"{advice['what']}. It would tell apart: {separates}."])
+
+
+def _battery(result: Mapping[str, Any], evidence: Evidence) -> Section:
+    rows = [(o.name, f"{o.statistic:.3g}", f"{o.p:.3g}", f"{o.tail_p:.1e}") for o in evidence.outcomes[:12]]
+    text = (
+        f"Probability that noise makes any of the {len(evidence.outcomes)} tests ring as loudly: "
+        f"{result['global_p']:.3g}. The draws behind it are differences of replicate frames, with the same nuisances "
+        "fitted to each."
+    )
+    columns = ("test on the believed rig's residuals", "statistic", "p (by draws)", "p (by tail law)")
+    return Section("The battery", [text], tables=[Table(columns, rows, "The loudest first.")])
+
+
+def _unknown(found: Mapping[str, Any]) -> Section:
+    rows = [(str(key).replace("_", " "), _words(value)) for key, value in found.items()]
+    text = "A flexible term describes it; it may be used between the conditions measured, not beyond them."
+    return Section("What is not in the library", [text], tables=[Table(("property", "finding"), rows)])
+
+
+def _words(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key.replace('_', ' ')}: {_words(part)}" for key, part in value.items())
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def _gain(result: Mapping[str, Any]) -> Section:
+    gain = result.get("gain") or {}
+    rows = []
+    if score := gain.get("log_score"):
+        rows.append(
+            ("log score, extended over believed [nats]", f"{score[0]:+.1f} ({score[1]:+.1f} to {score[2]:+.1f})")
+        )
+    for key, label in (("rmse_dn", "RMS residual [DN]"), ("area_error_pct", "error of predicted area [%]")):
+        if pair := gain.get(key):
+            rows.append((label, f"{pair[0]:.3g} before, {pair[1]:.3g} after"))
+    text = "On the locked conditions, which no fit and no choice saw; opened once, after all else was decided."
+    if not rows:
+        text = "There are no locked conditions in these data, so no gain can be claimed."
+    return Section(
+        "Gain on data that were locked away", [text], tables=[Table(("figure", "value"), rows)] if rows else []
+    )
+
+
+def _scene(evidence: Evidence) -> Section:
+    lines = difflib.unified_diff(
+        evidence.scene_before.splitlines(), evidence.scene_after.splitlines(), "believed", "extended", lineterm="", n=1
+    )
+    rows = [(line,) for line in list(lines)[2:]]
+    text = "The extended scene renders with every other command." if rows else "The believed scene stands as it is."
+    return Section("The extended scene", [text], tables=[Table(("difference",), rows)] if rows else [])

@@ -1,0 +1,65 @@
+"""The critic's page says the verdict in words, shows residuals, and never hides that something is missing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from evanesce.criticism.battery import Outcome
+from evanesce.criticism.evidence import Evidence, Ranked, Shown
+from evanesce.report.criticism_page import page, residual_figure, verdict_words
+
+RESULT = {
+    "global_p": 0.001,
+    "verdict": "ambiguous",
+    "probabilities": {"none": 0.01, "black_level": 0.6, "ambient_light": 0.37, "unknown": 0.02},
+    "effects": [
+        {"id": "black_level", "parameters": {"offset_DN": {"value": 1.31, "lo": 1.02, "hi": 1.63, "unit": "DN"}}}
+    ],
+    "ambiguous_with": ["ambient_light"],
+    "absorbed": [{"id": "modulus", "by": "contact scale"}],
+    "next_measurement": {"what": "a lens-cap frame", "separates": ["black_level", "ambient_light"]},
+    "unknown": None,
+    "gain": {"log_score": [41.2, 30.1, 55.8], "rmse_dn": [1.31, 0.42], "area_error_pct": [3.1, 0.7]},
+    "extended_scene": "extended.toml",
+    "false_alarm_control": False,
+}
+
+
+def shown() -> Shown:
+    rng = np.random.default_rng(3)
+    return Shown("3.1 N, 9.4 V", rng.uniform(0, 90, (30, 41)), rng.normal(2, 1, (30, 41)), rng.normal(size=(30, 41)))
+
+
+def test_page_tells_all_that_the_result_holds() -> None:
+    evidence = Evidence(
+        [shown()], [Outcome("lens_cap: cosine power", 91.2, 0.001, 3e-12)],
+        [Ranked(("black_level",), 41.0, 5.5, 0.6), Ranked(("vignetting",), 3.0, 2.5, 0.0, "gain within its error")],
+        'title = "a"\n', 'title = "a"\n[effects.black_level]\noffset_DN = 1.31\n', ["No locked voltage."],
+    )  # fmt: skip
+    text = page(RESULT, evidence, "bundle-7", {"seed": 5}).render()
+    for words in (
+        "black_level or ambient_light", "not controlled", "1.02 to 1.63", "modulus would not be seen: contact scale",
+        "a lens-cap frame", "+30.1 to +55.8", "+[effects.black_level]", "gain within its error", "No locked voltage.",
+    ):  # fmt: skip
+        assert words in text, words
+
+
+@pytest.mark.parametrize("verdict", ["none", "named", "ambiguous", "unknown"])
+def test_every_verdict_has_words_with_its_probability(verdict: str) -> None:
+    words = verdict_words(RESULT | {"verdict": verdict})
+    assert "0.001" in words
+    assert ("black_level" in words) == (verdict in ("named", "ambiguous"))
+
+
+def test_page_without_frames_or_gain_says_so() -> None:
+    bare = RESULT | {"gain": {}, "unknown": {"where": "corners", "scaling": {"words": "grows with force"}}}
+    text = page(bare, Evidence(), "series only", {}).render()
+    assert "no frames" in text
+    assert "no gain can be claimed" in text
+    assert "grows with force" in text
+
+
+def test_figure_has_a_row_for_data_before_and_after() -> None:
+    figure = residual_figure([shown(), shown()])
+    assert len([a for a in figure.axes if a.images]) == 6

@@ -1,0 +1,114 @@
+"""Dust on the sensor's cover glass: soft dark spots at the same pixels in every frame, whatever the light."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from evanesce.effects.protocol import Context, Effect, Stage
+from evanesce.quantities import Strict, field
+from evanesce.sensor.lens import magnification, working_f_number
+from evanesce.states import SensorLight
+
+Array = NDArray[np.float64]
+
+MAX_PER_CM2 = 2000.0
+MM2_PER_CM2 = 100.0
+SMALLEST_CONE_MM = 1e-6
+
+
+class Parameters(Strict):
+    """How many grains, how large, how far from the pixels, and how opaque."""
+
+    per_cm2: float = field(
+        0.0, unit="1/cm^2", bounds=(0.0, MAX_PER_CM2), null=0.0, doc="grains per area of the sensor (0.29 cm^2)"
+    )
+    median_diameter_um: float = field(
+        25.0, unit="um", bounds=(0.5, 500.0), doc="of a grain; log-normal median. Not published for any sensor"
+    )
+    log_spread: float = field(0.5, unit="1", bounds=(0.0, 2.0), doc="standard deviation of its logarithm")
+    height_mm: float = field(
+        1.0, unit="mm", bounds=(0.0, 20.0), doc="of the glass's outer face over the pixels, as if in air"
+    )
+    opacity: float = field(1.0, unit="1", bounds=(0.0, 1.0), doc="share of its light that a grain stops")
+
+
+def obstructed_share(distance: ArrayLike, grain_mm: float, cone_mm: float) -> Array:
+    """Return the share of a pixel's cone of light that an opaque disc stops.
+
+    The cone has the diameter height/N where the grain sits; the share is the area that two circles have in common.
+
+    Parameters
+    ----------
+    distance : array_like
+        Of the pixel from below the grain's middle [mm].
+    grain_mm, cone_mm : float
+        Diameters of the grain and, at its height, of the cone [mm].
+    """
+    r = np.asarray(distance, np.float64)
+    a, b = grain_mm / 2, cone_mm / 2
+    small = min(a, b)
+    apart = np.clip(r, abs(a - b), a + b)
+    safe = np.maximum(apart, 1e-300)
+    alpha = np.arccos(np.clip((safe**2 + a * a - b * b) / (2 * safe * a), -1.0, 1.0))
+    beta = np.arccos(np.clip((safe**2 + b * b - a * a) / (2 * safe * b), -1.0, 1.0))
+    kite = (a + b + apart) * (a + b - apart) * (apart + a - b) * (apart - a + b)
+    common = a * a * alpha + b * b * beta - 0.5 * np.sqrt(np.maximum(kite, 0.0))
+    common = np.where(r <= abs(a - b), math.pi * small * small, np.where(r >= a + b, 0.0, common))
+    return np.asarray(common / (math.pi * b * b))
+
+
+def _transmitted(shape: tuple[int, int], size_mm: tuple[float, float], grains: Array, cone_mm: float) -> Array:
+    """Return the light that opaque grains (x, y, diameter) [mm] leave to each pixel [1]."""
+    pitch = np.array([size_mm[0] / shape[1], size_mm[1] / shape[0]])
+    left = np.ones(shape)
+    for x, y, diameter in grains:
+        reach = (diameter + cone_mm) / 2
+        # Means over a pixel by sub-samples, a quarter of what is sharpest in the shadow apart.
+        fine = int(np.clip(math.ceil(4 * pitch.max() / max(reach, 1e-9)), 1, 12))
+        c0, r0 = (max(0, math.floor((p - reach) / w)) for p, w in zip((x, y), pitch, strict=True))
+        c1 = min(shape[1], math.floor((x + reach) / pitch[0]) + 1)
+        r1 = min(shape[0], math.floor((y + reach) / pitch[1]) + 1)
+        if r1 <= r0 or c1 <= c0:
+            continue
+        u = (c0 + (np.arange((c1 - c0) * fine) + 0.5) / fine) * pitch[0] - x
+        v = (r0 + (np.arange((r1 - r0) * fine) + 0.5) / fine) * pitch[1] - y
+        share = obstructed_share(np.hypot(u[None, :], v[:, None]), diameter, cone_mm)
+        left[r0:r1, c0:c1] *= 1.0 - share.reshape(r1 - r0, fine, c1 - c0, fine).mean(axis=(1, 3))
+    return left
+
+
+def apply(light: SensorLight, parameters: Parameters, context: Context) -> SensorLight:
+    """Take off what the grains stop; a higher density keeps those of a lower one.
+
+    Places are in mm on the sensor, so that the same seed has the same dust at every size of the pixels.
+    """
+    if parameters.per_cm2 == 0.0:
+        return light
+    camera, rng = context.scene.camera, context.generator("sensor_dust", per_frame=False)
+    pitch_mm = camera.pixel.pitch_um * 1e-3
+    width, height = (n * pitch_mm for n in camera.resolution_px)
+    count = rng.poisson(MAX_PER_CM2 / MM2_PER_CM2 * width * height)
+    place, size, order = rng.random((count, 2)), rng.standard_normal(count), rng.random(count)
+    there = order < parameters.per_cm2 / MAX_PER_CM2
+    diameter = parameters.median_diameter_um * 1e-3 * np.exp(parameters.log_spread * size[there])
+    grains = np.column_stack([place[there] * (width, height), diameter])
+    m = magnification(camera.scale_px_per_mm, camera.pixel.pitch_um)
+    cone = max(parameters.height_mm / working_f_number(camera.lens.f_number, m), SMALLEST_CONE_MM)
+    rows, cols = light.irradiance.shape
+    left = _transmitted((rows, cols), (width, height), grains, cone)
+    return SensorLight(irradiance=light.irradiance * (1.0 - parameters.opacity * (1.0 - left)))
+
+
+EFFECT = Effect(
+    id="sensor_dust",
+    stage=Stage.SENSOR_LIGHT,
+    parameters=Parameters,
+    amplitudes=("per_cm2",),
+    apply=apply,
+    # A sensor behind a lens that stays on has a few grains; one that was opened at a bench some dozens.
+    fitted={"per_cm2": 30.0},
+    scaling="a fixed pattern that multiplies the light: follows LED power, does not move with force or time",
+)

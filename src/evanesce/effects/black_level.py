@@ -22,4 +22,13 @@ def apply(signal_DN: NDArray[np.float64], parameters: Parameters, context: Conte
     return signal_DN + parameters.offset_DN
 
 
-EFFECT = Effect(id="black_level", stage=Stage.READOUT, parameters=Parameters, amplitudes=("offset_DN",), apply=apply)
+EFFECT = Effect(
+    id="black_level",
+    stage=Stage.READOUT,
+    parameters=Parameters,
+    amplitudes=("offset_DN",),
+    apply=apply,
+    # A measured unit's level moves by 1.3 DN over its gains; temperature and binning add some.
+    fitted={"offset_DN": 5.0},
+    scaling="constant in raw DN, at every voltage, force and exposure; largest in grey levels where it is dark",
+)

@@ -35,4 +35,15 @@ def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     return scene.model_copy(update={"plate": plate.model_copy(update=changes)})
 
 
-EFFECT = Effect(id="edge_finish", stage=Stage.RIG, parameters=Parameters, amplitudes=("share",), apply=apply)
+EFFECT = Effect(
+    id="edge_finish",
+    stage=Stage.RIG,
+    parameters=Parameters,
+    amplitudes=("share",),
+    apply=apply,
+    # Neither finish nor tape is published: anything up to the whole edge.
+    fitted={"share": 0.3, "polish": 0.5, "reflectance": 0.3},
+    scaling="all light by nearly one factor, the same at every voltage and force",
+    # What the other finish is has no derivative while there is none of it: polished, black tape, white tape.
+    start={"share": (0.3,), "polish": (1.0, 0.0), "reflectance": (0.05, 0.85)},
+)

@@ -25,4 +25,13 @@ def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     return scene.model_copy(update={"plate": scene.plate.model_copy(update={"refractive_index": index})})
 
 
-EFFECT = Effect(id="glass_dispersion", stage=Stage.RIG, parameters=Parameters, amplitudes=("strength",), apply=apply)
+EFFECT = Effect(
+    id="glass_dispersion",
+    stage=Stage.RIG,
+    parameters=Parameters,
+    amplitudes=("strength",),
+    apply=apply,
+    # All or nothing of a known curve.
+    fitted={"strength": 0.5},
+    scaling="a change of the critical angle: nearly one factor for all frames",
+)

@@ -35,6 +35,9 @@ EFFECT = Effect(
     parameters=Parameters,
     amplitudes=("fraction", "rate_e_per_s"),
     apply=apply,
+    # Warm sensors have about one in a thousand; at 6 ms this rate is a few hundred electrons.
     fitted={"fraction": 0.001, "rate_e_per_s": 1e5},
+    scaling="single pixels, constant in electrons: grows with exposure, not with LED power",
+    # One of the two is nothing without the other.
     start={"fraction": 0.001, "rate_e_per_s": 1e5},
 )

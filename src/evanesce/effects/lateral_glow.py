@@ -26,4 +26,15 @@ def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     return scene.model_copy(update={"finger": scene.finger.model_copy(update={"scattering_length_mm": total})})
 
 
-EFFECT = Effect(id="lateral_glow", stage=Stage.RIG, parameters=Parameters, amplitudes=("length_mm",), apply=apply)
+EFFECT = Effect(
+    id="lateral_glow",
+    stage=Stage.RIG,
+    parameters=Parameters,
+    amplitudes=("length_mm",),
+    apply=apply,
+    # PDMS phantoms have 0.5 to 2 mm; a clearer or a milkier silicone lies on either side.
+    fitted={"length_mm": 0.7},
+    scaling="follows LED power and contact: a halo about the patch and filled grooves, the wider the longer the path",
+    # At first only the contact's very edge changes, below a pixel.
+    start={"length_mm": (0.3, 1.0)},
+)

@@ -23,4 +23,13 @@ def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     return scene.model_copy(update={"leds": scene.leds.model_copy(update={"air_gap_share": apart})})
 
 
-EFFECT = Effect(id="led_air_gap", stage=Stage.RIG, parameters=Parameters, amplitudes=("share",), apply=apply)
+EFFECT = Effect(
+    id="led_air_gap",
+    stage=Stage.RIG,
+    parameters=Parameters,
+    amplitudes=("share",),
+    apply=apply,
+    # Bonded, pressed on or apart: unknown.
+    fitted={"share": 0.5},
+    scaling="all light by nearly one factor, the same at every voltage and force",
+)

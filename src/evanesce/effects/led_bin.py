@@ -26,4 +26,14 @@ def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     return scene.model_copy(update={"leds": scene.leds.model_copy(update={"circuit": other})})
 
 
-EFFECT = Effect(id="led_bin", stage=Stage.RIG, parameters=Parameters, amplitudes=("offset_V",), apply=apply)
+EFFECT = Effect(
+    id="led_bin",
+    stage=Stage.RIG,
+    parameters=Parameters,
+    amplitudes=("offset_V",),
+    apply=apply,
+    # One bin more or less.
+    fitted={"offset_V": 0.1},
+    needs=("press", "voltage"),
+    scaling="all light by one factor that changes with voltage, strongest where the LEDs go out",
+)

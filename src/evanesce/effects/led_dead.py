@@ -46,4 +46,15 @@ def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     raise InputError(f"no LED {parameters.first}", key="effects.led_dead.first", allowed=f"0 to {before - 1}")
 
 
-EFFECT = Effect(id="led_dead", stage=Stage.RIG, parameters=Parameters, amplitudes=("loss",), apply=apply)
+EFFECT = Effect(
+    id="led_dead",
+    stage=Stage.RIG,
+    parameters=Parameters,
+    amplitudes=("loss",),
+    apply=apply,
+    # A failed segment is off or at half light; which one, nothing tells before.
+    fitted={"loss": 0.5, "first": 8.0},
+    scaling="follows LED power: a smooth loss towards one place at the edge, and holes in the reflections there",
+    # Which LED it is has no derivative. Numbers beyond the rig's last LED are an InputError.
+    start={"first": tuple(float(i) for i in range(0, 27, 3))},
+)

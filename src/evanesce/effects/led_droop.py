@@ -32,4 +32,14 @@ def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     return scene.model_copy(update={"leds": scene.leds.model_copy(update={"circuit": circuit})})
 
 
-EFFECT = Effect(id="led_droop", stage=Stage.RIG, parameters=Parameters, amplitudes=("droop",), apply=apply)
+EFFECT = Effect(
+    id="led_droop",
+    stage=Stage.RIG,
+    parameters=Parameters,
+    amplitudes=("droop",),
+    apply=apply,
+    # Good LEDs have 0.1, poor ones twice that; the best current is known to a factor of two.
+    fitted={"droop": 0.1, "peak_current_mA": 2.0},
+    needs=("press", "voltage"),
+    scaling="all light by one factor that bends with voltage, 1 at the rated one",
+)

@@ -42,4 +42,15 @@ def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     return scene.model_copy(update={"leds": scale_leds(scene.plate, scene.leds, factors)})
 
 
-EFFECT = Effect(id="led_imbalance", stage=Stage.RIG, parameters=Parameters, amplitudes=("contrast",), apply=apply)
+EFFECT = Effect(
+    id="led_imbalance",
+    stage=Stage.RIG,
+    parameters=Parameters,
+    amplitudes=("contrast",),
+    apply=apply,
+    # Two strips of one reel, of one age, differ by some 20 %.
+    fitted={"contrast": 0.2, "direction_deg": 60.0},
+    scaling="follows LED power: a slope over the contact, the same share at every voltage",
+    # A contrast may be negative: two directions span all.
+    start={"direction_deg": (0.0, 90.0)},
+)

@@ -34,4 +34,13 @@ def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     return scene.model_copy(update={"leds": scale_leds(scene.plate, scene.leds, factors)})
 
 
-EFFECT = Effect(id="led_spread", stage=Stage.RIG, parameters=Parameters, amplitudes=("spread",), apply=apply)
+EFFECT = Effect(
+    id="led_spread",
+    stage=Stage.RIG,
+    parameters=Parameters,
+    amplitudes=("spread",),
+    apply=apply,
+    # Flux bins are 10 % wide.
+    fitted={"spread": 0.1},
+    scaling="follows LED power: a smooth unevenness over the contact that does not change",
+)

@@ -26,4 +26,14 @@ def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     return scene.model_copy(update={"leds": scene.leds.model_copy(update={"circuit": warm})})
 
 
-EFFECT = Effect(id="led_warmup", stage=Stage.RIG, parameters=Parameters, amplitudes=("warming_K",), apply=apply)
+EFFECT = Effect(
+    id="led_warmup",
+    stage=Stage.RIG,
+    parameters=Parameters,
+    amplitudes=("warming_K",),
+    apply=apply,
+    # Strips on a plate settle some 10 to 40 K above the room, within minutes.
+    fitted={"warming_K": 15.0, "time_constant_s": 40.0},
+    needs=("press", "time"),
+    scaling="goes with time as 1 - exp(-t/tau); a share of the light that is larger at low voltage",
+)

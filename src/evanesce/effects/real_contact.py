@@ -28,4 +28,15 @@ def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     return scene.model_copy(update={"finger": scene.finger.model_copy(update={"roughness_rms_slope": slope})})
 
 
-EFFECT = Effect(id="real_contact", stage=Stage.RIG, parameters=Parameters, amplitudes=("rms_slope",), apply=apply)
+EFFECT = Effect(
+    id="real_contact",
+    stage=Stage.RIG,
+    parameters=Parameters,
+    amplitudes=("rms_slope",),
+    apply=apply,
+    # Moulded skins have 0.1 to 1.
+    fitted={"rms_slope": 0.3},
+    scaling="falls with pressure: rim and low forces fainter, the patch no smaller",
+    # Contact is complete to the last digit up to a finite slope.
+    start={"rms_slope": (0.2, 0.5, 1.0)},
+)

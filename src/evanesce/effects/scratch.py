@@ -46,5 +46,20 @@ def _middles(extent: float, step: float) -> np.ndarray:
 
 
 EFFECT = Effect(
-    id="scratch", stage=Stage.PLATE_LIGHT, parameters=Parameters, amplitudes=("relative_radiance",), apply=apply
+    id="scratch",
+    stage=Stage.PLATE_LIGHT,
+    parameters=Parameters,
+    amplitudes=("relative_radiance",),
+    apply=apply,
+    # As bright as dust; anywhere in view, at any angle.
+    fitted={
+        "relative_radiance": 0.3,
+        "middle_mm[0]": 8.0,
+        "middle_mm[1]": 6.0,
+        "direction_deg": 60.0,
+        "length_mm": 5.0,
+    },
+    scaling="a line at a fixed place: follows LED power, does not move with force; there before the finger touches",
+    # Where it lies and how has no derivative while it is not there; residuals tell the place.
+    start={"relative_radiance": (0.3,), "direction_deg": (0.0, 45.0, 90.0, 135.0)},
 )

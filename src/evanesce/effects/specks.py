@@ -71,4 +71,13 @@ def apply(light: PlateLight, parameters: Parameters, context: Context) -> PlateL
     return add_points(scene, light, spread_x.ravel(), spread_y.ravel(), shared.ravel())
 
 
-EFFECT = Effect(id="specks", stage=Stage.PLATE_LIGHT, parameters=Parameters, amplitudes=("per_cm2",), apply=apply)
+EFFECT = Effect(
+    id="specks",
+    stage=Stage.PLATE_LIGHT,
+    parameters=Parameters,
+    amplitudes=("per_cm2",),
+    apply=apply,
+    # A plate that was wiped has half of the photograph's 418, a dusty one twice as many.
+    fitted={"per_cm2": 200.0},
+    scaling="points at fixed places: follow LED power, do not move with force; there before the finger touches",
+)

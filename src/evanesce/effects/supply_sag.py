@@ -27,5 +27,13 @@ def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
 
 
 EFFECT = Effect(
-    id="supply_sag", stage=Stage.RIG, parameters=Parameters, amplitudes=("resistance_ohm_per_mm",), apply=apply
+    id="supply_sag",
+    stage=Stage.RIG,
+    parameters=Parameters,
+    amplitudes=("resistance_ohm_per_mm",),
+    apply=apply,
+    # From copper rails (0.0003) to a thin film or a bad joint (0.02), nearer to the first.
+    fitted={"resistance_ohm_per_mm": 0.002},
+    needs=("press", "voltage"),
+    scaling="grows with LED current: far ends of the strips fainter, the more so at high voltage",
 )

@@ -72,6 +72,10 @@ def register(app: typer.Typer) -> None:
         variant: VariantOption = "auto",
         spp: Annotated[int | None, typer.Option("--spp", min=1, help="Paths per pixel around the contact.")] = None,
         passes: Annotated[int | None, typer.Option("--passes", min=2, help="Independent passes to average.")] = None,
+        until_error: Annotated[
+            float | None,
+            typer.Option("--until-error", help="Add passes until this relative standard error, e.g. 0.01."),
+        ] = None,
         seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of light and noise.")] = None,
         settings: SetOption = None,
         exr: Annotated[bool, typer.Option("--exr/--no-exr", help="Write linear light and truth as OpenEXR.")] = True,
@@ -92,7 +96,9 @@ def register(app: typer.Typer) -> None:
             overrides["press"] = {"forces_N": list(force)}
         loaded = load_scene(scene, overrides)
         active_effects(loaded, scene_path(scene))  # refused here, before anything is written
-        options: dict[str, Any] = {"samples_per_pixel": spp, "passes": passes}
+        if until_error is not None and not 0 < until_error < 1:
+            raise InputError(f"{until_error:g}", key="--until-error", allowed="above 0, below 1")
+        options: dict[str, Any] = {"samples_per_pixel": spp, "passes": passes, "until_error": until_error}
         if fast:
             options = {}
         folder = out_dir(out, f"render-{Path(scene).stem}")
@@ -130,6 +136,7 @@ def _run(
     from evanesce import provenance
     from evanesce.contact.solve import press_programme
     from evanesce.render.exr import write_light
+    from evanesce.render.passes import relative_error
     from evanesce.sensor.codec import VideoWriter, write_png
     from evanesce.simulate import simulate
 
@@ -164,6 +171,7 @@ def _run(
                     "law": shot.state.law,
                     "brightest_DN": int(shot.frame.data.max()),
                     "paths_per_px": shot.plate_light.samples,
+                    "relative_error": relative_error(shot.plate_light),
                 }
             )
             bar.advance(task)
@@ -188,7 +196,7 @@ def _renderer(fast: bool, variant: str) -> tuple[Any, dict[str, Any]]:
 
 def _show(result: dict[str, Any], folder: Path) -> None:
     table = Table(title=f"Rendered into {folder}")
-    for column in ("frame", "time [s]", "force [N]", "true area [mm²]", "brightest [DN]", "paths per px"):
+    for column in ("frame", "time [s]", "force [N]", "true area [mm²]", "brightest [DN]", "paths per px", "error [%]"):
         table.add_column(column, justify="right")
     for row in result["frames"]:
         table.add_row(
@@ -198,5 +206,6 @@ def _show(result: dict[str, Any], folder: Path) -> None:
             f"{row['true_area_mm2']:.3f}",
             str(row["brightest_DN"]),
             str(row["paths_per_px"]),
+            f"{100 * row['relative_error']:.2f}",
         )
     console.print(table)

@@ -92,6 +92,7 @@ def guided_irradiance(
     absorption: float = 0.0,
     coupling: Callable[[Array], Array] | None = None,
     *,
+    entering: Callable[[Array], Array] | None = None,
     nodes: int = 12,
 ) -> float:
     """Return the guided irradiance [W mm^-2] from below on a point of the empty plate's top face.
@@ -108,6 +109,8 @@ def guided_irradiance(
         Of the plate [mm], [1], [1/mm].
     coupling : callable, optional
         Weight of a direction by the cosine of its angle to the normal; 1 if not given.
+    entering : callable, optional
+        Radiance in the glass over that of an LED in contact, by the cosine to the edge's normal; 1 if not given.
     nodes : int
         Gauss-Legendre nodes along each side of an emitting face. The critical angle cuts faces at a sharp line, which
         limits the error to about 1/nodes of the share of faces cut.
@@ -129,6 +132,8 @@ def guided_irradiance(
                 part = drop * facing / distance**4 * np.exp(-absorption * distance) * guided
                 if coupling is not None:
                     part = part * coupling(drop / distance)
+                if entering is not None:
+                    part = part * entering(facing / distance)
                 total += float(radiance) * float((part * area).sum())
     return total
 
@@ -146,6 +151,7 @@ def contact_radiance(
     *,
     gap: float = 0.0,
     cos_theta: float = 1.0,
+    entering: Callable[[Array], Array] | None = None,
     nodes: int = 12,
 ) -> float:
     """Return the radiance [W mm^-2 sr^-1] in air at which the camera sees a small contact, edges black between LEDs.
@@ -168,6 +174,8 @@ def contact_radiance(
         Of the film [mm].
     cos_theta : float
         Of the camera's direction inside the glass [1].
+    entering : callable, optional
+        See :func:`guided_irradiance`.
     nodes : int
         See :func:`guided_irradiance`.
     """
@@ -175,7 +183,9 @@ def contact_radiance(
     def coupled(cosine: Array) -> Array:
         return frustrated_transmittance(cosine, gap, wavelength, glass_index, silicone_index)
 
-    irradiance = guided_irradiance(x, y, leds, thickness, glass_index, absorption, coupled, nodes=nodes)
+    irradiance = guided_irradiance(
+        x, y, leds, thickness, glass_index, absorption, coupled, entering=entering, nodes=nodes
+    )
     inner = float(internal_diffuse_reflectance(gap, wavelength, glass_index, silicone_index))
     factor = (glass_index / silicone_index) ** 2 * reflectance / (math.pi * (1.0 - reflectance * inner))
     upward = irradiance * factor * float(coupled(np.array(cos_theta))) * math.exp(-absorption * thickness / cos_theta)

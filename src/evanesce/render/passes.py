@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -83,6 +83,18 @@ class Until:
     error: float | None = None
     limit: int = 0
 
+    def within(self, part: float) -> Until:
+        """Return what leaves this part of the variance."""
+        return self if self.error is None else replace(self, error=self.error * np.sqrt(max(part, 1e-3)))
+
+    def used(self, sums: Welford, levels: Array) -> float:
+        """Return the variance over what ``error`` allows, of the worst channel; 0 where there is no ``error``."""
+        if self.error is None:
+            return 0.0
+        variance = sums.variance_of_mean.mean(axis=(0, 1))
+        allowed = (self.error * levels) ** 2
+        return float(np.divide(variance, allowed, out=np.where(variance > 0, np.inf, 0.0), where=allowed > 0).max())
+
     def expected(self, sums: Welford, levels: Array) -> int:
         """Return how many passes will be enough, judged by those that were made; the number made if they are.
 
@@ -95,9 +107,7 @@ class Until:
         """
         if self.error is None or sums.count < self.passes:
             return self.passes
-        variance = sums.variance_of_mean.mean(axis=(0, 1))
-        allowed = (self.error * levels) ** 2
-        excess = np.divide(variance, allowed, out=np.where(variance > 0, np.inf, 0.0), where=allowed > 0).max()
+        excess = self.used(sums, levels)
         if excess <= 1.0:
             return sums.count
         return int(min(max(np.ceil(sums.count * excess), sums.count + 1), max(self.limit, self.passes)))

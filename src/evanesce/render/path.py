@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,69 +14,33 @@ from evanesce.optics.emitters import led_table
 from evanesce.optics.led import each_led_power, led_positions
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.render.passes import Until, Welford, channel_levels, pass_samples, trace
-from evanesce.render.scene import PlateModel, Window, camera_dict, plate_scene
+from evanesce.render.scene import PlateModel, camera_dict, plate_scene
 from evanesce.render.variant import VariantInfo, select
+from evanesce.render.views import FOCUS_MARGIN_MM, SamplingRun, enlarged, focus_window, sampling_runs, scaled_view
 from evanesce.rig import Scene
 from evanesce.states import ContactState, PlateLight
+
+__all__ = [
+    "LedChoice",
+    "LedGroups",
+    "Powers",
+    "focus_window",
+    "integrator_for",
+    "render",
+    "render_groups",
+    "scaled_view",
+]
 
 Array = NDArray[np.float64]
 Powers = float | Array
 LedChoice = Literal["all", "left", "right", "top", "bottom"]
-# Around the contact's bounding box; wider than lens blur and dilation by the pipeline.
-FOCUS_MARGIN_MM = 1.0
-# Outside that window this fraction of the samples: there is next to nothing to see.
-BACKGROUND_SHARE = 0.125
-MAX_BACKGROUND_FACTOR = 8
+# Where an error is asked for, the part of the variance that is left to the light beside the contact, at least.
+BACKGROUND_VARIANCE = 0.1
 MAX_VIEW_PIXELS = 200_000_000
 MAX_PASSES = 4096
 """Where an error is asked for that is not reached sooner."""
 POLISHED_DEPTH = 4096
 """Light goes round between polished edges until it meets an LED, a ground part, or leaves."""
-
-
-def scaled_view(view: IdealView, factor: float) -> IdealView:
-    """Return a view of the same field with ``factor`` times as many pixels a side, for previews.
-
-    Raises
-    ------
-    ValueError
-        If the factor is not above 0.
-    """
-    if not factor > 0:
-        raise ValueError(f"factor {factor} is not above 0")
-    rows, cols = (max(1, round(n * factor)) for n in view.shape)
-    # Outer borders of the pixels map onto each other: (p + 1/2) scales.
-    px, py = ((p + 0.5) * factor - 0.5 for p in view.principal_point)
-    return IdealView((rows, cols), view.focal_px * factor, (px, py))
-
-
-def focus_window(projection: Projection, view: IdealView, state: ContactState, margin: float) -> Window | None:
-    """Return the view's pixels around the contact (bounding box plus ``margin`` [mm]); None where none is in view."""
-    rows, cols = np.nonzero(np.asarray(state.contact_mask) > 0)
-    if rows.size == 0:
-        return None
-    x, y = state.grid.x[cols], state.grid.y[rows]
-    box_x, box_y = (x.min() - margin, x.max() + margin), (y.min() - margin, y.max() + margin)
-    side = np.linspace(0.0, 1.0, 33)
-    border_x = np.concatenate([np.interp(side, [0, 1], box_x)] * 2 + [np.full(33, v) for v in box_x])
-    border_y = np.concatenate([np.full(33, v) for v in box_y] + [np.interp(side, [0, 1], box_y)] * 2)
-    u, v = projection.plate_to_ray(border_x, border_y)
-    u, v = u * view.focal_px + view.principal_point[0], v * view.focal_px + view.principal_point[1]
-    row0, row1 = max(0, int(np.floor(v.min()))), min(view.shape[0], int(np.ceil(v.max())) + 1)
-    col0, col1 = max(0, int(np.floor(u.min()))), min(view.shape[1], int(np.ceil(u.max())) + 1)
-    return Window(row0, row1, col0, col1) if row1 > row0 and col1 > col0 else None
-
-
-def background_factor(px_per_mm: float) -> int:
-    """Return how many pixels a side share one sample region beside the contact: at least three such to the margin."""
-    return int(np.clip(FOCUS_MARGIN_MM * px_per_mm / 3, 1, MAX_BACKGROUND_FACTOR))
-
-
-def enlarged(image: Array, shape: tuple[int, int]) -> Array:
-    """Return an image of the same field on more pixels, bilinear; the same array where the shape is the same."""
-    if image.shape == shape:
-        return image
-    return np.asarray(cv2.resize(image, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR))
 
 
 def integrator_for(
@@ -196,28 +159,6 @@ def lit_powers(scene: Scene, leds: LedChoice) -> dict[str, Powers]:
     return {leds: powers[leds]}
 
 
-@dataclass(frozen=True)
-class SamplingRun:
-    """One view (or a window of it) with its samples per pixel and pass."""
-
-    name: str
-    view: IdealView
-    window: Window | None
-    samples: int
-
-
-def sampling_runs(view: IdealView, window: Window | None, samples: int, px_per_mm: float) -> list[SamplingRun]:
-    """Return what to render: all of the view alike, or its window finely over a coarse whole."""
-    if window is None:
-        return [SamplingRun("whole", view, None, samples)]
-    coarse = background_factor(px_per_mm)
-    background = pass_samples(round(samples * BACKGROUND_SHARE * coarse**2), 1)
-    return [
-        SamplingRun("whole", scaled_view(view, 1 / coarse), None, background),
-        SamplingRun("focus", view, window, samples),
-    ]
-
-
 def in_units(powers: Mapping[str, Powers]) -> tuple[dict[str, Powers], float]:
     """Return powers over a power of two that makes them of order one, and that unit.
 
@@ -261,9 +202,9 @@ def render(
     passes : int, optional
         Independent passes that the variance is estimated from, at least 2.
     until_error : float, optional
-        Go on with further passes of the same size until the standard error of the radiance, RMS over the pixels around
-        the contact, is this part of its RMS (:func:`evanesce.render.passes.relative_error`); beside the contact, where
-        there is next to nothing to see, until it is that part of the same radiance.
+        Go on with further passes of the same size until the standard error of the radiance, RMS over the pixels, is
+        this part of its RMS (:func:`evanesce.render.passes.relative_error`). With ``focus`` window and rest go on
+        apart.
     max_passes : int
         Where that error is not reached sooner; the result then has the error that it has.
     seed : int, optional
@@ -411,7 +352,7 @@ class _Job:
         window = focus_window(self.projection, view, state, FOCUS_MARGIN_MM) if focus and state is not None else None
         scale = self.scene.camera.scale_px_per_mm * view.focal_px / self.projection.focal_px
         runs, results = sampling_runs(view, window, sampling.per_pass, scale), []
-        levels, before = None, 0
+        levels, before, budget = None, 0, 1.0 - BACKGROUND_VARIANCE if window is not None else 1.0
         # The window around the contact comes first: it says how bright the light is that errors are relative to.
         for left, run in enumerate(reversed(runs), 1 - len(runs)):
 
@@ -421,12 +362,17 @@ class _Job:
 
             sums = trace(
                 self.model.shapes, camera_dict(self.projection, run.view, run.window), self.integrator,
-                samples=run.samples, until=sampling.until, seed=sampling.seed, name=run.name, levels=levels, tick=tick,
+                samples=run.samples, until=sampling.until.within(budget), seed=sampling.seed, name=run.name,
+                levels=levels, tick=tick,
             )  # fmt: skip
-            levels = channel_levels(sums)
-            levels[levels == 0] = np.inf
             before += sums.count
             results.append((run, sums))
+            if run.window is not None:
+                # So that variances and squares, each summed over the whole view, have the ratio that is asked for.
+                share = np.prod(run.window.shape) / np.prod(view.shape)
+                budget = 1.0 - sampling.until.used(sums, channel_levels(sums))
+                levels = channel_levels(sums) * np.sqrt(share / max(1.0 - share, 1e-9))
+                levels[levels == 0] = np.inf
         return [self._light(results[::-1], k, sampling) for k in range(results[0][1].mean.shape[2])]
 
     def _light(self, results: list[tuple[SamplingRun, Welford]], channel: int, sampling: _Sampling) -> PlateLight:

@@ -38,7 +38,7 @@ EFFECT = Effect(
     parameters=Parameters,
     amplitudes=("radiance_W_per_mm2_sr",),
     apply=apply,
-    # Some per cent of the light of a contact, 2.6e-6 in the thesis scene at 9 V: a bench in a lit room, half covered.
+    # Assumed: 4 % of the light of a contact, which is 2.6e-6 in the thesis scene at 9 V.
     fitted={"radiance_W_per_mm2_sr": 1e-7, "gradient[0]": 0.5, "gradient[1]": 0.5},
     scaling="constant at every voltage and force, smooth over the frame; there with the LEDs off, gone with the cap on",
 )

@@ -35,7 +35,7 @@ EFFECT = Effect(
     parameters=Parameters,
     amplitudes=("fraction", "rate_e_per_s"),
     apply=apply,
-    # Warm sensors have about one in a thousand; at 6 ms this rate is a few hundred electrons.
+    # Assumed: bright enough to show beside contact light, 600 e- in 6 ms.
     fitted={"fraction": 0.001, "rate_e_per_s": 1e5},
     scaling="single pixels, constant in electrons: grows with exposure, not with LED power",
     # One of the two is nothing without the other.

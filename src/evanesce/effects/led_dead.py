@@ -52,7 +52,7 @@ EFFECT = Effect(
     parameters=Parameters,
     amplitudes=("loss",),
     apply=apply,
-    # A failed segment is off or at half light; which one, nothing tells before.
+    # A failed segment is off or dim; which one, nothing tells before.
     fitted={"loss": 0.5, "first": 8.0},
     scaling="follows LED power: a smooth loss towards one place at the edge, and holes in the reflections there",
     # Which LED it is has no derivative. Numbers beyond the rig's last LED are an InputError.

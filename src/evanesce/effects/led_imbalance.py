@@ -48,7 +48,7 @@ EFFECT = Effect(
     parameters=Parameters,
     amplitudes=("contrast",),
     apply=apply,
-    # Two strips of one reel, of one age, differ by some 20 %.
+    # Assumed: twice the width of a flux bin.
     fitted={"contrast": 0.2, "direction_deg": 60.0},
     scaling="follows LED power: a slope over the contact, the same share at every voltage",
     # A contrast may be negative: two directions span all.

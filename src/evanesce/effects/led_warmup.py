@@ -32,7 +32,7 @@ EFFECT = Effect(
     parameters=Parameters,
     amplitudes=("warming_K",),
     apply=apply,
-    # Strips on a plate settle some 10 to 40 K above the room, within minutes.
+    # Assumed: some ten kelvin within minutes.
     fitted={"warming_K": 15.0, "time_constant_s": 40.0},
     needs=("press", "time"),
     scaling="goes with time as 1 - exp(-t/tau); a share of the light that is larger at low voltage",

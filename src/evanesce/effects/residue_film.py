@@ -42,7 +42,7 @@ EFFECT = Effect(
     parameters=Parameters,
     amplitudes=("relative_radiance",),
     apply=apply,
-    # A fingerprint scatters some per cent of what a contact does; it lies where fingers were pressed.
+    # Assumed: some per cent of what a contact scatters, where fingers were pressed.
     fitted={"relative_radiance": 0.05, "middle_mm[0]": 3.0, "middle_mm[1]": 3.0, "radius_mm": 2.0},
     scaling="a haze at a fixed place: follows LED power, does not grow with force; there before the finger touches",
 )

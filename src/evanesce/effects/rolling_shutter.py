@@ -95,8 +95,7 @@ EFFECT = Effect(
     parameters=Parameters,
     amplitudes=("ripple",),
     apply=apply,
-    # A few per cent is the ripple of a loaded switching supply through the strip's steep voltage curve; the mains is
-    # exact to a fraction of a hertz, but supply, lamp and dimmer may each be the cause.
+    # Assumed: some per cent, near twice the mains' frequency or a dimmer's.
     fitted={"ripple": 0.05, "frequency_hz": 10.0, "phase_deg": 90.0},
     scaling="follows LED power; horizontal bands whose phase moves with time, or stands where the rates are locked",
     # Without ripple neither frequency nor phase has a derivative.

@@ -51,7 +51,7 @@ EFFECT = Effect(
     parameters=Parameters,
     amplitudes=("relative_radiance",),
     apply=apply,
-    # As bright as dust; anywhere in view, at any angle.
+    # Assumed: as bright as dust; anywhere in view, at any angle.
     fitted={
         "relative_radiance": 0.3,
         "middle_mm[0]": 8.0,

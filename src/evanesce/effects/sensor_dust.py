@@ -108,7 +108,7 @@ EFFECT = Effect(
     parameters=Parameters,
     amplitudes=("per_cm2",),
     apply=apply,
-    # A sensor behind a lens that stays on has a few grains; one that was opened at a bench some dozens.
+    # Assumed: nine grains on the sensor.
     fitted={"per_cm2": 30.0},
     scaling="a fixed pattern that multiplies the light: follows LED power, does not move with force or time",
 )

@@ -77,7 +77,7 @@ EFFECT = Effect(
     parameters=Parameters,
     amplitudes=("per_cm2",),
     apply=apply,
-    # A plate that was wiped has half of the photograph's 418, a dusty one twice as many.
+    # Half of the photograph's 418: a plate that was wiped, or a dustier one.
     fitted={"per_cm2": 200.0},
     scaling="points at fixed places: follow LED power, do not move with force; there before the finger touches",
 )

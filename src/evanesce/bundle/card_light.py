@@ -1,7 +1,8 @@
 """A printed card on the glass without path tracing: paper, ink and two faces of glass under an even room.
 
-The card lies or is held at a pose; each pixel's share of paper is counted by sub-rays through the same projection as
-everything else, and Fresnel's equations give what the glass adds and takes. The path tracer's
+Each pixel's share of paper comes in closed form where the card lies flat: the pixel's footprint is taken as a rectangle
+along the card's axes, so that a checkerboard's mean over it is a product of two means of square waves. A tilted card's
+is counted by sub-rays. Fresnel's equations give what the glass adds and takes. The path tracer's
 :func:`evanesce.render.cards.render_card` is the reference.
 """
 
@@ -18,7 +19,7 @@ from evanesce.states import PlateLight
 
 Array = NDArray[np.float64]
 
-SUB_RAYS = 4
+SUB_RAYS = 8
 """Sub-rays along a pixel's side."""
 
 
@@ -54,16 +55,12 @@ def card_light(
         raise ValueError("only an even room is modelled; use render_card")
     projection = Projection.of(scene.camera, scene.plate)
     view = projection.ideal_view() if view is None else view
-    rows, cols = view.shape
-    albedo, offset = np.zeros(view.shape), (np.arange(SUB_RAYS) + 0.5) / SUB_RAYS - 0.5
-    px, py = view.principal_point
-    for dv in offset:
-        for du in offset:
-            u, v = np.meshgrid((np.arange(cols) + du - px) / view.focal_px, (np.arange(rows) + dv - py) / view.focal_px)
-            albedo += reflectance_seen(projection, card, pose, u, v)
-    albedo /= SUB_RAYS**2
-    u, v = np.meshgrid((np.arange(cols) - px) / view.focal_px, (np.arange(rows) - py) / view.focal_px)
-    seen = room.radiance * through_glass(scene, albedo, cosine_to_plate(projection, u, v), _mean_albedo(card))
+    x, y, cosine = plane_points(projection, view, pose.height)
+    if pose.tilt_x_deg == 0.0 and pose.tilt_y_deg == 0.0:
+        albedo = mean_reflectance(card, *_on_card(pose, x, y))
+    else:
+        albedo = _counted(projection, card, pose, view)
+    seen = room.radiance * through_glass(scene, albedo, cosine, _mean_albedo(card))
     return PlateLight(
         radiance=seen,
         variance=np.zeros_like(seen),
@@ -71,6 +68,69 @@ def card_light(
         principal_point=view.principal_point,
         samples=0,
     )
+
+
+def plane_points(projection: Projection, view: IdealView, height_mm: float) -> tuple[Array, Array, Array]:
+    """Return where the pixels of a view meet the plane at a height over the glass [mm], and their cosine to it."""
+    rows, cols = view.shape
+    px, py = view.principal_point
+    u, v = np.meshgrid((np.arange(cols) - px) / view.focal_px, (np.arange(rows) - py) / view.focal_px)
+    x, y = projection.ray_to_plate(u, v)
+    d = u[..., None] * projection.axes[:, 0] + v[..., None] * projection.axes[:, 1] + projection.axes[:, 2]
+    return (
+        x + height_mm * d[..., 0] / d[..., 2],
+        y + height_mm * d[..., 1] / d[..., 2],
+        cosine_to_plate(projection, u, v),
+    )
+
+
+def _on_card(pose: Pose, x: Array, y: Array) -> tuple[Array, Array]:
+    """Return the card's own coordinates [mm] of points of its plane, for a card without tilt."""
+    turn = np.deg2rad(pose.rotation_deg)
+    dx, dy = x - pose.shift[0], y - pose.shift[1]
+    return np.cos(turn) * dx + np.sin(turn) * dy, np.cos(turn) * dy - np.sin(turn) * dx
+
+
+def mean_reflectance(card: Card, x: Array, y: Array) -> Array:
+    """Return the mean reflectance [1] of each pixel, given card coordinates of the pixels' middles [mm]."""
+    wide, high = np.abs(np.gradient(x, axis=1)), np.abs(np.gradient(y, axis=0))
+    width, height = card.size
+    inside = _covered(x, wide, width / 2) * _covered(y, high, height / 2)
+    whole = _covered(x, wide, width / 2 + card.margin) * _covered(y, high, height / 2 + card.margin)
+    if card.squares is None:
+        field, border = (card.black, card.white) if card.inverted else (card.white, card.black)
+        return np.asarray(field * inside + border * (whole - inside))
+    # White where column and row have the same parity: the product of two square waves is +1 there.
+    waves = _square_wave(x, wide, width / 2, card.side) * _square_wave(y, high, height / 2, card.side)
+    mean, half = (card.white + card.black) / 2, (card.white - card.black) / 2
+    return np.asarray(mean * inside + half * waves + card.white * (whole - inside))
+
+
+def _covered(place: Array, width: Array, half: float) -> Array:
+    """Return the share of [place - width/2, place + width/2] that lies within +-half."""
+    low, high = np.maximum(place - width / 2, -half), np.minimum(place + width / 2, half)
+    return np.clip((high - low) / width, 0.0, 1.0)
+
+
+def _square_wave(place: Array, width: Array, half: float, side: float) -> Array:
+    """Return the mean over a width of the wave that starts at -half with +1, turns after each side, and is 0 beyond."""
+
+    def integral(t: Array) -> Array:
+        return side - np.abs(np.mod(np.clip(t, -half, half) + half, 2 * side) - side)
+
+    return np.asarray((integral(place + width / 2) - integral(place - width / 2)) / width)
+
+
+def _counted(projection: Projection, card: Card, pose: Pose, view: IdealView) -> Array:
+    """Return the mean reflectance of each pixel of a view by sub-rays."""
+    rows, cols = view.shape
+    px, py = view.principal_point
+    albedo, offset = np.zeros(view.shape), (np.arange(SUB_RAYS) + 0.5) / SUB_RAYS - 0.5
+    for dv in offset:
+        for du in offset:
+            u, v = np.meshgrid((np.arange(cols) + du - px) / view.focal_px, (np.arange(rows) + dv - py) / view.focal_px)
+            albedo += reflectance_seen(projection, card, pose, u, v)
+    return albedo / SUB_RAYS**2
 
 
 def reflectance_seen(projection: Projection, card: Card, pose: Pose, u: Array, v: Array) -> Array:

@@ -1,0 +1,1 @@
+"""Criticism: from measured data to what the simulation gets wrong."""

@@ -1,0 +1,186 @@
+"""How much and how the data scatter, from frames of states that were held still.
+
+Nothing of the noise is believed without a look: its size by level, its correlation between neighbours and the jitter of
+the light as a whole come from differences of replicates. Where there are none, the camera's own model has to serve and
+the answer says that false alarms are not controlled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from evanesce.criticism.tone import ExpectedTone
+from evanesce.criticism.views import BIN_PX
+
+Array = NDArray[Any]
+
+SHIFT_BINS = 8 // BIN_PX
+"""Fields of noise are shifted by whole macroblocks, so that a codec's grid stays where it is."""
+
+LEVEL_GROUPS = 8
+REACH_BINS = 6
+LEAST_FRAMES = 3
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Scatter of one frame's bins.
+
+    Attributes
+    ----------
+    tone : ExpectedTone
+        The camera's own model of a pixel.
+    levels, ratio : ndarray (groups,)
+        Level [DN], and measured over modelled variance of a bin there.
+    flicker : float
+        Standard deviation of the light's logarithm from frame to frame [1].
+    fields : ndarray (fields, rows, cols)
+        Independent fields of noise of unit variance.
+    measured : bool
+        Whether replicates gave all this.
+    floor_DN : float
+        Standard deviation below which nothing is believed [DN].
+    """
+
+    tone: ExpectedTone
+    levels: Array
+    ratio: Array
+    flicker: float
+    fields: Array
+    measured: bool
+    floor_DN: float
+
+    def variance(self, level_DN: Array, frames: Array | int = 1) -> Array:
+        """Return the variance [DN^2] of a bin of the mean of ``frames`` frames, at predicted levels."""
+        pixel = self.tone.variance_at(level_DN) / BIN_PX**2
+        ratio = np.interp(level_DN, self.levels, self.ratio)
+        return np.asarray(pixel * ratio / frames + self.floor_DN**2)
+
+    def draws(self, shape: tuple[int, int, int], count: int, rng: np.random.Generator) -> Array:
+        """Return ``count`` cubes (views, rows, cols) of pure noise of unit variance, correlated as it was measured.
+
+        Each view of each cube is another random mixture of the measured fields, with another shift.
+        """
+        views, rows, cols = shape
+        kept = self.fields.shape[0]
+        weights = rng.standard_normal((count * views, kept)).astype(np.float32)
+        weights /= np.sqrt(kept)
+        cubes = (weights @ self.fields.reshape(kept, -1).astype(np.float32)).reshape(-1, rows, cols)
+        down = rng.integers(0, rows // SHIFT_BINS, len(cubes)) * SHIFT_BINS
+        right = rng.integers(0, cols // SHIFT_BINS, len(cubes)) * SHIFT_BINS
+        for k in range(len(cubes)):
+            cubes[k] = np.roll(cubes[k], (down[k], right[k]), axis=(0, 1))
+        return cubes.reshape(count, views, rows, cols)
+
+
+def noise_of(
+    held: Mapping[str, Array],
+    tone: ExpectedTone,
+    shape: tuple[int, int],
+    *,
+    floor_DN: float,
+    flicker: float,
+    seed: int = 0,
+) -> Noise:
+    """Return the noise that held states show.
+
+    Parameters
+    ----------
+    held : mapping of str to ndarray (frames, rows, cols)
+        Binned frames [DN].
+    tone : ExpectedTone
+    shape : tuple of int
+        (rows, cols) of the bins.
+    floor_DN : float
+        See :class:`Noise`.
+    flicker : float
+        Believed where it cannot be measured.
+    seed : int
+        Of the noise that fills what is too dark to be measured.
+    """
+    rng = np.random.default_rng(seed)
+    stacks = {kind: np.asarray(s, float) for kind, s in held.items() if len(s) >= LEAST_FRAMES}
+    bright = stacks.get("replicate")
+    if bright is None:
+        white = rng.standard_normal((12, *shape))
+        return Noise(tone, np.array([0.0, 255.0]), np.ones(2), flicker, white, False, floor_DN)
+    parts = {kind: _departures(stack) for kind, stack in stacks.items()}
+    levels, ratio = _by_level(list(parts.values()), tone, floor_DN)
+    mean, gains, contrasts = parts["replicate"]
+    found = Noise(tone, levels, ratio, float(np.std(gains, ddof=1)), np.zeros((0, *shape)), True, floor_DN)
+    sd = np.sqrt(found.variance(mean))
+    lit = tone.variance_at(mean) / BIN_PX**2 > 4 * floor_DN**2
+    fields = _filled(contrasts / sd, lit, rng)
+    return Noise(tone, levels, ratio, found.flicker, fields, True, floor_DN)
+
+
+def _departures(stack: Array) -> tuple[Array, Array, Array]:
+    """Return a stack's mean, each frame's light over it, and orthonormal contrasts of what else changed."""
+    mean = stack.mean(axis=0)
+    power = float((mean**2).sum())
+    gains = (stack * mean).sum(axis=(1, 2)) / power if power > 1.0 else np.ones(len(stack))
+    left = stack - gains[:, None, None] * mean
+    helmert = linalg.helmert(len(stack))
+    return mean, gains, np.tensordot(helmert, left, 1)
+
+
+def _by_level(parts: list[tuple[Array, Array, Array]], tone: ExpectedTone, floor_DN: float) -> tuple[Array, Array]:
+    """Return measured over modelled variance in groups of like level."""
+    level = np.concatenate([mean.ravel() for mean, _, _ in parts])
+    measured = np.concatenate([(contrasts**2).mean(axis=0).ravel() for _, _, contrasts in parts])
+    modelled = tone.variance_at(level) / BIN_PX**2
+    use = modelled > floor_DN**2
+    if use.sum() < 50:
+        return np.array([0.0, 255.0]), np.ones(2)
+    level, measured, modelled = level[use], measured[use], modelled[use]
+    borders = np.unique(np.quantile(level, np.linspace(0, 1, LEVEL_GROUPS + 1)))
+    group = np.clip(np.searchsorted(borders, level, side="right") - 1, 0, borders.size - 2)
+    count = np.bincount(group, minlength=borders.size - 1)
+    kept = count >= 20
+    centre = np.bincount(group, level)[kept] / count[kept]
+    ratio = np.bincount(group, measured)[kept] / np.maximum(np.bincount(group, modelled)[kept], 1e-12)
+    return centre, np.maximum(ratio, 0.05)
+
+
+def _filled(fields: Array, lit: NDArray[np.bool_], rng: np.random.Generator) -> Array:
+    """Return the fields with what was too dark filled by stationary noise of the same correlation, unit variance."""
+    whole = np.where(lit, fields, 0.0)
+    size = np.sqrt(max(float((whole**2).sum()) / max(lit.sum() * len(fields), 1), 1e-12))
+    whole /= size
+    spectrum = correlation_spectrum(whole, lit)
+    white = np.fft.fft2(rng.standard_normal(fields.shape))
+    other = np.fft.ifft2(white * np.sqrt(spectrum)).real
+    return np.where(lit, whole, other)
+
+
+def correlation_spectrum(fields: Array, lit: NDArray[np.bool_]) -> Array:
+    """Return the power spectrum of stationary noise seen only where ``lit``: pairs within a few bins, mean power 1."""
+    rows, cols = lit.shape
+    padded = (2 * rows, 2 * cols)
+    power = (np.abs(np.fft.fft2(np.where(lit, fields, 0.0), padded)) ** 2).sum(axis=0)
+    pairs = np.fft.ifft2(np.abs(np.fft.fft2(lit.astype(float), padded)) ** 2).real * len(fields)
+    lag_y, lag_x = (np.minimum(np.arange(n), n - np.arange(n)) for n in padded)
+    products = np.fft.ifft2(power).real
+    known = pairs > 50
+    found = np.where(known, products / np.maximum(pairs, 1.0), 0.0)
+    window = np.clip(1 - lag_y / (REACH_BINS + 1), 0, None)[:, None] * np.clip(1 - lag_x / (REACH_BINS + 1), 0, None)
+    found = found * window
+    wrapped = np.zeros((rows, cols))
+    for y in range(-REACH_BINS, REACH_BINS + 1):
+        for x in range(-REACH_BINS, REACH_BINS + 1):
+            wrapped[y % rows, x % cols] += found[y % padded[0], x % padded[1]]
+    spectrum = np.maximum(np.fft.fft2(wrapped).real, 0.0)
+    return np.asarray(spectrum / max(spectrum.mean(), 1e-12))
+
+
+def chunks(total: int, size: int) -> Iterator[int]:
+    """Yield sizes that add up to ``total``."""
+    while total > 0:
+        yield min(size, total)
+        total -= size

@@ -1,0 +1,60 @@
+"""What every fit varies, because no lab knows it exactly: pose, light, and the jitter of light and load cell.
+
+=================  ==========================================  ==========================================
+``@pose_x[s]``     finger beside its believed place, session s  uniform enough: 1 mm
+``@light``         LEDs, exposure and gain together             log, 0.3
+``@black``         black level within its rounding              0.3 raw DN
+``@flicker[v]``    light of one view                            log, as the replicates show it
+``@force[v]``      load cell's error in one view                log, 0.3 %
+``@pose_x[card]``  place of a printed card; also ``@turn``      1 mm, 1 degree
+``@card_light``    the room's light on a card, and its slope    log 1; 0.1 over half the frame
+=================  ==========================================  ==========================================
+
+What they absorb cannot be found; :mod:`evanesce.criticism.isolability` says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from evanesce.criticism.frozen import FROZEN
+from evanesce.criticism.parameters import Parameter
+from evanesce.criticism.views import View
+
+
+def nuisance_parameters(views: Sequence[View], flicker: float) -> tuple[Parameter, ...]:
+    """Return the nuisances of some views.
+
+    Parameters
+    ----------
+    views : sequence of View
+    flicker : float
+        Standard deviation of the light's logarithm from frame to frame.
+    """
+    known = FROZEN.nuisances
+    lit = [k for k, v in enumerate(views) if v.touches]
+    found: list[Parameter] = []
+    if lit:
+        found.append(Parameter(name="@light", deviation=known["light"], step=0.01, views=tuple(lit)))
+    found.append(Parameter(name="@black", unit="DN", deviation=known["black_DN"], step=0.1))
+    for session in sorted({views[k].session for k in lit}):
+        own = tuple(k for k in lit if views[k].session == session)
+        for axis in "xy":
+            name = f"@pose_{axis}[{session}]"
+            found.append(Parameter(name=name, unit="mm", deviation=known["pose_mm"], step=0.02, views=own))
+    for k in lit:
+        jitter = max(flicker, known["least_flicker"]) / views[k].frames ** 0.5
+        found.append(Parameter(name=f"@flicker[{k}]", deviation=jitter, step=0.01, views=(k,), linear=True))
+        found.append(Parameter(name=f"@force[{k}]", deviation=known["force"], step=0.01, views=(k,), linear=True))
+    for kind in sorted({v.kind for v in views if v.is_card}):
+        own = tuple(k for k, v in enumerate(views) if v.kind == kind)
+        for name, unit, deviation, step in (
+            (f"@pose_x[{kind}]", "mm", known["pose_mm"], 0.03),
+            (f"@pose_y[{kind}]", "mm", known["pose_mm"], 0.03),
+            (f"@turn[{kind}]", "deg", known["card_turn_deg"], 0.1),
+            (f"@card_light[{kind}]", "1", known["card_light"], 0.02),
+            (f"@card_slope_x[{kind}]", "1", known["card_slope"], 0.02),
+            (f"@card_slope_y[{kind}]", "1", known["card_slope"], 0.02),
+        ):
+            found.append(Parameter(name=name, unit=unit, deviation=deviation, step=step, views=own))
+    return tuple(found)

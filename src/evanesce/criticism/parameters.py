@@ -1,0 +1,94 @@
+"""Parameters that a fit may vary, nuisances and effects alike, and derivatives of the prediction by them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.criticism.predict import Point, Predictor
+
+Array = NDArray[Any]
+
+STEP_SHARE = 0.25
+"""A derivative's step over the prior's standard deviation."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """One number of a point.
+
+    Attributes
+    ----------
+    name : str
+        ``effect:parameter`` or ``@nuisance``.
+    unit : str
+    null : float
+        Value of the believed rig.
+    deviation : float
+        Prior standard deviation about ``null``.
+    bounds : tuple of float
+    step : float
+        Of differences.
+    views : tuple of int, optional
+        The only views that it touches; None: all.
+    linear : bool
+        So small that its derivative says all: no prediction is made for it.
+    """
+
+    name: str
+    unit: str = "1"
+    null: float = 0.0
+    deviation: float
+    bounds: tuple[float, float] = (-np.inf, np.inf)
+    step: float
+    views: tuple[int, ...] | None = None
+    linear: bool = False
+
+
+def value_of(point: Point, parameter: Parameter) -> float:
+    """Return a parameter's value at a point."""
+    return float(point.get(parameter.name, parameter.null))
+
+
+def moved(point: Point, changes: Point) -> dict[str, float]:
+    """Return a point with some values replaced."""
+    return {**point, **changes}
+
+
+def derivative(
+    predictor: Predictor, point: Point, parameter: Parameter, views: Sequence[int], base: Array | None = None
+) -> Array:
+    """Return d(prediction)/d(parameter) (views of the predictor, rows, cols) [DN per unit]; 0 in other views.
+
+    Central differences; at a bound three points of one side, which are as exact: one-sided differences of first order
+    would find sensitivity where there is none.
+
+    Parameters
+    ----------
+    predictor : Predictor
+    point : mapping
+    parameter : Parameter
+    views : sequence of int
+        Wanted.
+    base : ndarray, optional
+        The prediction at ``point``, if it is known.
+    """
+    only = [v for v in views if parameter.views is None or v in parameter.views]
+    at, h, (low, high) = value_of(point, parameter), parameter.step, parameter.bounds
+
+    def cube(value: float) -> Array:
+        return predictor.cube(moved(point, {parameter.name: value}), only)
+
+    if not only:
+        raise ValueError(f"{parameter.name} touches none of the views {list(views)}")
+    if at - h >= low and at + h <= high:
+        found = (cube(at + h) - cube(at - h)) / (2 * h)
+    else:
+        side = h if at + 2 * h <= high else -h
+        first = predictor.cube(point, only) if base is None else base
+        found = (4 * cube(at + side) - cube(at + 2 * side) - 3 * first) / (2 * side)
+    return np.nan_to_num(found, nan=0.0)

@@ -1,0 +1,338 @@
+"""Frames as the believed rig, with departures, would show them on average: what the data are compared with.
+
+A departure is a point: a mapping of parameter names to values, where a missing name means "as believed". Parameters
+of effects are named ``effect:parameter`` (``vignetting:k``, ``vignetting:centre_offset_px[0]``); nuisances start with
+``@`` (:mod:`evanesce.criticism.nuisance`). The chain is that of :mod:`evanesce.simulate`, its steps kept apart so that
+what a change does not touch is computed once.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import OrderedDict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.bundle.card_light import card_light
+from evanesce.contact.solve import contact_state
+from evanesce.criticism.tone import expected_tone
+from evanesce.criticism.views import View, binned
+from evanesce.effects import Active, Context, Stage, active_effects, all_effects
+from evanesce.optics.led import led_positions, led_radiances
+from evanesce.optics.projection import Projection
+from evanesce.render.cards import Pose, checkerboard_of, pose_of, square_of
+from evanesce.render.transport import fields_of, render_fast
+from evanesce.rig import Scene
+from evanesce.sensor.expose import charge_of, signal_of
+from evanesce.sensor.lens import form_image
+from evanesce.states import ContactState, Frame, PlateLight, SensorLight
+
+Array = NDArray[Any]
+Point = Mapping[str, float]
+T = TypeVar("T")
+
+SEED = 0
+"""Of effects with random places: the critic takes their scaling and shape from it, never their places."""
+
+KEEP_CONTACTS, KEEP_LIGHTS, KEEP_IMAGES, KEEP_BINS = 100, 200, 200, 400
+
+
+@dataclass(frozen=True)
+class Nuisances:
+    """What a lab does not know exactly of one view.
+
+    Attributes
+    ----------
+    shift_mm : tuple of float
+        Of the finger's tip from its believed place, (x, y) [mm]; of a card from the plate's middle.
+    turn_deg : float
+        Of a card [deg].
+    log_light : float
+        Logarithm of real over believed light: LEDs, exposure, the room for cards.
+    slope : tuple of float
+        Of a card's lighting over half the frame, along columns and rows [1].
+    black_DN : float
+        Real less believed black level [raw DN].
+    log_force : float
+        Logarithm of real over noted force.
+    """
+
+    shift_mm: tuple[float, float] = (0.0, 0.0)
+    turn_deg: float = 0.0
+    log_light: float = 0.0
+    slope: tuple[float, float] = (0.0, 0.0)
+    black_DN: float = 0.0
+    log_force: float = 0.0
+
+
+def nuisances_of(point: Point, view: View, place: int) -> Nuisances:
+    """Return what a point says of one view: names end in ``[session]`` for poses, ``[view]`` for the rest."""
+    where = f"{view.kind}" if view.is_card else f"{view.session}"
+
+    def get(name: str) -> float:
+        return float(point.get(f"@{name}", 0.0))
+
+    card = view.is_card
+    return Nuisances(
+        shift_mm=(get(f"pose_x[{where}]"), get(f"pose_y[{where}]")),
+        turn_deg=get(f"turn[{where}]") if card else 0.0,
+        log_light=get(f"card_light[{where}]") if card else get("light") + get(f"flicker[{place}]"),
+        slope=(get(f"card_slope_x[{where}]"), get(f"card_slope_y[{where}]")) if card else (0.0, 0.0),
+        black_DN=get("black"),
+        log_force=0.0 if card else get("force") + get(f"force[{place}]"),
+    )
+
+
+def scene_with(scene: Scene, point: Point) -> Scene:
+    """Return the scene with a point's effects switched on; parameters that it does not name stay as believed."""
+    changes: dict[str, dict[str, float]] = {}
+    for name, value in point.items():
+        effect, colon, parameter = name.partition(":")
+        if colon:
+            changes.setdefault(effect, {})[parameter] = value
+    tables = {name: dict(table) for name, table in scene.effects.items()}
+    for effect, values in changes.items():
+        believed = {name: list(v) if isinstance(v, list | tuple) else v for name, v in tables.get(effect, {}).items()}
+        whole = all_effects()[effect].with_values(values).model_dump()
+        named = {name.partition("[")[0] for name in values}
+        table = believed | {name: value for name, value in whole.items() if name in named or name not in believed}
+        for name in named & set(believed):
+            if isinstance(believed[name], list):
+                merged = list(believed[name])
+                for full, value in values.items():
+                    base, bracket, index = full.partition("[")
+                    if bracket and base == name:
+                        merged[int(index[:-1])] = float(value)
+                table[name] = merged
+        tables[effect] = {name: list(v) if isinstance(v, tuple) else v for name, v in table.items()}
+    return scene.model_copy(update={"effects": tables})
+
+
+class _Watched(Context):
+    """A context that notes whether an effect asked for the time or the number of the frame."""
+
+    def __getattribute__(self, name: str) -> Any:
+        if name in ("time_s", "index"):
+            object.__setattr__(self, "asked", True)
+        return super().__getattribute__(name)
+
+
+class _Kept:
+    """The last few values by key."""
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+        self._values: OrderedDict[Any, Any] = OrderedDict()
+
+    def get(self, key: Any, make: Callable[[], T]) -> T:
+        if key not in self._values:
+            self._values[key] = make()
+            while len(self._values) > self.size:
+                self._values.popitem(last=False)
+        self._values.move_to_end(key)
+        found: T = self._values[key]
+        return found
+
+
+class Predictor:
+    """Predicts the views of an observation.
+
+    Parameters
+    ----------
+    scene : Scene
+        The believed rig, at the critic's resolution (:func:`evanesce.criticism.observe.model_scene`).
+    views : sequence of View
+    """
+
+    def __init__(self, scene: Scene, views: Sequence[View]) -> None:
+        self.scene, self.views = scene, tuple(views)
+        self._contacts, self._lights, self._images = _Kept(KEEP_CONTACTS), _Kept(KEEP_LIGHTS), _Kept(KEEP_IMAGES)
+        self._bins = _Kept(KEEP_BINS)
+        self._known: set[str] = set()
+        self._timed: set[str] = set()
+
+    def cube(self, point: Point, only: Sequence[int] | None = None) -> Array:
+        """Return the predicted means of the bins (views, rows, cols) [DN]; NaN in views that are not in ``only``."""
+        wanted = range(len(self.views)) if only is None else only
+        scene = scene_with(self.scene, point)
+        found: Array | None = None
+        for place in wanted:
+            part = self._binned(scene, self.views[place], nuisances_of(point, self.views[place], place))
+            if found is None:
+                found = np.full((len(self.views), *part.shape), np.nan)
+            found[place] = part
+        if found is None:
+            raise ValueError("no view to predict")
+        return found
+
+    def image(self, point: Point, place: int) -> Array:
+        """Return the mean frame (rows, cols) of one view [DN]."""
+        view = self.views[place]
+        return self.picture(scene_with(self.scene, point), view, nuisances_of(point, view, place))
+
+    def _binned(self, scene: Scene, view: View, nuisances: Nuisances) -> Array:
+        """Return a view's bins; views that differ in nothing that anything asks for are predicted once."""
+        active = {name for name in scene.effects}
+        timeless = active <= self._known - self._timed and scene.slide is None
+        moment = () if timeless else (view.time_s, view.index)
+        state = (view.kind if view.is_card or not view.touches else "touch", view.force_N, view.voltage_V)
+        key = (repr(scene.effects), nuisances, state, moment)
+        found = self._bins.get(key, lambda: binned(self.picture(scene, view, nuisances)))
+        return found
+
+    def _apply(self, stage: Stage, value: Any, effects: tuple[Active, ...], context: Context) -> Any:
+        """Pass a value through the effects of a stage, and note which of them ask for the time."""
+        for entry in effects:
+            if entry.effect.stage is stage:
+                watched = _Watched(context.scene, context.seed, context.time_s, context.index)
+                value = entry.effect.apply(value, entry.parameters, watched)
+                self._known.add(entry.effect.id)
+                if "asked" in vars(watched):
+                    self._timed.add(entry.effect.id)
+        return value
+
+    def picture(self, scene: Scene, view: View, nuisances: Nuisances) -> Array:
+        """Return the mean frame of a view of a scene, effects in it [DN]."""
+        lit = scene.model_copy(update={"leds": scene.leds.model_copy(update={"voltage_V": view.voltage_V})})
+        effects = tuple(e for e in active_effects(lit) if not e.effect.is_null(e.parameters))
+        context = Context(lit, SEED, view.time_s, view.index)
+        rig = self._apply(Stage.RIG, lit, effects, context)
+        context = Context(rig, SEED, view.time_s, view.index)
+        if view.kind == "lens_cap":
+            cols, rows = rig.camera.resolution_px
+            sensor: SensorLight = SensorLight(irradiance=np.zeros((rows, cols)))
+        else:
+            key, light = self._light(rig, view, nuisances, effects, context)
+            stages = [e for e in effects if e.effect.stage in (Stage.PLATE_LIGHT, Stage.SENSOR_LIGHT)]
+            key = (key, repr(stages), self._moment(stages, context), _behind_plate(rig, bool(stages)), nuisances.slope)
+            sensor = self._images.get(key, lambda: self._sensor(rig, light(), nuisances, effects, context))
+        return self._expose(rig, sensor, nuisances, effects, context)
+
+    def _moment(self, effects: Sequence[Active], context: Context) -> tuple[float, ...]:
+        """Return the time and number of a frame if any effect may ask for them."""
+        ids = {e.effect.id for e in effects}
+        return () if ids <= self._known - self._timed else (context.time_s, context.index)
+
+    def _light(
+        self, rig: Scene, view: View, nuisances: Nuisances, effects: tuple[Active, ...], context: Context
+    ) -> tuple[Any, Callable[[], PlateLight]]:
+        """Return a key of the light that leaves the plate, and a function that makes it."""
+        sight = _sight(rig)
+        if view.is_card:
+            key = ("card", view.kind, sight, repr(rig.card), repr(rig.plate), nuisances.shift_mm, nuisances.turn_deg)
+            return key, lambda: self._lights.get(key, lambda: _card(rig, view, nuisances))
+        if view.force_N is None:
+            return ("dark", sight), lambda: _dark(rig)
+        force = float(self._apply(Stage.LOAD, view.force_N * float(np.exp(nuisances.log_force)), effects, context))
+        touching = [e for e in effects if e.effect.stage is Stage.CONTACT]
+        moment = (view.time_s,) if rig.slide is not None else self._moment(touching, context)
+        contact_key = (force, repr(rig.finger), repr(rig.contact), repr(rig.grid), repr(touching), moment)
+
+        def contact() -> ContactState:
+            made = contact_state(rig, force, time_s=view.time_s if rig.slide is not None else 0.0)
+            return self._apply(Stage.CONTACT, made, effects, context)
+
+        pattern, level = _led_pattern(rig)
+        glass = (repr(rig.plate), rig.leds.emitting_width_mm, rig.leds.emitting_height_mm, rig.leds.air_gap_share)
+        key = (contact_key, nuisances.shift_mm, sight, glass, pattern)
+
+        def light() -> PlateLight:
+            def make() -> tuple[PlateLight, float]:
+                if level == 0.0:
+                    return _dark(rig), 1.0
+                state = self._contacts.get(contact_key, contact)
+                return render_moved(rig, state, nuisances.shift_mm), level
+
+            made, at = self._lights.get(key, make)
+            # Everything on the way is linear in the LEDs' power while their pattern stays.
+            return made if at == level else replace(made, radiance=made.radiance * (level / at))
+
+        return (*key, level), light
+
+    def _sensor(
+        self, rig: Scene, light: PlateLight, nuisances: Nuisances, effects: tuple[Active, ...], context: Context
+    ) -> SensorLight:
+        light = self._apply(Stage.PLATE_LIGHT, light, effects, context)
+        sensor = form_image(light, rig.camera, rig.plate)
+        sensor = self._apply(Stage.SENSOR_LIGHT, sensor, effects, context)
+        if any(nuisances.slope):
+            rows, cols = sensor.irradiance.shape
+            x, y = np.linspace(-1, 1, cols), np.linspace(-1, 1, rows)
+            plane = 1.0 + nuisances.slope[0] * x[None, :] + nuisances.slope[1] * y[:, None]
+            sensor = SensorLight(irradiance=sensor.irradiance * plane)
+        return sensor
+
+    def _expose(
+        self, rig: Scene, sensor: SensorLight, nuisances: Nuisances, effects: tuple[Active, ...], context: Context
+    ) -> Array:
+        """Return the mean frame of an irradiance: pixel, readout and tone with all effects behind the lens."""
+        camera = rig.camera
+        light = sensor
+        if nuisances.log_light:
+            light = SensorLight(irradiance=sensor.irradiance * float(np.exp(nuisances.log_light)))
+        charge = self._apply(Stage.CHARGE, charge_of(light, camera), effects, context)
+        signal = signal_of(charge, camera, None) + nuisances.black_DN
+        signal = self._apply(Stage.READOUT, signal, effects, context)
+        mean: Any = expected_tone(camera).mean_of(np.asarray(signal, float))
+        if not any(e.effect.stage is Stage.FRAME for e in effects):
+            return np.asarray(mean)
+        frame = Frame(data=mean, time=context.time_s, index=context.index)
+        return np.asarray(self._apply(Stage.FRAME, frame, effects, context).data, float)
+
+
+def render_moved(rig: Scene, state: ContactState, shift_mm: tuple[float, float]) -> PlateLight:
+    """Render a contact beside its believed place; the guided light of the plate is the believed place's own field.
+
+    The field is smooth and known over the whole contact grid; a new one would cost seconds for each place.
+    """
+    if not any(shift_mm):
+        return render_fast(rig, state)
+    dx, dy = shift_mm
+    grid = state.grid
+    moved_state = replace(state, grid=replace(grid, centre=(grid.centre[0] + dx, grid.centre[1] + dy)))
+    x, y = rig.finger.position_mm
+    moved = rig.model_copy(update={"finger": rig.finger.model_copy(update={"position_mm": (x + dx, y + dy)})})
+    return render_fast(moved, moved_state, fields=fields_of(rig))
+
+
+def _dark(rig: Scene) -> PlateLight:
+    view = Projection.of(rig.camera, rig.plate).ideal_view()
+    nothing = np.zeros(view.shape, np.float32)
+    return PlateLight(
+        radiance=nothing, variance=nothing, focal_px=view.focal_px, principal_point=view.principal_point, samples=0
+    )
+
+
+def _card(rig: Scene, view: View, nuisances: Nuisances) -> PlateLight:
+    card = checkerboard_of(rig.card) if view.kind == "checkerboard" else square_of(rig.card)
+    return card_light(rig, card, pose_of(rig.card, Pose(shift=nuisances.shift_mm, rotation_deg=nuisances.turn_deg)))
+
+
+def _sight(rig: Scene) -> tuple[Any, ...]:
+    """Return all of the camera that decides which rays it gathers."""
+    seen = Projection.of(rig.camera, rig.plate)
+    return (
+        seen.shape, seen.focal_px, seen.principal_point, seen.distortion, seen.axes.tobytes(), seen.pinhole.tobytes(),
+        seen.thickness, seen.refractive_index, rig.camera.wavelength_nm,
+    )  # fmt: skip
+
+
+def _behind_plate(rig: Scene, marked: bool) -> str:
+    """Return all that decides the irradiance on the sensor for a given light; LEDs too if marks scatter their light."""
+    camera = rig.camera.model_dump(exclude={"exposure_ms", "analogue_gain", "tone_curve", "pixel"})
+    marks = [rig.leds.model_dump(), rig.camera.exposure_ms, rig.camera.pixel.model_dump()] if marked else []
+    return json.dumps([camera, rig.camera.pixel.pitch_um, rig.plate.model_dump(), marks], sort_keys=True)
+
+
+def _led_pattern(rig: Scene) -> tuple[tuple[Any, ...], float]:
+    """Return places and relative radiances of the LEDs, and their mean radiance [W mm^-2 sr^-1]."""
+    radiances = led_radiances(rig.plate, rig.leds)
+    every = np.concatenate(list(radiances.values()))
+    level = float(every.mean())
+    shares = every / level if level > 0 else every
+    places = tuple((edge, place.tobytes()) for edge, place in led_positions(rig.plate, rig.leds).items())
+    return (places, tuple(np.round(shares, 12))), level

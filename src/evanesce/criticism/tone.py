@@ -1,0 +1,92 @@
+"""What a pixel shows on average, and how much it scatters: the mean and variance of its rounded 8-bit value.
+
+A frame's values are rounded twice, to raw numbers and through the tone curve to 8 bits, after noise. Where the noise is
+smaller than a step the mean value is a stair, not a line, so that a prediction without noise would be biased by up
+to half a step: a critic that did not know would find a black level or a tone curve there.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from evanesce.rig import Camera
+from evanesce.sensor.tone import CURVES, relative_light
+
+Array = NDArray[np.float64]
+
+STEP_DN = 0.25
+"""Spacing of the tabulated signals [raw DN]."""
+
+REACH = 5.0
+"""The noise is followed this many standard deviations out."""
+
+
+@dataclass(frozen=True)
+class ExpectedTone:
+    """Moments of the 8-bit value as functions of the mean signal.
+
+    Attributes
+    ----------
+    signal : ndarray (n,)
+        Mean signal before quantisation, evenly spaced [raw DN].
+    mean : ndarray (n,)
+        Of the 8-bit value [DN].
+    variance : ndarray (n,)
+        Of the 8-bit value, rounding included [DN^2].
+    """
+
+    signal: Array
+    mean: Array
+    variance: Array
+
+    def mean_of(self, signal_DN: Array) -> Array:
+        """Return the mean 8-bit value [DN] of mean signals [raw DN]."""
+        return np.interp(signal_DN, self.signal, self.mean)
+
+    def variance_at(self, level_DN: Array) -> Array:
+        """Return the variance [DN^2] where the mean 8-bit value is ``level_DN``."""
+        rising = np.concatenate([[True], np.diff(self.mean) > 1e-9])
+        return np.interp(level_DN, self.mean[rising], self.variance[rising])
+
+
+def expected_tone(camera: Camera) -> ExpectedTone:
+    """Return the moments for a camera's own noise (EMVA 1288: shot noise and read noise), kept for the last few."""
+    pixel = camera.pixel
+    return _tabulate(
+        pixel.bits,
+        pixel.black_level_DN,
+        pixel.conversion_gain_e_per_DN / camera.analogue_gain,
+        pixel.read_noise_e,
+        pixel.full_well_capacity_e,
+        camera.tone_curve,
+    )
+
+
+@functools.lru_cache(maxsize=32)
+def _tabulate(
+    bits: int, black_DN: float, e_per_DN: float, read_noise_e: float, full_well_e: float, curve: str
+) -> ExpectedTone:
+    codes = 2**bits
+    light = relative_light(np.arange(codes), black_level_DN=black_DN, bits=bits)
+    table = np.floor(255.0 * np.clip(CURVES[curve](light), 0.0, 1.0) + 0.5)
+    signal = np.arange(0.0, codes - 1 + STEP_DN / 2, STEP_DN)
+    charge = np.clip((signal - black_DN) * e_per_DN, 0.0, full_well_e)
+    sd = np.sqrt(charge + read_noise_e**2) / e_per_DN
+    mean, square = np.empty_like(signal), np.empty_like(signal)
+    # In blocks of like width: only codes within reach of the noise are summed over.
+    for first in range(0, signal.size, 1024):
+        part = slice(first, min(first + 1024, signal.size))
+        s, width = signal[part], np.maximum(sd[part], 1e-6)
+        low = max(0, int(np.floor(s[0] - REACH * width.max())) - 1)
+        high = min(codes - 1, int(np.ceil(s[-1] + REACH * width.max())) + 1)
+        edges = np.arange(low, high) + 0.5
+        below = ndtr((edges[None, :] - s[:, None]) / width[:, None])
+        share = np.diff(below, axis=1, prepend=0.0, append=1.0)
+        values = table[low : high + 1]
+        mean[part], square[part] = share @ values, share @ values**2
+    return ExpectedTone(signal, mean, np.maximum(square - mean**2, 0.0))

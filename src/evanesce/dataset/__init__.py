@@ -1,0 +1,19 @@
+"""Labelled sequences for slip detectors: what a sample is, how it is written, verified, read and exported."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from evanesce.dataset.read import Dataset, open
+
+__all__ = ["Dataset", "open"]
+
+
+def __getattr__(name: str) -> Any:
+    # The reader needs OpenCV and OpenEXR; who only makes a plan needs neither.
+    if name in __all__:
+        from evanesce.dataset import read
+
+        return getattr(read, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

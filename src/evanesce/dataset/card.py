@@ -1,0 +1,165 @@
+"""What stands beside the shards: a JSON schema of KEY.json and a data card after Croissant."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from evanesce.dataset import layout
+from evanesce.dataset.config import KINDS
+from evanesce.dataset.job import Job
+from evanesce.dataset.labels import CHANNELS
+from evanesce.dataset.manifest import Manifest
+from evanesce.dataset.trial import SCALARS
+
+CROISSANT = "http://mlcommons.org/croissant/1.0"
+
+
+def write_card(folder: Path, job: Job, manifest: Manifest) -> None:
+    """Write schema and data card, whole or not at all."""
+    layout.write_json(folder / layout.SCHEMA, schema())
+    layout.write_json(folder / layout.CARD, croissant(job, manifest))
+
+
+def schema() -> dict[str, Any]:
+    """Return the JSON schema (draft 2020-12) of a frame's ``json`` member."""
+    number, text, whole = {"type": "number"}, {"type": "string"}, {"type": "integer", "minimum": 0}
+    maybe = {"type": ["number", "null"]}
+    table = {"type": "object"}
+    scalars = {name: {"type": "number", "description": f"[{unit}]"} for name, unit in SCALARS.items()}
+    properties = {
+        "key": {"type": "string", "pattern": "^[0-9]{9}$"},
+        "index": whole,
+        "trial": whole,
+        "frame_in_trial": whole,
+        "kind": {"enum": list(KINDS)},
+        "split": {"enum": ["train", "validation", "test"]},
+        "scalars": {"type": "object", "properties": scalars, "required": list(SCALARS), "additionalProperties": False},
+        "onset_first_slip_s": {**maybe, "description": "[s] from the trial's start; null: not in this trial"},
+        "onset_gross_slip_s": {**maybe, "description": "[s] from the trial's start; null: not in this trial"},
+        "finger": {**table, "required": ["index", "material", "pattern", "ridge_pitch_um"]},
+        "friction": {**table, "required": ["index", "friction_coefficient"]},
+        "rig": {**table, "required": ["index", "seed", "changes", "effects"]},
+        "programme": {**table, "additionalProperties": number},
+        "seed": whole,
+        "config_sha256": text,
+    }
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "A frame of an evanesce dataset",
+        "type": "object",
+        "properties": properties,
+        "required": list(properties),
+        "additionalProperties": False,
+    }
+
+
+def croissant(job: Job, manifest: Manifest) -> dict[str, Any]:
+    """Return the data card as JSON-LD after Croissant 1.0."""
+    shards = manifest.shards()
+    files: list[dict[str, Any]] = [
+        {
+            "@type": "cr:FileObject",
+            "@id": row["file"],
+            "name": row["file"],
+            "contentUrl": f"{layout.SHARDS}/{row['file']}",
+            "contentSize": f"{row['size']} B",
+            "encodingFormat": "application/x-tar",
+            "sha256": row["sha256"],
+        }
+        for row in shards.values()
+    ]
+    sets = [
+        {
+            "@type": "cr:FileSet",
+            "@id": f"{extension.replace('.', '-')}-files",
+            "name": f"{extension.replace('.', '-')}-files",
+            "containedIn": [{"@id": row["file"]} for row in shards.values()],
+            "encodingFormat": kind,
+            "includes": f"*.{extension}",
+        }
+        for extension, kind in _members(job).items()
+    ]
+    fields = [_field(name, unit) for name, unit in SCALARS.items()]
+    kinds, (cols, rows) = ", ".join(KINDS[1:]), job.resolution
+    units = "; ".join(f"{name} [{unit}]" for name, unit in CHANNELS.items())
+    return {
+        "@context": _CONTEXT,
+        "@type": "sc:Dataset",
+        "conformsTo": CROISSANT,
+        "name": (job.config.title or job.scene.title or "evanesce dataset").replace("/", " "),
+        "description": (
+            f"{len(manifest.frames())} simulated frames of {job.trials} presses and slides of a silicone finger on an"
+            f" FTIR tactile plate at {job.config.trial.frame_rate_hz:g} Hz, {cols} x {rows} px, with per-pixel truth:"
+            f" {units}. Negatives: {kinds}. Labels lie in the distorted frame (labels.exr, mask.png) and on the"
+            " undistorted plate plane (plate.exr), on a fixed physical scale. Splits hold whole groups of one"
+            f" {job.config.split.by}. Simulated, not measured: Hertz with partial slip, ridges in two scales."
+        ),
+        "version": f"{layout.FORMAT_VERSION}.0.0",
+        "license": "https://creativecommons.org/licenses/by/4.0/",
+        "datePublished": "2026-01-01",
+        "url": "https://example.invalid/evanesce-dataset",
+        "citeAs": f"evanesce dataset, configuration {job.digest[:16]}, seed {job.seed}",
+        "distribution": files + sets,
+        "recordSet": [{"@type": "cr:RecordSet", "@id": "frames", "name": "frames", "field": fields}],
+    }
+
+
+def _members(job: Job) -> dict[str, str]:
+    found = {"frame.png": "image/png", "labels.exr": "image/x-exr", "plate.exr": "image/x-exr", "mask.png": "image/png"}
+    if job.config.labels.raw:
+        found["raw.png"] = "image/png"
+    return {**found, "json": "application/json"}
+
+
+def _field(name: str, unit: str) -> dict[str, Any]:
+    return {
+        "@type": "cr:Field",
+        "@id": f"frames/{name}",
+        "name": name,
+        "description": f"[{unit}]",
+        "dataType": "sc:Float",
+        "source": {
+            "fileSet": {"@id": "json-files"},
+            "extract": {"fileProperty": "content"},
+            "transform": {"jsonPath": f"$.scalars.{name}"},
+        },
+    }
+
+
+_CONTEXT = {
+    "@language": "en",
+    "@vocab": "https://schema.org/",
+    "citeAs": "cr:citeAs",
+    "column": "cr:column",
+    "conformsTo": "dct:conformsTo",
+    "cr": "http://mlcommons.org/croissant/",
+    "rai": "http://mlcommons.org/croissant/RAI/",
+    "data": {"@id": "cr:data", "@type": "@json"},
+    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
+    "dct": "http://purl.org/dc/terms/",
+    "examples": {"@id": "cr:examples", "@type": "@json"},
+    "extract": "cr:extract",
+    "field": "cr:field",
+    "fileProperty": "cr:fileProperty",
+    "fileObject": "cr:fileObject",
+    "fileSet": "cr:fileSet",
+    "format": "cr:format",
+    "includes": "cr:includes",
+    "isLiveDataset": "cr:isLiveDataset",
+    "jsonPath": "cr:jsonPath",
+    "key": "cr:key",
+    "md5": "cr:md5",
+    "parentField": "cr:parentField",
+    "path": "cr:path",
+    "recordSet": "cr:recordSet",
+    "references": "cr:references",
+    "regex": "cr:regex",
+    "repeated": "cr:repeated",
+    "replace": "cr:replace",
+    "sc": "https://schema.org/",
+    "separator": "cr:separator",
+    "source": "cr:source",
+    "subField": "cr:subField",
+    "transform": "cr:transform",
+}

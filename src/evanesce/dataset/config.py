@@ -1,0 +1,306 @@
+"""What a dataset is made of: strict TOML of declared distributions, group counts, label options and splits."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from evanesce.dataset.distributions import Distribution, choice, constant, log_uniform, uniform
+from evanesce.effects import all_effects
+from evanesce.errors import InputError
+from evanesce.materials import material_names
+from evanesce.quantities import Strict, field
+from evanesce.rig.load import validate
+
+KINDS = ("slide", "load_stop", "wiggle", "rotation", "ramp", "release", "change")
+"""Kinds of trial; all but ``slide`` are negatives, in which the contact never slides as a whole."""
+
+MAX_FRAMES = 50_000_000
+"""Most frames of a dataset; a larger request is a slip of the keyboard."""
+MAX_FRAME_BYTES = 400_000_000
+"""Most bytes that one frame may take in memory with all its labels."""
+MAX_SHARD_FRAMES = 256
+MAX_CONFIG_BYTES = 200_000
+
+
+class Kinds(Strict):
+    """Relative weights of the kinds of trial."""
+
+    slide: float = field(0.5, unit="1", bounds=(0.0, 1e6))
+    load_stop: float = field(0.1, unit="1", bounds=(0.0, 1e6))
+    wiggle: float = field(0.1, unit="1", bounds=(0.0, 1e6))
+    rotation: float = field(0.075, unit="1", bounds=(0.0, 1e6))
+    ramp: float = field(0.075, unit="1", bounds=(0.0, 1e6))
+    release: float = field(0.075, unit="1", bounds=(0.0, 1e6))
+    change: float = field(0.075, unit="1", bounds=(0.0, 1e6))
+
+    @model_validator(mode="after")
+    def _some(self) -> Self:
+        if sum(self.weights) <= 0:
+            raise ValueError("all weights are 0 (allowed: at least one kind with a weight above 0)")
+        return self
+
+    @property
+    def weights(self) -> tuple[float, ...]:
+        """In the order of :data:`KINDS`."""
+        return tuple(getattr(self, kind) for kind in KINDS)
+
+
+def _require(model: Strict, section: str, bounds: dict[str, tuple[float, float, str]]) -> None:
+    for key, (low, high, unit) in bounds.items():
+        getattr(model, key).require_within(f"{section}.{key}", low, high, unit)
+
+
+class Programme(Strict):
+    """What the machine does in a trial; drawn anew for each."""
+
+    normal_force_N: Distribution = uniform(0.5, 2.5)
+    preload_N: Distribution = constant(0.05)
+    press_time_s: Distribution = uniform(0.3, 0.7)
+    hold_time_s: Distribution = uniform(0.1, 0.4)
+    speed_mm_per_s: Distribution = log_uniform(1.0, 25.0)
+    distance_mm: Distribution = uniform(1.0, 3.5)
+    direction_deg: Distribution = uniform(-180.0, 180.0)
+    contact_angle_deg: Distribution = choice(0.0, 45.0)
+    wiggle_share: Distribution = uniform(0.3, 0.9)
+    wiggle_frequency_hz: Distribution = uniform(1.0, 4.0)
+    rotation_share: Distribution = uniform(0.3, 0.95)
+    second_force_share: Distribution = uniform(0.4, 1.6)
+    shift_mm: Distribution = uniform(-1.0, 1.0)
+
+    @model_validator(mode="after")
+    def _bounds(self) -> Self:
+        _require(self, "programme", _PROGRAMME)
+        return self
+
+
+_PROGRAMME = {
+    "normal_force_N": (0.02, 100.0, "N"),
+    "preload_N": (0.001, 10.0, "N"),
+    "press_time_s": (0.05, 1000.0, "s"),
+    "hold_time_s": (0.0, 1000.0, "s"),
+    "speed_mm_per_s": (0.01, 1000.0, "mm/s"),
+    "distance_mm": (0.01, 100.0, "mm"),
+    "direction_deg": (-180.0, 180.0, "deg"),
+    "contact_angle_deg": (0.0, 45.0, "deg"),
+    "wiggle_share": (0.01, 0.98, "of the sliding force"),
+    "wiggle_frequency_hz": (0.1, 15.0, "Hz"),
+    "rotation_share": (0.01, 0.98, "of the sliding torque"),
+    "second_force_share": (0.05, 10.0, "of the first force"),
+    "shift_mm": (-20.0, 20.0, "mm"),
+}
+
+
+class Friction(Strict):
+    """Interfaces: ``levels`` of them are drawn; a trial has one."""
+
+    levels: int = field(16, unit="1", bounds=(1, 100_000))
+    friction_coefficient: Distribution = log_uniform(0.3, 2.0)
+    adhesive_share: Distribution = uniform(0.0, 0.6)
+    dynamic_ratio: Distribution = uniform(0.7, 1.0)
+    weakening_distance_mm: Distribution = log_uniform(0.02, 0.2)
+    area_left: Distribution = uniform(0.75, 1.0)
+
+    @model_validator(mode="after")
+    def _bounds(self) -> Self:
+        _require(
+            self,
+            "friction",
+            {
+                "friction_coefficient": (0.01, 10.0, ""),
+                "adhesive_share": (0.0, 1.0, "of the strength at the held force"),
+                "dynamic_ratio": (0.05, 1.0, ""),
+                "weakening_distance_mm": (1e-4, 10.0, "mm"),
+                "area_left": (0.35, 1.0, "of the area, under full sliding"),
+            },
+        )
+        return self
+
+
+class Fingers(Strict):
+    """Fingers: ``count`` of them are drawn; a trial has one."""
+
+    count: int = field(12, unit="1", bounds=(1, 100_000))
+    material: Distribution = choice("silskin_0", "silskin_20")
+    tip_radius_mm: Distribution = constant(7.5)
+    ridged_share: float = field(0.75, unit="1", bounds=(0.0, 1.0), doc="share of fingers that have ridges")
+    pattern: Distribution = choice("parallel", "concentric", "loop", "whorl")
+    ridge_pitch_um: Distribution = uniform(500.0, 1200.0)
+    ridge_width_share: Distribution = uniform(0.4, 0.6)
+    ridge_height_um: Distribution = uniform(30.0, 80.0)
+    ridge_orientation_deg: Distribution = uniform(-90.0, 90.0)
+    shaft_stiffness_N_per_mm: Distribution = log_uniform(2.0, 30.0)
+    axial_over_bending: Distribution = log_uniform(2.0, 10.0)
+
+    @model_validator(mode="after")
+    def _bounds(self) -> Self:
+        _require(
+            self,
+            "finger",
+            {
+                "tip_radius_mm": (0.5, 100.0, "mm"),
+                "ridge_pitch_um": (20.0, 20000.0, "um"),
+                "ridge_width_share": (0.05, 0.95, "of the pitch"),
+                "ridge_height_um": (0.1, 5000.0, "um"),
+                "ridge_orientation_deg": (-180.0, 180.0, "deg"),
+                "shaft_stiffness_N_per_mm": (0.05, 1e5, "N/mm"),
+                "axial_over_bending": (0.1, 1e4, ""),
+            },
+        )
+        self.material.require_words("finger.material", material_names())
+        self.pattern.require_words("finger.pattern", ("parallel", "concentric", "loop", "whorl"))
+        return self
+
+
+class Rigs(Strict):
+    """Rigs: ``count`` of them are drawn, each a change of the scene and a set of effects; a trial has one.
+
+    ``draw`` maps dotted keys of the scene to distributions.
+    """
+
+    count: int = field(8, unit="1", bounds=(1, 100_000))
+    trials_in_a_row: int = field(2, unit="1", bounds=(1, 10_000), doc="trials before the rig changes")
+    draw: dict[str, Distribution] = Field(
+        default_factory=lambda: {
+            "leds.voltage_V": uniform(8.6, 10.0),
+            "camera.exposure_ms": uniform(4.0, 8.0),
+            "camera.pixel.read_noise_e": uniform(2.0, 6.0),
+        }
+    )
+
+
+class Randomisation(Strict):
+    """Domain randomisation: each effect of the library is on in a share of the rigs, at plausible sizes.
+
+    ``strength`` times the plausible departure that an effect declares is its standard deviation; one-sided amplitudes
+    are folded. ``only`` restricts to the named effects, ``without`` leaves some out.
+    """
+
+    probability: float = field(0.25, unit="1", bounds=(0.0, 1.0), doc="of each effect in a rig")
+    strength: float = field(1.0, unit="1", bounds=(0.0, 10.0))
+    only: tuple[str, ...] = ()
+    without: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _known(self) -> Self:
+        for name in (*self.only, *self.without):
+            if name not in (known := all_effects()):
+                raise ValueError(f"randomisation names {name!r} (allowed: {', '.join(known)})")
+        return self
+
+    @property
+    def candidates(self) -> tuple[str, ...]:
+        """Effects that may be drawn, in the library's order."""
+        if self.probability == 0.0 or self.strength == 0.0:
+            return ()
+        return tuple(e for e in all_effects() if (not self.only or e in self.only) and e not in self.without)
+
+
+class Trial(Strict):
+    """A trial in frames."""
+
+    frames: int = field(80, unit="1", bounds=(4, 100_000))
+    frame_rate_hz: float = field(30.0, unit="hz", bounds=(1.0, 10_000.0), source="thesis, chapter 5")
+
+
+class Labels(Strict):
+    """What is written of each frame."""
+
+    precision: Literal["half", "float"] = "half"
+    raw: bool = False
+    grid_size_mm: float = field(16.0, unit="mm", bounds=(1.0, 200.0), doc="side of the contact plane that is sampled")
+    grid_samples: int = field(
+        512, unit="1", bounds=(32, 8192), doc="along that side; the plate plane's labels have them"
+    )
+    margin_mm: float = field(0.5, unit="mm", bounds=(0.0, 50.0), doc="around the contact, in which the gap is kept")
+    near_gap_mm: float = field(0.01, unit="mm", bounds=(1e-6, 1.0), doc="below which a surface counts as near")
+    first_slip_share: float = field(0.05, unit="1", bounds=(1e-4, 0.9), doc="slipping share of area: first slip")
+
+
+class CameraOptions(Strict):
+    """``scale`` shrinks the frame: the same view on fewer, larger pixels."""
+
+    scale: float = field(1.0, unit="1", bounds=(0.01, 2.0))
+    backend: Literal["numpy", "llvm"] = "numpy"
+
+
+class Split(Strict):
+    """Whole fingers, friction levels or rigs go to one split, never single frames."""
+
+    by: Literal["finger", "friction", "rig"] = "finger"
+    validation: float = field(0.15, unit="1", bounds=(0.0, 0.9))
+    test: float = field(0.25, unit="1", bounds=(0.0, 0.9))
+
+    @model_validator(mode="after")
+    def _leaves_some(self) -> Self:
+        if self.validation + self.test >= 1.0:
+            raise ValueError("split.validation + split.test leave nothing to train on (allowed: below 1)")
+        return self
+
+
+class DatasetConfig(Strict):
+    """Everything but the scene, the seed and the count."""
+
+    schema_version: int = Field(default=1, ge=1, le=1)
+    title: str = Field(default="", max_length=200)
+    trial: Trial = Trial()
+    trials_per_shard: int = field(2, unit="1", bounds=(1, 10_000))
+    kinds: Kinds = Kinds()
+    programme: Programme = Programme()
+    friction: Friction = Friction()
+    finger: Fingers = Fingers()
+    rig: Rigs = Rigs()
+    randomisation: Randomisation = Randomisation()
+    labels: Labels = Labels()
+    camera: CameraOptions = CameraOptions()
+    split: Split = Split()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.shard_frames > MAX_SHARD_FRAMES:
+            raise ValueError(
+                f"{self.shard_frames} frames a shard: trials_per_shard times trial.frames"
+                f" (allowed: at most {MAX_SHARD_FRAMES}; longer trials need trial.frames <= {MAX_SHARD_FRAMES})"
+            )
+        pitch_um = 1e3 * self.labels.grid_size_mm / self.labels.grid_samples
+        if self.finger.ridged_share > 0:
+            least = float(self.finger.ridge_pitch_um.support()[0])
+            if least < 6 * pitch_um:
+                raise ValueError(
+                    f"ridges {least:g} um apart on a grid of {pitch_um:.3g} um a sample"
+                    f" (allowed: labels.grid_samples of at least {int(6e3 * self.labels.grid_size_mm / least) + 1})"
+                )
+        return self
+
+    @property
+    def shard_frames(self) -> int:
+        """Frames of a full shard."""
+        return self.trials_per_shard * self.trial.frames
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain JSON-able data, None left out."""
+        return self.model_dump(mode="json", exclude_none=True)
+
+
+def load_config(path: Path | None) -> DatasetConfig:
+    """Read a dataset's TOML; the defaults where there is none.
+
+    Raises
+    ------
+    InputError
+        One line with file, key and what is allowed.
+    """
+    if path is None:
+        return DatasetConfig()
+    if not path.is_file():
+        raise InputError("no such file", file=path, key="--config", allowed="a TOML file")
+    if path.stat().st_size > MAX_CONFIG_BYTES:
+        raise InputError(f"{path.stat().st_size} bytes", file=path, allowed=f"at most {MAX_CONFIG_BYTES} bytes")
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"not valid TOML: {error}", file=path) from None
+    return validate(DatasetConfig, data, path)

@@ -1,0 +1,195 @@
+"""From seed and number to what a trial is: quasi-random draws of fingers, friction levels, rigs and programmes.
+
+Every draw is a function of the seed, the name of its stream and its own number, so that it does not matter who makes
+which trial, in which order, in how many processes.
+"""
+
+from __future__ import annotations
+
+import functools
+import warnings
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats import qmc
+
+from evanesce import rng
+from evanesce.dataset.config import KINDS, DatasetConfig, Programme
+from evanesce.effects import all_effects
+from evanesce.effects.protocol import Effect
+
+PROGRAMME_KEYS = tuple(Programme.model_fields)
+
+
+@dataclass(frozen=True)
+class FingerPlan:
+    """One finger; lengths in the units of the keys. ``pattern`` is empty for a smooth one."""
+
+    index: int
+    material: str
+    tip_radius_mm: float
+    pattern: str
+    ridge_pitch_um: float
+    ridge_width_um: float
+    ridge_height_um: float
+    ridge_orientation_deg: float
+    shaft_stiffness_N_per_mm: float
+    axial_stiffness_N_per_mm: float
+
+
+@dataclass(frozen=True)
+class FrictionPlan:
+    """One interface."""
+
+    index: int
+    friction_coefficient: float
+    adhesive_share: float
+    dynamic_ratio: float
+    weakening_distance_mm: float
+    area_left: float
+
+
+@dataclass(frozen=True)
+class RigPlan:
+    """One rig: changes of the scene by dotted key, and effects with their parameters."""
+
+    index: int
+    seed: int
+    changes: dict[str, Any]
+    effects: dict[str, dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class TrialPlan:
+    """One trial."""
+
+    index: int
+    kind: str
+    split: str
+    finger: FingerPlan
+    friction: FrictionPlan
+    rig: RigPlan
+    programme: dict[str, float]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return JSON-able data."""
+        return asdict(self)
+
+
+def quantiles(seed: int, stream: str, dimensions: int, index: int) -> np.ndarray:
+    """Return point ``index`` of a stream's scrambled Sobol sequence, shape (dimensions,), in [0, 1)."""
+    generator = rng.generator(seed, "dataset", stream)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # balance of a part of the sequence is not claimed
+        sampler = qmc.Sobol(dimensions, scramble=True, rng=generator)
+        if index:
+            sampler.fast_forward(index)
+        return np.asarray(sampler.random(1)[0])
+
+
+def finger_plan(config: DatasetConfig, seed: int, index: int) -> FingerPlan:
+    """Draw a finger."""
+    f = config.finger
+    u = iter(quantiles(seed, "finger", 10, index))
+    ridged = next(u) < f.ridged_share
+    material, tip = str(f.material.at(next(u))), float(f.tip_radius_mm.at(next(u)))
+    pattern, pitch = str(f.pattern.at(next(u))), float(f.ridge_pitch_um.at(next(u)))
+    width = pitch * float(f.ridge_width_share.at(next(u)))
+    height, orientation = float(f.ridge_height_um.at(next(u))), float(f.ridge_orientation_deg.at(next(u)))
+    bending = float(f.shaft_stiffness_N_per_mm.at(next(u)))
+    axial = bending * float(f.axial_over_bending.at(next(u)))
+    if not ridged:
+        pattern, pitch, width, height, orientation = "", 0.0, 0.0, 0.0, 0.0
+    return FingerPlan(index, material, tip, pattern, pitch, width, height, orientation, bending, axial)
+
+
+def friction_plan(config: DatasetConfig, seed: int, index: int) -> FrictionPlan:
+    """Draw an interface."""
+    f = config.friction
+    names = ("friction_coefficient", "adhesive_share", "dynamic_ratio", "weakening_distance_mm", "area_left")
+    values = [float(getattr(f, n).at(u)) for n, u in zip(names, quantiles(seed, "friction", 5, index), strict=True)]
+    return FrictionPlan(index, *values)
+
+
+def rig_plan(config: DatasetConfig, seed: int, index: int) -> RigPlan:
+    """Draw a rig: scene keys by their distributions, effects by :class:`~evanesce.dataset.config.Randomisation`."""
+    draw = config.rig.draw
+    u = quantiles(seed, "rig", max(len(draw), 1), index)
+    changes = {key: draw[key].at(float(q)) for key, q in zip(sorted(draw), u, strict=False)}
+    options, effects = config.randomisation, {}
+    for name in options.candidates:
+        stream = rng.generator(seed, "dataset", "effect", index, name)
+        if stream.random() < options.probability:
+            effects[name] = draw_effect(all_effects()[name], options.strength, stream)
+    return RigPlan(index, rng.integer_seed(seed, "dataset", "rig", index), changes, effects)
+
+
+def draw_effect(effect: Effect, strength: float, stream: np.random.Generator) -> dict[str, Any]:
+    """Draw an effect's parameters at plausible departures from its null.
+
+    A parameter that declares where to start (it has no derivative at null) is drawn around one of those values; others
+    are normal around their null, folded where the null lies on the bounds' edge.
+    """
+    values: dict[str, float] = {}
+    for candidate in effect.candidate_parameters():
+        low, high = candidate.bounds
+        normal = float(stream.standard_normal())
+        if candidate.start:
+            start = candidate.start[int(stream.integers(len(candidate.start)))]
+            value = (
+                start if float(start).is_integer() and start >= 1 else start * float(np.exp(0.5 * normal * strength))
+            )
+        else:
+            step = strength * candidate.deviation * normal
+            value = candidate.null + (
+                abs(step) if candidate.null == low else -abs(step) if candidate.null == high else step
+            )
+        values[candidate.name] = float(np.clip(value, low, high))
+    table: dict[str, Any] = effect.with_values(values).model_dump(mode="json")
+    return table
+
+
+@functools.lru_cache(maxsize=64)
+def _split_of_groups(count: int, by: str, validation: float, test: float, seed: int) -> tuple[str, ...]:
+    """Return the split of each group: a seeded shuffle, cut by shares; a single group trains."""
+    order = rng.generator(seed, "dataset", "split", by).permutation(count)
+    held_test = min(round(test * count), count - 1)
+    held_validation = min(round(validation * count), count - 1 - held_test)
+    found = ["train"] * count
+    for place, group in enumerate(order.tolist()):
+        if place < held_test:
+            found[group] = "test"
+        elif place < held_test + held_validation:
+            found[group] = "validation"
+    return tuple(found)
+
+
+def split_of(config: DatasetConfig, seed: int, *, finger: int, friction: int, rig: int) -> str:
+    """Return ``train``, ``validation`` or ``test`` of a trial by its group."""
+    s = config.split
+    counts = {"finger": config.finger.count, "friction": config.friction.levels, "rig": config.rig.count}
+    group = {"finger": finger, "friction": friction, "rig": rig}[s.by]
+    return _split_of_groups(counts[s.by], s.by, s.validation, s.test, seed)[group]
+
+
+def trial_plan(config: DatasetConfig, seed: int, index: int) -> TrialPlan:
+    """Draw trial ``index``."""
+    u = quantiles(seed, "trial", 3 + len(PROGRAMME_KEYS), index)
+    weights = np.cumsum(config.kinds.weights)
+    kind = KINDS[int(np.searchsorted(weights / weights[-1], u[0], side="right"))]
+    finger = min(int(u[1] * config.finger.count), config.finger.count - 1)
+    friction = min(int(u[2] * config.friction.levels), config.friction.levels - 1)
+    rig = index // config.rig.trials_in_a_row % config.rig.count
+    programme = {
+        key: float(getattr(config.programme, key).at(float(q))) for key, q in zip(PROGRAMME_KEYS, u[3:], strict=True)
+    }
+    return TrialPlan(
+        index=index,
+        kind=kind,
+        split=split_of(config, seed, finger=finger, friction=friction, rig=rig),
+        finger=finger_plan(config, seed, finger),
+        friction=friction_plan(config, seed, friction),
+        rig=rig_plan(config, seed, rig),
+        programme=programme,
+    )

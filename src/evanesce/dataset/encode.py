@@ -1,0 +1,138 @@
+"""A frame as the members of a shard: PNG, EXR and JSON bytes that depend on nothing but the frame."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import cv2
+import numpy as np
+import OpenEXR
+from numpy.typing import NDArray
+
+from evanesce.dataset.labels import CHANNELS, LabelBox, empty_box
+from evanesce.errors import WorkError
+
+PREFIX = "evanesce:"
+PNG_COMPRESSION = 1
+"""zlib's fastest; noise does not compress further, and the next levels take twice as long."""
+
+
+def png(image: NDArray[Any]) -> bytes:
+    """Return an 8- or 16-bit grey or RGB image as PNG.
+
+    Raises
+    ------
+    WorkError
+        If it cannot be encoded.
+    """
+    ordered = image if image.ndim == 2 else image[..., ::-1]
+    ok, data = cv2.imencode(".png", ordered, [cv2.IMWRITE_PNG_COMPRESSION, PNG_COMPRESSION])
+    if not ok:
+        raise WorkError(f"OpenCV could not encode an image of shape {image.shape}")
+    return bytes(data.tobytes())
+
+
+def decode_png(data: bytes) -> NDArray[Any]:
+    """Return the image of :func:`png`.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+    if image is None:
+        raise ValueError("not a readable PNG")
+    return image if image.ndim == 2 else image[..., ::-1]
+
+
+def exr(box: LabelBox, precision: str, header: Mapping[str, Any]) -> bytes:
+    """Return labels as a multichannel EXR, ZIP, with the box as data window and the whole as display window.
+
+    Parameters
+    ----------
+    box : LabelBox
+    precision : {"half", "float"}
+    header : mapping
+        JSON-able entries; each becomes a string attribute of the header. Units are always there.
+    """
+    rows, cols = box.shape
+    dtype = np.float16 if precision == "half" else np.float32
+    first = next(iter(box.channels.values()))
+    # EXR has no empty window: one pixel of nothing stands for it.
+    high, wide = first.shape if first.size else (1, 1)
+    attributes = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        "dataWindow": _window(box.row, box.col, high, wide),
+        "displayWindow": _window(0, 0, rows, cols),
+        PREFIX + "units": json.dumps(CHANNELS, sort_keys=True),
+        PREFIX + "empty": "0" if first.size else "1",
+    }
+    attributes |= {PREFIX + name: json.dumps(value, sort_keys=True, allow_nan=False) for name, value in header.items()}
+    channels = {}
+    for name in CHANNELS:
+        values = box.channels[name] if first.size else np.zeros((1, 1), np.float32)
+        channels[name] = np.ascontiguousarray(values, dtype)
+    with _memory() as handle:
+        try:
+            OpenEXR.File(attributes, channels).write(f"/proc/self/fd/{handle.number}")
+        except RuntimeError as error:
+            raise WorkError(f"cannot encode labels: {error}") from None
+        return handle.read()
+
+
+def decode_exr(data: bytes) -> tuple[LabelBox, dict[str, Any]]:
+    """Return labels and header entries of :func:`exr`.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    try:
+        with _memory(data) as handle, OpenEXR.File(f"/proc/self/fd/{handle.number}", separate_channels=True) as file:
+            header = dict(file.header())
+            channels = {name: np.array(channel.pixels, np.float32) for name, channel in file.channels().items()}
+        low = header["dataWindow"][0]
+        entries = {
+            name[len(PREFIX) :]: json.loads(value)
+            for name, value in header.items()
+            if name.startswith(PREFIX) and isinstance(value, str)
+        }
+        end = header["displayWindow"][1]
+        shape = int(end[1]) + 1, int(end[0]) + 1
+        box = LabelBox(int(low[1]), int(low[0]), shape, {name: channels[name] for name in CHANNELS})
+    except (OSError, RuntimeError, KeyError, TypeError, IndexError, ValueError) as error:
+        raise ValueError(f"not a readable label file: {error}") from None
+    if entries.get("empty") == 1:
+        box = empty_box(shape)
+    return box, entries
+
+
+def _window(row: int, col: int, high: int, wide: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    return np.array([col, row], np.int32), np.array([col + wide - 1, row + high - 1], np.int32)
+
+
+class _memory:
+    """A file in memory: OpenEXR only knows paths, and a label file need not touch the disk on its way to the shard."""
+
+    def __init__(self, data: bytes | None = None) -> None:
+        self._data = data
+
+    def __enter__(self) -> _memory:
+        self.number = os.memfd_create("evanesce-labels")
+        if self._data is not None:
+            with os.fdopen(os.dup(self.number), "wb") as stream:
+                stream.write(self._data)
+        return self
+
+    def read(self) -> bytes:
+        """Return the whole file."""
+        return os.pread(self.number, os.fstat(self.number).st_size, 0)
+
+    def __exit__(self, *_: object) -> None:
+        os.close(self.number)

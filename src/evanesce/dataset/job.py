@@ -1,0 +1,223 @@
+"""What is to be made: scene, declared distributions, seed and count; read from and written to ``dataset.json``."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from evanesce import provenance
+from evanesce.dataset import layout
+from evanesce.dataset.config import MAX_FRAME_BYTES, MAX_FRAMES, DatasetConfig
+from evanesce.errors import InputError
+from evanesce.rig import Scene
+
+BYTES_PER_PIXEL = 70
+"""Memory that a pixel takes while its frame is made: charges, labels and their copies."""
+
+COMPARED = ("numpy", "scipy", "opencv-contrib-python-headless", "OpenEXR")
+"""Packages whose version may change bytes."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """A dataset as it was asked for.
+
+    Attributes
+    ----------
+    scene : Scene
+    config : DatasetConfig
+    seed : int
+    frames : int
+        Count of frames, a multiple of the trial's.
+    """
+
+    scene: Scene
+    config: DatasetConfig
+    seed: int
+    frames: int
+
+    @property
+    def trials(self) -> int:
+        """Count of trials."""
+        return self.frames // self.config.trial.frames
+
+    @property
+    def shards(self) -> int:
+        """Count of shards."""
+        return math.ceil(self.trials / self.config.trials_per_shard)
+
+    def trials_of(self, shard: int) -> range:
+        """Return the trials of a shard."""
+        per = self.config.trials_per_shard
+        return range(shard * per, min((shard + 1) * per, self.trials))
+
+    def frames_of(self, trial: int) -> range:
+        """Return the frames of a trial."""
+        per = self.config.trial.frames
+        return range(trial * per, (trial + 1) * per)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of everything that decides the bytes, but for the count and the versions."""
+        return provenance.digest({"scene": self.scene.as_dict(), "config": self.config.as_dict(), "seed": self.seed})
+
+    @property
+    def resolution(self) -> tuple[int, int]:
+        """(columns, rows) of a frame."""
+        scale = self.config.camera.scale
+        cols, rows = self.scene.camera.resolution_px
+        return max(8, round(cols * scale)), max(8, round(rows * scale))
+
+    def describe(self) -> dict[str, Any]:
+        """Return what stands in ``dataset.json``."""
+        return {
+            "format": layout.FORMAT,
+            "format_version": layout.FORMAT_VERSION,
+            "title": self.config.title or self.scene.title,
+            "frames": self.frames,
+            "trials": self.trials,
+            "shards": self.shards,
+            "seed": self.seed,
+            "config_sha256": self.digest,
+            "scene": self.scene.as_dict(),
+            "config": self.config.as_dict(),
+            "provenance": dict(provenance.record(seed=self.seed)),
+        }
+
+
+def new_job(scene: Scene, config: DatasetConfig, *, frames: int, seed: int) -> Job:
+    """Check a request and round its frames up to whole trials.
+
+    Raises
+    ------
+    InputError
+        For a request that no disk or memory holds; nothing has been allocated by then.
+    """
+    if not 0 <= seed < 2**63:
+        raise InputError(f"{seed}", key="--seed", allowed="0 to 2^63 - 1")
+    if not 1 <= frames <= MAX_FRAMES:
+        raise InputError(f"{frames} frames", key="--n", allowed=f"1 to {MAX_FRAMES}")
+    per = config.trial.frames
+    job = Job(scene, config, seed, math.ceil(frames / per) * per)
+    cols, rows = job.resolution
+    need = cols * rows * BYTES_PER_PIXEL + config.labels.grid_samples**2 * 8 * 40
+    if need > MAX_FRAME_BYTES:
+        raise InputError(
+            f"a frame of {cols} x {rows} px and {config.labels.grid_samples}^2 plate samples needs {need / 1e9:.3g} GB",
+            key="camera.resolution_px, labels.grid_samples", allowed=f"at most {MAX_FRAME_BYTES / 1e9:g} GB a frame",
+        )  # fmt: skip
+    _contact_fits(job)
+    _rigs_are_possible(job)
+    return job
+
+
+def _rigs_are_possible(job: Job, looked_at: int = 16) -> None:
+    """Build the first rigs' scenes and effects: a slip in the declaration shows now, not in every frame."""
+    from evanesce.dataset.design import finger_plan, rig_plan
+    from evanesce.dataset.rigs import rig_scene
+    from evanesce.effects import active_effects
+
+    finger = finger_plan(job.config, job.seed, 0)
+    for index in range(min(job.config.rig.count, looked_at)):
+        active_effects(rig_scene(job.scene, rig_plan(job.config, job.seed, index), finger, job.config))
+
+
+def _contact_fits(job: Job) -> None:
+    """Refuse contacts that would leave the sampled plane, from the ends of the declared distributions."""
+    from evanesce.contact.hertz import hertz_radius
+    from evanesce.materials import material
+
+    config = job.config
+    force = float(config.programme.normal_force_N.support()[1])
+    force *= max(1.0, float(config.programme.second_force_share.support()[1]))
+    radius = float(config.finger.tip_radius_mm.support()[1])
+    names = [str(name) for name in config.finger.material.support()]
+    widest = max(float(hertz_radius(force, radius, float(material(n).reduced_modulus(force)))) for n in names)
+    shift = max(abs(float(v)) for v in config.programme.shift_mm.support())
+    travel = max(0.5 * float(config.programme.distance_mm.support()[1]), shift) + _sway(config)
+    need = 2.0 * (widest + travel) * 1.02 + 4 * config.labels.grid_size_mm / config.labels.grid_samples
+    if need > config.labels.grid_size_mm:
+        raise InputError(
+            f"contacts of up to {widest:.3g} mm radius that travel {travel:.3g} mm leave the sampled plane",
+            key="labels.grid_size_mm", allowed=f"at least {need:.4g} mm, or smaller forces and distances",
+        )  # fmt: skip
+    if widest >= radius:
+        raise InputError(
+            f"{force:g} N presses {widest:.3g} mm of a tip of {radius:g} mm", key="programme.normal_force_N",
+            allowed="a contact smaller than the tip",
+        )  # fmt: skip
+
+
+def _sway(config: DatasetConfig) -> float:
+    """Return how far a wiggle may carry the tip [mm]: the softest shaft under the largest force below slip."""
+    if config.kinds.wiggle == 0:
+        return 0.0
+    force = float(config.programme.normal_force_N.support()[1]) * float(
+        config.friction.friction_coefficient.support()[1]
+    )
+    # The tip itself moves only by the contact's own compliance, some tenth of the shaft's.
+    return 0.1 * force / float(config.finger.shaft_stiffness_N_per_mm.support()[0])
+
+
+def save_job(folder: Path, job: Job) -> None:
+    """Write ``dataset.json``; join an equal one that is there already.
+
+    Raises
+    ------
+    InputError
+        If the folder holds another dataset.
+    """
+    path = folder / layout.DESCRIPTION
+    if path.exists():
+        there = load_job(folder)
+        if there.digest != job.digest or there.frames != job.frames:
+            raise InputError("the folder holds another dataset", file=folder, key="--out", allowed="an empty folder")
+        return
+    layout.write_json(path, job.describe())
+
+
+def load_job(folder: Path, *, check_versions: bool = False) -> Job:
+    """Read ``dataset.json``.
+
+    Raises
+    ------
+    InputError
+        If it is absent, broken or of another format; or, if asked for, of versions that may make other bytes.
+    """
+    path = folder / layout.DESCRIPTION
+    data = layout.read_json(path)
+    try:
+        if data["format"] != layout.FORMAT or data["format_version"] != layout.FORMAT_VERSION:
+            raise InputError(
+                f"{data['format']!r} version {data['format_version']}", file=path,
+                allowed=f"{layout.FORMAT} version {layout.FORMAT_VERSION}",
+            )  # fmt: skip
+        import json
+
+        scene = Scene.model_validate_json(json.dumps(data["scene"]))
+        config = DatasetConfig.model_validate_json(json.dumps(data["config"]))
+        job = Job(scene, config, int(data["seed"]), int(data["frames"]))
+        recorded = data["config_sha256"]
+    except (KeyError, TypeError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"not a dataset's description: {str(error).splitlines()[0]}", file=path) from None
+    if recorded != job.digest:
+        raise InputError("config_sha256 does not fit what stands beside it", file=path)
+    if check_versions:
+        _require_versions(path, data.get("provenance", {}))
+    return job
+
+
+def _require_versions(path: Path, recorded: dict[str, Any]) -> None:
+    now = provenance.record()
+    pairs = [("evanesce", recorded.get("evanesce"), now["evanesce"])]
+    pairs += [(name, recorded.get("packages", {}).get(name), now["packages"].get(name)) for name in COMPARED]
+    for name, before, after in pairs:
+        if before != after:
+            raise InputError(
+                f"begun with {name} {before}, this is {after}: frames might differ", file=path,
+                allowed="the same versions, or --any-versions",
+            )  # fmt: skip

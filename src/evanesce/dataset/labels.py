@@ -1,0 +1,212 @@
+"""Truth of a frame, pixel by pixel: in the distorted frame, and on the undistorted plate plane as it was solved."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.dataset.trial import FrameTruth
+from evanesce.optics.projection import Projection
+from evanesce.rig import Scene
+from evanesce.states import ContactState, PlateGrid
+
+Image = NDArray[np.float32]
+
+CHANNELS: dict[str, str] = {
+    "contact_mask": "1",
+    "state": "0 none, 1 near, 2 stick, 3 slip",
+    "pressure": "MPa",
+    "gap": "mm",
+    "traction.x": "MPa",
+    "traction.y": "MPa",
+    "slip.x": "mm",
+    "slip.y": "mm",
+    "slip_velocity.x": "mm/s",
+    "slip_velocity.y": "mm/s",
+}
+"""Channels of the labels and their units. Traction: of the finger on the glass; slip: of its skin over the glass."""
+
+_MEANS = ("contact_mask", "pressure", "gap", "traction.x", "traction.y")
+_POINTS = ("slip.x", "slip.y", "slip_velocity.x", "slip_velocity.y")
+
+
+@dataclass(frozen=True)
+class LabelBox:
+    """Labels where there are any; beyond the box nothing touches.
+
+    Attributes
+    ----------
+    row, col : int
+        Of the box's first sample.
+    shape : tuple of int
+        (rows, cols) of the whole frame or grid.
+    channels : dict of ndarray (rows, cols)
+        See :data:`CHANNELS`; without samples where nothing touches anywhere.
+    """
+
+    row: int
+    col: int
+    shape: tuple[int, int]
+    channels: dict[str, Image]
+
+    def whole(self, name: str) -> Image:
+        """Return a channel over the whole frame: 0 beyond the box, for the gap NaN."""
+        found = np.full(self.shape, np.nan if name == "gap" else 0.0, np.float32)
+        box = self.channels[name]
+        found[self.row : self.row + box.shape[0], self.col : self.col + box.shape[1]] = box
+        return found
+
+
+def empty_box(shape: tuple[int, int]) -> LabelBox:
+    """Return the labels of a frame in which nothing is near the glass."""
+    return LabelBox(0, 0, shape, {name: np.zeros((0, 0), np.float32) for name in CHANNELS})
+
+
+def plate_labels(truth: FrameTruth, grid: PlateGrid, margin_mm: float) -> LabelBox:
+    """Return the labels on the plate's grid: the contact and a margin around it."""
+    state = truth.state
+    box = None if state is None else _contact_box(state, margin_mm)
+    if state is None or box is None:
+        return empty_box(grid.shape)
+    fields = _fields(state, truth)
+    channels = {name: np.ascontiguousarray(fields[name][box], np.float32) for name in CHANNELS}
+    return LabelBox(box[0].start, box[1].start, grid.shape, channels)
+
+
+def _contact_box(state: ContactState, margin_mm: float) -> tuple[slice, slice] | None:
+    touched = np.asarray(state.contact_mask) > 0
+    rows, cols = np.flatnonzero(touched.any(axis=1)), np.flatnonzero(touched.any(axis=0))
+    if rows.size == 0:
+        return None
+    margin = math.ceil(margin_mm / state.grid.pitch)
+    (high, wide) = state.grid.shape
+    return (
+        slice(max(int(rows[0]) - margin, 0), min(int(rows[-1]) + 1 + margin, high)),
+        slice(max(int(cols[0]) - margin, 0), min(int(cols[-1]) + 1 + margin, wide)),
+    )
+
+
+def _fields(state: ContactState, truth: FrameTruth) -> dict[str, NDArray[np.floating]]:
+    nothing = np.zeros((2, *state.grid.shape))
+    traction = nothing if state.traction is None else state.traction
+    slip = nothing if state.slip is None else state.slip
+    velocity = nothing if truth.slip_velocity is None else truth.slip_velocity
+    surface = np.zeros(state.grid.shape, np.uint8) if state.state is None else state.state
+    return {
+        "contact_mask": np.asarray(state.contact_mask),
+        "state": np.asarray(surface, np.float32),
+        "pressure": np.asarray(state.pressure),
+        "gap": np.asarray(state.gap),
+        "traction.x": traction[0],
+        "traction.y": traction[1],
+        "slip.x": slip[0],
+        "slip.y": slip[1],
+        "slip_velocity.x": velocity[0],
+        "slip_velocity.y": velocity[1],
+    }
+
+
+class FrameLabeller:
+    """Carries contact states of one grid into the pixels of one camera.
+
+    Parameters
+    ----------
+    scene : Scene
+    grid : PlateGrid
+
+    Notes
+    -----
+    Mask, pressure, gap and traction are means over each pixel, by the same sampling as
+    :func:`evanesce.truth.labels.label`; slip and its velocity are interpolated at the pixel's centre, the state is that
+    of the nearest sample there.
+    """
+
+    def __init__(self, scene: Scene, grid: PlateGrid) -> None:
+        projection = Projection.of(scene.camera, scene.plate)
+        self.shape, self.grid = projection.shape, grid
+        x_min, x_max, y_min, y_max = grid.extent
+        side = np.linspace(0.0, 1.0, 65)
+        x, y = x_min + (x_max - x_min) * side, y_min + (y_max - y_min) * side
+        u, v = projection.to_image(
+            np.concatenate([x, x, np.full(65, x_min), np.full(65, x_max)]),
+            np.concatenate([np.full(65, y_min), np.full(65, y_max), y, y]),
+        )
+        rows, cols = self.shape
+        self.row, self.col = max(0, math.floor(v.min()) - 1), max(0, math.floor(u.min()) - 1)
+        end_row, end_col = min(rows, math.ceil(v.max()) + 2), min(cols, math.ceil(u.max()) + 2)
+        self.high, self.wide = max(0, end_row - self.row), max(0, end_col - self.col)
+        u, v = np.meshgrid(self.col + np.arange(self.wide + 1) - 0.5, self.row + np.arange(self.high + 1) - 0.5)
+        if self.high and self.wide:
+            at_row, at_col = grid.index(*projection.to_plate(u, v))
+        else:  # the camera does not see the contact grid at all
+            at_row, at_col = v * 0.0, u * 0.0
+        self._row, self._col = at_row.astype(np.float32), at_col.astype(np.float32)
+        self._centre = _within(self._row, 0.5, 0.5), _within(self._col, 0.5, 0.5)
+        pixel = float(np.abs(np.diff(self._col, axis=1)).max()) if self.high and self.wide else 1.0
+        self.supersample = int(np.clip(math.ceil(2.0 * pixel), 2, 8))
+
+    def labels(self, truth: FrameTruth, margin_mm: float) -> LabelBox:
+        """Return the labels in the distorted frame."""
+        state = truth.state
+        box = None if state is None else _contact_box(state, margin_mm)
+        if state is None or box is None or not (self.high and self.wide):
+            return empty_box(self.shape)
+        part = self._pixels(box)
+        if part is None:
+            return empty_box(self.shape)
+        rows, cols = part
+        fields = _fields(state, truth)
+        channels = self._means(fields, rows, cols)
+        centre = self._centre[1][part], self._centre[0][part]
+        points = np.dstack([fields[name] for name in _POINTS]).astype(np.float32)
+        sampled = cv2.remap(points, *centre, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+        channels |= {name: sampled[..., i] for i, name in enumerate(_POINTS)}
+        channels["state"] = cv2.remap(
+            fields["state"], *centre, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=0
+        )
+        ordered = {name: np.ascontiguousarray(channels[name], np.float32) for name in CHANNELS}
+        return LabelBox(self.row + rows.start, self.col + cols.start, self.shape, ordered)
+
+    def _pixels(self, box: tuple[slice, slice]) -> tuple[slice, slice] | None:
+        """Return the part of the window whose pixels' centres see a box of the grid."""
+        row, col = self._centre
+        inside = (
+            (row >= box[0].start - 0.5)
+            & (row < box[0].stop - 0.5)
+            & (col >= box[1].start - 0.5)
+            & (col < box[1].stop - 0.5)
+        )
+        rows, cols = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
+        if rows.size == 0:
+            return None
+        return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(cols[0]), int(cols[-1]) + 1)
+
+    def _means(self, fields: dict[str, NDArray[np.floating]], rows: slice, cols: slice) -> dict[str, Image]:
+        corners = np.s_[rows.start : rows.stop + 1, cols.start : cols.stop + 1]
+        at_row, at_col = self._row[corners], self._col[corners]
+        # OpenCV remaps four channels at once, the fifth alone.
+        first = np.dstack([fields[name] for name in _MEANS[:4]]).astype(np.float32)
+        last = np.ascontiguousarray(fields[_MEANS[4]], np.float32)
+        shape = rows.stop - rows.start, cols.stop - cols.start
+        sums = np.zeros((*shape, 4), np.float32), np.zeros(shape, np.float32)
+        fractions = (np.arange(self.supersample) + 0.5) / self.supersample
+        for down in fractions:
+            for right in fractions:
+                y, x = _within(at_row, down, right), _within(at_col, down, right)
+                sums[0][...] += cv2.remap(first, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+                sums[1][...] += cv2.remap(last, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        count = np.float32(1.0 / self.supersample**2)
+        found = {name: sums[0][..., i] * count for i, name in enumerate(_MEANS[:4])}
+        found["contact_mask"] = np.clip(found["contact_mask"], 0.0, 1.0)
+        return found | {_MEANS[4]: sums[1] * count}
+
+
+def _within(corners: Image, down: float, right: float) -> Image:
+    """Interpolate between the four corners of each pixel."""
+    top = (1 - right) * corners[:-1, :-1] + right * corners[:-1, 1:]
+    bottom = (1 - right) * corners[1:, :-1] + right * corners[1:, 1:]
+    return np.asarray((1 - down) * top + down * bottom, np.float32)

@@ -1,0 +1,186 @@
+"""One frame of a dataset as bytes, a function of the job and the frame's number alone."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import OrderedDict
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from evanesce.dataset.design import TrialPlan, trial_plan
+from evanesce.dataset.encode import exr, png
+from evanesce.dataset.job import Job
+from evanesce.dataset.labels import FrameLabeller, plate_labels
+from evanesce.dataset.layout import frame_key
+from evanesce.dataset.rigs import RigCamera, plate_grid, rig_scene
+from evanesce.dataset.trial import SCALARS, FrameTruth, Trial
+from evanesce.states import PlateGrid
+
+CAMERAS_KEPT = 2
+"""Cameras that a process keeps ready; one at 2000 x 1500 takes some 150 MB."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """A frame as it goes into a shard.
+
+    Attributes
+    ----------
+    frame : int
+    trial : int
+    row : dict
+        What the manifest tells of it.
+    members : dict of bytes
+        By extension, in the order in which they are written.
+    """
+
+    frame: int
+    trial: int
+    row: dict[str, Any]
+    members: dict[str, bytes]
+
+
+@dataclass
+class _Ready:
+    camera: RigCamera
+    labeller: FrameLabeller
+    grid: PlateGrid
+
+
+class Producer:
+    """Makes the frames of a job, one trial after the other.
+
+    Parameters
+    ----------
+    job : Job
+    """
+
+    def __init__(self, job: Job) -> None:
+        self.job = job
+        self._cameras: OrderedDict[tuple[int, str], _Ready] = OrderedDict()
+        self._trial: tuple[int, TrialPlan, Trial, _Ready] | None = None
+
+    def record(self, frame: int) -> Record:
+        """Make a frame.
+
+        Raises
+        ------
+        Exception
+            Whatever the physics or an effect raises; the caller decides what becomes of the frame.
+        """
+        job = self.job
+        number = frame // job.config.trial.frames
+        plan, trial, ready = self.trial(number)
+        i = frame - job.frames_of(number).start
+        truth = trial.truth(i)
+        time_s = float(trial.time[i])
+        if truth.state is not None:
+            truth = self._as_touched(truth, ready, frame, time_s)
+        labels = job.config.labels
+        picture = ready.camera.frame(truth.state, index=frame, time_s=time_s, with_raw=labels.raw)
+        seen = ready.labeller.labels(truth, labels.margin_mm)
+        flat = plate_labels(truth, ready.grid, labels.margin_mm)
+        meta = self.describe(plan, trial, frame, i, truth)
+        header = {"scalars": meta["scalars"], "scalar_units": SCALARS, "key": meta["key"]}
+        members = {"frame.png": png(picture.data)}
+        if labels.raw:
+            assert picture.raw is not None  # every camera makes raw numbers when asked
+            members["raw.png"] = png(picture.raw)
+        members["labels.exr"] = exr(seen, labels.precision, {**header, "geometry": frame_geometry(ready)})
+        members["plate.exr"] = exr(flat, labels.precision, {**header, "geometry": plate_geometry(ready.grid)})
+        members["mask.png"] = png(seen.whole("state").astype(np.uint8))
+        members["json"] = (json.dumps(meta, sort_keys=True, allow_nan=False) + "\n").encode()
+        row = {"split": plan.split, "kind": plan.kind, "seed": plan.rig.seed, "time_s": time_s}
+        return Record(frame, number, row, members)
+
+    def trial(self, number: int) -> tuple[TrialPlan, Trial, _Ready]:
+        """Return a trial with its camera, made ready."""
+        if self._trial is None or self._trial[0] != number:
+            plan = trial_plan(self.job.config, self.job.seed, number)
+            ready = self._camera(plan)
+            start = self.job.frames_of(number).start
+
+            def load(i: int, time_s: float, force_N: float) -> float:
+                return ready.camera.load(start + i, time_s, force_N)
+
+            trial = Trial(plan, self.job.config, ready.camera.scene, ready.grid, load)
+            self._trial = (number, plan, trial, ready)
+        return self._trial[1], self._trial[2], self._trial[3]
+
+    def _camera(self, plan: TrialPlan) -> _Ready:
+        config = self.job.config
+        scene = rig_scene(self.job.scene, plan.rig, plan.finger, config)
+        key = (plan.rig.index, repr(plan.finger.tip_radius_mm))
+        if key not in self._cameras:
+            camera = RigCamera(scene, plan.rig.seed, config.camera.backend)
+            grid = plate_grid(camera.scene, config)
+            self._cameras[key] = _Ready(camera, FrameLabeller(camera.scene, grid), grid)
+            while len(self._cameras) > CAMERAS_KEPT:
+                self._cameras.popitem(last=False)
+        self._cameras.move_to_end(key)
+        return self._cameras[key]
+
+    @staticmethod
+    def _as_touched(truth: FrameTruth, ready: _Ready, frame: int, time_s: float) -> FrameTruth:
+        """Let effects of the contact act on the truth, too: they are what really happened."""
+        assert truth.state is not None
+        return replace(truth, state=ready.camera.contact(truth.state, frame, time_s))
+
+    def describe(self, plan: TrialPlan, trial: Trial, frame: int, i: int, truth: FrameTruth) -> dict[str, Any]:
+        """Return what stands in ``KEY.json``; validated by ``schema.json``."""
+        onsets = {
+            "onset_first_slip_s": trial.onset_first_slip_s,
+            "onset_gross_slip_s": trial.onset_gross_slip_s,
+        }
+        plans = plan.as_dict()
+        return {
+            "key": frame_key(frame),
+            "index": frame,
+            "trial": plan.index,
+            "frame_in_trial": i,
+            "kind": plan.kind,
+            "split": plan.split,
+            "scalars": {name: _rounded(truth.scalars[name]) for name in SCALARS},
+            **{name: None if math.isnan(value) else value for name, value in onsets.items()},
+            "finger": plans["finger"],
+            "friction": plans["friction"],
+            "rig": plans["rig"],
+            "programme": plans["programme"],
+            "seed": self.job.seed,
+            "config_sha256": self.job.digest,
+        }
+
+
+def _rounded(value: float) -> float:
+    """Drop the digits that only the last bits of a processor decide, and the sign of zero."""
+    return float(f"{value:.12g}") + 0.0
+
+
+def frame_geometry(ready: _Ready) -> dict[str, Any]:
+    """Return how the distorted frame sees the plate."""
+    from evanesce.optics.projection import Projection
+
+    projection = Projection.of(ready.camera.scene.camera, ready.camera.scene.plate)
+    return {
+        "space": "distorted frame; [row, col], integer = pixel centre",
+        "camera_matrix": projection.matrix.tolist(),
+        "distortion_k1_k2_p1_p2_k3": list(projection.distortion),
+        "axes_of_camera_in_plate": projection.axes.tolist(),
+        "pinhole_mm": projection.pinhole.tolist(),
+        "plate_thickness_mm": projection.thickness,
+        "plate_refractive_index": projection.refractive_index,
+    }
+
+
+def plate_geometry(grid: PlateGrid) -> dict[str, Any]:
+    """Return where the samples of the plate plane lie."""
+    return {
+        "space": "undistorted plate plane; [row, col], x = x0 + col pitch, y = y0 + row pitch",
+        "pitch_mm": grid.pitch,
+        "x0_mm": float(grid.x[0]),
+        "y0_mm": float(grid.y[0]),
+        "shape": list(grid.shape),
+    }

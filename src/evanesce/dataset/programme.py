@@ -1,0 +1,85 @@
+"""What the machine does in a trial, sampled at the frames: normal force, drive, twist, and where the finger stands."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.dataset.config import Trial
+from evanesce.dataset.design import TrialPlan
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """A programme at its frames.
+
+    Attributes
+    ----------
+    time : ndarray (n,)
+        [s].
+    force : ndarray (n,)
+        Commanded normal force [N]; 0 where the finger is lifted.
+    drive : ndarray (n,)
+        Displacement of the finger's top along the slide [mm].
+    twist_share : ndarray (n,)
+        Torque over that of full sliding, 0 to below 1.
+    place : ndarray of int (n,)
+        0 at the first place, 1 after the finger was set down elsewhere.
+    """
+
+    time: Floats
+    force: Floats
+    drive: Floats
+    twist_share: Floats
+    place: NDArray[np.int64]
+
+
+def sample_programme(plan: TrialPlan, trial: Trial, stiffness: float) -> Sampled:
+    """Return the programme of a plan.
+
+    Parameters
+    ----------
+    plan : TrialPlan
+    trial : Trial
+        Count of frames and their rate.
+    stiffness : float
+        Of contact and shaft in series, while all sticks [N/mm]; sets how far a wiggle goes.
+    """
+    p = plan.programme
+    time = np.arange(trial.frames) / trial.frame_rate_hz
+    load, press, hold = p["normal_force_N"], p["press_time_s"], p["hold_time_s"]
+    preload = min(p["preload_N"], load)
+    rest = press + hold
+    force = np.interp(time, [0.0, press], [preload, load])
+    drive, twist, place = np.zeros_like(time), np.zeros_like(time), np.zeros(time.shape, np.int64)
+    end = max(float(time[-1]), rest + 1.0 / trial.frame_rate_hz)
+    match plan.kind:
+        case "slide":
+            drive = np.clip((time - rest) * p["speed_mm_per_s"], 0.0, p["distance_mm"])
+        case "wiggle":
+            limit = plan.friction.friction_coefficient * load
+            amplitude = p["wiggle_share"] * limit / stiffness
+            phase = 2.0 * math.pi * p["wiggle_frequency_hz"] * np.maximum(time - rest, 0.0)
+            drive = amplitude * np.sin(phase)
+        case "rotation":
+            twist = p["rotation_share"] * np.clip((time - rest) / max(end - rest, 1e-9), 0.0, 1.0)
+        case "ramp":
+            low = load * min(p["second_force_share"], 1.0 / p["second_force_share"])
+            turns = np.linspace(press, end, 4)
+            force = np.interp(time, [0.0, *turns], [preload, load, low, load, low])
+        case "release":
+            force = np.interp(time, [0.0, press, rest, rest + press], [preload, load, load, 0.0])
+        case "change":
+            lift = rest + 0.5 * press
+            again = lift + 0.3 * press
+            second = p["second_force_share"] * load
+            force = np.interp(
+                time, [0.0, press, rest, lift, again, again + press], [preload, load, load, 0.0, 0.0, second]
+            )
+            place = (time >= lift).astype(np.int64)
+    return Sampled(time, force, drive, twist, place)

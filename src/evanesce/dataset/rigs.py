@@ -1,0 +1,174 @@
+"""A rig of the dataset: its scene, its effects, and the camera that takes its frames as fast as its effects allow."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from evanesce import rng
+from evanesce.dataset.config import DatasetConfig
+from evanesce.dataset.design import FingerPlan, RigPlan
+from evanesce.effects import Active, Context, Stage, active_effects, apply_stage
+from evanesce.errors import InputError
+from evanesce.fast import FastCamera
+from evanesce.render.fused import Lit
+from evanesce.render.transport import render_fast
+from evanesce.rig import Scene
+from evanesce.rig.load import validate
+from evanesce.sensor.expose import charge_of, frame_of, signal_of
+from evanesce.sensor.pixel import fixed_pattern
+from evanesce.simulate import photograph
+from evanesce.states import ContactState, Frame, PlateGrid, SensorLight
+
+LATE = (Stage.PLATE_LIGHT, Stage.SENSOR_LIGHT, Stage.CHARGE, Stage.READOUT, Stage.FRAME)
+
+
+def rig_scene(base: Scene, rig: RigPlan, finger: FingerPlan, config: DatasetConfig) -> Scene:
+    """Return the scene of a rig with a finger: drawn keys set, the frame scaled, effects listed.
+
+    Raises
+    ------
+    InputError
+        If a drawn key names nothing in a scene, or leaves its bounds.
+    """
+    data = base.as_dict()
+    for name in ("slide", "assumptions", "sources"):
+        data.pop(name, None)
+    data["finger"].pop("ridges", None)
+    data["finger"]["tip_radius_mm"] = finger.tip_radius_mm
+    data["press"] = {"forces_N": [1.0], "frame_rate_hz": config.trial.frame_rate_hz}
+    data["contact"] = {"law": "hertz"}
+    data["effects"] = rig.effects
+    for dotted, value in rig.changes.items():
+        _set(data, dotted, value)
+    _scale(data["camera"], config.camera.scale)
+    return validate(Scene, data, "rig.draw")
+
+
+def _set(data: dict[str, Any], dotted: str, value: Any) -> None:
+    *parents, last = dotted.split(".")
+    table: Any = data
+    for part in parents:
+        table = table.get(part) if isinstance(table, dict) else None
+    if not isinstance(table, dict):
+        raise InputError("names no table of a scene", key=f"rig.draw.'{dotted}'", allowed="a dotted key of a scene")
+    table[last] = value
+
+
+def _scale(camera: dict[str, Any], scale: float) -> None:
+    """Bin pixels: the same view and exposure on fewer, larger ones, that add their charges and noises."""
+    if scale == 1.0:
+        return
+    cols, rows = camera["resolution_px"]
+    camera["resolution_px"] = [max(8, round(cols * scale)), max(8, round(rows * scale))]
+    camera["scale_px_per_mm"] *= scale
+    camera["principal_point_offset_px"] = [scale * v for v in camera["principal_point_offset_px"]]
+    pixel = camera["pixel"]
+    pixel["pitch_um"] /= scale
+    pixel["full_well_capacity_e"] /= scale**2
+    pixel["conversion_gain_e_per_DN"] /= scale**2
+    pixel["read_noise_e"] /= scale
+
+
+def plate_grid(scene: Scene, config: DatasetConfig) -> PlateGrid:
+    """Return the sampling of the contact plane, about the finger's place."""
+    n = config.labels.grid_samples
+    return PlateGrid((n, n), config.labels.grid_size_mm / n, scene.finger.position_mm)
+
+
+class RigCamera:
+    """Camera, light and plate of one rig.
+
+    Parameters
+    ----------
+    scene : Scene
+        From :func:`rig_scene`.
+    seed : int
+        The rig's: what is fixed in a rig (specks, hot pixels) stays where it is in all its frames.
+    backend : {"numpy", "llvm"}
+
+    Attributes
+    ----------
+    scene : Scene
+        The rig as it really is. Effects of the stage ``rig`` are those of time 0, for a trial of seconds.
+    way : {"fast", "charge", "general"}
+        ``fast``: the fast camera throughout. ``charge``: up to the mean charge, then the general chain. ``general``: an
+        effect changes the light on its way to the lens.
+
+    Raises
+    ------
+    InputError
+        If the scene's effects are not valid.
+    """
+
+    def __init__(self, scene: Scene, seed: int, backend: str = "numpy") -> None:
+        self._effects: tuple[Active, ...] = active_effects(scene)
+        self.seed = seed
+        self.scene: Scene = apply_stage(Stage.RIG, scene, self._effects, Context(scene, seed))
+        self._fast = FastCamera(self.scene.model_copy(update={"effects": {}}), backend)  # type: ignore[arg-type]
+        late = {e.effect.stage for e in self._effects if not e.effect.is_null(e.parameters)} & set(LATE)
+        if Stage.PLATE_LIGHT in late or _needs_field_blur(self._fast):
+            self.way = "general"
+        else:
+            self.way = "charge" if late or self._fast.falls_back else "fast"
+
+    def load(self, index: int, time_s: float, force_N: float) -> float:
+        """Return what normal force really pressed [N]."""
+        return float(apply_stage(Stage.LOAD, force_N, self._effects, self._context(index, time_s)))
+
+    def contact(self, state: ContactState, index: int, time_s: float) -> ContactState:
+        """Return a contact as the rig's effects change it."""
+        changed: ContactState = apply_stage(Stage.CONTACT, state, self._effects, self._context(index, time_s))
+        return changed
+
+    def frame(self, state: ContactState | None, *, index: int, time_s: float, with_raw: bool) -> Frame:
+        """Take the picture; ``index`` is the frame's number in the whole dataset, so that no two share their noise."""
+        if self.way == "fast":
+            return self._fast.frame(state, seed=self.seed, index=index, time_s=time_s, with_raw=with_raw)
+        if self.way == "general":
+            light = render_fast(self.scene, state)
+            return photograph(self.scene, light, seed=self.seed, time_s=time_s, index=index)[1]
+        lit = None if state is None else self._fast.mean_charge(state)
+        return expose_light(self.scene, self._light(lit), self._effects, seed=self.seed, time_s=time_s, index=index)
+
+    def _context(self, index: int, time_s: float) -> Context:
+        return Context(self.scene, self.seed, time_s, index)
+
+    def _light(self, lit: Lit | None) -> SensorLight:
+        """Return the irradiance that gives a mean charge by light."""
+        cols, rows = self.scene.camera.resolution_px
+        irradiance = np.zeros((rows, cols))
+        if lit is not None and lit.charge.size:
+            high, wide = lit.charge.shape
+            irradiance[lit.row : lit.row + high, lit.col : lit.col + wide] = lit.charge / _charge_per_irradiance(
+                self.scene
+            )
+        return SensorLight(irradiance=irradiance)
+
+
+def _needs_field_blur(camera: FastCamera) -> bool:
+    return camera.scene.camera.lens.field_curvature_um != 0.0
+
+
+def _charge_per_irradiance(scene: Scene) -> float:
+    dark, lit = (float(charge_of(SensorLight(irradiance=np.full((1, 1), v)), scene.camera)[0, 0]) for v in (0.0, 1e-6))
+    return (lit - dark) * 1e6
+
+
+def expose_light(
+    scene: Scene, light: SensorLight, effects: tuple[Active, ...], *, seed: int, time_s: float, index: int
+) -> Frame:
+    """Return the frame of an irradiance: :func:`evanesce.simulate.photograph` from behind the lens on."""
+    context = Context(scene, seed, time_s, index)
+    light = apply_stage(Stage.SENSOR_LIGHT, light, effects, context)
+    pixel, (cols, rows) = scene.camera.pixel, scene.camera.resolution_px
+    pattern = fixed_pattern((rows, cols), pixel.prnu, pixel.dsnu_e, rng.generator(seed, "sensor"))
+    charge = apply_stage(Stage.CHARGE, charge_of(light, scene.camera, pattern), effects, context)
+    signal = apply_stage(
+        Stage.READOUT, signal_of(charge, scene.camera, rng.generator(seed, "exposure", index)), effects, context
+    )
+    frame: Frame = apply_stage(
+        Stage.FRAME, frame_of(signal, scene.camera, time_s=time_s, index=index), effects, context
+    )
+    return frame

@@ -1,0 +1,300 @@
+"""Make a dataset: hand out shards to processes, enter what they publish into the manifest, seal it at the end."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from evanesce.dataset import layout
+from evanesce.dataset.card import write_card
+from evanesce.dataset.job import Job, load_job, save_job
+from evanesce.dataset.manifest import Manifest
+from evanesce.dataset.shard import ShardIndex, file_sha256, index_path
+from evanesce.dataset.worker import make_shard
+from evanesce.errors import InputError, WorkError
+
+MAX_ATTEMPTS = 50
+"""Times that a shard's worker may die before the shard is given up."""
+
+
+@dataclass(frozen=True)
+class Engine:
+    """Who makes the shards.
+
+    Attributes
+    ----------
+    workers : int
+        Processes on this machine; 0 makes them in this process.
+    scheduler : str
+        Address of a running Dask scheduler, instead.
+    part : tuple of int, optional
+        (i, n), i from 1: only every n-th shard, for job arrays; the manifest is left to a later resume.
+    """
+
+    workers: int = 0
+    scheduler: str = ""
+    part: tuple[int, int] | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.workers <= 4096:
+            raise InputError(f"{self.workers}", key="--workers", allowed="0 to 4096")
+        if self.part is not None and not 1 <= self.part[0] <= self.part[1] <= 1_000_000:
+            raise InputError(f"{self.part[0]}/{self.part[1]}", key="--shard", allowed="i/n with 1 <= i <= n")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How it went.
+
+    Attributes
+    ----------
+    frames : int
+        In the dataset now.
+    made : int
+        Of them, in this run.
+    seconds : float
+    size : int
+        Of all shards [bytes].
+    quarantined : list of dict
+    complete : bool
+        Whether all shards are there and the manifest is sealed.
+    """
+
+    frames: int
+    made: int
+    seconds: float
+    size: int
+    quarantined: list[dict[str, Any]]
+    complete: bool
+
+
+Progress = Callable[[dict[str, Any]], None]
+
+
+def make(folder: Path, job: Job, engine: Engine | None = None, on_shard: Progress | None = None) -> Outcome:
+    """Begin a dataset and make it.
+
+    Raises
+    ------
+    InputError
+        If the folder holds something else.
+    WorkError
+        If the system refuses to write, or another generator is at work.
+    """
+    engine = engine or Engine()
+    if (folder / layout.MANIFEST).exists() and engine.part is None:
+        raise InputError("there is a dataset already", file=folder, key="--out", allowed="an empty folder, or `resume`")
+    if folder.is_dir() and not (folder / layout.DESCRIPTION).exists():
+        strange = [p.name for p in folder.iterdir() if p.name not in (layout.SHARDS, layout.WORK)]
+        if strange:
+            raise InputError(f"holds {strange[0]}", file=folder, key="--out", allowed="an empty or new folder")
+    layout.make_folders(folder)
+    with layout.generator_lock(folder, engine.part):
+        save_job(folder, job)
+        return _run(folder, job, engine, on_shard)
+
+
+def resume(
+    folder: Path, engine: Engine | None = None, on_shard: Progress | None = None, *, any_versions: bool = False
+) -> Outcome:
+    """Go on where a run ended, however it ended; whole shards are kept.
+
+    Raises
+    ------
+    InputError
+        If the folder holds no dataset, or one begun with other versions.
+    WorkError
+        As :func:`make`.
+    """
+    engine = engine or Engine()
+    job = load_job(folder, check_versions=not any_versions)
+    layout.make_folders(folder)
+    with layout.generator_lock(folder, engine.part):
+        return _run(folder, job, engine, on_shard)
+
+
+def _run(folder: Path, job: Job, engine: Engine, on_shard: Progress | None) -> Outcome:
+    start = time.perf_counter()
+    if engine.part is not None:
+        return _run_part(folder, job, engine, on_shard, start)
+    _sweep(folder)
+    manifest = _manifest(folder, job)
+    try:
+        if manifest.meta().get("sealed") == "1":
+            return _outcome(manifest, 0, start)
+        done = _adopt(folder, job, manifest)
+        before = sum(len(job.frames_of(t)) for s in done for t in job.trials_of(s))
+        if on_shard:
+            on_shard({"shard": None, "frames": before, "quarantined": 0, "bytes": 0})
+        made = 0
+        todo = [s for s in range(job.shards) if s not in done]
+        for report in _hand_out(folder, todo, engine):
+            manifest.add(_index(folder, report["shard"]))
+            made += report["frames"]
+            if on_shard:
+                on_shard(report)
+        manifest.seal(folder / layout.MANIFEST)
+        manifest = Manifest.open(folder / layout.MANIFEST)
+        write_card(folder, job, manifest)
+        _clean(folder)
+        return _outcome(manifest, made, start)
+    finally:
+        manifest.close()
+
+
+def _run_part(folder: Path, job: Job, engine: Engine, on_shard: Progress | None, start: float) -> Outcome:
+    assert engine.part is not None
+    i, n = engine.part
+    mine = range(i - 1, job.shards, n)
+    todo = [s for s in mine if not _published(folder, s)]
+    frames = sum(len(job.frames_of(t)) for s in mine if s not in todo for t in job.trials_of(s))
+    if on_shard:
+        on_shard({"shard": None, "frames": frames, "quarantined": 0, "bytes": 0})
+    made = size = 0
+    for report in _hand_out(folder, todo, engine):
+        made, size = made + report["frames"], size + report["bytes"]
+        if on_shard:
+            on_shard(report)
+    quarantined = [q for s in mine for q in _index(folder, s).quarantined]
+    return Outcome(frames + made, made, time.perf_counter() - start, size, quarantined, complete=False)
+
+
+def _outcome(manifest: Manifest, made: int, start: float) -> Outcome:
+    size = sum(row["size"] for row in manifest.shards().values())
+    frames = len(manifest.frames())
+    return Outcome(frames, made, time.perf_counter() - start, size, manifest.quarantined(), complete=True)
+
+
+# --- what is there already --------------------------------------------------------------------------------------------
+
+
+def _sweep(folder: Path) -> None:
+    """Throw away what unfinished writes left."""
+    for place in (folder, folder / layout.WORK):
+        for pattern in ("*.part", ".*.part", f".{layout.MANIFEST}.*"):
+            for path in place.glob(pattern):
+                path.unlink(missing_ok=True)
+
+
+def _manifest(folder: Path, job: Job) -> Manifest:
+    path = folder / layout.MANIFEST
+    if path.exists():
+        manifest = Manifest.open(path, write=True)
+        if manifest.meta().get("config_sha256") != job.digest:
+            raise InputError("manifest and description are of different datasets", file=path)
+        return manifest
+    part = path.with_name(f".{path.name}.part")
+    part.unlink(missing_ok=True)
+    provenance = job.describe()["provenance"]
+    meta = {"config_sha256": job.digest, "seed": str(job.seed), "evanesce": str(provenance["evanesce"])}
+    meta |= {f"package:{name}": value for name, value in provenance["packages"].items()}
+    try:
+        Manifest.create(part, meta).close()
+        os.replace(part, path)
+        layout.fsync_folder(folder)
+    except OSError as error:
+        raise layout.cannot_write(path, error) from None
+    except Exception as error:  # sqlite3 has its own family of errors for a full disk
+        raise WorkError(f"{path}: cannot write: {error}") from None
+    return Manifest.open(path, write=True)
+
+
+def _published(folder: Path, shard: int) -> bool:
+    """Tell whether a shard lies there with an index that fits it."""
+    path = layout.shard_path(folder, shard)
+    try:
+        index = _index(folder, shard)
+        return path.stat().st_size == index.size and file_sha256(path) == index.sha256
+    except (EvanesceMissing, OSError):
+        return False
+
+
+class EvanesceMissing(Exception):
+    """An index is not there, or not readable: the shard is made again."""
+
+
+def _index(folder: Path, shard: int) -> ShardIndex:
+    try:
+        return ShardIndex.from_dict(layout.read_json(index_path(folder, shard)))
+    except (InputError, TypeError, KeyError) as error:
+        raise EvanesceMissing(str(error)) from None
+
+
+def _adopt(folder: Path, job: Job, manifest: Manifest) -> set[int]:
+    """Return the finished shards, after entering those that a dead driver had no time for."""
+    rows = manifest.shards()
+    done = set()
+    for shard in range(job.shards):
+        path = layout.shard_path(folder, shard)
+        if shard in rows:
+            if path.is_file() and path.stat().st_size == rows[shard]["size"]:
+                done.add(shard)
+            else:
+                raise WorkError(f"{path}: published, but missing or of another size; `verify` tells more")
+        elif _published(folder, shard):
+            manifest.add(_index(folder, shard))
+            done.add(shard)
+    return done
+
+
+def _clean(folder: Path) -> None:
+    """Remove what only the making needed; locks stay, or a second holder could lock another file."""
+    for path in (folder / layout.WORK).iterdir():
+        if not path.name.startswith("lock"):
+            path.unlink(missing_ok=True)
+
+
+# --- who makes them ---------------------------------------------------------------------------------------------------
+
+
+def _hand_out(folder: Path, shards: list[int], engine: Engine) -> Iterator[dict[str, Any]]:
+    if not shards:
+        return
+    if engine.workers == 0 and not engine.scheduler:
+        for shard in shards:
+            yield make_shard(str(folder), shard)
+        return
+    from evanesce.dataset.cluster import cluster_client
+
+    with cluster_client(engine.workers, engine.scheduler) as client:
+        yield from _from_cluster(client, folder.resolve(), shards)
+
+
+def _from_cluster(client: Any, folder: Path, shards: list[int]) -> Iterator[dict[str, Any]]:
+    """Keep every worker busy with one shard; a shard whose worker died is handed out again."""
+    from distributed import as_completed
+    from distributed.scheduler import KilledWorker
+
+    waiting, attempts = iter(shards), dict.fromkeys(shards, 0)
+    futures: dict[Any, int] = {}
+    queue = as_completed(loop=client.loop)
+
+    def submit(shard: int) -> None:
+        attempts[shard] += 1
+        key = f"shard-{shard:06d}-{attempts[shard]}"
+        future = client.submit(make_shard, str(folder), shard, key=key, pure=False)
+        futures[future] = shard
+        queue.add(future)
+
+    slots = max(1, sum(client.nthreads().values()))
+    with contextlib.suppress(StopIteration):
+        for _ in range(slots):
+            submit(next(waiting))
+    for future in queue:
+        shard = futures.pop(future)
+        try:
+            report = future.result()
+        except KilledWorker:
+            if attempts[shard] >= MAX_ATTEMPTS:
+                raise WorkError(f"{layout.shard_name(shard)}: its worker died {MAX_ATTEMPTS} times") from None
+            submit(shard)
+            continue
+        future.release()
+        with contextlib.suppress(StopIteration):
+            submit(next(waiting))
+        yield report

@@ -1,0 +1,308 @@
+"""From a plan to the truth of every frame of a trial: contact states, slip velocities and scalars.
+
+The physics is that of :mod:`evanesce.contact`: Hertz with the material's modulus, partial slip with its whole history,
+ridges carried by the skin, torsion. A frame's state is computed when it is asked for.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.contact.heightmap import RidgeRow
+from evanesce.contact.hertz import hertz_contact
+from evanesce.contact.interface_friction import InterfaceFriction, area_loss_for, tilted_compliance
+from evanesce.contact.partial_slip import tangential_modulus
+from evanesce.contact.patch import AxisymmetricContact
+from evanesce.contact.ridged_slide import with_ridges
+from evanesce.contact.roughness import persson_contact_fraction
+from evanesce.contact.sliding import Slide, march
+from evanesce.contact.sliding_states import SlideStates, SlideView
+from evanesce.contact.torsion import Twist, sliding_torque, twisted, twisted_state
+from evanesce.dataset.config import DatasetConfig
+from evanesce.dataset.design import TrialPlan
+from evanesce.dataset.programme import Sampled, sample_programme
+from evanesce.materials import material
+from evanesce.rig import Scene
+from evanesce.states import ContactState, PlateGrid
+
+Floats = NDArray[np.float64]
+
+LIFTED_N = 1e-6
+"""Below this normal force the finger counts as lifted [N]."""
+
+
+@dataclass(frozen=True)
+class FrameTruth:
+    """Truth of one frame.
+
+    Attributes
+    ----------
+    state : ContactState or None
+        None where the finger is lifted.
+    slip_velocity : ndarray (2, rows, cols), optional
+        Of the skin over the glass (x, y) [mm/s].
+    scalars : dict
+        The frame's numbers, units in the keys.
+    """
+
+    state: ContactState | None
+    slip_velocity: Floats | None
+    scalars: dict[str, float]
+
+
+class Trial:
+    """The truth of a trial.
+
+    Parameters
+    ----------
+    plan : TrialPlan
+    config : DatasetConfig
+    scene : Scene
+        The rig, after its effects: finger and plate as they are.
+    grid : PlateGrid
+    load : callable, optional
+        ``load(frame, time_s, force_N) -> force_N``: what really pressed, where the rig falsifies it.
+
+    Attributes
+    ----------
+    time : ndarray (n,)
+        [s].
+    onset_first_slip_s, onset_gross_slip_s : float
+        NaN where it does not happen.
+    """
+
+    def __init__(
+        self,
+        plan: TrialPlan,
+        config: DatasetConfig,
+        scene: Scene,
+        grid: PlateGrid,
+        load: Callable[[int, float, float], float] | None = None,
+    ) -> None:
+        self.plan, self.config, self.scene, self.grid = plan, config, scene, grid
+        self._silicone = material(plan.finger.material)
+        held = plan.programme["normal_force_N"]
+        contact = self._contact(held)
+        self._friction, self._modulus = _interface(plan, contact), float(self._silicone.reduced_modulus(held))
+        shear = float(tangential_modulus(self._modulus, self._silicone.poisson_ratio))
+        self._shaft = _shaft(plan)
+        series = 1.0 / (1.0 / (2.0 * contact.contact_radius * shear) + 1.0 / self._shaft)
+        sampled = sample_programme(plan, config.trial, series)
+        if load is not None:
+            told = zip(sampled.time.tolist(), sampled.force.tolist(), strict=True)
+            real = [load(i, t, f) if f > LIFTED_N else 0.0 for i, (t, f) in enumerate(told)]
+            sampled = replace(sampled, force=np.maximum(np.array(real), 0.0))
+        self._sampled: Sampled = sampled
+        self.time = sampled.time
+        self._slide, self._rates = self._march(shear)
+        self._states, self._velocity = self._views()
+        self._ridges = _ridges(plan)
+        self._twists = self._twist(shear)
+        self._ratio = self._stick_ratios()
+        self.onset_first_slip_s, self.onset_gross_slip_s = self._onsets()
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def truth(self, i: int) -> FrameTruth:
+        """Return the truth of frame ``i`` of the trial."""
+        if self._sampled.force[i] <= LIFTED_N:
+            return FrameTruth(None, None, self._scalars(i, None))
+        if self._twists is not None and self._twists[i] is not None:
+            smooth, velocity = self._twisted(i)
+        else:
+            place = int(self._sampled.place[i])
+            smooth, velocity = self._states[place][i], np.asarray(self._velocity[place][i].slip, dtype=float)
+        state = smooth
+        if self._ridges is not None:
+            drift = self._outer_slip(i)
+            origin = self._origin(int(self._sampled.place[i]))
+            state = with_ridges(
+                smooth, self._ridges, self._modulus, origin=origin, outer_slip=drift,
+                near_gap=self.config.labels.near_gap_mm,
+            )  # fmt: skip
+            velocity = velocity * (np.asarray(state.contact_mask) > 0)
+        slope = self.scene.finger.roughness_rms_slope
+        if slope > 0:
+            state = replace(state, real_contact_fraction=persson_contact_fraction(state.pressure, self._modulus, slope))
+        return FrameTruth(state, velocity, self._scalars(i, state))
+
+    # --- how it is made ----------------------------------------------------------------------------------------------
+
+    def _contact(self, force: float) -> AxisymmetricContact:
+        modulus = float(self._silicone.reduced_modulus(max(force, 0.0)))
+        return hertz_contact(force, self.scene.finger.tip_radius_mm, modulus)
+
+    def _march(self, shear: float) -> tuple[Slide, Slide]:
+        """Return the slide, and the same with slip velocities in the place of slips."""
+        s, plan = self._sampled, self.plan
+        known = {f: self._contact(f) for f in dict.fromkeys(s.force.tolist())}
+        contacts = [known[f] for f in s.force.tolist()]
+        full = self._limit(self._contact(plan.programme["normal_force_N"]))
+        area = math.pi * self._contact(plan.programme["normal_force_N"]).contact_radius ** 2
+        loss = area_loss_for(area, full, plan.friction.area_left) if plan.friction.area_left < 1.0 else 0.0
+        slide = march(contacts, s.time, s.drive, self._friction, shear, drive_stiffness=self._shaft, area_loss=loss)
+        rates = [replace(slide.frames[0], spring_slip=np.zeros_like(slide.frames[0].spring_slip))]
+        for before, now in zip(slide.frames[:-1], slide.frames[1:], strict=True):
+            moved = np.where(now.spring_slip != 0.0, now.spring_slip - before.spring_slip, 0.0)
+            rates.append(replace(now, spring_slip=moved / (now.time - before.time)))
+        return slide, Slide(tuple(rates), slide.edges)
+
+    def _origin(self, place: int) -> tuple[float, float]:
+        """Return where the tip first rests [mm]: so far back that a slide passes the finger's position half way."""
+        p, (x, y) = self.plan.programme, self.scene.finger.position_mm
+        angle = math.radians(p["direction_deg"])
+        back = 0.5 * p["distance_mm"] if self.plan.kind == "slide" else 0.0
+        shift = p["shift_mm"] if place else 0.0
+        return x - back * math.cos(angle) + shift, y - back * math.sin(angle) - 0.5 * shift
+
+    def _views(self) -> tuple[list[SlideStates], list[SlideStates]]:
+        direction = math.radians(self.plan.programme["direction_deg"])
+        states, velocities = [], []
+        for place in range(int(self._sampled.place.max()) + 1):
+            view = SlideView(centre=self._origin(place), direction=direction, near_gap=self.config.labels.near_gap_mm)
+            states.append(SlideStates(self._slide, self.grid, view, law="hertz+sliding"))
+            velocities.append(SlideStates(self._rates, self.grid, view, law="hertz+sliding"))
+        return states, velocities
+
+    def _twist(self, shear: float) -> list[Twist | None] | None:
+        if self.plan.kind != "rotation":
+            return None
+        modulus = 0.25 * self._modulus  # G of an incompressible half-space: E*/4
+        found: list[Twist | None] = []
+        for force, share in zip(self._sampled.force, self._sampled.twist_share, strict=True):
+            held = force > LIFTED_N and share > 0.0
+            found.append(twisted(self._contact(float(force)), self._friction, modulus, float(share)) if held else None)
+        return found
+
+    def _twisted(self, i: int) -> tuple[ContactState, Floats]:
+        assert self._twists is not None
+        twist, contact = self._twists[i], self._contact(float(self._sampled.force[i]))
+        assert twist is not None
+        near = self.config.labels.near_gap_mm
+        state = twisted_state(self.grid, self._origin(0), contact, twist, near_gap=near, time=float(self.time[i]))
+        before = self._twists[i - 1]
+        velocity = np.asarray(state.slip, dtype=float)
+        if before is not None:
+            earlier = twisted_state(self.grid, self._origin(0), contact, before, near_gap=near)
+            velocity = velocity - np.asarray(earlier.slip)
+        return state, velocity / float(self.time[i] - self.time[i - 1])
+
+    def _outer_slip(self, i: int) -> tuple[float, float]:
+        """Return the displacement of the skin beside the contact: that of the outermost spring in contact."""
+        frame = self._slide.frames[i]
+        angle = math.radians(self.plan.programme["direction_deg"])
+        count = int(np.searchsorted(self._slide.edges[:-1], frame.contact.contact_radius))
+        edge = float(frame.spring_slip[count - 1]) if 0 < count <= len(frame.spring_slip) else 0.0
+        return edge * math.cos(angle), edge * math.sin(angle)
+
+    # --- numbers -----------------------------------------------------------------------------------------------------
+
+    def _limit(self, contact: AxisymmetricContact) -> float:
+        """Return the tangential force of full sliding at static strength [N]."""
+        return self._friction.tau0 * math.pi * contact.contact_radius**2 + self._friction.alpha * contact.normal_force
+
+    def _stick_ratios(self) -> Floats:
+        ratios = np.array([frame.stick_ratio for frame in self._slide], dtype=float)
+        if self._twists is not None:
+            for i, twist in enumerate(self._twists):
+                if twist is not None:
+                    ratios[i] = (twist.stick_radius / self._slide.frames[i].contact.contact_radius) ** 2
+        return ratios
+
+    def _onsets(self) -> tuple[float, float]:
+        """Return when more than ``first_slip_share`` of the contact slips, and when all of it does [s]."""
+        held = self._sampled.force > LIFTED_N
+        slipping = np.where(held, 1.0 - self._ratio, 0.0)
+        found = []
+        for level in (self.config.labels.first_slip_share, 1.0 - 1e-9):
+            reached = np.flatnonzero(slipping >= level)
+            found.append(float(self.time[reached[0]]) if reached.size else math.nan)
+        return found[0], found[1]
+
+    def _scalars(self, i: int, state: ContactState | None) -> dict[str, float]:
+        frame, s = self._slide.frames[i], self._sampled
+        if state is None:
+            nothing = dict.fromkeys(SCALARS, 0.0)
+            return {**nothing, "time_s": float(s.time[i]), "drive_mm": float(s.drive[i])}
+        contact = frame.contact
+        limit = self._limit(contact)
+        fx, fy = state.tangential_force
+        twist = self._twists[i] if self._twists is not None else None
+        torque = 0.0 if twist is None else twist.torque
+        margin = math.hypot(fx, fy) / limit
+        if twist is not None:
+            margin = max(margin, torque / sliding_torque(contact, self._friction))
+        cell = self.grid.pitch**2
+        touching = np.asarray(state.contact_mask)
+        fraction = state.real_contact_fraction
+        real = state.nominal_contact_area if fraction is None else float((touching * np.asarray(fraction)).sum()) * cell
+        return {
+            "time_s": float(s.time[i]),
+            "Fx_N": float(fx),
+            "Fy_N": float(fy),
+            "Fz_N": float(contact.normal_force),
+            "torque_N_mm": float(torque),
+            "nominal_area_mm2": float(state.nominal_contact_area),
+            "real_area_mm2": float(real),
+            "stick_ratio": float(self._ratio[i]),
+            "friction_coefficient": limit / contact.normal_force,
+            "margin": margin,
+            "drive_mm": float(s.drive[i]),
+            "tip_displacement_mm": float(frame.tip_displacement),
+        }
+
+
+SCALARS: dict[str, str] = {
+    "time_s": "s",
+    "Fx_N": "N",
+    "Fy_N": "N",
+    "Fz_N": "N",
+    "torque_N_mm": "N mm",
+    "nominal_area_mm2": "mm^2",
+    "real_area_mm2": "mm^2",
+    "stick_ratio": "1",
+    "friction_coefficient": "1",
+    "margin": "1",
+    "drive_mm": "mm",
+    "tip_displacement_mm": "mm",
+}
+"""Numbers of each frame and their units. Forces are those of the finger on the glass."""
+
+
+def _interface(plan: TrialPlan, contact: AxisymmetricContact) -> InterfaceFriction:
+    """Split a friction coefficient at the held load into the pressure's and the area's share: tau0 + alpha p."""
+    f = plan.friction
+    mean = contact.normal_force / (math.pi * contact.contact_radius**2)
+    return InterfaceFriction(
+        tau0=f.adhesive_share * f.friction_coefficient * mean,
+        alpha=(1.0 - f.adhesive_share) * f.friction_coefficient,
+        dynamic_ratio=f.dynamic_ratio,
+        weakening_distance=f.weakening_distance_mm,
+    )
+
+
+def _shaft(plan: TrialPlan) -> float:
+    """Return the stiffness of the tilted shaft along the slide [N/mm]."""
+    angle = math.radians(plan.programme["contact_angle_deg"])
+    f = plan.finger
+    return 1.0 / float(tilted_compliance(f.axial_stiffness_N_per_mm, f.shaft_stiffness_N_per_mm, angle)[0, 0])
+
+
+def _ridges(plan: TrialPlan) -> RidgeRow | None:
+    f = plan.finger
+    if not f.pattern:
+        return None
+    return RidgeRow(
+        pattern=f.pattern,  # type: ignore[arg-type]
+        pitch=1e-3 * f.ridge_pitch_um,
+        width=1e-3 * f.ridge_width_um,
+        height=1e-3 * f.ridge_height_um,
+        orientation=math.radians(f.ridge_orientation_deg),
+        core_length=2.0,
+    )

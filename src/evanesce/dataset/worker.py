@@ -1,0 +1,176 @@
+"""One task: one shard, made whole or not at all, by any process at any time; the same shard twice is the same bytes.
+
+A frame that raises is quarantined with its reason. A frame that ends the process cannot be caught: before each frame
+its number is left in a file, and a task that finds the trace of a dead one twice at the same frame first makes that
+frame in a process of its own, to see with certainty whether it is the frame that kills.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from evanesce.dataset import layout
+from evanesce.dataset.job import Job, load_job
+from evanesce.dataset.produce import Producer
+from evanesce.dataset.shard import ShardIndex, ShardWriter
+from evanesce.errors import WorkError
+
+DEATHS_BEFORE_PROBE = 2
+PROBES_KILLED = 3
+"""Probes that may end by SIGKILL (memory, or somebody) before the frame itself is blamed."""
+
+
+def single_threaded() -> None:
+    """Keep libraries to one thread: a worker is one core's worth, and more would only take turns."""
+    import cv2
+    import OpenEXR
+
+    from evanesce.render import fused
+
+    cv2.setNumThreads(1)
+    OpenEXR.set_global_thread_count(0)
+    fused.THREADS = 1  # its pool is made on first use
+
+
+@functools.lru_cache(maxsize=1)
+def _producer(folder: str, digest: str) -> Producer:
+    return Producer(load_job(Path(folder)))
+
+
+def make_shard(folder: str, shard: int) -> dict[str, Any]:
+    """Make and publish one shard; the task that Dask runs.
+
+    Parameters
+    ----------
+    folder : str
+        The dataset's.
+    shard : int
+
+    Returns
+    -------
+    dict
+        ``shard``, ``frames``, ``quarantined`` and ``bytes``: counts only, the arrays stay where they are.
+
+    Raises
+    ------
+    WorkError
+        If the system refuses to write, or no frame of the shard can be made.
+    """
+    single_threaded()
+    path, job = Path(folder), load_job(Path(folder))
+    producer = _producer(folder, job.digest)
+    try:
+        index = _write(path, job, producer, shard)
+    except OSError as error:
+        raise layout.cannot_write(layout.shard_path(path, shard), error) from None
+    return {"shard": shard, "frames": len(index.frames), "quarantined": len(index.quarantined), "bytes": index.size}
+
+
+def _write(folder: Path, job: Job, producer: Producer, shard: int) -> ShardIndex:
+    trace = _Trace(folder, shard)
+    poison = trace.poisoned()
+    with ShardWriter(folder, shard) as writer:
+        for trial in job.trials_of(shard):
+            for frame in job.frames_of(trial):
+                if frame in poison:
+                    writer.quarantine(frame, trial, poison[frame])
+                    continue
+                trace.at(frame)
+                try:
+                    record = producer.record(frame)
+                except (OSError, MemoryError):
+                    raise
+                except Exception as error:
+                    writer.quarantine(frame, trial, f"{type(error).__name__}: {error}")
+                    continue
+                writer.add(record)
+        if not writer.index.frames:
+            reason = writer.index.quarantined[0]["reason"] if writer.index.quarantined else "no trials"
+            raise WorkError(f"{layout.shard_name(shard)}: no frame could be made: {reason}")
+        index = writer.publish()
+    trace.clear()
+    return index
+
+
+class _Trace:
+    """What a task leaves for the next one, should it die."""
+
+    def __init__(self, folder: Path, shard: int) -> None:
+        self._folder = folder
+        self._now = folder / layout.WORK / f"shard-{shard:06d}.at"
+        self._deaths = folder / layout.WORK / f"shard-{shard:06d}.deaths"
+        self._handle: int | None = None
+
+    def at(self, frame: int) -> None:
+        """Note which frame is being made; 9 digits, written over each other."""
+        if self._handle is None:
+            self._handle = os.open(self._now, os.O_RDWR | os.O_CREAT, 0o644)
+        os.pwrite(self._handle, layout.frame_key(frame).encode(), 0)
+
+    def poisoned(self) -> dict[int, str]:
+        """Return the frames known to kill, after counting the death that the last task may have died."""
+        state = self._read()
+        try:
+            died_at = int(self._now.read_text())
+        except (FileNotFoundError, ValueError):
+            died_at = None
+        if died_at is not None:
+            deaths = state["deaths"]
+            deaths[str(died_at)] = deaths.get(str(died_at), 0) + 1
+            self._save(state)
+            self._now.unlink(missing_ok=True)
+            if deaths[str(died_at)] >= DEATHS_BEFORE_PROBE and str(died_at) not in state["poison"]:
+                reason = probe(self._folder, died_at)
+                if reason:
+                    state["poison"][str(died_at)] = reason
+                else:
+                    deaths[str(died_at)] = 0
+                self._save(state)
+        return {int(frame): reason for frame, reason in state["poison"].items()}
+
+    def clear(self) -> None:
+        """Forget: the shard is published."""
+        if self._handle is not None:
+            os.close(self._handle)
+            self._handle = None
+        self._now.unlink(missing_ok=True)
+        self._deaths.unlink(missing_ok=True)
+
+    def _read(self) -> dict[str, dict[str, Any]]:
+        with contextlib.suppress(OSError, ValueError):
+            found = json.loads(self._deaths.read_text())
+            return {"deaths": found["deaths"], "poison": found["poison"]}
+        return {"deaths": {}, "poison": {}}
+
+    def _save(self, state: dict[str, Any]) -> None:
+        layout.write_json(self._deaths, state)
+
+
+def probe(folder: Path, frame: int) -> str:
+    """Make one frame in a process of its own; return what signal it dies of, empty if it lives."""
+    code = f"from evanesce.dataset.worker import probe_main; probe_main({str(folder)!r}, {frame:d})"
+    for _ in range(PROBES_KILLED):
+        status = subprocess.run(
+            [sys.executable, "-c", code], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False
+        )
+        if status.returncode >= 0:
+            return ""
+        name = signal.Signals(-status.returncode).name
+        if -status.returncode not in (signal.SIGKILL, signal.SIGTERM):
+            return f"the process that makes it dies of {name}"
+    return f"the process that makes it is killed ({name}): perhaps it needs more memory than there is"
+
+
+def probe_main(folder: str, frame: int) -> None:
+    """Make one frame and throw it away; an exception is not what a probe looks for."""
+    single_threaded()
+    with contextlib.suppress(Exception):
+        Producer(load_job(Path(folder))).record(frame)

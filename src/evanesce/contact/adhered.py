@@ -1,21 +1,22 @@
-"""Adhesion on top of a contact that was found without it, whatever the law: what it adds on a half-space.
+"""Adhesion on top of a contact that was found without it, whatever the law.
 
-In the contact at hand, gap less the displacement by its pressure is a shape that a half-space presses to the same
-contact (:func:`~evanesce.contact.resolved.pressed_profile`). That shape is pressed twice, with and without adhesion,
-and what differs is added. So ridges, finite elements and power laws keep what makes them differ from a half-space, and
-no adhesion adds nothing.
+A round contact takes JKR's argument as it stands: the radius is that of a dry contact under a larger force, less the
+pull of a flat punch of that radius. For Hertz's law this is JKR. A ridged contact is pressed on a half-space twice,
+with and without adhesion, and what differs is added to what its law says, so that no adhesion adds nothing.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from evanesce.contact.patch import box_around, grid_part
+from evanesce.contact.patch import AxisymmetricContact, box_around, grid_part
 from evanesce.contact.reshape import mask_with_sum
-from evanesce.contact.resolved import Adhesion, pressed_profile, resolved_state
+from evanesce.contact.resolved import Adhesion, resolved_state
 from evanesce.states import ContactState
 
 Array = NDArray[np.float64]
@@ -26,13 +27,79 @@ MARGIN = 1.5
 LEAST_WINDOW_MM = 1.0
 
 
-def adhered_state(state: ContactState, modulus: float, adhesion: Adhesion) -> ContactState:
+_FIRST_FORCE = 1e-6
+_MAX_ITERATIONS = 200
+
+
+def adhered_contact(
+    dry: Callable[[float], AxisymmetricContact], force: float, modulus: float, work: float
+) -> tuple[AxisymmetricContact, float]:
+    """Return a round contact with adhesion: dry at the force F1 = F + sqrt(8 pi w E* a(F1)^3), less a punch's pull.
+
+    Parameters
+    ----------
+    dry : callable
+        Force [N] -> contact without adhesion; its radius rises with force, slower than its power 2/3.
+    force : float
+        [N], not negative.
+    modulus : float
+        E* at the rim [MPa].
+    work : float
+        Work of adhesion [N/mm].
+
+    Returns
+    -------
+    contact : AxisymmetricContact
+    dry_force : float
+        F1 [N].
+
+    References
+    ----------
+    D. Maugis, *Contact, Adhesion and Rupture of Elastic Solids* (2000), section 4.2, for any axisymmetric shape.
+    """
+
+    def pull(radius: float) -> float:
+        return math.sqrt(8.0 * math.pi * work * modulus * radius**3)
+
+    dry_force, contact = max(force, _FIRST_FORCE), dry(max(force, _FIRST_FORCE))
+    for _ in range(_MAX_ITERATIONS):  # the pull rises slower than the force, so this rises to the stable contact
+        wanted = force + pull(contact.contact_radius)
+        settled = abs(wanted - dry_force) <= 1e-13 * wanted
+        dry_force, contact = wanted, dry(wanted)
+        if settled:
+            break
+    radius, strength = contact.contact_radius, pull(contact.contact_radius)
+    neck = math.sqrt(8.0 * radius * work / (math.pi * modulus))
+
+    def force_within(r: ArrayLike) -> Array:
+        inner = np.clip(1.0 - (np.asarray(r, dtype=float) / radius) ** 2, 0.0, None)
+        return contact.force_within(np.asarray(r, dtype=float)) - strength * (1.0 - np.sqrt(inner))
+
+    def gap(r: ArrayLike) -> Array:
+        outside = np.maximum(np.asarray(r, dtype=float) / radius, 1.0)
+        return contact.gap(np.asarray(r, dtype=float)) + neck * np.arccos(1.0 / outside)
+
+    found = AxisymmetricContact(
+        contact_radius=radius,
+        normal_force=force,
+        depth=contact.depth - math.sqrt(2.0 * math.pi * work * radius / modulus),
+        force_within=force_within,
+        gap=gap,
+        shape_exponent=None,
+    )
+    return found, dry_force
+
+
+def adhered_state(state: ContactState, heights: Array, modulus: float, adhesion: Adhesion) -> ContactState:
     """Add adhesion to a state.
 
     Parameters
     ----------
     state : ContactState
         Without adhesion.
+    heights : ndarray (rows, cols)
+        What a half-space would have to be to make that contact [mm]
+        (:func:`~evanesce.contact.resolved.pressed_profile`).
     modulus : float
         E* at the rim of contact [MPa].
     adhesion : Adhesion
@@ -55,11 +122,9 @@ def adhered_state(state: ContactState, modulus: float, adhesion: Adhesion) -> Co
     centre = (float(x.mean()), float(y.mean()))
     box = box_around(grid, centre, MARGIN * max(float(np.ptp(x)), float(np.ptp(y))) / 2 + LEAST_WINDOW_MM)
     part = grid_part(grid, box)
-    pressure, gap = (np.asarray(a[box], dtype=float) for a in (state.pressure, state.gap))
-    heights = pressed_profile(pressure, gap, np.zeros(part.shape), grid.pitch, modulus)
-    heights -= heights.min()
-    without = resolved_state(part, heights, modulus, state.normal_force, law=state.law)
-    found = resolved_state(part, heights, modulus, state.normal_force, law=state.law, adhesion=adhesion)
+    shape = heights[box] - heights[box].min()
+    without = resolved_state(part, shape, modulus, state.normal_force, law=state.law)
+    found = resolved_state(part, shape, modulus, state.normal_force, law=state.law, adhesion=adhesion)
 
     def added(name: str) -> Array:
         whole = np.array(getattr(state, name), dtype=float)

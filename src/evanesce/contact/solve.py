@@ -11,7 +11,7 @@ from typing import Any, overload
 import numpy as np
 from scipy.optimize import brentq
 
-from evanesce.contact.adhered import adhered_state
+from evanesce.contact.adhered import adhered_contact, adhered_state
 from evanesce.contact.heightmap import RidgeRow
 from evanesce.contact.hertz import hertz_contact, reduced_modulus, scaled_hertz_contact
 from evanesce.contact.jkr import jkr_contact
@@ -64,12 +64,9 @@ def contact_state(scene: Scene, force_N: float, *, time_s: float = 0.0) -> Conta
     if scene.slide is not None:
         state = _sliding_state(scene, force_N, time_s)
     elif scene.finger.work_of_adhesion_N_per_mm > 0 and not _knows_adhesion(scene):
-        bare = scene.finger.model_copy(update={"work_of_adhesion_N_per_mm": 0.0})
-        state = _dry_state(scene.model_copy(update={"finger": bare}), force_N, time_s)
-        adhesion = Adhesion(scene.finger.work_of_adhesion_N_per_mm)
-        state = adhered_state(state, _modulus(scene, force_N), adhesion)
+        state = _adhesive_state(scene, force_N, time_s)
     else:
-        state = _dry_state(scene, force_N, time_s)
+        state = _state_by_law(scene, force_N, time_s)
     _require_on_finger(scene, state)
     slope = scene.finger.roughness_rms_slope
     if slope == 0:
@@ -79,13 +76,34 @@ def contact_state(scene: Scene, force_N: float, *, time_s: float = 0.0) -> Conta
     return replace(state, real_contact_fraction=fraction, parameters=parameters)
 
 
-def _dry_state(scene: Scene, force: float, time: float) -> ContactState:
+def _state_by_law(scene: Scene, force: float, time: float) -> ContactState:
     """Return what the scene's law says, with the adhesion that the law knows of."""
     if isinstance(scene.contact, FemLaw):
         return _fem_state(scene, scene.contact, force, time)
     if isinstance(scene.contact, HalfspaceLaw):
         return _halfspace_state(scene, scene.contact, force, time)
     return _analytic_state(scene, force, time)
+
+
+def _adhesive_state(scene: Scene, force: float, time: float) -> ContactState:
+    """Return the contact under a law that knows no adhesion, with the finger's own on top."""
+    work, modulus = scene.finger.work_of_adhesion_N_per_mm, _modulus(scene, force)
+    grid, centre, row = contact_grid(scene), scene.finger.position_mm, scene.finger.ridges
+    dry_finger = scene.finger.model_copy(update={"work_of_adhesion_N_per_mm": 0.0})
+    dry = scene.model_copy(update={"finger": dry_finger})
+    smooth = dry.model_copy(update={"finger": dry_finger.model_copy(update={"ridges": None})})
+    if row is None:
+        contact, dry_force = adhered_contact(lambda load: _smooth(smooth, load)[0], force, modulus, work)
+        state = _state_by_law(smooth, dry_force, time)
+        named = {**state.parameters, "work_of_adhesion_N_per_mm": work, "dry_force_N": dry_force}
+        adhesive = axisymmetric_state(grid, centre, contact, law=state.law)
+        fields = ("pressure", "gap", "contact_mask", "normal_force", "nominal_contact_area", "depth")
+        return replace(state, **{name: getattr(adhesive, name) for name in fields}, parameters=named)
+    base = _state_by_law(smooth, force, time)
+    ridges = _row(row).heights(grid.x[None, :] - centre[0], grid.y[:, None] - centre[1])
+    pressure, gap = np.asarray(base.pressure, dtype=float), np.asarray(base.gap, dtype=float)
+    heights = pressed_profile(pressure, gap, ridges, grid.pitch, modulus)
+    return adhered_state(_state_by_law(dry, force, time), heights, modulus, Adhesion(work))
 
 
 def _knows_adhesion(scene: Scene) -> bool:

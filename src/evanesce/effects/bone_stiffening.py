@@ -16,7 +16,7 @@ class Parameters(Strict):
         unit="1/N",
         bounds=(0.0, 3.0),
         null=0.0,
-        source="area of solved fingers, bone of half the tip radius: 0.08 (Silskin 0 %), 0.6 to 1.4 (Silskin 20 %)",
+        source="area of solved fingers, bone of half the radius: 0.08 to 0.1 (Silskin 0 %), 0.6 to 1.4 (20 %)",
         doc="relative rise of the finger's stiffness with normal force",
     )
 

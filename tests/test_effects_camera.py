@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from typing import Any
 
 import av
 import numpy as np
@@ -24,7 +25,7 @@ from evanesce.rig import Scene, load_scene
 from evanesce.sensor.expose import frame_of, signal_of
 from evanesce.sensor.lens import disc_mtf, form_image
 from evanesce.sensor.tone import bt709, relative_light
-from evanesce.states import Frame, PlateLight, SensorLight
+from evanesce.states import ContactState, Frame, PlateGrid, PlateLight, SensorLight
 
 COLS, ROWS, PITCH = 400, 300, 9.3
 
@@ -42,7 +43,9 @@ def rig(factor: int = 1, **more: object) -> Scene:
     )
 
 
-def acted(name: str, value: object, scene: Scene | None = None, *, time_s: float = 0.0, seed: int = 4, **values: float):
+def acted(
+    name: str, value: object, scene: Scene | None = None, *, time_s: float = 0.0, seed: int = 4, **values: float
+) -> Any:
     """Return what an effect makes of a value."""
     effect = all_effects()[name]
     return effect.apply(value, effect.parameters(**values), Context(scene or rig(), seed, time_s))
@@ -306,6 +309,66 @@ def test_bands_wander_with_time_and_stand_in_fewer_rows() -> None:
     np.testing.assert_allclose(few, early[2::5], rtol=1e-12)
 
 
+# --- a moving contact ------------------------------------------------------------------------------------------------
+
+
+def disc(radius: float = 4.0, centre: tuple[float, float] = (0.6, -0.9)) -> ContactState:
+    grid = PlateGrid((400, 400), 0.03, (0.3, -0.4))
+    r = np.hypot(grid.x[None] - centre[0], grid.y[:, None] - centre[1])
+    inside = np.clip((radius - r) / grid.pitch + 0.5, 0.0, 1.0)
+    return ContactState(
+        grid=grid,
+        pressure=0.2 * inside,
+        gap=np.maximum(r - radius, 0.0),
+        contact_mask=inside,
+        normal_force=2.0,
+        nominal_contact_area=np.pi * radius**2,
+        state=(2 * (inside > 0.5)).astype(np.uint8),
+        law="disc",
+    )
+
+
+def undistorted(**more: object) -> Scene:
+    return rig(**{"camera.lens.distortion": {"k1": 0.0, "k2": 0.0}, "finger.position_mm": [0.6, -0.9], **more})
+
+
+@pytest.mark.parametrize("roll_deg", [0.0, 90.0])
+def test_skew_puts_each_row_where_it_was(roll_deg: float) -> None:
+    """A disc under a shear: rows' middles lie on a line of slope velocity times time per millimetre; area stays."""
+    scene, state = undistorted(**{"camera.roll_deg": roll_deg}), disc()
+    velocity = {"velocity_x_mm_per_s" if roll_deg == 0.0 else "velocity_y_mm_per_s": 60.0}
+    found = acted("rolling_skew", state, scene, readout_ms=20.0, **velocity)
+    # 300 rows in 20 ms at 58.37/3 px/mm, the camera looking at the plate's origin
+    s_per_mm = 20e-3 / ROWS * 58.37 / 3
+    mask, x, y = found.contact_mask, state.grid.x, state.grid.y
+    if roll_deg == 90.0:
+        # The camera's y points to the plate's -x: columns are late to the left.
+        mask, x, y, s_per_mm = mask.T, y, x, -s_per_mm
+    whole = mask.sum(axis=1) * 0.03 > 2.0
+    middle = (mask * x).sum(axis=1)[whole] / mask.sum(axis=1)[whole]
+    start = 0.6 if roll_deg == 0.0 else -0.9
+    # Refraction's and the frame's half pixel: the row through the axis is late by half a row, 33 us.
+    np.testing.assert_allclose(middle, start + 60.0 * s_per_mm * y[whole], atol=60.0 * 20e-3 / ROWS + 2e-3)
+    assert mask.sum() == pytest.approx(state.contact_mask.sum(), rel=1e-3)
+    assert found.nominal_contact_area == state.nominal_contact_area
+    np.testing.assert_array_equal(np.unique(found.state), [0, 2])
+
+
+def test_skew_stretches_along_the_rows_and_grows() -> None:
+    scene, state = undistorted(), disc()
+    s_per_mm = 20e-3 / ROWS * 58.37 / 3
+    down = acted("rolling_skew", state, scene, readout_ms=20.0, velocity_y_mm_per_s=60.0)
+    # The row at y sees what stood at y - v s y: lengths along y grow by 1/(1 - v s).
+    assert down.contact_mask.sum() / state.contact_mask.sum() == pytest.approx(1 / (1 - 60.0 * s_per_mm), rel=1e-3)
+    grown = acted("rolling_skew", state, scene, readout_ms=20.0, growth_per_s=10.0)
+    column = grown.contact_mask[:, np.abs(state.grid.x - 0.6).argmin()]
+    top, bottom = (state.grid.y[column > 0.5][i] for i in (0, -1))
+    # The rim stands where |y + 0.9| (1 - g s y) = 4.
+    for edge in (top, bottom):
+        assert abs(edge + 0.9) * (1 - 10.0 * s_per_mm * edge) == pytest.approx(4.0, abs=0.03)
+    assert bottom + 0.9 > 4.02 > 3.98 > -0.9 - top
+
+
 # --- saturation ------------------------------------------------------------------------------------------------------
 
 
@@ -475,6 +538,7 @@ CAMERA_AND_LIGHT = [
     "distortion_drift",
     "hot_pixels",
     "rolling_shutter",
+    "rolling_skew",
     "saturation",
     "sensor_dust",
     "frame_rate",

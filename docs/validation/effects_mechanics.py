@@ -51,16 +51,14 @@ def changes(name: str, **values: float) -> None:
 
 def bone() -> None:
     """Print the stiffness factor at which the finger without bone has the area of the one with."""
-    print(
-        "\nbone of half the tip radius: stiffness factor that gives its area, less 1, over force [1/N]; and of the area"
-    )
+    print("\nbone of half the tip radius: stiffness factor that gives its area, less 1, over force [1/N]; area; depth")
     for name in ("silskin_0", "silskin_20"):
         free, bone_press = library_press(name, "none"), library_press(name, "half")
         for force in (0.5, 1.0, 2.0, 3.0, 5.0):
             goal = bone_press.area(force)
             equal = brentq(lambda load, goal=goal, press=free: press.area(load) - goal, float(free.force[0]), force)
-            share = goal / free.area(force)
-            print(f"  {name:11s}{force:5.1f} N  {(force / equal - 1) / force:7.3f}   {share:6.3f}")
+            share, depth = goal / free.area(force), bone_press.at(force).depth / free.at(force).depth
+            print(f"  {name:11s}{force:5.1f} N  {(force / equal - 1) / force:7.3f}   {share:6.3f}   {depth:6.3f}")
 
 
 def adhesion_on_ridges() -> None:

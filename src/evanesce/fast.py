@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce import rng
-from evanesce.effects import Context, Stage, active_effects, apply_stage
+from evanesce.effects import active_effects
 from evanesce.optics.projection import Projection
 from evanesce.render.feedback import CoarseGrid, coarse_mean, feedback
 from evanesce.render.fields import Fields, fields_of
@@ -26,7 +26,7 @@ from evanesce.rig import Scene
 from evanesce.sensor.lens import form_image, prepared_lens
 from evanesce.sensor.pixel import photon_count
 from evanesce.sensor.tone import develop
-from evanesce.simulate import photograph
+from evanesce.simulate import simulate, touch
 from evanesce.states import ContactState, Frame, PlateGrid
 
 Array = NDArray[np.float64]
@@ -150,9 +150,8 @@ class FastCamera:
 
     def __init__(self, scene: Scene, backend: Literal["auto", "llvm", "numpy"] = "auto") -> None:
         self.scene = scene
-        self._effects = active_effects(scene)
         self.falls_back = _why_general(
-            scene, [e.effect.id for e in self._effects if not e.effect.is_null(e.parameters)]
+            scene, [e.effect.id for e in active_effects(scene) if not e.effect.is_null(e.parameters)]
         )
         if backend == "auto":
             backend = "llvm" if llvm_works() else "numpy"
@@ -163,7 +162,7 @@ class FastCamera:
         self._readout = _readout(scene)
         self._fields: Fields | None = None
         self._optics: tuple[PlateGrid, _Optics] | None = None
-        self._flank: tuple[float, _FlankView] | None = None
+        self._flank: dict[float, _FlankView] = {}  # by approach: some thirty tenths of a millimetre at most
 
     def frame(
         self, state: ContactState | None, *, seed: int, index: int = 0, time_s: float = 0.0, with_raw: bool = False
@@ -173,7 +172,7 @@ class FastCamera:
         Parameters
         ----------
         state : ContactState or None
-            None: nothing touches.
+            What touches, before effects of the stage ``contact``; None: nothing.
         seed, index : int
             The run's seed and the frame's number: noise is a function of both.
         time_s : float
@@ -188,13 +187,23 @@ class FastCamera:
         data, raw = self._operators.expose(lit, self._readout, (int(key[0]), int(key[1])), with_raw=with_raw)
         return Frame(data=data, raw=raw, time=time_s, index=index)
 
+    def press(self, force_N: float | None, *, seed: int, index: int = 0, time_s: float = 0.0) -> Frame:
+        """Press with a force [N] and take the picture: the frame of :func:`evanesce.simulate.simulate`.
+
+        Effects of rig and load change the contact itself; they act here, not where a contact is given.
+        """
+        if self.falls_back:
+            return simulate(self.scene, force_N, seed=seed, index=index, time_s=time_s, render=render_fast).frame
+        _, state = touch(self.scene, force_N, seed=seed, time_s=time_s, index=index)
+        return self.frame(state, seed=seed, index=index, time_s=time_s)
+
     def _general(self, state: ContactState | None, seed: int, index: int, time_s: float) -> Frame:
-        """Take the picture by the general chain."""
-        scene = apply_stage(Stage.RIG, self.scene, self._effects, Context(self.scene, seed, time_s, index))
-        if state is not None:
-            state = apply_stage(Stage.CONTACT, state, self._effects, Context(scene, seed, time_s, index))
-        light = render_fast(scene, state)
-        return photograph(scene, light, seed=seed, time_s=time_s, index=index)[1]
+        """Take the picture by the general chain, with the contact as given."""
+        force = None if state is None else state.normal_force
+        found = simulate(
+            self.scene, force, seed=seed, time_s=time_s, index=index, contact=lambda *_, **__: state, render=render_fast
+        )
+        return found.frame
 
     def frames(
         self, states: Iterable[ContactState | None], *, seed: int, frame_rate_hz: float = 30.0, with_raw: bool = False
@@ -231,16 +240,16 @@ class FastCamera:
         mean = coarse_mean(coupled, (box.row, box.col), optics.fine, coarse.shape)
         change, taken = feedback(fields, coarse, coarse.contact * mean)
         depth = flank_depth(scene, state)
-        kept = self._flank
-        if kept is None or kept[0] != depth:
-            kept = self._flank = (depth, _FlankView.of(scene, optics, depth))
-        flank = kept[1]
+        flank = self._flank.get(depth)
+        if flank is None:
+            flank = self._flank[depth] = _FlankView.of(scene, optics, depth)
         dim = cv2.remap(flank_lit(scene, fields, taken, depth), flank.column, flank.row, cv2.INTER_LINEAR)
         return _on_frame(scene, fields.ghost, optics, box, change, flank, dim * flank.charge)
 
     def _optics_for(self, grid: PlateGrid) -> _Optics:
         if self._optics is None or self._optics[0] != grid:
             self._optics = (grid, _prepare(self.scene, grid))
+            self._flank.clear()
         return self._optics[1]
 
 

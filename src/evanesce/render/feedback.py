@@ -17,8 +17,8 @@ from evanesce.states import PlateGrid
 Array = NDArray[Any]
 Image = NDArray[np.float32]
 
-ROUNDS = 3
-"""Of the feedback; each is some 1 % of the one before."""
+ROUNDS = 2
+"""Of the feedback; each is some 1 % of the one before, the third would change 3e-6 of the light."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class CoarseGrid:
         Of a cell [mm^2].
     contact : ndarray (rows, cols)
         Irradiance into silicone in full contact, without feedback [W mm^-2].
-    spectrum : ndarray
+    spectrum : ndarray of complex64
         Transform of the kernel, gain less loss.
     padded : tuple of int
         Shape of the transforms.
@@ -44,7 +44,7 @@ class CoarseGrid:
     shape: tuple[int, int]
     area: float
     contact: Array
-    spectrum: NDArray[np.complex128]
+    spectrum: NDArray[np.complex64]
     padded: tuple[int, int]
     onto_x: Array
     onto_y: Array
@@ -62,7 +62,7 @@ class CoarseGrid:
         kernel = fields.rig.gain - fields.rig.loss
         middle = kernel.shape[0] // 2
         reach_y, reach_x = min(rows - 1, middle), min(cols - 1, middle)
-        around = np.zeros(padded)
+        around = np.zeros(padded, np.float32)
         iy, ix = np.arange(-reach_y, reach_y + 1), np.arange(-reach_x, reach_x + 1)
         around[iy[:, None] % padded[0], ix[None, :] % padded[1]] = kernel[middle + iy[:, None], middle + ix[None, :]]
         return cls((rows, cols), dx * dy, contact, fft.rfft2(around), padded, onto_x, onto_y)
@@ -124,7 +124,7 @@ def feedback(fields: Fields, coarse: CoarseGrid, entering: Array) -> tuple[Array
     for _ in range(ROUNDS):
         inside = entering * (1.0 + change)
         # The loss is relative to the field at the second place; the field is nearly even, and the first serves, too.
-        net = coarse.spectrum * fft.rfft2(inside, coarse.padded)
+        net = coarse.spectrum * fft.rfft2(inside.astype(np.float32), coarse.padded)
         taken = (coarse.onto_y @ inside @ coarse.onto_x.T).ravel() * coarse.area
         edges = (fields.rig.edges @ taken).reshape(fields.y.size, fields.x.size)
         returned = fft.irfft2(net, coarse.padded)[:rows, :cols] + coarse.onto_y.T @ edges @ coarse.onto_x

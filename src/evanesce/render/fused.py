@@ -25,6 +25,7 @@ Backend = Literal["llvm", "numpy"]
 
 THREADS = 2
 NORMALS = 1 << 16
+MOST_STEPS = 12
 _ROWS = 24  # of a block: what fits into a core's cache
 
 
@@ -114,22 +115,25 @@ def _expose_rows(
     cols = readout.shape[1]
     bits = pixel_bits(rows.start * cols, len(rows) * cols, keys).reshape(len(rows), cols)
     here = slice(rows.start, rows.stop)
-    dark = readout.dark_e == 0.0
-    table = _dark_table(readout)
-    high = bits >> np.uint32(16)
-    if dark:
-        values = table.take(high)
+    steps = dark_steps(readout)
+    if steps is not None and raw is None:
+        high = (bits >> np.uint32(16)).astype(np.uint16)
+        out[here] = steps.base
+        for place, rise in steps.rises:
+            out[here] += (high >= np.uint16(place)).view(np.uint8) * np.uint8(rise)
     else:
         values = _quantised(np.full(bits.shape, readout.dark_e, np.float32), bits, readout)
+        readout.tone.take(values, out=out[here])
+        if raw is not None:
+            raw[here] = values
     r0, r1 = max(rows.start, lit.row), min(rows.stop, lit.row + lit.charge.shape[0])
     if r1 > r0:
         columns = slice(lit.col, lit.col + lit.charge.shape[1])
-        inside = (slice(r0 - rows.start, r1 - rows.start), columns)
         charge = lit.charge[r0 - lit.row : r1 - lit.row] + np.float32(readout.dark_e)
-        values[inside] = _quantised(charge, bits[inside], readout)
-    if raw is not None:
-        raw[here] = values
-    readout.tone.take(values, out=out[here])
+        values = _quantised(charge, bits[r0 - rows.start : r1 - rows.start, columns], readout)
+        out[r0:r1, columns] = readout.tone.take(values)
+        if raw is not None:
+            raw[r0:r1, columns] = values
 
 
 def _quantised(charge: Image, bits: NDArray[np.uint32], readout: Readout) -> NDArray[np.uint16]:
@@ -149,17 +153,41 @@ def _numbers(charge: NDArray[Any], z: Image, readout: Readout) -> NDArray[np.uin
     return np.clip(signal, np.float32(0), np.float32(readout.tone.size - 1)).astype(np.uint16)
 
 
-@functools.lru_cache(maxsize=4)
-def _dark_numbers(full_well: float, noise: float, gain: float, black: float, top: int) -> NDArray[np.uint16]:
-    readout = Readout((1, 1), 0.0, full_well, noise, gain, black, np.zeros(top, np.uint8))
-    return _numbers(np.zeros(NORMALS, np.float32), normal_table(), readout)
+@dataclass(frozen=True)
+class DarkSteps:
+    """The 8-bit value of a pixel without charge, as a staircase over the upper 16 bits of its random word.
+
+    Attributes
+    ----------
+    base : int
+        Value at 0.
+    rises : tuple of (int, int)
+        Where it rises, and by how much.
+    """
+
+    base: int
+    rises: tuple[tuple[int, int], ...]
 
 
-def _dark_table(readout: Readout) -> NDArray[np.uint16]:
-    """Return the raw number of a pixel without charge by its upper 16 bits."""
-    return _dark_numbers(
-        readout.full_well_e, readout.read_noise_e, readout.gain, readout.black_DN, readout.tone.size
+def dark_steps(readout: Readout) -> DarkSteps | None:
+    """Return the staircase of a camera without dark charge; None where there is some, or too many steps to be quick."""
+    if readout.dark_e != 0.0:
+        return None
+    return _dark_steps(
+        readout.full_well_e, readout.read_noise_e, readout.gain, readout.black_DN, readout.tone.tobytes()
     )  # fmt: skip
+
+
+@functools.lru_cache(maxsize=4)
+def _dark_steps(full_well: float, noise: float, gain: float, black: float, tone: bytes) -> DarkSteps | None:
+    values = np.frombuffer(tone, np.uint8)
+    readout = Readout((1, 1), 0.0, full_well, noise, gain, black, values)
+    staircase = values[_numbers(np.zeros(NORMALS, np.float32), normal_table(), readout)].astype(int)
+    rise = np.diff(staircase)
+    places = np.flatnonzero(rise)
+    if places.size > MOST_STEPS or (rise < 0).any():
+        return None
+    return DarkSteps(int(staircase[0]), tuple((int(p) + 1, int(rise[p])) for p in places))
 
 
 @functools.cache
@@ -235,35 +263,57 @@ def _coupling_kernel(steps: int) -> Any:
     return dr.freeze(coupling)
 
 
-@functools.lru_cache(maxsize=8)
-def _exposure_kernel(
-    shape: tuple[int, int], camera: tuple[float, float, float, float, float], top: int, raw: bool
-) -> Any:
-    """Return the kernel of :func:`expose_llvm`; the camera's constants are compiled into it."""
-    import drjit as dr
-    from drjit.llvm import Float, UInt8, UInt32
-
-    (rows, cols), (dark, well, noise, gain, black) = shape, camera
+def _random_bits(index: Any, keys: Any) -> Any:
+    """Return :func:`pixel_bits` in Dr.Jit arithmetic."""
+    from drjit.llvm import UInt32
 
     def mix(x: Any) -> Any:
         for shift, factor in ((16, 0x7FEB352D), (15, 0x846CA68B)):
             x = (x ^ (x >> shift)) * UInt32(factor)
         return x ^ (x >> 16)
 
-    def expose(charge: Any, box: Any, normals: Any, tone: Any, keys: Any) -> Any:
-        i = dr.arange(UInt32, rows * cols)
-        bits = mix(mix(i + keys[0]) ^ keys[1])
-        y = i // cols
-        r, c = y - box[0], i - y * cols - box[1]  # wraps round outside, and is then too large
-        lit = (r < box[2]) & (c < box[3])
-        mean: Any = dr.maximum(dr.gather(Float, charge, r * box[3] + c, lit) + dark, 0.0)
-        z = dr.gather(Float, normals, bits & (NORMALS - 1), mean > 0)
+    return mix(mix(index + keys[0]) ^ keys[1])
+
+
+@functools.lru_cache(maxsize=8)
+def _dark_kernel(pixels: int, steps: DarkSteps) -> Any:
+    """Return the kernel of a frame without light."""
+    import drjit as dr
+    from drjit.llvm import UInt8, UInt32
+
+    def dark(keys: Any) -> Any:
+        high = _random_bits(dr.arange(UInt32, pixels), keys) >> 16
+        value = UInt32(steps.base)
+        for place, rise in steps.rises:
+            value += dr.select(high >= place, UInt32(rise), UInt32(0))
+        return UInt8(value)
+
+    return dr.freeze(dark)
+
+
+@functools.lru_cache(maxsize=8)
+def _exposure_kernel(cols: int, camera: tuple[float, float, float, float, float], top: int) -> Any:
+    """Return the kernel of a lit box; the camera's constants are compiled into it."""
+    import drjit as dr
+    from drjit.llvm import Float, UInt8, UInt32
+
+    dark, well, noise, gain, black = camera
+
+    def expose(charge: Any, box: Any, per_width: Any, normals: Any, tone: Any, keys: Any) -> Any:
+        i = dr.arange(UInt32, dr.width(charge))
+        first, width = box
+        # Row by a product with 1/width, which is one off at most.
+        y = UInt32(Float(i) * per_width)
+        y = dr.select(y * width > i, y - 1, y)
+        y = dr.select(i - y * width >= width, y + 1, y)
+        bits = _random_bits(first + y * cols + (i - y * width), keys)
+        mean: Any = dr.maximum(charge + dark, 0.0)
+        z = dr.gather(Float, normals, bits & (NORMALS - 1))
         collected = mean + dr.sqrt(mean) * z + (z * z - 1.0) * dr.minimum(mean, 1.0) * (1.0 / 6.0)
-        collected = dr.minimum(dr.select(mean > 0, collected, 0.0), well)
+        collected = dr.minimum(collected, well)
         signal = dr.gather(Float, normals, bits >> 16) * noise + collected
         number = UInt32(dr.clip(signal * gain + black, 0.0, float(top)))
-        data = dr.gather(UInt8, tone, number)
-        return (data, number) if raw else (data,)
+        return dr.gather(UInt8, tone, number), number
 
     return dr.freeze(expose)
 
@@ -282,28 +332,51 @@ def _device_normals() -> Any:
     return Float(normal_table())
 
 
-def expose_llvm(
-    lit: Lit, readout: Readout, keys: tuple[int, int], *, with_raw: bool = False
-) -> tuple[NDArray[np.uint8], NDArray[np.uint16] | None]:
-    """Return the same as :func:`expose_numpy`, by one kernel."""
+def _expose_box(lit: Lit, readout: Readout, keys: Any) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
+    """Return 8-bit values and raw numbers of a lit box."""
     import drjit as dr
     from drjit.llvm import Float, UInt32
 
-    charge = np.ascontiguousarray(lit.charge, np.float32)
-    empty = charge.size == 0
-    box = (lit.row, lit.col, *((0, 0) if empty else charge.shape))
+    rows, cols = lit.charge.shape
     scalars = (readout.dark_e, readout.full_well_e, readout.read_noise_e, readout.gain, readout.black_DN + 0.5)
-    found = _exposure_kernel(readout.shape, scalars, readout.tone.size - 1, with_raw)(
-        Float(np.zeros(1, np.float32) if empty else charge.ravel()),
-        tuple(dr.opaque(UInt32, int(b)) for b in box),
+    found = _exposure_kernel(readout.shape[1], scalars, readout.tone.size - 1)(
+        Float(np.ascontiguousarray(lit.charge, np.float32).ravel()),
+        tuple(dr.opaque(UInt32, n) for n in (lit.row * readout.shape[1] + lit.col, cols)),
+        dr.opaque(Float, 1.0 / cols),
         _device_normals(),
         _device_tone(readout.tone.tobytes()),
-        tuple(dr.opaque(UInt32, int(k)) for k in keys),
+        keys,
     )
     dr.eval(found)
     dr.sync_thread()
-    out = [np.asarray(np.array(f, copy=False)).reshape(readout.shape) for f in found]
-    return out[0], out[1].astype(np.uint16) if with_raw else None
+    data, raw = (np.asarray(np.array(f, copy=False)).reshape(rows, cols) for f in found)
+    return data, raw.astype(np.uint16)
+
+
+def expose_llvm(
+    lit: Lit, readout: Readout, keys: tuple[int, int], *, with_raw: bool = False
+) -> tuple[NDArray[np.uint8], NDArray[np.uint16] | None]:
+    """Return the same as :func:`expose_numpy`, by two kernels: all pixels as if dark, then the lit ones anew."""
+    import drjit as dr
+    from drjit.llvm import UInt32
+
+    words = tuple(dr.opaque(UInt32, int(k)) for k in keys)
+    steps = dark_steps(readout)
+    raw = None
+    if steps is not None and not with_raw:
+        found = _dark_kernel(readout.shape[0] * readout.shape[1], steps)(words)
+        dr.eval(found)
+        dr.sync_thread()
+        data = np.asarray(np.array(found, copy=False)).reshape(readout.shape)
+    else:
+        data, raw = _expose_box(Lit(0, 0, np.zeros(readout.shape, np.float32)), readout, words)
+    if lit.charge.size:
+        here = np.s_[lit.row : lit.row + lit.charge.shape[0], lit.col : lit.col + lit.charge.shape[1]]
+        box, numbers = _expose_box(lit, readout, words)
+        data[here] = box
+        if raw is not None:
+            raw[here] = numbers
+    return data, raw if with_raw else None
 
 
 def coupling_llvm(gap: Image, share: Image, end: float, table: Image) -> Image:

@@ -85,9 +85,10 @@ class InterfaceBox:
     @classmethod
     def of(cls, state: ContactState, end: float, refine: int, *, whole: bool = False) -> InterfaceBox:
         """Find the part where there is contact or a film below ``end`` [mm], or take the ``whole`` grid."""
-        gap, share = np.nan_to_num(np.asarray(state.gap), posinf=np.inf), np.asarray(state.contact_mask)
+        gap, share = np.asarray(state.gap), np.asarray(state.contact_mask)
         part = np.s_[:, :] if whole else _touched(gap, share, end)
-        gap = np.clip(gap[part].astype(np.float32), 0, np.float32(4 * end))
+        # As in the path tracer's textures, a gap that is not a number is none.
+        gap = np.clip(np.nan_to_num(gap[part].astype(np.float32), posinf=np.inf), 0, np.float32(4 * end))
         share = np.clip(share[part].astype(np.float32), 0, 1)
         # In a cell that touches in part the gap is that of its centre; the rest of it has its neighbours' largest.
         touched = (share > 0).astype(np.uint8)
@@ -108,11 +109,11 @@ class InterfaceBox:
 
 def _touched(gap: Array, share: Array, end: float) -> tuple[slice, slice]:
     """Return the rows and columns that hold contact or a thin film, and a margin; a single cell where none do."""
-    near = (gap < end) | (share > 0)
-    rows, cols = np.flatnonzero(near.any(axis=1)), np.flatnonzero(near.any(axis=0))
-    if rows.size == 0:
+    near = ~(gap >= end) | (share > 0)
+    col, row, wide, high = cv2.boundingRect(near.view(np.uint8))
+    if wide == 0:
         return np.s_[0:1, 0:1]
-    return np.s_[max(0, rows[0] - MARGIN) : rows[-1] + 1 + MARGIN, max(0, cols[0] - MARGIN) : cols[-1] + 1 + MARGIN]
+    return np.s_[max(0, row - MARGIN) : row + high + MARGIN, max(0, col - MARGIN) : col + wide + MARGIN]
 
 
 @dataclass(frozen=True)

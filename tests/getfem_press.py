@@ -85,16 +85,20 @@ def build(data):
 
 
 def contact_radius(model, field, depth):
-    """Return where gap^(2/3), a parabola in r over 40 % of the radius beyond the last node in contact, is zero [mm]."""
+    """Return where a line through gap^(2/3) of the free nodes up to half a radius beyond the edge is zero [mm].
+
+    The nodes of the element in which the contact ends are left out: half in contact, it bends to and fro.
+    """
     dof = np.sort(field.basic_dof_on_region(CAP))
     place = field.basic_dof_nodes(dof) + 0.0
     moved = model.variable("u")[dof]
     r, gap = place[0, 0::2] + moved[0::2], place[1, 1::2] + moved[1::2] - depth
-    last = r[gap < 0].max()
-    beside = (r > last) & (gap > 0) & (r < 1.4 * last)
-    bend, slope, level = np.polyfit(r[beside] - last, np.cbrt(gap[beside]) ** 2, 2)
-    roots = np.roots([bend, slope, level])
-    return float(last + roots[np.argmin(np.abs(roots))].real)
+    order = np.argsort(r)
+    r, gap = r[order], gap[order]
+    first = np.flatnonzero(gap < 0)[-1] + 3  # nodes and middles of edges take turns
+    beside = slice(first, max(first + 4, np.searchsorted(r, 1.5 * r[first - 3])))
+    slope, level = np.polyfit(r[beside], np.cbrt(gap[beside]) ** 2, 1)
+    return float(-level / slope)
 
 
 def main(source, target):

@@ -51,7 +51,7 @@ def test_press_by_getfem(name: str, bone: float, tmp_path: Path) -> None:
         pytest.skip("GetFEM is not installed (Debian: python3-getfem)")
     shape, material = FingerShape(7.5, 15.0, 15.0, bone), rubber(name)
     depths, penalty = [0.3, 0.7], 5000 * material.shear_modulus
-    mesh = finger_section(shape, MeshSize(contact=0.25, fine_extent=2.4, growth=1.5, coarsest=3.0))
+    mesh = finger_section(shape, MeshSize(contact=0.2, fine_extent=2.6, growth=1.5, coarsest=3.0))
     np.savez(
         tmp_path / "press.npz", points=mesh.points, cells=mesh.cells, clamped=mesh.clamped, cap=mesh.candidates,
         tip_radius=shape.tip_radius, penalty=penalty, depths=depths,

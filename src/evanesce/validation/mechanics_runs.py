@@ -39,11 +39,8 @@ Hold = Literal["force", "depth"]
 FRICTIONS = (0.67, 0.82, 1.13)  # thesis, chapter 6: tried in its finite elements
 DISTANCE = 10.0  # [mm]
 SLIDE_SIZE = MeshSize(contact=0.8, growth=1.4, coarsest=4.0)
-# A second mesh for the error of the first; with the bone a coarser one, because the finer one fails while pressing.
-CHECK_SIZES = {
-    "none": MeshSize(contact=0.6, growth=1.4, coarsest=3.0),
-    "half": MeshSize(contact=1.1, growth=1.5, coarsest=4.0),
-}
+# A second, finer mesh for the error of the first.
+CHECK_SIZE = MeshSize(contact=0.6, growth=1.4, coarsest=3.0)
 
 
 @dataclass(frozen=True)
@@ -112,7 +109,7 @@ def _press(material: str, shape: str, bone: str) -> SolvedRun:
 
 def _slide(case: SlideCase) -> SolvedRun:
     """Solve a slide, as far as the material carries it."""
-    size = CHECK_SIZES[case.bone] if case.check else SLIDE_SIZE
+    size = CHECK_SIZE if case.check else SLIDE_SIZE
     try:
         return slide(
             SHAPES["standard"].finger(case.bone), rubber("silskin_0"), force=1.0, distances=(DISTANCE,),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -309,10 +311,13 @@ def _read_vtk(path: Path, force: float | None, names: dict[str, str], length: fl
         import meshio
     except ImportError:
         raise InputError("reading VTK needs the optional extra 'fem'; pip install 'evanesce[fem]'", file=path) from None
+    said = io.StringIO()
     try:
-        mesh = meshio.read(path)
-    except (Exception, SystemExit) as error:  # its readers raise whatever their formats do, and exit on some
-        raise InputError(f"not readable: {error}", file=path, allowed="a CSV or a mesh file of meshio") from None
+        with redirect_stdout(said), redirect_stderr(said):
+            mesh = meshio.read(path)
+    except (Exception, SystemExit) as error:  # its readers raise whatever their formats do; some print and exit
+        why = " ".join(said.getvalue().split()) if isinstance(error, SystemExit) else str(error)
+        raise InputError(f"not readable: {why}", file=path, allowed="a CSV or a mesh file of meshio") from None
     fields = {key: np.asarray(values, dtype=float) for key, values in mesh.point_data.items() if np.ndim(values) == 1}
     wanted = {}
     for key, usual in (

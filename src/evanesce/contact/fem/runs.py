@@ -20,7 +20,7 @@ from evanesce.contact.fem.steps import Goal, History, LimitReached, MaterialLimi
 from evanesce.errors import InputError
 from evanesce.provenance import digest
 
-SOLVER = 1  # raised whenever the same inputs would give other numbers
+SOLVER = 2  # raised whenever the same inputs would give other numbers
 Progress = Callable[[SolvedRun, int], None]
 
 

@@ -18,6 +18,7 @@ APPROACH = (
     0.93  # of the force wanted that is reached by depth; from there on the glass is free and the force prescribed
 )
 FORCE_RATIO = 1.35  # largest change of force in one force-controlled step
+TAKEN_BACK = 3  # steps undone and gone anew with half their size before a run that is stuck ends
 
 
 @dataclass(frozen=True)
@@ -136,18 +137,37 @@ def advance(
     Raises
     ------
     LimitReached
-        If a step leaves the range of stretches, or fails at the smallest size.
+        If a step leaves the range of stretches, or fails at the smallest size also after the steps before it were
+        taken smaller.
     """
     start = model.start()
+    furthest: list[Step] = []
+    undone, size = 0, None
     while not history.complete:
         last = history.steps[-1] if history.steps else None
         goal_index = 0 if last is None else last.goal + int(last.reached)
         if goal_index >= len(goals):
             history.complete = True
             break
-        size = sizes.first if last is None or (last.reached and _turns(goals, goal_index)) else last.next_size
+        if size is None:
+            size = sizes.first if last is None or (last.reached and _turns(goals, goal_index)) else last.next_size
         before = history.steps[-2].state if len(history.steps) > 1 else start
-        step = _one_step(model, goals, goal_index, last.state if last else start, before, size, sizes, limits, history)
+        origin = last.state if last else start
+        try:
+            step = _one_step(model, goals, goal_index, origin, before, size, sizes, limits, history)
+        except LimitReached:
+            # where a node flickers between touching and not, no step out of a state converges, however small; a state
+            # reached by smaller steps lets go
+            if _way(history.steps) > _way(furthest):
+                furthest = list(history.steps)
+            if history.steps and undone < TAKEN_BACK:
+                undone += 1
+                size = 0.5 * _way(history.steps[-2:])
+                history.steps.pop()
+                continue
+            history.steps[:] = furthest
+            raise
+        size = None
         number = len(history.steps) + 1
         low, high = limits.range
         if step.stretch_max > high or step.stretch_min < low:
@@ -160,6 +180,12 @@ def advance(
         if on_step is not None:
             on_step(step, number)
     return history
+
+
+def _way(steps: Sequence[Step]) -> float:
+    """Return how far the glass has moved over some steps [mm]; a single one counts from the first touch."""
+    places = [(0.0, 0.0)] * (len(steps) == 1) + [(step.state.depth, step.state.slide) for step in steps]
+    return float(np.abs(np.diff(places, axis=0)).sum()) if len(places) > 1 else 0.0
 
 
 def _turns(goals: Sequence[Goal], index: int) -> bool:

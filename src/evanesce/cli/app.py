@@ -32,6 +32,7 @@ COMMANDS = (
     "bench",
     "fem",
     "study",
+    "dataset",
     "doctor",
 )
 

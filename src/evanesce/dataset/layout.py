@@ -20,6 +20,7 @@ DESCRIPTION = "dataset.json"
 MANIFEST = "manifest.sqlite"
 SCHEMA = "schema.json"
 CARD = "croissant.json"
+SUMS = "SHA256SUMS"
 SHARDS = "shards"
 WORK = ".work"
 

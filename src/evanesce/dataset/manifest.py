@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import sqlite3
 from collections.abc import Iterator
@@ -96,7 +98,7 @@ class Manifest:
         """Write the same rows in the order of their numbers into a new file: its bytes no longer tell the way here."""
         part = path.with_name(f".{path.name}.sealed")
         part.unlink(missing_ok=True)
-        fresh = Manifest.create(part, {**self.meta(), "sealed": "1"})
+        fresh = Manifest.create(part, {**self.meta(), "sealed": "1", "content_sha256": self.content_digest()})
         try:
             with fresh._db as db:
                 for table, order in _ORDER.items():
@@ -112,6 +114,14 @@ class Manifest:
             os.fsync(stream.fileno())
         os.replace(part, path)
         layout.fsync_folder(path.parent)
+
+    def content_digest(self) -> str:
+        """Return the SHA-256 of all rows but those of ``meta``, in the order of their numbers."""
+        digest = hashlib.sha256()
+        for table, order in _ORDER.items():
+            for row in self._rows(f"SELECT * FROM {table} ORDER BY {order}"):
+                digest.update((json.dumps([table, *tuple(row)]) + "\n").encode())
+        return digest.hexdigest()
 
     def meta(self) -> dict[str, str]:
         """Return what the manifest tells of the whole."""
@@ -129,6 +139,13 @@ class Manifest:
         """Return a frame's members by extension."""
         rows = self._rows("SELECT * FROM members WHERE frame = ?", (frame,))
         return {row["name"]: Member(*tuple(row)) for row in rows}
+
+    def all_members(self) -> dict[int, dict[str, Member]]:
+        """Return every frame's members by extension."""
+        found: dict[int, dict[str, Member]] = {}
+        for row in self._rows("SELECT * FROM members ORDER BY frame, offset"):
+            found.setdefault(row["frame"], {})[row["name"]] = Member(*tuple(row))
+        return found
 
     def members_of_shard(self, shard: int) -> list[Member]:
         """Return a shard's members in the order of their places."""

@@ -15,6 +15,7 @@ from evanesce.dataset.card import write_card
 from evanesce.dataset.job import Job, load_job, save_job
 from evanesce.dataset.manifest import Manifest
 from evanesce.dataset.shard import ShardIndex, file_sha256, index_path
+from evanesce.dataset.verify import checksums
 from evanesce.dataset.worker import make_shard
 from evanesce.errors import InputError, WorkError
 
@@ -126,6 +127,8 @@ def _run(folder: Path, job: Job, engine: Engine, on_shard: Progress | None) -> O
     manifest = _manifest(folder, job)
     try:
         if manifest.meta().get("sealed") == "1":
+            if not (folder / layout.SUMS).exists():
+                _finish(folder, job, manifest)
             return _outcome(manifest, 0, start)
         done = _adopt(folder, job, manifest)
         before = sum(len(job.frames_of(t)) for s in done for t in job.trials_of(s))
@@ -140,11 +143,17 @@ def _run(folder: Path, job: Job, engine: Engine, on_shard: Progress | None) -> O
                 on_shard(report)
         manifest.seal(folder / layout.MANIFEST)
         manifest = Manifest.open(folder / layout.MANIFEST)
-        write_card(folder, job, manifest)
-        _clean(folder)
+        _finish(folder, job, manifest)
         return _outcome(manifest, made, start)
     finally:
         manifest.close()
+
+
+def _finish(folder: Path, job: Job, manifest: Manifest) -> None:
+    """Write what stands beside a sealed manifest; the checksums come last, so that their presence tells the rest."""
+    write_card(folder, job, manifest)
+    layout.write_whole(folder / layout.SUMS, checksums(folder, manifest))
+    _clean(folder)
 
 
 def _run_part(folder: Path, job: Job, engine: Engine, on_shard: Progress | None, start: float) -> Outcome:

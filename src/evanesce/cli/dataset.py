@@ -1,0 +1,255 @@
+"""``evanesce dataset``: make, resume, verify, export, info, preview."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from evanesce.cli.common import JsonOption, check_json_target, console, handles_errors, messages, write_json
+from evanesce.cli.render import SetOption, parse_overrides
+from evanesce.errors import InputError, WorkError
+
+if TYPE_CHECKING:
+    from evanesce.dataset.run import Engine, Outcome
+
+FolderArgument = Annotated[Path, typer.Argument(help="Folder of a dataset.", show_default=False)]
+WorkersOption = Annotated[
+    int | None,
+    typer.Option("--workers", help="Processes on this machine; 0: all in this process. Default: one for each core."),
+]
+SchedulerOption = Annotated[str, typer.Option("--scheduler", help="Dask scheduler to use instead, tcp://HOST:PORT.")]
+ShardOption = Annotated[
+    str, typer.Option("--shard", help="i/n: only every n-th shard, for job arrays; `resume` gathers them.")
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the group ``dataset``."""
+    group = typer.Typer(help="Labelled sequences for slip detectors.", no_args_is_help=True)
+    for command in (make, resume, verify, export, info, preview):
+        group.command()(handles_errors(command))
+    app.add_typer(group, name="dataset")
+
+
+def make(
+    scene: Annotated[str, typer.Argument(help="Scene file, or the name of a shipped scene.", show_default=False)],
+    out: Annotated[Path, typer.Option("--out", help="New folder.", show_default=False)],
+    frames: Annotated[int, typer.Option("--n", help="Frames; rounded up to whole trials.")] = 2000,
+    seed: Annotated[int, typer.Option("--seed", help="The one seed.")] = 0,
+    config: Annotated[Path | None, typer.Option("--config", help="TOML of the declared distributions.")] = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = "",
+    shard: ShardOption = "",
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Check and estimate only.")] = False,
+    override: SetOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Make a dataset: frames with per-pixel truth of presses and slides, in tar shards with a manifest."""
+    check_json_target(json_file)
+    from evanesce.dataset.config import MAX_FRAMES, load_config
+
+    if not 1 <= frames <= MAX_FRAMES:  # before anything large is imported
+        raise InputError(f"{frames} frames", key="--n", allowed=f"1 to {MAX_FRAMES}")
+    from evanesce.dataset.job import new_job
+    from evanesce.rig import load_scene
+
+    job = new_job(load_scene(scene, parse_overrides(override)), load_config(config), frames=frames, seed=seed)
+    from evanesce.dataset.estimate import estimate, require_disk
+
+    engine = _engine(workers, scheduler, shard)
+    guess = estimate(job, engine.workers)
+    free = require_disk(out, guess.size)
+    messages.print(
+        f"{job.frames} frames in {job.trials} trials, {job.shards} shards; about {guess.size / 1e9:.3g} GB"
+        f" ({guess.frame_size / 1e6:.2g} MB a frame) of {free / 1e9:.3g} GB free, about {_duration(guess.seconds)}"
+    )
+    if dry_run:
+        write_json(json_file, {"frames": job.frames, "bytes": guess.size, "seconds": guess.seconds})
+        return
+    from evanesce.dataset.run import make as run
+
+    with _Bar(job.frames) as bar:
+        outcome = run(out, job, engine, bar)
+    _report(out, outcome, json_file)
+
+
+def resume(
+    folder: FolderArgument,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = "",
+    shard: ShardOption = "",
+    any_versions: Annotated[
+        bool, typer.Option("--any-versions", help="Go on although packages changed; frames may then differ.")
+    ] = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Finish a dataset whose making ended early, or gather the shards of a job array."""
+    check_json_target(json_file)
+    from evanesce.dataset.job import load_job
+    from evanesce.dataset.run import resume as run
+
+    engine = _engine(workers, scheduler, shard)
+    with _Bar(load_job(folder).frames) as bar:
+        outcome = run(folder, engine, bar, any_versions=any_versions)
+    _report(folder, outcome, json_file)
+
+
+def verify(folder: FolderArgument, json_file: JsonOption = None) -> None:
+    """Check every byte against the manifest; name each bad frame. Exit code 1 if anything is wrong."""
+    check_json_target(json_file)
+    from evanesce.dataset.verify import verify as check
+
+    report = check(folder)
+    rate = report.size / max(report.seconds, 1e-9) / 1e6
+    result = {
+        "good": report.good,
+        "frames": report.frames,
+        "shards": report.shards,
+        "bytes": report.size,
+        "seconds": report.seconds,
+        "bad_frames": report.bad_frames,
+        "faults": [vars(fault) for fault in report.faults],
+        "quarantined": report.quarantined,
+    }
+    write_json(json_file, result)
+    console.print(f"{report.frames} frames in {report.shards} shards, {report.size / 1e9:.3g} GB at {rate:.0f} MB/s")
+    _name_quarantined(report.quarantined)
+    for fault in report.faults:
+        console.print(f"[red]{fault.file}[/red]: {fault.what}", highlight=False)
+        for key in fault.frames:
+            console.print(f"  bad frame {key}", highlight=False)
+    if not report.good:
+        raise WorkError(f"{folder}: {len(report.faults)} faults, {len(report.bad_frames)} bad frames")
+    console.print("nothing wrong")
+
+
+def export(
+    folder: FolderArgument,
+    to: Annotated[str, typer.Option("--to", help="hdf5, lerobot, coco or parquet.", show_default=False)],
+    out: Annotated[Path, typer.Option("--out", help="New folder.", show_default=False)],
+    split: Annotated[str | None, typer.Option("--split", help="Only train, validation or test.")] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Write a dataset in another format."""
+    check_json_target(json_file)
+    from evanesce.dataset.export import export as write
+    from evanesce.dataset.job import load_job
+
+    with _Bar(load_job(folder).frames) as bar:
+        count = write(folder, out, to, split=split, advance=bar.advance)
+    write_json(json_file, {"frames": count, "format": to, "folder": str(out)})
+    console.print(f"{count} frames as {to} in {out}")
+
+
+def info(folder: FolderArgument, json_file: JsonOption = None) -> None:
+    """Tell what a dataset holds."""
+    check_json_target(json_file)
+    from evanesce.dataset.info import describe
+
+    found = describe(folder)
+    write_json(json_file, found)
+    table = Table(title=str(found["title"] or folder), show_header=False)
+    for name, value in found.items():
+        if name != "title":
+            shown = ", ".join(f"{k} {v}" for k, v in value.items()) if isinstance(value, dict) else str(value)
+            table.add_row(name.replace("_", " "), shown)
+    console.print(table)
+
+
+def preview(
+    folder: FolderArgument,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder; `FOLDER/../NAME-preview` by default.")] = None,
+    trial: Annotated[
+        int | None, typer.Option("--trial", help="Trial of the video; the first slide by default.")
+    ] = None,
+) -> None:
+    """Draw a contact sheet and a short video with the labels laid over."""
+    from evanesce.cli.common import out_dir
+    from evanesce.dataset.preview import preview as draw
+
+    target = out_dir(out or folder.resolve().with_name(f"{folder.resolve().name}-preview"), "preview")
+    for path in draw(folder, target, trial=trial):
+        console.print(str(path))
+
+
+def _engine(workers: int | None, scheduler: str, shard: str) -> Engine:
+    from evanesce.dataset.run import Engine
+
+    part = None
+    if shard:
+        found = re.fullmatch(r"(\d{1,7})/(\d{1,7})", shard)
+        if found is None:
+            raise InputError(repr(shard), key="--shard", allowed="i/n, e.g. 3/8")
+        part = int(found.group(1)), int(found.group(2))
+    if scheduler and re.match(r"(tcp|tls|ucx|ws|wss)://[^\s/]+", scheduler) is None:
+        raise InputError(repr(scheduler), key="--scheduler", allowed="tcp://HOST:PORT")
+    cores = len(os.sched_getaffinity(0))
+    return Engine(cores if workers is None else workers, scheduler, part)
+
+
+class _Bar:
+    """Frames made, frames a second, time left."""
+
+    def __init__(self, frames: int) -> None:
+        columns = (
+            TextColumn("frames"),
+            BarColumn(),
+            TextColumn("{task.completed:.0f}/{task.total:.0f}"),
+            TextColumn("{task.fields[rate]}"),
+            TimeElapsedColumn(),
+            TextColumn("ETA"),
+            TimeRemainingColumn(),
+        )
+        still = not messages.is_terminal
+        self._progress = Progress(*columns, console=messages, transient=still, speed_estimate_period=600)
+        self._total, self._made = frames, 0
+
+    def __enter__(self) -> _Bar:
+        self._progress.start()
+        self._task = self._progress.add_task("frames", total=self._total, rate="")
+        return self
+
+    def __call__(self, report: dict[str, Any]) -> None:
+        """Take a report of the engine."""
+        if report["shard"] is not None:
+            self._made += report["frames"]
+        done = report["frames"] + report["quarantined"]
+        elapsed = self._progress.tasks[0].elapsed or 0.0
+        rate = f"{self._made / elapsed:.2f} frames/s" if self._made and elapsed else ""
+        self._progress.update(self._task, advance=done, rate=rate)
+
+    def advance(self, count: int) -> None:
+        """Count frames."""
+        self._progress.update(self._task, advance=count)
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+
+def _report(folder: Path, outcome: Outcome, json_file: Path | None) -> None:
+    write_json(json_file, vars(outcome))
+    _name_quarantined(outcome.quarantined)
+    rate = outcome.made / outcome.seconds if outcome.seconds > 0 else 0.0
+    state = "complete" if outcome.complete else "this part is done; `resume` gathers the parts"
+    console.print(
+        f"{outcome.frames} frames, {outcome.size / 1e9:.3g} GB in {folder}: {state}"
+        f" ({outcome.made} made in {_duration(outcome.seconds)}, {rate:.2f} frames/s)",
+        highlight=False,
+    )
+
+
+def _name_quarantined(rows: list[dict[str, Any]]) -> None:
+    for row in rows:
+        console.print(f"quarantined: frame {row['frame']:09d}: {row['reason']}", highlight=False)
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"

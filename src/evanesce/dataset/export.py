@@ -1,0 +1,63 @@
+"""Exports: one entry for each foreign format; each writes into a new folder and gives it its name when all is there."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+from evanesce.dataset.read import Dataset
+from evanesce.errors import InputError, WorkError
+
+FORMATS = ("hdf5", "lerobot", "coco", "parquet")
+
+Advance = Callable[[int], None]
+
+
+def export(folder: Path, target: Path, to: str, *, split: str | None = None, advance: Advance | None = None) -> int:
+    """Write a dataset in another format; return the count of frames.
+
+    Parameters
+    ----------
+    folder : Path
+    target : Path
+        New folder.
+    to : str
+        One of :data:`FORMATS`.
+    split : str, optional
+    advance : callable, optional
+        Called with the count of frames that were written since the last call.
+
+    Raises
+    ------
+    InputError
+        If the format is unknown, its library is missing, or the target exists.
+    WorkError
+        If the system refuses to write.
+    """
+    if to not in FORMATS:
+        raise InputError(f"{to!r}", key="--to", allowed=", ".join(FORMATS))
+    if target.exists():
+        raise InputError("exists", file=target, key="--out", allowed="a new folder")
+    try:
+        module = importlib.import_module(f"evanesce.dataset.export_{to}")
+    except ImportError as error:
+        raise InputError(
+            f"{error.name} is not installed", key=f"--to {to}", allowed="pip install 'evanesce[dataset]'"
+        ) from None
+    part = target.with_name(f".{target.name}.{os.getpid()}.part")
+    try:
+        part.mkdir(parents=True)
+        with Dataset(folder, split=split) as dataset:
+            if not len(dataset):
+                raise InputError("no frames", file=folder, key="--split", allowed="a split that has some")
+            module.write(dataset, part, advance or (lambda count: None))
+            count = len(dataset)
+        os.replace(part, target)
+    except OSError as error:
+        raise WorkError(f"{target}: cannot write: {error.strerror or error}") from None
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+    return count

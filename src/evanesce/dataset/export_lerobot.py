@@ -1,0 +1,199 @@
+"""LeRobot's layout, version 3.0: trials as episodes; frames and state masks as lossless images inside the Parquet file.
+
+Images stand in the data file (``dtype: image``), not in a video: an H.264 frame is no longer the frame.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from evanesce.dataset import layout
+from evanesce.dataset.export import Advance
+from evanesce.dataset.read import Dataset, Sample
+from evanesce.dataset.trial import SCALARS
+
+VERSION = "v3.0"
+DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+EPISODES = "meta/episodes/chunk-000/file-000.parquet"
+FILE_BYTES = 100_000_000
+CHUNK_FILES = 1000
+STATE = tuple(name for name in SCALARS if name not in ("drive_mm", "time_s"))
+"""Numbers that make up ``observation.state``; the drive is the action."""
+
+_IMAGE = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
+_SCHEMA = pa.schema(
+    [
+        ("observation.images.tactile", _IMAGE),
+        ("observation.images.surface_state", _IMAGE),
+        ("observation.state", pa.list_(pa.float32(), len(STATE))),
+        ("action", pa.list_(pa.float32(), 1)),
+        ("timestamp", pa.float32()),
+        ("frame_index", pa.int64()),
+        ("episode_index", pa.int64()),
+        ("index", pa.int64()),
+        ("task_index", pa.int64()),
+    ]
+)
+
+
+def write(dataset: Dataset, folder: Path, advance: Advance) -> None:
+    """Write ``meta/``, ``data/`` in LeRobot's layout."""
+    tasks: dict[str, int] = {}
+    episodes, stats = [], _Stats()
+    writer = _Files(folder)
+    done = 0
+    for number, indices in enumerate(dataset.trials().values()):
+        rows = []
+        for place, i in enumerate(indices):
+            sample = dataset[i]
+            task = tasks.setdefault(sample.meta["kind"], len(tasks))
+            rows.append(_row(sample, number, place, done + place, task))
+            stats.add(rows[-1], sample)
+            advance(1)
+        chunk, file = writer.add(rows)
+        kind = dataset[indices[0]].meta["kind"]
+        episodes.append(
+            {
+                "episode_index": number, "tasks": [kind], "length": len(rows), "data/chunk_index": chunk,
+                "data/file_index": file, "dataset_from_index": done, "dataset_to_index": done + len(rows),
+                "meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0,
+                "split": dataset[indices[0]].row["split"], "trial": dataset[indices[0]].row["trial"],
+            }
+        )  # fmt: skip
+        done += len(rows)
+    writer.close()
+    _meta(dataset, folder, tasks, episodes, stats, done)
+
+
+def _row(sample: Sample, episode: int, place: int, index: int, task: int) -> dict[str, Any]:
+    fps = float(sample.scalars["time_s"])
+    return {
+        "observation.images.tactile": {"bytes": sample.bytes_of("frame.png"), "path": f"{sample.key}.frame.png"},
+        "observation.images.surface_state": {"bytes": sample.bytes_of("mask.png"), "path": f"{sample.key}.mask.png"},
+        "observation.state": [sample.scalars[name] for name in STATE],
+        "action": [sample.scalars["drive_mm"]],
+        "timestamp": fps,
+        "frame_index": place,
+        "episode_index": episode,
+        "index": index,
+        "task_index": task,
+    }
+
+
+class _Files:
+    """Parquet files of bounded size, whole episodes in each."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._number, self._size = folder, -1, 0
+        self._writer: Any = None
+
+    def add(self, rows: list[dict[str, Any]]) -> tuple[int, int]:
+        """Append an episode; return the chunk and file it went to."""
+        size = sum(len(row["observation.images.tactile"]["bytes"]) for row in rows)
+        if self._writer is None or self._size + size > FILE_BYTES:
+            self.close()
+            self._number, self._size = self._number + 1, 0
+            path = self._folder / DATA.format(
+                chunk_index=self._number // CHUNK_FILES, file_index=self._number % CHUNK_FILES
+            )
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._writer = pq.ParquetWriter(path, _SCHEMA)
+        self._writer.write_table(pa.Table.from_pylist(rows, schema=_SCHEMA))
+        self._size += size
+        return self._number // CHUNK_FILES, self._number % CHUNK_FILES
+
+    def close(self) -> None:
+        """Finish the last file."""
+        if self._writer is not None:
+            self._writer.close()
+            self._writer = None
+
+
+class _Stats:
+    """Running minimum, maximum, mean and deviation of each feature, as LeRobot keeps them."""
+
+    def __init__(self) -> None:
+        self._sums: dict[str, list[Any]] = {}
+
+    def add(self, row: dict[str, Any], sample: Sample) -> None:
+        """Take a frame in."""
+        for name in ("observation.state", "action", "timestamp", "frame_index", "episode_index", "index", "task_index"):
+            self._take(name, np.atleast_1d(np.asarray(row[name], np.float64)), 1)
+        for name, image in (("tactile", sample.frame), ("surface_state", sample.state)):
+            # LeRobot's images are in [0, 1] with a channel axis first.
+            values = image.astype(np.float64).ravel()[:, None] / 255.0
+            moments = [values.min(0), values.max(0), values.sum(0), (values**2).sum(0), len(values)]
+            self._merge(f"observation.images.{name}", moments)
+
+    def _take(self, name: str, value: np.ndarray, count: int) -> None:
+        self._merge(name, [value, value, value, value**2, count])
+
+    def _merge(self, name: str, new: list[Any]) -> None:
+        old = self._sums.get(name)
+        if old is None:
+            self._sums[name] = new
+            return
+        low, high = np.minimum(old[0], new[0]), np.maximum(old[1], new[1])
+        self._sums[name] = [low, high, old[2] + new[2], old[3] + new[3], old[4] + new[4]]
+
+    def table(self, frames: int) -> dict[str, Any]:
+        """Return what stands in ``meta/stats.json``."""
+        found = {}
+        for name, (low, high, total, squares, count) in self._sums.items():
+            mean = total / count
+            deviation = np.sqrt(np.maximum(squares / count - mean**2, 0.0))
+            values = {"min": low, "max": high, "mean": mean, "std": deviation}
+            image = name.startswith("observation.images")
+            found[name] = {k: [[v.tolist()]] if image else v.tolist() for k, v in values.items()} | {"count": [frames]}
+        return found
+
+
+def _meta(
+    dataset: Dataset, folder: Path, tasks: dict[str, int], episodes: list[dict[str, Any]], stats: _Stats, frames: int
+) -> None:
+    rows, cols = dataset[0].frame.shape
+    image = {"dtype": "image", "shape": [rows, cols, 1], "names": ["height", "width", "channels"]}
+    scalar = {"dtype": "int64", "shape": [1], "names": None}
+    features = {
+        "observation.images.tactile": image,
+        "observation.images.surface_state": image,
+        "observation.state": {"dtype": "float32", "shape": [len(STATE)], "names": list(STATE)},
+        "action": {"dtype": "float32", "shape": [1], "names": ["drive_mm"]},
+        "timestamp": {"dtype": "float32", "shape": [1], "names": None},
+        "frame_index": scalar,
+        "episode_index": scalar,
+        "index": scalar,
+        "task_index": scalar,
+    }
+    path = folder / EPISODES
+    path.parent.mkdir(parents=True)
+    pq.write_table(pa.Table.from_pylist(episodes), path)
+    # LeRobot reads tasks through pandas, with the task's text as index.
+    names = pa.table({"task_index": list(tasks.values()), "task": list(tasks)})
+    index = {"index_columns": ["task"], "column_indexes": [], "columns": [], "pandas_version": "2.0.0"}
+    pq.write_table(names.replace_schema_metadata({"pandas": json.dumps(index)}), folder / "meta" / "tasks.parquet")
+    layout.write_json(folder / "meta" / "stats.json", stats.table(frames))
+    layout.write_json(
+        folder / "meta" / "info.json",
+        {
+            "codebase_version": VERSION,
+            "robot_type": "ftir_tactile_rig",
+            "total_episodes": len(episodes),
+            "total_frames": frames,
+            "total_tasks": len(tasks),
+            "chunks_size": CHUNK_FILES,
+            "data_files_size_in_mb": FILE_BYTES // 1_000_000,
+            "video_files_size_in_mb": 200,
+            "fps": round(dataset.job.config.trial.frame_rate_hz),
+            "splits": {"train": f"0:{len(episodes)}"},
+            "data_path": DATA,
+            "video_path": None,
+            "features": features,
+        },
+    )

@@ -1,0 +1,106 @@
+"""A look at a dataset: a contact sheet of frames with labels laid over, and a short video of one trial."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.dataset.read import Dataset, Sample
+from evanesce.errors import InputError
+from evanesce.sensor.codec import VideoWriter, write_png
+from evanesce.states import Frame, SurfaceState
+
+Picture = NDArray[np.uint8]
+
+COLOURS = {SurfaceState.NEAR: (80, 80, 160), SurfaceState.STICK: (40, 170, 90), SurfaceState.SLIP: (230, 90, 40)}
+"""Of the states laid over [RGB]."""
+TILE = 260
+MAX_SIDE = 720
+
+
+def overlay(sample: Sample, height: int) -> Picture:
+    """Return a frame beside itself with its states laid over, and a line of its numbers, ``height`` rows high."""
+    frame, state = sample.frame, sample.state
+    grey = np.repeat(frame[..., None], 3, axis=2) if frame.ndim == 2 else frame
+    tinted = grey.astype(np.float32)
+    for value, colour in COLOURS.items():
+        where = state == value
+        tinted[where] = 0.45 * tinted[where] + 0.55 * np.array(colour, np.float32)
+    cut = _around(sample)
+    pair = np.concatenate([grey[cut], tinted[cut].astype(np.uint8)], axis=1)
+    text = 34
+    scale = (height - text) / pair.shape[0]
+    wide = 2 * round(scale * pair.shape[1] / 2)
+    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_NEAREST
+    small = cv2.resize(np.ascontiguousarray(pair), (wide, height - text), interpolation=how)
+    band = np.zeros((text, wide, 3), np.uint8)
+    s, meta = sample.scalars, sample.meta
+    lines = (
+        f"{sample.key} {meta['kind']} t={s['time_s']:.2f} s",
+        f"Fz={s['Fz_N']:.2f} N |Ft|={np.hypot(s['Fx_N'], s['Fy_N']):.2f} N stick={s['stick_ratio']:.2f}",
+    )
+    for i, line in enumerate(lines):
+        cv2.putText(band, line, (3, 13 + 15 * i), cv2.FONT_HERSHEY_SIMPLEX, 0.36, (255, 255, 255), 1, cv2.LINE_AA)
+    return np.concatenate([band, small], axis=0)
+
+
+def _around(sample: Sample) -> tuple[slice, slice]:
+    """Return the middle square of the frame that holds the contact plane's samples: the same in all frames."""
+    rows, cols = sample.frame.shape[:2]
+    side = min(rows, cols)
+    top, left = (rows - side) // 2, (cols - side) // 2
+    return slice(top, top + side), slice(left, left + side)
+
+
+def contact_sheet(dataset: Dataset, columns: int = 3, rows: int = 6) -> Picture:
+    """Return a sheet of frames spread evenly over the dataset."""
+    count = min(columns * rows, len(dataset))
+    chosen = np.linspace(0, len(dataset) - 1, count).round().astype(int)
+    tiles = [overlay(dataset[int(i)], TILE) for i in chosen]
+    wide = max(tile.shape[1] for tile in tiles)
+    blank = np.full((TILE, wide, 3), 24, np.uint8)
+    filled = []
+    for tile in tiles:
+        place = blank.copy()
+        place[:, : tile.shape[1]] = tile
+        filled.append(place)
+    filled += [blank] * (-len(filled) % columns)
+    lines = [np.concatenate(filled[i : i + columns], axis=1) for i in range(0, len(filled), columns)]
+    return np.concatenate(lines, axis=0)
+
+
+def preview(folder: Path, out: Path, *, trial: int | None = None) -> tuple[Path, Path]:
+    """Write ``contact_sheet.png`` and ``trial.mp4`` into a folder; return their paths.
+
+    Parameters
+    ----------
+    folder, out : Path
+    trial : int, optional
+        The first slide by default.
+
+    Raises
+    ------
+    InputError
+        If there is no such trial, or no frame.
+    """
+    with Dataset(folder) as dataset:
+        if not len(dataset):
+            raise InputError("no frames", file=folder)
+        trials = dataset.trials()
+        if trial is None:
+            slides = [row["trial"] for row in dataset.rows() if row["kind"] == "slide"]
+            trial = slides[0] if slides else next(iter(trials))
+        if trial not in trials:
+            raise InputError(f"{trial}", key="--trial", allowed=f"{min(trials)} to {max(trials)}")
+        sheet, film = out / "contact_sheet.png", out / "trial.mp4"
+        write_png(sheet, contact_sheet(dataset))
+        rate = dataset.job.config.trial.frame_rate_hz
+        with VideoWriter(film, frame_rate_hz=rate) as video:
+            for place, i in enumerate(trials[trial]):
+                picture = overlay(dataset[i], min(MAX_SIDE, 2 * (dataset[i].frame.shape[0] // 2 + 200)))
+                even = picture[: picture.shape[0] // 2 * 2, : picture.shape[1] // 2 * 2]
+                video.add(Frame(data=np.ascontiguousarray(even), time=place / rate, index=place))
+    return sheet, film

@@ -1,0 +1,237 @@
+"""Read a dataset: random access by number, decoded when asked for. Nothing is unpickled, no archive path is used."""
+
+from __future__ import annotations
+
+import builtins
+import hashlib
+import json
+import os
+import re
+import tarfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.dataset import layout
+from evanesce.dataset.encode import decode_exr, decode_png
+from evanesce.dataset.job import Job, load_job
+from evanesce.dataset.labels import LabelBox
+from evanesce.dataset.manifest import Manifest
+from evanesce.dataset.shard import Member
+from evanesce.errors import InputError
+
+MAX_MEMBER_BYTES = 2_000_000_000
+_MEMBER_NAME = re.compile(r"[0-9]{9}\.(frame\.png|raw\.png|labels\.exr|plate\.exr|mask\.png|json)")
+
+
+class Sample:
+    """One frame; each part is read and decoded when first asked for.
+
+    Parameters
+    ----------
+    row : dict
+        The frame's row of the manifest.
+    members : dict of Member
+    read : callable
+        ``read(Member) -> bytes``.
+
+    Attributes
+    ----------
+    row : dict
+    key : str
+    """
+
+    def __init__(self, row: dict[str, Any], members: dict[str, Member], read: Any) -> None:
+        self.row, self.key, self._members, self._read = row, str(row["key"]), members, read
+
+    def bytes_of(self, name: str) -> bytes:
+        """Return a member's bytes, e.g. of ``frame.png``.
+
+        Raises
+        ------
+        KeyError
+            If the frame has no such member.
+        """
+        data: bytes = self._read(self._members[name])
+        return data
+
+    @property
+    def members(self) -> tuple[str, ...]:
+        """Names of the members."""
+        return tuple(self._members)
+
+    @cached_property
+    def frame(self) -> NDArray[np.uint8]:
+        """8-bit frame (rows, cols) [DN]."""
+        return decode_png(self.bytes_of("frame.png"))
+
+    @cached_property
+    def raw(self) -> NDArray[np.uint16] | None:
+        """Raw frame (rows, cols) [DN]; None where none was kept."""
+        return decode_png(self.bytes_of("raw.png")) if "raw.png" in self._members else None
+
+    @cached_property
+    def state(self) -> NDArray[np.uint8]:
+        """Surface state of each pixel (rows, cols): 0 none, 1 near, 2 stick, 3 slip."""
+        return decode_png(self.bytes_of("mask.png"))
+
+    @cached_property
+    def labels(self) -> LabelBox:
+        """Labels in the distorted frame."""
+        return decode_exr(self.bytes_of("labels.exr"))[0]
+
+    @cached_property
+    def plate(self) -> LabelBox:
+        """Labels on the undistorted plate plane."""
+        return decode_exr(self.bytes_of("plate.exr"))[0]
+
+    @cached_property
+    def meta(self) -> dict[str, Any]:
+        """All numbers of the frame and its trial."""
+        found: dict[str, Any] = json.loads(self.bytes_of("json"))
+        return found
+
+    @property
+    def scalars(self) -> dict[str, float]:
+        """The frame's numbers, units in the keys."""
+        found: dict[str, float] = self.meta["scalars"]
+        return found
+
+
+@dataclass(frozen=True)
+class _Frame:
+    row: dict[str, Any]
+    members: dict[str, Member]
+
+
+class Dataset(Sequence[Sample]):
+    """The finished frames of a dataset, in order.
+
+    Parameters
+    ----------
+    folder : Path
+    split : str, optional
+        Only ``train``, ``validation`` or ``test``.
+    check : bool
+        Compare each member with its SHA-256 as it is read.
+
+    Raises
+    ------
+    InputError
+        If the folder holds no dataset.
+    """
+
+    def __init__(self, folder: Path, *, split: str | None = None, check: bool = False) -> None:
+        if split not in (None, "train", "validation", "test"):
+            raise InputError(f"{split!r}", key="split", allowed="train, validation, test")
+        self.folder, self.split, self.check = folder, split, check
+        self.job: Job = load_job(folder)
+        manifest = Manifest.open(folder / layout.MANIFEST)
+        try:
+            self._files = {shard: _shard_file(folder, row["file"]) for shard, row in manifest.shards().items()}
+            rows = [row for row in manifest.frames() if split is None or row["split"] == split]
+            members = manifest.all_members()
+        finally:
+            manifest.close()
+        self._frames = [_Frame(row, members.get(row["frame"], {})) for row in rows]
+        self._handles: dict[int, int] = {}
+        self._owner = os.getpid()
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    @overload
+    def __getitem__(self, index: int) -> Sample: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Sample]: ...
+    def __getitem__(self, index: int | slice) -> Sample | list[Sample]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        entry = self._frames[index]
+        return Sample(entry.row, entry.members, lambda member: self._read(entry.row["shard"], member))
+
+    def trials(self) -> dict[int, list[int]]:
+        """Return the indices of each trial's frames, in order of time."""
+        found: dict[int, list[int]] = {}
+        for i, entry in enumerate(self._frames):
+            found.setdefault(entry.row["trial"], []).append(i)
+        return found
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the manifest's rows of the frames."""
+        return [dict(entry.row) for entry in self._frames]
+
+    def _read(self, shard: int, member: Member) -> bytes:
+        if not 0 <= member.size <= MAX_MEMBER_BYTES:
+            raise InputError(f"a member of {member.size} bytes", file=self._files[shard])
+        if self._owner != os.getpid():  # another process must not share the place in a file
+            self._handles, self._owner = {}, os.getpid()
+        if shard not in self._handles:
+            try:
+                self._handles[shard] = os.open(self._files[shard], os.O_RDONLY)
+            except OSError as error:
+                raise InputError(f"cannot read: {error.strerror}", file=self._files[shard]) from None
+        data = os.pread(self._handles[shard], member.size, member.offset)
+        broken = len(data) < member.size or (self.check and hashlib.sha256(data).hexdigest() != member.sha256)
+        if broken:
+            name = f"{layout.frame_key(member.frame)}.{member.name}"
+            raise InputError("does not hold what the manifest says", file=self._files[shard], key=name)
+        return data
+
+    def close(self) -> None:
+        """Close the shards."""
+        for handle in self._handles.values():
+            os.close(handle)
+        self._handles = {}
+
+    def __enter__(self) -> Dataset:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_handles": {}}
+
+
+def open(path: str | Path, *, split: str | None = None, check: bool = False) -> Dataset:
+    """Open a dataset; see :class:`Dataset`."""
+    return Dataset(Path(path), split=split, check=check)
+
+
+def _shard_file(folder: Path, name: str) -> Path:
+    if not layout.is_shard_name(name):
+        raise InputError(f"names the shard {name!r}", file=folder / layout.MANIFEST, allowed="shard-NNNNNN.tar")
+    return folder / layout.SHARDS / name
+
+
+def tar_members(path: Path) -> Iterator[tuple[str, bytes]]:
+    """Read a shard without its manifest: every member's name and bytes, in order.
+
+    Raises
+    ------
+    InputError
+        At the first member that is no plain file of a shard: a path with folders or ``..``, an absolute path, a link, a
+        device, an unknown name; or where the archive is broken.
+    """
+    try:
+        with builtins.open(path, "rb") as stream, tarfile.open(fileobj=stream, mode="r:") as tar:
+            for info in tar:
+                if not info.isreg() or info.issparse() or _MEMBER_NAME.fullmatch(info.name) is None:
+                    raise InputError(
+                        f"member {info.name[:80]!r} is refused", file=path, allowed="plain NNNNNNNNN.frame.png ..."
+                    )
+                if info.size > MAX_MEMBER_BYTES:
+                    raise InputError(f"member {info.name} of {info.size} bytes", file=path)
+                inner = tar.extractfile(info)
+                data = b"" if inner is None else inner.read()
+                if len(data) != info.size:
+                    raise InputError(f"member {info.name} is cut short", file=path)
+                yield info.name, data
+    except (tarfile.TarError, EOFError, OSError) as error:
+        raise InputError(f"not a readable shard: {error}", file=path) from None

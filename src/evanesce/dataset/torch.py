@@ -1,0 +1,75 @@
+"""PyTorch's views of a dataset. PyTorch is imported here and nowhere else; the rest of the room does without."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch.utils.data import Dataset as TorchDataset
+from torch.utils.data import IterableDataset, get_worker_info
+
+from evanesce.dataset.labels import CHANNELS
+from evanesce.dataset.read import Dataset, Sample
+from evanesce.dataset.trial import SCALARS
+
+Transform = Callable[[Sample], Any]
+
+
+def tensors(sample: Sample) -> dict[str, Any]:
+    """Return a frame as tensors, on the fixed physical scale of the labels.
+
+    Returns
+    -------
+    dict
+        ``frame`` uint8 (1, rows, cols) [DN]; ``state`` int64 (rows, cols); ``labels`` float32 (channels, rows, cols) in
+        the order of :data:`evanesce.dataset.labels.CHANNELS` (the gap is NaN where nothing is near); ``scalars``
+        float32 in the order of :data:`evanesce.dataset.trial.SCALARS`; ``index`` int.
+    """
+    box = sample.labels
+    return {
+        "frame": torch.from_numpy(np.ascontiguousarray(sample.frame)[None]),
+        "state": torch.from_numpy(sample.state.astype(np.int64)),
+        "labels": torch.from_numpy(np.stack([box.whole(name) for name in CHANNELS])),
+        "scalars": torch.tensor([sample.scalars[name] for name in SCALARS], dtype=torch.float32),
+        "index": int(sample.row["frame"]),
+    }
+
+
+class FrameDataset(TorchDataset):
+    """Random access by index.
+
+    Parameters
+    ----------
+    folder : str or Path
+    split : str, optional
+    transform : callable, optional
+        ``transform(Sample) -> anything``; :func:`tensors` by default.
+    """
+
+    def __init__(self, folder: str | Path, *, split: str | None = None, transform: Transform = tensors) -> None:
+        self.dataset, self.transform = Dataset(Path(folder), split=split), transform
+
+    def __len__(self) -> int:
+        return len(self.dataset)
+
+    def __getitem__(self, index: int) -> Any:
+        return self.transform(self.dataset[index])
+
+
+class FrameStream(IterableDataset):
+    """Frames in the order of the shards, each worker of a DataLoader with shards of its own; parameters as above."""
+
+    def __init__(self, folder: str | Path, *, split: str | None = None, transform: Transform = tensors) -> None:
+        self.dataset, self.transform = Dataset(Path(folder), split=split), transform
+
+    def __iter__(self) -> Iterator[Any]:
+        worker = get_worker_info()
+        first, step = (0, 1) if worker is None else (worker.id, worker.num_workers)
+        shards = list(dict.fromkeys(row["shard"] for row in self.dataset.rows()))
+        mine = set(shards[first::step])
+        for i, row in enumerate(self.dataset.rows()):
+            if row["shard"] in mine:
+                yield self.transform(self.dataset[i])

@@ -1,0 +1,197 @@
+"""Is a dataset what its manifest says, byte by byte? Names every bad frame; reads each shard once."""
+
+from __future__ import annotations
+
+import hashlib
+import mmap
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from evanesce.dataset import layout
+from evanesce.dataset.card import croissant, schema
+from evanesce.dataset.job import Job, load_job
+from evanesce.dataset.manifest import Manifest
+from evanesce.dataset.shard import file_sha256
+from evanesce.errors import InputError
+
+CHUNK = 8 << 20
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What is wrong, and where.
+
+    Attributes
+    ----------
+    file : str
+        Relative to the dataset.
+    what : str
+    frames : tuple of str
+        Keys of the frames that cannot be trusted; empty where no frame is touched.
+    """
+
+    file: str
+    what: str
+    frames: tuple[str, ...] = ()
+
+
+@dataclass
+class Report:
+    """Result of a check."""
+
+    faults: list[Fault] = field(default_factory=list)
+    quarantined: list[dict[str, Any]] = field(default_factory=list)
+    frames: int = 0
+    shards: int = 0
+    size: int = 0
+    seconds: float = 0.0
+
+    @property
+    def good(self) -> bool:
+        """Whether nothing is wrong."""
+        return not self.faults
+
+    @property
+    def bad_frames(self) -> list[str]:
+        """Keys of all frames that cannot be trusted, in order."""
+        return sorted({key for fault in self.faults for key in fault.frames})
+
+
+def verify(folder: Path, *, threads: int = 2, on_shard: Callable[[int], None] | None = None) -> Report:
+    """Check a finished dataset.
+
+    Every byte of every shard is hashed against the manifest, and each member by itself if the whole does not fit; the
+    manifest against SQLite's own check and the description; schema and data card against what they have to be.
+
+    Parameters
+    ----------
+    folder : Path
+    threads : int
+        Shards hashed at a time; hashing leaves the interpreter free.
+    on_shard : callable, optional
+        Called with the bytes of each shard that is done.
+
+    Raises
+    ------
+    InputError
+        If there is no dataset to check: no description or no manifest that could be read.
+    """
+    start = time.perf_counter()
+    job = load_job(folder)
+    manifest = Manifest.open(folder / layout.MANIFEST)
+    report = Report()
+    try:
+        report.faults += _manifest_faults(folder, job, manifest)
+        rows = manifest.shards()
+        report.quarantined = manifest.quarantined()
+        frames = manifest.frames()
+        report.frames, report.shards = len(frames), len(rows)
+        keys: dict[int, list[str]] = {}
+        for frame in frames:
+            keys.setdefault(frame["shard"], []).append(frame["key"])
+        todo = [(row, keys.get(shard, [])) for shard, row in rows.items()]
+        with ThreadPoolExecutor(threads) as pool:
+            for (row, mine), good in zip(todo, pool.map(lambda t: _fits(folder, t[0]), todo), strict=True):
+                report.size += row["size"]
+                if good is not None:
+                    report.faults += _name_frames(folder, manifest, row, mine, good)
+                if on_shard:
+                    on_shard(row["size"])
+        report.faults += _strays(folder, rows)
+        report.faults += _side_files(folder, job, manifest)
+    finally:
+        manifest.close()
+    report.seconds = time.perf_counter() - start
+    return report
+
+
+def _fits(folder: Path, row: dict[str, Any]) -> str | None:
+    """Return what is wrong with a shard as a whole; None if nothing."""
+    path = folder / layout.SHARDS / row["file"]
+    if not layout.is_shard_name(row["file"]):
+        return "the manifest names no shard"
+    try:
+        if not path.is_file() or path.is_symlink():
+            return "missing"
+        if path.stat().st_size != row["size"]:
+            return f"{path.stat().st_size} bytes instead of {row['size']}"
+        digest = hashlib.sha256()
+        with path.open("rb", buffering=0) as stream:
+            buffer = memoryview(bytearray(CHUNK))
+            while count := stream.readinto(buffer):
+                digest.update(buffer[:count])
+    except OSError as error:
+        return f"cannot be read: {error.strerror}"
+    return None if digest.hexdigest() == row["sha256"] else "its SHA-256 differs"
+
+
+def _name_frames(folder: Path, manifest: Manifest, row: dict[str, Any], keys: list[str], what: str) -> Iterator[Fault]:
+    """Yield the faults of a shard that does not fit: each bad frame where the file can be read, else all of them."""
+    path, name = folder / layout.SHARDS / row["file"], f"{layout.SHARDS}/{row['file']}"
+    bad = set()
+    try:
+        with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            for member in manifest.members_of_shard(row["shard"]):
+                part = data[member.offset : member.offset + member.size]
+                if hashlib.sha256(part).hexdigest() != member.sha256:
+                    bad.add(layout.frame_key(member.frame))
+    except (OSError, ValueError):
+        bad = set(keys)
+    yield Fault(name, what if bad else f"{what}, but every member fits: the archive's own bytes", tuple(sorted(bad)))
+
+
+def _manifest_faults(folder: Path, job: Job, manifest: Manifest) -> Iterator[Fault]:
+    """Yield what the manifest itself has wrong."""
+    if fault := manifest.fault():
+        yield Fault(layout.MANIFEST, fault)
+    meta = manifest.meta()
+    if meta.get("config_sha256") != job.digest:
+        yield Fault(layout.MANIFEST, "belongs to another description")
+    if meta.get("sealed") != "1":
+        yield Fault(layout.MANIFEST, "not finished: `resume` finishes it")
+        return
+    if meta.get("content_sha256") != manifest.content_digest():
+        yield Fault(layout.MANIFEST, "its rows are not those that were sealed")
+    there = {row["frame"] for row in manifest.frames()} | {row["frame"] for row in manifest.quarantined()}
+    missing = [layout.frame_key(frame) for frame in range(job.frames) if frame not in there]
+    if missing or len(there) != job.frames:
+        yield Fault(layout.MANIFEST, f"{len(there)} of {job.frames} frames", tuple(missing[:1000]))
+
+
+def _strays(folder: Path, rows: dict[int, dict[str, Any]]) -> Iterator[Fault]:
+    """Yield files among the shards that the manifest does not know."""
+    known = {row["file"] for row in rows.values()}
+    for path in sorted((folder / layout.SHARDS).iterdir()) if (folder / layout.SHARDS).is_dir() else []:
+        if path.name not in known:
+            yield Fault(f"{layout.SHARDS}/{path.name}", "not in the manifest")
+
+
+def _side_files(folder: Path, job: Job, manifest: Manifest) -> Iterator[Fault]:
+    """Yield what is wrong with schema and data card; both follow from the rest."""
+    if manifest.meta().get("sealed") != "1":
+        return
+    for name, wanted in ((layout.SCHEMA, schema()), (layout.CARD, croissant(job, manifest))):
+        try:
+            if layout.read_json(folder / name) != wanted:
+                yield Fault(name, "is not what the dataset makes of it")
+        except InputError as error:
+            yield Fault(name, error.what)
+    try:
+        found = (folder / layout.SUMS).read_bytes()
+    except OSError as error:
+        yield Fault(layout.SUMS, f"cannot be read: {error.strerror}")
+        return
+    if found != checksums(folder, manifest):
+        yield Fault(layout.SUMS, "does not fit: it, the description, the manifest, schema or card was changed")
+
+
+def checksums(folder: Path, manifest: Manifest) -> bytes:
+    """Return what stands in ``SHA256SUMS``, which `sha256sum -c` reads: small files as they are, shards as entered."""
+    small = (layout.CARD, layout.DESCRIPTION, layout.MANIFEST, layout.SCHEMA)
+    lines = [f"{file_sha256(folder / name)}  {name}\n" for name in small]
+    lines += [f"{row['sha256']}  {layout.SHARDS}/{row['file']}\n" for row in manifest.shards().values()]
+    return "".join(lines).encode()

@@ -41,6 +41,7 @@ from evanesce.validation.voltage_unknowns import (
     run_samples,
     with_length,
 )
+from rigs import need
 
 # An ugly camera: small, off centre, the finger beside its axis.
 CHANGES = {
@@ -231,6 +232,18 @@ def test_sobol_indices_are_those_of_a_function_whose_indices_are_known() -> None
 # --- reduced rigs ----------------------------------------------------------------------------------------------------
 
 
+def test_fields_with_no_length_are_those_without_glow(scene) -> None:
+    from evanesce.render.fields import fields_of
+    from evanesce.validation.voltage_unknowns import with_length
+
+    plain = scene.model_copy(update={"finger": scene.finger.model_copy(update={"scattering_length_mm": 0.0})})
+    glowing = scene.model_copy(update={"finger": scene.finger.model_copy(update={"scattering_length_mm": 0.4})})
+    found, expected = with_length(fields_of(glowing), 0.6, 0.0, 0.02), fields_of(plain)
+    assert found.glow is None
+    assert expected.glow is None
+    np.testing.assert_array_equal(found.coupling * found.response, expected.coupling * expected.response)
+
+
 def test_fields_with_another_length_are_those_computed_for_it() -> None:
     lengths = (1.0, 0.4)
     base = {"grid.size_mm": 12.8, "grid.samples": 400}
@@ -312,13 +325,44 @@ def test_ranges_and_forces_are_read() -> None:
 @pytest.mark.parametrize(
     "arguments",
     [["thesis_ridged", "--volts", "9"], ["thesis_ridged", "--samples", "3"], ["thesis", "--samples", "2"],
-     ["thesis_ridged", "--threshold", "2"], ["nowhere"]],
+     ["thesis_ridged", "--threshold", "2"], ["thesis_ridged", "--reference", "--variant", "metal"], ["nowhere"]],
 )  # fmt: skip
 def test_bad_input_ends_in_one_line(arguments, tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["study", "voltage", *arguments, "--out", str(tmp_path / "o")])
     assert result.exit_code == 2
     assert "Traceback" not in result.output
     assert not (tmp_path / "o" / "result.json").exists()
+
+
+def test_the_reference_says_that_it_has_no_lateral_glow(tmp_path: Path) -> None:
+    result = CliRunner().invoke(
+        app, ["study", "voltage", "thesis_ridged", "--reference", "--samples", "2", "--out", str(tmp_path / "o")]
+    )
+    assert result.exit_code == 2
+    assert "finger.scattering_length_mm" in result.output
+
+
+@pytest.mark.slow
+def test_study_by_the_reference_without_glow(tmp_path: Path) -> None:
+    """A path-traced scene: no glow, and areas near those of the fast renderer (coarse pixels, few paths)."""
+    need("llvm")
+    areas = {}
+    for way in ("--reference", "--fast"):
+        file = tmp_path / f"{way}.json"
+        arguments = ["study", "voltage", "thesis_ridged", way, "--volts", "8.2:8.6:0.2", "--forces", "1"]
+        arguments += ["--samples", "2", "--out", str(tmp_path / way), "--json", str(file)]
+        for key, value in {"effects.lateral_glow.length_mm": "0.0", "render.samples_per_pixel": "48",
+                           "camera.resolution_px": "[500, 375]", "camera.scale_px_per_mm": "14.6",
+                           "camera.lens.focal_length_mm": "1.5"}.items():  # fmt: skip
+            arguments += ["--set", f"{key}={value}"]
+        result = CliRunner().invoke(app, arguments)
+        assert result.exit_code == 0, result.output
+        data = json.loads(file.read_text())
+        assert all(row["parts_mm2"]["groove glow"] == 0.0 for row in data["curves"])
+        assert data["provenance"]["renderer"] == ("path" if way == "--reference" else "transport")
+        areas[way] = [row["area_mm2"] for row in data["curves"]]
+    # Noise of some 10 % a pixel at the rim. At higher voltages the noise of the dim flank passes the threshold, too.
+    np.testing.assert_allclose(areas["--reference"], areas["--fast"], rtol=0.05)
 
 
 @pytest.mark.system

@@ -140,7 +140,7 @@ def _run(
     from evanesce.sensor.codec import VideoWriter, write_png
     from evanesce.simulate import simulate
 
-    renderer, record = _renderer(fast, variant)
+    renderer, record = chosen_renderer(fast, variant)
     origin = provenance.record(seed=seed, config=scene.as_dict(), **record)
     programme = press_programme(scene)
     rows = []
@@ -180,7 +180,7 @@ def _run(
     return {"frames": rows, "provenance": origin}
 
 
-def _renderer(fast: bool, variant: str) -> tuple[Any, dict[str, Any]]:
+def chosen_renderer(fast: bool, variant: str) -> tuple[Any, dict[str, Any]]:
     """Return the renderer and what provenance says of it."""
     if fast:
         from evanesce.render.transport import render_fast

@@ -19,7 +19,7 @@ from evanesce.cli.common import (
     progress,
     write_json,
 )
-from evanesce.cli.render import SetOption, parse_overrides
+from evanesce.cli.render import SetOption, VariantOption, check_variant, chosen_renderer, parse_overrides
 from evanesce.errors import InputError
 
 if TYPE_CHECKING:
@@ -79,6 +79,14 @@ def register(group: typer.Typer) -> None:
         forces: Annotated[str, typer.Option("--forces", help="Normal forces [N], separated by commas.")] = "1,5",
         threshold: Annotated[float, typer.Option("--threshold", help="Grey level 0 to 1, fixed.")] = 0.15,
         samples: Annotated[int, typer.Option("--samples", help="Base N of the sample of unknowns: 2, 4, 8, ...")] = 64,
+        fast: Annotated[
+            bool,
+            typer.Option(
+                "--fast/--reference",
+                help="Render the scene by fast transport, or by the path tracer, which has no lateral glow.",
+            ),
+        ] = True,
+        variant: VariantOption = "auto",
         seed: Annotated[int, typer.Option("--seed", min=0)] = 1,
         settings: SetOption = None,
         json_file: JsonOption = None,
@@ -89,6 +97,7 @@ def register(group: typer.Typer) -> None:
         An interrupted run goes on from the samples that its output folder keeps.
         """
         check_json_target(json_file)
+        check_variant(variant)
         voltages, loads = parse_volts(volts), parse_forces(forces)
         if not 0 < threshold < 1:
             raise InputError(f"{threshold:g}", key="--threshold", allowed="above 0, below 1")
@@ -100,6 +109,7 @@ def register(group: typer.Typer) -> None:
         from evanesce.validation.voltage_study import run_study
 
         loaded = load_scene(scene, parse_overrides(settings))
+        render, record = chosen_renderer(fast, variant)
         folder = out_dir(out, "study-voltage")
         started = time.monotonic()
         with progress() as bar:
@@ -112,7 +122,7 @@ def register(group: typer.Typer) -> None:
 
             found = run_study(
                 loaded, loads, voltages, threshold=threshold, base=samples, seed=seed,
-                keep=folder / "samples.npz", tick=tick,
+                keep=folder / "samples.npz", render=render, renderer=record, tick=tick,
             )  # fmt: skip
         result = found.as_dict() | {"seconds": time.monotonic() - started}
         report = write(folder / "report.html", page(found))

@@ -15,7 +15,9 @@ from evanesce.contact.solve import contact_state
 from evanesce.effects import Context, Stage, active_effects, apply_stage
 from evanesce.errors import InputError
 from evanesce.measurement.segment import Chain
+from evanesce.render.transport import render_fast
 from evanesce.rig import Scene
+from evanesce.simulate import Render
 from evanesce.validation.voltage import Excess, Press, study_scene, voltage_curve
 from evanesce.validation.voltage_findings import (
     BestSetting,
@@ -218,6 +220,8 @@ def run_study(
     base: int = 64,
     seed: int = 1,
     keep: Path | None = None,
+    render: Render | None = None,
+    renderer: Mapping[str, Any] | None = None,
     tick: Tick = lambda what, done, total: None,
 ) -> VoltageStudy:
     """Run the whole study.
@@ -235,6 +239,10 @@ def run_study(
     seed : int
     keep : Path, optional
         See :func:`run_samples`.
+    render : Render, optional
+        For the scene in full; the fast renderer if not given. The sampled rigs always use the fast renderer's fields.
+    renderer : mapping, optional
+        What provenance says of ``render``.
     tick : callable
         ``tick(what, done, total)``.
 
@@ -243,6 +251,7 @@ def run_study(
     InputError
         If the scene cannot be studied.
     """
+    render = render_fast if render is None else render
     scene, notes = study_scene(scene)
     own = scene_values(scene, threshold)
     chain, volts, loads = Chain(threshold=threshold), tuple(voltages), tuple(forces)
@@ -254,8 +263,8 @@ def run_study(
             done[0] += 1
             tick("voltages", done[0], len(loads) * len(volts))
 
-        curves[force] = voltage_curve(scene, force, volts, chain, seed=seed, tick=step)
-    presses = [Press.of(scene, force, seed=seed) for force in loads]
+        curves[force] = voltage_curve(scene, force, volts, chain, seed=seed, render=render, tick=step)
+    presses = [Press.of(scene, force, seed=seed, render=render) for force in loads]
     chains = [Chain(threshold=t) for t in THRESHOLDS]
     relative = []
     for press in presses:
@@ -286,7 +295,7 @@ def run_study(
         holds={name: where_it_holds(samples, found.all) for name, found in readings.items()}
         | {part: where_it_holds(samples, getattr(plain, part)) for part in ("vanishes", "settles")},
         best=best_setting(samples, np.ones(len(samples.values), bool), seed=seed),
-        provenance=provenance.record(seed=seed, config=scene.as_dict(), renderer="transport"),
+        provenance=provenance.record(seed=seed, config=scene.as_dict(), **(renderer or {"renderer": "transport"})),
     )  # fmt: skip
 
 

@@ -229,7 +229,12 @@ class ReducedRig:
 
 
 def with_length(fields: Fields, reflectance: float, length: float, pitch: float) -> Fields:
-    """Return fields whose lateral glow has another transport mean free path [mm]: only its kernel depends on it."""
+    """Return fields whose lateral glow has another transport mean free path [mm]: only its kernel depends on it.
+
+    At 0 there is no glow: light leaves where it entered.
+    """
+    if length == 0.0:
+        return replace(fields, glow=None)
     if fields.glow is None:
         raise ValueError("fields without glow have no glow to change")
     cell = min(GLOW_CELL, max(length / 4, pitch))

@@ -13,9 +13,10 @@ from evanesce.contact.jkr import jkr_contact
 from evanesce.contact.solve import contact_state
 from evanesce.effects import Context, Effect, all_effects
 from evanesce.errors import InputError
-from evanesce.rig import Scene, load_scene
-from evanesce.simulate import touch
-from evanesce.states import ContactState
+from evanesce.optics.projection import Projection
+from evanesce.rig import Press, Ramp, Scene, load_scene
+from evanesce.simulate import simulate_press, touch
+from evanesce.states import ContactState, PlateLight
 
 MODULUS = 0.21
 LAWS: dict[str, dict[str, object]] = {
@@ -110,6 +111,32 @@ def test_stiffening_under_hertz() -> None:
         area = pressed(rig("hertz"), force, bone_stiffening={"per_N": 0.3}).nominal_contact_area
         plain = pressed(rig("hertz"), force).nominal_contact_area
         assert area / plain == pytest.approx((1 + 0.3 * force) ** (-2 / 3))
+
+
+def dark(scene: Scene, state: ContactState | None, *, seed: int) -> PlateLight:
+    view = Projection.of(scene.camera, scene.plate).ideal_view()
+    nothing = np.zeros(view.shape)
+    return PlateLight(radiance=nothing, variance=nothing, focal_px=view.focal_px, principal_point=view.principal_point)
+
+
+def test_a_ramp_by_depth_meets_more_force_on_a_stiffer_finger() -> None:
+    """The machine moves by mm/min: depths are those imposed, forces those of the finger that is really there."""
+    ramp = Ramp(start_N=0.4, stop_N=1.6, rate_mm_per_min=40.0)
+    camera = {"camera.resolution_px": [20, 16], "camera.lens.distortion": {"k1": 0.0}}
+    scene = rig("hertz", **camera).model_copy(update={"press": Press(ramp=ramp, frame_rate_hz=6.0)})
+    for factor in (1.0, 1.5):
+        effects = {} if factor == 1.0 else {"modulus": {"relative": factor - 1}}
+        shots = simulate_press(scene.model_copy(update={"effects": effects}), seed=1, render=dark)
+        first = next(iter(shots))
+        second = next(shots)
+        assert first.state is not None
+        assert second.state is not None
+        start = np.cbrt(9 * 0.4**2 / (16 * 7.5 * (factor * MODULUS) ** 2))
+        assert first.state.depth == pytest.approx(start)
+        assert second.state.depth - first.state.depth == pytest.approx(40.0 / 60 / 6.0)
+        assert second.state.normal_force == pytest.approx(
+            4 / 3 * factor * MODULUS * np.sqrt(7.5) * (start + 40.0 / 360) ** 1.5
+        )
 
 
 # --- time ------------------------------------------------------------------------------------------------------------

@@ -194,10 +194,14 @@ def photograph(
 
 
 def simulate_press(scene: Scene, *, seed: int, **options: Any) -> Iterator[SimulatedFrame]:
-    """Simulate the scene's loading programme, frame by frame; options as for :func:`simulate`."""
+    """Simulate the scene's loading programme, frame by frame; options as for :func:`simulate`.
+
+    A ramp in mm/min moves the finger as it really is at time 0: a stiffer one answers with more force.
+    """
     from evanesce.contact.solve import press_programme
 
-    for index, (time_s, force_N) in enumerate(press_programme(scene)):
+    rig, _ = touch(scene, None, seed=seed, file=options.get("file", ANY_SCENE))
+    for index, (time_s, force_N) in enumerate(press_programme(rig)):
         yield simulate(scene, force_N, seed=seed, time_s=time_s, index=index, **options)
 
 

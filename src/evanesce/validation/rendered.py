@@ -11,13 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from evanesce.contact.solve import contact_state
-from evanesce.effects import Context, Stage, active_effects, apply_stage
 from evanesce.errors import InputError
 from evanesce.measurement.images import read_image
 from evanesce.render.exr import read_light
 from evanesce.rig import Scene, load_scene
-from evanesce.simulate import SimulatedFrame
+from evanesce.simulate import SimulatedFrame, touch
 from evanesce.states import Frame, PlateLight, SensorLight
 
 ALLOWED = "a folder written by `evanesce render`"
@@ -60,10 +58,7 @@ class Rendered:
 
     def true_scene(self) -> Scene:
         """Return the rig as it really was, after effects of the stage ``rig``."""
-        file = self.folder / "scene.toml"
-        effects = active_effects(self.scene, file)
-        scene: Scene = apply_stage(Stage.RIG, self.scene, effects, Context(self.scene, self.seed))
-        return scene
+        return touch(self.scene, None, seed=self.seed, file=self.folder / "scene.toml")[0]
 
     def shots(self) -> Iterator[SimulatedFrame]:
         """Yield the frames with their truth, and with their light where it was kept (dark otherwise).
@@ -73,12 +68,12 @@ class Rendered:
         InputError
             If a frame is missing or of another size than the scene's.
         """
-        scene = self.true_scene()
-        effects = active_effects(self.scene, self.folder / "scene.toml")
-        cols, rows = scene.camera.resolution_px
         for entry in self.frames:
-            state = contact_state(scene, entry.force_N, time_s=entry.time_s)
-            state = apply_stage(Stage.CONTACT, state, effects, Context(scene, self.seed, entry.time_s, entry.index))
+            scene, state = touch(
+                self.scene, entry.force_N, seed=self.seed, time_s=entry.time_s, index=entry.index,
+                file=self.folder / "scene.toml",
+            )  # fmt: skip
+            cols, rows = scene.camera.resolution_px
             path = self.folder / f"frame_{entry.index:06d}.png"
             picture = read_image(path).data
             if picture.shape[:2] != (rows, cols):

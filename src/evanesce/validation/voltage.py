@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from evanesce import rng
-from evanesce.contact.solve import contact_state
 from evanesce.effects import Context, Stage, active_effects, apply_stage
 from evanesce.errors import InputError
 from evanesce.measurement.segment import TRUNCATE, Chain, segment
@@ -27,7 +26,7 @@ from evanesce.rig import Camera, Scene
 from evanesce.sensor.expose import charge_of, frame_of, signal_of
 from evanesce.sensor.lens import form_image
 from evanesce.sensor.tone import CURVES
-from evanesce.simulate import Render
+from evanesce.simulate import Render, touch
 from evanesce.states import ContactState, SensorLight
 
 Array = NDArray[np.float64]
@@ -136,10 +135,9 @@ def sensor_light(
 ) -> tuple[Scene, ContactState, SensorLight]:
     """Return rig, truth and irradiance on the sensor of one press at the scene's voltage, without lens distortion."""
     scene = without_sources(scene, omitted)
-    effects = active_effects(scene)
-    rig: Scene = apply_stage(Stage.RIG, scene, effects, Context(scene, seed))
-    context = Context(rig, seed)
-    state = apply_stage(Stage.CONTACT, contact_state(rig, force), effects, context)
+    rig, state = touch(scene, force, seed=seed)
+    assert state is not None  # a force was given
+    effects, context = active_effects(scene), Context(rig, seed)
     light = render(rig, state, seed=rng.integer_seed(seed, "render", 0))
     light = apply_stage(Stage.PLATE_LIGHT, light, effects, context)
     image = form_image(light, rig.camera, rig.plate, distortion=False, blurred="blur" not in omitted)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,12 +32,15 @@ class Job:
     seed : int
     frames : int
         Count of frames, a multiple of the trial's.
+    recorded : str
+        Digest that a stored description had when it was written; a later version may know more keys.
     """
 
     scene: Scene
     config: DatasetConfig
     seed: int
     frames: int
+    recorded: str = ""
 
     @property
     def trials(self) -> int:
@@ -61,6 +65,8 @@ class Job:
     @property
     def digest(self) -> str:
         """SHA-256 of everything that decides the bytes, but for the count and the versions."""
+        if self.recorded:
+            return self.recorded
         return provenance.digest({"scene": self.scene.as_dict(), "config": self.config.as_dict(), "seed": self.seed})
 
     @property
@@ -194,17 +200,16 @@ def load_job(folder: Path, *, check_versions: bool = False) -> Job:
                 f"{data['format']!r} version {data['format_version']}", file=path,
                 allowed=f"{layout.FORMAT} version {layout.FORMAT_VERSION}",
             )  # fmt: skip
-        import json
-
         scene = Scene.model_validate_json(json.dumps(data["scene"]))
         config = DatasetConfig.model_validate_json(json.dumps(data["config"]))
-        job = Job(scene, config, int(data["seed"]), int(data["frames"]))
-        recorded = data["config_sha256"]
+        recorded = provenance.digest({name: data[name] for name in ("scene", "config", "seed")})
+        job = Job(scene, config, int(data["seed"]), int(data["frames"]), recorded)
+        written = data["config_sha256"]
     except (KeyError, TypeError, ValueError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"not a dataset's description: {str(error).splitlines()[0]}", file=path) from None
-    if recorded != job.digest:
+    if written != recorded:
         raise InputError("config_sha256 does not fit what stands beside it", file=path)
     if check_versions:
         _require_versions(path, data.get("provenance", {}))

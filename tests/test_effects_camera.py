@@ -574,5 +574,8 @@ def test_each_says_how_it_scales_and_what_a_fit_may_vary(name: str) -> None:
     for candidate in found.values():
         # A prior as wide as all that is allowed would say nothing.
         assert candidate.deviation <= 0.5 * (candidate.bounds[1] - candidate.bounds[0])
+    # A point to start from is away from the null.
+    starts = {c.name: c.start[0] for c in found.values() if c.start}
+    assert not starts or not effect.is_null(effect.with_values(starts))
     away = {c.name: (c.start or (min(c.null + c.deviation, c.bounds[1]),))[0] for c in found.values()}
     assert not effect.is_null(effect.with_values(away))

@@ -56,5 +56,5 @@ EFFECT = Effect(
     fitted={"loss": 0.5, "first": 8.0},
     scaling="follows LED power: a smooth loss towards one place at the edge, and holes in the reflections there",
     # Which LED it is has no derivative. Numbers beyond the rig's last LED are an InputError.
-    start={"first": tuple(float(i) for i in range(0, 27, 3))},
+    start={"loss": (0.8,), "first": tuple(float(i) for i in range(0, 27, 3))},
 )

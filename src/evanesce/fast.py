@@ -199,10 +199,12 @@ class FastCamera:
 
     def _general(self, state: ContactState | None, seed: int, index: int, time_s: float) -> Frame:
         """Take the picture by the general chain, with the contact as given."""
+
+        def given(*_: Any, **__: Any) -> Any:
+            return state
+
         force = None if state is None else state.normal_force
-        found = simulate(
-            self.scene, force, seed=seed, time_s=time_s, index=index, contact=lambda *_, **__: state, render=render_fast
-        )
+        found = simulate(self.scene, force, seed=seed, time_s=time_s, index=index, contact=given, render=render_fast)
         return found.frame
 
     def frames(

@@ -12,6 +12,7 @@ from scipy.optimize import brentq
 
 from evanesce.contact.fem.library import library_press
 from evanesce.optics.projection import Projection
+from evanesce.render.transport import render_fast
 from evanesce.rig import Scene, load_scene
 from evanesce.simulate import touch
 
@@ -85,6 +86,25 @@ def tilt() -> None:
         print("  " + "".join(f"({a:7.2f}, {b:7.2f}) " for a, b in zip(dx, dy, strict=True)))
 
 
+def moved() -> None:
+    """Print how a contact that wanders differs, in the fast renderer, from a finger that stands there."""
+    view = {
+        "camera.resolution_px": [400, 300],
+        "camera.scale_px_per_mm": 20.0,
+        "camera.lens.focal_length_mm": 2.0,
+        "camera.lens.distortion": {"k1": 0.0},
+        "grid.samples": 300,
+        "grid.size_mm": 9.0,
+    }
+    values = {"shift_x_mm_per_N": 0.5, "shift_y_mm_per_N": -0.3}
+    wandering = load_scene("thesis", view).model_copy(update={"effects": {"off_axis_load": values}})
+    standing = load_scene("thesis", view | {"finger.position_mm": [0.75, -0.45]})
+    one, two = (np.asarray(render_fast(*touch(scene, 1.5, seed=1), seed=1).radiance) for scene in (wandering, standing))
+    print("\noff_axis_load: contact moved by (0.75, -0.45) mm against a finger that stands there, fast renderer")
+    largest = 100 * np.abs(one - two).max() / two.max()
+    print(f"  all light {100 * (one.sum() / two.sum() - 1):.2f} %, largest {largest:.2f} % of the brightest pixel")
+
+
 def ridges() -> None:
     """Print the area of the ridged finger as its ridges grow."""
     print("\nridge_height 0.2: change of contact area of the ridged finger [%] at 0.5, 1, 2, 4 N")
@@ -109,6 +129,7 @@ def main() -> None:
     ridges()
     adhesion_on_ridges()
     tilt()
+    moved()
 
 
 if __name__ == "__main__":

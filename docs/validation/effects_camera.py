@@ -5,19 +5,23 @@ Run: python docs/validation/effects_camera.py [PICTURE.png]
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 import time
 from pathlib import Path
 
+import av
 import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from scipy import ndimage
 
 from evanesce.contact.solve import contact_state
 from evanesce.effects import Context, Stage, all_effects
+from evanesce.effects.compression import quantised
 from evanesce.render.transport import render_fast
 from evanesce.rig import load_scene
 from evanesce.sensor.expose import charge_of, frame_of, signal_of
@@ -64,6 +68,7 @@ def main(picture: Path | None) -> None:
         worst = np.abs(change).max()
         print(f"{name:18s} {np.abs(change).mean():12.2f} {worst:12.0f} {middle:+11.2f} {corner:+9.2f}")
     costs(plain_scene, light)
+    codec()
     if picture is not None:
         draw(plain, shots, picture)
 
@@ -85,6 +90,42 @@ def costs(scene, light) -> None:  # type: ignore[no-untyped-def]
             effect.apply(values[effect.stage], parameters, context)
             taken.append(time.process_time() - started)
         print(f"  {name:18s} {1e3 * min(taken):6.2f} ms")
+
+
+def codec() -> None:
+    """Print RMS error and noise left by the model and by libx264 (every frame intra) on a noisy patch."""
+    v, u = np.mgrid[:304, :400]
+    r = np.hypot(u - 220, v - 140) / 70
+    clean = ndimage.gaussian_filter(40 + 120 * (r < 1) * (1 - 0.5 * r**2), 1.0) + 0.05 * u
+    rng = np.random.default_rng(0)
+    for noise in (2.0, 5.0):
+        frame = np.clip(clean + noise * rng.standard_normal(clean.shape), 0, 255).astype(np.uint8)
+        for quantiser in (18, 24, 30):
+            model = quantised(frame, 0.625 * 2 ** (quantiser / 6) * 255 / 219, 8, 1 / 3)
+            real = h264(frame, quantiser).astype(float)
+            error = [np.std(made - frame) for made in (model, real)]
+            left = [np.std((made - clean)[20:-20, 20:-20]) for made in (model, real)]
+            print(
+                f"noise {noise:g} DN, QP {quantiser}: error {error[0]:.2f} (libx264 {error[1]:.2f}) DN,"
+                f" noise left {left[0]:.2f} ({left[1]:.2f}) DN"
+            )
+
+
+def h264(frame: np.ndarray, quantiser: int) -> np.ndarray:
+    """Return a grey frame after libx264."""
+    buffer = io.BytesIO()
+    with av.open(buffer, "w", format="mp4") as container:
+        stream = container.add_stream("libx264", rate=30)
+        stream.height, stream.width = frame.shape
+        stream.pix_fmt = "yuv420p"
+        stream.options = {"qp": str(quantiser), "bf": "0", "x264-params": "keyint=1:ipratio=1"}
+        rgb = np.repeat(frame[..., None], 3, axis=2)
+        container.mux(stream.encode(av.VideoFrame.from_ndarray(rgb, format="rgb24")))
+        container.mux(stream.encode(None))
+    buffer.seek(0)
+    with av.open(buffer) as container:
+        (decoded,) = (f.to_ndarray(format="rgb24")[..., 1] for f in container.decode(video=0))
+    return np.asarray(decoded)
 
 
 def draw(plain: np.ndarray, shots: dict[str, np.ndarray], path: Path) -> None:

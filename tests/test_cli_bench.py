@@ -112,6 +112,24 @@ def test_friction_groups(run, tmp_path):
     assert result["static"]["repeatability"]["within_std"] == pytest.approx(0.0129, abs=0.01)
 
 
+def test_friction_files_of_one_name_are_kept_apart(run, tmp_path):
+    files = []
+    for folder, dynamic in (("left", 0.9), ("right", 0.6)):
+        (tmp_path / folder).mkdir()
+        r = simulate_stick_slip(Slider(0.05, 1.5, 1.0, dynamic + 0.1, dynamic, damping=0.001), 1.0, 5.0, 400)
+        headings = "time_s,tangential_N,normal_N"
+        files.append(csv(tmp_path / folder / "slide.csv", headings, r.time, r.spring_force, 0 * r.time + 1))
+    result = done(run("friction", *files, "--out", tmp_path / "o"), tmp_path / "o", "histogram.png")
+    first, second = result["slides"]
+    assert first["file"] != second["file"]
+    # the mode of each is its own, near its own median: within half of what parts the two
+    assert first["mode"] == pytest.approx(first["dynamic"], abs=0.15)
+    assert second["mode"] == pytest.approx(second["dynamic"], abs=0.15)
+    twice = run("friction", files[0], files[0])
+    assert twice.exit_code == 2
+    assert "given twice" in twice.stderr
+
+
 def test_profile_and_map(run, tmp_path):
     x = np.arange(0, 8, 0.004)
     d = np.abs((x - 0.2 + 0.5) % 1.0 - 0.5)
@@ -145,7 +163,7 @@ def test_profile_and_map(run, tmp_path):
         (["profile", "numbers.csv"], 2, "--pitch-um"),
         (["profile", "text.csv", "--design-height-um", "-3"], 2, "above 0 um"),
         (["profile", "text.csv", "--json", "nowhere/x.json"], 2, "its folder does not exist"),
-        (["friction", "flat.csv"], 1, "no sliding found"),
+        (["friction", "flat.csv"], 2, "flat.csv: no sliding found"),
     ],
 )
 def test_bad_input_is_one_line_and_writes_nothing(run, tmp_path, monkeypatch, words, code, message):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -43,6 +45,15 @@ def _save(figure: Any, folder: Path, name: str) -> Path:
     return path
 
 
+@contextmanager
+def _blames(file: Path) -> Iterator[None]:
+    """Name the file in what an analysis says of its data: a lab's file that holds no such test is bad input."""
+    try:
+        yield
+    except WorkError as error:
+        raise InputError(str(error), file=file) from None
+
+
 def _finish(result: dict[str, Any], json_file: Path | None, folder: Path) -> None:
     from evanesce import provenance
 
@@ -63,7 +74,8 @@ def _indentation(file: Path, finger: float, indenter: float, nu: float, out: Pat
 
     force, position = indentation.read_indentation(file)
     geometry = indentation.elliptic_geometry(finger, indenter)
-    r = indentation.analyse(force, position, geometry, nu)
+    with _blames(file):
+        r = indentation.analyse(force, position, geometry, nu)
     folder = out_dir(out, "bench-stiffness")
     _save(indentation_figure(r), folder, "indentation.png")
     headings = (
@@ -163,7 +175,8 @@ def _dma(file: Path, reference: float | None, out: Path | None) -> Result:
                 f"{master.activation_energy_kJ_per_mol:.4g} +- {master.activation_energy_se:.2g} kJ/mol",
             )
         )
-    fit = prony.fit_prony(reduced, table.storage, table.loss_factor)
+    with _blames(file):
+        fit = prony.fit_prony(reduced, table.storage, table.loss_factor)
     folder = out_dir(out, "bench-dma")
     _save(dma_figure(table, fit.series, reduced), folder, "dma.png")
     _csv(folder / "prony.csv", "relaxation_time_s,modulus_MPa", [fit.series.times, fit.series.moduli])
@@ -191,33 +204,36 @@ def _friction(files: list[Path], groups: list[str], smoothing: float | None, out
     from evanesce.report import bench_plots
 
     traces = [friction.read_trace(file) for file in files]
+    # two folders may hold files of one name
+    names = [file.stem for file in files]
+    names = [str(file) if names.count(file.stem) > 1 else file.stem for file in files]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InputError("given twice", file=twice, allowed="each slide once")
     results, stable, spectra = [], {}, []
-    for file, trace in zip(files, traces, strict=True):
-        try:
+    for file, name, trace in zip(files, names, traces, strict=True):
+        with _blames(file):
             result = friction.analyse(trace, smoothing_s=smoothing)
-        except WorkError as error:
-            raise WorkError(f"{file}: {error}") from None
         results.append(result)
         inside = (trace.time >= result.stable[0]) & (trace.time <= result.stable[1])
         coefficient = friction.coefficient_of_friction(trace)[inside]
         known = np.isfinite(coefficient)
-        stable[file.stem] = coefficient[known]
+        stable[name] = coefficient[known]
         spectra.append(friction.spectrum(trace.time[inside][known], coefficient[known]))
-    names = [file.stem for file in files]
     folder = out_dir(out, "bench-friction")
     _save(bench_plots.friction_figure(traces, results, names), folder, "friction.png")
     _save(bench_plots.histogram_figure(stable, "coefficient of friction, stable region [1]"), folder, "histogram.png")
     _save(bench_plots.spectrum_figure(spectra[0], "1"), folder, "spectrum.png")
     slides = [
         {
-            "file": file.name,
+            "file": file.name if name == file.stem else name,
             "group": group,
             **asdict(result),
-            "mode": statistics.kernel_density_mode(stable[file.stem]),
+            "mode": statistics.kernel_density_mode(stable[name]),
             "peak_frequency_hz": spectrum.peak,
             "peak_share": spectrum.peak_share,
         }
-        for file, group, result, spectrum in zip(files, groups, results, spectra, strict=True)
+        for file, name, group, result, spectrum in zip(files, names, groups, results, spectra, strict=True)
     ]
     table = Table(title="friction", caption="dynamic: median +- robust spread over the stable region")
     for heading in ("file", "group", "static", "dynamic", "mode", "strongest frequency"):
@@ -268,21 +284,24 @@ def _profile(
 
     if file.suffix.lower() == ".csv" and not surface_files.is_matrix(file):
         x, z = surface_files.read_profile(file)
-        result = profile.analyse_profile(x, z, form)
+        with _blames(file):
+            result = profile.analyse_profile(x, z, form)
         flat = profile.remove_form(z, form)
         folder = out_dir(out, "bench-profile")
         _save(bench_plots.profile_figure(x, flat, result), folder, "profile.png")
         step = float(np.median(np.diff(x)))
         samples = min(2048, max(64, round(float(np.ptp(x)) / step)))
-        surface = profile.height_map_of_profile(x, z, (samples, samples), step) if result.pitch.count else None
+        with _blames(file):
+            surface = profile.height_map_of_profile(x, z, (samples, samples), step) if result.pitch.count else None
     else:
         if pitch is None:
             raise InputError(
                 "a height map needs its sample distance", file=file, key="--pitch-um", allowed="in um, > 0"
             )
         scan = surface_files.read_map(file, pitch, unit)
-        result = profile.analyse_map(scan.height, scan.pitch)
-        surface = profile.height_map_of_scan(scan.height, scan.pitch)
+        with _blames(file):
+            result = profile.analyse_map(scan.height, scan.pitch)
+            surface = profile.height_map_of_scan(scan.height, scan.pitch)
         folder = out_dir(out, "bench-profile")
         _save(bench_plots.map_figure(surface.height, scan.pitch, result), folder, "map.png")
     against = profile.against_design(result, design)

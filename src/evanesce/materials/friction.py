@@ -16,9 +16,9 @@ Floats = NDArray[np.float64]
 
 COLUMNS = (
     Column("time", ("t",), "time"),
-    Column("fx", ("force_x", "tangential_force", "friction_force", "f_t"), "force"),
+    Column("fx", ("force_x", "tangential_force", "tangential", "friction_force", "f_t"), "force"),
     Column("fy", ("force_y",), "force", required=False),
-    Column("fz", ("force_z", "normal_force", "load", "f_n"), "force"),
+    Column("fz", ("force_z", "normal_force", "normal", "load", "f_n"), "force"),
 )
 
 

@@ -169,8 +169,8 @@ def normal_force_overshoot(friction: float) -> Prediction:
         f"Silskin 0 %, pressed to 1 N, depth then held, mu {friction:g}, slid by {ways['none']:.1f} mm"
         f" ({ways['half']:.1f} with the bone; below 10 mm the run met its material or step limit before gross slip):"
         " largest departure of the normal force, signed, over 1 N; negative is a drop. Value: no bone. Interval: no"
-        " bone to a rigid one of half the radius, each with its mesh error (mu 0.67: 0.8 against 0.6 mm, with the bone"
-        " against 1.1 mm). A bone turns the drop into an overshoot."
+        " bone to a rigid one of half the radius, each with its mesh error (mu 0.67: 0.8 against 0.6 mm)."
+        " A bone turns the drop into an overshoot."
     )
     return spanned(ends["none"][0], np.concatenate(list(ends.values())), 0.0, basis)
 

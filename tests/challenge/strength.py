@@ -1,0 +1,220 @@
+"""How strong a hidden cause is: the whitened norm of what it changes, nuisances taken off.
+
+Means and variances are those of the injector's own camera, on bins of 4 x 4 pixels, over all auxiliary shots and the
+press frames that a critic does not hold back. Nuisances are marginalised with their prior widths (a ridge), so that a
+flicker of 0.2 % hides only so much. For compressed cases the strength is that before the codec.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .camera import binned
+from .chain import Causes, Nuisances, development, expose, rig_of
+from .hidden import Hidden, Rig
+from .rig import BaseLight, View, power
+
+PRIOR = {
+    "light": 0.3, "black": 0.3, "pose_x": 1.0, "pose_y": 1.0, "flicker": 0.002, "force": 0.003, "card_x": 1.0,
+    "card_y": 1.0, "turn": 0.035, "card_light": 1.0, "slope_x": 0.1, "slope_y": 0.1,
+}  # fmt: skip
+GLOBAL = ("light", "black", "pose_x", "pose_y")
+
+
+def means(rig: Rig, causes: Causes, nuisances: Nuisances | None = None) -> np.ndarray:
+    """Return binned mean pictures (views, 75, 100) [DN]."""
+    nuisances = nuisances or Nuisances()
+    table = development(rig, causes)
+    kept: dict[object, np.ndarray] = {}
+    found = []
+    for view in rig.views:
+        still = all(c.still for c, _ in causes)
+        kind = "press" if view.touches else view.kind
+        same = (kind, view.shot.force_N, view.shot.voltage_V) if still and not nuisances.flicker else view
+        if same not in kept:
+            kept[same] = binned(table.level(expose(rig, view, causes, nuisances).raw_DN(rig.electronics)))
+        found.append(kept[same])
+    return np.array(found)
+
+
+@dataclass(frozen=True)
+class Ruler:
+    """Measures changes of the binned pictures of one rig.
+
+    Attributes
+    ----------
+    base : ndarray (views, 75, 100)
+        Mean pictures with nothing hidden [DN].
+    weight : ndarray (views, 75, 100)
+        One over the variance; 0 for views that are held back.
+    columns : list of (names, ndarray (n, 75, 100))
+        Derivatives by the nuisances, by view.
+    names : tuple of str
+        Of all nuisances.
+    hat : ndarray
+        Inverse of information plus prior.
+    """
+
+    base: np.ndarray
+    weight: np.ndarray
+    columns: list[tuple[tuple[int, ...], np.ndarray]]
+    names: tuple[str, ...]
+    hat: np.ndarray
+
+    def _onto(self, signal: np.ndarray) -> np.ndarray:
+        onto = np.zeros(len(self.names))
+        for k, (places, columns) in enumerate(self.columns):
+            np.add.at(onto, list(places), np.tensordot(columns, self.weight[k] * signal[k], 2))
+        return onto
+
+    def inner(self, one: np.ndarray, other: np.ndarray) -> float:
+        """Return the whitened product of two changes (views, 75, 100), nuisances taken off."""
+        return float((self.weight * one * other).sum() - self._onto(one) @ self.hat @ self._onto(other))
+
+    def norm(self, signal: np.ndarray) -> float:
+        """Return the signal-to-noise ratio of a change."""
+        return float(np.sqrt(max(self.inner(signal, signal), 0.0)))
+
+    def without(self, kinds: Sequence[str], views: Sequence[View]) -> Ruler:
+        """Return the ruler of a bundle that lacks some auxiliary shots."""
+        weight = self.weight.copy()
+        for k, view in enumerate(views):
+            if view.kind in kinds:
+                weight[k] = 0.0
+        return _ruler(self.base, weight, self.columns, self.names)
+
+    def only(self, spare: bool, views: Sequence[View], variance: np.ndarray) -> Ruler:
+        """Return the ruler of the press frames that are held back (or of those that are not)."""
+        keep = np.array([view.kind == "press" and view.spare == spare for view in views])
+        return _ruler(self.base, keep[:, None, None] / variance, self.columns, self.names)
+
+
+def _ruler(
+    base: np.ndarray, weight: np.ndarray, columns: list[tuple[tuple[int, ...], np.ndarray]], names: tuple[str, ...]
+) -> Ruler:
+    information = np.diag([1.0 / PRIOR[name.partition("[")[0]] ** 2 for name in names])
+    for k, (places, own) in enumerate(columns):
+        flat = own.reshape(len(places), -1)
+        information[np.ix_(places, places)] += (flat * weight[k].ravel()) @ flat.T
+    return Ruler(base, weight, columns, names, np.linalg.inv(information))
+
+
+@functools.lru_cache(maxsize=2)
+def ruler(name: str, pose: int) -> Ruler:
+    """Return the ruler of a set's rig at one pose."""
+    rig = rig_of(name, pose)
+    table = development(rig, ())
+    base, variance, local = [], [], []
+    for view in rig.views:
+        raw = expose(rig, view, (), Nuisances()).raw_DN(rig.electronics)
+        base.append(binned(table.level(raw)))
+        variance.append(binned(table.spread(raw)) / 16 / view.frames)
+        local.append(_derivatives(rig, view, raw, table.slope(raw)))
+    names: list[str] = list(GLOBAL)
+    columns = []
+    for k, found in enumerate(local):
+        places = []
+        for parameter in found:
+            label = parameter if parameter in GLOBAL else f"{parameter}[{k}]"
+            if label not in names:
+                names.append(label)
+            places.append(names.index(label))
+        columns.append((tuple(places), np.array([binned(d) for d in found.values()])))
+    weight = 1.0 / np.maximum(variance, 1e-4)
+    weight[[k for k, view in enumerate(rig.views) if view.spare]] = 0.0
+    return _ruler(np.array(base), weight, columns, tuple(names))
+
+
+def variances(name: str, pose: int) -> np.ndarray:
+    """Return the variance of the binned pictures (views, 75, 100) [DN^2]."""
+    rig = rig_of(name, pose)
+    table = development(rig, ())
+    return np.array(
+        [
+            np.maximum(
+                binned(table.spread(expose(rig, v, (), Nuisances()).raw_DN(rig.electronics))) / 16 / v.frames, 1e-4
+            )
+            for v in rig.views
+        ]
+    )
+
+
+def _derivatives(rig: Rig, view: View, raw: np.ndarray, slope: np.ndarray) -> dict[str, np.ndarray]:
+    """Return derivatives of a mean picture by its nuisances [DN per unit]."""
+    e, base = rig.electronics, rig.base
+    found = {"black": slope}
+    lit = slope * (raw - e.black_DN)
+    if view.touches:
+        k = base.force_index(view.shot.force_N)
+        light = power(rig.name, view.shot.voltage_V) * e.e_per_irradiance * e.DN_per_e
+        gv, gu = np.gradient(base.press[k].astype(float))
+        per_mm = light / rig.at.mm_per_px
+        found |= {
+            "light": lit,
+            "pose_x": -slope * per_mm * binned(gu, 2),
+            "pose_y": -slope * per_mm * binned(gv, 2),
+            "flicker": lit,
+            "force": slope * light * binned(base.by_log_force[k].astype(float), 2),
+        }
+    if view.is_card:
+        found |= _card_derivatives(rig, base, view, lit, slope)
+    return found
+
+
+def _card_derivatives(
+    rig: Rig, base: BaseLight, view: View, lit: np.ndarray, slope: np.ndarray
+) -> dict[str, np.ndarray]:
+    e, at = rig.electronics, rig.at
+    gain = e.e_per_irradiance * e.DN_per_e
+    gv, gu = np.gradient(base.cards[view.kind].astype(float))
+    turned = (-at.y * gu + at.x * gv) / at.mm_per_px
+    return {
+        "card_x": -slope * gain * binned(gu, 2) / at.mm_per_px,
+        "card_y": -slope * gain * binned(gv, 2) / at.mm_per_px,
+        "turn": -slope * gain * binned(turned, 2),
+        "card_light": lit,
+        "slope_x": lit * binned(at.u, 2),
+        "slope_y": lit * binned(at.v, 2),
+    }
+
+
+class OutOfReach(Exception):
+    """A cause cannot be made as strong as asked for within its limits: the nuisances absorb it."""
+
+
+def amplitude_for(rig: Rig, measure: Ruler, cause: Hidden, strength: float, tolerance: float = 0.01) -> float:
+    """Return the amplitude at which a cause alone has the strength asked for.
+
+    Raises
+    ------
+    OutOfReach
+        If even its largest amplitude does not reach it.
+    """
+    a = cause.start
+    low: tuple[float, float] = (0.0, 0.0)
+    high: tuple[float, float] | None = None
+    for _ in range(40):
+        found = measure.norm(means(rig, [(cause, a)]) - measure.base)
+        if abs(found / strength - 1) < tolerance:
+            return a
+        if found < strength:
+            low = (a, found)
+            if a >= 0.999 * cause.limit:
+                break
+        else:
+            high = (a, found)
+        if high is None:
+            a = min(a * min(max(strength / max(found, 1e-9), 1.2), 8.0), cause.limit)
+        elif low[1] > 0.05 * strength or (low[0] == 0.0 and high[1] < 20 * strength):
+            # Strength is close to a power of the amplitude; from nothing, to the amplitude itself.
+            power_law = np.log(high[1] / low[1]) / np.log(high[0] / low[0]) if low[1] > 0 else 1.0
+            a = float(high[0] * (strength / high[1]) ** (1.0 / power_law))
+            wide = high[0] - low[0]
+            a = min(max(a, low[0] + 0.02 * wide), high[0] - 0.02 * wide)
+        else:
+            a = 0.5 * (low[0] + high[0])
+    raise OutOfReach(f"{cause.id}: {low[1]:.2f} at {low[0]:.3g} {cause.unit}, asked for {strength:g}")

@@ -1,0 +1,155 @@
+"""Causes that no library has: what a critic must not name."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+from .families_camera import moved
+from .hidden import Hidden
+from .rig import COLS, ROWS, View, power
+
+
+class Moire(Hidden):
+    """Fringes of two gratings: a fixed sinusoid that multiplies the light."""
+
+    id, start = "moire", 0.01
+
+    def draw(self) -> None:
+        angle, period = self.rng.uniform(0, np.pi), self.rng.uniform(0.03, 0.07)
+        at = self.rig.at
+        phase = 2 * np.pi * (at.u * np.cos(angle) + at.v * np.sin(angle)) / period + self.rng.uniform(0, 6)
+        self.map = np.sin(phase) if self.form == 0 else np.sign(np.sin(phase)) * 0.8
+
+    def light(self, fine: np.ndarray, view: View, a: float) -> np.ndarray:
+        return fine * (1 + a * self.map)
+
+
+class DriftingSmear(Hidden):
+    """A fingerprint on the glass whose stripes creep along with time."""
+
+    id, start = "drifting_smear", 0.01
+    still = False
+
+    def draw(self) -> None:
+        self.angle, self.period = self.rng.uniform(0, np.pi), self.rng.uniform(0.5, 0.9)
+        self.speed = self.rng.uniform(0.004, 0.012) * self.rng.choice((-1, 1))
+        self.place = self.rng.uniform(-3, 3, 2)
+
+    def light(self, fine: np.ndarray, view: View, a: float) -> np.ndarray:
+        if not view.lit_by_leds:
+            return fine
+        at = self.rig.at
+        s = at.x * np.cos(self.angle) + at.y * np.sin(self.angle) + self.speed * view.shot.time_s
+        r2 = (at.x - self.place[0]) ** 2 + (at.y - self.place[1]) ** 2
+        stripes = (0.5 + 0.5 * np.sin(2 * np.pi * s / self.period)) * np.exp(-r2 / (2 * 4.0**2))
+        return fine + a * self.rig.contact_level * power(self.rig.name, view.shot.voltage_V) * stripes
+
+
+class GhostImage(Hidden):
+    """A lens flare: the contact once more, mirrored through the optical axis, smaller and out of focus."""
+
+    id, start = "ghost_image", 0.01
+
+    def draw(self) -> None:
+        self.scale = self.rng.uniform(1.4, 2.0)
+        self.aside = self.rng.uniform(25, 60) * self.rng.choice((-1, 1), 2)
+
+    def light(self, fine: np.ndarray, view: View, a: float) -> np.ndarray:
+        rows, cols = fine.shape
+        small = fine[::4, ::4]
+        v, u = np.mgrid[: small.shape[0], : small.shape[1]].astype(float)
+        cv, cu = (small.shape[0] - 1) / 2, (small.shape[1] - 1) / 2
+        place = [cv - self.scale * (v - cv - self.aside[1] / 4), cu - self.scale * (u - cu - self.aside[0] / 4)]
+        ghost = ndimage.gaussian_filter(ndimage.map_coordinates(small, place, order=1), 2.0)
+        return fine + a * np.kron(ghost, np.ones((4, 4)))[:rows, :cols]
+
+
+class RowBanding(Hidden):
+    """Rows of the sensor with offsets of their own, in groups of eight."""
+
+    id, unit, start = "row_banding", "DN", 1.0
+    limit = 500.0
+
+    def draw(self) -> None:
+        rows = np.repeat(self.rng.standard_normal(-(-ROWS // 8)), 8)[:ROWS]
+        self.map = (rows - rows.mean())[:, None] * np.ones((1, COLS))
+
+    def offset_DN(self, view: View, a: float) -> np.ndarray:
+        return a * self.map
+
+
+class FocusDrift(Hidden):
+    """The lens warms up and its focus walks: blur that grows with time, along one direction more."""
+
+    id, unit, start, limit = "focus_drift", "px^2", 0.05, 60.0
+    still = False
+
+    def draw(self) -> None:
+        self.tau = self.rng.uniform(40, 90)
+        self.along = self.rng.uniform(1.5, 2.5)
+
+    def light(self, fine: np.ndarray, view: View, a: float) -> np.ndarray:
+        if view.kind not in ("press", "replicate"):
+            return fine
+        share = min(a * (1 - np.exp(-view.shot.time_s / self.tau)), 1.0)
+        wide = ndimage.gaussian_filter(fine, (2.0, 2.0 * self.along))
+        return fine + share * (wide - fine)
+
+
+class StrayReflection(Hidden):
+    """Light off the press's own parts: a spot that walks over the frame as the load rises."""
+
+    id, start = "stray_reflection", 0.01
+
+    def draw(self) -> None:
+        self.begin, self.way = self.rng.uniform(-0.5, 0.5, 2), self.rng.uniform(-0.5, 0.5, 2)
+        self.width = self.rng.uniform(0.05, 0.12)
+
+    def light(self, fine: np.ndarray, view: View, a: float) -> np.ndarray:
+        if not view.touches:
+            return fine
+        at, share = self.rig.at, view.shot.force_N / max(self.rig.base.forces)
+        x, y = self.begin + self.way * share
+        r2 = ((at.u - x) / self.width) ** 2 + ((at.v - y) / (0.5 * self.width)) ** 2
+        return fine + a * self.rig.contact_level * np.exp(-0.5 * r2)
+
+
+class PlateBending(Hidden):
+    """The plate sags under the load like a beam: the picture shrinks across it, the more the harder the press."""
+
+    id, unit, start, limit = "plate_bending", "1", 1e-3, 0.2
+
+    def draw(self) -> None:
+        self.turn = self.rng.uniform(0, np.pi)
+
+    def light(self, fine: np.ndarray, view: View, a: float) -> np.ndarray:
+        if not view.touches:
+            return fine
+        at, half = self.rig.at, np.hypot(*fine.shape) / 2
+        x, y = self.rig.finger_mm
+        s = (at.x - x) * np.cos(self.turn) + (at.y - y) * np.sin(self.turn)
+        push = a * view.shot.force_N / max(self.rig.base.forces) * half * s / 20.0
+        return moved(fine, push * np.cos(self.turn), push * np.sin(self.turn))
+
+
+class NewtonRings(Hidden):
+    """Interference in the air wedge around the contact: rings that follow its edge."""
+
+    id, start = "newton_rings", 0.01
+
+    def draw(self) -> None:
+        self.count = self.rng.uniform(3.0, 6.0)
+
+    def light(self, fine: np.ndarray, view: View, a: float) -> np.ndarray:
+        if not view.touches:
+            return fine
+        at, (x, y) = self.rig.at, self.rig.finger_mm
+        lit = self.rig.base.press[self.rig.base.force_index(view.shot.force_N)] > 0.5 * self.rig.contact_level
+        radius = np.sqrt(lit.sum() / np.pi) * at.mm_per_px
+        beyond = np.maximum(np.hypot(at.x - x, at.y - y) - radius, 0.0)
+        rings = np.cos(2 * np.pi * self.count * beyond**1.5) * np.exp(-beyond / 0.8) * (beyond > 0)
+        return fine + a * self.rig.contact_level * power(self.rig.name, view.shot.voltage_V) * rings.clip(0)
+
+
+UNKNOWN = (Moire, DriftingSmear, GhostImage, RowBanding, FocusDrift, StrayReflection, PlateBending, NewtonRings)

@@ -25,7 +25,7 @@ from evanesce.rig import Scene
 Array = NDArray[np.float64]
 
 MODES = 4
-"""Spatial modes of the coupled field: it differs from place to place mostly by a factor, little by its decay with the gap.
+"""Spatial modes of the coupled field: from place to place it differs mostly by a factor, little by its decay with gap.
 
 In contact nothing is missing; in a film the fifth would add less than 1e-3 of the contact's light.
 """

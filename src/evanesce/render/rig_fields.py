@@ -31,7 +31,7 @@ from evanesce.rig import Scene
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
-FORMAT = 5
+FORMAT = 6
 """Of the files; a change of any formula of their content counts it up."""
 
 KEEP_FILES = 24
@@ -46,7 +46,9 @@ FEEDBACK_CELL = 0.25
 PER_EDGE = 48
 """Segments of each edge."""
 
-FLANK_DEPTHS = 5
+FLANK_DEPTHS = np.array([0.0, 0.08, 0.2, 0.45, 0.85])
+"""Approaches over the tip's radius at which the flank's light is tabulated; linear between them."""
+
 FLANK_STATIONS = np.array(
     [-1, -0.5, -EPSILON, 0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1, 1.25, 1.6, 2]
 )
@@ -146,7 +148,7 @@ def profile_of(scene: Scene) -> Profile:
 
 def flank_depths(scene: Scene) -> Array:
     """Return the approaches [mm] at which the flank's light is tabulated."""
-    return np.asarray(np.linspace(0.0, 0.4 * scene.finger.tip_radius_mm, FLANK_DEPTHS))
+    return FLANK_DEPTHS * scene.finger.tip_radius_mm
 
 
 def node_axes(scene: Scene) -> tuple[Array, Array]:
@@ -297,7 +299,7 @@ def cache_folder() -> Path:
 def _shapes(scene: Scene) -> dict[str, tuple[int, ...]]:
     leds = sum(places.size for places in led_positions(scene.plate, scene.leds).values())
     nodes, bins, segments = _nodes(scene).shape[0], _bins(scene).count, 4 * PER_EDGE
-    flank = FLANK_DEPTHS * FLANK_STATIONS.size * FLANK_AZIMUTHS
+    flank = FLANK_DEPTHS.size * FLANK_STATIONS.size * FLANK_AZIMUTHS
     return {
         "led": (leds, nodes, bins),
         "edge": (segments, nodes, bins),

@@ -25,6 +25,7 @@ from evanesce.cli.common import (
 from evanesce.errors import InputError
 
 VariantOption = Annotated[str, typer.Option("--variant", help="Mitsuba variant: auto, llvm, scalar or cuda.")]
+MAX_BANDS = 14
 VARIANTS = ("auto", "llvm", "scalar", "cuda")
 FastOption = Annotated[
     bool, typer.Option("--fast/--reference", help="Render by fast transport, or by the path tracer (the reference).")
@@ -69,6 +70,9 @@ def register(app: typer.Typer) -> None:
             list[float] | None, typer.Option("--force", help="Normal force [N] instead of the programme (repeatable).")
         ] = None,
         fast: FastOption = False,
+        bands: Annotated[
+            int, typer.Option("--bands", help="White light in so many bands; 1: the scene's one wavelength.")
+        ] = 1,
         variant: VariantOption = "auto",
         spp: Annotated[int | None, typer.Option("--spp", min=1, help="Paths per pixel around the contact.")] = None,
         passes: Annotated[int | None, typer.Option("--passes", min=2, help="Independent passes to average.")] = None,
@@ -96,6 +100,8 @@ def register(app: typer.Typer) -> None:
             overrides["press"] = {"forces_N": list(force)}
         loaded = load_scene(scene, overrides)
         active_effects(loaded, scene_path(scene))  # refused here, before anything is written
+        if not 1 <= bands <= MAX_BANDS:
+            raise InputError(f"{bands}", key="--bands", allowed=f"1 to {MAX_BANDS}")
         if until_error is not None and not 0 < until_error < 1:
             raise InputError(f"{until_error:g}", key="--until-error", allowed="above 0, below 1")
         options: dict[str, Any] = {"samples_per_pixel": spp, "passes": passes, "until_error": until_error}
@@ -103,7 +109,7 @@ def register(app: typer.Typer) -> None:
             options = {}
         folder = out_dir(out, f"render-{Path(scene).stem}")
         result = _run(
-            loaded, folder, seed=loaded.render.seed if seed is None else seed, fast=fast, variant=variant,
+            loaded, folder, seed=loaded.render.seed if seed is None else seed, fast=fast, variant=variant, bands=bands,
             options=options, exr=exr, video=video,
         )  # fmt: skip
         write_text(folder / "scene.toml", dump_scene(loaded))
@@ -129,6 +135,7 @@ def _run(
     seed: int,
     fast: bool,
     variant: str,
+    bands: int,
     options: dict[str, Any],
     exr: bool,
     video: Any,
@@ -141,6 +148,10 @@ def _run(
     from evanesce.simulate import simulate
 
     renderer, record = chosen_renderer(fast, variant)
+    if bands > 1:
+        from evanesce.render.bands import banded
+
+        renderer, record = banded(renderer, bands), record | {"bands": bands}
     origin = provenance.record(seed=seed, config=scene.as_dict(), **record)
     programme = press_programme(scene)
     rows = []

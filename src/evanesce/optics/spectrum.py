@@ -1,8 +1,10 @@
-"""Wavelengths: a white LED as power per band, its luminous weight, and the index of soda-lime glass.
+"""Wavelengths: a white LED as power per band, its luminous weight, and the indices of soda-lime glass and PDMS.
 
 References
 ----------
 M. Rubin, "Optical properties of soda lime silica glasses", Solar Energy Materials 12 (1985) 275.
+F. Schneider, J. Draheim, R. Kamberger and U. Wallrabe, "Process and material properties of polydimethylsiloxane (PDMS)
+for optical MEMS", Sensors and Actuators A 151 (2009) 95.
 Y. Ohno, "Spectral design considerations for white LED color rendering", Optical Engineering 44 (2005) 111302.
 C. Wyman, P.-P. Sloan and P. Shirley, "Simple analytic approximations to the CIE XYZ color matching functions", Journal
 of Computer Graphics Techniques 2(2) (2013) 1.
@@ -11,6 +13,7 @@ of Computer Graphics Techniques 2(2) (2013) 1.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -64,3 +67,52 @@ def mean_over_bands(value: Callable[[Array], Array]) -> float:
     """Return the mean of a function of wavelength [nm] over the white LED's light as a grey frame weighs it."""
     weight = white_led_power() * luminous_efficiency(BAND_NM)
     return float(np.sum(weight * value(BAND_NM)) / weight.sum())
+
+
+def pdms_index(wavelength: ArrayLike) -> Array:
+    """Return the index of PDMS (Sylgard 184), n^2 = 1 + 1.0093 L^2/(L^2 - 0.013185), L in um (Schneider et al. 2009).
+
+    Parameters
+    ----------
+    wavelength : array_like
+        In vacuum [nm]; the visible.
+    """
+    um2 = (np.asarray(wavelength, float) * 1e-3) ** 2
+    return np.asarray(np.sqrt(1.0 + 1.0093 * um2 / (um2 - 0.013185)))
+
+
+@dataclass(frozen=True)
+class Band:
+    """Part of the white light.
+
+    Attributes
+    ----------
+    wavelength : float
+        Mean, as a grey frame weighs it [nm].
+    weight : float
+        Share of what a grey frame sees; those of all bands sum to 1.
+    """
+
+    wavelength: float
+    weight: float
+
+
+def white_bands(count: int) -> tuple[Band, ...]:
+    """Return a white LED's light in ``count`` bands of equal weight in a grey frame.
+
+    Parameters
+    ----------
+    count : int
+        1 to 14.
+    """
+    if not 1 <= count <= BAND_NM.size:
+        raise ValueError(f"{count} bands, not 1 to {BAND_NM.size}")
+    fine = np.arange(BAND_NM[0] - 10.0, BAND_NM[-1] + 10.0) + 0.5
+    density = np.repeat(white_led_power() / 20.0, 20) * luminous_efficiency(fine)
+    cumulated = np.append(0.0, np.cumsum(density) / density.sum())
+    first = np.append(0.0, np.cumsum(density * fine) / density.sum())
+    # Both integrals between the wavelengths at which the weight passes k/count.
+    at = np.linspace(0.0, 1.0, count + 1)
+    edges = np.interp(at, cumulated, np.arange(fine.size + 1.0))
+    moment = np.interp(edges, np.arange(fine.size + 1.0), first)
+    return tuple(Band(float(m * count), 1.0 / count) for m in np.diff(moment))

@@ -1,0 +1,85 @@
+"""White light in bands: weights, indices against tables, exact null, and sums of what each band shows alone."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from evanesce.optics.spectrum import BAND_NM, luminous_efficiency, pdms_index, white_bands, white_led_power
+from evanesce.render.bands import banded, in_band
+from evanesce.render.path import render
+from evanesce.states import PlateLight
+from rigs import hard_contact, need, small_rig, view_around
+
+
+@pytest.mark.parametrize("count", [1, 3, 14])
+def test_bands_keep_weight_and_mean_wavelength(count):
+    bands = white_bands(count)
+    assert sum(b.weight for b in bands) == pytest.approx(1.0, abs=1e-12)
+    weight = white_led_power() * luminous_efficiency(BAND_NM)
+    mean = float((weight * BAND_NM).sum() / weight.sum())
+    # 20 nm steps against 1 nm steps of the same density
+    assert sum(b.weight * b.wavelength for b in bands) == pytest.approx(mean, abs=1.0)
+    assert all(a.wavelength < b.wavelength for a, b in itertools.pairwise(bands))
+    with pytest.raises(ValueError, match="bands"):
+        white_bands(0)
+
+
+def test_pdms_is_within_what_is_published():
+    assert 1.42 < float(pdms_index(589.3)) < 1.433
+    # Abbe number of PDMS: about 50; (n_d - 1)/(n_F - n_C)
+    abbe = (float(pdms_index(587.6)) - 1) / (float(pdms_index(486.1)) - float(pdms_index(656.3)))
+    assert 40 < abbe < 65
+
+
+def test_one_band_is_the_renderer_itself():
+    assert banded(render, 1) is render
+
+
+def test_without_dispersion_white_light_is_that_of_one_wavelength():
+    """A renderer that does not look at the scene: weights sum to 1, variances add in squares."""
+
+    def flat(scene, state, *, seed, view):
+        return PlateLight(
+            radiance=np.full(view.shape, 2.0), variance=np.full(view.shape, 0.1), focal_px=view.focal_px,
+            principal_point=view.principal_point, samples=8,
+        )  # fmt: skip
+
+    light = banded(flat, 4)(small_rig(), None, seed=3)
+    np.testing.assert_allclose(light.radiance, 2.0, rtol=1e-12)
+    np.testing.assert_allclose(light.variance, 0.1 / 4, rtol=1e-12)
+    assert light.samples == 32
+
+
+def test_each_band_sees_its_own_rig_and_seed():
+    seen = []
+
+    def record(scene, state, *, seed, view):
+        seen.append((scene.camera.wavelength_nm, scene.plate.refractive_index, scene.finger.refractive_index, seed))
+        radiance = np.full(view.shape, scene.plate.refractive_index)
+        return PlateLight(radiance=radiance, variance=0 * radiance, focal_px=1.0, principal_point=(0.0, 0.0))
+
+    scene = small_rig()
+    light = banded(record, 3)(scene, None, seed=7)
+    waves, glass, silicone, seeds = zip(*seen, strict=True)
+    assert list(waves) == sorted(waves)
+    assert list(glass) == sorted(glass, reverse=True)  # blue is bent more
+    assert list(silicone) == sorted(silicone, reverse=True)
+    assert glass[0] > scene.plate.refractive_index > glass[-1]
+    assert seeds == (7, 8, 9)
+    np.testing.assert_allclose(light.radiance, np.mean(glass), rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_traced_bands_add_up():
+    need("llvm")
+    scene, state = small_rig(), hard_contact()
+    blue, red = (in_band(scene, b) for b in (white_bands(5)[0], white_bands(5)[-1]))
+    assert blue.plate.refractive_index > scene.plate.refractive_index > red.plate.refractive_index
+    assert blue.finger.refractive_index > red.finger.refractive_index
+    options = {"view": view_around(scene, (3.3, -2.1), 6, 2.5), "variant": "llvm", "samples_per_pixel": 64}
+    white = banded(render, 2)(scene, state, seed=5, **options)
+    alone = [render(in_band(scene, b), state, seed=5 + k, **options) for k, b in enumerate(white_bands(2))]
+    np.testing.assert_allclose(white.radiance, 0.5 * (alone[0].radiance + alone[1].radiance), rtol=1e-6)

@@ -6,10 +6,15 @@ touched there. So it follows voltage, dead LEDs and absorption, and no absolute 
 
 from __future__ import annotations
 
+import contextlib
 import math
+import os
+import tempfile
+import zipfile
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import RectBivariateSpline
 
 from evanesce.optics.guided_field import azimuthal_radiance, edge_radiance
+from evanesce.optics.led import led_positions, led_radiances
 from evanesce.optics.patch_light import (
     angle_nodes,
     returned_radiance,
@@ -25,6 +31,7 @@ from evanesce.optics.patch_light import (
 )
 from evanesce.optics.projection import Projection
 from evanesce.provenance import digest
+from evanesce.render.rig_fields import cache_folder
 from evanesce.render.transport import edge_light, interface_of
 from evanesce.rig import Scene
 from evanesce.states import PlateLight
@@ -38,7 +45,7 @@ EDGE_MARGIN = 0.5
 """Nodes stay this far inside the plate [mm]."""
 
 _KEPT: OrderedDict[str, Any] = OrderedDict()
-_KEEP = 4
+_KEEP = 16
 
 
 def _kept(key: str, make: Callable[[], Any]) -> Any:
@@ -67,16 +74,64 @@ def contact_radiance(scene: Scene, x: ArrayLike, y: ArrayLike) -> Array:
     """
     x, y = np.asarray(x, float), np.asarray(y, float)
     half_x, half_y = scene.plate.size_mm[0] / 2 - EDGE_MARGIN, scene.plate.size_mm[1] / 2 - EDGE_MARGIN
-    data = scene.as_dict()
-    optical = [data["finger"]["refractive_index"], data["finger"]["diffuse_reflectance"], scene.camera.wavelength_nm]
-    field = _kept(digest([data["plate"], data["leds"], optical]), lambda: _contact_field(scene))
-    found = field.ev(np.clip(y, -half_y, half_y), np.clip(x, -half_x, half_x))
+    # In proportion to the LEDs' power: one field serves all voltages while their shares stay.
+    level = float(np.mean(np.concatenate(list(led_radiances(scene.plate, scene.leds).values()))))
+    if level == 0.0:
+        return np.zeros(np.broadcast_shapes(x.shape, y.shape))
+    field = _field_of(scene, level)
+    found = level * field.ev(np.clip(y, -half_y, half_y), np.clip(x, -half_x, half_x))
     on_plate = (np.abs(x) <= half_x + EDGE_MARGIN) & (np.abs(y) <= half_y + EDGE_MARGIN)
     return np.asarray(np.where(on_plate, np.maximum(found, 0.0), 0.0))
 
 
-def _contact_field(scene: Scene) -> RectBivariateSpline:
-    """Return contact radiance over the plate as a spline of (y, x)."""
+def _field_of(scene: Scene, level: float) -> RectBivariateSpline:
+    """Return contact radiance over the plate per mean radiance of the LEDs, from this process, from disk, or made."""
+    data = scene.as_dict()
+    shares = {e: np.round(r / level, 9).tolist() for e, r in led_radiances(scene.plate, scene.leds).items()}
+    places = {e: p.tolist() for e, p in led_positions(scene.plate, scene.leds).items()}
+    faces = [data["leds"][key] for key in ("emitting_width_mm", "emitting_height_mm", "air_gap_share")]
+    optical = [data["finger"]["refractive_index"], data["finger"]["diffuse_reflectance"], scene.camera.wavelength_nm]
+    key = digest(["marks 1", data["plate"], faces, shares, places, optical])
+
+    def make() -> RectBivariateSpline:
+        path = cache_folder() / f"{key}.npz"
+        found = _read(path)
+        if found is None:
+            found = _contact_field(scene, level)
+            _write(path, found)
+        y, x, values = found
+        return RectBivariateSpline(y, x, values)
+
+    spline: RectBivariateSpline = _kept(key, make)
+    return spline
+
+
+def _read(path: Path) -> tuple[Array, Array, Array] | None:
+    """Return a field kept on disk, None where there is none that can be used."""
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            y, x, values = (np.asarray(data[name], float) for name in ("y", "x", "values"))
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return None
+    return (y, x, values) if values.shape == (y.size, x.size) and np.isfinite(values).all() else None
+
+
+def _write(path: Path, field: tuple[Array, Array, Array]) -> None:
+    """Keep a field on disk, whole or not at all; a cache that cannot be written is no error."""
+    with contextlib.suppress(OSError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, part = tempfile.mkstemp(dir=path.parent, suffix=".part")
+        try:
+            with os.fdopen(handle, "wb") as stream:
+                np.savez(stream, y=field[0], x=field[1], values=field[2])
+            os.replace(part, path)
+        except BaseException:
+            Path(part).unlink(missing_ok=True)
+            raise
+
+
+def _contact_field(scene: Scene, level: float) -> tuple[Array, Array, Array]:
+    """Return nodes y, x and contact radiance (y, x) per mean radiance of the LEDs, over the plate."""
     light, interface = edge_light(scene), interface_of(scene)
     theta, weights = angle_nodes(20, interface.n_glass)
     axes = []
@@ -90,7 +145,7 @@ def _contact_field(scene: Scene) -> RectBivariateSpline:
     seen = float(returned_radiance(0.0, 0.0, interface) * window_transmittance(0.0, interface.n_glass))
     seen *= math.exp(-scene.plate.absorption_coefficient_per_mm * scene.plate.thickness_mm)
     grid = (irradiance * seen).reshape(axes[1].size, axes[0].size)
-    return RectBivariateSpline(axes[1], axes[0], grid)
+    return axes[1], axes[0], grid / level
 
 
 def view_position(scene: Scene, light: PlateLight, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:

@@ -1,0 +1,95 @@
+"""What each candidate would change in the data: whitened derivatives, or finite departures where there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.criticism.candidates import Candidate
+from evanesce.criticism.parameters import moved
+from evanesce.criticism.problem import Fit, Problem, derivatives, predicted_part
+from evanesce.errors import InputError
+
+Array = NDArray[Any]
+
+INVISIBLE = 0.1
+"""A direction whose prior departure moves the whitened data by less than this cannot be seen [1]."""
+
+
+@dataclass(frozen=True)
+class Signature:
+    """Of one candidate.
+
+    Attributes
+    ----------
+    candidate : Candidate
+    rows : ndarray (k, bins)
+        Whitened change per unit of each parameter; of a candidate with starts, whitened change from nothing to each
+        start.
+    deviations : ndarray (k,)
+        Prior standard deviations of the rows' amplitudes.
+    joint : bool
+        Whether the rows are parameters of one model (True) or rival ways to enter it (False).
+    note : str
+        Why it cannot be judged; empty if it can.
+    """
+
+    candidate: Candidate
+    rows: Array
+    deviations: Array
+    joint: bool
+    note: str = ""
+
+    @property
+    def id(self) -> str:
+        """Of the effect."""
+        return self.candidate.id
+
+
+def signature_of(problem: Problem, base: Fit, candidate: Candidate) -> Signature:
+    """Return the signature of one candidate at a fitted base model.
+
+    An amplitude at its null silences the effect's other parameters, which then have no derivative; such rows are zero
+    and take no part.
+    """
+    nothing = np.zeros((0, base.residual.size), np.float32)
+    if candidate.missing:
+        return Signature(candidate, nothing, np.zeros(0), True, "needs " + ", ".join(candidate.missing))
+    at = predicted_part(base.point, base.parameters)
+    try:
+        if candidate.starts:
+            rows = np.array(
+                [
+                    problem.whitened(problem.predictor.cube(moved(at, start), problem.views) - base.predicted).astype(
+                        np.float32
+                    )
+                    for start in candidate.starts
+                ]
+            )
+            return Signature(candidate, rows, np.ones(len(rows)), False)
+        rows = derivatives(problem, at, candidate.parameters, base.predicted)
+    except (InputError, ValueError) as error:
+        return Signature(candidate, nothing, np.zeros(0), True, f"cannot be predicted here: {error}")
+    deviations = np.array([p.deviation for p in candidate.parameters])
+    return Signature(candidate, rows, deviations, True)
+
+
+def visible(signature: Signature) -> bool:
+    """Tell whether any plausible departure would show in the data, nuisances left alone."""
+    sizes = np.sqrt(np.einsum("kd,kd->k", signature.rows, signature.rows, dtype=float)) * signature.deviations
+    return bool(sizes.size and sizes.max() > INVISIBLE)
+
+
+def signatures_of(
+    problem: Problem, base: Fit, candidates: Sequence[Candidate], tick: Callable[[str], None] = lambda name: None
+) -> tuple[Signature, ...]:
+    """Return the signatures of all candidates; ``tick`` is told each one's name when it is done."""
+    found = []
+    for candidate in candidates:
+        found.append(signature_of(problem, base, candidate))
+        tick(candidate.id)
+    return tuple(found)

@@ -299,6 +299,16 @@ def _nominal_modulus(scene: Scene, force: float) -> float:
         raise InputError(f"{error} at {force:g} N", key=key, allowed="E* > 0 at every force of the programme") from None
 
 
+def smooth_contact(scene: Scene, force_N: float) -> tuple[AxisymmetricContact, float]:
+    """Return a scene's contact without its ridges, and E* [MPa], under a normal force [N]."""
+    return _smooth(scene, force_N)[:2]
+
+
+def ridge_row(scene: Scene) -> RidgeRow | None:
+    """Return the ridges of a scene's finger; None for a smooth one."""
+    return None if scene.finger.ridges is None else _row(scene.finger.ridges)
+
+
 def _smooth(scene: Scene, force: float) -> tuple[AxisymmetricContact, float, dict[str, Any]]:
     """Return the smooth finger's contact, E* [MPa] and the parameters worth recording."""
     law, radius = scene.contact, scene.finger.tip_radius_mm

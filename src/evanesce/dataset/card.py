@@ -39,7 +39,7 @@ def schema() -> dict[str, Any]:
         "onset_gross_slip_s": {**maybe, "description": "[s] from the trial's start; null: not in this trial"},
         "finger": {**table, "required": ["index", "material", "pattern", "ridge_pitch_um"]},
         "friction": {**table, "required": ["index", "friction_coefficient"]},
-        "rig": {**table, "required": ["index", "seed", "changes", "effects"]},
+        "rig": {**table, "required": ["index", "seed", "changes", "effects", "left_out"]},
         "programme": {**table, "additionalProperties": number},
         "seed": whole,
         "config_sha256": text,

@@ -17,6 +17,9 @@ from evanesce.rig import Scene
 BYTES_PER_PIXEL = 70
 """Memory that a pixel takes while its frame is made: charges, labels and their copies."""
 
+SOFTER = 1.1
+"""Room for contacts that effects of the finger make larger than its table says."""
+
 COMPARED = ("numpy", "scipy", "opencv-contrib-python-headless", "OpenEXR")
 """Packages whose version may change bytes."""
 
@@ -122,12 +125,12 @@ def new_job(scene: Scene, config: DatasetConfig, *, frames: int, seed: int) -> J
 def _rigs_are_possible(job: Job, looked_at: int = 16) -> None:
     """Build the first rigs' scenes and effects: a slip in the declaration shows now, not in every frame."""
     from evanesce.dataset.design import finger_plan, rig_plan
-    from evanesce.dataset.rigs import rig_scene
-    from evanesce.effects import active_effects
+    from evanesce.dataset.rigs import real_rig, rig_scene
 
     finger = finger_plan(job.config, job.seed, 0)
     for index in range(min(job.config.rig.count, looked_at)):
-        active_effects(rig_scene(job.scene, rig_plan(job.config, job.seed, index), finger, job.config))
+        plan = rig_plan(job.config, job.seed, index)
+        real_rig(rig_scene(job.scene, plan, finger, job.config), plan.seed)
 
 
 def _contact_fits(job: Job) -> None:
@@ -141,6 +144,7 @@ def _contact_fits(job: Job) -> None:
     radius = float(config.finger.tip_radius_mm.support()[1])
     names = [str(name) for name in config.finger.material.support()]
     widest = max(float(hertz_radius(force, radius, float(material(n).reduced_modulus(force)))) for n in names)
+    widest *= SOFTER
     shift = max(abs(float(v)) for v in config.programme.shift_mm.support())
     travel = max(0.5 * float(config.programme.distance_mm.support()[1]), shift) + _sway(config)
     need = 2.0 * (widest + travel) * 1.02 + 4 * config.labels.grid_size_mm / config.labels.grid_samples

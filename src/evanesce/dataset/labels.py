@@ -155,13 +155,13 @@ class FrameLabeller:
         box = None if state is None else _contact_box(state, margin_mm)
         if state is None or box is None or not (self.high and self.wide):
             return empty_box(self.shape)
-        part = self._pixels(box)
+        part = self._pixels(box, self._shift(state))
         if part is None:
             return empty_box(self.shape)
         rows, cols = part
-        fields = _fields(state, truth)
-        channels = self._means(fields, rows, cols)
-        centre = self._centre[1][part], self._centre[0][part]
+        fields, (down, right) = _fields(state, truth), self._shift(state)
+        channels = self._means(fields, rows, cols, (down, right))
+        centre = self._centre[1][part] - right, self._centre[0][part] - down
         points = np.dstack([fields[name] for name in _POINTS]).astype(np.float32)
         sampled = cv2.remap(points, *centre, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
         channels |= {name: sampled[..., i] for i, name in enumerate(_POINTS)}
@@ -171,9 +171,16 @@ class FrameLabeller:
         ordered = {name: np.ascontiguousarray(channels[name], np.float32) for name in CHANNELS}
         return LabelBox(self.row + rows.start, self.col + cols.start, self.shape, ordered)
 
-    def _pixels(self, box: tuple[slice, slice]) -> tuple[slice, slice] | None:
-        """Return the part of the window whose pixels' centres see a box of the grid."""
-        row, col = self._centre
+    def _shift(self, state: ContactState) -> tuple[np.float32, np.float32]:
+        """Return by how many samples (rows, cols) a state's grid lies off the one the maps are for."""
+        if state.grid.shape != self.grid.shape or state.grid.pitch != self.grid.pitch:
+            raise ValueError("the state is on a grid of another shape or pitch")
+        (x, y), (x0, y0), pitch = state.grid.centre, self.grid.centre, self.grid.pitch
+        return np.float32((y - y0) / pitch), np.float32((x - x0) / pitch)
+
+    def _pixels(self, box: tuple[slice, slice], shift: tuple[np.float32, np.float32]) -> tuple[slice, slice] | None:
+        """Return the part of the window whose pixels' centres see a box of the state's grid."""
+        row, col = self._centre[0] - shift[0], self._centre[1] - shift[1]
         inside = (
             (row >= box[0].start - 0.5)
             & (row < box[0].stop - 0.5)
@@ -185,9 +192,15 @@ class FrameLabeller:
             return None
         return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(cols[0]), int(cols[-1]) + 1)
 
-    def _means(self, fields: dict[str, NDArray[np.floating]], rows: slice, cols: slice) -> dict[str, Image]:
+    def _means(
+        self,
+        fields: dict[str, NDArray[np.floating]],
+        rows: slice,
+        cols: slice,
+        shift: tuple[np.float32, np.float32],
+    ) -> dict[str, Image]:
         corners = np.s_[rows.start : rows.stop + 1, cols.start : cols.stop + 1]
-        at_row, at_col = self._row[corners], self._col[corners]
+        at_row, at_col = self._row[corners] - shift[0], self._col[corners] - shift[1]
         # OpenCV remaps four channels at once, the fifth alone.
         first = np.dstack([fields[name] for name in _MEANS[:4]]).astype(np.float32)
         last = np.ascontiguousarray(fields[_MEANS[4]], np.float32)

@@ -15,8 +15,9 @@ from evanesce.dataset.encode import exr, png
 from evanesce.dataset.job import Job
 from evanesce.dataset.labels import FrameLabeller, plate_labels
 from evanesce.dataset.layout import frame_key
-from evanesce.dataset.rigs import RigCamera, plate_grid, rig_scene
+from evanesce.dataset.rigs import RealRig, RigCamera, as_seen, plate_grid, real_rig, rig_scene
 from evanesce.dataset.trial import SCALARS, FrameTruth, Trial
+from evanesce.effects import Stage
 from evanesce.states import PlateGrid
 
 CAMERAS_KEPT = 2
@@ -50,6 +51,17 @@ class _Ready:
     grid: PlateGrid
 
 
+@dataclass(frozen=True)
+class _Current:
+    """The trial at hand."""
+
+    number: int
+    plan: TrialPlan
+    trial: Trial
+    ready: _Ready
+    left_out: tuple[str, ...]
+
+
 class Producer:
     """Makes the frames of a job, one trial after the other.
 
@@ -61,7 +73,7 @@ class Producer:
     def __init__(self, job: Job) -> None:
         self.job = job
         self._cameras: OrderedDict[tuple[int, str], _Ready] = OrderedDict()
-        self._trial: tuple[int, TrialPlan, Trial, _Ready] | None = None
+        self._trial: _Current | None = None
 
     def record(self, frame: int) -> Record:
         """Make a frame.
@@ -73,7 +85,8 @@ class Producer:
         """
         job = self.job
         number = frame // job.config.trial.frames
-        plan, trial, ready = self.trial(number)
+        current = self.trial(number)
+        plan, trial, ready = current.plan, current.trial, current.ready
         i = frame - job.frames_of(number).start
         truth = trial.truth(i)
         time_s = float(trial.time[i])
@@ -83,39 +96,47 @@ class Producer:
         picture = ready.camera.frame(truth.state, index=frame, time_s=time_s, with_raw=labels.raw)
         seen = ready.labeller.labels(truth, labels.margin_mm)
         flat = plate_labels(truth, ready.grid, labels.margin_mm)
-        meta = self.describe(plan, trial, frame, i, truth)
+        meta = self.describe(current, frame, i, truth)
         header = {"scalars": meta["scalars"], "scalar_units": SCALARS, "key": meta["key"]}
         members = {"frame.png": png(picture.data)}
         if labels.raw:
             assert picture.raw is not None  # every camera makes raw numbers when asked
             members["raw.png"] = png(picture.raw)
         members["labels.exr"] = exr(seen, labels.precision, {**header, "geometry": frame_geometry(ready)})
-        members["plate.exr"] = exr(flat, labels.precision, {**header, "geometry": plate_geometry(ready.grid)})
+        grid = ready.grid if truth.state is None else truth.state.grid
+        members["plate.exr"] = exr(flat, labels.precision, {**header, "geometry": plate_geometry(grid)})
         members["mask.png"] = png(seen.whole("state").astype(np.uint8))
         members["json"] = (json.dumps(meta, sort_keys=True, allow_nan=False) + "\n").encode()
         row = {"split": plan.split, "kind": plan.kind, "seed": plan.rig.seed, "time_s": time_s}
         return Record(frame, number, row, members)
 
-    def trial(self, number: int) -> tuple[TrialPlan, Trial, _Ready]:
+    def trial(self, number: int) -> _Current:
         """Return a trial with its camera, made ready."""
-        if self._trial is None or self._trial[0] != number:
-            plan = trial_plan(self.job.config, self.job.seed, number)
-            ready = self._camera(plan)
+        if self._trial is None or self._trial.number != number:
+            config, plan = self.job.config, trial_plan(self.job.config, self.job.seed, number)
+            scene = rig_scene(self.job.scene, plan.rig, plan.finger, config)
+            rig = real_rig(scene, plan.rig.seed)
+            ready = self._camera(plan, rig)
             start = self.job.frames_of(number).start
 
             def load(i: int, time_s: float, force_N: float) -> float:
                 return ready.camera.load(start + i, time_s, force_N)
 
-            trial = Trial(plan, self.job.config, ready.camera.scene, ready.grid, load)
-            self._trial = (number, plan, trial, ready)
-        return self._trial[1], self._trial[2], self._trial[3]
+            trial = Trial(plan, config, rig.scene, ready.grid, load)
+            if any(entry.effect.stage is Stage.CONTACT for entry in rig.effects):
+                # Whether an effect of the contact knows this finger shows only on a contact.
+                touch = next((t.state for t in map(trial.truth, range(len(trial))) if t.state is not None), None)
+                tried = real_rig(scene, plan.rig.seed, touch)
+                if tried.left_out != rig.left_out:
+                    rig, ready = tried, self._camera(plan, tried)
+            self._trial = _Current(number, plan, trial, ready, rig.left_out)
+        return self._trial
 
-    def _camera(self, plan: TrialPlan) -> _Ready:
+    def _camera(self, plan: TrialPlan, rig: RealRig) -> _Ready:
         config = self.job.config
-        scene = rig_scene(self.job.scene, plan.rig, plan.finger, config)
-        key = (plan.rig.index, repr(plan.finger.tip_radius_mm))
+        key = (plan.rig.index, as_seen(rig.scene).model_dump_json())
         if key not in self._cameras:
-            camera = RigCamera(scene, plan.rig.seed, config.camera.backend)
+            camera = RigCamera(rig, plan.rig.seed, config.camera.backend)
             grid = plate_grid(camera.scene, config)
             self._cameras[key] = _Ready(camera, FrameLabeller(camera.scene, grid), grid)
             while len(self._cameras) > CAMERAS_KEPT:
@@ -129,8 +150,9 @@ class Producer:
         assert truth.state is not None
         return replace(truth, state=ready.camera.contact(truth.state, frame, time_s))
 
-    def describe(self, plan: TrialPlan, trial: Trial, frame: int, i: int, truth: FrameTruth) -> dict[str, Any]:
+    def describe(self, current: _Current, frame: int, i: int, truth: FrameTruth) -> dict[str, Any]:
         """Return what stands in ``KEY.json``; validated by ``schema.json``."""
+        plan, trial = current.plan, current.trial
         onsets = {
             "onset_first_slip_s": trial.onset_first_slip_s,
             "onset_gross_slip_s": trial.onset_gross_slip_s,
@@ -147,7 +169,7 @@ class Producer:
             **{name: None if math.isnan(value) else value for name, value in onsets.items()},
             "finger": plans["finger"],
             "friction": plans["friction"],
-            "rig": plans["rig"],
+            "rig": {**plans["rig"], "left_out": list(current.left_out)},
             "programme": plans["programme"],
             "seed": self.job.seed,
             "config_sha256": self.job.digest,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from evanesce.fast import FastCamera
 from evanesce.render.fused import Lit
 from evanesce.render.transport import render_fast
 from evanesce.rig import Scene
+from evanesce.rig.finger import Finger
 from evanesce.rig.load import validate
 from evanesce.sensor.expose import charge_of, frame_of, signal_of
 from evanesce.sensor.pixel import fixed_pattern
@@ -35,8 +37,16 @@ def rig_scene(base: Scene, rig: RigPlan, finger: FingerPlan, config: DatasetConf
     data = base.as_dict()
     for name in ("slide", "assumptions", "sources"):
         data.pop(name, None)
+    data["finger"] |= {"tip_radius_mm": finger.tip_radius_mm, "material": finger.material}
     data["finger"].pop("ridges", None)
-    data["finger"]["tip_radius_mm"] = finger.tip_radius_mm
+    if finger.pattern:
+        data["finger"]["ridges"] = {
+            "pattern": finger.pattern,
+            "pitch_um": finger.ridge_pitch_um,
+            "width_um": finger.ridge_width_um,
+            "height_um": finger.ridge_height_um,
+            "orientation_deg": finger.ridge_orientation_deg,
+        }
     data["press"] = {"forces_N": [1.0], "frame_rate_hz": config.trial.frame_rate_hz}
     data["contact"] = {"law": "hertz"}
     data["effects"] = rig.effects
@@ -77,13 +87,89 @@ def plate_grid(scene: Scene, config: DatasetConfig) -> PlateGrid:
     return PlateGrid((n, n), config.labels.grid_size_mm / n, scene.finger.position_mm)
 
 
-class RigCamera:
-    """Camera, light and plate of one rig.
+@dataclass(frozen=True)
+class RealRig:
+    """A rig with a finger as it really is.
+
+    Attributes
+    ----------
+    scene : Scene
+        After effects of the stage ``rig``, which are held at time 0 for a trial of seconds.
+    effects : tuple of Active
+        All that act in it.
+    left_out : tuple of str
+        Effects that were drawn for the rig but refuse this finger.
+    """
+
+    scene: Scene
+    effects: tuple[Active, ...]
+    left_out: tuple[str, ...]
+
+
+def real_rig(scene: Scene, seed: int, touch: ContactState | None = None) -> RealRig:
+    """Apply a rig's effects to its scene; leave out those that say they do not know such a finger.
 
     Parameters
     ----------
     scene : Scene
         From :func:`rig_scene`.
+    seed : int
+    touch : ContactState, optional
+        A contact of this finger, on which effects of the contact are tried.
+
+    Raises
+    ------
+    InputError
+        If the scene's effects are not valid.
+    """
+    kept: list[Active] = []
+    left_out: list[str] = []
+    real = scene
+    for entry in active_effects(scene):
+        stage = entry.effect.stage
+        try:
+            if stage is Stage.RIG:
+                changed = apply_stage(stage, real, (entry,), Context(real, seed))
+                ridges = changed.finger.ridges
+                if ridges is not None and ridges.rounding_um is not None:
+                    raise InputError("rounded ridges do not slide here")
+                real = changed
+            elif stage is Stage.CONTACT and touch is not None:
+                apply_stage(stage, touch, (entry,), Context(real, seed))
+        except InputError:
+            left_out.append(entry.effect.id)
+            continue
+        kept.append(entry)
+    if left_out:
+        real = real.model_copy(update={"effects": {k: v for k, v in real.effects.items() if k not in left_out}})
+    return RealRig(real, tuple(kept), tuple(left_out))
+
+
+SEEN_OF_FINGER = (
+    "tip_radius_mm",
+    "diameter_mm",
+    "length_mm",
+    "position_mm",
+    "refractive_index",
+    "diffuse_reflectance",
+    "scattering_length_mm",
+)
+"""Keys of the finger that light knows; mechanics and ridges reach it through the contact alone."""
+
+
+def as_seen(scene: Scene) -> Scene:
+    """Return a scene whose finger has what light knows of it, so that fingers of one shape share a camera."""
+    seen = {key: getattr(scene.finger, key) for key in SEEN_OF_FINGER}
+    return scene.model_copy(update={"finger": Finger(**seen)})
+
+
+class RigCamera:
+    """Camera, light and plate of one rig.
+
+    Parameters
+    ----------
+    rig : RealRig
+        From :func:`real_rig`.
     seed : int
         The rig's: what is fixed in a rig (specks, hot pixels) stays where it is in all its frames.
     backend : {"numpy", "llvm"}
@@ -91,24 +177,19 @@ class RigCamera:
     Attributes
     ----------
     scene : Scene
-        The rig as it really is. Effects of the stage ``rig`` are those of time 0, for a trial of seconds.
+        The rig as it really is, with the finger :func:`as_seen`.
     way : {"fast", "charge", "general"}
         ``fast``: the fast camera throughout. ``charge``: up to the mean charge, then the general chain. ``general``: an
-        effect changes the light on its way to the lens.
-
-    Raises
-    ------
-    InputError
-        If the scene's effects are not valid.
+        effect changes the light on its way to the lens, or puts contacts on grids of their own.
     """
 
-    def __init__(self, scene: Scene, seed: int, backend: str = "numpy") -> None:
-        self._effects: tuple[Active, ...] = active_effects(scene)
-        self.seed = seed
-        self.scene: Scene = apply_stage(Stage.RIG, scene, self._effects, Context(scene, seed))
+    def __init__(self, rig: RealRig, seed: int, backend: str = "numpy") -> None:
+        self._effects, self.seed = rig.effects, seed
+        self.scene = as_seen(rig.scene)
         self._fast = FastCamera(self.scene.model_copy(update={"effects": {}}), backend)  # type: ignore[arg-type]
         late = {e.effect.stage for e in self._effects if not e.effect.is_null(e.parameters)} & set(LATE)
-        if Stage.PLATE_LIGHT in late or _needs_field_blur(self._fast):
+        moved = any(e.effect.stage is Stage.CONTACT and not e.effect.is_null(e.parameters) for e in self._effects)
+        if Stage.PLATE_LIGHT in late or moved or _needs_field_blur(self._fast):
             self.way = "general"
         else:
             self.way = "charge" if late or self._fast.falls_back else "fast"

@@ -1,7 +1,7 @@
 """From a plan to the truth of every frame of a trial: contact states, slip velocities and scalars.
 
-The physics is that of :mod:`evanesce.contact`: Hertz with the material's modulus, partial slip with its whole history,
-ridges carried by the skin, torsion. A frame's state is computed when it is asked for.
+The physics is that of :mod:`evanesce.contact`: the scene's contact law, partial slip with its whole history, ridges
+carried by the skin, torsion. A frame's state is computed when it is asked for.
 """
 
 from __future__ import annotations
@@ -13,8 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.contact.heightmap import RidgeRow
-from evanesce.contact.hertz import hertz_contact
 from evanesce.contact.interface_friction import InterfaceFriction, area_loss_for, tilted_compliance
 from evanesce.contact.partial_slip import tangential_modulus
 from evanesce.contact.patch import AxisymmetricContact
@@ -22,6 +20,7 @@ from evanesce.contact.ridged_slide import with_ridges
 from evanesce.contact.roughness import persson_contact_fraction
 from evanesce.contact.sliding import Slide, march
 from evanesce.contact.sliding_states import SlideStates, SlideView
+from evanesce.contact.solve import ridge_row, smooth_contact
 from evanesce.contact.torsion import Twist, sliding_torque, twisted, twisted_state
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.design import TrialPlan
@@ -85,10 +84,10 @@ class Trial:
         load: Callable[[int, float, float], float] | None = None,
     ) -> None:
         self.plan, self.config, self.scene, self.grid = plan, config, scene, grid
-        self._silicone = material(plan.finger.material)
+        self._silicone = material(scene.finger.material)
         held = plan.programme["normal_force_N"]
         contact = self._contact(held)
-        self._friction, self._modulus = _interface(plan, contact), float(self._silicone.reduced_modulus(held))
+        self._friction, self._modulus = _interface(plan, contact), smooth_contact(scene, held)[1]
         shear = float(tangential_modulus(self._modulus, self._silicone.poisson_ratio))
         self._shaft = _shaft(plan)
         series = 1.0 / (1.0 / (2.0 * contact.contact_radius * shear) + 1.0 / self._shaft)
@@ -101,7 +100,7 @@ class Trial:
         self.time = sampled.time
         self._slide, self._rates = self._march(shear)
         self._states, self._velocity = self._views()
-        self._ridges = _ridges(plan)
+        self._ridges = ridge_row(scene)
         self._twists = self._twist(shear)
         self._ratio = self._stick_ratios()
         self.onset_first_slip_s, self.onset_gross_slip_s = self._onsets()
@@ -135,8 +134,7 @@ class Trial:
     # --- how it is made ----------------------------------------------------------------------------------------------
 
     def _contact(self, force: float) -> AxisymmetricContact:
-        modulus = float(self._silicone.reduced_modulus(max(force, 0.0)))
-        return hertz_contact(force, self.scene.finger.tip_radius_mm, modulus)
+        return smooth_contact(self.scene, max(force, 0.0))[0]
 
     def _march(self, shear: float) -> tuple[Slide, Slide]:
         """Return the slide, and the same with slip velocities in the place of slips."""
@@ -292,17 +290,3 @@ def _shaft(plan: TrialPlan) -> float:
     angle = math.radians(plan.programme["contact_angle_deg"])
     f = plan.finger
     return 1.0 / float(tilted_compliance(f.axial_stiffness_N_per_mm, f.shaft_stiffness_N_per_mm, angle)[0, 0])
-
-
-def _ridges(plan: TrialPlan) -> RidgeRow | None:
-    f = plan.finger
-    if not f.pattern:
-        return None
-    return RidgeRow(
-        pattern=f.pattern,  # type: ignore[arg-type]
-        pitch=1e-3 * f.ridge_pitch_um,
-        width=1e-3 * f.ridge_width_um,
-        height=1e-3 * f.ridge_height_um,
-        orientation=math.radians(f.ridge_orientation_deg),
-        core_length=2.0,
-    )

@@ -1,0 +1,116 @@
+"""How good is a slip detector: onset latency, lead before gross slip, false alarms; of series, without images."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+STICKING = 0.95
+"""Stick ratio above which nothing slips that a detector should tell of: an alarm there is a false one."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """One trial as a detector sees it.
+
+    Attributes
+    ----------
+    time : ndarray (n,)
+        [s].
+    evidence : ndarray (n,)
+        Grows with slip; an alarm is raised where it exceeds the threshold.
+    stick_ratio : ndarray (n,)
+        Truth.
+    onset_first, onset_gross : float
+        [s]; NaN where the trial has none.
+    """
+
+    time: Floats
+    evidence: Floats
+    stick_ratio: Floats
+    onset_first: float
+    onset_gross: float
+
+
+@dataclass(frozen=True)
+class Score:
+    """Of a detector on a set of trials.
+
+    Attributes
+    ----------
+    detected : float
+        Share of the trials with gross slip in which an alarm stands no later than it [1].
+    latency_s : float
+        Median of alarm less first slip, over trials with an alarm after it [s]; NaN without any.
+    lead_s : float
+        Median of gross slip less alarm, over the detected trials [s]; NaN without any.
+    false_per_minute : float
+        Alarms raised while nothing slips, per minute of such frames [1/min].
+    slides : int
+        Trials with gross slip.
+    minutes : float
+        Of frames in which nothing slips.
+    """
+
+    detected: float
+    latency_s: float
+    lead_s: float
+    false_per_minute: float
+    slides: int
+    minutes: float
+
+
+def alarms(evidence: Floats, threshold: float, hold: int = 2) -> NDArray[np.int64]:
+    """Return the frames at which an alarm is raised: evidence above the threshold ``hold`` frames running."""
+    above = evidence > threshold
+    run = np.zeros(len(above), np.int64)
+    for i, high in enumerate(above):
+        run[i] = (run[i - 1] if i else 0) + 1 if high else 0
+    return np.flatnonzero(run == hold)
+
+
+def score(trials: Sequence[Series], threshold: float, hold: int = 2) -> Score:
+    """Return how a detector does at one threshold."""
+    latencies, leads, false, quiet, slides = [], [], 0, 0.0, 0
+    for trial in trials:
+        raised = alarms(trial.evidence, threshold, hold)
+        step = float(np.median(np.diff(trial.time)))
+        sticking = trial.stick_ratio >= STICKING
+        quiet += float(sticking.sum()) * step
+        false += int(sticking[raised].sum())
+        if not np.isfinite(trial.onset_gross):
+            continue
+        slides += 1
+        true = [float(trial.time[i]) for i in raised if not sticking[i]]
+        if true:
+            latencies.append(true[0] - trial.onset_first)
+            if true[0] <= trial.onset_gross + 1e-9:
+                leads.append(trial.onset_gross - true[0])
+    return Score(
+        detected=len(leads) / slides if slides else float("nan"),
+        latency_s=float(np.median(latencies)) if latencies else float("nan"),
+        lead_s=float(np.median(leads)) if leads else float("nan"),
+        false_per_minute=60.0 * false / quiet if quiet else float("nan"),
+        slides=slides,
+        minutes=quiet / 60.0,
+    )
+
+
+def choose_threshold(trials: Sequence[Series], allowed_per_minute: float, hold: int = 2) -> float:
+    """Return the threshold that detects most within a budget of false alarms; of equals, that of the longest lead."""
+    every = np.concatenate([trial.evidence for trial in trials])
+    candidates = np.unique(np.quantile(every[np.isfinite(every)], np.linspace(0.02, 1.0, 197)))
+    best, chosen = (-1.0, -np.inf), float(candidates[-1])
+    for threshold in candidates:
+        found = score(trials, float(threshold), hold)
+        if found.false_per_minute > allowed_per_minute:
+            continue
+        rank = (found.detected, found.lead_s if np.isfinite(found.lead_s) else -np.inf)
+        if rank > best:
+            best, chosen = rank, float(threshold)
+    return chosen

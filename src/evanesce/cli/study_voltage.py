@@ -143,7 +143,7 @@ def _show(found: VoltageStudy) -> None:
         for row in rows[:: max(1, len(rows) // 10)]:
             parts = [row.parts_mm2[s] for s in SOURCES]
             shown = (row.area_mm2, row.true_area_mm2, *parts, row.residual_mm2, row.interaction_mm2)
-            table.add_row(f"{force:g}", f"{row.voltage_V:g}", *(f"{v:.2f}" for v in shown))
+            table.add_row(f"{force:g}", f"{row.voltage_V:g}", *(f"{round(v, 2) + 0.0:.2f}" for v in shown))
     console.print(table)
     held = Table(title="Share of possible rigs that show what the thesis saw [%]")
     for heading in ("reading", "vanishes near 8 V", "rises", "converged by 9 V", "all three"):

@@ -46,6 +46,11 @@ def page(found: VoltageStudy) -> Page:
     )
 
 
+def _plain(value: float) -> str:
+    """Return two decimals, without the sign of a zero."""
+    return f"{round(value, 2) + 0.0:.2f}"
+
+
 def _percent(share: float) -> str:
     return f"{100 * share:.0f} %"
 
@@ -85,10 +90,10 @@ def _curves(found: VoltageStudy) -> Section:
             excess = row.area_mm2 - row.true_area_mm2
             glow = row.parts_mm2["groove glow"]
             share = f"{100 * glow / excess:.0f}" if excess > 0.01 * row.true_area_mm2 else "-"
-            parts = [f"{row.parts_mm2[s]:.2f}" for s in SOURCES]
+            parts = [_plain(row.parts_mm2[s]) for s in SOURCES]
             lines.append(
                 (f"{row.voltage_V:g}", f"{row.area_mm2:.2f}", f"{row.true_area_mm2:.2f}", f"{excess:.2f}", *parts,
-                 f"{row.residual_mm2:.2f}", f"{row.interaction_mm2:.2f}", share)
+                 _plain(row.residual_mm2), _plain(row.interaction_mm2), share)
             )  # fmt: skip
         columns = ("voltage [V]", "estimated [mm²]", "true [mm²]", "excess [mm²]", *(f"{s} [mm²]" for s in SOURCES),
                    "residual [mm²]", "interaction [mm²]", "glow / excess [%]")  # fmt: skip

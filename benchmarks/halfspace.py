@@ -67,7 +67,11 @@ def ridged(samples: int, pattern: str) -> dict[str, float | str]:
     """Press the thesis's ridged finger at 5 N; the first ridged model's area beside it."""
     overrides = {"grid.samples": samples, "finger.ridges.pattern": pattern, "finger.ridges.orientation_deg": 20.0}
     scene = load_scene("thesis_ridged", overrides | {"contact.law": "halfspace"})
-    first = contact_state(load_scene("thesis_ridged", overrides), 5.0)
+    simple = load_scene("thesis_ridged", overrides)
+    contact_state(simple, 4.9)  # its tables are made once
+    before = time.process_time()
+    first = contact_state(simple, 5.0)
+    first_seconds = time.process_time() - before
     start = time.perf_counter()
     state = contact_state(scene, 5.0)
     seconds = time.perf_counter() - start
@@ -78,6 +82,7 @@ def ridged(samples: int, pattern: str) -> dict[str, float | str]:
         "iterations": int(state.parameters["iterations"]),
         "area_mm2": state.nominal_contact_area,
         "first_model_area_mm2": first.nominal_contact_area,
+        "first_model_processor_seconds": first_seconds,
     }
 
 

@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: install demo test test-all lint types contracts check benchmarks pictures fem clean
+.PHONY: install demo test test-all lint types contracts check accuracy benchmarks pictures fem clean
 
 install: $(STAMP)
 
@@ -36,6 +36,10 @@ types: install
 
 contracts: install
 	$(BIN)/lint-imports
+
+# The fast renderer against the path tracer on all contacts: some ten minutes.
+accuracy: install
+	$(BIN)/python -m pytest -m slow tests/test_fast_agreement.py
 
 pictures: install
 	$(BIN)/python docs/pictures/make.py

@@ -1,6 +1,7 @@
 """Make the README's picture: rendered frames with the true and the measured outline, and a profile across an edge.
 
-Run from the checkout: ``python docs/pictures/make.py [--fast]``; writes ``docs/pictures/loop.png``.
+Run from the checkout: ``python docs/pictures/make.py [--fast]``; writes ``docs/pictures/loop.png``. With the argument
+``fast_vs_reference`` it writes ``docs/pictures/fast_vs_reference.png`` instead: six contacts by both renderers.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from evanesce.render.transport import render_fast
 from evanesce.rig import load_scene
 from evanesce.simulate import simulate
 from evanesce.truth.labels import label
+from evanesce.validation.agreement import cases, coarser, picture
 from evanesce.validation.evaluate import Camera, evaluate
 
 HERE = Path(__file__).resolve().parent
@@ -63,5 +65,44 @@ def main() -> None:
     figure.savefig(HERE / "loop.png", dpi=100, facecolor="white")
 
 
+COMPARED = (0, 2, 3, 4, 5, 8)
+"""Of :func:`evanesce.validation.agreement.cases`."""
+
+
+def fast_vs_reference(samples: int = 256) -> None:
+    """Render six contacts by path tracer and by transport, and show what differs.
+
+    Parameters
+    ----------
+    samples : int
+        Paths per pixel of the reference.
+    """
+    figure = Figure(figsize=(13.2, 5.6), layout="constrained")
+    axes = figure.subplots(3, len(COMPARED))
+    found = cases(coarser(8))
+    for column, number in zip(axes.T, COMPARED, strict=True):
+        case = found[number]
+        traced = render(case.scene, case.state, samples_per_pixel=samples, passes=2, seed=9, focus=False)
+        reference, fast = picture(traced, case.scene), picture(render_fast(case.scene, case.state), case.scene)
+        half = np.array(reference.shape[::-1]) / 2 / case.scene.camera.scale_px_per_mm
+        extent = (-half[0], half[0], half[1], -half[1])
+        centre = case.scene.finger.position_mm
+        grey = column[0].imshow(reference, cmap="gray", vmin=0, vmax=255, extent=extent)
+        column[1].imshow(fast, cmap="gray", vmin=0, vmax=255, extent=extent)
+        signed = column[2].imshow(fast - reference, cmap="RdBu_r", vmin=-12, vmax=12, extent=extent)
+        for axis in column:
+            axis.set(xlim=(centre[0] - 8.5, centre[0] + 8.5), ylim=(centre[1] + 8.5, centre[1] - 8.5))
+        column[0].set_title(case.name, fontsize=10)
+        column[2].set_xlabel("x [mm]")
+    for row, name in zip(axes, ("path tracer", "fast", "fast less path tracer"), strict=True):
+        row[0].set_ylabel(f"{name}\ny [mm]")
+    figure.colorbar(grey, ax=axes[:2], label="grey level [DN]", shrink=0.8)
+    figure.colorbar(signed, ax=axes[2], label="difference [DN]")
+    figure.savefig(HERE / "fast_vs_reference.png", dpi=100, facecolor="white")
+
+
 if __name__ == "__main__":
-    main()
+    if "fast_vs_reference" in sys.argv[1:]:
+        fast_vs_reference()
+    else:
+        main()

@@ -313,10 +313,11 @@ def _shapes(scene: Scene) -> dict[str, tuple[int, ...]]:
 def _read(path: Path, shapes: dict[str, tuple[int, ...]]) -> UnitLight | None:
     """Return kept light, None where there is none that can be used."""
     try:
-        with np.load(path, allow_pickle=False) as data:
+        # Opened here: numpy leaves a file open that turns out to be no archive.
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
             arrays = {name: data[name] for name in shapes}
         os.utime(path)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+    except (OSError, ValueError, KeyError, EOFError, AttributeError, TypeError, zipfile.BadZipFile):
         return None
     for name, array in arrays.items():
         if array.dtype != np.float32 or array.shape != shapes[name] or not np.isfinite(array).all():

@@ -42,7 +42,7 @@ def settings(
     *,
     friction: tuple[float, float] = FRICTION,
     pitch: tuple[float, float] = PITCH,
-    rigs: int = 5,
+    rigs: int = 4,
     randomised: bool = True,
 ) -> DatasetConfig:
     """Return the declaration of one set."""

@@ -168,8 +168,14 @@ class Rigs(Strict):
             "leds.voltage_V": uniform(8.6, 10.0),
             "camera.exposure_ms": uniform(4.0, 8.0),
             "camera.pixel.read_noise_e": uniform(2.0, 6.0),
+            "camera.lens.distortion.k1": uniform(-0.42, -0.36),
         }
     )
+
+
+MOVES_PIXELS = ("distortion_drift",)
+"""Effects that move the picture behind the lens, where labels do not follow; a lens that differs is drawn by ``rig.draw``
+(``camera.lens.distortion.k1``), and then the labels know."""
 
 
 class Randomisation(Strict):
@@ -196,7 +202,8 @@ class Randomisation(Strict):
         """Effects that may be drawn, in the library's order."""
         if self.probability == 0.0 or self.strength == 0.0:
             return ()
-        return tuple(e for e in all_effects() if (not self.only or e in self.only) and e not in self.without)
+        out = (*self.without, *MOVES_PIXELS)
+        return tuple(e for e in all_effects() if (not self.only or e in self.only) and e not in out)
 
 
 class Trial(Strict):

@@ -108,7 +108,18 @@ class Developed:
         return np.interp(raw, self.nodes, np.gradient(self.mean, self.nodes))
 
 
-def developed(electronics: Electronics, curve: np.ndarray, well_DN: float | None = None) -> Developed:
+Knee = tuple[float, float]
+"""Raw number above black at which pixels are full [DN], and how sharp the knee is."""
+
+
+def filled(above_DN: np.ndarray, knee: Knee) -> np.ndarray:
+    """Return raw numbers above black of pixels that fill up softly: x / (1 + (x/w)^p)^(1/p)."""
+    well, sharp = knee
+    x = np.maximum(above_DN, 0.0)
+    return np.where(above_DN > 0, x / (1 + (x / well) ** sharp) ** (1 / sharp), above_DN)
+
+
+def developed(electronics: Electronics, curve: np.ndarray, knee: Knee | None = None) -> Developed:
     """Return what noise, an early full well, rounding and a curve make of mean raw numbers."""
     black, top = electronics.black_DN, electronics.top_DN
     below = black - 6 * electronics.raw_noise_DN(np.zeros(1))[0] - 60
@@ -119,8 +130,8 @@ def developed(electronics: Electronics, curve: np.ndarray, well_DN: float | None
     z = ndtri((np.arange(QUANTILES) + 0.5) / QUANTILES)
     z /= z.std()
     raw = nodes[:, None] + electronics.raw_noise_DN(charge)[:, None] * z
-    if well_DN is not None:
-        raw = np.minimum(raw, black + well_DN)
+    if knee is not None:
+        raw = black + filled(raw - black, knee)
     value = np.floor(255.0 * curve + 0.5)[np.clip(np.floor(raw + 0.5), 0, top).astype(int)]
     return Developed(nodes, value.mean(axis=1), value.var(axis=1))
 
@@ -133,7 +144,7 @@ def noisy_frame(
     rng: np.random.Generator,
     *,
     correlated: float = 0.0,
-    well_DN: float | None = None,
+    knee: Knee | None = None,
 ) -> np.ndarray:
     """Draw a frame, uint8.
 
@@ -149,16 +160,16 @@ def noisy_frame(
     rng : numpy.random.Generator
     correlated : float
         Standard deviation of the sensor's own low-pass on its noise [px].
-    well_DN : float, optional
-        Raw number above the black level at which pixels are full.
+    knee : Knee, optional
+        Of pixels that are full early.
     """
     charge = rng.poisson(np.maximum(charge_e, 0.0)).astype(np.float64)
     noise = electronics.DN_per_e * (charge - charge_e + electronics.read_e * rng.standard_normal(charge.shape))
     if correlated:
         noise = ndimage.gaussian_filter(noise, correlated, mode="wrap")
     above = np.minimum(electronics.DN_per_e * charge_e, electronics.DN_per_e * electronics.well_e) + noise
-    if well_DN is not None:
-        above = np.minimum(above, well_DN)
+    if knee is not None:
+        above = filled(above, knee)
     raw = electronics.black_DN + above + offset_DN
     index = np.clip(np.floor(raw + 0.5), 0, electronics.top_DN).astype(int)
     return np.floor(255.0 * curve + 0.5)[index].astype(np.uint8)

@@ -28,7 +28,7 @@ DECOYS = (
 )
 # The shots that would separate a decoy together with the one named: without them all, the two are one.
 SEPARATES = {
-    "lens_cap": ("lens_cap",),
+    "lens_cap": ("lens_cap", "checkerboard", "square"),
     "checkerboard": ("checkerboard", "square"),
     "square": ("square", "checkerboard"),
 }

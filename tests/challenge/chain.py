@@ -9,7 +9,7 @@ import numpy as np
 
 from evanesce.rig import Scene
 
-from .camera import Developed, Electronics, developed, on_pixels, true_curve
+from .camera import Developed, Electronics, Knee, developed, on_pixels, true_curve
 from .families_camera import moved
 from .hidden import Hidden, Rig
 from .rig import View, base_light, believed, geometry, power, views
@@ -122,12 +122,12 @@ def curve_of(rig: Rig, causes: Causes) -> np.ndarray:
     return curve
 
 
-def well_of(causes: Causes) -> float | None:
-    """Return the raw number above black at which pixels are full; None for the believed one."""
-    wells = [w for w in (cause.well_DN(a) for cause, a in causes) if w is not None]
-    return min(wells) if wells else None
+def knee_of(causes: Causes) -> Knee | None:
+    """Return how pixels fill up; None for as believed."""
+    knees = [k for k in (cause.knee(a) for cause, a in causes) if k is not None]
+    return min(knees) if knees else None
 
 
 def development(rig: Rig, causes: Causes) -> Developed:
     """Return mean and variance of 8-bit values against mean raw numbers."""
-    return developed(rig.electronics, curve_of(rig, causes), well_of(causes))
+    return developed(rig.electronics, curve_of(rig, causes), knee_of(causes))

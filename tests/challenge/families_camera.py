@@ -6,7 +6,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.interpolate import PchipInterpolator
 
-from .camera import on_pixels
+from .camera import Knee
 from .hidden import Hidden
 from .rig import COLS, FINER, ROWS, View
 
@@ -25,7 +25,8 @@ class BlackLevel(Hidden):
 
     def draw(self) -> None:
         self.sign = float(self.rng.choice(self.signs))
-        self.slope = self.rng.uniform(0.0, 0.15)
+        self.slope = 0.0 if self.plain else self.rng.uniform(0.0, 0.15)
+        self.sign = 1.0 if self.plain else self.sign
 
     def offset_DN(self, view: View, a: float) -> np.ndarray:
         row = np.linspace(-1, 1, ROWS)[:, None]
@@ -57,6 +58,9 @@ class Vignetting(Hidden):
     def draw(self) -> None:
         self.ratio = self.rng.uniform(1.05, 1.3) if self.form == 0 else self.rng.uniform(0.92, 1.0)
         self.centre = self.rng.uniform(-0.08, 0.08, 2)
+        if self.plain:
+            angle, self.ratio = self.rng.uniform(0, 2 * np.pi), 1.0
+            self.centre = 0.35 * np.array([np.cos(angle), np.sin(angle)])
 
     def light(self, fine: np.ndarray, view: View, a: float) -> np.ndarray:
         return fine * self.kept(a, lambda: self.free(a))
@@ -160,13 +164,13 @@ class RollingShutter(Hidden):
 
 
 class Saturation(Hidden):
-    """Pixels are full early."""
+    """Pixels fill up early, over a knee and not at once (form 1: a sharper one)."""
 
-    id, unit, start, limit = "saturation", "1", 0.4, 0.8
+    id, unit, start, limit = "saturation", "1", 0.1, 0.85
 
-    def well_DN(self, a: float) -> float | None:
+    def knee(self, a: float) -> Knee | None:
         whole = self.rig.electronics.top_DN - self.rig.electronics.black_DN
-        return None if a <= 0 else whole * (1 - a)
+        return None if a <= 0 else (whole * (1 - a), 14.0 if self.form == 0 else 22.0)
 
 
 class SensorDust(Hidden):
@@ -266,4 +270,4 @@ CAMERA = (
     PlateTilt, SquareSize, CardOffset, OffAxisLoad,
 )  # fmt: skip
 
-__all__ = ["CAMERA", "moved", "on_pixels"]
+__all__ = ["CAMERA", "moved"]

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from evanesce.optics.led import led_positions, led_radiances
+from evanesce.optics.led import led_positions
 from evanesce.render.marks import contact_radiance
 from evanesce.rig import Scene
+from evanesce.rig.leds import StripEdge
 
 from .hidden import Hidden
-from .rig import FINER, View, power
+from .rig import View, power
 
 
 def blurred_points(shape: tuple[int, int], u: np.ndarray, v: np.ndarray, flux: np.ndarray, sigma: float) -> np.ndarray:
@@ -41,8 +42,6 @@ class LightField(Hidden):
         for edge, positions in led_positions(scene.plate, scene.leds).items():
             factor = 1 - self.STEP * self.powers(edge, np.asarray(positions))
             changed[edge] = {"relative_power": tuple(float(f) for f in factor)}
-        from evanesce.rig.leds import StripEdge
-
         leds = scene.leds.model_copy(update={"edge": {k: StripEdge(**v) for k, v in changed.items()}})
         self.loss = self.on_plate(scene.model_copy(update={"leds": leds}))
 
@@ -155,6 +154,8 @@ class AmbientLight(Hidden):
     def draw(self) -> None:
         self.slope = self.rng.uniform(-0.5, 0.5, 2)
         self.bow = self.rng.uniform(-0.3, 0.3) if self.form == 0 else self.rng.uniform(0.2, 0.5)
+        if self.plain:
+            self.slope, self.bow = np.zeros(2), 0.0
 
     def light(self, fine: np.ndarray, view: View, a: float) -> np.ndarray:
         if view.is_card:
@@ -236,6 +237,8 @@ class LateralGlow(Hidden):
 
     def draw(self) -> None:
         narrow, wide = (self.rng.uniform(0.2, 0.35), self.rng.uniform(0.7, 1.1))
+        if self.plain:
+            narrow, wide = 0.3 * narrow, 0.15 * wide
         share = 0.6 if self.form == 0 else 0.4
         mm = self.rig.at.mm_per_px
         self.parts = ((share, narrow / mm), (1 - share, wide / mm))
@@ -349,4 +352,4 @@ LIGHT = (
     LateralGlow, LedBin, Modulus, Adhesion, Creep, BoneStiffening, ForceOffset,
 )  # fmt: skip
 
-__all__ = ["FINER", "LIGHT", "blurred_points", "led_radiances"]
+__all__ = ["LIGHT", "blurred_points"]

@@ -9,7 +9,7 @@ import numpy as np
 
 from evanesce.rig import Scene
 
-from .camera import Electronics
+from .camera import Electronics, Knee
 from .rig import BaseLight, Geometry, View
 
 
@@ -58,6 +58,8 @@ class Hidden:
     rig : Rig
     form : int
         0 in development cases, 1 in scored ones: another functional family or another range.
+    plain : bool
+        Without what would give it away beside its decoy: ambient light even, glow narrow, a vignette with a slope.
     """
 
     id = ""
@@ -67,8 +69,8 @@ class Hidden:
     signs = (1,)
     still = True  # two views of one kind, force and voltage look alike whatever their time
 
-    def __init__(self, rng: np.random.Generator, rig: Rig, form: int) -> None:
-        self.rng, self.rig, self.form = rng, rig, form
+    def __init__(self, rng: np.random.Generator, rig: Rig, form: int, plain: bool = False) -> None:
+        self.rng, self.rig, self.form, self.plain = rng, rig, form, plain
         self._kept: dict[object, np.ndarray] = {}
         self.draw()
 
@@ -107,6 +109,6 @@ class Hidden:
         """Change the tone curve, 0 to 1 by raw number."""
         return curve
 
-    def well_DN(self, a: float) -> float | None:
-        """Return the raw number above black at which pixels are full."""
+    def knee(self, a: float) -> Knee | None:
+        """Return where and how sharply pixels fill up; None where they do as believed."""
         return None

@@ -21,8 +21,8 @@ NOT_INJECTED = {
 """Effects of the library that no case hides, and why."""
 
 
-def make_cause(name: str, rig: Rig, seed: int, form: int) -> Hidden:
+def make_cause(name: str, rig: Rig, seed: int, form: int, plain: bool = False) -> Hidden:
     """Return a cause with a shape drawn from its seed."""
     kind = NAMED.get(name) or NOT_IN_LIBRARY[name]
     digits = [ord(c) for c in name]
-    return kind(np.random.default_rng([seed, *digits]), rig, form)
+    return kind(np.random.default_rng([seed, *digits]), rig, form, plain)

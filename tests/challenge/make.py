@@ -14,9 +14,9 @@ import tomli_w
 from evanesce.bundle.write import new_folder, write_frame, write_shots
 from evanesce.rig import dump_scene
 
-from .camera import noisy_frame
+from .camera import Knee, noisy_frame
 from .cases import FORM, CaseSpec
-from .chain import Causes, Exposure, Nuisances, curve_of, draw_nuisances, expose, rig_of, well_of
+from .chain import Causes, Exposure, Nuisances, curve_of, draw_nuisances, expose, knee_of, rig_of
 from .codec import FILMED, by_jpeg, by_video
 from .hidden import Hidden, Rig
 from .library import make_cause
@@ -62,7 +62,7 @@ def prepare(spec: CaseSpec) -> Made:
     changes: list[np.ndarray] = []
     for k, (name, strength) in enumerate(zip(spec.causes, spec.strengths, strict=True)):
         for attempt in range(TRIES):
-            cause = make_cause(name, rig, spec.seed + 1000 * attempt + k, FORM[spec.set])
+            cause = make_cause(name, rig, spec.seed + 1000 * attempt + k, FORM[spec.set], spec.group == "decoy")
             a = amplitude_for(rig, lacking, cause, strength)
             change = means(rig, [(cause, a)]) - measure.base
             if not (spec.cancelling and k) or lacking.inner(change, changes[0]) < 0:
@@ -96,7 +96,7 @@ def oracle_gain(spec: CaseSpec, rig: Rig, change: np.ndarray) -> float:
 
 def pictures(made: Made, noise: str, seed: int) -> dict[int, list[np.ndarray]]:
     """Return the frames of each view, noise and codec included, uint8."""
-    rig, curve, well = made.rig, curve_of(made.rig, made.causes), well_of(made.causes)
+    rig, curve, knee = made.rig, curve_of(made.rig, made.causes), knee_of(made.causes)
     rng = np.random.default_rng([seed, 2])
     found: dict[int, list[np.ndarray]] = {}
     film: list[np.ndarray] = []
@@ -106,7 +106,7 @@ def pictures(made: Made, noise: str, seed: int) -> dict[int, list[np.ndarray]]:
         frames = []
         for _ in range(view.frames * repeats):
             flicker = np.exp(0.002 * rng.standard_normal()) if view.frames > 1 and view.touches else 1.0
-            frames.append(_shoot(rig, exposure, flicker, curve, rng, CORRELATED.get(noise, 0.0), well))
+            frames.append(_shoot(rig, exposure, flicker, curve, rng, CORRELATED.get(noise, 0.0), knee))
         if noise in VIDEO:
             film += frames
         found[k] = [by_jpeg(f, JPEG[noise]) for f in frames] if noise in JPEG else frames
@@ -123,17 +123,10 @@ def _shoot(
     curve: np.ndarray,
     rng: np.random.Generator,
     correlated: float,
-    well: float | None,
+    knee: Knee | None,
 ) -> np.ndarray:
-    return noisy_frame(
-        rig.electronics,
-        flicker * exposure.charge_e,
-        exposure.offset_DN,
-        curve,
-        rng,
-        correlated=correlated,
-        well_DN=well,
-    )
+    charge = flicker * exposure.charge_e
+    return noisy_frame(rig.electronics, charge, exposure.offset_DN, curve, rng, correlated=correlated, knee=knee)
 
 
 def write_case(spec: CaseSpec, folder: Path) -> tuple[Path, dict[str, Any]]:

@@ -128,14 +128,11 @@ def views(name: str) -> tuple[View, ...]:
 def _spare(shots: tuple[Shot, ...]) -> set[int]:
     """Return about a quarter of the conditions, none at an end of the ranges and no hold."""
     counts = {shot.condition: sum(s.condition == shot.condition for s in shots) for shot in shots}
-    forces, volts = {s.force_N for s in shots}, {s.voltage_V for s in shots}
+    forces, volts = [s.force_N for s in shots], [s.voltage_V for s in shots]
     ends_f, ends_v = (min(forces), max(forces)), (min(volts), max(volts))
     inner = [
-        s.condition
-        for s in shots
-        if counts[s.condition] == 1 and s.voltage_V not in ends_v and (s.force_N not in ends_f or len(volts) > 1)
-        and not (s.force_N == ends_f[0])
-    ]  # fmt: skip
+        s.condition for s in shots if counts[s.condition] == 1 and s.voltage_V not in ends_v and s.force_N != ends_f[0]
+    ]
     return set(inner[1::2][: round(len(counts) / 4)])
 
 

@@ -1,0 +1,206 @@
+"""Run a set of cases through the critic: ``python -m tests.challenge.run --set dev --workers 2 --budget-s 3600``.
+
+Each case is made, judged and deleted; its outcome is a line of ``outputs/challenge/<run>.jsonl``. A run that is started
+again goes on where it stopped. Nothing is ever overwritten: another critic, another ``--run``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterable
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .baselines import BASELINES
+from .cases import CaseSpec, cases, slice_of
+from .isolable import table
+from .make import write_case
+from .rig import CACHE, POSES, base_light
+from .score import lines, summary
+from .strength import OutOfReach
+
+CRITIC = "evanesce.criticism.critic:criticise"
+Judge = Callable[..., dict[str, Any]]
+
+
+def judge_of(name: str) -> Judge:
+    """Return a baseline by name, or a function ``module:function`` that takes a bundle's path."""
+    if name in BASELINES:
+        return BASELINES[name]
+    module, _, function = name.partition(":")
+    found: Judge = getattr(importlib.import_module(module), function)
+    return found
+
+
+def one_case(spec: CaseSpec, judge: str, strip: str = "", keep: Path | None = None) -> dict[str, Any]:
+    """Make, judge and delete one case.
+
+    Parameters
+    ----------
+    spec : CaseSpec
+    judge : str
+    strip : {"", "shuffle", "flat"}
+        Take the pixels' information away: every frame's pixels in another order, or all at their mean.
+    keep : Path, optional
+        Folder in which the bundle is left.
+    """
+    with tempfile.TemporaryDirectory(prefix="challenge-") as folder:
+        try:
+            path, truth = write_case(spec, keep or Path(folder))
+        except OutOfReach as error:
+            return {"truth": spec.as_dict(), "skipped": str(error)}
+        if strip:
+            strip_pixels(path, strip)
+        start = time.perf_counter()
+        try:
+            answer = judge_of(judge)(path, exclude=spec.exclude) if spec.exclude else judge_of(judge)(path)
+        except Exception as error:
+            return {"truth": truth, "error": f"{type(error).__name__}: {error}", "load": os.getloadavg()[0]}
+        seconds = time.perf_counter() - start
+    return {"truth": truth, "answer": _plain(answer), "seconds": seconds, "load": os.getloadavg()[0]}
+
+
+def strip_pixels(path: Path, how: str) -> None:
+    """Take away what the frames of a bundle show: ``shuffle`` pixels, or make each frame ``flat``."""
+    from evanesce.bundle import read_bundle
+    from evanesce.sensor.codec import write_png
+
+    shape = read_bundle(path, decode=False).shape
+    order = np.random.default_rng(0).permutation(shape[0] * shape[1])
+    import cv2
+
+    for file in sorted(path.rglob("*.png")):
+        frame = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+        if how == "shuffle":
+            write_png(file, frame.ravel()[order].reshape(shape))
+        else:
+            write_png(file, np.full(shape, round(float(frame.mean())), np.uint8))
+
+
+def _plain(value: Any) -> Any:
+    return json.loads(json.dumps(value, default=lambda v: v.tolist() if hasattr(v, "tolist") else str(v)))
+
+
+def commit() -> str:
+    """Return the commit that is judged, with a mark where the tree differs from it."""
+    try:
+        head = subprocess.run(["git", "rev-parse", "HEAD"], capture_output=True, text=True, check=True).stdout.strip()
+        dirty = subprocess.run(["git", "status", "--porcelain", "-uno"], capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+    return head + ("+changes" if dirty.stdout.strip() else "")
+
+
+def read_records(path: Path) -> list[dict[str, Any]]:
+    """Return the outcomes of a run; a last line that was cut off is left out."""
+    found = []
+    if path.is_file():
+        for line in path.read_text(encoding="utf-8").splitlines():
+            try:
+                found.append(json.loads(line))
+            except ValueError:
+                continue
+    return found
+
+
+def specs_of(name: str) -> list[CaseSpec]:
+    """Return the cases of ``dev``, ``scored`` or ``slice`` in an order that tells nothing."""
+    found = slice_of() if name == "slice" else cases(name)
+    return sorted(found, key=lambda spec: spec.id)
+
+
+def run(
+    name: str, out: Path, *, judge: str = CRITIC, workers: int = 2, budget_s: float = 1e9, groups: Iterable[str] = (),
+    strip: str = "", keep: Path | None = None, show: Callable[[str], None] = print,
+) -> list[dict[str, Any]]:  # fmt: skip
+    """Run what is not done yet, within a budget, and return all outcomes.
+
+    Parameters
+    ----------
+    name : str
+        ``dev``, ``scored`` or ``slice``.
+    out : Path
+        JSONL; appended to.
+    judge, workers, budget_s, strip, keep
+    groups : iterable of str
+        Only these groups; all by default.
+    show : callable
+    """
+    specs = [spec for spec in specs_of(name) if not groups or spec.group in set(groups)]
+    done = {record["truth"]["id"] for record in read_records(out) if "error" not in record}
+    todo = [spec for spec in specs if spec.id not in done]
+    out.parent.mkdir(parents=True, exist_ok=True)
+    start, origin = time.monotonic(), commit()
+    for set_name in sorted({spec.set for spec in todo}):
+        for pose in sorted({spec.pose for spec in todo if spec.set == set_name}):
+            base_light(set_name, pose)  # once, before workers would make it side by side
+    waiting: set[Future[dict[str, Any]]] = set()
+    queue = iter(todo)
+    finished = 0
+    with ProcessPoolExecutor(max_workers=workers) as pool, out.open("a", encoding="utf-8") as stream:
+        while True:
+            while len(waiting) < workers and time.monotonic() - start < budget_s:
+                spec = next(queue, None)
+                if spec is None:
+                    break
+                waiting.add(pool.submit(one_case, spec, judge, strip, keep))
+            if not waiting:
+                break
+            ready, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+            for future in ready:
+                record = future.result() | {"judge": judge, "commit": origin, "strip": strip}
+                stream.write(json.dumps(record) + "\n")
+                stream.flush()
+                finished += 1
+                left = (time.monotonic() - start) / finished * (len(todo) - finished)
+                said = record.get("answer", {}).get("verdict", record.get("skipped") or record.get("error"))
+                show(f"{finished}/{len(todo)}  {said}  about {left / 60:.0f} min left")
+    return read_records(out)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Command line."""
+    parser = argparse.ArgumentParser(prog="python -m tests.challenge.run", description=__doc__)
+    parser.add_argument("--set", choices=("dev", "scored", "slice"), default="slice")
+    parser.add_argument("--judge", default=CRITIC, help=f"module:function, or {', '.join(BASELINES)}")
+    parser.add_argument("--run", default="", help="name of the run; by default set and judge")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--budget-s", type=float, default=1e9)
+    parser.add_argument("--groups", nargs="*", default=())
+    parser.add_argument("--strip", choices=("", "shuffle", "flat"), default="")
+    parser.add_argument("--keep", type=Path, default=None, help="folder in which bundles are left")
+    parser.add_argument("--score-only", action="store_true")
+    given = parser.parse_args(arguments)
+    judge_name = "critic" if given.judge == CRITIC else given.judge.replace(":", "-")
+    run_name = given.run or f"{given.set}-{judge_name}" + (f"-{given.strip}" if given.strip else "")
+    out = CACHE / f"{run_name}.jsonl"
+    records = read_records(out)
+    if not given.score_only:
+        records = run(
+            given.set, out, judge=given.judge, workers=given.workers, budget_s=given.budget_s, groups=given.groups,
+            strip=given.strip, keep=given.keep, show=lambda text: print(text, file=sys.stderr, flush=True),
+        )  # fmt: skip
+    latest = {record["truth"]["id"]: record for record in records}
+    judged = [record for record in latest.values() if "skipped" not in record]
+    found = summary(judged, table("scored" if given.set == "scored" else "dev"))
+    found["skipped"] = {r["truth"]["id"]: r["skipped"] for r in latest.values() if "skipped" in r}
+    (CACHE / f"{run_name}.summary.json").write_text(json.dumps(found, indent=1), encoding="utf-8")
+    print("\n".join([*lines(found), f"out of reach: {len(found['skipped'])}"]))
+    return 1 if found["failed"] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
+
+__all__ = ["POSES", "main", "one_case", "run", "shutil"]

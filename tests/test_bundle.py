@@ -13,9 +13,10 @@ from typer.testing import CliRunner
 from evanesce.bundle import read_bundle, scene_at
 from evanesce.bundle.area import AreaReading, contact_area
 from evanesce.bundle.check import contents
+from evanesce.bundle.folder import new_folder
 from evanesce.bundle.layout import Shot, conditions
 from evanesce.bundle.protocol import LIGHT, Protocol, default_protocol, sweep_voltages
-from evanesce.bundle.write import new_folder, write_bundle
+from evanesce.bundle.write import write_bundle
 from evanesce.cli.app import app
 from evanesce.errors import InputError
 from evanesce.optics.led import led_radiances

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from evanesce.bundle.write import new_folder, write_frame, write_shots
+from evanesce.bundle.folder import new_folder, write_frame, write_shots
 from evanesce.rig import dump_scene
 
 from .camera import Knee, noisy_frame

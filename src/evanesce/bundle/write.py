@@ -2,14 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
-import os
-import shutil
-import tempfile
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +14,7 @@ from numpy.typing import NDArray
 from evanesce import rng
 from evanesce.bundle.area import MIN_BLOB_MM2, AreaReading, contact_area
 from evanesce.bundle.card_light import card_light
+from evanesce.bundle.folder import new_folder, write_csv, write_frame, write_shots
 from evanesce.bundle.layout import (
     AUXILIARY,
     MEASUREMENT_FILE,
@@ -33,11 +28,9 @@ from evanesce.bundle.layout import (
 from evanesce.bundle.protocol import Protocol, default_protocol
 from evanesce.bundle.read import scene_at
 from evanesce.effects import Context, Stage, active_effects, all_effects, apply_stage
-from evanesce.errors import InputError, WorkError
 from evanesce.render.cards import Card, Pose, checkerboard_of, pose_of, square_of
 from evanesce.render.transport import render_fast
 from evanesce.rig import Scene, dump_scene
-from evanesce.sensor.codec import write_png
 from evanesce.simulate import Render, photograph, touch
 from evanesce.states import ContactState, PlateLight
 
@@ -258,7 +251,7 @@ def _series(
     rows = [
         [shot.force_N, contact_area(frames[k], believed, reading), sigma] for shot, k in zip(shots, ramp, strict=True)
     ]
-    _csv(folder / "area_force.csv", ["force_N", "area_mm2", "sigma_mm2"], rows)
+    write_csv(folder / "area_force.csv", ["force_N", "area_mm2", "sigma_mm2"], rows)
     found = {
         "area_force": {
             "voltage_V": volts, "threshold": reading.threshold, "blur_px": reading.blur_px,
@@ -266,65 +259,8 @@ def _series(
         }
     }  # fmt: skip
     if np.isfinite([depths[k] for k in ramp]).all():
-        _csv(
+        write_csv(
             folder / "force_displacement.csv", ["displacement_mm", "force_N"],
             [[depths[k], shot.force_N] for shot, k in zip(shots, ramp, strict=True)],
         )  # fmt: skip
     return found
-
-
-def write_frame(root: Path, kind: str, index: int, frame: Grey) -> None:
-    """Write one frame to its place in a bundle."""
-    (root / kind).mkdir(exist_ok=True)
-    write_png(root / kind / f"{index:04d}.png", frame)
-
-
-def write_shots(path: Path, shots: tuple[Shot, ...] | list[Shot], displacement_mm: list[float] | None = None) -> None:
-    """Write ``press.csv`` or ``replicates.csv``; displacements that are not known stay empty."""
-    known = displacement_mm is not None and bool(np.isfinite(displacement_mm).all())
-    depths = displacement_mm if known and displacement_mm is not None else [None] * len(shots)
-    rows = [
-        [s.index, s.time_s, s.force_N, s.voltage_V, "" if d is None else d, s.session]
-        for s, d in zip(shots, depths, strict=True)
-    ]
-    _csv(path, ["index", "time_s", "force_N", "voltage_V", "displacement_mm", "session"], rows)
-
-
-def _csv(path: Path, header: list[str], rows: list[list[Any]]) -> None:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    for row in rows:
-        writer.writerow([f"{value:.9g}" if isinstance(value, float) else value for value in row])
-    path.write_text(text.getvalue(), encoding="utf-8")
-
-
-@contextmanager
-def new_folder(folder: Path) -> Iterator[Path]:
-    """Give a temporary folder beside ``folder`` to fill; it takes that name only if all went well.
-
-    Raises
-    ------
-    InputError
-        If ``folder`` exists and is no empty folder, or its parent is missing.
-    WorkError
-        If the system refuses.
-    """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError("exists and is not empty", file=folder, allowed="a new folder; nothing is overwritten")
-    if not folder.parent.is_dir():
-        raise InputError("no such folder", file=folder.parent, allowed="a folder in which the bundle can be made")
-    try:
-        part = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
-    except OSError as error:
-        raise WorkError(f"{folder}: cannot make the folder: {error.strerror}") from None
-    try:
-        yield part
-        umask = os.umask(0)
-        os.umask(umask)
-        part.chmod(0o777 & ~umask)
-        os.replace(part, folder)
-    except OSError as error:
-        raise WorkError(f"{folder}: cannot write: {error.strerror}") from None
-    finally:
-        shutil.rmtree(part, ignore_errors=True)

@@ -1,0 +1,80 @@
+"""Files of a bundle that is being written: frames, tables, and a folder that appears whole or not at all."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.bundle.layout import Shot
+from evanesce.errors import InputError, WorkError
+from evanesce.sensor.codec import write_png
+
+Grey = NDArray[np.uint8]
+
+
+def write_frame(root: Path, kind: str, index: int, frame: Grey) -> None:
+    """Write one frame to its place in a bundle."""
+    (root / kind).mkdir(exist_ok=True)
+    write_png(root / kind / f"{index:04d}.png", frame)
+
+
+def write_shots(path: Path, shots: tuple[Shot, ...] | list[Shot], displacement_mm: list[float] | None = None) -> None:
+    """Write ``press.csv`` or ``replicates.csv``; displacements that are not known stay empty."""
+    known = displacement_mm is not None and bool(np.isfinite(displacement_mm).all())
+    depths = displacement_mm if known and displacement_mm is not None else [None] * len(shots)
+    rows = [
+        [s.index, s.time_s, s.force_N, s.voltage_V, "" if d is None else d, s.session]
+        for s, d in zip(shots, depths, strict=True)
+    ]
+    write_csv(path, ["index", "time_s", "force_N", "voltage_V", "displacement_mm", "session"], rows)
+
+
+def write_csv(path: Path, header: list[str], rows: list[list[Any]]) -> None:
+    """Write a table; floats to nine digits."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    for row in rows:
+        writer.writerow([f"{value:.9g}" if isinstance(value, float) else value for value in row])
+    path.write_text(text.getvalue(), encoding="utf-8")
+
+
+@contextmanager
+def new_folder(folder: Path) -> Iterator[Path]:
+    """Give a temporary folder beside ``folder`` to fill; it takes that name only if all went well.
+
+    Raises
+    ------
+    InputError
+        If ``folder`` exists and is no empty folder, or its parent is missing.
+    WorkError
+        If the system refuses.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError("exists and is not empty", file=folder, allowed="a new folder; nothing is overwritten")
+    if not folder.parent.is_dir():
+        raise InputError("no such folder", file=folder.parent, allowed="a folder in which the bundle can be made")
+    try:
+        part = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
+    except OSError as error:
+        raise WorkError(f"{folder}: cannot make the folder: {error.strerror}") from None
+    try:
+        yield part
+        umask = os.umask(0)
+        os.umask(umask)
+        part.chmod(0o777 & ~umask)
+        os.replace(part, folder)
+    except OSError as error:
+        raise WorkError(f"{folder}: cannot write: {error.strerror}") from None
+    finally:
+        shutil.rmtree(part, ignore_errors=True)

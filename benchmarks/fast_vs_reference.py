@@ -3,7 +3,7 @@
 The agreement is measured with pixels a few times as large (the light is the same, the noise of the reference less);
 the speed at the camera's own 2000 x 1500.
 
-    python benchmarks/fast_vs_reference.py [--quick] [--json FILE] [--samples N] [--coarser K]
+    python benchmarks/fast_vs_reference.py [--quick] [--json FILE] [--samples N] [--coarser K] [--cases 0,3,4]
 """
 
 from __future__ import annotations
@@ -104,6 +104,7 @@ def main() -> int:
     parser.add_argument("--json", type=Path)
     parser.add_argument("--samples", type=int, default=None, help="paths per pixel of the reference")
     parser.add_argument("--coarser", type=int, default=None, help="pixels this many times as large")
+    parser.add_argument("--cases", default="", help="numbers of the cases, such as 0,3; all by default")
     arguments = parser.parse_args()
     factor = arguments.coarser or (8 if arguments.quick else 4)
     samples = arguments.samples or (512 if arguments.quick else 1024)
@@ -122,8 +123,8 @@ def main() -> int:
     print(f"precomputation {precompute_s:.1f} s, peak memory so far {peak_MB:.0f} MB, load {os.getloadavg()[0]:.1f}")
 
     chosen = cases(coarser(factor))
-    if arguments.quick:
-        chosen = [chosen[i] for i in (0, 3, 4)]
+    if arguments.quick or arguments.cases:
+        chosen = [chosen[int(i)] for i in (arguments.cases or "0,3,4").split(",")]
     rows = [measure_agreement(case, samples) for case in chosen]
 
     cost = reference_cost()

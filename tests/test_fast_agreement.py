@@ -73,6 +73,8 @@ def test_ridged_finger_off_the_middle() -> None:
         coarser(16)
         | {
             "camera.lens.distortion": {},
+            "camera.resolution_px": [60, 56],
+            "camera.centre_mm": [1.1, -0.5],
             "finger.position_mm": [1.3, -0.8],
             "grid.samples": 512,
             "leds.edge": {"left": {"relative_power": [1, 0, 1, 0.4, 1]}},

@@ -69,7 +69,7 @@ COMPARED = (0, 2, 3, 4, 5, 8)
 """Of :func:`evanesce.validation.agreement.cases`."""
 
 
-def fast_vs_reference(samples: int = 256) -> None:
+def fast_vs_reference(samples: int = 96) -> None:
     """Render six contacts by path tracer and by transport, and show what differs.
 
     Parameters

@@ -81,7 +81,7 @@ def _case(
 
 def cases(camera: dict[str, Any]) -> list[Case]:
     """Return the contacts on which the renderers are compared; ``camera`` are dotted keys for all of them."""
-    dead = {"left": {"relative_power": [1, 1, 0, 1]}}
+    dead = {"left": {"relative_power": [1, 1, 0, 1, 1]}}
     soft = {"law": "hertz", "reduced_modulus_MPa": 0.16}
     return [
         _case("smooth, 5 N", "thesis", 5.0, camera),

@@ -6,7 +6,9 @@ import itertools
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from evanesce.cli.app import app
 from evanesce.optics.spectrum import BAND_NM, luminous_efficiency, pdms_index, white_bands, white_led_power
 from evanesce.render.bands import banded, in_band
 from evanesce.render.path import render
@@ -83,3 +85,14 @@ def test_traced_bands_add_up():
     white = banded(render, 2)(scene, state, seed=5, **options)
     alone = [render(in_band(scene, b), state, seed=5 + k, **options) for k, b in enumerate(white_bands(2))]
     np.testing.assert_allclose(white.radiance, 0.5 * (alone[0].radiance + alone[1].radiance), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("option", "value"), [("--bands", "0"), ("--bands", "15"), ("--until-error", "0"), ("--until-error", "1")]
+)
+def test_bad_options_end_in_one_line(option, value, tmp_path):
+    result = CliRunner().invoke(app, ["render", "thesis", option, value, "--out", str(tmp_path / "o")])
+    assert result.exit_code == 2
+    assert option in result.output
+    assert "Traceback" not in result.output
+    assert not (tmp_path / "o").exists()

@@ -34,6 +34,7 @@ COMMANDS = (
     "study",
     "dataset",
     "doctor",
+    "criticise",
 )
 
 

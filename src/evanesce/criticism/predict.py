@@ -23,7 +23,7 @@ from evanesce.criticism.tone import expected_tone
 from evanesce.criticism.views import View, binned
 from evanesce.effects import Active, Context, Stage, active_effects, all_effects
 from evanesce.optics.led import led_positions, led_radiances
-from evanesce.optics.projection import Projection
+from evanesce.optics.projection import IdealView, Projection
 from evanesce.render.cards import Pose, checkerboard_of, pose_of, square_of
 from evanesce.render.transport import fields_of, render_fast
 from evanesce.rig import Scene
@@ -146,10 +146,12 @@ class Predictor:
     scene : Scene
         The believed rig, at the critic's resolution (:func:`evanesce.criticism.observe.model_scene`).
     views : sequence of View
+    finer : int
+        The light is computed on so many times as many rays along each side: to find what the resolution costs.
     """
 
-    def __init__(self, scene: Scene, views: Sequence[View]) -> None:
-        self.scene, self.views = scene, tuple(views)
+    def __init__(self, scene: Scene, views: Sequence[View], *, finer: int = 1) -> None:
+        self.scene, self.views, self.finer = scene, tuple(views), finer
         self._contacts, self._lights, self._images = _Kept(KEEP_CONTACTS), _Kept(KEEP_LIGHTS), _Kept(KEEP_IMAGES)
         self._bins = _Kept(KEEP_BINS)
         self._known: set[str] = set()
@@ -224,7 +226,7 @@ class Predictor:
         sight = _sight(rig)
         if view.is_card:
             key = ("card", view.kind, sight, repr(rig.card), repr(rig.plate), nuisances.shift_mm, nuisances.turn_deg)
-            return key, lambda: self._lights.get(key, lambda: _card(rig, view, nuisances))
+            return key, lambda: self._lights.get(key, lambda: _card(rig, view, nuisances, self.finer))
         if view.force_N is None:
             return ("dark", sight), lambda: _dark(rig)
         force = float(self._apply(Stage.LOAD, view.force_N * float(np.exp(nuisances.log_force)), effects, context))
@@ -245,7 +247,7 @@ class Predictor:
                 if level == 0.0:
                     return _dark(rig), 1.0
                 state = self._contacts.get(contact_key, contact)
-                return render_moved(rig, state, nuisances.shift_mm), level
+                return render_moved(rig, state, nuisances.shift_mm, self.finer), level
 
             made, at = self._lights.get(key, make)
             # Everything on the way is linear in the LEDs' power while their pattern stays.
@@ -284,19 +286,28 @@ class Predictor:
         return np.asarray(self._apply(Stage.FRAME, frame, effects, context).data, float)
 
 
-def render_moved(rig: Scene, state: ContactState, shift_mm: tuple[float, float]) -> PlateLight:
+def render_moved(rig: Scene, state: ContactState, shift_mm: tuple[float, float], finer: int = 1) -> PlateLight:
     """Render a contact beside its believed place; the guided light of the plate is the believed place's own field.
 
     The field is smooth and known over the whole contact grid; a new one would cost seconds for each place.
     """
+    view = finer_view(rig, finer)
     if not any(shift_mm):
-        return render_fast(rig, state)
+        return render_fast(rig, state, view=view)
     dx, dy = shift_mm
     grid = state.grid
     moved_state = replace(state, grid=replace(grid, centre=(grid.centre[0] + dx, grid.centre[1] + dy)))
     x, y = rig.finger.position_mm
     moved = rig.model_copy(update={"finger": rig.finger.model_copy(update={"position_mm": (x + dx, y + dy)})})
-    return render_fast(moved, moved_state, fields=fields_of(rig))
+    return render_fast(moved, moved_state, view=view, fields=fields_of(rig))
+
+
+def finer_view(rig: Scene, finer: int) -> IdealView:
+    """Return the rig's pinhole grid with so many times as many pixels along each side."""
+    view = Projection.of(rig.camera, rig.plate).ideal_view()
+    (rows, cols), (px, py) = view.shape, view.principal_point
+    middle = (finer - 1) / 2
+    return IdealView((rows * finer, cols * finer), view.focal_px * finer, (px * finer + middle, py * finer + middle))
 
 
 def _dark(rig: Scene) -> PlateLight:
@@ -307,9 +318,14 @@ def _dark(rig: Scene) -> PlateLight:
     )
 
 
-def _card(rig: Scene, view: View, nuisances: Nuisances) -> PlateLight:
+def _card(rig: Scene, view: View, nuisances: Nuisances, finer: int) -> PlateLight:
     card = checkerboard_of(rig.card) if view.kind == "checkerboard" else square_of(rig.card)
-    return card_light(rig, card, pose_of(rig.card, Pose(shift=nuisances.shift_mm, rotation_deg=nuisances.turn_deg)))
+    return card_light(
+        rig,
+        card,
+        pose_of(rig.card, Pose(shift=nuisances.shift_mm, rotation_deg=nuisances.turn_deg)),
+        view=finer_view(rig, finer),
+    )
 
 
 def _sight(rig: Scene) -> tuple[Any, ...]:

@@ -1,0 +1,161 @@
+"""What was found, put into the stable answer that docs/criticism.md describes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.criticism.battery import BatteryResult, Residuals
+from evanesce.criticism.evidence import Evidence, Ranked, Shown
+from evanesce.criticism.extend import Extension, intervals
+from evanesce.criticism.frozen import FROZEN
+from evanesce.criticism.locked import LockedGain
+from evanesce.criticism.posterior import UNKNOWN, Posterior
+from evanesce.criticism.predict import scene_with
+from evanesce.criticism.score import ScoreTest
+from evanesce.criticism.signatures import Signature
+from evanesce.criticism.unknown import Flexible
+from evanesce.criticism.views import View
+from evanesce.rig import Scene, dump_scene
+
+Array = NDArray[Any]
+
+
+@dataclass
+class Findings:
+    """All that the critic learns about a case, step by step.
+
+    Attributes
+    ----------
+    global_p : float
+    first : ScoreTest
+        Of all candidates against the believed rig.
+    battery, after : BatteryResult
+        On what the believed rig leaves, and on what the extended one leaves.
+    left : Residuals, optional
+        What the extended rig leaves.
+    left_p : float
+        Joint probability of the tests on it.
+    rounds : list of list of Extension
+        Of each step, all that were fitted.
+    best : Extension, optional
+        Accepted.
+    group : list of Extension
+        What it could be mistaken for.
+    rings : bool
+        Whether structure is left that no candidate explains.
+    """
+
+    global_p: float
+    first: ScoreTest
+    battery: BatteryResult
+    after: BatteryResult | None = None
+    left: Residuals | None = None
+    left_p: float = 1.0
+    rounds: list[list[Extension]] = field(default_factory=list)
+    best: Extension | None = None
+    group: list[Extension] = field(default_factory=list)
+    absorbed: list[dict[str, str]] = field(default_factory=list)
+    next_shot: dict[str, Any] | None = None
+    posterior: Posterior | None = None
+    flexible: Flexible | None = None
+    unknown: dict[str, Any] | None = None
+    rings: bool = False
+    gain: LockedGain | None = None
+
+
+def verdict(findings: Findings) -> str:
+    """Return ``none``, ``named``, ``ambiguous`` or ``unknown``."""
+    if findings.global_p >= FROZEN.levels["false_alarm"]:
+        return "none"
+    probable = findings.posterior.best if findings.posterior else ()
+    if findings.best is None or (findings.rings and UNKNOWN in probable):
+        return "unknown"
+    return "ambiguous" if findings.group else "named"
+
+
+def answer(case: Any, signatures: Sequence[Signature], findings: Findings) -> tuple[dict[str, Any], Evidence]:
+    """Return the result and what a report shows of it."""
+    said = verdict(findings)
+    named = findings.best if said != "none" else None
+    effects = [] if named is None else _effects(named)
+    probabilities = findings.posterior.marginal() if findings.posterior else {}
+    result: dict[str, Any] = {
+        "global_p": findings.global_p,
+        "verdict": said,
+        "probabilities": {k: v for k, v in sorted(probabilities.items(), key=lambda i: -i[1])},
+        "effects": effects,
+        "ambiguous_with": [e.cause.id for e in findings.group] if said == "ambiguous" else [],
+        "absorbed": findings.absorbed,
+        "not_judged": [{"id": s.id, "why": s.note} for s in signatures if s.note],
+        "next_measurement": findings.next_shot,
+        "unknown": findings.unknown if said == "unknown" else None,
+        "gain": None if findings.gain is None else findings.gain.as_dict(),
+        "extended_scene": None,
+        "false_alarm_control": case.problem.noise.measured,
+        "frozen_sha256": FROZEN.digest,
+        "seed": case.seed,
+    }
+    believed = case.observation.believed
+    after = believed if named is None else extended_scene(believed, named)
+    evidence = Evidence(
+        shown=_shown(case, findings),
+        outcomes=findings.battery.outcomes,
+        ranking=_ranking(findings),
+        scene_before=dump_scene(believed),
+        scene_after=dump_scene(after),
+        notes=tuple(case.notes),
+    )
+    return result, evidence
+
+
+def extended_scene(believed: Scene, named: Extension) -> Scene:
+    """Return the believed scene with the named effects switched on at their fitted values."""
+    point = {p.name: named.fitted.point[p.name] for p in named.parameters}
+    return scene_with(believed, point)
+
+
+def _effects(named: Extension) -> list[dict[str, Any]]:
+    found: dict[str, dict[str, Any]] = {}
+    for name, entry in intervals(named).items():
+        effect, _, parameter = name.partition(":")
+        found.setdefault(effect, {})[parameter] = entry
+    return [{"id": effect, "parameters": found[effect]} for effect in named.ids]
+
+
+def _ranking(findings: Findings) -> list[Ranked]:
+    models = findings.posterior.models if findings.posterior else {}
+    found = [
+        Ranked(
+            e.ids,
+            e.gain,
+            e.gain_error,
+            models.get(tuple(sorted(e.ids)), 0.0),
+            "" if e.within_bounds else "a parameter is at its bound",
+        )
+        for extensions in findings.rounds
+        for e in extensions
+    ]
+    return sorted(found, key=lambda r: -r.probability)
+
+
+def _shown(case: Any, findings: Findings) -> list[Shown]:
+    problem, base = case.problem, case.base
+    before = problem.unwhitened(base.residual)
+    after = before if findings.best is None else problem.unwhitened(findings.best.fitted.residual)
+    found = []
+    for k, view in enumerate(problem.kinds):
+        valid = problem.valid[problem.views[k]]
+        panels = [np.where(valid, cube[k], np.nan) for cube in (before, after)]
+        found.append(Shown(view_words(view), problem.data[problem.views[k]], panels[0], panels[1], view.locked))
+    return found
+
+
+def view_words(view: View) -> str:
+    """Return a view's kind and state with units."""
+    kind = view.kind.replace("_", " ")
+    return f"{kind}, {view.force_N:g} N, {view.voltage_V:g} V, {view.time_s:g} s" if view.force_N is not None else kind

@@ -1,0 +1,250 @@
+"""The critic on one page: noise, split, fit of what is believed, tests, candidates, extension, unknown, gain.
+
+The open part of the data decides everything; the locked part is looked at once, at the end, for the gain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.bundle.read import Bundle
+from evanesce.criticism.answer import Findings, answer
+from evanesce.criticism.battery import BatteryResult, Residuals, run_battery
+from evanesce.criticism.candidates import Candidate, candidates_of
+from evanesce.criticism.evidence import Evidence
+from evanesce.criticism.extend import Extension, extend
+from evanesce.criticism.frozen import FROZEN
+from evanesce.criticism.isolability import absorbed, confusion, group_of
+from evanesce.criticism.locked import locked_gain
+from evanesce.criticism.next_shot import next_measurement
+from evanesce.criticism.noise import noise_of
+from evanesce.criticism.nuisance import nuisance_parameters
+from evanesce.criticism.numerics import numerics_variance
+from evanesce.criticism.observe import Observation, observe
+from evanesce.criticism.posterior import UNKNOWN, Posterior, log_bayes_of_p, posterior
+from evanesce.criticism.predict import Predictor
+from evanesce.criticism.problem import Fit, Problem, fit, predicted_part
+from evanesce.criticism.residuals import noise_draws, residuals_of
+from evanesce.criticism.score import ScoreTest, metric_of, score_test
+from evanesce.criticism.signatures import Signature, signatures_of
+from evanesce.criticism.tone import expected_tone
+from evanesce.criticism.unknown import Flexible, describe_unknown, fit_flexible
+from evanesce.rng import generator
+
+Array = NDArray[Any]
+Tick = Callable[[str], None]
+
+
+@dataclass
+class Case:
+    """One bundle on its way through the critic."""
+
+    observation: Observation
+    problem: Problem
+    base: Fit
+    candidates: tuple[Candidate, ...]
+    seed: int
+    notes: list[str] = field(default_factory=list)
+
+    def rng(self, name: str, number: int = 0) -> np.random.Generator:
+        """Return a random stream of its own for each step."""
+        return generator(self.seed, "criticism", name, number)
+
+
+def criticise(bundle: Bundle, *, seed: int = 0, tick: Tick = lambda step: None) -> tuple[dict[str, Any], Evidence]:
+    """Find what a simulation of the believed rig gets wrong about measured data.
+
+    Parameters
+    ----------
+    bundle : Bundle
+    seed : int
+        Of the draws of noise.
+    tick : callable
+        Told each step when it begins.
+
+    Returns
+    -------
+    result : dict
+        See docs/criticism.md.
+    evidence : Evidence
+        What a report shows of it.
+    """
+    tick("frames and noise")
+    case = prepare(observe(bundle), seed)
+    tick("signatures of all candidates")
+    signatures = signatures_of(case.problem, case.base, case.candidates, lambda name: None)
+    tick("score tests")
+    first = test(case, signatures, case.base, 0)
+    tick("battery")
+    battery, left = ring(case, case.base, 0)
+    global_p = joint_p(first.p, battery.global_p)
+    findings = Findings(global_p=global_p, first=first, battery=battery)
+    if global_p < FROZEN.levels["false_alarm"]:
+        tick("nested fits")
+        search(case, signatures, findings)
+    weigh(case, findings, left, signatures)
+    tick("what can be told from what")
+    isolate(case, signatures, findings)
+    tick("locked part")
+    findings.gain = locked_gain(case.observation, case.problem, case.base, findings.best, findings.flexible)
+    return answer(case, signatures, findings)
+
+
+def prepare(observation: Observation, seed: int) -> Case:
+    """Measure the noise and fit the believed rig with its nuisances."""
+    predictor = Predictor(observation.scene, observation.views)
+    known = FROZEN.noise
+    data = observation.cube
+    noise = noise_of(
+        observation.held,
+        expected_tone(observation.scene.camera),
+        data.shape[1:],
+        floor_DN=known["floor_DN"],
+        flicker=known["flicker"],
+    )
+    base = predictor.cube({})
+    numerics = numerics_variance(observation.scene, observation.views, base)
+    open_views = observation.open
+    views = [int(v) for v in open_views]
+    parameters = [
+        p for p in nuisance_parameters(observation.views, noise.flicker) if p.views is None or set(p.views) & set(views)
+    ]
+    problem = Problem.of(predictor, data, noise, numerics, views, base)
+    first = fit(problem, parameters, {}, predicted=base)
+    # Once more with the weights of the fitted level: a contact beside its place has other bright bins.
+    level = predictor.cube(predicted_part(first.point, parameters))
+    problem = Problem.of(predictor, data, noise, numerics, views, level)
+    fitted = fit(problem, parameters, first.point, predicted=level, rounds=3)
+    candidates = candidates_of(observation.scene, observation.available)
+    case = Case(observation, problem, fitted, candidates, seed)
+    if not noise.measured:
+        case.notes.append("no replicates: the noise is the camera's own model, false alarms are not controlled")
+    return case
+
+
+def test(case: Case, signatures: Sequence[Signature], base: Fit, number: int) -> ScoreTest:
+    """Score all candidates against a fitted model."""
+    draws = int(FROZEN.levels["draws_score"])
+    return score_test(case.problem, base, signatures, draws=draws, rng=case.rng("score", number))
+
+
+def ring(case: Case, fitted: Fit, number: int) -> tuple[BatteryResult, Residuals]:
+    """Run the battery on what a fitted model leaves."""
+    left = residuals_of(case.problem, fitted)
+    draws = int(FROZEN.levels["draws_battery"])
+    return run_battery(left, noise_draws(case.problem, fitted, draws, case.rng("battery", number))), left
+
+
+def joint_p(score_p: float, battery_p: float) -> float:
+    """Return the probability of either test ringing, its level shared between them (Bonferroni, weighted)."""
+    share = FROZEN.levels["score_share"]
+    return min(1.0, score_p / share, battery_p / (1 - share))
+
+
+def search(case: Case, signatures: Sequence[Signature], findings: Findings) -> None:
+    """Extend the model step by step, each step by the best of the candidates that were fitted for good."""
+    base, known, scores = case.base, None, findings.first
+    for number in range(int(FROZEN.search["rounds"])):
+        tried = [s for s in scores.scored if known is None or s.id not in known.ids]
+        tried = sorted(tried, key=lambda s: -s.result.log_bayes)[: int(FROZEN.search["refine"])]
+        extensions = [extend(case.problem, base, known, s) for s in tried if s.result.log_bayes > 0 or s is tried[0]]
+        findings.rounds.append(extensions)
+        better = max(extensions, key=lambda e: e.log_bayes, default=None)
+        if better is None or not acceptable(better, known):
+            break
+        known, base = better, better.fitted
+        findings.best = known
+        left_scores = test(case, [s for s in signatures if s.id not in known.ids], base, number + 1)
+        battery, left = ring(case, base, number + 1)
+        findings.after, findings.left = battery, left
+        findings.left_p = joint_p(left_scores.p, battery.global_p)
+        if left_scores.p >= FROZEN.levels["false_alarm"]:
+            break
+        scores = left_scores
+
+
+def acceptable(extension: Extension, known: Extension | None) -> bool:
+    """Tell whether an extension may be built upon: it predicts what it has not seen, off its bounds."""
+    gained = extension.gain > FROZEN.levels["accept_gain_se"] * extension.gain_error
+    further = extension.log_bayes > (known.log_bayes if known else 0.0)
+    return gained and further and extension.within_bounds
+
+
+def weigh(case: Case, findings: Findings, left: Residuals, signatures: Sequence[Signature]) -> None:
+    """Give each model its probability, the unknown among them."""
+    library = len([s for s in signatures if not s.note])
+    log_bayes: dict[tuple[str, ...], float] = {}
+    for scored in findings.first.scored:
+        log_bayes[(scored.id,)] = scored.result.log_bayes
+    for extensions in findings.rounds:
+        for extension in extensions:
+            log_bayes[tuple(sorted(extension.ids))] = extension.log_bayes
+    fitted = case.base if findings.best is None else findings.best.fitted
+    remains, battery = (left, findings.battery) if findings.left is None else (findings.left, findings.after)
+    sd = case.problem.sd[list(case.problem.views)]
+    findings.flexible = fit_flexible(remains, sd, _projection(case, fitted))
+    rings = battery is not None and battery.global_p < FROZEN.levels["false_alarm"]
+    loud = log_bayes_of_p(battery.global_p) if battery is not None else 0.0
+    extra = max(findings.flexible.evidence, loud) if rings else min(loud, findings.flexible.evidence)
+    ids = () if findings.best is None else tuple(sorted(findings.best.ids))
+    log_bayes[(*ids, UNKNOWN)] = (log_bayes[ids] if ids else 0.0) + extra
+    findings.posterior = posterior(log_bayes, library)
+    findings.rings = rings
+    if rings:
+        findings.unknown = describe_unknown(remains, _whitened_maps(case, signatures), findings.flexible)
+    else:
+        findings.flexible = None
+
+
+def _projection(case: Case, fitted: Fit) -> Callable[[Array], Array]:
+    """Return a function that takes from cubes (n, views, rows, cols) what the fit's parameters may take."""
+    metric, mask = metric_of(fitted), case.problem.valid[list(case.problem.views)]
+
+    def project(cubes: Array) -> Array:
+        found = np.zeros_like(cubes)
+        found[:, mask] = metric.project(cubes[:, mask])
+        return found
+
+    return project
+
+
+def _whitened_maps(case: Case, signatures: Sequence[Signature]) -> dict[str, Array]:
+    metric = metric_of(case.base)
+    found = {}
+    for signature in signatures:
+        if len(signature.rows) and not signature.note:
+            size = np.sqrt(np.einsum("kd,kd->k", signature.rows, signature.rows, dtype=float))
+            rows = metric.project(signature.rows[size > 0])
+            if len(rows):
+                found[signature.id] = np.array([case.problem.unwhitened(r) for r in rows])
+    return found
+
+
+def isolate(case: Case, signatures: Sequence[Signature], findings: Findings) -> None:
+    """Say what the answer could be mistaken for, what nuisances hide, and which shot would tell."""
+    limit = FROZEN.levels["ambiguous_lambda"]
+    metric = metric_of(case.base)
+    plausible = {}
+    for s in signatures:
+        if s.joint and len(s.rows):
+            sizes = np.einsum("kd,kd->k", s.rows, s.rows, dtype=float) * s.deviations**2
+            k = int(np.argmax(sizes))
+            plausible[s.id] = s.rows[k] * s.deviations[k]
+    findings.absorbed = absorbed(plausible, metric, case.base.parameters, limit)
+    if findings.best is None or not findings.rounds:
+        return
+    final = findings.rounds[len(findings.best.ids) - 1]
+    number = next(k for k, e in enumerate(final) if e.ids == findings.best.ids)
+    distances = confusion([e.cause for e in final], metric)
+    group = [final[k] for k in group_of(number, distances, limit) if final[k].log_bayes > findings.best.log_bayes - 10]
+    findings.group = group
+    if group:
+        findings.next_shot = next_measurement(case.observation, case.problem, findings.best, group)
+
+
+__all__ = ["Case", "Flexible", "Posterior", "criticise"]

@@ -1,0 +1,81 @@
+"""Probabilities of none, each effect, pairs and the unknown, from evidences and frozen priors over how many there are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from evanesce.criticism.frozen import FROZEN
+
+NONE, UNKNOWN = "none", "unknown"
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Over all models that were weighed.
+
+    Attributes
+    ----------
+    models : mapping of tuple of str to float
+        Probability by the effects in the model; ``("unknown",)`` and ``(effect, "unknown")`` hold a flexible term.
+    """
+
+    models: Mapping[tuple[str, ...], float]
+
+    def marginal(self) -> dict[str, float]:
+        """Return the probability of ``none``, of the unknown, and of each effect alone or with another."""
+        found = {NONE: self.models.get((), 0.0), UNKNOWN: 0.0}
+        for effects, probability in self.models.items():
+            for name in effects:
+                found[name] = found.get(name, 0.0) + probability
+        return found
+
+    @property
+    def best(self) -> tuple[str, ...]:
+        """Effects of the most probable model."""
+        return max(self.models, key=lambda k: self.models[k])
+
+
+def posterior(log_bayes: Mapping[tuple[str, ...], float], library: int) -> Posterior:
+    """Return probabilities from log Bayes factors against no effect.
+
+    Parameters
+    ----------
+    log_bayes : mapping of tuple of str to float
+        By the effects in the model; the empty one is 0 by definition and need not be there.
+    library : int
+        How many effects could have been named: each has an equal share of the prior for one cause.
+    """
+    known = FROZEN.priors
+    pairs = max(library * (library - 1) / 2, 1)
+    log_prior = {
+        0: np.log(known["none"]),
+        1: np.log(known["one"] / max(library, 1)),
+        2: np.log(known["two"] / pairs),
+    }
+    weights = {(): float(log_prior[0])}
+    for effects, value in log_bayes.items():
+        named = [e for e in effects if e != UNKNOWN]
+        if not effects:
+            continue
+        if UNKNOWN in effects:
+            prior = np.log(known["unknown"]) + (np.log(1.0 / max(library, 1)) * len(named))
+        else:
+            prior = log_prior[min(len(named), 2)] + max(len(named) - 2, 0) * np.log(known["two"] / max(library, 1))
+        weights[effects] = float(prior + value)
+    total = float(logsumexp(list(weights.values())))
+    return Posterior({effects: float(np.exp(w - total)) for effects, w in weights.items()})
+
+
+def log_bayes_of_p(p: float) -> float:
+    """Return the largest log Bayes factor that a p-value can stand for, 1/(-e p ln p).
+
+    References
+    ----------
+    Sellke, Bayarri and Berger, "Calibration of p values for testing precise null hypotheses", The American
+    Statistician 55 (2001) 62.
+    """
+    return float(-np.log(-np.e * p * np.log(p))) if 0 < p < np.exp(-1) else 0.0

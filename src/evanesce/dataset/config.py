@@ -174,7 +174,7 @@ class Rigs(Strict):
 
 
 MOVES_PIXELS = ("distortion_drift",)
-"""Effects that move the picture behind the lens, where labels do not follow; a lens that differs is drawn by ``rig.draw``
+"""Effects that move the picture behind the lens, where labels do not follow; a lens that differs is for ``rig.draw``
 (``camera.lens.distortion.k1``), and then the labels know."""
 
 

@@ -19,6 +19,9 @@ from evanesce.dataset.config import KINDS, DatasetConfig, Programme
 from evanesce.effects import all_effects
 from evanesce.effects.protocol import Effect
 
+BLOCK = 64
+"""Points of a sequence that are drawn at a time."""
+
 PROGRAMME_KEYS = tuple(Programme.model_fields)
 
 
@@ -79,13 +82,18 @@ class TrialPlan:
 
 def quantiles(seed: int, stream: str, dimensions: int, index: int) -> np.ndarray:
     """Return point ``index`` of a stream's scrambled Sobol sequence, shape (dimensions,), in [0, 1)."""
+    return _points(seed, stream, dimensions, index // BLOCK)[index % BLOCK]
+
+
+@functools.lru_cache(maxsize=64)
+def _points(seed: int, stream: str, dimensions: int, block: int) -> np.ndarray:
     generator = rng.generator(seed, "dataset", stream)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # balance of a part of the sequence is not claimed
         sampler = qmc.Sobol(dimensions, scramble=True, rng=generator)
-        if index:
-            sampler.fast_forward(index)
-        return np.asarray(sampler.random(1)[0])
+        if block:
+            sampler.fast_forward(block * BLOCK)
+        return np.asarray(sampler.random(BLOCK))
 
 
 def finger_plan(config: DatasetConfig, seed: int, index: int) -> FingerPlan:

@@ -5,11 +5,11 @@ Images stand in the data file (``dtype: image``), not in a video: an H.264 frame
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -175,9 +175,8 @@ def _meta(
     path.parent.mkdir(parents=True)
     pq.write_table(pa.Table.from_pylist(episodes), path)
     # LeRobot reads tasks through pandas, with the task's text as index.
-    names = pa.table({"task_index": list(tasks.values()), "task": list(tasks)})
-    index = {"index_columns": ["task"], "column_indexes": [], "columns": [], "pandas_version": "2.0.0"}
-    pq.write_table(names.replace_schema_metadata({"pandas": json.dumps(index)}), folder / "meta" / "tasks.parquet")
+    names = pd.DataFrame({"task_index": list(tasks.values())}, index=pd.Index(list(tasks), name="task"))
+    names.to_parquet(folder / "meta" / "tasks.parquet")
     layout.write_json(folder / "meta" / "stats.json", stats.table(frames))
     layout.write_json(
         folder / "meta" / "info.json",

@@ -1,0 +1,504 @@
+"""Shards, manifest, reader, verify and exports, on frames that are made of their numbers alone."""
+
+from __future__ import annotations
+
+import gc
+import io
+import json
+import subprocess
+import tarfile
+import warnings
+from pathlib import Path
+
+import cv2
+import jsonschema
+import numpy as np
+import pytest
+
+import evanesce.dataset as dataset
+from datasets import PaperProducer, contents, paper_meta, tiny_job
+from evanesce.dataset import layout, run, worker
+from evanesce.dataset.card import schema
+from evanesce.dataset.encode import decode_exr, decode_png, exr
+from evanesce.dataset.export import FORMATS, export
+from evanesce.dataset.info import describe
+from evanesce.dataset.labels import CHANNELS, LabelBox
+from evanesce.dataset.manifest import Manifest
+from evanesce.dataset.read import tar_members
+from evanesce.dataset.run import Engine, make, resume
+from evanesce.dataset.trial import SCALARS
+from evanesce.dataset.verify import verify
+from evanesce.errors import InputError, WorkError
+
+
+@pytest.fixture(autouse=True)
+def paper(monkeypatch):
+    monkeypatch.setattr(worker, "Producer", PaperProducer)
+    worker._producer.cache_clear()
+    yield
+    worker._producer.cache_clear()
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> Path:
+    """A finished dataset of 24 frames; not to be changed."""
+    folder = tmp_path_factory.mktemp("whole") / "d"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(worker, "Producer", PaperProducer)
+        worker._producer.cache_clear()
+        outcome = make(folder, tiny_job())
+    assert outcome.complete
+    assert (outcome.frames, outcome.made) == (24, 24)
+    return folder
+
+
+def test_labels_come_back_from_exr():
+    rng = np.random.default_rng(3)
+    box = LabelBox(5, 2, (31, 17), {n: rng.standard_normal((9, 11)).astype(np.float32) for n in CHANNELS})
+    for precision, relative in (("half", 2.0**-11), ("float", 0.0)):
+        back, header = decode_exr(exr(box, precision, {"scalars": {"Fz_N": 1.25}}))
+        assert (back.row, back.col, back.shape) == (5, 2, (31, 17))
+        for name in CHANNELS:
+            np.testing.assert_allclose(back.channels[name], box.channels[name], rtol=relative, atol=1e-7)
+        assert header["units"] == CHANNELS
+        assert header["scalars"] == {"Fz_N": 1.25}
+    assert np.isnan(back.whole("gap")[0, 0])
+    assert back.whole("pressure")[0, 0] == 0.0
+    assert back.whole("slip.x")[5 + 3, 2 + 7] == back.channels["slip.x"][3, 7]
+
+
+def test_shards_are_what_plain_tar_and_sqlite_tools_see(whole):
+    listed = subprocess.run(["tar", "-tvf", layout.shard_path(whole, 1)], capture_output=True, text=True, check=True)
+    names = [line.split()[-1] for line in listed.stdout.splitlines()]
+    assert names[:2] == ["000000006.frame.png", "000000006.labels.exr"]
+    assert len(names) == 6 * 5
+    manifest = Manifest.open(whole / "manifest.sqlite")
+    data = layout.shard_path(whole, 1).read_bytes()
+    with tarfile.open(layout.shard_path(whole, 1)) as tar:
+        for info in tar:
+            member = manifest.members(int(info.name[:9]))[info.name[10:]]
+            assert (member.offset, member.size) == (info.offset_data, info.size)
+            assert data[member.offset : member.offset + member.size] == tar.extractfile(info).read()
+            assert (info.mtime, info.uid, info.uname) == (0, 0, "")
+    manifest.close()
+
+
+def test_checksums_are_those_of_sha256sum(whole):
+    done = subprocess.run(["sha256sum", "-c", "--quiet", "SHA256SUMS"], cwd=whole, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_random_access_gives_what_was_made(whole):
+    producer = PaperProducer(tiny_job())
+    with dataset.open(whole, check=True) as data:
+        assert len(data) == 24
+        for i in (17, 0, 23, 5):
+            record = producer.record(i)
+            for name, value in record.members.items():
+                assert data[i].bytes_of(name) == value
+        assert data[-1].key == "000000023"
+        assert data[3].raw is None
+        np.testing.assert_array_equal(data[4].frame, decode_png(producer.record(4).members["frame.png"]))
+        assert data[5].labels.channels["gap"].size == 0
+        assert data[5].labels.whole("contact_mask").sum() == 0
+        assert [len(v) for v in data.trials().values()] == [6, 6, 6, 6]
+    with dataset.open(whole, split="test") as test:
+        assert [row["trial"] for row in test.rows()] == [2] * 6
+
+
+def test_meta_follows_the_schema(whole):
+    assert json.loads((whole / "schema.json").read_text()) == schema()
+    with dataset.open(whole) as data:
+        for sample in data:
+            jsonschema.validate(sample.meta, schema())
+    broken = {**paper_meta(tiny_job(), 3, 0), "split": "frame"}
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(broken, schema())
+
+
+def test_the_data_card_names_every_shard(whole):
+    card = json.loads((whole / "croissant.json").read_text())
+    files = {f["@id"]: f for f in card["distribution"] if f["@type"] == "cr:FileObject"}
+    assert card["conformsTo"].startswith("http://mlcommons.org/croissant/")
+    assert set(files) == {f"shard-{i:06d}.tar" for i in range(4)}
+    for name, entry in files.items():
+        assert (whole / entry["contentUrl"]).stat().st_size == int(entry["contentSize"].split()[0])
+        assert name in (whole / "SHA256SUMS").read_text()
+    assert {f["name"] for f in card["recordSet"][0]["field"]} == set(SCALARS)
+
+
+def test_webdataset_reads_the_shards(whole):
+    webdataset = pytest.importorskip("webdataset")
+    urls = [str(layout.shard_path(whole, i)) for i in range(4)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResourceWarning)  # its reader leaves files to the collector
+        found = list(webdataset.WebDataset(urls, shardshuffle=False))
+        gc.collect()
+    assert [sample["__key__"] for sample in found] == [f"{i:09d}" for i in range(24)]
+    with dataset.open(whole) as data:
+        for sample, mine in zip(found, data, strict=True):
+            assert {k for k in sample if not k.startswith("__")} == set(mine.members)
+            for name in mine.members:
+                assert sample[name] == mine.bytes_of(name)
+
+
+@pytest.mark.parametrize("workers", [0, pytest.param(2, marks=pytest.mark.slow)])
+def test_torch_loads_it(whole, workers):
+    torch = pytest.importorskip("torch")
+    from torch.utils.data import DataLoader
+
+    from evanesce.dataset.torch import FrameDataset, FrameStream
+
+    torch.set_num_threads(1)
+    more = {"multiprocessing_context": "spawn"} if workers else {}
+    loader = DataLoader(FrameDataset(whole), batch_size=5, shuffle=False, num_workers=workers, **more)
+    indices = torch.cat([batch["index"] for batch in loader]).tolist()
+    assert indices == list(range(24))
+    stream = DataLoader(FrameStream(whole), batch_size=None, num_workers=workers, **more)
+    seen = [item["index"] for item in stream]
+    assert sorted(seen) == list(range(24))
+    item = FrameDataset(whole)[7]
+    with dataset.open(whole) as data:
+        np.testing.assert_array_equal(item["frame"][0].numpy(), data[7].frame)
+        np.testing.assert_array_equal(item["labels"][2].numpy(), data[7].labels.whole("pressure"))
+        np.testing.assert_array_equal(item["state"].numpy(), data[7].state)
+    assert item["labels"].shape == (len(CHANNELS), 12, 17)
+
+
+def test_torch_is_not_imported_without_need(whole):
+    code = f"import sys, evanesce.dataset as d; d.open({str(whole)!r})[0].frame; print('torch' in sys.modules)"
+    import sys
+
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+
+
+# --- again, elsewhere, after a stop -----------------------------------------------------------------------------------
+
+
+def test_a_second_make_is_the_same_bytes(whole, tmp_path):
+    make(tmp_path / "again", tiny_job())
+    assert contents(tmp_path / "again") == contents(whole)
+
+
+def test_parts_of_a_job_array_are_the_same_bytes(whole, tmp_path):
+    folder = tmp_path / "parts"
+    for i in (3, 1, 2):
+        outcome = make(folder, tiny_job(), Engine(part=(i, 3)))
+        assert not outcome.complete
+    assert not (folder / "manifest.sqlite").exists()
+    assert resume(folder).made == 0
+    assert contents(folder) == contents(whole)
+
+
+class Stop(BaseException):
+    """As a SIGKILL for one process: nothing is tidied that a finally does not tidy."""
+
+
+@pytest.mark.parametrize("at", ["before shard 2", "row of shard 1", "index of shard 1", "seal", "card"])
+def test_resume_after_a_stop_is_byte_identical(whole, tmp_path, monkeypatch, at):
+    folder, calls = tmp_path / "d", []
+    module, name, when = {
+        "before shard 2": (run, "make_shard", 3),
+        "row of shard 1": (Manifest, "add", 2),
+        "index of shard 1": (layout, "write_json", 3),
+        "seal": (Manifest, "seal", 1),
+        "card": (run, "write_card", 1),
+    }[at]
+    real = getattr(module, name)
+
+    def fake(*args, **kwargs):
+        calls.append(name)
+        if len(calls) == when:
+            raise Stop
+        return real(*args, **kwargs)
+
+    monkeypatch.setattr(module, name, fake)
+    with pytest.raises(Stop):
+        make(folder, tiny_job())
+    monkeypatch.setattr(module, name, real)
+    if at != "card":
+        assert not (folder / "SHA256SUMS").exists()
+    outcome = resume(folder)
+    assert outcome.complete
+    assert contents(folder) == contents(whole)
+
+
+def test_a_finished_dataset_is_left_alone(whole):
+    before = contents(whole)
+    assert resume(whole).made == 0
+    assert contents(whole) == before
+
+
+def test_a_folder_with_something_else_is_refused(tmp_path, whole):
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match=r"notes\.txt"):
+        make(tmp_path, tiny_job())
+    with pytest.raises(InputError, match="resume"):
+        make(whole, tiny_job())
+    with pytest.raises(InputError, match="no such file"):
+        resume(tmp_path / "nothing")
+
+
+def test_a_second_generator_is_refused(tmp_path):
+    folder = tmp_path / "d"
+    layout.make_folders(folder)
+    with layout.generator_lock(folder), pytest.raises(WorkError, match="another generator"):
+        make(folder, tiny_job())
+    with layout.generator_lock(folder, (1, 2)):
+        with pytest.raises(WorkError, match="another generator"):
+            make(folder, tiny_job())
+        with pytest.raises(WorkError, match="another generator"), layout.generator_lock(folder, (1, 2)):
+            pass
+        with layout.generator_lock(folder, (2, 2)):
+            pass
+    assert make(folder, tiny_job()).complete
+
+
+def test_a_frame_that_raises_is_quarantined_and_the_others_finish(tmp_path, monkeypatch, whole):
+    real = PaperProducer.record
+
+    def sour(self, frame):
+        if frame == 8:
+            raise ValueError("the finger\nfolds")
+        return real(self, frame)
+
+    monkeypatch.setattr(PaperProducer, "record", sour)
+    outcome = make(tmp_path / "d", tiny_job())
+    assert [(q["frame"], q["reason"]) for q in outcome.quarantined] == [(8, "ValueError: the finger folds")]
+    assert outcome.frames == 23
+    report = verify(tmp_path / "d")
+    assert report.good
+    assert [q["frame"] for q in report.quarantined] == [8]
+    there, here = contents(whole), contents(tmp_path / "d")
+    assert all(here[f"shards/shard-{i:06d}.tar"] == there[f"shards/shard-{i:06d}.tar"] for i in (0, 2, 3))
+    assert describe(tmp_path / "d")["quarantined"] == 1
+
+
+def test_a_shard_without_any_frame_is_an_error(tmp_path, monkeypatch):
+    def sour(self, frame):
+        raise ValueError("no light")
+
+    monkeypatch.setattr(PaperProducer, "record", sour)
+    with pytest.raises(WorkError, match=r"shard-000000\.tar: no frame could be made: ValueError: no light"):
+        make(tmp_path / "d", tiny_job())
+
+
+# --- damage -----------------------------------------------------------------------------------------------------------
+
+
+def test_verify_finds_nothing_wrong(whole):
+    report = verify(whole)
+    assert report.good
+    assert (report.frames, report.shards) == (24, 4)
+
+
+def copy(whole: Path, folder: Path) -> Path:
+    for name, data in contents(whole).items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(data)
+    return folder
+
+
+def damaged(folder: Path, rng: np.random.Generator) -> str:
+    """Do one kind of damage; return what."""
+    kind = rng.choice(["flip", "flip", "cut", "delete", "swap", "grow"])
+    names = sorted(contents(folder))
+    name = str(rng.choice(names))
+    path = folder / name
+    data = bytearray(path.read_bytes())
+    if kind == "flip":
+        data[rng.integers(len(data))] ^= 1 << int(rng.integers(8))
+        path.write_bytes(data)
+    elif kind == "cut":
+        path.write_bytes(data[: rng.integers(len(data))])
+    elif kind == "grow":
+        path.write_bytes(data + b"\0")
+    elif kind == "delete":
+        path.unlink()
+    else:
+        a, b = (layout.shard_path(folder, int(i)) for i in rng.choice(4, 2, replace=False))
+        first, second = a.read_bytes(), b.read_bytes()
+        a.write_bytes(second)
+        b.write_bytes(first)
+    return f"{kind} {name}"
+
+
+def noticed(folder: Path) -> bool:
+    """Tell whether ``verify`` says that something is wrong."""
+    try:
+        return not verify(folder, threads=1).good
+    except InputError:
+        return True
+
+
+def test_no_damage_goes_unnoticed(whole, tmp_path):
+    rng = np.random.default_rng(2024)
+    good = contents(whole)
+    folder = copy(whole, tmp_path / "d")
+    unnoticed = []
+    for _ in range(60):
+        what = damaged(folder, rng)
+        if contents(folder) != good and not noticed(folder):
+            unnoticed.append(what)
+        for name, data in good.items():
+            if not (folder / name).is_file() or (folder / name).read_bytes() != data:
+                (folder / name).write_bytes(data)
+    assert unnoticed == []
+    assert verify(folder).good
+
+
+def test_verify_names_the_bad_frame(whole, tmp_path):
+    folder = copy(whole, tmp_path / "d")
+    manifest = Manifest.open(folder / "manifest.sqlite")
+    member = manifest.members(15)["labels.exr"]
+    manifest.close()
+    path = layout.shard_path(folder, 2)
+    data = bytearray(path.read_bytes())
+    data[member.offset + member.size // 2] ^= 4
+    path.write_bytes(data)
+    report = verify(folder)
+    assert report.bad_frames == ["000000015"]
+    with dataset.open(folder, check=True) as opened:
+        assert opened[14].meta["index"] == 14
+        with pytest.raises(InputError, match=r"000000015\.labels\.exr"):
+            _ = opened[15].labels
+    path.unlink()
+    assert verify(folder).bad_frames == [f"{i:09d}" for i in range(12, 18)]
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("../000000000.json", tarfile.REGTYPE),
+        ("/tmp/000000000.json", tarfile.REGTYPE),
+        ("000000000.frame.png", tarfile.SYMTYPE),
+        ("000000000.frame.png", tarfile.LNKTYPE),
+        ("000000000.pickle", tarfile.REGTYPE),
+        ("000000000.frame.png", tarfile.FIFOTYPE),
+    ],
+)
+def test_a_hostile_archive_is_refused(tmp_path, name, kind):
+    path = tmp_path / "shard-000000.tar"
+    with tarfile.open(path, "w") as tar:
+        info = tarfile.TarInfo(name)
+        info.type, info.linkname = kind, "/etc/passwd"
+        info.size = 3 if kind == tarfile.REGTYPE else 0
+        tar.addfile(info, io.BytesIO(b"abc"))
+    with pytest.raises(InputError, match="refused"):
+        list(tar_members(path))
+
+
+def test_a_manifest_cannot_point_outside(whole, tmp_path):
+    folder = copy(whole, tmp_path / "d")
+    import sqlite3
+
+    with sqlite3.connect(folder / "manifest.sqlite") as db:
+        db.execute("UPDATE shards SET file = '../../secret.tar' WHERE shard = 0")
+    db.close()
+    with pytest.raises(InputError, match="allowed: shard-NNNNNN"):
+        dataset.open(folder)
+
+
+def test_a_cut_shard_is_an_error(whole, tmp_path):
+    data = layout.shard_path(whole, 0).read_bytes()
+    path = tmp_path / "shard-000000.tar"
+    path.write_bytes(data[: len(data) // 2])
+    with pytest.raises(InputError):
+        list(tar_members(path))
+    assert len(list(tar_members(layout.shard_path(whole, 0)))) == 30
+
+
+# --- other formats ----------------------------------------------------------------------------------------------------
+
+
+def test_hdf5_reads_back_equal(whole, tmp_path):
+    h5py = pytest.importorskip("h5py")
+    assert export(whole, tmp_path / "x", "hdf5") == 24
+    with h5py.File(tmp_path / "x" / "dataset.h5") as file, dataset.open(whole) as data:
+        for i, sample in enumerate(data):
+            np.testing.assert_array_equal(file["frame"][i], sample.frame)
+            np.testing.assert_array_equal(file["state"][i], sample.state)
+            for name in CHANNELS:
+                np.testing.assert_array_equal(file[f"labels/{name}"][i], sample.labels.whole(name).astype(np.float16))
+                np.testing.assert_array_equal(file[f"plate/{name}"][i], sample.plate.whole(name).astype(np.float16))
+            assert json.loads(file["meta"][i]) == sample.meta
+        assert file["labels/pressure"].attrs["unit"] == "MPa"
+        assert file["scalars/Fz_N"][7] == data[7].scalars["Fz_N"]
+
+
+def test_parquet_reads_back_equal(whole, tmp_path):
+    pq = pytest.importorskip("pyarrow.parquet")
+    export(whole, tmp_path / "x", "parquet")
+    table = pq.read_table(tmp_path / "x" / "frames.parquet")
+    rows = table.to_pylist()
+    with dataset.open(whole) as data:
+        for row, sample in zip(rows, data, strict=True):
+            assert {name: row[name] for name in SCALARS} == sample.scalars
+            assert (row["key"], row["onset_first_slip_s"], row["onset_gross_slip_s"]) == (sample.key, None, 0.25)
+            assert row["friction.friction_coefficient"] == 0.7
+    assert table.schema.field("Fz_N").metadata == {b"unit": b"N"}
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of pycocotools
+def test_coco_reads_back_equal(whole, tmp_path):
+    masks = pytest.importorskip("pycocotools.mask")
+    export(whole, tmp_path / "x", "coco", split="train")
+    found = json.loads((tmp_path / "x" / "annotations.json").read_text())
+    names = {c["id"]: c["name"] for c in found["categories"]}
+    assert names == {1: "near", 2: "stick", 3: "slip"}
+    with dataset.open(whole, split="train") as data:
+        states = {row["frame"]: sample.state for row, sample in zip(data.rows(), data, strict=True)}
+        for image in found["images"]:
+            picture = cv2.imread(str(tmp_path / "x" / "images" / image["file_name"]), cv2.IMREAD_UNCHANGED)
+            assert picture.shape == (image["height"], image["width"])
+    seen = {i: np.zeros_like(s) for i, s in states.items()}
+    for a in found["annotations"]:
+        rle = masks.frPyObjects(a["segmentation"], *a["segmentation"]["size"])
+        mask = masks.decode(rle).astype(bool)
+        assert mask.sum() == a["area"] == masks.area(rle)
+        np.testing.assert_array_equal(masks.toBbox(rle), a["bbox"])
+        seen[a["image_id"]][mask] = a["category_id"]
+    for i, state in states.items():
+        np.testing.assert_array_equal(seen[i], state)
+
+
+def test_lerobot_reads_back_equal(whole, tmp_path):
+    pq = pytest.importorskip("pyarrow.parquet")
+    from evanesce.dataset.export_lerobot import STATE
+
+    root = tmp_path / "x"
+    export(whole, root, "lerobot")
+    info = json.loads((root / "meta" / "info.json").read_text())
+    assert (info["codebase_version"], info["total_frames"], info["total_episodes"]) == ("v3.0", 24, 4)
+    episodes = pq.read_table(root / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    tasks = pq.read_table(root / "meta/tasks.parquet").to_pandas()
+    assert list(tasks.index) == ["slide"]
+    stats = json.loads((root / "meta" / "stats.json").read_text())
+    with dataset.open(whole) as data:
+        for e in episodes:
+            path = info["data_path"].format(chunk_index=e["data/chunk_index"], file_index=e["data/file_index"])
+            rows = pq.read_table(root / path).to_pylist()
+            for i in range(e["dataset_from_index"], e["dataset_to_index"]):
+                row, sample = rows[i], data[i]
+                assert (row["index"], row["episode_index"], row["frame_index"]) == (i, e["episode_index"], i % 6)
+                image = decode_png(row["observation.images.tactile"]["bytes"])
+                np.testing.assert_array_equal(image, sample.frame)
+                state = [np.float32(sample.scalars[name]) for name in STATE]
+                np.testing.assert_array_equal(np.float32(row["observation.state"]), state)
+                assert np.float32(row["action"][0]) == np.float32(sample.scalars["drive_mm"])
+        every = np.array([[s.scalars[n] for n in STATE] for s in data])
+        np.testing.assert_allclose(stats["observation.state"]["mean"], every.mean(0), rtol=1e-9)
+        np.testing.assert_allclose(stats["observation.state"]["std"], every.std(0), rtol=1e-6)
+    assert set(info["features"]) <= set(rows[0])
+
+
+def test_exports_refuse_what_they_cannot_do(whole, tmp_path):
+    with pytest.raises(InputError, match="hdf5, lerobot, coco, parquet"):
+        export(whole, tmp_path / "x", "tfrecord")
+    with pytest.raises(InputError, match="exists"):
+        export(whole, tmp_path, "parquet")
+    assert FORMATS == ("hdf5", "lerobot", "coco", "parquet")
+    with pytest.raises(InputError, match="split that has some"):
+        export(whole, tmp_path / "y", "parquet", split="validation")
+    assert list(tmp_path.iterdir()) == []

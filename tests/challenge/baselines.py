@@ -20,7 +20,7 @@ from .strength import OutOfReach, Ruler, amplitude_for, means, ruler
 Answer = dict[str, Any]
 
 
-def largest_prior(path: Path) -> Answer:
+def largest_prior(path: Path, exclude: tuple[str, ...] = ()) -> Answer:
     """Always name what the list of causes holds most of: one cause, whatever the data."""
     return {"verdict": "named", "probabilities": {next(iter(NAMED)): 1.0}, "effects": [{"id": next(iter(NAMED))}]}
 
@@ -46,7 +46,7 @@ def _residuals(path: Path) -> tuple[str, Ruler, np.ndarray, np.ndarray]:
     return name, measure, found, there
 
 
-def plain_chi_square(path: Path) -> Answer:
+def plain_chi_square(path: Path, exclude: tuple[str, ...] = ()) -> Answer:
     """Compare the pictures with the belief as it stands: independent noise, nothing fitted."""
     _, measure, residual, there = _residuals(path)
     weight = measure.weight[there]
@@ -74,7 +74,7 @@ def signatures(name: str) -> dict[str, np.ndarray]:
     return _SIGNATURES[name]
 
 
-def nearest_signature(path: Path) -> Answer:
+def nearest_signature(path: Path, exclude: tuple[str, ...] = ()) -> Answer:
     """Name the cause whose one drawn shape is most like the residual once the nuisances are taken off."""
     name, measure, residual, there = _residuals(path)
     residual[~there] = 0.0

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 from scipy.constants import c, h
-from scipy.special import ndtri
+from scipy.special import ndtr
+from scipy.stats import poisson
 
 from evanesce.rig import Scene
 from evanesce.sensor.tone import CURVES
@@ -16,7 +17,7 @@ from evanesce.sensor.tone import CURVES
 from .rig import FINER
 
 BIN = 4
-QUANTILES = 129
+FEW_E = 50.0
 
 
 @dataclass(frozen=True)
@@ -81,33 +82,6 @@ def true_curve(curve: str, black_DN: float, top_DN: int) -> np.ndarray:
     return np.asarray(CURVES[curve](light))
 
 
-@dataclass(frozen=True)
-class Developed:
-    """Mean and variance of 8-bit values [DN] against the mean raw number.
-
-    Attributes
-    ----------
-    nodes : ndarray (n,)
-        Mean raw numbers [DN].
-    mean, variance : ndarray (n,)
-        [DN], [DN^2].
-    """
-
-    nodes: np.ndarray
-    mean: np.ndarray
-    variance: np.ndarray
-
-    def level(self, raw: np.ndarray) -> np.ndarray:
-        return np.interp(raw, self.nodes, self.mean)
-
-    def spread(self, raw: np.ndarray) -> np.ndarray:
-        return np.interp(raw, self.nodes, self.variance)
-
-    def slope(self, raw: np.ndarray) -> np.ndarray:
-        """Return d mean / d raw [1]."""
-        return np.interp(raw, self.nodes, np.gradient(self.mean, self.nodes))
-
-
 Knee = tuple[float, float]
 """Raw number above black at which pixels are full [DN], and how sharp the knee is."""
 
@@ -119,21 +93,98 @@ def filled(above_DN: np.ndarray, knee: Knee) -> np.ndarray:
     return np.where(above_DN > 0, x / (1 + (x / well) ** sharp) ** (1 / sharp), above_DN)
 
 
-def developed(electronics: Electronics, curve: np.ndarray, knee: Knee | None = None) -> Developed:
-    """Return what noise, an early full well, rounding and a curve make of mean raw numbers."""
-    black, top = electronics.black_DN, electronics.top_DN
-    below = black - 6 * electronics.raw_noise_DN(np.zeros(1))[0] - 60
-    nodes = np.concatenate(
-        [np.arange(below, black, 4.0), black + (np.linspace(0, 1, 500) ** 1.6) * (1.15 * top - black)]
-    )
-    charge = np.maximum(nodes - black, 0.0) / electronics.DN_per_e
-    z = ndtri((np.arange(QUANTILES) + 0.5) / QUANTILES)
-    z /= z.std()
-    raw = nodes[:, None] + electronics.raw_noise_DN(charge)[:, None] * z
-    if knee is not None:
-        raw = black + filled(raw - black, knee)
-    value = np.floor(255.0 * curve + 0.5)[np.clip(np.floor(raw + 0.5), 0, top).astype(int)]
-    return Developed(nodes, value.mean(axis=1), value.var(axis=1))
+@functools.lru_cache(maxsize=4)
+def raw_distributions(electronics: Electronics) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the distribution of raw numbers above black against the mean charge.
+
+    Returns
+    -------
+    nodes : ndarray (n,)
+        Mean charges [e-].
+    low, high, share : ndarray (m,)
+        Cells of raw numbers [DN] and what falls into each, of all nodes in a row.
+    first : ndarray (n,)
+        Where each node's cells begin.
+    """
+    e = electronics
+    nodes = 1.15 * (e.top_DN - e.black_DN) / e.DN_per_e * np.linspace(0, 1, 420) ** 2
+    z = np.linspace(-5.5, 5.5, 91)
+    lows, highs, shares, first = [], [], [], []
+    for charge in nodes:
+        if charge < FEW_E:  # Poisson's distribution, each count with read noise
+            count = np.arange(int(charge + 8 * np.sqrt(charge) + 12))
+            sigma = e.DN_per_e * e.read_e
+            edges = np.arange(-6 * sigma, e.DN_per_e * count[-1] + 6 * sigma, 0.2 * sigma)
+            share = np.diff(ndtr((edges - e.DN_per_e * count[:, None]) / sigma), axis=1)
+            share = poisson.pmf(count, charge) @ share
+        else:
+            edges = e.DN_per_e * (charge + np.sqrt(charge + e.read_e**2) * z)
+            share = np.diff(ndtr(z))
+        first.append(sum(map(len, lows)))
+        lows.append(edges[:-1])
+        highs.append(edges[1:])
+        shares.append(share / share.sum())
+    return nodes, np.concatenate(lows), np.concatenate(highs), np.concatenate(shares), np.array(first)
+
+
+class Developed:
+    """What noise, rounding and a curve make of a mean charge and an offset: mean and variance of 8-bit values.
+
+    Parameters
+    ----------
+    electronics : Electronics
+    curve : ndarray
+        Developed value of each raw number, 0 to 1.
+    knee : Knee, optional
+        Of pixels that are full early.
+    """
+
+    def __init__(self, electronics: Electronics, curve: np.ndarray, knee: Knee | None = None) -> None:
+        self.nodes, low, high, self._share, self._first = raw_distributions(electronics)
+        if knee is not None:
+            low, high = filled(low, knee), filled(high, knee)
+        black, beyond = electronics.black_DN, 3000.0
+        self._low, self._high = black + low, black + np.maximum(high, low + 1e-6)
+        # Integrals of the developed value and its square over raw numbers: straight between half-integers.
+        value = np.floor(255.0 * curve + 0.5)
+        self._edges = np.concatenate([[-beyond], np.arange(curve.size - 1) + 0.5, [curve.size + beyond]])
+        widths = np.diff(self._edges)
+        self._integrals = [np.concatenate([[0.0], np.cumsum(widths * value**n)]) for n in (1, 2)]
+        self._tables: dict[float, tuple[np.ndarray, np.ndarray]] = {}
+
+    def _table(self, offset_DN: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return mean and variance at the nodes for one offset."""
+        key = round(offset_DN, 6)
+        if key not in self._tables:
+            found = []
+            for integral in self._integrals:
+                low = np.interp(self._low + offset_DN, self._edges, integral)
+                high = np.interp(self._high + offset_DN, self._edges, integral)
+                found.append(np.add.reduceat(self._share * (high - low) / (self._high - self._low), self._first))
+            self._tables[key] = (found[0], np.maximum(found[1] - found[0] ** 2, 0.0))
+        return self._tables[key]
+
+    def level(self, charge_e: np.ndarray, offset_DN: np.ndarray | float = 0.0) -> np.ndarray:
+        """Return the mean [DN]; an offset that differs from pixel to pixel by a parabola through three."""
+        low, high = float(np.min(offset_DN)), float(np.max(offset_DN))
+        if high - low < 1e-9:
+            return np.interp(charge_e, self.nodes, self._table(low)[0])
+        middle = 0.5 * (low + high)
+        t = (np.asarray(offset_DN) - middle) / (0.5 * (high - low))
+        at = [np.interp(charge_e, self.nodes, self._table(o)[0]) for o in (low, middle, high)]
+        return at[1] + 0.5 * t * (at[2] - at[0]) + 0.5 * t * t * (at[2] - 2 * at[1] + at[0])
+
+    def spread(self, charge_e: np.ndarray) -> np.ndarray:
+        """Return the variance [DN^2] without an offset."""
+        return np.interp(charge_e, self.nodes, self._table(0.0)[1])
+
+    def by_charge(self, charge_e: np.ndarray) -> np.ndarray:
+        """Return d mean / d charge [DN/e-]."""
+        return np.interp(charge_e, self.nodes, np.gradient(self._table(0.0)[0], self.nodes))
+
+    def by_offset(self, charge_e: np.ndarray) -> np.ndarray:
+        """Return d mean / d offset [1]."""
+        return 0.5 * (self.level(charge_e, 1.0) - self.level(charge_e, -1.0))
 
 
 def noisy_frame(

@@ -9,7 +9,7 @@ import numpy as np
 
 from evanesce.rig import Scene
 
-from .camera import Developed, Electronics, Knee, developed, on_pixels, true_curve
+from .camera import Developed, Electronics, Knee, on_pixels, true_curve
 from .families_camera import moved
 from .hidden import Hidden, Rig
 from .rig import View, base_light, believed, geometry, power, views
@@ -98,8 +98,9 @@ class Exposure:
     charge_e: np.ndarray
     offset_DN: np.ndarray | float
 
-    def raw_DN(self, electronics: Electronics) -> np.ndarray:
-        return electronics.black_DN + electronics.DN_per_e * self.charge_e + self.offset_DN
+    def level(self, table: Developed) -> np.ndarray:
+        """Return the mean picture [DN]."""
+        return table.level(self.charge_e, self.offset_DN)
 
 
 def expose(rig: Rig, view: View, causes: Causes, nuisances: Nuisances) -> Exposure:
@@ -129,5 +130,5 @@ def knee_of(causes: Causes) -> Knee | None:
 
 
 def development(rig: Rig, causes: Causes) -> Developed:
-    """Return mean and variance of 8-bit values against mean raw numbers."""
-    return developed(rig.electronics, curve_of(rig, causes), knee_of(causes))
+    """Return mean and variance of 8-bit values against charge and offset."""
+    return Developed(rig.electronics, curve_of(rig, causes), knee_of(causes))

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+import evanesce
 from evanesce.bundle.card_light import card_light
 from evanesce.bundle.layout import Shot
 from evanesce.bundle.protocol import default_protocol
@@ -214,7 +215,8 @@ def pose_of_case(name: str, pose: int) -> tuple[tuple[float, float], Pose]:
 def base_light(name: str, pose: int) -> BaseLight:
     """Return a rig's light at one of its poses; rendered on first use (about a minute), then read from disk."""
     scene = believed(name)
-    key = hashlib.sha256(json.dumps([VERSION, scene.as_dict(), pose, FORCE_STEP], sort_keys=True).encode()).hexdigest()
+    recipe = [VERSION, _code(), scene.as_dict(), pose, FORCE_STEP]
+    key = hashlib.sha256(json.dumps(recipe, sort_keys=True).encode()).hexdigest()
     path = CACHE / "base" / f"{key[:24]}.npz"
     forces = tuple(sorted({shot.shot.force_N for shot in views(name) if shot.touches}))
     finger, card = pose_of_case(name, pose)
@@ -227,6 +229,17 @@ def base_light(name: str, pose: int) -> BaseLight:
     with np.load(path) as kept:
         cards = {kind: kept[kind] for kind in ("checkerboard", "square", "by_log_side")}
         return BaseLight(forces, kept["press"], kept["by_log_force"], cards, finger)
+
+
+@functools.cache
+def _code() -> str:
+    """Return a digest of the code that makes light: light made by other code is made anew."""
+    digest = hashlib.sha256()
+    for name in ("contact", "optics", "render", "sensor/lens.py"):
+        place = Path(evanesce.__file__).parent / name
+        for file in sorted(place.glob("*.py")) if place.is_dir() else [place]:
+            digest.update(file.read_bytes())
+    return digest.hexdigest()
 
 
 def _render(scene: Scene, forces: tuple[float, ...], finger: tuple[float, float], card: Pose) -> dict[str, np.ndarray]:

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import inspect
 import json
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -20,13 +20,17 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
+
+from evanesce.bundle import read_bundle
+from evanesce.sensor.codec import write_png
 
 from .baselines import BASELINES
 from .cases import CaseSpec, cases, slice_of
 from .isolable import table
 from .make import write_case
-from .rig import CACHE, POSES, base_light
+from .rig import CACHE, base_light
 from .score import lines, summary
 from .strength import OutOfReach
 
@@ -35,12 +39,22 @@ Judge = Callable[..., dict[str, Any]]
 
 
 def judge_of(name: str) -> Judge:
-    """Return a baseline by name, or a function ``module:function`` that takes a bundle's path."""
+    """Return a baseline by name, or a function ``module:function`` called as ``judge(path, exclude=())``."""
     if name in BASELINES:
         return BASELINES[name]
     module, _, function = name.partition(":")
-    found: Judge = getattr(importlib.import_module(module), function)
-    return found
+    found = getattr(importlib.import_module(module), function)
+    parameters = inspect.signature(found).parameters
+    wants_bundle = "Bundle" in str(next(iter(parameters.values())).annotation)
+
+    def judge(path: Path, exclude: tuple[str, ...] = ()) -> dict[str, Any]:
+        if exclude and "exclude" not in parameters:
+            raise OutOfReach(f"{function} cannot leave members out of its library")
+        options = {"exclude": exclude} if exclude else {}
+        answer = found(read_bundle(path) if wants_bundle else path, **options)
+        return dict(answer[0] if isinstance(answer, tuple) else answer)
+
+    return judge
 
 
 def one_case(spec: CaseSpec, judge: str, strip: str = "", keep: Path | None = None) -> dict[str, Any]:
@@ -64,8 +78,10 @@ def one_case(spec: CaseSpec, judge: str, strip: str = "", keep: Path | None = No
             strip_pixels(path, strip)
         start = time.perf_counter()
         try:
-            answer = judge_of(judge)(path, exclude=spec.exclude) if spec.exclude else judge_of(judge)(path)
-        except Exception as error:
+            answer = judge_of(judge)(path, exclude=spec.exclude)
+        except OutOfReach as error:
+            return {"truth": spec.as_dict(), "skipped": str(error)}
+        except Exception as error:  # a critic that breaks has failed this case, not the run
             return {"truth": truth, "error": f"{type(error).__name__}: {error}", "load": os.getloadavg()[0]}
         seconds = time.perf_counter() - start
     return {"truth": truth, "answer": _plain(answer), "seconds": seconds, "load": os.getloadavg()[0]}
@@ -73,13 +89,8 @@ def one_case(spec: CaseSpec, judge: str, strip: str = "", keep: Path | None = No
 
 def strip_pixels(path: Path, how: str) -> None:
     """Take away what the frames of a bundle show: ``shuffle`` pixels, or make each frame ``flat``."""
-    from evanesce.bundle import read_bundle
-    from evanesce.sensor.codec import write_png
-
     shape = read_bundle(path, decode=False).shape
     order = np.random.default_rng(0).permutation(shape[0] * shape[1])
-    import cv2
-
     for file in sorted(path.rglob("*.png")):
         frame = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
         if how == "shuffle":
@@ -202,5 +213,3 @@ def main(arguments: list[str] | None = None) -> int:
 
 if __name__ == "__main__":
     sys.exit(main())
-
-__all__ = ["POSES", "main", "one_case", "run", "shutil"]

@@ -23,6 +23,7 @@ PRIOR = {
     "card_y": 1.0, "turn": 0.035, "card_light": 1.0, "slope_x": 0.1, "slope_y": 0.1,
 }  # fmt: skip
 GLOBAL = ("light", "black", "pose_x", "pose_y")
+LEAST_VARIANCE = 1e-4
 
 
 def means(rig: Rig, causes: Causes, nuisances: Nuisances | None = None) -> np.ndarray:
@@ -36,7 +37,7 @@ def means(rig: Rig, causes: Causes, nuisances: Nuisances | None = None) -> np.nd
         kind = "press" if view.touches else view.kind
         same = (kind, view.shot.force_N, view.shot.voltage_V) if still and not nuisances.flicker else view
         if same not in kept:
-            kept[same] = binned(table.level(expose(rig, view, causes, nuisances).raw_DN(rig.electronics)))
+            kept[same] = binned(expose(rig, view, causes, nuisances).level(table))
         found.append(kept[same])
     return np.array(found)
 
@@ -110,10 +111,10 @@ def ruler(name: str, pose: int) -> Ruler:
     table = development(rig, ())
     base, variance, local = [], [], []
     for view in rig.views:
-        raw = expose(rig, view, (), Nuisances()).raw_DN(rig.electronics)
-        base.append(binned(table.level(raw)))
-        variance.append(binned(table.spread(raw)) / 16 / view.frames)
-        local.append(_derivatives(rig, view, raw, table.slope(raw)))
+        charge = expose(rig, view, (), Nuisances()).charge_e
+        base.append(binned(table.level(charge)))
+        variance.append(binned(table.spread(charge)) / 16 / view.frames)
+        local.append(_derivatives(rig, view, charge, table.by_charge(charge), table.by_offset(charge)))
     names: list[str] = list(GLOBAL)
     columns = []
     for k, found in enumerate(local):
@@ -124,7 +125,7 @@ def ruler(name: str, pose: int) -> Ruler:
                 names.append(label)
             places.append(names.index(label))
         columns.append((tuple(places), np.array([binned(d) for d in found.values()])))
-    weight = 1.0 / np.maximum(variance, 1e-4)
+    weight = 1.0 / np.maximum(variance, LEAST_VARIANCE)
     weight[[k for k, view in enumerate(rig.views) if view.spare]] = 0.0
     return _ruler(np.array(base), weight, columns, tuple(names))
 
@@ -133,24 +134,21 @@ def variances(name: str, pose: int) -> np.ndarray:
     """Return the variance of the binned pictures (views, 75, 100) [DN^2]."""
     rig = rig_of(name, pose)
     table = development(rig, ())
-    return np.array(
-        [
-            np.maximum(
-                binned(table.spread(expose(rig, v, (), Nuisances()).raw_DN(rig.electronics))) / 16 / v.frames, 1e-4
-            )
-            for v in rig.views
-        ]
-    )
+    charges = [expose(rig, view, (), Nuisances()).charge_e for view in rig.views]
+    found = [binned(table.spread(c)) / 16 / v.frames for c, v in zip(charges, rig.views, strict=True)]
+    return np.maximum(found, LEAST_VARIANCE)
 
 
-def _derivatives(rig: Rig, view: View, raw: np.ndarray, slope: np.ndarray) -> dict[str, np.ndarray]:
+def _derivatives(
+    rig: Rig, view: View, charge: np.ndarray, slope: np.ndarray, by_offset: np.ndarray
+) -> dict[str, np.ndarray]:
     """Return derivatives of a mean picture by its nuisances [DN per unit]."""
     e, base = rig.electronics, rig.base
-    found = {"black": slope}
-    lit = slope * (raw - e.black_DN)
+    found = {"black": by_offset}
+    lit = slope * charge
     if view.touches:
         k = base.force_index(view.shot.force_N)
-        light = power(rig.name, view.shot.voltage_V) * e.e_per_irradiance * e.DN_per_e
+        light = power(rig.name, view.shot.voltage_V) * e.e_per_irradiance
         gv, gu = np.gradient(base.press[k].astype(float))
         per_mm = light / rig.at.mm_per_px
         found |= {
@@ -169,7 +167,7 @@ def _card_derivatives(
     rig: Rig, base: BaseLight, view: View, lit: np.ndarray, slope: np.ndarray
 ) -> dict[str, np.ndarray]:
     e, at = rig.electronics, rig.at
-    gain = e.e_per_irradiance * e.DN_per_e
+    gain = e.e_per_irradiance
     gv, gu = np.gradient(base.cards[view.kind].astype(float))
     turned = (-at.y * gu + at.x * gv) / at.mm_per_px
     return {

@@ -1,0 +1,382 @@
+"""The challenge itself: who hides causes shares nothing with who looks for them, and strengths are as stated."""
+
+from __future__ import annotations
+
+import ast
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scipy import optimize
+
+from challenge import families_camera, families_light
+from challenge.camera import Developed, Electronics, binned, noisy_frame, true_curve
+from challenge.cases import CaseSpec, cases, slice_of
+from challenge.chain import curve_of, expose, rig_of
+from challenge.codec import by_video
+from challenge.library import NAMED, NOT_IN_LIBRARY, NOT_INJECTED, make_cause
+from challenge.make import pictures, prepare, write_case
+from challenge.rig import believed
+from challenge.run import run, strip_pixels
+from challenge.score import Rate, summary, top, wilson
+from challenge.strength import means, ruler
+from evanesce.bundle import read_bundle
+from evanesce.effects import all_effects
+from evanesce.effects.tone_curve import departed
+
+FOLDER = Path(__file__).parent / "challenge"
+FORBIDDEN = ("evanesce.effects", "evanesce.criticism", "evanesce.simulate", "evanesce.validation", "evanesce.truth")
+THE_ISSUES = {
+    "black_level",
+    "tone_curve",
+    "vignetting",
+    "defocus",
+    "distortion_drift",
+    "hot_pixels",
+    "rolling_shutter",
+    "saturation",
+    "sensor_dust",
+    "frame_rate",
+    "compression",
+    "ambient_light",
+    "led_dead",
+    "led_imbalance",
+    "supply_sag",
+    "led_warmup",
+    "glass_absorption",
+    "specks",
+    "scratch",
+    "residue_film",
+    "lateral_glow",
+    "plate_tilt",
+    "square_size",
+    "card_offset",
+    "off_axis_load",
+    "modulus",
+    "adhesion",
+    "creep",
+    "ridge_height",
+    "bone_stiffening",
+    "shear_area_loss",
+    "force_offset",
+}
+
+
+# --- nothing shared --------------------------------------------------------------------------------------------------
+
+
+def test_no_module_of_the_challenge_imports_effects_or_critic() -> None:
+    modules = sorted(FOLDER.glob("*.py"))
+    assert len(modules) > 10
+    for path in modules:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names: list[str] = []
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom) and node.level == 0:
+                names = [f"{node.module}.{alias.name}" for alias in node.names]
+            for name in names:
+                assert not name.startswith(FORBIDDEN), f"{path.name} imports {name}"
+
+
+def test_nor_does_anything_that_they_import() -> None:
+    program = (
+        "import sys, pkgutil, importlib, challenge\n"
+        "for m in pkgutil.iter_modules(challenge.__path__): importlib.import_module('challenge.' + m.name)\n"
+        f"print([m for m in sys.modules if m.startswith({FORBIDDEN!r})])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, cwd=FOLDER.parent, check=True
+    )
+    assert done.stdout.strip() == "[]"
+
+
+def test_every_effect_of_the_issue_is_hidden_or_said_not_to_be() -> None:
+    assert set(NAMED) | set(NOT_INJECTED) >= THE_ISSUES
+    assert not set(NAMED) & set(NOT_INJECTED)
+    assert not set(NOT_IN_LIBRARY) & set(all_effects())
+    assert len(NOT_IN_LIBRARY) >= 6
+
+
+# --- cases -----------------------------------------------------------------------------------------------------------
+
+
+def test_case_lists_hold_what_they_promise() -> None:
+    for name in ("dev", "scored"):
+        every = cases(name)
+        assert len({c.id for c in every}) == len(every)
+        nulls = [c for c in every if c.group == "null"]
+        assert sum(c.noise not in ("plain", "lowpass") for c in nulls) * 2 == len(nulls)
+        singles = {(c.causes[0], c.strengths[0]) for c in every if c.group == "single"}
+        assert len(singles) == 6 * len(NAMED)
+        assert any(c.cancelling for c in every)
+    assert not {c.seed for c in cases("dev")} & {c.seed for c in cases("scored")}
+    assert {c.group for c in slice_of()} == {c.group for c in cases("dev")}
+
+
+# --- camera ----------------------------------------------------------------------------------------------------------
+
+
+def test_mean_and_variance_are_those_of_drawn_frames() -> None:
+    electronics = Electronics.of(believed("dev"))
+    curve = true_curve(electronics.curve, electronics.black_DN, electronics.top_DN)
+    table, rng = Developed(electronics, curve), np.random.default_rng(8)
+    for charge in (0.0, 3.0, 17.0, 160.0, 330.0):
+        for offset in (0.0, 11.3):
+            drawn = noisy_frame(electronics, np.full((500, 800), charge), offset, curve, rng).astype(float)
+            at, spread = np.array(charge), float(table.spread(np.array(charge)))
+            assert abs(drawn.mean() - float(table.level(at, offset))) < 4 * np.sqrt(drawn.var() / drawn.size) + 2e-3
+            if offset == 0.0:
+                assert drawn.var() == pytest.approx(spread, rel=0.02)
+
+
+def test_video_keeps_levels_and_loses_detail() -> None:
+    rng = np.random.default_rng(5)
+    y, x = np.mgrid[:300, :400]
+    scene = 90 + 60 * np.sin(x / 31.0) * np.cos(y / 17.0)
+    frames = [np.clip(np.round(scene + rng.normal(0, 6, scene.shape)), 0, 255).astype(np.uint8) for _ in range(5)]
+    back = by_video(frames, 23)
+    difference = np.array(back).astype(float) - frames
+    assert abs(difference.mean()) < 0.6
+    assert 0.5 < difference.std() < 6.5
+
+
+# --- the injector against itself -------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def rig():
+    return rig_of("dev", 0)
+
+
+@pytest.mark.parametrize("name", [*NAMED, *NOT_IN_LIBRARY])
+def test_nothing_is_changed_at_amplitude_zero(rig, name: str) -> None:
+    some = replace(rig, views=tuple(rig.views[k] for k in (0, 12, 18, 20, 21)))
+    cause = make_cause(name, some, 4, 1)
+    for view in some.views:
+        one, other = expose(some, view, [(cause, 0.0)], _none()), expose(some, view, (), _none())
+        np.testing.assert_array_equal(one.charge_e, other.charge_e)
+        np.testing.assert_array_equal(
+            one.offset_DN + np.zeros_like(one.charge_e), other.offset_DN + np.zeros_like(one.charge_e)
+        )
+    np.testing.assert_allclose(curve_of(some, [(cause, 0.0)]), curve_of(some, ()), atol=1e-8)
+
+
+def _none():
+    from challenge.chain import Nuisances
+
+    return Nuisances()
+
+
+@pytest.mark.parametrize(("name", "strength"), [("vignetting", 7.0), ("black_level", 20.0), ("modulus", 10.0)])
+def test_strength_is_the_norm_that_noise_gives(name: str, strength: float) -> None:
+    """The matched filter's output on drawn frames has mean s and deviation 1: s is a signal-to-noise ratio."""
+    spec = CaseSpec(set="dev", group="single", causes=(name,), strengths=(strength,))
+    object.__setattr__(spec, "number", next(n for n in range(50) if replace(spec, number=n).pose == 0))
+    made, measure = prepare(spec), ruler("dev", 0)
+    assert made.truth["strength_together"] == pytest.approx(strength, rel=0.015)
+    change = means(made.rig, made.causes) - measure.base
+    made = replace(made, nuisances=_none())
+    outputs = []
+    for seed in range(6):
+        frames = pictures(made, "plain", seed)
+        seen = np.array([np.mean([binned(f.astype(float)) for f in frames[k]], axis=0) for k in frames])
+        outputs.append(measure.inner(change, seen - measure.base) / strength)
+    # Six outputs of deviation 1; the marginalised filter's own variance is below 1.
+    assert abs(np.mean(outputs) - strength) < 4 / np.sqrt(6) + 0.03 * strength
+    assert np.std(outputs, ddof=1) < 2.2
+
+
+def test_nuisances_hide_what_they_can_absorb(rig) -> None:
+    measure = ruler("dev", 0)
+    brighter = make_cause("led_bin", rig, 1, 0)  # any cause: only its change is replaced
+    change = means(rig, [(brighter, 1e-9)]) - measure.base
+    assert measure.norm(change) < 1e-3
+    for places, columns in (measure.columns[3],):
+        for place, column in zip(places, columns, strict=True):
+            own = np.zeros_like(measure.base)
+            own[3] = column
+            raw = float(np.sqrt((measure.weight * own * own).sum()))
+            if measure.names[place].startswith("flicker"):
+                # Marginalising a direction of prior width w leaves a norm of at most 1/w.
+                assert measure.norm(own) <= min(raw, 1 / 0.002) * 1.001
+    everywhere = np.zeros_like(measure.base)
+    for k, (places, columns) in enumerate(measure.columns):
+        if 0 in places:
+            everywhere[k] = columns[places.index(0)]
+    assert measure.norm(everywhere) <= 1 / 0.3 * 1.001
+
+
+# --- another functional form than the library's ----------------------------------------------------------------------
+
+
+def _misfit(values: np.ndarray, model, start) -> float:
+    """Return what a model's best fit leaves of values, relative."""
+    found = optimize.least_squares(lambda p: model(*p) - values, start)
+    return float(np.sqrt(np.mean(found.fun**2) / np.mean((values - values.mean()) ** 2)))
+
+
+def test_tone_table_is_no_gamma_and_contrast(rig) -> None:
+    for seed in range(3):
+        for form in (0, 1):
+            cause = families_camera.ToneCurve(np.random.default_rng(seed), rig, form)
+            v = np.linspace(0.02, 0.98, 200)
+            push = cause.curve(v, 0.1) - v
+            assert _misfit(push, lambda g, c, v=v: departed(v, g, c) - v, [0.01, 0.01]) > 0.03
+
+
+def test_mask_is_no_parabola(rig) -> None:
+    for form in (0, 1):
+        cause = families_camera.Vignetting(np.random.default_rng(2), rig, form)
+        free = cause.free(0.6)
+        r2 = ((rig.at.u - cause.centre[0]) ** 2 + (rig.at.v - cause.centre[1]) ** 2).ravel()[::97]
+        assert _misfit(free.ravel()[::97], lambda k, r2=r2: 1 - k * r2, [0.1]) > 0.05
+
+
+def test_glow_is_two_gaussians_and_no_exponential(rig) -> None:
+    cause = families_light.LateralGlow(np.random.default_rng(3), rig, 0)
+    r = np.linspace(0, 60, 300)
+    profile = sum(share * np.exp(-0.5 * (r / s) ** 2) / s**2 for share, s in cause.parts)
+    profile = profile / profile[0]
+    assert _misfit(profile, lambda a, b: a * np.exp(-r / abs(b)), [1.0, 10.0]) > 0.1
+
+
+# --- bundles ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_case_is_a_bundle_that_tells_nothing(tmp_path: Path) -> None:
+    spec = next(c for c in cases("dev") if c.group == "double" and c.pose == 0)
+    path, truth = write_case(spec, tmp_path / "one")
+    again, _ = write_case(spec, tmp_path / "two")
+    assert path.name != again.name
+    bundle = read_bundle(path)
+    assert bundle.scene == believed("dev")
+    assert bundle.available >= {"press", "force", "voltage", "time", "replicates", "lens_cap", "square"}
+    words = {*NAMED, *NOT_IN_LIBRARY, spec.id, "seed", "truth"} - {"saturation"}
+    for file in sorted(p for p in path.rglob("*") if p.is_file()):
+        other = again / file.relative_to(path)
+        assert file.read_bytes() == other.read_bytes()
+        if file.suffix == ".png":
+            assert cv2.imread(str(file), cv2.IMREAD_UNCHANGED).shape == (300, 400)
+            chunks = file.read_bytes()
+            assert b"tEXt" not in chunks
+            assert b"tIME" not in chunks
+        elif file.name != "scene.toml":
+            assert not [w for w in words if w in file.read_text(encoding="utf-8")]
+    assert bundle.scene.effects == {}
+    assert truth["causes"] == spec.causes
+
+
+def test_stripping_takes_the_picture_away(tmp_path: Path) -> None:
+    path, _ = write_case(next(c for c in cases("dev") if c.group == "null" and c.pose == 0), tmp_path)
+    before = read_bundle(path).press
+    whole = read_bundle(path).frame(before[5]).astype(float)
+    strip_pixels(path, "shuffle")
+    shuffled = read_bundle(path).frame(before[5]).astype(float)
+    np.testing.assert_array_equal(np.sort(whole, axis=None), np.sort(shuffled, axis=None))
+    assert abs(np.corrcoef(whole.ravel(), shuffled.ravel())[0, 1]) < 0.02
+    strip_pixels(path, "flat")
+    assert len(np.unique(read_bundle(path).frame(before[5]))) == 1
+
+
+# --- scores ----------------------------------------------------------------------------------------------------------
+
+
+def test_wilson_intervals_cover() -> None:
+    # Exact figures: Newcombe, Stat. Med. 17 (1998) 857, table I: 81/263 and 15/148, 0/20, 1/29.
+    for hits, count, low, high in (
+        (81, 263, 0.2553, 0.3662),
+        (15, 148, 0.0624, 0.1605),
+        (0, 20, 0.0, 0.1611),
+        (1, 29, 0.0061, 0.1718),
+    ):
+        found = wilson(hits, count)
+        assert found == pytest.approx((low, high), abs=6e-5)
+
+
+def record(cause: str, answer: dict, group: str = "single", strength: float = 20.0, **more: object) -> dict:
+    truth = {"id": cause + str(more), "group": group, "causes": [cause] if cause else [], "strengths": [strength],
+             "noise": "plain", "drop": [], "decoy": "", "cancelling": False, "oracle_gain": 10.0} | more  # fmt: skip
+    return {"truth": truth, "answer": answer, "seconds": 1.0}
+
+
+def named(cause: str, p: float = 0.9, **more: object) -> dict:
+    return {"verdict": "named", "probabilities": {cause: p, "none": 1 - p}, "effects": [{"id": cause}]} | more
+
+
+def test_scores_of_made_up_answers() -> None:
+    silent = {"verdict": "none", "probabilities": {"none": 0.9, "vignetting": 0.1}, "effects": []}
+    doubt = {"verdict": "ambiguous", "probabilities": {"defocus": 0.5, "lateral_glow": 0.5},
+             "effects": [{"id": "defocus"}], "ambiguous_with": ["lateral_glow"],
+             "next_measurement": {"what": "checkerboard"}}  # fmt: skip
+    found = summary(
+        [
+            record("vignetting", named("vignetting", gain={"log_score": [9.0, 5.0, 12.0]})),
+            record("vignetting", named("defocus"), number=1),
+            record("vignetting", silent, strength=4.0),
+            record("", silent, group="null"),
+            record("", named("specks", gain={"log_score": [3.0, 1.0, 5.0]}), group="null", noise="h264"),
+            record("", named("compression"), group="null", noise="h264", number=2),
+            record("lateral_glow", doubt, group="decoy", drop=["checkerboard"], decoy="defocus"),
+            record("moire", {"verdict": "unknown", "probabilities": {"unknown": 0.8}, "effects": []}, group="unknown"),
+            {"truth": record("x", {})["truth"], "error": "broke"},
+        ]
+    )
+    assert found["detection"]["20"]["hits"] == 2
+    assert found["detection"]["4"]["hits"] == 0
+    assert found["top1_all"]["20"] == Rate(1, 2).as_dict()
+    assert found["false_alarms"]["all"]["hits"] == 1
+    assert found["false_alarms"]["h264"]["cases"] == 2
+    assert found["decoys"]["answered_as_set_without_the_shot"]["hits"] == 1
+    assert found["decoys"]["right_shot_advised"]["hits"] == 1
+    assert found["unknown"]["unknown"]["called_unknown"]["hits"] == 1
+    assert found["gain"]["named"]["median"] == pytest.approx(0.9)
+    assert found["gain"]["null_interval_above_0"]["hits"] == 1
+    assert found["failed"] == {"x{}": "broke"}
+    assert found["confusion"]["vignetting"] == {"vignetting": 1, "defocus": 1, "none": 1}
+    # Said 0.9 and right twice of four (named right, named wrong, two nulls: one right), said 0.8 and right once.
+    assert 0 < found["calibration"]["error"] < 1
+
+
+def test_truth_shuffled_among_answers_is_chance() -> None:
+    rng, names = np.random.default_rng(1), list(NAMED)
+    answers = [record(c, named(c), number=k) for k, c in enumerate(names * 20)]
+    order = rng.permutation(len(answers))
+    shuffled = [
+        a | {"truth": a["truth"] | {"causes": answers[o]["truth"]["causes"]}}
+        for a, o in zip(answers, order, strict=True)
+    ]
+    right = np.mean([top(r) == r["truth"]["causes"][0] for r in shuffled])
+    assert np.mean([top(r) == r["truth"]["causes"][0] for r in answers]) == 1.0
+    chance = 1 / len(names)
+    assert abs(right - chance) < 4 * np.sqrt(chance / len(answers))
+
+
+@pytest.mark.slow
+@pytest.mark.system
+def test_a_run_goes_on_where_it_stopped_and_beats_no_stripped_pixels(tmp_path: Path, monkeypatch) -> None:
+    """Nearest signature finds most loud causes; with the pixels shuffled it is at chance, and names say nothing."""
+    import challenge.run as runner
+
+    # One loud case of each of some causes, whose shapes are not drawn anew at random places.
+    some = ("black_level", "tone_curve", "defocus", "led_warmup", "modulus", "creep", "square_size", "card_offset")
+    loud = [c for c in cases("dev") if c.group == "single" and c.strengths == (40.0,) and c.causes[0] in some]
+    monkeypatch.setattr(runner, "specs_of", lambda name: loud)
+    out = tmp_path / "a.jsonl"
+    first = run("dev", out, judge="nearest-signature", workers=1, budget_s=0.5, show=lambda text: None)
+    assert 1 <= len(first) < len(loud)
+    whole = run("dev", out, judge="nearest-signature", workers=1, show=lambda text: None)
+    assert len(whole) == len(loud) == len(out.read_text().splitlines())
+    right = sum(top(r) == r["truth"]["causes"][0] for r in whole)
+    stripped = run(
+        "dev", tmp_path / "b.jsonl", judge="nearest-signature", workers=1, strip="shuffle", show=lambda t: None
+    )
+    chance = sum(top(r) == r["truth"]["causes"][0] for r in stripped)
+    assert right >= 5
+    assert chance <= 2
+    assert json.loads(out.read_text().splitlines()[0])["judge"] == "nearest-signature"

@@ -1,0 +1,275 @@
+"""What a dataset survives: kills at random points, damage, a cycle of make, kill, resume, verify, export, read back.
+
+Kills and damage are of real processes and real files; their frames are made of their numbers alone
+(tests/datasets.py), so that a campaign takes minutes. The cycle is of simulated frames, small ones.
+
+    python benchmarks/dataset_faults.py [--kills 200] [--worker-kills 20] [--damages 1000] [--cycle 2000] [--json FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+import numpy as np
+
+import evanesce.dataset as dataset
+from dataset_formats import exported_equal
+from datasets import contents, tiny_job, use_paper
+from evanesce.dataset.run import make, resume
+from evanesce.dataset.verify import verify
+from evanesce.errors import InputError
+
+FRAMES = 240
+
+
+def killed(action: Any, delay: float) -> bool:
+    """Run an action in a forked process and kill it after a delay; tell whether it was still running."""
+    pid = os.fork()
+    if pid == 0:
+        try:
+            action()
+            os._exit(0)
+        except BaseException:
+            os._exit(9)
+    time.sleep(delay)
+    os.kill(pid, signal.SIGKILL)
+    _, status = os.waitpid(pid, 0)
+    return os.WIFSIGNALED(status)
+
+
+def driver_kills(folder: Path, count: int, seed: int) -> dict[str, Any]:
+    """Kill the making process at random points, again and again; compare each finished dataset with the reference."""
+    os.environ["PAPER_PAUSE_S"] = "0.004"
+    use_paper()
+    job = tiny_job(frames=FRAMES)
+    reference = folder / "reference"
+    start = time.perf_counter()
+    make(reference, job)
+    whole = time.perf_counter() - start
+    good, draw = contents(reference), random.Random(seed)
+    kills = finished = equal = redone = 0
+    target = folder / "target"
+    while kills < count:
+        shutil.rmtree(target, ignore_errors=True)
+        while True:
+            before = _published(target)
+            delay = draw.uniform(0.0, 0.6 * whole)
+            start_over = (target / "dataset.json").exists()
+            hit = killed(lambda: resume(target) if start_over else make(target, job), delay)  # noqa: B023
+            kills += hit
+            redone += hit and _published(target) < before  # a published shard must never be lost
+            if not hit or kills >= count:
+                break
+        resume(target) if (target / "dataset.json").exists() else make(target, job)
+        finished += 1
+        equal += contents(target) == good and verify(target).good
+    return {"kills": kills, "datasets": finished, "byte_identical": equal, "shards_lost": int(redone)}
+
+
+def _published(target: Path) -> int:
+    return len(list((target / "shards").glob("*.tar"))) if target.exists() else 0
+
+
+def worker_kills(folder: Path, count: int, seed: int) -> dict[str, Any]:
+    """Kill worker processes of the embedded cluster at random points while it makes a dataset."""
+    os.environ["PAPER_PAUSE_S"] = "0.05"
+    site = folder / "site"
+    site.mkdir()
+    tests = Path(__file__).resolve().parents[1] / "tests"
+    (site / "sitecustomize.py").write_text(_SITE.format(tests=str(tests)))
+    reference, target = folder / "reference-w", folder / "target-w"
+    os.environ["PYTHONPATH"] = os.pathsep.join([str(site), os.environ.get("PYTHONPATH", "")])
+    job = tiny_job(frames=FRAMES)
+    use_paper()
+    os.environ["PAPER_PAUSE_S"] = "0"
+    make(reference, job)
+    os.environ["PAPER_PAUSE_S"] = "0.2"
+    draw, kills = random.Random(seed), 0
+    run = subprocess.Popen([sys.executable, "-c", _DRIVER.format(folder=str(target))])
+    while run.poll() is None and kills < count:
+        time.sleep(draw.uniform(0.5, 3.0))
+        workers = _workers_of(run.pid)
+        if workers:
+            os.kill(draw.choice(workers), signal.SIGKILL)
+            kills += 1
+    status = run.wait()
+    equal = status == 0 and contents(target) == contents(reference)
+    return {"kills": kills, "exit_status": status, "byte_identical": bool(equal)}
+
+
+_SITE = """
+import importlib.abc, importlib.util, sys
+
+class Finder(importlib.abc.MetaPathFinder):
+    # once the worker's module is loaded, it makes frames of their numbers alone
+    def find_spec(self, name, path, target=None):
+        if name != "evanesce.dataset.worker":
+            return None
+        sys.meta_path.remove(self)
+        spec = importlib.util.find_spec(name)
+        load = spec.loader.exec_module
+        def exec_module(module):
+            load(module)
+            sys.path.insert(0, {tests!r})
+            import datasets
+            datasets.use_paper()
+        spec.loader.exec_module = exec_module
+        return spec
+
+sys.meta_path.insert(0, Finder())
+"""
+
+_DRIVER = """
+if __name__ == "__main__":
+    import sys
+    from pathlib import Path
+    from evanesce.dataset.run import Engine, make
+    import evanesce.dataset.worker
+    from datasets import tiny_job
+    outcome = make(Path({folder!r}), tiny_job(frames=240), Engine(workers=2))
+    sys.exit(0 if outcome.complete and not outcome.quarantined else 1)
+"""
+
+
+def _workers_of(pid: int) -> list[int]:
+    """Return the processes below a driver that run Dask's workers."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if not entry.name.isdigit():
+            continue
+        try:
+            parent = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
+            command = (entry / "cmdline").read_bytes()
+        except OSError:
+            continue
+        if parent == pid and b"spawn_main" in command:
+            found.append(int(entry.name))
+    return found
+
+
+def damages(folder: Path, count: int, seed: int) -> dict[str, Any]:
+    """Damage a finished dataset in one place at a time; count what ``verify`` does not notice."""
+    use_paper()
+    os.environ["PAPER_PAUSE_S"] = "0"
+    target = folder / "damaged"
+    make(target, tiny_job(frames=48))
+    good, rng = contents(target), np.random.default_rng(seed)
+    names, tally, unnoticed, named = sorted(good), {}, [], 0
+    shards = [n for n in names if n.startswith("shards/")]
+    done = 0
+    while done < count:
+        kind = str(rng.choice(["bit flip", "truncation", "deletion", "swapped shards"]))
+        name = str(rng.choice(shards if rng.random() < 0.7 else names))
+        path, data = target / name, bytearray(good[name])
+        touched = [name]
+        if kind == "bit flip":
+            data[rng.integers(len(data))] ^= 1 << int(rng.integers(8))
+            path.write_bytes(data)
+        elif kind == "truncation":
+            path.write_bytes(data[: rng.integers(len(data))])
+        elif kind == "deletion":
+            path.unlink()
+        else:
+            a, b = (str(n) for n in rng.choice(shards, 2, replace=False))
+            (target / a).write_bytes(good[b])
+            (target / b).write_bytes(good[a])
+            touched = [a, b]
+        try:
+            report = verify(target, threads=1)
+            seen, named = not report.good, named + bool(report.bad_frames)
+        except InputError:
+            seen = True
+        tally[kind] = tally.get(kind, 0) + 1
+        done += 1
+        if not seen:
+            unnoticed.append((kind, name))
+        for n in touched:
+            (target / n).write_bytes(good[n])
+    assert verify(target).good
+    return {"damages": done, "by_kind": tally, "unnoticed": unnoticed, "reports_naming_frames": named}
+
+
+def cycle(folder: Path, frames: int) -> dict[str, Any]:
+    """Make simulated frames, kill, resume, verify, export to each format and compare with what was made."""
+    code = """
+if __name__ == "__main__":
+    from pathlib import Path
+    from evanesce.dataset.run import Engine, make, resume
+    from evanesce.dataset.job import new_job
+    from datasets import tiny_config
+    from rigs import small_rig
+    folder = Path({folder!r})
+    if (folder / "dataset.json").exists():
+        resume(folder, Engine(workers=2))
+    else:
+        config = tiny_config(trial={{"frames": 40, "frame_rate_hz": 30.0}}, trials_per_shard=2)
+        make(folder, new_job(small_rig(), config, frames={frames}, seed=3), Engine(workers=2))
+"""
+    target = folder / "cycle"
+    start, kills = time.perf_counter(), 0
+    command = [sys.executable, "-c", code.format(folder=str(target), frames=frames)]
+    tests = str(Path(__file__).resolve().parents[1] / "tests")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([tests, os.environ.get("PYTHONPATH", "")])}
+    for wanted in (0.25, 0.6):
+        run = subprocess.Popen(command, env=environment)
+        shards = frames // 80
+        while run.poll() is None and _published(target) < wanted * shards:
+            time.sleep(0.2)
+        if run.poll() is None:
+            run.send_signal(signal.SIGKILL)
+            kills += 1
+        run.wait()
+        time.sleep(2.0)
+    subprocess.run(command, env=environment, check=True)
+    made = time.perf_counter() - start
+    report = verify(target)
+    equal = {to: exported_equal(target, folder / f"as-{to}", to) for to in ("hdf5", "lerobot", "coco", "parquet")}
+    with dataset.open(target) as data:
+        count = len(data)
+    return {
+        "frames": count, "kills": kills, "seconds": made, "verify_good": report.good,
+        "verify_MB_per_s": report.size / report.seconds / 1e6, "bytes": report.size, "exports_equal": equal,
+    }  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--worker-kills", type=int, default=20)
+    parser.add_argument("--damages", type=int, default=1000)
+    parser.add_argument("--cycle", type=int, default=2000)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--json", type=Path)
+    given = parser.parse_args()
+    result: dict[str, Any] = {}
+    with tempfile.TemporaryDirectory(prefix="evanesce-faults-") as scratch:
+        folder = Path(scratch)
+        for name, count, campaign in (
+            ("driver_kills", given.kills, lambda: driver_kills(folder, given.kills, given.seed)),
+            ("damages", given.damages, lambda: damages(folder, given.damages, given.seed)),
+            ("worker_kills", given.worker_kills, lambda: worker_kills(folder, given.worker_kills, given.seed)),
+            ("cycle", given.cycle, lambda: cycle(folder, given.cycle)),
+        ):
+            if count:
+                start = time.perf_counter()
+                result[name] = campaign()
+                print(f"{name}: {result[name]} in {time.perf_counter() - start:.0f} s", flush=True)
+    if given.json:
+        given.json.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -75,7 +75,7 @@ def pdms_index(wavelength: ArrayLike) -> Array:
     Parameters
     ----------
     wavelength : array_like
-        In vacuum [nm]; the visible.
+        In vacuum [nm]; the fit holds from 350 to 700 nm.
     """
     um2 = (np.asarray(wavelength, float) * 1e-3) ** 2
     return np.asarray(np.sqrt(1.0 + 1.0093 * um2 / (um2 - 0.013185)))

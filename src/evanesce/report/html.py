@@ -12,11 +12,12 @@ from typing import Any
 
 import jinja2
 import numpy as np
+from markupsafe import Markup
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
-_ENVIRONMENT = jinja2.Environment(
+ENVIRONMENT = jinja2.Environment(
     loader=jinja2.PackageLoader("evanesce.report", "templates"),
     autoescape=True,
     trim_blocks=True,
@@ -50,12 +51,13 @@ class Table:
 
 @dataclass
 class Section:
-    """A heading, paragraphs, pictures and tables, in that order."""
+    """A heading, paragraphs, a widget (trusted HTML of this package), pictures and tables, in that order."""
 
     heading: str
     paragraphs: list[str] = field(default_factory=list)
     pictures: list[Picture] = field(default_factory=list)
     tables: list[Table] = field(default_factory=list)
+    widget: Markup | None = None
 
 
 @dataclass
@@ -69,7 +71,7 @@ class Page:
 
     def render(self) -> str:
         """Return the page as HTML text that needs no other file and no network."""
-        return _ENVIRONMENT.get_template("page.html.j2").render(
+        return ENVIRONMENT.get_template("page.html.j2").render(
             page=self, provenance=json.dumps(self.provenance, indent=2, default=str, ensure_ascii=False)
         )
 

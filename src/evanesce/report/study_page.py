@@ -1,0 +1,105 @@
+"""The report of ``evanesce study all``: figures first, each with what it means; tables below; provenance last."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import cycle
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from evanesce.report.html import Page, Picture, Section, Table, figure_png, image_png
+from evanesce.validation.studies import Chart, Findings, Panel, Study
+
+WIDTH_PX = 1150
+COLOURS = ("#1f6feb", "#d1571b", "#2a8f4f", "#8250df", "#b8860b", "#c2255c", "#0b7285", "#57606a", "#000000")
+
+
+def chart_figure(chart: Chart) -> Figure:
+    """Return a chart's panels side by side."""
+    count = len(chart.panels)
+    figure = Figure(figsize=(5.8 * count + 0.6, 4.6), layout="constrained")
+    for axis, panel in zip(np.atleast_1d(figure.subplots(1, count)), chart.panels, strict=True):
+        _draw(axis, panel)
+    return figure
+
+
+def _draw(axis: Any, panel: Panel) -> None:
+    groups: dict[str, str] = {}
+    fresh = cycle(COLOURS)
+    drawn: dict[str, int] = {}
+    for series in panel.series:
+        name = series.group or series.label
+        if name not in groups:
+            groups[name] = next(fresh)
+        colour = groups[name]
+        # further curves of one group are dashed
+        style = ("-", "--", ":", "-.")[drawn.get(name, 0) % 4]
+        drawn[name] = drawn.get(name, 0) + 1
+        x, y = _array(series.x), _array(series.y)
+        if series.points:
+            axis.plot(x, y, "o", color=colour, ms=4.5, mfc="none", label=series.label)
+        else:
+            axis.plot(x, y, style, color=colour, lw=1.7, label=series.label)
+        if series.low is not None and series.high is not None:
+            axis.fill_between(x, _array(series.low), _array(series.high), color=colour, alpha=0.15, lw=0)
+    axis.set_title(panel.title, fontsize=10)
+    axis.set_xlabel(panel.x_label)
+    axis.set_ylabel(panel.y_label)
+    if panel.log_x:
+        axis.set_xscale("log")
+    if panel.log_y:
+        axis.set_yscale("log")
+    if panel.y_range:
+        axis.set_ylim(*panel.y_range)
+    axis.grid(alpha=0.3)
+    if len(panel.series) > 1:
+        axis.legend(fontsize=7.5, framealpha=0.85)
+
+
+def _array(values: Sequence[Any]) -> Any:
+    return np.array([np.nan if value is None else value for value in values], float)
+
+
+def page(
+    title: str,
+    parts: Sequence[tuple[Study, Findings]],
+    provenance: Mapping[str, Any],
+    slider: Markup | None = None,
+    lead: str = "",
+) -> Page:
+    """Return the report of some parts; :meth:`~evanesce.report.html.Page.render` gives HTML that needs no other file.
+
+    Parameters
+    ----------
+    title : str
+    parts : sequence of (Study, Findings)
+    provenance : mapping
+    slider : Markup, optional
+        Of :func:`evanesce.report.slider.slider`.
+    lead : str
+        One sentence under the title.
+    """
+    sections = []
+    if slider is not None:
+        text = (
+            "A rendered frame, undistorted without error. Move the threshold: orange is what the author's chain (blur 1"
+            " px, dilation 10 px, blobs of at least 2000 px) takes for contact, blue the outline of the true contact."
+        )
+        sections.append(Section("How wrong is the area at this threshold?", [text], widget=slider))
+    sections += [_figures(study, found) for study, found in parts]
+    sections += [_tables(study, found) for study, found in parts if found.tables]
+    return Page(title, lead, sections, provenance)
+
+
+def _figures(study: Study, found: Findings) -> Section:
+    pictures = [Picture(figure_png(chart_figure(chart)), chart.caption) for chart in found.charts]
+    pictures += [Picture(image_png(shown.image, WIDTH_PX), shown.caption) for shown in found.pictures]
+    return Section(study.title, list(found.verdict), pictures)
+
+
+def _tables(study: Study, found: Findings) -> Section:
+    tables = [Table(table.columns, table.rows, table.caption) for table in found.tables]
+    return Section(f"Tables: {study.title[0].lower()}{study.title[1:]}", tables=tables)

@@ -9,7 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 from evanesce.cli.app import app
-from evanesce.optics.spectrum import BAND_NM, luminous_efficiency, pdms_index, white_bands, white_led_power
+from evanesce.optics.glow import absorption_coefficient
+from evanesce.optics.spectrum import BAND_NM, Band, luminous_efficiency, pdms_index, white_bands, white_led_power
 from evanesce.render.bands import banded, in_band
 from evanesce.render.path import render
 from evanesce.states import PlateLight
@@ -77,6 +78,36 @@ def test_each_band_sees_its_own_rig_and_seed():
     assert glass[0] > scene.plate.refractive_index > glass[-1]
     assert seeds == (7, 8, 9)
     np.testing.assert_allclose(light.radiance, np.mean(glass), rtol=1e-12)
+
+
+def silicone(**keys):
+    """Return the finger at 450 nm of a scene whose wavelength is 600 nm."""
+    scene = small_rig(camera__wavelength_nm=600.0, **{f"finger__{k}": v for k, v in keys.items()})
+    return in_band(scene, Band(450.0, 1.0)).finger
+
+
+def test_silicone_that_absorbs_nothing_scatters_by_its_power_of_wavelength():
+    found = silicone(diffuse_reflectance=1.0, scattering_length_mm=0.7, scattering_power=1.3)
+    assert found.scattering_length_mm == pytest.approx(0.7 * 0.75**1.3, rel=1e-12)
+    assert found.diffuse_reflectance == 1.0
+
+
+def test_reflectance_depends_on_absorption_over_scattering_alone():
+    plain = silicone(diffuse_reflectance=0.55, scattering_length_mm=0.7)
+    assert (plain.diffuse_reflectance, plain.scattering_length_mm) == (0.55, 0.7)  # to the bit
+    both = silicone(diffuse_reflectance=0.55, scattering_length_mm=0.7, scattering_power=2.1, absorption_power=2.1)
+    assert both.diffuse_reflectance == pytest.approx(0.55, rel=1e-9)
+    assert both.scattering_length_mm == pytest.approx(0.7 * 0.75**2.1, rel=1e-9)
+    more = silicone(diffuse_reflectance=0.55, scattering_length_mm=0.7, scattering_power=2.1)
+    ratio = absorption_coefficient(0.55, 1.0) / (1 - absorption_coefficient(0.55, 1.0)) * 0.75**2.1
+    # Hapke's 1981 equations 41 and 11, written in gamma
+    gamma = np.sqrt(ratio / (1 + ratio))
+    assert more.diffuse_reflectance == pytest.approx(
+        (1 - gamma) / (1 + gamma) * (1 - gamma / 3 / (1 + gamma)), rel=1e-9
+    )
+    local = silicone(diffuse_reflectance=0.55, scattering_power=2.1)
+    assert local.scattering_length_mm == 0.0
+    assert local.diffuse_reflectance == pytest.approx(more.diffuse_reflectance, rel=1e-9)
 
 
 @pytest.mark.slow

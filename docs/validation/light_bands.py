@@ -10,7 +10,7 @@ import numpy as np
 from evanesce.contact.solve import contact_state
 from evanesce.measurement.segment import Chain
 from evanesce.optics.spectrum import pdms_index, soda_lime_index, white_bands
-from evanesce.render.bands import banded
+from evanesce.render.bands import banded, in_band
 from evanesce.render.transport import render_fast
 from evanesce.rig import load_scene
 from evanesce.validation.voltage import Press
@@ -29,6 +29,11 @@ def main(count: int = 3) -> None:
     for band in white_bands(count):
         indices = float(soda_lime_index(band.wavelength)), float(pdms_index(band.wavelength))
         print(f"{band.wavelength:.0f} nm, weight {band.weight:.3f}: glass {indices[0]:.4f}, PDMS {indices[1]:.4f}")
+    milky = load_scene("thesis", {"finger.scattering_length_mm": 1.0, "finger.scattering_power": 1.5})
+    for band in white_bands(count):
+        finger = in_band(milky, band).finger
+        length = finger.scattering_length_mm
+        print(f"{band.wavelength:.0f} nm: reflectance {finger.diffuse_reflectance:.3f}, {length:.2f} mm")
     for name in ("thesis", "thesis_ridged"):
         scene = load_scene(name, COARSE)
         state = contact_state(scene, 2.0)

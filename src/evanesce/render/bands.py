@@ -8,19 +8,24 @@ from typing import Any
 
 import numpy as np
 
+from evanesce.optics.glow import absorption_coefficient, half_space_reflectance
 from evanesce.optics.spectrum import SODIUM_NM, Band, pdms_index, soda_lime_index, white_bands
 from evanesce.rig import Scene
+from evanesce.rig.finger import Finger
 from evanesce.states import ContactState, PlateLight
 
 MAX_BANDS = 14
+LONGEST_MM = 5.0
+"""Bound of ``finger.scattering_length_mm``: beyond, light wanders farther than the finger is thick."""
 Render = Callable[..., PlateLight]
 
 
 def in_band(scene: Scene, band: Band) -> Scene:
     """Return a scene as light of one band sees it.
 
-    The scene's indices are those at 589 nm; glass and silicone are shifted as soda-lime and PDMS disperse. Absorption,
-    reflectance and scattering stay: for the rig's glass and silicone they are not known by wavelength.
+    The scene's indices are those at 589 nm; glass and silicone are shifted as soda-lime and PDMS disperse. Silicone's
+    scattering and absorption are those at the scene's wavelength and follow the finger's powers of wavelength; the
+    glass's absorption stays, which for the rig's glass is not known by wavelength.
     """
 
     def shift(index: Callable[[float], Any]) -> float:
@@ -32,10 +37,28 @@ def in_band(scene: Scene, band: Band) -> Scene:
     return scene.model_copy(
         update={
             "plate": plate.model_copy(update={"refractive_index": glass}),
-            "finger": finger.model_copy(update={"refractive_index": silicone}),
+            "finger": _silicone(finger, band.wavelength / scene.camera.wavelength_nm).model_copy(
+                update={"refractive_index": silicone}
+            ),
             "camera": scene.camera.model_copy(update={"wavelength_nm": band.wavelength}),
         }
     )
+
+
+def _silicone(finger: Finger, ratio: float) -> Finger:
+    """Return the finger whose sigma_s' and sigma_a are those at ``ratio`` times the scene's wavelength."""
+    if finger.scattering_power == finger.absorption_power == 0.0:
+        return finger
+    # Without a length light leaves where it entered, and reflectance depends on the ratio of the coefficients alone.
+    length = finger.scattering_length_mm or 1.0
+    absorption = absorption_coefficient(finger.diffuse_reflectance, length)
+    scattering = (1.0 / length - absorption) * ratio**-finger.scattering_power
+    total = scattering + absorption * ratio**-finger.absorption_power
+    update = {
+        "diffuse_reflectance": float(half_space_reflectance(scattering / total)),
+        "scattering_length_mm": min(1.0 / total, LONGEST_MM) if finger.scattering_length_mm else 0.0,
+    }
+    return finger.model_copy(update=update)
 
 
 def banded(render: Render, count: int) -> Render:

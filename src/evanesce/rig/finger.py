@@ -45,6 +45,16 @@ class Finger(Strict):
         null=0.0,
         doc="transport mean free path inside the silicone; 0: light leaves where it entered",
     )
+    scattering_power: float = field(
+        0.0,
+        unit="1",
+        bounds=(0.0, 4.0),
+        null=0.0,
+        doc="reduced scattering goes as wavelength^-power: 4 for the finest particles, 0 for coarse; not published",
+    )
+    absorption_power: float = field(
+        0.0, unit="1", bounds=(-12.0, 12.0), null=0.0, doc="absorption goes as wavelength^-power; not published"
+    )
     roughness_rms_slope: float = field(
         0.0, unit="1", bounds=(0.0, 10.0), null=0.0, doc="rms gradient of the skin's roughness; sets real contact"
     )

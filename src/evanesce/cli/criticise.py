@@ -38,11 +38,13 @@ def register(app: typer.Typer) -> None:
     ) -> None:
         """Find what the believed rig gets wrong about measured data: name it, extend the scene, measure the gain."""
         from evanesce.bundle import read_bundle
-        from evanesce.criticism.critic import criticise as run
+        from evanesce.criticism.critic import criticise as by_frames
+        from evanesce.criticism.scalar_critic import criticise_series, has_frames
 
         for target in (json_file, report, scene):
             check_json_target(target)
         bundle = read_bundle(folder)
+        run = by_frames if has_frames(bundle) else criticise_series
         with messages.status("criticise") as status:
             result, evidence = run(bundle, seed=seed, tick=lambda step: status.update(f"criticise: {step}"))
         target = scene or _beside(json_file or report)

@@ -5,7 +5,7 @@ The open part of the data decides everything; the locked part is looked at once,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -24,8 +24,9 @@ from evanesce.criticism.locked import locked_gain
 from evanesce.criticism.next_shot import next_measurement
 from evanesce.criticism.noise import noise_of
 from evanesce.criticism.nuisance import nuisance_parameters
-from evanesce.criticism.numerics import numerics_variance
+from evanesce.criticism.numerics import edge_template, leftover_variance, numerics_parameters, resolution_change
 from evanesce.criticism.observe import Observation, observe
+from evanesce.criticism.parameters import Parameter, derivative
 from evanesce.criticism.posterior import UNKNOWN, Posterior, log_bayes_of_p, posterior
 from evanesce.criticism.predict import Predictor
 from evanesce.criticism.problem import Fit, Problem, fit, predicted_part
@@ -38,6 +39,9 @@ from evanesce.rng import generator
 
 Array = NDArray[Any]
 Tick = Callable[[str], None]
+
+LEAST_MOVE_MM = 0.01
+"""A finger nearer to its believed place than this has that place's light."""
 
 
 @dataclass
@@ -107,24 +111,62 @@ def prepare(observation: Observation, seed: int) -> Case:
         floor_DN=known["floor_DN"],
         flicker=known["flicker"],
     )
-    base = predictor.cube({})
-    numerics = numerics_variance(observation.scene, observation.views, base)
-    open_views = observation.open
-    views = [int(v) for v in open_views]
+    views = [int(v) for v in observation.open]
     parameters = [
         p for p in nuisance_parameters(observation.views, noise.flicker) if p.views is None or set(p.views) & set(views)
     ]
-    problem = Problem.of(predictor, data, noise, numerics, views, base)
-    first = fit(problem, parameters, {}, predicted=base)
-    # Once more with the weights of the fitted level: a contact beside its place has other bright bins.
-    level = predictor.cube(predicted_part(first.point, parameters))
-    problem = Problem.of(predictor, data, noise, numerics, views, level)
-    fitted = fit(problem, parameters, first.point, predicted=level, rounds=3)
+    base = predictor.cube({})
+    problem = Problem.of(predictor, data, noise, np.zeros_like(base), views, base)
+    placed = fit(problem, parameters, {}, predicted=base)
+    fitted_problem, computed = at_place(problem, placed, parameters)
+    own = predicted_part(placed.point, placed.parameters)
+    fitted = fit(fitted_problem, [*parameters, *computed], own, rounds=3)
     candidates = candidates_of(observation.scene, observation.available)
-    case = Case(observation, problem, fitted, candidates, seed)
+    case = Case(observation, fitted_problem, fitted, candidates, seed)
     if not noise.measured:
         case.notes.append("no replicates: the noise is the camera's own model, false alarms are not controlled")
     return case
+
+
+def at_place(problem: Problem, placed: Fit, parameters: Sequence[Parameter]) -> tuple[Problem, tuple[Parameter, ...]]:
+    """Return the problem about the fitted place of the finger, and the nuisances of computation there.
+
+    From now on predictions carry the plate's light at that very place, weights follow the level there, and what the
+    resolution leaves undecided is known.
+    """
+    predictor, point = problem.predictor, predicted_part(placed.point, parameters)
+    predictor.correction = exact_place(predictor, point)
+    level = predictor.cube(point)
+    change = resolution_change(predictor, point)
+    renewed = Problem.of(predictor, problem.data, problem.noise, leftover_variance(change), problem.views, level)
+    force = {
+        p.views[0]: p for p in nuisance_parameters(predictor.views, 0.0) if p.name.startswith("@force") and p.views
+    }
+    by_force = [
+        derivative(predictor, point, force[k], [k])[k] if k in force else None for k in range(len(predictor.views))
+    ]
+    edge = edge_template(predictor.scene, predictor.views, by_force)
+    return renewed, numerics_parameters(predictor.views, change, edge)
+
+
+def exact_place(predictor: Predictor, point: Mapping[str, float]) -> Array | None:
+    """Return what the plate's light at the fitted place adds over that at the believed one (views, rows, cols) [DN].
+
+    One session only: each further one would need its own light.
+    """
+    sessions = {v.session for v in predictor.views if v.touches}
+    dx, dy = (point.get(f"@pose_{axis}[{min(sessions, default=0)}]", 0.0) for axis in "xy")
+    if len(sessions) != 1 or np.hypot(dx, dy) < LEAST_MOVE_MM:
+        return None
+    finger = predictor.scene.finger
+    x, y = finger.position_mm
+    there = finger.model_copy(update={"position_mm": (x + dx, y + dy)})
+    exact = Predictor(predictor.scene.model_copy(update={"finger": there}), predictor.views)
+    rest = {name: value for name, value in point.items() if not name.startswith("@pose") or "[0" not in name}
+    rest |= {f"@pose_{axis}[{min(sessions)}]": 0.0 for axis in "xy"}
+    lit = [k for k, v in enumerate(predictor.views) if v.touches]
+    change = exact.cube(rest, lit) - predictor.cube(point, lit)
+    return np.nan_to_num(change, nan=0.0)
 
 
 def test(case: Case, signatures: Sequence[Signature], base: Fit, number: int) -> ScoreTest:

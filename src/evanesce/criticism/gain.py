@@ -49,9 +49,7 @@ def rmse(data: Array, predicted: Array) -> float:
     return float(np.sqrt(np.mean((data - predicted) ** 2)))
 
 
-def area_error_percent(
-    images: Sequence[Array], predicted: Sequence[Array], area: Callable[[Array], float]
-) -> float:
+def area_error_percent(images: Sequence[Array], predicted: Sequence[Array], area: Callable[[Array], float]) -> float:
     """Return the mean absolute error of the area that the author's chain reads, over that of the data [%].
 
     Views whose measured area is nothing are left out; NaN if none is left.
@@ -64,9 +62,7 @@ def area_error_percent(
     return 100.0 * float(np.mean(errors)) if errors else float("nan")
 
 
-def leave_one_out(
-    rows: Array, residual: Array, deviations: Array, away: Array, groups: NDArray[np.int_]
-) -> Array:
+def leave_one_out(rows: Array, residual: Array, deviations: Array, away: Array, groups: NDArray[np.int_]) -> Array:
     """Return each group's log predictive score, its parameters refitted without it, linear about the whole fit [nats].
 
     Parameters

@@ -70,6 +70,9 @@ def locked_gain(
     for one in (base, extended):
         points.append(predicted_part(one.point, one.parameters))
         cubes.append(problem.predictor.cube(points[-1], views))
+        for p in one.parameters:
+            if p.template is not None:
+                cubes[-1] = cubes[-1] + one.point.get(p.name, 0.0) * p.template
     left = [_residual(problem, cube, point, views) for cube, point in zip(cubes, points, strict=True)]
     valid = problem.valid[views]
     difference = log_scores(left[1], valid) - log_scores(left[0], valid)

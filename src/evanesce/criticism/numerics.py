@@ -1,76 +1,103 @@
-"""What the critic's own resolution costs: its prediction at twice the resolution less its own, kept on disk.
+"""What the critic's own computation leaves undecided, as directions that every fit may use and no cause may claim.
 
-Taken as a variance beside the noise's, so that a discretised edge is not discovered as an effect.
+A discretised edge of contact is coherent over all bins and frames, so that a variance could not stand for it: the
+difference to a prediction at twice the resolution is a nuisance with an amplitude of its own. So is the place of the
+edge to a few micrometres, where a film too thin to be resolved couples light.
 """
 
 from __future__ import annotations
 
-import contextlib
-import os
-import tempfile
-import zipfile
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from evanesce.criticism.predict import Predictor
+from evanesce.contact.solve import contact_state
+from evanesce.criticism.frozen import FROZEN
+from evanesce.criticism.parameters import Parameter
+from evanesce.criticism.predict import Point, Predictor
 from evanesce.criticism.views import View
-from evanesce.provenance import digest
-from evanesce.render.rig_fields import cache_folder
+from evanesce.errors import InputError
 from evanesce.rig import Scene
 
 Array = NDArray[Any]
 
-FORMAT = "numerics 1"
 FINER = 2
-NEIGHBOURS = 3
-"""Edges lie elsewhere on the grid in each session: the largest difference nearby counts [bins]."""
+LEFT = 0.6
+"""Share of the difference to twice the resolution that stays as a variance."""
 
 
-def numerics_variance(scene: Scene, views: Sequence[View], base: Array) -> Array:
-    """Return the variance (views, rows, cols) that the resolution adds [DN^2].
+def resolution_change(predictor: Predictor, point: Point) -> Array:
+    """Return the prediction at twice the resolution less the predictor's own (views, rows, cols) [DN]."""
+    scene = predictor.scene
+    finer = scene.grid.model_copy(update={"samples": scene.grid.samples * FINER})
+    fine = Predictor(scene.model_copy(update={"grid": finer}), predictor.views, finer=FINER)
+    own = Predictor(scene, predictor.views)
+    return fine.cube(point) - own.cube(point)
+
+
+def leftover_variance(change: Array) -> Array:
+    """Return the variance [DN^2] of what a change of resolution leaves beside its own direction."""
+    return np.asarray((LEFT * ndimage.maximum_filter(np.abs(change), size=(1, 3, 3))) ** 2)
+
+
+def numerics_parameters(views: Sequence[View], change: Array, edge: Array) -> tuple[Parameter, ...]:
+    """Return the nuisances of computation.
+
+    Parameters
+    ----------
+    views : sequence of View
+    change : ndarray (views, rows, cols)
+        :func:`resolution_change`.
+    edge : ndarray (views, rows, cols)
+        :func:`edge_template`.
+    """
+    known = FROZEN.nuisances
+    found = []
+    groups: dict[str, list[int]] = {}
+    for k, view in enumerate(views):
+        groups.setdefault(view.kind if view.is_card else "contact" if view.touches else "", []).append(k)
+    for name, members in groups.items():
+        if name:
+            template = np.zeros_like(change)
+            template[members] = change[members]
+            found.append(_template(f"@resolution[{name}]", "1", known["resolution"], template, members))
+    if "contact" in groups:
+        found.append(_template("@edge", "mm", known["edge_mm"], edge, groups["contact"]))
+    return tuple(p for p in found if p.template is not None and np.any(p.template))
+
+
+def _template(name: str, unit: str, deviation: float, template: Array, views: Sequence[int]) -> Parameter:
+    return Parameter(
+        name=name, unit=unit, deviation=deviation, step=deviation, views=tuple(views), linear=True, template=template
+    )
+
+
+def edge_template(scene: Scene, views: Sequence[View], by_force: Sequence[Array | None]) -> Array:
+    """Return the derivative by the edge's place (views, rows, cols) [DN/mm], from that by the force's logarithm.
 
     Parameters
     ----------
     scene : Scene
-        At the critic's resolution.
     views : sequence of View
-    base : ndarray (views, rows, cols)
-        The prediction at null [DN].
+    by_force : sequence of ndarray (rows, cols), optional
+        Derivative by the logarithm of the force, None where nothing touches.
     """
-    states = [[v.kind, v.force_N, v.voltage_V, v.time_s] for v in views]
-    path = cache_folder() / (digest([FORMAT, FINER, scene.as_dict(), states]) + ".npz")
-    found = _read(path, base.shape)
-    if found is None:
-        finer = scene.grid.model_copy(update={"samples": scene.grid.samples * FINER})
-        predictor = Predictor(scene.model_copy(update={"grid": finer}), views, finer=FINER)
-        difference = np.abs(predictor.cube({}) - base)
-        found = ndimage.maximum_filter(difference, size=(1, NEIGHBOURS, NEIGHBOURS)) ** 2
-        _write(path, found)
+    shape = next((b.shape for b in by_force if b is not None), (1, 1))
+    found = np.zeros((len(views), *shape))
+    for k, (view, by) in enumerate(zip(views, by_force, strict=True)):
+        if by is not None and view.force_N is not None:
+            found[k] = by * _log_force_per_mm(scene, view.force_N)
     return found
 
 
-def _read(path: Path, shape: tuple[int, ...]) -> Array | None:
+def _log_force_per_mm(scene: Scene, force_N: float, step: float = 0.05) -> float:
+    """Return by how much the logarithm of the force has to rise for 1 mm of mean contact radius; 0 without contact."""
     try:
-        with np.load(path, allow_pickle=False) as data:
-            variance = np.asarray(data["variance"], float)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-        return None
-    return variance if variance.shape == shape and np.isfinite(variance).all() else None
-
-
-def _write(path: Path, variance: Array) -> None:
-    with contextlib.suppress(OSError):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, part = tempfile.mkstemp(dir=path.parent, suffix=".part")
-        try:
-            with os.fdopen(handle, "wb") as stream:
-                np.savez_compressed(stream, variance=variance.astype(np.float32))
-            os.replace(part, path)
-        except BaseException:
-            Path(part).unlink(missing_ok=True)
-            raise
+        radii = [np.sqrt(contact_state(scene, force_N * np.exp(s)).nominal_contact_area / np.pi) for s in (-step, step)]
+    except InputError:
+        return 0.0
+    grown = float(radii[1] - radii[0])
+    return 2 * step / grown if grown > 0 else 0.0

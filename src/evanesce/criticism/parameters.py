@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,8 @@ class Parameter:
         The only views that it touches; None: all.
     linear : bool
         So small that its derivative says all: no prediction is made for it.
+    template : ndarray (views, rows, cols), optional
+        Its derivative, where that is not made by differences [DN per unit].
     """
 
     name: str
@@ -47,6 +49,7 @@ class Parameter:
     step: float
     views: tuple[int, ...] | None = None
     linear: bool = False
+    template: Array | None = field(default=None, compare=False, repr=False)
 
 
 def value_of(point: Point, parameter: Parameter) -> float:
@@ -77,6 +80,8 @@ def derivative(
     base : ndarray, optional
         The prediction at ``point``, if it is known.
     """
+    if parameter.template is not None:
+        return parameter.template
     only = [v for v in views if parameter.views is None or v in parameter.views]
     at, h, (low, high) = value_of(point, parameter), parameter.step, parameter.bounds
 

@@ -152,6 +152,8 @@ class Predictor:
 
     def __init__(self, scene: Scene, views: Sequence[View], *, finer: int = 1) -> None:
         self.scene, self.views, self.finer = scene, tuple(views), finer
+        self.correction: Array | None = None
+        """Added to every prediction of bins (views, rows, cols) [DN]."""
         self._contacts, self._lights, self._images = _Kept(KEEP_CONTACTS), _Kept(KEEP_LIGHTS), _Kept(KEEP_IMAGES)
         self._bins = _Kept(KEEP_BINS)
         self._known: set[str] = set()
@@ -169,7 +171,7 @@ class Predictor:
             found[place] = part
         if found is None:
             raise ValueError("no view to predict")
-        return found
+        return found if self.correction is None else found + self.correction
 
     def image(self, point: Point, place: int) -> Array:
         """Return the mean frame (rows, cols) of one view [DN]."""
@@ -320,12 +322,8 @@ def _dark(rig: Scene) -> PlateLight:
 
 def _card(rig: Scene, view: View, nuisances: Nuisances, finer: int) -> PlateLight:
     card = checkerboard_of(rig.card) if view.kind == "checkerboard" else square_of(rig.card)
-    return card_light(
-        rig,
-        card,
-        pose_of(rig.card, Pose(shift=nuisances.shift_mm, rotation_deg=nuisances.turn_deg)),
-        view=finer_view(rig, finer),
-    )
+    pose = pose_of(rig.card, Pose(shift=nuisances.shift_mm, rotation_deg=nuisances.turn_deg))
+    return card_light(rig, card, pose, view=finer_view(rig, finer))
 
 
 def _sight(rig: Scene) -> tuple[Any, ...]:

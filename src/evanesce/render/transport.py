@@ -100,13 +100,12 @@ def _patch_views(
     def onto(maps: Maps) -> Callable[[Image, int], Image]:
         def carry(image: Image, coarser: int) -> Image:
             # The mean over a pixel; beyond the patch there is nothing, and as much is added as the mean reaches.
-            footprint = max(1, round(pixel_mm / (patch.pitch * coarser)))
-            reach = footprint // 2 + 1
+            kernel = box_kernel(pixel_mm / (patch.pitch * coarser))
+            reach = kernel.size // 2
             wide = cv2.copyMakeBorder(image, reach, reach, reach, reach, cv2.BORDER_CONSTANT)
-            mean = cv2.blur(wide, (footprint, footprint), borderType=cv2.BORDER_CONSTANT)
-            # Samples ``coarser`` times as large have their first (coarser - 1)/2 later; OpenCV's even boxes are half a
-            # sample off.
-            shift = reach + (0.5 if footprint % 2 == 0 else 0.0) - (coarser - 1) / 2 / coarser
+            mean = cv2.sepFilter2D(wide, cv2.CV_32F, kernel, kernel, borderType=cv2.BORDER_CONSTANT)
+            # Samples ``coarser`` times as large have their first (coarser - 1)/2 later.
+            shift = reach - (coarser - 1) / 2 / coarser
             x, y = (
                 m * np.float32(1 / coarser) + np.float32(shift - first / coarser)
                 for m, first in zip(maps, (patch.col, patch.row), strict=True)
@@ -116,6 +115,26 @@ def _patch_views(
         return carry
 
     return onto(maps[0]), onto(maps[1])
+
+
+def box_kernel(width: float) -> Image:
+    """Return the mean over a pixel ``width`` samples wide, as a kernel for a picture that is then interpolated.
+
+    Whatever the width, it is kept: a whole number of samples instead would blur the edge of contact more or less, which
+    a tone curve turns into brighter or darker. Interpolation widens by the variance of a triangle, 1/6; by so much the
+    box is narrower.
+
+    Parameters
+    ----------
+    width : float
+        Of a pixel [samples].
+    """
+    narrower = float(np.sqrt(max(width**2 - 2.0, 1.0)))
+    half = int(np.ceil((narrower - 1) / 2 - 1e-9))
+    kernel = np.ones(2 * half + 1)
+    if half > 0:
+        kernel[[0, -1]] = (narrower - (2 * half - 1)) / 2
+    return np.asarray(kernel / kernel.sum(), np.float32)
 
 
 Maps = tuple[Image, Image]

@@ -134,22 +134,24 @@ class PlateBending(Hidden):
 
 
 class NewtonRings(Hidden):
-    """Interference in the air wedge around the contact: rings that follow its edge."""
+    """Interference in a film of trapped air: rings about the contact's middle that grow with it."""
 
     id, start = "newton_rings", 0.01
 
     def draw(self) -> None:
-        self.count = self.rng.uniform(3.0, 6.0)
+        self.count, self.phase = self.rng.uniform(2.0, 4.0), self.rng.uniform(0, 2 * np.pi)
 
     def light(self, fine: np.ndarray, view: View, a: float) -> np.ndarray:
         if not view.touches:
             return fine
+        return fine * (1 + a * self.kept(view.shot.force_N, lambda: self.rings(view.shot.force_N)))
+
+    def rings(self, force_N: float) -> np.ndarray:
         at, (x, y) = self.rig.at, self.rig.finger_mm
-        lit = self.rig.base.press[self.rig.base.force_index(view.shot.force_N)] > 0.5 * self.rig.contact_level
-        radius = np.sqrt(lit.sum() / np.pi) * at.mm_per_px
-        beyond = np.maximum(np.hypot(at.x - x, at.y - y) - radius, 0.0)
-        rings = np.cos(2 * np.pi * self.count * beyond**1.5) * np.exp(-beyond / 0.8) * (beyond > 0)
-        return fine + a * self.rig.contact_level * power(self.rig.name, view.shot.voltage_V) * rings.clip(0)
+        lit = self.rig.base.press[self.rig.base.force_index(force_N)] > 0.5 * self.rig.contact_level
+        radius2 = lit.sum() / np.pi * at.mm_per_px**2
+        r2 = ((at.x - x) ** 2 + (at.y - y) ** 2) / radius2
+        return np.where(r2 < 1.5, np.cos(2 * np.pi * self.count * r2 + self.phase), 0.0)
 
 
 UNKNOWN = (Moire, DriftingSmear, GhostImage, RowBanding, FocusDrift, StrayReflection, PlateBending, NewtonRings)

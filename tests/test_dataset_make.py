@@ -1,0 +1,246 @@
+"""Datasets made by real processes: same bytes from any count of workers, kills, poison, full disks, command line."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import tomli_w
+from typer.testing import CliRunner
+
+import evanesce.dataset as dataset
+from datasets import contents, tiny_config, tiny_job
+from evanesce.cli.app import app
+from evanesce.dataset.run import Engine, make
+from evanesce.dataset.verify import verify
+from evanesce.rig import dump_scene
+from rigs import small_rig
+
+TESTS = Path(__file__).resolve().parent
+runner = CliRunner()
+
+
+@pytest.fixture(scope="module")
+def real(tmp_path_factory) -> Path:
+    """Simulated frames, made in this process; not to be changed."""
+    folder = tmp_path_factory.mktemp("real") / "d"
+    make(folder, tiny_job())
+    return folder
+
+
+def python(code: str, **environment: str) -> subprocess.Popen:
+    """Run code with the tests' helpers at hand; paper frames unless it says otherwise."""
+    paths = os.pathsep.join([str(TESTS), os.environ.get("PYTHONPATH", "")])
+    return subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(code)],
+        env={**os.environ, "PYTHONPATH": paths, **environment},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+PAPER = """
+    import sys
+    from pathlib import Path
+    from datasets import tiny_job, use_paper
+    from evanesce.dataset.run import make, resume
+    from evanesce.errors import EvanesceError
+    use_paper()
+    folder = Path({folder!r})
+    try:
+        {call}
+    except EvanesceError as error:
+        print(error)
+        sys.exit(error.exit_code)
+"""
+
+
+def test_frames_hold_what_was_asked_for(real):
+    with dataset.open(real, check=True) as data:
+        assert len(data) == 24
+        kinds = {data[i[0]].meta["kind"] for i in data.trials().values()}
+        assert "slide" in kinds
+        for sample in data:
+            assert sample.frame.shape == sample.state.shape == sample.labels.shape == (48, 64)
+            assert sample.plate.shape == (96, 96)
+            if sample.scalars["Fz_N"] > 0.2:
+                lit = float(np.median(sample.frame[sample.labels.whole("contact_mask") > 0.99]))
+                dark = float(np.median(sample.frame[sample.labels.whole("contact_mask") == 0]))
+                assert lit > dark + 20  # contacts are what shines
+    assert verify(real).good
+
+
+@pytest.mark.slow
+@pytest.mark.system
+def test_two_workers_make_the_same_bytes(real, tmp_path):
+    make(tmp_path / "d", tiny_job(), Engine(workers=2))
+    assert contents(tmp_path / "d") == contents(real)
+
+
+@pytest.mark.slow
+def test_a_killed_driver_resumes_to_the_same_bytes(tmp_path):
+    reference = tmp_path / "reference"
+    done = python(PAPER.format(folder=str(reference), call="make(folder, tiny_job(frames=60))"))
+    assert done.wait() == 0, done.communicate()
+    done.communicate()
+    target = tmp_path / "target"
+    for call, shards in (("make(folder, tiny_job(frames=60))", 2), ("resume(folder)", 6)):
+        run = python(PAPER.format(folder=str(target), call=call), PAPER_PAUSE_S="0.02")
+        deadline = time.monotonic() + 60
+        while len(list((target / "shards").glob("*.tar"))) < shards and time.monotonic() < deadline:
+            time.sleep(0.01)
+        run.send_signal(signal.SIGKILL)
+        run.communicate()
+        assert run.returncode == -signal.SIGKILL
+        assert not (target / "SHA256SUMS").exists()
+    done = python(PAPER.format(folder=str(target), call="resume(folder)"))
+    assert done.wait() == 0, done.communicate()
+    done.communicate()
+    assert contents(target) == contents(reference)
+
+
+def test_a_poison_frame_is_found_by_dying_of_it(tmp_path):
+    target = tmp_path / "d"
+    # The probe's process has to die of it, too: it runs what the interpreter's start-up makes of the worker.
+    (tmp_path / "site").mkdir()
+    (tmp_path / "site" / "sitecustomize.py").write_text(
+        "import evanesce.dataset.worker, datasets\ndatasets.use_paper()\n"
+    )
+    environment = {"PAPER_POISON": "8", "PYTHONPATH": os.pathsep.join([str(tmp_path / "site"), str(TESTS), *sys.path])}
+    code = textwrap.dedent(PAPER.format(folder=str(target), call="make(folder, tiny_job())"))
+    again = textwrap.dedent(PAPER.format(folder=str(target), call="resume(folder)"))
+    codes = []
+    for script in (code, again, again):
+        done = subprocess.run([sys.executable, "-c", script], env={**os.environ, **environment}, check=False,
+                              capture_output=True)  # fmt: skip
+        codes.append(done.returncode)
+    assert codes == [-signal.SIGABRT, -signal.SIGABRT, 0]
+    report = verify(target)
+    assert report.good
+    assert [(q["frame"], "SIGABRT" in q["reason"]) for q in report.quarantined] == [(8, True)]
+    assert report.frames == 23
+
+
+def test_a_full_disk_publishes_nothing_half(tmp_path):
+    target = tmp_path / "d"
+    whole = tmp_path / "whole"
+    done = python(PAPER.format(folder=str(whole), call="make(folder, tiny_job())"))
+    assert done.wait() == 0
+    done.communicate()
+    size = (whole / "shards" / "shard-000000.tar").stat().st_size
+    call = f"resource.setrlimit(resource.RLIMIT_FSIZE, ({size // 2}, {size // 2})); make(folder, tiny_job())"
+    code = "import resource, signal\nsignal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n" + textwrap.dedent(
+        PAPER.format(folder=str(target), call=call)
+    )
+    run = python(code)
+    out, _ = run.communicate()
+    assert run.returncode == 1
+    assert "cannot write: File too large" in out
+    assert list((target / "shards").iterdir()) == []
+    assert list((target / ".work").glob("*.part")) == []
+    done = python(PAPER.format(folder=str(target), call="resume(folder)"))
+    done.communicate()
+    assert done.returncode == 0
+    assert contents(target) == contents(whole)
+    assert resource.getrlimit(resource.RLIMIT_FSIZE)[0] != size // 2
+
+
+def test_a_place_that_cannot_be_written_is_one_line():
+    done = python(PAPER.format(folder="/proc/nowhere/d", call="make(folder, tiny_job())"))
+    out, _ = done.communicate()
+    assert done.returncode == 1
+    assert out.startswith("/proc/nowhere/d: cannot write:")
+
+
+# --- the command line -------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def asked(tmp_path) -> list[str]:
+    (tmp_path / "rig.toml").write_text(dump_scene(small_rig()))
+    (tmp_path / "d.toml").write_text(tomli_w.dumps(tiny_config().as_dict()))
+    return [
+        "dataset", "make", str(tmp_path / "rig.toml"), "--config", str(tmp_path / "d.toml"), "--n", "24",
+        "--seed", "11", "--workers", "0",
+    ]  # fmt: skip
+
+
+@pytest.mark.system
+def test_commands_from_make_to_export(asked, real, tmp_path):
+    target = tmp_path / "made"
+    report = tmp_path / "report.json"
+    done = runner.invoke(app, [*asked, "--out", str(target), "--json", str(report)])
+    assert done.exit_code == 0, done.output
+    assert "24 frames in 4 trials, 4 shards; about" in done.output
+    assert json.loads(report.read_text())["complete"] is True
+    assert contents(target) == contents(real)
+    assert runner.invoke(app, ["dataset", "verify", str(target)]).exit_code == 0
+    assert runner.invoke(app, ["dataset", "resume", str(target), "--workers", "0"]).exit_code == 0
+    told = runner.invoke(app, ["dataset", "info", str(target), "--json", str(report)])
+    assert told.exit_code == 0
+    assert json.loads(report.read_text())["frames"] == 24
+    out = tmp_path / "p"
+    assert runner.invoke(app, ["dataset", "export", str(target), "--to", "parquet", "--out", str(out)]).exit_code == 0
+    assert (out / "frames.parquet").is_file()
+    looked = runner.invoke(app, ["dataset", "preview", str(target), "--out", str(tmp_path / "look")])
+    assert looked.exit_code == 0, looked.output
+    sheet = cv2.imread(str(tmp_path / "look" / "contact_sheet.png"))
+    assert sheet.shape[0] == 6 * 260
+    assert (tmp_path / "look" / "trial.mp4").stat().st_size > 1000
+    # the state is laid over in colour, in the right half of each tile
+    assert (np.ptp(sheet.astype(int), axis=2) > 60).any()
+    path = target / "shards" / "shard-000002.tar"
+    data = bytearray(path.read_bytes())
+    data[3000] ^= 1
+    path.write_bytes(data)
+    bad = runner.invoke(app, ["dataset", "verify", str(target)])
+    assert bad.exit_code == 1
+    assert "bad frame 00000001" in bad.output
+
+
+@pytest.mark.parametrize(
+    ("extra", "says"),
+    [
+        (["--n", "1000000000"], "1000000000 frames"),
+        (["--seed", "-1"], "--seed"),
+        (["--workers", "-2"], "--workers"),
+        (["--shard", "4/3"], "--shard"),
+        (["--shard", "a/b"], "i/n"),
+        (["--scheduler", "here"], "tcp://HOST:PORT"),
+        (["--config", "nowhere.toml"], "nowhere.toml"),
+        (["--set", "camera.resolution_px=[10000,10000]"], "GB"),
+    ],
+)
+def test_bad_requests_end_in_one_line(asked, tmp_path, extra, says):
+    done = runner.invoke(app, [*asked, "--out", str(tmp_path / "x"), *extra])
+    assert done.exit_code == 2, done.output
+    assert says in done.output
+    assert "Traceback" not in done.output
+    assert not (tmp_path / "x").exists()
+
+
+def test_a_dry_run_only_tells(asked, tmp_path):
+    done = runner.invoke(app, [*asked, "--out", str(tmp_path / "x"), "--dry-run"])
+    assert done.exit_code == 0
+    assert not (tmp_path / "x").exists()
+
+
+def test_parts_and_what_gathers_them(asked, real, tmp_path):
+    target = tmp_path / "parts"
+    for i in (1, 2):
+        done = runner.invoke(app, [*asked, "--out", str(target), "--shard", f"{i}/2"])
+        assert done.exit_code == 0, done.output
+        assert "resume" in done.output
+    assert runner.invoke(app, ["dataset", "resume", str(target), "--workers", "0"]).exit_code == 0
+    assert contents(target) == contents(real)

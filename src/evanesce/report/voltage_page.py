@@ -196,7 +196,7 @@ def holds_figure(found: VoltageStudy) -> Figure:
         borders = entry["borders"]
         panel.set_xticks(
             range(len(entry["share"])), [f"{a:.2g}–{b:.2g}" for a, b in itertools.pairwise(borders)],
-            fontsize=7,
+            fontsize=6,
         )  # fmt: skip
         unit = "" if entry["unit"] == "1" else f" [{entry['unit']}]"
         panel.set_title(entry["unknown"].replace("_", " ") + unit, fontsize=9)

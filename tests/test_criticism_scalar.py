@@ -1,0 +1,135 @@
+"""Scalar series: fits, evidence and left-out scores against closed forms; a cause is found, its twin named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from evanesce.bundle.layout import Series
+from evanesce.criticism.parameters import Parameter
+from evanesce.criticism.scalar import (
+    SeriesPredictor,
+    Table,
+    alike,
+    chi_square_p,
+    fit_series,
+    gain_of,
+    pairs_of,
+)
+from evanesce.criticism.scalar_critic import kind_of, with_assumed
+from evanesce.rig import load_scene
+
+
+def series(x, y, sigma=None, names=("force", "N", "area", "mm2")):  # type: ignore[no-untyped-def]
+    x_name, x_unit, y_name, y_unit = names
+    return Series(name="a", x_name=x_name, x_unit=x_unit, y_name=y_name, y_unit=y_unit, x=x, y=y, sigma=sigma)
+
+
+X = np.array([0.31, 0.52, 0.93, 1.4, 2.2, 2.9, 3.7, 4.8])
+BASE = 3.1 + 0.62 * np.log(X)
+SHAPES = {"offset:c": np.ones(X.size), "bend:c": np.log(X) ** 2 - 0.5, "copy:c": np.ones(X.size) + 0.02 * X}
+
+
+def predict(point):  # type: ignore[no-untyped-def]
+    return BASE + sum(value * SHAPES[name] for name, value in point.items())
+
+
+def parameter(name: str, deviation: float = 0.4) -> Parameter:
+    return Parameter(name=name, deviation=deviation, bounds=(-2.0, 3.0), step=0.1)
+
+
+def table(truth: dict[str, float], sigma: float = 0.04, seed: int = 5) -> Table:
+    noise = np.random.default_rng(seed).normal(size=X.size) * sigma
+    y = np.exp(predict(truth) + noise)
+    return Table.of([series(X, y, sigma * y)])
+
+
+def one(name: str, data: Table):  # type: ignore[no-untyped-def]
+    return fit_series(predict, data, (name.partition(":")[0],), [parameter(name)], {})
+
+
+def test_fit_is_the_ridge_regression_it_should_be() -> None:
+    data = table({"bend:c": 0.3})
+    fit = one("bend:c", data)
+    a = SHAPES["bend:c"] / data.sigma
+    r = (data.log_y - BASE) / data.sigma
+    precision = a @ a + 1 / 0.4**2
+    assert fit.point["bend:c"] == pytest.approx(a @ r / precision, rel=1e-4)
+    assert fit.covariance[0, 0] == pytest.approx(1 / precision, rel=1e-4)
+
+
+def test_evidence_is_that_of_the_gaussian_with_the_prior_folded_in() -> None:
+    data = table({"offset:c": 0.2})
+    fit, base = one("offset:c", data), fit_series(predict, data, (), (), {})
+    r, a = (data.log_y - BASE) / data.sigma, SHAPES["offset:c"] / data.sigma
+    marginal = stats.multivariate_normal(cov=np.eye(X.size) + 0.4**2 * np.outer(a, a)).logpdf(r)
+    alone = stats.multivariate_normal(cov=np.eye(X.size)).logpdf(r)
+    assert fit.log_evidence - base.log_evidence == pytest.approx(marginal - alone, abs=1e-3)
+
+
+def test_left_out_densities_are_those_of_fits_without_the_point() -> None:
+    data = table({"bend:c": -0.2})
+    fit = one("bend:c", data)
+    r, a = (data.log_y - BASE) / data.sigma, SHAPES["bend:c"] / data.sigma
+    for k in range(X.size):
+        rest = np.arange(X.size) != k
+        precision = a[rest] @ a[rest] + 1 / 0.4**2
+        mean, spread = a[k] * (a[rest] @ r[rest]) / precision, np.sqrt(1 + a[k] ** 2 / precision)
+        expected = stats.norm(mean, spread).logpdf(r[k]) - np.log(data.sigma[k])
+        assert fit.left_out[k] == pytest.approx(expected, abs=1e-3)
+
+
+def test_right_cause_wins_and_its_copy_is_alike() -> None:
+    data = table({"offset:c": 0.5})
+    base = fit_series(predict, data, (), (), {})
+    right, wrong, copy = one("offset:c", data), one("bend:c", data), one("copy:c", data)
+    assert gain_of(right, base)[0] > 2 * gain_of(right, base)[1]
+    assert right.log_evidence > wrong.log_evidence + 5
+    assert alike(right, copy, data, 9.0)
+    assert not alike(right, base, data, 9.0)
+    assert [f.ids for f in pairs_of([right, wrong, copy], 2)[0]] == [right.ids, copy.ids] or copy.log_evidence > 0
+
+
+def test_no_cause_no_alarm_and_alarms_at_their_level() -> None:
+    ps = [chi_square_p(fit_series(predict, data, (), (), {}), data) for data in (table({}, seed=k) for k in range(200))]
+    # Runs of so few points are discrete, and Fisher's rule then holds at most its level.
+    assert np.mean(np.array(ps) < 0.05) <= stats.binom.ppf(0.999, 200, 0.05) / 200
+
+
+def test_a_fit_at_its_bound_says_so() -> None:
+    fit = fit_series(predict, table({"offset:c": 0.9}), ("offset",), [
+        Parameter(name="offset:c", deviation=0.4, bounds=(-2.0, 0.5), step=0.1)
+    ], {})  # fmt: skip
+    assert not fit.within_bounds
+
+
+def test_series_of_the_rig_are_those_of_its_law() -> None:
+    scene = load_scene("thesis", {"camera.resolution_px": [400, 300], "camera.scale_px_per_mm": 11.674})
+    force = series(np.array([0.21, 0.44, 0.83]), np.ones(3), None, ("displacement", "mm", "force", "N"))
+    values = SeriesPredictor(scene, [force]).values(force, {})
+    from evanesce.contact.solve import contact_state
+
+    depth = [contact_state(scene, float(f)).depth for f in values]
+    # Forces are interpolated between 14 of the law, in logarithms, where Hertz is straight.
+    np.testing.assert_allclose(depth, force.x, rtol=0.02)
+
+
+def test_square_of_another_size_scales_every_area() -> None:
+    scene = load_scene("thesis", {"camera.exposure_ms": 4.0})
+    area = series(np.array([0.7, 3.3]), np.ones(2))
+    predictor = SeriesPredictor(scene, [area])
+    ratio = np.exp(predictor({"square_size:square": 0.04}) - predictor({}))
+    np.testing.assert_allclose(ratio, 1 / 1.04**2, rtol=1e-12)
+
+
+def test_causes_are_told_by_what_they_change() -> None:
+    scene = load_scene("thesis")
+    assert kind_of(scene, {"modulus:relative": 0.2}) == "mechanical"
+    assert kind_of(scene, {"tone_curve:gamma": 0.2}) == "optical"
+
+
+def test_assumed_scatter_replaces_what_was_stated() -> None:
+    again = with_assumed(table({}), 0.1)
+    assert again.assumed
+    assert np.all(again.sigma == 0.1)

@@ -7,7 +7,7 @@ import pytest
 
 from evanesce.contact.hertz import hertz_radius
 from evanesce.errors import InputError, WorkError
-from evanesce.materials import friction, profile, statistics, surface_files
+from evanesce.materials import friction, profile, relief, statistics, surface_files
 
 # --- friction
 
@@ -253,12 +253,12 @@ def test_map_returns_its_ridges_whatever_their_direction(scan):
 
 
 def test_height_maps_for_the_finger(scan):
-    surface = profile.height_map_of_scan(scan, 0.006)
+    surface = relief.height_map_of_scan(scan, 0.006)
     assert surface.height.shape == scan.shape
     assert np.isfinite(surface.height).all()
     assert np.percentile(surface.height, 5) == pytest.approx(-HEIGHT, abs=0.002)
     x = np.arange(0, 9.3, 0.004)
-    tiled = profile.height_map_of_profile(x, ridge(x - 0.21) + 0.002 * x, (5, 3000), 0.01)
+    tiled = relief.height_map_of_profile(x, ridge(x - 0.21) + 0.002 * x, (5, 3000), 0.01)
     row = tiled.height[2]
     assert tiled.pitch == 0.01
     # 30 mm from a profile of 9.3 mm: the ridges go on at their pitch, without a step at the seams.
@@ -271,7 +271,7 @@ def test_a_measured_profile_goes_straight_into_the_half_space_solver():
     from evanesce.contact.halfspace import press_height_map
 
     x = np.arange(0, 9.3, 0.004)
-    tiled = profile.height_map_of_profile(x, ridge(x - 0.21) + 0.002 * x, (8, 856), PITCH / 107)
+    tiled = relief.height_map_of_profile(x, ridge(x - 0.21) + 0.002 * x, (8, 856), PITCH / 107)
     light = press_height_map(tiled.distance, tiled.pitch, 0.3, 1e-5, periodic=True)
     touched = light.pressure > 0
     assert light.pressure.sum() * tiled.pitch**2 == pytest.approx(1e-5, rel=1e-6)

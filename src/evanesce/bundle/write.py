@@ -30,7 +30,7 @@ from evanesce.bundle.read import scene_at
 from evanesce.effects import Context, Stage, active_effects, all_effects, apply_stage
 from evanesce.render.cards import Card, Pose, checkerboard_of, pose_of, square_of
 from evanesce.render.transport import render_fast
-from evanesce.rig import Scene, dump_scene
+from evanesce.rig import Scene, copy_height_map, dump_scene
 from evanesce.simulate import Render, photograph, touch
 from evanesce.states import ContactState, PlateLight
 
@@ -179,6 +179,7 @@ def write_bundle(
 
     with new_folder(folder) as part:
         believed = believed or scene
+        copy_height_map(believed, part)
         (part / "scene.toml").write_text(dump_scene(believed), encoding="utf-8")
         frames, states = [], []
         for shot in protocol.press:

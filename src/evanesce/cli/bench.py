@@ -279,7 +279,7 @@ def _compare(groups: list[str], results: list[Any]) -> dict[str, Any]:
 def _profile(
     file: Path, pitch: float | None, unit: str, form: int, design: dict[str, float], out: Path | None
 ) -> Result:
-    from evanesce.materials import profile, surface_files
+    from evanesce.materials import profile, relief, surface_files
     from evanesce.report import bench_plots
 
     if file.suffix.lower() == ".csv" and not surface_files.is_matrix(file):
@@ -292,7 +292,8 @@ def _profile(
         step = float(np.median(np.diff(x)))
         samples = min(2048, max(64, round(float(np.ptp(x)) / step)))
         with _blames(file):
-            surface = profile.height_map_of_profile(x, z, (samples, samples), step) if result.pitch.count else None
+            tiled = result.pitch.count > 0
+            surface = relief.height_map_of_profile(x, z, (samples, samples), step, form) if tiled else None
     else:
         if pitch is None:
             raise InputError(
@@ -300,8 +301,8 @@ def _profile(
             )
         scan = surface_files.read_map(file, pitch, unit)
         with _blames(file):
-            result = profile.analyse_map(scan.height, scan.pitch)
-            surface = profile.height_map_of_scan(scan.height, scan.pitch)
+            result = profile.analyse_map(scan.height, scan.pitch, form_degree=form)
+            surface = relief.height_map_of_scan(scan.height, scan.pitch, form)
         folder = out_dir(out, "bench-profile")
         _save(bench_plots.map_figure(surface.height, scan.pitch, result), folder, "map.png")
     against = profile.against_design(result, design)
@@ -406,7 +407,7 @@ def register(app: typer.Typer) -> None:
         pitch: Annotated[float | None, typer.Option("--pitch-um", help="Sample distance of a height map.")] = None,
         unit: Annotated[str, typer.Option("--z-unit", help="Unit of a height map's figures.")] = "um",
         form: Annotated[
-            int, typer.Option("--form-degree", min=1, max=6, help="Profile: 2 flattens a round finger.")
+            int, typer.Option("--form-degree", min=1, max=6, help="Taken off first: 2 flattens a round finger.")
         ] = 1,
         height: Annotated[float | None, typer.Option("--design-height-um")] = None,
         width: Annotated[float | None, typer.Option("--design-width-um")] = None,

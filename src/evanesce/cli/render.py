@@ -88,8 +88,9 @@ def register(app: typer.Typer) -> None:
         out: OutOption = None,
     ) -> None:
         """Render a scene's loading programme: frames, raw, OpenEXR with radiance, variance, gap, pressure and mask."""
+        from evanesce.contact.solve import check_skin
         from evanesce.effects import active_effects
-        from evanesce.rig import dump_scene, load_scene, scene_path
+        from evanesce.rig import copy_height_map, dump_scene, load_scene, scene_path
 
         check_json_target(json_file)
         check_variant(variant)
@@ -100,6 +101,7 @@ def register(app: typer.Typer) -> None:
             overrides["press"] = {"forces_N": list(force)}
         loaded = load_scene(scene, overrides)
         active_effects(loaded, scene_path(scene))  # refused here, before anything is written
+        check_skin(loaded)
         if not 1 <= bands <= MAX_BANDS:
             raise InputError(f"{bands}", key="--bands", allowed=f"1 to {MAX_BANDS}")
         if until_error is not None and not 0 < until_error < 1:
@@ -112,6 +114,7 @@ def register(app: typer.Typer) -> None:
             loaded, folder, seed=loaded.render.seed if seed is None else seed, fast=fast, variant=variant, bands=bands,
             options=options, exr=exr, video=video,
         )  # fmt: skip
+        copy_height_map(loaded, folder)
         write_text(folder / "scene.toml", dump_scene(loaded))
         write_text(folder / "README.txt", _README)
         write_json(folder / "result.json", result)
@@ -123,7 +126,7 @@ _README = """frame_NNNNNN.png   8-bit frame, as the measurement pipeline reads i
 raw_NNNNNN.png     12-bit raw numbers in a 16-bit PNG [DN]
 light_NNNNNN.exr   radiance, its variance, gap [mm], pressure [MPa], contact mask on the distortion-free pinhole view
 times.csv          time stamps of the frames [s]
-scene.toml         the scene as rendered
+scene.toml         the scene as rendered; height_map.* beside it if it has a scanned finger
 result.json        true areas [mm^2], provenance
 """
 

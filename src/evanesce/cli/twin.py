@@ -73,13 +73,14 @@ def _write(folder: Path, made: Twin, judged: Judgement, name: str, origin: Any) 
     import numpy as np
 
     from evanesce.report import html, twin_page
-    from evanesce.rig import dump_scene
+    from evanesce.rig import copy_height_map, dump_scene
     from evanesce.sensor.codec import replacing, write_png
 
     write_png(folder / "photo_grey.png", np.clip(np.rint(made.photo), 0, 255).astype(np.uint8))
     write_png(folder / "twin.png", made.simulated)
     with replacing(folder / "difference.png") as path:
         path.write_bytes(twin_page.difference_png(made))
+    copy_height_map(made.scene, folder)
     write_text(folder / "twin_scene.toml", dump_scene(made.scene))
     html.write(folder / "report.html", twin_page.page(made, judged, name, origin))
 

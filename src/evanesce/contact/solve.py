@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any, overload
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from evanesce.contact.adhered import adhered_contact, adhered_state
@@ -17,16 +18,17 @@ from evanesce.contact.hertz import hertz_contact, reduced_modulus, scaled_hertz_
 from evanesce.contact.jkr import jkr_contact
 from evanesce.contact.patch import AxisymmetricContact, axisymmetric_state, radii
 from evanesce.contact.resolved import Adhesion, pressed_profile, resolved_state
-from evanesce.contact.ridged import require_resolved, ridged_state
+from evanesce.contact.ridged import ridged_state
 from evanesce.contact.roughness import persson_contact_fraction
 from evanesce.contact.scaling import stiffness_factor
+from evanesce.contact.skin import Skin, require_within_scan, ridge_parameters, ridge_row_of, skin_of
 from evanesce.contact.sliding_states import SlideStates
 from evanesce.contact.solve_fem import fem_contact, fem_state, small_strain_modulus
 from evanesce.contact.solve_slide import slide_programme, slide_states
 from evanesce.contact.xydas_kao import xydas_kao_contact
 from evanesce.errors import InputError
 from evanesce.materials import material
-from evanesce.rig import Ridges, Scene
+from evanesce.rig import Scene
 from evanesce.rig.finger import FemLaw, HalfspaceLaw, HertzLaw, JkrLaw, ScaledHertzLaw, XydasKaoLaw
 from evanesce.states import ContactState, PlateGrid
 
@@ -35,6 +37,16 @@ def contact_grid(scene: Scene) -> PlateGrid:
     """Return the square grid around the finger's tip that ``scene.grid`` describes."""
     count = scene.grid.samples
     return PlateGrid(shape=(count, count), pitch=scene.grid.size_mm / count, centre=scene.finger.position_mm)
+
+
+def check_skin(scene: Scene) -> None:
+    """Refuse a scene whose ridges or height map cannot be put on its grid, before any work is done.
+
+    Raises
+    ------
+    InputError
+    """
+    skin_of(scene.finger, contact_grid(scene))
 
 
 def contact_state(scene: Scene, force_N: float, *, time_s: float = 0.0) -> ContactState:
@@ -51,13 +63,13 @@ def contact_state(scene: Scene, force_N: float, *, time_s: float = 0.0) -> Conta
     Returns
     -------
     ContactState
-        On :func:`contact_grid`; ``law`` ends in ``+ridges`` where the finger has them.
+        On :func:`contact_grid`; ``law`` ends in ``+ridges`` or ``+height_map`` where the finger has them.
 
     Raises
     ------
     InputError
         If the force is impossible, the contact does not fit on the grid or the finger, the grid is too coarse for the
-        ridges, the material is unknown, or the law has no answer for this force.
+        ridges, the contact leaves a scan, the material is unknown, or the law has no answer for this force.
     """
     if not (math.isfinite(force_N) and force_N >= 0):
         raise InputError(f"normal force of {force_N:g} N", key="press.forces_N", allowed="a finite force, not negative")
@@ -88,11 +100,11 @@ def _state_by_law(scene: Scene, force: float, time: float) -> ContactState:
 def _adhesive_state(scene: Scene, force: float, time: float) -> ContactState:
     """Return the contact under a law that knows no adhesion, with the finger's own on top."""
     work, modulus = scene.finger.work_of_adhesion_N_per_mm, _modulus(scene, force)
-    grid, centre, row = contact_grid(scene), scene.finger.position_mm, scene.finger.ridges
+    grid, centre = contact_grid(scene), scene.finger.position_mm
     dry_finger = scene.finger.model_copy(update={"work_of_adhesion_N_per_mm": 0.0})
     dry = scene.model_copy(update={"finger": dry_finger})
-    smooth = dry.model_copy(update={"finger": dry_finger.model_copy(update={"ridges": None})})
-    if row is None:
+    smooth, skin = _without_skin(dry), skin_of(scene.finger, grid)
+    if skin is None:
         contact, dry_force = adhered_contact(lambda load: _smooth(smooth, load)[0], force, modulus, work)
         state = _state_by_law(smooth, dry_force, time)
         named = {**state.parameters, "work_of_adhesion_N_per_mm": work, "dry_force_N": dry_force}
@@ -100,16 +112,38 @@ def _adhesive_state(scene: Scene, force: float, time: float) -> ContactState:
         fields = ("pressure", "gap", "contact_mask", "normal_force", "nominal_contact_area", "depth")
         return replace(state, **{name: getattr(adhesive, name) for name in fields}, parameters=named)
     base = _state_by_law(smooth, force, time)
-    ridges = _row(row).heights(grid.x[None, :] - centre[0], grid.y[:, None] - centre[1])
-    pressure, gap = np.asarray(base.pressure, dtype=float), np.asarray(base.gap, dtype=float)
-    heights = pressed_profile(pressure, gap, ridges, grid.pitch, modulus)
-    return adhered_state(_state_by_law(dry, force, time), heights, modulus, Adhesion(work))
+    heights = _on_pressed(base, skin, modulus)
+    return require_within_scan(adhered_state(_state_by_law(dry, force, time), heights, modulus, Adhesion(work)), skin)
+
+
+def _without_skin(scene: Scene) -> Scene:
+    """Return the scene with a smooth finger."""
+    smooth = scene.finger.model_copy(update={"ridges": None, "height_map": None})
+    return scene.model_copy(update={"finger": smooth})
+
+
+def _on_pressed(smooth: ContactState, skin: Skin, modulus: float) -> NDArray[np.float64]:
+    """Return the height map [mm] that stands for a relief on a smooth contact that is known."""
+    pressure, gap = np.asarray(smooth.pressure, dtype=float), np.asarray(smooth.gap, dtype=float)
+    return pressed_profile(pressure, gap, skin.depth, smooth.grid.pitch, modulus)
+
+
+def _skinned(
+    scene: Scene, smooth: ContactState, skin: Skin, modulus: float, parameters: Mapping[str, Any]
+) -> ContactState:
+    """Return a smooth contact with a relief on it, which closes as on a half-space of the local stiffness."""
+    state = resolved_state(
+        smooth.grid, _on_pressed(smooth, skin, modulus), modulus, smooth.normal_force,
+        law=f"{scene.contact.law}+{skin.name}", parameters={**parameters, **skin.parameters}, time=smooth.time,
+    )  # fmt: skip
+    # the half-space's own approach is not the finger's
+    return require_within_scan(replace(state, depth=smooth.depth), skin)
 
 
 def _knows_adhesion(scene: Scene) -> bool:
     """Tell whether the finger's own work of adhesion enters the law's formulas: Hertz turns into JKR."""
     if isinstance(scene.contact, HertzLaw | JkrLaw):
-        return scene.finger.ridges is None
+        return scene.finger.is_smooth
     return isinstance(scene.contact, HalfspaceLaw)
 
 
@@ -127,17 +161,19 @@ def _require_on_finger(scene: Scene, state: ContactState) -> None:
 def _analytic_state(scene: Scene, force: float, time: float) -> ContactState:
     contact, modulus, parameters = _smooth(scene, force)
     grid, centre, law = contact_grid(scene), scene.finger.position_mm, scene.contact.law
-    ridges = scene.finger.ridges
+    ridges, scan = scene.finger.ridges, scene.finger.height_map
+    if not scene.finger.is_smooth and isinstance(scene.contact, JkrLaw):
+        allowed = "hertz, scaled_hertz, xydas_kao, halfspace, fem"
+        raise InputError("a relief on the tip needs a law without adhesion", key="contact.law", allowed=allowed)
     if ridges is None:
-        return axisymmetric_state(grid, centre, contact, law=law, parameters=parameters, time=time)
-    if isinstance(scene.contact, JkrLaw):
-        allowed = "hertz, scaled_hertz, xydas_kao, halfspace"
-        raise InputError("the first ridged model needs a law without adhesion", key="contact.law", allowed=allowed)
+        smooth = axisymmetric_state(grid, centre, contact, law=law, parameters=parameters, time=time)
+        skin = None if scan is None else skin_of(scene.finger, grid)
+        return smooth if skin is None else _skinned(scene, smooth, skin, modulus, parameters)
     if ridges.rounding_um is not None:
         allowed = 'law "halfspace", or no rounding'
         raise InputError("the first ridged model has its own shape", key="finger.ridges.rounding_um", allowed=allowed)
-    row = _row(ridges)
-    parameters |= _ridge_parameters(row)
+    row = ridge_row_of(ridges)
+    parameters |= ridge_parameters(row)
     try:
         return ridged_state(grid, centre, contact, row, modulus, law=f"{law}+ridges", parameters=parameters, time=time)
     except InputError:
@@ -154,37 +190,26 @@ def _halfspace_state(scene: Scene, law: HalfspaceLaw, force: float, time: float)
         "material": scene.finger.material,
         "reduced_modulus_MPa": modulus,
     }
-    if scene.finger.ridges is not None:
-        row = _row(scene.finger.ridges)
-        require_resolved(grid, row)
-        try:
-            heights = heights + row.heights(grid.x[None, :] - centre[0], grid.y[:, None] - centre[1])
-        except ValueError as error:
-            raise InputError(str(error), key="finger.ridges") from None
-        parameters |= _ridge_parameters(row)
+    skin = skin_of(scene.finger, grid)
+    if skin is not None:
+        heights = heights + skin.depth
+        parameters |= skin.parameters
     work = law.work_of_adhesion_N_per_mm + scene.finger.work_of_adhesion_N_per_mm
     adhesion = Adhesion(work, law.cohesive_stress_MPa)
-    name = law.law if scene.finger.ridges is None else f"{law.law}+ridges"
-    return resolved_state(grid, heights, modulus, force, law=name, adhesion=adhesion, parameters=parameters, time=time)
+    name = law.law if skin is None else f"{law.law}+{skin.name}"
+    state = resolved_state(grid, heights, modulus, force, law=name, adhesion=adhesion, parameters=parameters, time=time)
+    return state if skin is None else require_within_scan(state, skin)
 
 
 def _fem_state(scene: Scene, law: FemLaw, force: float, time: float) -> ContactState:
     """Return the library's press; ridges ride on it as on a half-space of the local stiffness."""
-    grid, centre = contact_grid(scene), scene.finger.position_mm
+    grid = contact_grid(scene)
     smooth = fem_state(scene.finger, law, force, grid, time, stiffness_factor(scene.finger, force))
-    if scene.finger.ridges is None:
+    skin = skin_of(scene.finger, grid)
+    if skin is None:
         return smooth
-    row, modulus = _row(scene.finger.ridges), _modulus(scene, force)
-    require_resolved(grid, row)
-    try:
-        ridges = row.heights(grid.x[None, :] - centre[0], grid.y[:, None] - centre[1])
-    except ValueError as error:
-        raise InputError(str(error), key="finger.ridges") from None
-    pressure, gap = np.asarray(smooth.pressure, dtype=float), np.asarray(smooth.gap, dtype=float)
-    heights = pressed_profile(pressure, gap, ridges, grid.pitch, modulus)
-    parameters = {**smooth.parameters, **_ridge_parameters(row), "reduced_modulus_MPa": modulus}
-    state = resolved_state(grid, heights, modulus, force, law="fem+ridges", parameters=parameters, time=time)
-    return replace(state, depth=smooth.depth)  # the half-space's own approach is not the finger's
+    modulus = _modulus(scene, force)
+    return _skinned(scene, smooth, skin, modulus, {**smooth.parameters, "reduced_modulus_MPa": modulus})
 
 
 def contact_sequence(scene: Scene) -> Sequence[ContactState]:
@@ -246,31 +271,6 @@ def _sliding_state(scene: Scene, force: float, time: float) -> ContactState:
     return _slide_of(scene.model_dump_json())[index]
 
 
-def _ridge_parameters(row: RidgeRow) -> dict[str, Any]:
-    named: dict[str, Any] = {
-        "ridge_pattern": row.pattern,
-        "ridge_pitch_mm": row.pitch,
-        "ridge_width_mm": row.width,
-        "ridge_height_mm": row.height,
-        "ridge_orientation_rad": row.orientation,
-    }
-    if row.rounding is not None:
-        named["ridge_rounding_mm"] = row.rounding
-    return named
-
-
-def _row(ridges: Ridges) -> RidgeRow:
-    return RidgeRow(
-        pattern=ridges.pattern,
-        pitch=1e-3 * ridges.pitch_um,
-        width=1e-3 * ridges.width_um,
-        height=1e-3 * ridges.height_um,
-        orientation=math.radians(ridges.orientation_deg),
-        rounding=None if ridges.rounding_um is None else 1e-3 * ridges.rounding_um,
-        core_length=ridges.core_length_mm,
-    )
-
-
 def _modulus(scene: Scene, force: float) -> float:
     """Return E* [MPa] of the finger as stiff as it is (:mod:`evanesce.contact.scaling`)."""
     factor = stiffness_factor(scene.finger, force)
@@ -305,8 +305,16 @@ def smooth_contact(scene: Scene, force_N: float) -> tuple[AxisymmetricContact, f
 
 
 def ridge_row(scene: Scene) -> RidgeRow | None:
-    """Return the ridges of a scene's finger; None for a smooth one."""
-    return None if scene.finger.ridges is None else _row(scene.finger.ridges)
+    """Return the ridges of a scene's finger; None for a smooth one.
+
+    Raises
+    ------
+    InputError
+        For a finger with a height map, which no row of ridges stands for.
+    """
+    if scene.finger.height_map is not None:
+        raise InputError("a height map does not slide", key="finger.height_map", allowed="finger.ridges, or neither")
+    return None if scene.finger.ridges is None else ridge_row_of(scene.finger.ridges)
 
 
 def _smooth(scene: Scene, force: float) -> tuple[AxisymmetricContact, float, dict[str, Any]]:

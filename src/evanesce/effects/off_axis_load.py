@@ -42,7 +42,7 @@ def apply(state: ContactState, parameters: Parameters, context: Context) -> Cont
     oval = math.hypot(parameters.oval_x_per_N, parameters.oval_diagonal_per_N) * force
     if oval == 0.0:
         return state
-    if context.scene.finger.ridges is not None:
+    if not context.scene.finger.is_smooth:
         raise InputError(
             "an oval contact of a ridged finger is not known",
             key="effects.off_axis_load",

@@ -43,7 +43,7 @@ def apply(state: ContactState, parameters: Parameters, context: Context) -> Cont
     """
     if parameters.loss_mm2_per_N2 == 0.0 or state.nominal_contact_area <= 0.0:
         return state
-    if context.scene.finger.ridges is not None:
+    if not context.scene.finger.is_smooth:
         raise InputError(
             "loss of area under shear is not known for ridges", key="effects.shear_area_loss", allowed="a smooth finger"
         )

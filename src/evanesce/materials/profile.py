@@ -1,4 +1,4 @@
-"""Ridges from a surface scan: height, width, pitch and rounding with their spread, and a height map for the finger."""
+"""Ridges from a surface scan: height, width, pitch and rounding with their spread."""
 
 from __future__ import annotations
 
@@ -13,27 +13,6 @@ from scipy import ndimage
 from evanesce.errors import WorkError
 
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class HeightMap:
-    """A surface as the contact solvers take it.
-
-    Attributes
-    ----------
-    height : ndarray (rows, cols)
-        Towards the glass [mm]; 0 at the mean crest, furrows negative.
-    pitch : float
-        Sample distance in x and y [mm].
-    """
-
-    height: Floats
-    pitch: float
-
-    @property
-    def distance(self) -> Floats:
-        """Undeformed distance from the glass with the mean crest touching [mm]: what the half-space solver presses."""
-        return -self.height
 
 
 @dataclass(frozen=True)
@@ -83,8 +62,8 @@ class RidgeResult:
     lines: int
 
 
-def _take_off(z: Floats, design: Floats) -> Floats:
-    """Return z less its form, fitted together with a step between ridges and furrows.
+def _form(z: Floats, design: Floats) -> Floats:
+    """Return the coefficients (terms,) of the form of z (n,), fitted together with a step between ridges and furrows.
 
     Without the step the form would lean towards whatever side of the scan holds the larger share of a ridge.
     """
@@ -96,20 +75,36 @@ def _take_off(z: Floats, design: Floats) -> Floats:
         rest = z[known] - design[known] @ form
         raised = (rest > np.percentile(rest, [10, 90]).mean()).astype(float)
         form = np.linalg.lstsq(np.column_stack([design[known], raised - raised.mean()]), z[known], rcond=None)[0][:-1]
-    return z - design @ form
+    return np.asarray(form, dtype=float)
 
 
-def level(height: ArrayLike) -> Floats:
-    """Return a map (rows, cols) with its best plane taken off; NaN allowed and kept."""
+def level(height: ArrayLike, degree: int = 1) -> Floats:
+    """Return a map (rows, cols) with its form taken off; NaN allowed and kept.
+
+    Parameters
+    ----------
+    height : array_like (rows, cols)
+    degree : int
+        Of the polynomial in x and y: 1 levels, 2 flattens a round finger.
+    """
     z = np.asarray(height, dtype=float)
-    y, x = np.meshgrid(*(np.linspace(-1.0, 1.0, n) for n in z.shape), indexing="ij")
-    return _take_off(z.ravel(), np.column_stack([np.ones(z.size), x.ravel(), y.ravel()])).reshape(z.shape)
+    y, x = (np.linspace(-1.0, 1.0, n) for n in z.shape)
+    powers = [(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]
+    # A part of the samples fixes a handful of coefficients; all of a large scan would only cost time and memory.
+    step = max(1, int(np.ceil(np.sqrt(z.size / 2e5))))
+    design = np.column_stack([np.multiply.outer(y[::step] ** j, x[::step] ** i).ravel() for i, j in powers])
+    form = _form(z[::step, ::step].ravel(), design)
+    flat = z.copy()
+    for (i, j), share in zip(powers, form, strict=True):
+        flat -= np.multiply.outer(share * y**j, x**i)
+    return flat
 
 
 def remove_form(height: ArrayLike, degree: int = 2) -> Floats:
     """Return a profile with a polynomial form taken off: a scan across a round finger is bent."""
     z = np.asarray(height, dtype=float)
-    return _take_off(z, np.asarray(legvander(np.linspace(-1.0, 1.0, len(z)), degree), dtype=float))
+    design = np.asarray(legvander(np.linspace(-1.0, 1.0, len(z)), degree), dtype=float)
+    return z - design @ _form(z, design)
 
 
 def fill_gaps(height: ArrayLike) -> Floats:
@@ -270,7 +265,7 @@ def ridge_orientation(height: ArrayLike) -> float:
     return float(along - np.pi if along > np.pi / 2 else along)
 
 
-def analyse_map(height: ArrayLike, pitch: float, lines: int = 64) -> RidgeResult:
+def analyse_map(height: ArrayLike, pitch: float, lines: int = 64, form_degree: int = 1) -> RidgeResult:
     """Measure the ridges of a map along lines across them.
 
     Parameters
@@ -281,13 +276,15 @@ def analyse_map(height: ArrayLike, pitch: float, lines: int = 64) -> RidgeResult
         Sample distance [mm].
     lines : int
         Evenly spaced profiles.
+    form_degree : int
+        As :func:`level`.
 
     Raises
     ------
     WorkError
         If no whole ridge is found, or most of the map is lost.
     """
-    z = level(height)
+    z = level(height, form_degree)
     filled = fill_gaps(z)
     along = ridge_orientation(filled)
     # Image axes: x along columns, y along rows, both in samples.
@@ -321,44 +318,3 @@ def against_design(result: RidgeResult, design: Mapping[str, float]) -> dict[str
             "relative_deviation": measured.mean / wanted - 1.0,
         }
     return table
-
-
-def height_map_of_scan(height: ArrayLike, pitch: float) -> HeightMap:
-    """Return a scanned map as a finger's height map: levelled, gaps filled, mean crest at 0."""
-    z = fill_gaps(level(height))
-    return HeightMap(z - _crest(z), pitch)
-
-
-def height_map_of_profile(x: ArrayLike, z: ArrayLike, shape: tuple[int, int], pitch: float) -> HeightMap:
-    """Return a height map of parallel ridges along y that repeat one measured profile.
-
-    The profile is levelled and cut to a whole number of ridges, so that its repetition has no step.
-
-    Parameters
-    ----------
-    x, z : array_like (n,)
-        Position and height [mm].
-    shape : tuple of int
-        (rows, cols).
-    pitch : float
-        Sample distance of the map [mm].
-
-    Raises
-    ------
-    WorkError
-        With fewer than two whole ridges in the profile.
-    """
-    x = np.asarray(x, dtype=float)
-    z = remove_form(fill_gaps(np.asarray(z, dtype=float)), 1)
-    middles = sorted(ridge.middle for ridge in ridges_of_profile(x, z))
-    if len(middles) < 2:
-        raise WorkError(f"{len(middles)} whole ridge in the profile; at least 2 are needed to repeat it")
-    start, period = middles[0], middles[-1] - middles[0]
-    at = start + np.mod((np.arange(shape[1]) - (shape[1] - 1) / 2) * pitch, period)
-    row = np.interp(at, x, z)
-    return HeightMap(np.tile(row - _crest(z), (shape[0], 1)), pitch)
-
-
-def _crest(z: Floats) -> float:
-    """Return the mean height of the upper tenth."""
-    return float(z[z >= np.percentile(z, 90)].mean())

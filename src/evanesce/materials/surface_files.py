@@ -1,7 +1,8 @@
-"""Surface scans from files: a profile or a height matrix as CSV, a height map as TIFF or OpenEXR."""
+"""Surface scans from files: a profile or a height matrix as CSV, a height map as TIFF, OpenEXR or NPZ."""
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +10,15 @@ import OpenEXR
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
-from evanesce.errors import InputError
+from evanesce.errors import EvanesceError, InputError, WorkError
 from evanesce.materials.columns import UNITS, Column, number, read_columns, read_rows
-from evanesce.materials.profile import HeightMap
+from evanesce.materials.relief import HeightMap, RepeatedProfile, height_map_of_scan, repeated_profile
 
 Floats = NDArray[np.float64]
 MAX_SAMPLES = 100_000_000
 LONGEST_MM = 1000.0
+RELIEF_MM = (1e-4, 5.0)
+"""Range that the relief of a finger's skin may span, as that of designed ridges [mm]."""
 
 PROFILE_COLUMNS = (
     Column("x", ("position", "distance", "path"), "length"),
@@ -87,17 +90,98 @@ def read_map(path: Path, pitch: float, height_unit: str) -> HeightMap:
         values = _exr(path)
     else:
         raise InputError(f"a {suffix or 'nameless'} file", file=path, allowed=".csv, .tif, .tiff, .exr")
-    if min(values.shape) < 32:
-        raise InputError(f"{values.shape[1]} x {values.shape[0]} samples", file=path, allowed="at least 32 x 32")
-    height = values * UNITS["length"][height_unit]
+    return _plausible(values * UNITS["length"][height_unit], pitch, path, "--pitch-um")
+
+
+def _plausible(height: Floats, pitch: float, path: Path, key: str) -> HeightMap:
+    """Refuse a map that is too small, empty, or of heights [mm] that do not go with its pitch [mm]."""
+    if min(height.shape) < 32:
+        raise InputError(f"{height.shape[1]} x {height.shape[0]} samples", file=path, allowed="at least 32 x 32")
+    if not 1e-6 <= pitch <= 10.0:
+        raise InputError(f"{pitch:g} mm", file=path, key=key, allowed="0.001 to 10000 um")
     if not np.isfinite(height).any():
         raise InputError("holds no finite height", file=path)
-    span = float(np.nanmax(height) - np.nanmin(height))
-    if span == 0.0 or span > 0.5 * pitch * max(height.shape):
-        raise InputError(
-            f"heights span {span:.4g} mm over {pitch * max(height.shape):.4g} mm; are unit and pitch right?", file=path
-        )
+    known = height[np.isfinite(height)]
+    span, side = float(np.ptp(known)), pitch * max(height.shape)
+    if span == 0.0 or span > 0.5 * side:
+        raise InputError(f"heights span {span:.4g} mm over {side:.4g} mm; are unit and pitch right?", file=path)
     return HeightMap(height, pitch)
+
+
+def read_skin(
+    path: Path, pitch: float | None, height_unit: str | None, form_degree: int
+) -> HeightMap | RepeatedProfile:
+    """Read the surface of a finger for a scene: a whole map, or a profile to be repeated, levelled, mean crest at 0.
+
+    Parameters
+    ----------
+    path : Path
+        NPZ with ``distance_mm`` and ``pitch_mm`` as `evanesce bench profile` writes it; CSV with a profile or a
+        matrix, TIFF, OpenEXR.
+    pitch : float or None
+        Sample distance [mm]: needed for a map from CSV, TIFF or OpenEXR, and for no other.
+    height_unit : str or None
+        nm, um, mm or m: needed and not needed for the same.
+    form_degree : int
+        Of the form that is taken off, 1 or 2.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_map`; for lost samples, a key that is missing or does not belong, or a relief that no finger has.
+    """
+    key, suffix = "finger.height_map", path.suffix.lower()
+    carries = suffix == ".npz" or (suffix == ".csv" and path.is_file() and not is_matrix(path))
+    for name, value in (("pitch_um", pitch), ("height_unit", height_unit)):
+        if carries and value is not None:
+            raise InputError("the file says this itself", file=path, key=f"{key}.{name}", allowed="no such key")
+        if not carries and value is None:
+            raise InputError(
+                "missing", file=path, key=f"{key}.{name}", allowed="needed for a map that does not carry it"
+            )
+    try:
+        if suffix == ".csv" and carries:
+            skin: HeightMap | RepeatedProfile = repeated_profile(*read_profile(path), form_degree)
+        else:
+            raw = _npz(path) if suffix == ".npz" else read_map(path, pitch or 0.0, height_unit or "")
+            lost = np.argwhere(~np.isfinite(raw.height))
+            if len(lost):
+                raise InputError(
+                    f"{len(lost)} samples without a height, the first in row {lost[0][0] + 1}, column {lost[0][1] + 1}",
+                    file=path, allowed="whole maps; `evanesce bench profile` fills gaps and writes one",
+                )  # fmt: skip
+            skin = height_map_of_scan(raw.height, raw.pitch, form_degree)
+    except WorkError as error:  # no ridge to repeat, too little data: it is this file that is unfit
+        raise InputError(str(error), file=path) from None
+    span, (least, most) = float(np.ptp(skin.height)), RELIEF_MM
+    if not least <= span <= most:
+        raise InputError(
+            f"heights span {1e3 * span:.4g} um; is the unit right?", file=path, key=key,
+            allowed=f"{1e3 * least:g} to {1e3 * most:g} um",
+        )  # fmt: skip
+    return skin
+
+
+def _npz(path: Path) -> HeightMap:
+    """Read what `evanesce bench profile` writes; nothing is unpacked before its size is known."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            unpacked = sum(entry.file_size for entry in archive.infolist())
+        if unpacked > 8 * MAX_SAMPLES + 100_000:
+            raise InputError(f"unpacks to {unpacked} bytes", file=path, allowed=f"at most {MAX_SAMPLES} samples")
+        with np.load(path, allow_pickle=False) as data:
+            distance, pitch = np.asarray(data["distance_mm"]), np.asarray(data["pitch_mm"])
+    except EvanesceError:
+        raise
+    except Exception as error:  # zipfile, zlib and numpy raise a dozen kinds on damaged archives
+        what = f"holds no {error.args[0].split()[0]}" if isinstance(error, KeyError) else "not a readable NPZ archive"
+        raise InputError(what, file=path, allowed="distance_mm (rows, cols) and pitch_mm") from None
+    if distance.ndim != 2 or pitch.ndim != 0 or distance.dtype.kind not in "fiu" or pitch.dtype.kind not in "fiu":
+        raise InputError(
+            f"distance_mm of shape {distance.shape}, pitch_mm of shape {pitch.shape}", file=path,
+            allowed="distance_mm (rows, cols) and pitch_mm, a number",
+        )  # fmt: skip
+    return _plausible(-distance.astype(float), float(pitch), path, "pitch_mm")
 
 
 def _matrix(path: Path) -> Floats:

@@ -2,7 +2,8 @@
 
 from evanesce.rig.camera import Camera, Distortion
 from evanesce.rig.card import Cards
-from evanesce.rig.finger import Contact, Finger, Ridges
+from evanesce.rig.finger import Contact, Finger, Ridges, ScannedSkin
+from evanesce.rig.height_map import copy_height_map
 from evanesce.rig.leds import LedCircuit, Leds
 from evanesce.rig.load import dump_scene, load_scene, scene_path
 from evanesce.rig.plate import Plate
@@ -21,8 +22,10 @@ __all__ = [
     "Press",
     "Ramp",
     "Ridges",
+    "ScannedSkin",
     "Scene",
     "Slide",
+    "copy_height_map",
     "dump_scene",
     "load_scene",
     "scene_path",

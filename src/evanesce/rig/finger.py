@@ -26,6 +26,32 @@ class Ridges(Strict):
     core_length_mm: float = field(2.0, unit="mm", bounds=(0.0, 100.0), doc="segment that a whorl's rings enclose")
 
 
+class ScannedSkin(Strict):
+    """Surface of the finger as a lab measured it, in the place of designed ridges; read by :mod:`evanesce.materials`.
+
+    Columns of the map run along +x of the plate and rows along +y, as the camera sees the finger through the glass;
+    its middle lies on the tip unless ``offset_mm`` says otherwise. A profile repeats itself without end.
+    """
+
+    file: str = Field(
+        min_length=1, max_length=4096, description="npz (of `evanesce bench profile`), csv, tif, exr; beside the scene"
+    )
+    pitch_um: float | None = field(
+        None, unit="um", bounds=(0.01, 1000.0), doc="sample distance of a map that does not carry its own"
+    )
+    height_unit: Literal["nm", "um", "mm", "m"] | None = Field(None, description="of a csv, tif or exr map's figures")
+    form_degree: int = Field(1, ge=1, le=2, description="taken off: 1 a plane, 2 a scanned tip's roundness")
+    offset_mm: tuple[float, float] = field(
+        (0.0, 0.0), unit="mm", bounds=(-100.0, 100.0), doc="middle of the scan from the tip, (x, y)"
+    )
+    orientation_deg: float = field(
+        0.0, unit="deg", bounds=(-180.0, 180.0), doc="by which the scan is turned, from x towards y"
+    )
+    sha256: str | None = Field(
+        None, pattern="^[0-9a-f]{64}$", description="of the file; filled in on reading, and checked where it is given"
+    )
+
+
 class Finger(Strict):
     """Cylinder with a hemispherical tip, pressed along the plate's normal."""
 
@@ -68,6 +94,12 @@ class Finger(Strict):
         0.0, unit="N/mm", bounds=(0.0, 0.1), null=0.0, doc="beside what the contact law has; 0.001 N/mm is 1 J/m^2"
     )
     ridges: Ridges | None = None
+    height_map: ScannedSkin | None = None
+
+    @property
+    def is_smooth(self) -> bool:
+        """Whether the tip carries neither ridges nor a height map."""
+        return self.ridges is None and self.height_map is None
 
 
 class HertzLaw(Strict):

@@ -15,6 +15,7 @@ from pydantic import BaseModel, ValidationError
 from evanesce.errors import InputError
 from evanesce.quantities import UNIT_SUFFIXES, Quantity, Strict, quantity_of
 from evanesce.resources import resource
+from evanesce.rig import height_map
 from evanesce.rig.finger import Contact
 from evanesce.rig.scene import Scene
 
@@ -64,7 +65,7 @@ def load_scene(name: str | Path, overrides: dict[str, Any] | None = None) -> Sce
         raise InputError(f"not valid TOML: {error}", file=path) from None
     for dotted, value in (overrides or {}).items():
         _set(data, dotted, value, path)
-    return validate(Scene, data, path)
+    return height_map.located(validate(Scene, data, path), path)
 
 
 def _set(data: dict[str, Any], dotted: str, value: Any, path: Path) -> None:
@@ -236,5 +237,8 @@ def _plain(value: Any) -> Any:
 
 
 def dump_scene(scene: Scene) -> str:
-    """Return a scene as TOML text that :func:`load_scene` reads back equal."""
-    return tomli_w.dumps(scene.as_dict())
+    """Return a scene as TOML text that :func:`load_scene` reads back equal.
+
+    A height map is named as :func:`~evanesce.rig.copy_height_map` names its copy, which belongs beside the text.
+    """
+    return tomli_w.dumps(height_map.relative(scene).as_dict())

@@ -95,6 +95,8 @@ class Scene(Strict):
         if self.finger.tip_radius_mm * 2 > self.finger.diameter_mm * 4:
             raise ValueError("finger.tip_radius_mm is more than twice finger.diameter_mm: not a finger's tip")
         ridges = self.finger.ridges
+        if ridges is not None and self.finger.height_map is not None:
+            raise ValueError("finger.ridges and finger.height_map are both given (allowed: one of them)")
         if ridges is not None and ridges.width_um > ridges.pitch_um:
             raise ValueError(
                 f"finger.ridges.width_um = {ridges.width_um:g} exceeds the pitch"
@@ -132,7 +134,7 @@ class Scene(Strict):
         forces = self.press.forces_N
         if forces is None or len(forces) != 1 or forces[0] <= self.slide.preload_N:
             raise ValueError("a slide needs press.forces_N with one force, above slide.preload_N")
-        if self.finger.ridges is not None or self.contact.law == "halfspace":
+        if not self.finger.is_smooth or self.contact.law == "halfspace":
             raise ValueError("a slide needs a smooth finger and a law other than halfspace: it knows round contacts")
 
     def _has(self, dotted: str) -> bool:

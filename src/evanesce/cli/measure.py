@@ -40,10 +40,24 @@ def register(app: typer.Typer) -> None:
         ] = True,
         blur: Annotated[float, typer.Option("--blur", help="Standard deviation of the Gaussian, in px.")] = 1.0,
         radius: Annotated[int, typer.Option("--radius", help="Radius of the dilating disk, in px.")] = 10,
+        estimator: Annotated[
+            str,
+            typer.Option(
+                "--estimator",
+                help="author: the thresholding chain; refined: sub-pixel boundary, no threshold; needs --calibration.",
+            ),
+        ] = "author",
+        dark: Annotated[
+            Path | None,
+            typer.Option("--dark", help="refined: video, image or folder with LEDs on and nothing in touch."),
+        ] = None,
+        flat: Annotated[
+            Path | None, typer.Option("--flat", help="refined: video, image or folder of an evenly lit target.")
+        ] = None,
         json_file: JsonOption = None,
         out: OutOption = None,
     ) -> None:
-        """Measure contact area against time by the author's thresholding chain.
+        """Measure contact area against time, by the author's thresholding chain or by the refined estimator.
 
         Prints a table; --json writes it as JSON, --out adds CSV, overlays, intensity map and plots.
         """
@@ -53,8 +67,9 @@ def register(app: typer.Typer) -> None:
         check_json_target(json_file)
         chain = Chain(threshold=threshold, min_blob=min_blob, blur=blur, radius=radius, crop=Crop.parse(crop))
         job = measure_job.prepare(
-            path, chain, calibration=calibration, fps=fps, mm2_per_px=mm2_per_px, undistort=undistort, out=out
-        )
+            path, chain, calibration=calibration, fps=fps, mm2_per_px=mm2_per_px, undistort=undistort, out=out,
+            refined=measure_job.refined_options(estimator, dark, flat),
+        )  # fmt: skip
         result = measure_job.run(job)
         data = measure_job.record(job, result)
         if out is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from contextlib import ExitStack
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from evanesce.cli.common import console, messages, out_dir, progress, write_json
 from evanesce.errors import InputError
 from evanesce.measurement.area import AreaRow, Measured, measure_frame, summary, to_csv, to_plain
 from evanesce.measurement.calibration import Calibration, load_calibration
+from evanesce.measurement.estimator import Estimator, measure_refined
 from evanesce.measurement.frames import FrameStream, open_frames
 from evanesce.measurement.plots import (
     OverlayVideo,
@@ -27,12 +29,44 @@ from evanesce.measurement.plots import (
     save_figure,
 )
 from evanesce.measurement.rectify import Rectification, rectification
+from evanesce.measurement.refined_light import Radiometry
 from evanesce.measurement.segment import Chain
 from evanesce.measurement.warn import FrameLog, Warning, scale_warning
+from evanesce.states import Frame
 
 TABLE_ROWS = 24
 VIEWING_RATE = 30.0
 """Frame rate of an overlay video whose source states none [Hz]; it is for the eye only."""
+
+
+MOST_SHOTS = 64
+"""Dark or flat shots that are averaged: more would take their noise below what 8 bits resolve."""
+
+
+@dataclass(frozen=True)
+class Refined:
+    """Options of the refined estimator: where its dark and flat shots are."""
+
+    dark: Path | None
+    flat: Path | None
+
+
+def refined_options(estimator: str, dark: Path | None, flat: Path | None) -> Refined | None:
+    """Check the choice of an estimator; None is the author's chain.
+
+    Raises
+    ------
+    InputError
+        If the name is not known, or shots are given that the author's chain does not use.
+    """
+    if estimator not in ("author", "refined"):
+        raise InputError(f"'{estimator}'", key="--estimator", allowed="author, refined")
+    if estimator == "refined":
+        return Refined(dark, flat)
+    for key, path in (("--dark", dark), ("--flat", flat)):
+        if path is not None:
+            raise InputError("the author's chain does not use it", key=key, allowed="with --estimator refined")
+    return None
 
 
 @dataclass(frozen=True)
@@ -47,6 +81,7 @@ class Job:
     out: Path | None
     stream: FrameStream
     warnings: tuple[Warning, ...]
+    estimator: Estimator | None = None
 
 
 @dataclass(frozen=True)
@@ -67,6 +102,7 @@ def prepare(
     mm2_per_px: float | None,
     undistort: bool,
     out: Path | None,
+    refined: Refined | None = None,
 ) -> Job:
     """Check everything that can be checked before a frame is read.
 
@@ -78,7 +114,8 @@ def prepare(
     if out is not None and out.exists() and not out.is_dir():
         raise InputError("is a file", file=out, key="--out", allowed="a folder")
     stored = load_calibration(calibration) if calibration is not None else None
-    scale = _scale(mm2_per_px, stored)
+    estimator = None if refined is None else _estimator(refined, stored, mm2_per_px, chain)
+    scale = _scale(mm2_per_px, stored) if estimator is None else estimator.plate.middle_area
     if undistort and stored is None:
         raise InputError("is needed to undistort", key="--calibration", allowed="a calibration file, or --no-undistort")
     extra = scale_warning(stored.mm2_per_px if stored else None, mm2_per_px)
@@ -87,11 +124,29 @@ def prepare(
         chain=chain,
         mm2_per_px=scale,
         stream=open_frames(path, fps),
-        rectified=rectification(stored) if undistort and stored is not None else None,
+        rectified=rectification(stored) if estimator is None and undistort and stored is not None else None,
         calibration=calibration,
         out=out,
         warnings=(extra,) if extra else (),
+        estimator=estimator,
     )
+
+
+def _estimator(refined: Refined, stored: Calibration | None, mm2_per_px: float | None, chain: Chain) -> Estimator:
+    """Return the refined estimator of a calibration and the rig's own shots."""
+    if stored is None:
+        raise InputError("is needed by the refined estimator", key="--calibration", allowed="a calibration file")
+    if mm2_per_px is not None:
+        raise InputError(
+            f"{mm2_per_px:g}", key="--mm2-per-px", allowed="none: the refined estimator reads the scale place by place"
+        )
+    shots = ([frame.data for frame in islice(open_frames(p), MOST_SHOTS)] if p else [] for p in _paths(refined))
+    radiometry = Radiometry.of(stored.details, *shots)
+    return Estimator.of(stored, radiometry, crop=chain.crop)
+
+
+def _paths(refined: Refined) -> tuple[Path | None, Path | None]:
+    return refined.dark, refined.flat
 
 
 def _scale(given: float | None, stored: Calibration | None) -> float:
@@ -126,7 +181,7 @@ def run(job: Job) -> Result:
         task = bar.add_task("measure", total=stream.count)
         video: OverlayVideo | None = None
         for frame in stream:
-            measured = measure_frame(frame, job.chain, job.mm2_per_px, job.rectified)
+            measured = _measure(frame, job)
             if job.out is not None and stream.count != 1:
                 if video is None:  # only now is it known that the input is good, so that a folder may be made
                     folder = out_dir(job.out, "measure")
@@ -144,6 +199,12 @@ def run(job: Job) -> Result:
     return Result(rows, peak, [*job.warnings, *stream.warnings, *log.warnings()])
 
 
+def _measure(frame: Frame, job: Job) -> Measured:
+    if job.estimator is not None:
+        return measure_refined(frame, job.estimator)
+    return measure_frame(frame, job.chain, job.mm2_per_px, job.rectified)
+
+
 def record(job: Job, result: Result) -> dict[str, Any]:
     """Return everything of a result as JSON-able data."""
     settings = {
@@ -154,6 +215,7 @@ def record(job: Job, result: Result) -> dict[str, Any]:
         "crop": str(job.chain.crop),
         "mm2_per_px": job.mm2_per_px,
         "undistort": job.rectified is not None,
+        "estimator": "author" if job.estimator is None else "refined",
     }
     view = job.rectified
     return {

@@ -1,0 +1,132 @@
+"""Where the edge of a contact lies whose light is over the top: read from the foot of the blur that is not.
+
+The foot of a blurred step, light against distance, has its own length for each height of the step. So the part of it
+below full scale tells how high the step is and how far inside the half-way point lies.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.optimize import least_squares, minimize_scalar
+from scipy.special import erfc
+
+from evanesce.measurement.refined_edge import Boundary
+from evanesce.measurement.refined_glow import Walk, spread
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+REACH_PX = 6.0
+BIN_PX = 0.25
+BESIDE_PX = 40.0
+WIDEST_RIM_PX = 30.0
+
+
+def edge_response(distance: Floats, blur_px: float) -> Floats:
+    """Return the light of a unit step at distances outside it [px], blurred by a Gaussian."""
+    return np.asarray(0.5 * erfc(distance / (np.sqrt(2.0) * blur_px)))
+
+
+def shift_of_edge(light: Floats, full: Mask, boundary: Boundary, level: float, blur_px: float) -> float:
+    """Return the distance from a curve of fixed light to the half-way point of its step [px], positive inwards.
+
+    Parameters
+    ----------
+    light : ndarray (rows, cols)
+        Linear, of full scale.
+    full : ndarray of bool (rows, cols)
+        Saturated pixels.
+    boundary : Boundary
+        At the fixed level: its map is 0.5 there.
+    level : float
+        That level, of full scale.
+    blur_px : float
+        Standard deviation of the camera's blur [px].
+    """
+    distance = _outside(boundary.level)
+    foot = (distance > 0) & (distance < REACH_PX) & ~full & (light < 1.1 * level)
+    edges = np.arange(0.0, REACH_PX + BIN_PX / 2, BIN_PX)
+    number = np.digitize(distance[foot], edges)
+    count = np.bincount(number, minlength=len(edges))[1 : len(edges)]
+    good = count > 0
+    if good.sum() < 4:
+        return 0.0
+    middle = (0.5 * (edges[1:] + edges[:-1]))[good]
+    profile = ndimage.mean(light[foot], number, np.arange(1, len(edges))[good])
+
+    def residual(x: Floats) -> Floats:
+        # the curve itself passes the fixed level: x0 height, x1 shift, x2 light far outside
+        model = x[0] * edge_response(middle + x[1], blur_px) + x[2]
+        return np.append(model - profile, x[0] * edge_response(np.array([x[1]]), blur_px) + x[2] - level)
+
+    start = [1.5, float(np.clip(blur_px * (0.5 - level / 1.5), -1.0, 1.0)), 0.0]
+    solved = least_squares(residual, start, bounds=([level, -4.0, -0.2], [50.0, 6.0, 0.2]))
+    return float(solved.x[1])
+
+
+def filled_to_rim(light: Floats, full: Mask, walk: Walk, blur_px: float) -> tuple[Floats, Mask]:
+    """Return light with its saturated part put in, and the contact that explains what glows around that part.
+
+    The contact is taken as the saturated part less a rim of one width, evenly lit; width and strength are those that
+    fit the light beside it best.
+
+    Parameters
+    ----------
+    light : ndarray (rows, cols)
+    full : ndarray of bool (rows, cols)
+        Saturated pixels.
+    walk : Walk
+    blur_px : float
+        Standard deviation of the camera's blur [px].
+    """
+    depth = _outside(np.where(full, 1.0, 0.0))
+    beside = (depth > 0.5) & (depth < BESIDE_PX)
+
+    def model(rim: float) -> tuple[float, Floats]:
+        made = spread(np.clip(0.5 - depth - rim, 0.0, 1.0), walk, blur_px)
+        return float((made[beside] * light[beside]).sum() / max(float((made[beside] ** 2).sum()), 1e-12)), made
+
+    def misfit(rim: float) -> float:
+        strength, made = model(rim)
+        return float(np.mean((strength * made[beside] - light[beside]) ** 2))
+
+    widest = float(-depth.min())
+    found = minimize_scalar(misfit, bounds=(-2.0, max(min(WIDEST_RIM_PX, 0.8 * widest), -1.0)), method="bounded",
+                            options={"xatol": 0.05})  # fmt: skip
+    strength, made = model(float(found.x))
+    return np.where(full, np.maximum(strength * made, light), light), depth < -float(found.x)
+
+
+def filled_by(light: Floats, full: Mask, mask: Mask, walk: Walk, blur_px: float) -> Floats:
+    """Return light with its saturated part put in as a contact would make it, its strength by the light beside."""
+    beside = (cv2.dilate(full.astype(np.uint8), np.ones((41, 41), np.uint8)) > 0) & ~full
+    model = spread(mask.astype(float), walk, blur_px)
+    strength = float((model[beside] * light[beside]).sum() / max(float((model[beside] ** 2).sum()), 1e-12))
+    return np.where(full, np.maximum(strength * model, light), light)
+
+
+def lies_within(mask: Mask, full: Mask) -> bool:
+    """Tell whether most of a contact's boundary lies where the frame is saturated, so that nothing shows it."""
+    shape = np.ones((3, 3), np.uint8)
+    rim = mask & ~(cv2.erode(mask.astype(np.uint8), shape) > 0)
+    return bool((rim & full).sum() > 0.5 * rim.sum())
+
+
+def _outside(level: Floats) -> Floats:
+    """Return the distance of each pixel outside a map's curve at one half [px], negative inside."""
+    # distances to pixels would be whole; on a map enlarged fourfold they are known to an eighth of a pixel
+    factor = 4
+    large = cv2.resize(level, None, fx=factor, fy=factor, interpolation=cv2.INTER_LINEAR)
+    inside = (large > 0.5).astype(np.uint8)
+    out = cv2.distanceTransform(1 - inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    into = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    signed = np.where(inside > 0, 0.5 - into, out - 0.5) / factor
+    rows, cols = level.shape
+    at = factor * np.arange(max(rows, cols)) + (factor - 1) / 2
+    x, y = np.meshgrid(at[:cols], at[:rows])
+    return np.asarray(
+        cv2.remap(signed.astype(np.float32), x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR)
+    )

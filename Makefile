@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: install demo test test-all lint types contracts check accuracy benchmarks pictures fem challenge challenge-slice clean
+.PHONY: baseline install demo test test-all lint types contracts check accuracy benchmarks pictures fem challenge challenge-slice clean
 
 install: $(STAMP)
 
@@ -47,6 +47,10 @@ pictures: install
 benchmarks: install
 	$(BIN)/python benchmarks/render.py
 	$(BIN)/python benchmarks/measure.py
+
+# Two slip detectors trained on a small generated set and scored on unseen friction and ridges.
+baseline: install
+	$(BIN)/python benchmarks/baseline.py --out outputs/baseline --json outputs/baseline.json
 
 check: lint types contracts test
 

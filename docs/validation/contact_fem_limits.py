@@ -1,6 +1,8 @@
-"""Slides at mu 1.13: how far each goes, and what ends it (docs/validation/contact-fem.md)."""
+"""Slides at mu 1.13: how far each goes, and what ends it (docs/validation/contact-fem.md); numbers pick some."""
 
 from __future__ import annotations
+
+import sys
 
 from evanesce.contact.fem.material import rubber
 from evanesce.contact.fem.mesh import FingerShape, MeshSize
@@ -29,8 +31,9 @@ CASES = (
 
 
 def main() -> None:
-    """Solve and print."""
-    for name, hold, size, bone, c30, distance, sizes, penalty in CASES:
+    """Solve and print the cases whose numbers, from 1, are given; all without any."""
+    wanted = [int(text) for text in sys.argv[1:]] or range(1, len(CASES) + 1)
+    for name, hold, size, bone, c30, distance, sizes, penalty in (CASES[number - 1] for number in wanted):
         ended = ""
         try:
             run = slide(

@@ -108,6 +108,8 @@ def new_job(scene: Scene, config: DatasetConfig, *, frames: int, seed: int) -> J
         raise InputError(f"{seed}", key="--seed", allowed="0 to 2^63 - 1")
     if not 1 <= frames <= MAX_FRAMES:
         raise InputError(f"{frames} frames", key="--n", allowed=f"1 to {MAX_FRAMES}")
+    if scene.finger.height_map is not None:
+        raise InputError("a height map does not slide", key="finger.height_map", allowed="finger.ridges, or neither")
     per = config.trial.frames
     job = Job(scene, config, seed, math.ceil(frames / per) * per)
     cols, rows = job.resolution

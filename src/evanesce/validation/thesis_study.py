@@ -21,6 +21,7 @@ from evanesce.contact.fem.library import library_press
 from evanesce.contact.hertz import hertz_depth
 from evanesce.contact.solve import contact_sequence
 from evanesce.fast import FastCamera
+from evanesce.materials.tables import material
 from evanesce.measurement.segment import Chain, segment
 from evanesce.rig import Scene, load_scene
 from evanesce.simulate import touch

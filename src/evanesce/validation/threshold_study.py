@@ -7,8 +7,9 @@ What the card's threshold does to that area per pixel is a table of its own.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +44,7 @@ WINDOW_MM = 8.0
 """Half the side of the crop around the finger."""
 
 FIXED = 0.15
-CARD_PATHS = {"samples_per_pixel": 4, "passes": 2}
+CARD_PATHS: dict[str, Any] = {"samples_per_pixel": 4, "passes": 2}
 CARD_THRESHOLDS = (0.0375, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6)
 
 
@@ -160,7 +161,7 @@ def run(scene: Scene, out: Path, progress: Progress, *, quick: bool = False, see
             key = f"{finger.material} {finger.name} {force:g}"
             if key not in ledger:
                 camera = camera or FastCamera(finger.on(scene))
-            rows[finger, force] = ledger.row(key, lambda f=force, c=camera: _frame(view, c, f, seed))
+            rows[finger, force] = ledger.row(key, partial(_frame, view, camera, force, seed))
             done += 1
             progress("threshold: frames", done, total)
     card = ledger.row("card", lambda: _card(scene, view, out, seed))
@@ -185,7 +186,7 @@ def _card(scene: Scene, view: PerfectView, out: Path, seed: int) -> dict[str, An
     side = scene.card.square_side_mm
 
     def scale_error(chain: Chain | None) -> float:
-        colour = "black" if scene.card.square_inverted else "white"
+        colour: Literal["white", "black"] = "black" if scene.card.square_inverted else "white"
         try:
             return square_scale(straight, side, chain, square=colour).mm2_per_px / view.mm2_per_px - 1.0
         except InputError:  # at this level the card is no square

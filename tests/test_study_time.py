@@ -1,0 +1,64 @@
+"""The time study: smear, knee and rolling rows against closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from evanesce.states import PlateLight
+from evanesce.validation.time_study import FINE_HZ, broken_line, onsets, smeared
+
+
+def disc(radius: float, rows: int = 201, cols: int = 317) -> PlateLight:
+    y, x = np.mgrid[:rows, :cols]
+    inside = np.clip(radius - np.hypot(x - 151.3, y - 97.6) + 0.5, 0.0, 1.0)
+    return PlateLight(radiance=inside, variance=inside * 0, focal_px=1000.0, principal_point=(158.0, 100.0))
+
+
+@pytest.mark.parametrize("way", [3.0, 8.8, 29.4])
+def test_a_smeared_disc_keeps_light_and_place_and_grows_by_the_swept_strip(way: float) -> None:
+    radius = 41.7
+    light = np.asarray(disc(radius).radiance)
+    moved = np.asarray(smeared(disc(radius), way).radiance, float)
+    assert moved.sum() == pytest.approx(light.sum(), rel=1e-5)
+    columns = np.arange(light.shape[1])
+    assert (moved.sum(axis=0) * columns).sum() == pytest.approx((light.sum(axis=0) * columns).sum(), rel=1e-5)
+    # all that was ever covered: the disc and a strip of its diameter as long as the way; borders of a pixel
+    swept, slack = np.pi * radius**2 + 2 * radius * way, 2 * np.pi * radius
+    assert np.count_nonzero(moved > 1e-4) == pytest.approx(swept, abs=slack)
+    # covered at all times: the lens of two discs a way apart
+    half = way / (2 * radius)
+    lens = 2 * radius**2 * (np.arccos(half) - half * np.sqrt(1 - half**2))
+    assert np.count_nonzero(moved > 1 - 1e-4) == pytest.approx(lens, abs=slack)
+
+
+def test_no_way_leaves_the_light_alone() -> None:
+    light = disc(20.0)
+    assert smeared(light, 0.0) is light
+
+
+@pytest.mark.parametrize(("onset", "speed"), [(0.237, 25.0), (1.031, 5.0)])
+def test_the_knee_of_a_noisy_line_is_found_to_its_standard_error(onset: float, speed: float) -> None:
+    noise, step = 0.002, 1 / 150
+    time = np.arange(onset - 0.21, onset + 0.31, step)
+    way = 3.7 + speed * np.maximum(0.0, time - onset) + np.random.default_rng(8).normal(0, noise, time.size)
+    found, rate = broken_line(time, way)
+    # some thirty frames on either side; three standard errors and the grid of candidates
+    error = 3 * noise / speed * 2 / np.sqrt(30)
+    assert found == pytest.approx(onset, abs=error + (time[-2] - time[0]) / (20 * time.size))
+    assert rate == pytest.approx(speed, rel=0.02)
+
+
+def test_a_point_that_rests_has_no_onset() -> None:
+    time = np.linspace(0, 1, 31)
+    assert np.isnan(broken_line(time, np.full(31, 2.2) - 0.1 * time)).all()
+
+
+def test_a_wrong_clock_stretches_the_onset_and_phases_are_those_of_the_camera() -> None:
+    time = 0.6 + np.arange(0, 0.5, 1 / FINE_HZ)
+    row = {"time_s": time.tolist(), "slide_starts_s": 0.6, "x_mm": (25 * np.maximum(0, time - 0.871)).tolist()}
+    right, wrong = onsets(row, 30.0, 30.0), onsets(row, 30.0, 25.0)
+    assert len(right) == 5
+    assert len(onsets(row, 25.0, 25.0)) == 6
+    np.testing.assert_allclose(right, 0.271, atol=1e-3)
+    np.testing.assert_allclose(np.array(wrong) / right, 1.2, rtol=1e-12)

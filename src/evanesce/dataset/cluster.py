@@ -11,6 +11,9 @@ from typing import Any
 
 from evanesce.errors import InputError, WorkError
 
+STARTS = 3
+"""Tries to start the embedded cluster: a process that is killed while it starts ends the whole start."""
+
 _SETTINGS = {
     # A worker's death is answered by our own bookkeeping, at once.
     "distributed.scheduler.allowed-failures": 0,
@@ -39,7 +42,7 @@ def cluster_client(workers: int, scheduler: str) -> Iterator[Any]:
         If no workers start.
     """
     import dask
-    from distributed import Client, LocalCluster
+    from distributed import Client
 
     with dask.config.set(_SETTINGS):
         if scheduler:
@@ -54,21 +57,30 @@ def cluster_client(workers: int, scheduler: str) -> Iterator[Any]:
             return
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         with tempfile.TemporaryDirectory(prefix="evanesce-dask-", ignore_cleanup_errors=True) as scratch:
-            try:
-                cluster = LocalCluster(
-                    n_workers=workers,
-                    threads_per_worker=1,
-                    processes=True,
-                    dashboard_address=None,
-                    memory_limit=0,
-                    local_directory=scratch,
-                    silence_logs=logging.CRITICAL,
-                    host="127.0.0.1",
-                )
-            except (OSError, RuntimeError, TimeoutError) as error:
-                raise WorkError(f"no workers could be started: {error}") from None
+            for left in reversed(range(STARTS)):
+                try:
+                    cluster = _local_cluster(workers, scratch)
+                    break
+                except (OSError, RuntimeError, TimeoutError) as error:
+                    if not left:
+                        raise WorkError(f"no workers could be started: {error}") from None
             with cluster, Client(cluster, set_as_default=False) as client:
                 yield client
+
+
+def _local_cluster(workers: int, scratch: str) -> Any:
+    from distributed import LocalCluster
+
+    return LocalCluster(
+        n_workers=workers,
+        threads_per_worker=1,
+        processes=True,
+        dashboard_address=None,
+        memory_limit=0,
+        local_directory=scratch,
+        silence_logs=logging.CRITICAL,
+        host="127.0.0.1",
+    )
 
 
 def default_workers() -> int:

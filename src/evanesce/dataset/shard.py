@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import io
 import os
@@ -126,7 +127,7 @@ class ShardWriter:
         return self.index
 
     def __exit__(self, *_: object) -> None:
-        if not self._stream.closed:
+        with contextlib.suppress(OSError):  # what is still to be flushed may meet the full disk once more
             self._stream.close()
         self._part.unlink(missing_ok=True)
 

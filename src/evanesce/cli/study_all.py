@@ -81,7 +81,7 @@ def _run(
     from evanesce.errors import InputError
     from evanesce.report.html import write
     from evanesce.report.slider import slider
-    from evanesce.report.study_page import page
+    from evanesce.report.study_page import page, pictures
     from evanesce.rig import load_scene
     from evanesce.validation.slider import slider_frames
     from evanesce.validation.studies import Findings, Study, studies
@@ -120,11 +120,20 @@ def _run(
     result = {study.name: {"verdict": list(f.verdict)} | dict(f.data) for study, f in parts} | {"provenance": origin}
     lead = f"{loaded.title or scene}{'; quick: fewer forces and speeds' if quick else ''}."
     heading = "The measurement under test" if title == "all" else parts[0][0].title
-    report = write(folder / "report.html", page(heading, parts, origin, widget, lead))
+    made = page(heading, parts, origin, widget, lead)
+    for name, png in pictures(parts).items():
+        _replace(folder / f"{name}.png", png)
+    report = write(folder / "report.html", made)
     write_json(folder / "result.json", result)
     write_json(json_file, result)
     _show(parts)
     console.print(f"{sum(seconds.values()):.0f} s. Report: {report}", highlight=False, soft_wrap=True)
+
+
+def _replace(path: Path, content: bytes) -> None:
+    temporary = path.with_name("." + path.name + ".part")
+    temporary.write_bytes(content)
+    temporary.replace(path)
 
 
 def _show(parts: list[tuple[Any, Any]]) -> None:

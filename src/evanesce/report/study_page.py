@@ -94,10 +94,22 @@ def page(
     return Page(title, lead, sections, provenance)
 
 
+def pictures(parts: Sequence[tuple[Study, Findings]]) -> dict[str, bytes]:
+    """Return every figure of the page as PNG by a name, ``threshold-1`` and so on."""
+    found = {}
+    for study, findings in parts:
+        for k, picture in enumerate(_pictures(findings), start=1):
+            found[f"{study.name}-{k}"] = picture.png
+    return found
+
+
+def _pictures(found: Findings) -> list[Picture]:
+    charts = [Picture(figure_png(chart_figure(chart)), chart.caption) for chart in found.charts]
+    return charts + [Picture(image_png(shown.image, WIDTH_PX), shown.caption) for shown in found.pictures]
+
+
 def _figures(study: Study, found: Findings) -> Section:
-    pictures = [Picture(figure_png(chart_figure(chart)), chart.caption) for chart in found.charts]
-    pictures += [Picture(image_png(shown.image, WIDTH_PX), shown.caption) for shown in found.pictures]
-    return Section(study.title, list(found.verdict), pictures)
+    return Section(study.title, list(found.verdict), _pictures(found))
 
 
 def _tables(study: Study, found: Findings) -> Section:

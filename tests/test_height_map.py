@@ -254,6 +254,8 @@ BAD = [
     (_scaled(1.0), {"pitch_um": 13.7}, "says this itself"),
     (lambda f: Image.fromarray(np.zeros((64, 64, 3), np.uint8)).save(f / "scan.tif"),
      {"file": "scan.tif", "pitch_um": 9.0, "height_unit": "um"}, "3 channels"),
+    (lambda f: (f / "scan.tif").write_bytes(b"II*\x00garbage"),
+     {"file": "scan.tif", "pitch_um": 9.0, "height_unit": "um"}, "not a readable TIFF"),
     (_as_csv, {"file": "m.csv"}, "pitch_um: missing"),
     (_as_csv, {"file": "m.csv", "pitch_um": 9.0}, "height_unit: missing"),
     (lambda f: (f / "p.csv").write_text("x_mm,z_um\n" + "".join(f"{i / 100},{i / 7}\n" for i in range(90))),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 import zipfile
 from pathlib import Path
 
@@ -201,7 +202,8 @@ def _matrix(path: Path) -> Floats:
 
 def _tiff(path: Path) -> Floats:
     try:
-        with Image.open(path) as image:
+        # Pillow tells of damaged tags and of many pixels by warnings as well; the size is checked here.
+        with warnings.catch_warnings(action="ignore"), Image.open(path) as image:
             if image.width * image.height > MAX_SAMPLES:
                 raise InputError(f"{image.width} x {image.height} samples", file=path, allowed=f"at most {MAX_SAMPLES}")
             values = np.asarray(image)

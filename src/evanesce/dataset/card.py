@@ -96,9 +96,6 @@ def croissant(job: Job, manifest: Manifest) -> dict[str, Any]:
             f" {job.config.split.by}. Simulated, not measured: Hertz with partial slip, ridges in two scales."
         ),
         "version": f"{layout.FORMAT_VERSION}.0.0",
-        "license": "https://creativecommons.org/licenses/by/4.0/",
-        "datePublished": "2026-01-01",
-        "url": "https://example.invalid/evanesce-dataset",
         "citeAs": f"evanesce dataset, configuration {job.digest[:16]}, seed {job.seed}",
         "distribution": files + sets,
         "recordSet": [{"@type": "cr:RecordSet", "@id": "frames", "name": "frames", "field": fields}],

@@ -275,8 +275,8 @@ def _chart(rows: Mapping[str, Mapping[str, Any]], speeds: Sequence[float]) -> Ch
         )
     return Chart(
         panels=panels,
-        caption="The patch stands while the finger bends and then runs with it; the knee is the onset that the"
-        " measurement sees.",
+        caption="While the finger bends the patch moves by the shear of the tip alone, then it runs with the finger;"
+        " the knee is the onset that the measurement sees. The shear before it pulls the knee to earlier times.",
     )
 
 

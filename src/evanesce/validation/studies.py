@@ -1,8 +1,8 @@
 """The parts of ``evanesce study all``: what a part is, what it finds, and the walk that collects them.
 
-Every module ``<name>_study.py`` of this folder that holds an object ``STUDY`` is a part. A part returns data only;
-:mod:`evanesce.report.study_page` draws it. Long parts keep each row in a :class:`Ledger` as it comes, so that an
-interrupted run goes on where it stopped.
+Every module ``<name>_study.py`` or ``<name>_part.py`` of this folder that holds an object ``STUDY`` is a part. A part
+returns data; :mod:`evanesce.report.study_page` draws it. Long parts keep each row in a :class:`Ledger` as it comes,
+so that an interrupted run goes on where it stopped.
 """
 
 from __future__ import annotations
@@ -142,7 +142,7 @@ def studies() -> list[Study]:
     """Return every part, in the order of the page."""
     found: list[Study] = []
     for module in pkgutil.iter_modules(here.__path__):
-        if module.name.endswith("_study"):
+        if module.name.endswith(("_study", "_part")):
             study = getattr(importlib.import_module(f"{here.__name__}.{module.name}"), "STUDY", None)
             if study is not None:
                 found.append(study)

@@ -1,0 +1,101 @@
+"""The uncertainty budget's coverage as a part of ``evanesce study all``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from evanesce.rig import Scene
+from evanesce.validation.budget_study import run_study
+from evanesce.validation.studies import Chart, Findings, Ledger, Listing, Panel, Part, Progress, Series
+from evanesce.validation.study_scenes import Finger, check_studied
+
+MEASUREMENTS, QUICK_MEASUREMENTS = 1000, 100
+WANTED = (0.93, 0.97)
+"""Share of measurements whose 95 % interval should hold the truth."""
+
+
+def run(scene: Scene, out: Path, progress: Progress, *, quick: bool = False, seed: int = 1) -> Findings:
+    """Do the study; see :class:`evanesce.validation.studies.Study`."""
+    check_studied(scene)
+    count = QUICK_MEASUREMENTS if quick else MEASUREMENTS
+    ledger = Ledger(out / "budget.jsonl", {"scene": scene.as_dict(), "seed": seed, "measurements": count})
+    fingers = [Finger(scene.finger.material, ridged, glowing=False).on(scene) for ridged in (False, True)]
+
+    def make() -> Mapping[str, Any]:
+        def tick(what: str, done: int, total: int) -> None:
+            progress(f"budget: {what}", done, total)
+
+        found = run_study(*fingers, measurements=count, seed=seed, tick=tick).as_dict()
+        return {"classes": found["classes"]}
+
+    return findings(ledger.row("coverage", partial(make))["classes"])
+
+
+def findings(classes: Sequence[Mapping[str, Any]]) -> Findings:
+    """Return table, chart and verdict."""
+    inside = [c for c in classes if WANTED[0] <= c["refined_covered"] <= WANTED[1]]
+    covered = [100 * c["refined_covered"] for c in classes]
+    author = [100 * c["author_covered"] for c in classes]
+    return Findings(
+        verdict=[
+            f"The refined estimator's 95 % intervals hold the truth in {min(covered):.1f} to {max(covered):.1f} % of"
+            f" {classes[0]['measurements']} measurements a class; {len(inside)} of {len(classes)} classes lie within"
+            f" {100 * WANTED[0]:g} to {100 * WANTED[1]:g} %. The author's chain: {min(author):.1f} to"
+            f" {max(author):.1f} %.",
+            "3407 px/mm² says how finely the frame is divided; the interval says how well the area is known:"
+            f" ±{min(c['refined_half_width_percent'] for c in classes):.2f} to"
+            f" ±{max(c['refined_half_width_percent'] for c in classes):.2f} %.",
+        ],
+        charts=[_chart(classes)],
+        tables=[_coverage_table(classes), _parts_table(classes)],
+        data={"classes": list(classes)},
+    )
+
+
+def _coverage_table(classes: Sequence[Mapping[str, Any]]) -> Listing:
+    return Listing(
+        columns=("finger", "place", "measurements", "refined holds [%]", "linear [%]", "half-width [%]", "bias [%]",
+                 "author holds [%]", "half-width [%]", "bias [%]"),
+        rows=[
+            (
+                c["finger"], c["place"], str(c["measurements"]), f"{100 * c['refined_covered']:.1f}",
+                f"{100 * c['refined_linear_covered']:.1f}", f"{c['refined_half_width_percent']:.2f}",
+                f"{c['refined_bias_percent']:+.2f}", f"{100 * c['author_covered']:.1f}",
+                f"{c['author_half_width_percent']:.2f}", f"{c['author_bias_percent']:+.2f}",
+            )
+            for c in classes
+        ],
+        caption="Share of simulated measurements whose 95 % interval holds the truth: cards, corners and frames drawn"
+        " anew. Intervals by Monte Carlo (JCGM 101); the linear ones (GUM) beside them.",
+    )  # fmt: skip
+
+
+def _parts_table(classes: Sequence[Mapping[str, Any]]) -> Listing:
+    names = list(dict.fromkeys(name for c in classes for name in c["contributions_percent"]))
+    return Listing(
+        columns=("component", *(f"{c['finger']}, {c['place']} [%]" for c in classes)),
+        rows=[(name, *(f"{c['contributions_percent'].get(name, 0.0):.3f}" for c in classes)) for name in names],
+        caption="Standard uncertainty of the refined area from each component, median.",
+    )
+
+
+def _chart(classes: Sequence[Mapping[str, Any]]) -> Chart:
+    names = list(dict.fromkeys(name for c in classes for name in c["contributions_percent"]))
+    at = list(range(1, len(names) + 1))
+    series = [
+        Series(
+            label=f"{c['finger']}, {c['place']}", x=at,
+            y=[max(c["contributions_percent"].get(name, 0.0), 1e-4) for name in names], points=True,
+        )
+        for c in classes
+    ]  # fmt: skip
+    key = "; ".join(f"{k} {name}" for k, name in zip(at, names, strict=True))
+    panel = Panel(title="budget of a refined area", x_label="component", y_label="standard uncertainty [%]",
+                  series=series, log_y=True)  # fmt: skip
+    return Chart(panels=[panel], caption=f"Components: {key}.")
+
+
+STUDY = Part("budget", "How well is an area known?", 30, run)

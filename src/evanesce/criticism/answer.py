@@ -115,7 +115,7 @@ def answer(case: Any, signatures: Sequence[Signature], findings: Findings) -> tu
 
 def extended_scene(believed: Scene, named: Extension) -> Scene:
     """Return the believed scene with the named effects switched on at their fitted values."""
-    point = {p.name: named.fitted.point[p.name] for p in named.parameters}
+    point = {name: value for name, value in named.fitted.point.items() if ":" in name}
     return scene_with(believed, point)
 
 

@@ -31,7 +31,7 @@ from evanesce.criticism.posterior import UNKNOWN, Posterior, log_bayes_of_p, pos
 from evanesce.criticism.predict import Predictor
 from evanesce.criticism.problem import Fit, Problem, fit, predicted_part
 from evanesce.criticism.residuals import noise_draws, residuals_of
-from evanesce.criticism.score import ScoreTest, metric_of, score_test
+from evanesce.criticism.score import Scored, ScoreTest, metric_of, score_test
 from evanesce.criticism.signatures import Signature, signatures_of
 from evanesce.criticism.tone import expected_tone
 from evanesce.criticism.unknown import Flexible, describe_unknown, fit_flexible
@@ -139,9 +139,8 @@ def at_place(problem: Problem, placed: Fit, parameters: Sequence[Parameter]) -> 
     level = predictor.cube(point)
     change = resolution_change(predictor, point)
     renewed = Problem.of(predictor, problem.data, problem.noise, leftover_variance(change), problem.views, level)
-    force = {
-        p.views[0]: p for p in nuisance_parameters(predictor.views, 0.0) if p.name.startswith("@force") and p.views
-    }
+    every = nuisance_parameters(predictor.views, 0.0)
+    force = {p.views[0]: p for p in every if p.name.startswith("@force") and p.views}
     by_force = [
         derivative(predictor, point, force[k], [k])[k] if k in force else None for k in range(len(predictor.views))
     ]
@@ -193,8 +192,8 @@ def search(case: Case, signatures: Sequence[Signature], findings: Findings) -> N
     base, known, scores = case.base, None, findings.first
     for number in range(int(FROZEN.search["rounds"])):
         tried = [s for s in scores.scored if known is None or s.id not in known.ids]
-        tried = sorted(tried, key=lambda s: -s.result.log_bayes)[: int(FROZEN.search["refine"])]
-        extensions = [extend(case.problem, base, known, s) for s in tried if s.result.log_bayes > 0 or s is tried[0]]
+        tried = promising(tried)
+        extensions = [extend(case.problem, base, known, s) for s in tried]
         findings.rounds.append(extensions)
         better = max(extensions, key=lambda e: e.log_bayes, default=None)
         if better is None or not acceptable(better, known):
@@ -208,6 +207,14 @@ def search(case: Case, signatures: Sequence[Signature], findings: Findings) -> N
         if left_scores.p >= FROZEN.levels["false_alarm"]:
             break
         scores = left_scores
+
+
+def promising(scored: Sequence[Scored]) -> list[Scored]:
+    """Return the candidates that are worth a fit: the best few, and all that come near the best."""
+    ranked = sorted(scored, key=lambda s: -s.result.log_bayes)
+    few, most = int(FROZEN.search["always"]), int(FROZEN.search["refine"])
+    near = [s for s in ranked if s.result.log_bayes > ranked[0].result.log_bayes - FROZEN.search["near_nats"]]
+    return ranked[:few] if len(near) < few else near[:most]
 
 
 def acceptable(extension: Extension, known: Extension | None) -> bool:

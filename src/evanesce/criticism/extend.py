@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.criticism.candidates import Candidate
 from evanesce.criticism.gain import leave_one_out
 from evanesce.criticism.isolability import Cause
 from evanesce.criticism.parameters import Parameter, moved, value_of
-from evanesce.criticism.problem import Fit, Problem, fit, predicted_part
+from evanesce.criticism.predict import scene_with
+from evanesce.criticism.problem import Fit, Problem, derivatives, fit, predicted_part
 from evanesce.criticism.score import Scored, metric_of
+from evanesce.effects import Context, Stage, active_effects, apply_stage
+from evanesce.errors import InputError
+from evanesce.rig import Scene
 
 Array = NDArray[Any]
 
@@ -77,28 +82,22 @@ def extend(problem: Problem, base: Fit, known: Extension | None, scored: Scored)
     """
     candidate = scored.signature.candidate
     nuisances = tuple(p for p in base.parameters if p.name not in candidate.names)
-    start, rows = _entry(problem, base, scored)
-    parameters = (*candidate.parameters, *nuisances)
+    own_parameters, start, rows = _entry(problem, base, scored)
+    parameters = (*own_parameters, *nuisances)
     kept = [k for k, p in enumerate(base.parameters) if p.name not in candidate.names]
-    fitted = fit(
-        problem,
-        parameters,
-        start,
-        rows=np.concatenate([rows, base.rows[kept]]),
-        rounds=ROUNDS,
-        secant=True,
-    )
+    whole = np.concatenate([rows, base.rows[kept]])
+    fitted = fit(problem, parameters, start, rows=whole, rounds=ROUNDS, secant=True)
     of_effects = tuple(p for p in parameters if not p.name.startswith("@"))
-    deviations = np.array([p.deviation for p in candidate.parameters])
-    own = fitted.rows[: len(candidate.parameters)]
+    deviations = np.array([p.deviation for p in own_parameters])
+    own = fitted.rows[: len(own_parameters)]
     metric = fitted.metric(nuisances)
     information = metric.gram(own) / scored.inflation
     occam = -0.5 * float(np.linalg.slogdet(np.eye(len(deviations)) + information * np.outer(deviations, deviations))[1])
+    if scored.start >= 0:
+        occam -= float(np.log(len(candidate.starts)))
     improved = 0.5 * (base.misfit - fitted.misfit) / scored.inflation
-    gain, error = held_out_gain(problem, base, fitted)
-    without = {p.name: p.null for p in candidate.parameters}
-    cube = problem.predictor.cube(predicted_part(moved(fitted.point, without), parameters), problem.views)
-    signal = problem.whitened(fitted.predicted - cube)
+    gain, error = held_out_gain(problem, base, fitted, scored.inflation)
+    signal = _signal(problem, fitted, own_parameters)
     return Extension(
         ids=(*(known.ids if known else ()), candidate.id),
         fitted=fitted,
@@ -111,39 +110,75 @@ def extend(problem: Problem, base: Fit, known: Extension | None, scored: Scored)
     )
 
 
-def _entry(problem: Problem, base: Fit, scored: Scored) -> tuple[dict[str, float], Array]:
-    """Return where a fit enters a candidate, and the derivatives by its parameters there (or secants to there)."""
+def _signal(problem: Problem, fitted: Fit, own: Sequence[Parameter]) -> Array:
+    """Return the whitened change that a fitted candidate makes."""
+    values = np.array([value_of(fitted.point, p) - p.null for p in own])
+    if all(p.linear for p in own):
+        return np.asarray(values @ fitted.rows[: len(own)])
+    without = moved(predicted_part(fitted.point, fitted.parameters), {p.name: p.null for p in own})
+    return problem.whitened(fitted.predicted - problem.predictor.cube(without, problem.views))
+
+
+def _entry(problem: Problem, base: Fit, scored: Scored) -> tuple[tuple[Parameter, ...], dict[str, float], Array]:
+    """Return a candidate's parameters, where a fit enters it, and the derivatives there.
+
+    One that changes the plate's own light costs seconds for each prediction, so it is scaled along its signature.
+    """
     candidate = scored.signature.candidate
+    costly = changes_plate_light(problem, candidate)
     if scored.start < 0:
+        parameters = tuple(replace(p, linear=True) if costly else p for p in candidate.parameters)
         values = {
             p.name: float(np.clip(p.null + e, *p.bounds))
             for p, e in zip(candidate.parameters, scored.result.estimate, strict=True)
         }
-        return moved(base.point, values), scored.signature.rows
+        return parameters, moved(base.point, values), scored.signature.rows
     start = dict(candidate.starts[scored.start])
-    amplitude = float(np.clip(scored.result.estimate[0], 0.02, 5.0))
     names = {f"{candidate.id}:{n}" for n in candidate.effect.amplitudes}
-    grown = [p for p in candidate.parameters if p.name in names and p.name in start]
-    for p in grown[:1]:
-        start[p.name] = float(np.clip(p.null + amplitude * (start[p.name] - p.null), *p.bounds))
+    grown = next(p for p in candidate.parameters if p.name in names and p.name in start)
+    reach = start[grown.name] - grown.null
+    amplitude = float(np.clip(scored.result.estimate[0], 0.02, 5.0))
+    start[grown.name] = float(np.clip(grown.null + amplitude * reach, *grown.bounds))
     point = moved(base.point, start)
-    from evanesce.criticism.problem import derivatives
+    if costly:
+        return (replace(grown, linear=True),), point, scored.signature.rows[[scored.start]] / reach
+    at = predicted_part(point, base.parameters)
+    return candidate.parameters, point, derivatives(problem, at, candidate.parameters)
 
-    return point, derivatives(problem, point, candidate.parameters)
+
+def changes_plate_light(problem: Problem, candidate: Candidate) -> bool:
+    """Tell whether a candidate changes what the guided light depends on beside the LEDs' powers."""
+    if candidate.effect.stage is not Stage.RIG:
+        return False
+    scene = problem.predictor.scene
+    point = dict(candidate.starts[0]) if candidate.starts else {p.name: p.null + p.step for p in candidate.parameters}
+    changed = scene_with(scene, point)
+    try:
+        rig = apply_stage(Stage.RIG, changed, active_effects(changed), Context(changed, 0))
+    except InputError:
+        return False
+
+    def guide(of: Scene) -> tuple[object, ...]:
+        finger = of.finger.refractive_index, of.finger.diffuse_reflectance
+        return repr(of.plate), of.leds.air_gap_share, of.leds.emitting_width_mm, of.leds.emitting_height_mm, finger
+
+    return guide(rig) != guide(scene)
 
 
-def held_out_gain(problem: Problem, base: Fit, extended: Fit) -> tuple[float, float]:
-    """Return the log predictive gain of conditions left out one by one, and its standard error over conditions."""
+def held_out_gain(problem: Problem, base: Fit, extended: Fit, inflation: float) -> tuple[float, float]:
+    """Return the log predictive gain of conditions left out one by one, and the error that noise alone gives it.
+
+    The difference of two squared residuals is linear in the noise, with the distance of the two predictions as its
+    standard deviation. A scatter over conditions would call a gain uncertain because it is larger in some of them.
+    """
     groups = condition_of_bins(problem)
     scores = []
     for one in (extended, base):
         deviations = np.array([p.deviation for p in one.parameters])
         away = np.array([value_of(one.point, p) - p.null for p in one.parameters])
         scores.append(leave_one_out(one.rows, one.residual, deviations, away, groups))
-    difference = scores[0] - scores[1]
-    count = difference.size
-    error = float(np.sqrt(count) * difference.std(ddof=1)) if count > 1 else float("inf")
-    return float(difference.sum()), error
+    apart = float(np.sum((extended.residual - base.residual) ** 2, dtype=float))
+    return float((scores[0] - scores[1]).sum()) / inflation, float(np.sqrt(apart / inflation))
 
 
 def condition_of_bins(problem: Problem) -> NDArray[np.int_]:

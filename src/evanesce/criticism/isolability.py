@@ -41,7 +41,7 @@ class Cause:
 
 
 def confusion(causes: Sequence[Cause], metric: Metric) -> Array:
-    """Return squared distances (n, n): of each cause's signal from the nearest that another can make, nuisances free."""
+    """Return squared distances (n, n): of each signal from the nearest that another cause can make, nuisances free."""
     found = np.zeros((len(causes), len(causes)))
     for i, one in enumerate(causes):
         for j, other in enumerate(causes):

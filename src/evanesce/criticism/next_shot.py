@@ -96,14 +96,11 @@ def next_measurement(
 
 
 def _listed(options: Sequence[tuple[Shot, list[float]]], group: Sequence[Extension]) -> list[dict[str, Any]]:
-    return [
-        {
-            "what": shot.what,
-            "minutes": shot.minutes,
-            "lambda": {e.cause.id: float(d) for e, d in zip(group, ds, strict=True)},
-        }
-        for shot, ds in options
-    ]
+    found = []
+    for shot, distances in options:
+        apart = {e.cause.id: float(d) for e, d in zip(group, distances, strict=True)}
+        found.append({"what": shot.what, "minutes": shot.minutes, "lambda": apart})
+    return found
 
 
 def _distances(problem: Problem, view: View, best: Extension, group: Sequence[Extension]) -> list[float]:

@@ -169,7 +169,8 @@ def correlation_spectrum(fields: Array, lit: NDArray[np.bool_]) -> Array:
     products = np.fft.ifft2(power).real
     known = pairs > 50
     found = np.where(known, products / np.maximum(pairs, 1.0), 0.0)
-    window = np.clip(1 - lag_y / (REACH_BINS + 1), 0, None)[:, None] * np.clip(1 - lag_x / (REACH_BINS + 1), 0, None)
+    taper_y, taper_x = (np.clip(2 * (1 - lag / (REACH_BINS + 1)), 0, 1) for lag in (lag_y, lag_x))
+    window = taper_y[:, None] * taper_x
     found = found * window
     wrapped = np.zeros((rows, cols))
     for y in range(-REACH_BINS, REACH_BINS + 1):

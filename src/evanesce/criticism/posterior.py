@@ -1,4 +1,4 @@
-"""Probabilities of none, each effect, pairs and the unknown, from evidences and frozen priors over how many there are."""
+"""Probabilities of none, each effect, pairs and the unknown, from evidences and frozen priors over their number."""
 
 from __future__ import annotations
 

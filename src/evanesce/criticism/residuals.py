@@ -71,7 +71,7 @@ def bin_places(scene: Scene) -> tuple[Array, Array]:
 
 
 def edge_distance(scene: Scene, view: View, point: dict[str, float] | Any, x: Array, y: Array) -> Array:
-    """Return the distance [mm] of plate points from the predicted edge of contact, outside positive; inf without one."""
+    """Return the distance [mm] of plate points from the predicted edge of contact, positive outside; inf: none."""
     if not view.touches or view.force_N is None:
         return np.full(x.shape, np.inf)
     try:

@@ -1,0 +1,142 @@
+"""Linear algebra of the critic against matched filters, least squares and plain Bayes, on data made by hand."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from evanesce.criticism.gain import bootstrap_sum, leave_one_out, log_scores
+from evanesce.criticism.isolability import Cause, absorbed, confusion, group_of
+from evanesce.criticism.linear import Metric, distance2, score
+from evanesce.criticism.parameters import Parameter
+from evanesce.criticism.posterior import UNKNOWN, log_bayes_of_p, posterior
+
+BINS = 400
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(71)
+
+
+def no_nuisance():
+    return Metric.of(np.zeros((0, BINS)), np.zeros(0))
+
+
+def test_score_of_one_direction_is_the_matched_filter(rng):
+    """Rationale: in white noise the best detector of a known shape is (s.d)/|s| (North 1943)."""
+    shape, data = 0.3 * rng.standard_normal(BINS), rng.standard_normal(BINS) + 0.2
+    metric = no_nuisance()
+    found = score(metric.gram(shape[None]), shape[None] @ metric.project(data), np.array([1e6]))
+    assert found.statistic == pytest.approx((shape @ data) ** 2 / (shape @ shape), rel=1e-12)
+    assert found.estimate[0] == pytest.approx(shape @ data / (shape @ shape), rel=1e-9)
+
+
+def test_free_nuisances_leave_nothing_along_them(rng):
+    rows = rng.standard_normal((3, BINS))
+    left = Metric.of(rows, np.full(3, 1e7)).project(rng.standard_normal((5, BINS)))
+    assert np.abs(left @ rows.T).max() < 1e-6
+
+
+def test_metric_is_the_inverse_covariance_of_noise_and_nuisances(rng):
+    """Oracle: numpy's inverse of the dense covariance."""
+    rows, deviations = rng.standard_normal((4, 30)), np.array([0.1, 3.0, 0.7, 12.0])
+    dense = np.eye(30) + rows.T @ np.diag(deviations**2) @ rows
+    vector = rng.standard_normal(30)
+    np.testing.assert_allclose(Metric.of(rows, deviations).project(vector), np.linalg.solve(dense, vector), rtol=1e-9)
+
+
+def test_log_bayes_factor_is_the_ratio_of_gaussian_evidences(rng):
+    """Oracle: scipy's multivariate normal density of the data under both models."""
+    rows, deviations = rng.standard_normal((2, 25)), np.array([0.4, 2.0])
+    data = rng.standard_normal(25) + 0.5 * rows[0]
+    metric = Metric.of(np.zeros((0, 25)), np.zeros(0))
+    found = score(metric.gram(rows), rows @ data, deviations)
+    wide = np.eye(25) + rows.T @ np.diag(deviations**2) @ rows
+    law = stats.multivariate_normal
+    assert found.log_bayes == pytest.approx(law.logpdf(data, cov=wide) - law.logpdf(data, cov=np.eye(25)), rel=1e-9)
+
+
+def test_intervals_cover(rng):
+    """Over 400 draws from prior and noise, 90 % intervals hold the truth in 90 % (4 standard errors: 6 %)."""
+    rows, deviations = rng.standard_normal((2, BINS)) * 0.1, np.array([0.5, 1.5])
+    nuisance = rng.standard_normal((1, BINS))
+    metric = Metric.of(nuisance, np.array([2.0]))
+    information, reach, held = metric.gram(rows), stats.norm.ppf(0.95), 0
+    for _ in range(400):
+        truth = deviations * rng.standard_normal(2)
+        data = truth @ rows + 2.0 * rng.standard_normal() * nuisance[0] + rng.standard_normal(BINS)
+        found = score(information, rows @ metric.project(data), deviations)
+        held += abs(found.estimate[0] - truth[0]) < reach * np.sqrt(found.covariance[0, 0])
+    assert abs(held / 400 - 0.90) < 0.06
+
+
+def test_distance_is_least_squares(rng):
+    """Oracle: numpy's least squares with the nuisances as further columns."""
+    signal, columns, nuisances = rng.standard_normal(60), rng.standard_normal((2, 60)), rng.standard_normal((3, 60))
+    everything = np.concatenate([columns, nuisances]).T
+    best = np.linalg.lstsq(everything, signal, rcond=None)[0]
+    expected = float(np.sum((signal - everything @ best) ** 2))
+    assert distance2(signal, Metric.of(nuisances, np.full(3, 1e6)), columns) == pytest.approx(expected, rel=1e-6)
+
+
+def test_collinear_causes_are_one_group_and_a_third_is_not(rng):
+    shape, other = rng.standard_normal(BINS), rng.standard_normal(BINS)
+    twin = 1.7 * shape + 0.01 * rng.standard_normal(BINS)
+    causes = [
+        Cause("a", shape, shape[None], np.ones(1)),
+        Cause("b", shape + 0.02 * other, twin[None], np.ones(1)),
+        Cause("c", 0.9 * other, other[None], np.ones(1)),
+    ]
+    distances = confusion(causes, no_nuisance())
+    assert group_of(0, distances, 9.0) == (1,)
+    assert distances[0, 2] > 100
+
+
+def test_what_a_nuisance_takes_is_reported_with_its_name(rng):
+    light, place = rng.standard_normal((2, BINS))
+    nuisances = [
+        Parameter(name="@pose_x[0]", deviation=1.0, step=0.1),
+        Parameter(name="@light", deviation=1.0, step=0.1),
+    ]
+    metric = Metric.of(np.stack([place, light]), np.full(2, 1e3))
+    found = absorbed({"dimmer": 2 * light, "other": rng.standard_normal(BINS)}, metric, nuisances, 9.0)
+    assert found == [{"id": "dimmer", "by": "the light's unknown level"}]
+
+
+def test_leaving_out_predicts_as_a_refit_does(rng):
+    """Oracle: the Gaussian predictive density with the parameters' posterior from the other groups."""
+    rows, deviations = rng.standard_normal((2, 24)), np.array([1.0, 0.5])
+    data, groups = rng.standard_normal(24) + rows[0], np.repeat([0, 1, 2], 8)
+    found = leave_one_out(rows, data, deviations, np.zeros(2), groups)
+    for group in range(3):
+        mine = groups == group
+        part, rest = rows[:, mine], rows[:, ~mine]
+        covariance = np.linalg.inv(rest @ rest.T + np.diag(deviations**-2))
+        mean = covariance @ rest @ data[~mine]
+        law = stats.multivariate_normal(part.T @ mean, np.eye(8) + part.T @ covariance @ part)
+        assert found[group] == pytest.approx(law.logpdf(data[mine]) + 4 * np.log(2 * np.pi), rel=1e-8)
+
+
+def test_log_scores_add_up_and_their_interval_holds_the_sum(rng):
+    residual = rng.standard_normal((3, 23, 37))
+    valid = rng.random((3, 23, 37)) > 0.1
+    blocks = log_scores(residual, valid)
+    assert blocks.sum() == pytest.approx(-0.5 * (residual[valid] ** 2).sum())
+    value, low, high = bootstrap_sum(blocks, level=0.95, count=200, rng=rng)
+    assert low < value < high
+
+
+def test_posterior_keeps_weight_on_nothing_and_follows_the_evidence():
+    quiet = posterior({("a",): -1.0, ("b",): -2.0, (UNKNOWN,): -1.0}, library=40)
+    assert quiet.best == ()
+    loud = posterior({("a",): 30.0, ("b",): 22.0, ("a", "b"): 31.0, (UNKNOWN,): 5.0}, library=40)
+    assert loud.best == ("a",)
+    assert loud.marginal()["a"] > 0.95
+    assert sum(loud.models.values()) == pytest.approx(1.0)
+
+
+def test_bound_of_a_p_value():
+    """Sellke, Bayarri and Berger 2001, table 1: p = 0.01 is at most a factor of 8, p = 0.05 of 2.5."""
+    assert np.exp(log_bayes_of_p(0.01)) == pytest.approx(8.0, rel=0.01)
+    assert np.exp(log_bayes_of_p(0.05)) == pytest.approx(2.46, rel=0.01)
+    assert log_bayes_of_p(0.6) == 0.0

@@ -1,0 +1,88 @@
+"""Noise from replicates: size, jitter, correlation, and the mean of rounded values, against direct simulation."""
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from evanesce.criticism.noise import noise_of
+from evanesce.criticism.tone import expected_tone
+from evanesce.criticism.views import binned
+from evanesce.rig import load_scene
+from evanesce.sensor.readout import quantise
+from evanesce.sensor.tone import develop
+from evanesce.validation.agreement import coarser
+
+
+@pytest.fixture(scope="module")
+def camera():
+    return load_scene("thesis", coarser(5)).camera
+
+
+def test_mean_and_variance_of_rounded_values(camera):
+    """Oracle: 200 000 pixels drawn, quantised and developed by the sensor's own functions."""
+    rng, pixel, tone = np.random.default_rng(5), camera.pixel, expected_tone(camera)
+    for signal in (256.05, 256.4, 300.0, 1234.3):
+        charge = (signal - pixel.black_level_DN) * pixel.conversion_gain_e_per_DN
+        noisy = rng.poisson(charge, 200_000) + pixel.read_noise_e * rng.standard_normal(200_000)
+        raw = quantise(noisy / pixel.conversion_gain_e_per_DN + pixel.black_level_DN, pixel.bits)
+        values = develop(raw, black_level_DN=pixel.black_level_DN, bits=pixel.bits, curve=camera.tone_curve).astype(
+            float
+        )
+        mean = float(tone.mean_of(np.array([signal]))[0])
+        error = np.sqrt(values.var() / values.size)
+        # The charge is Poisson, the table Gaussian: at 2 e- they differ by some hundredths of a step.
+        assert abs(mean - values.mean()) < 4 * error + 0.01
+        assert np.interp(signal, tone.signal, tone.variance) == pytest.approx(values.var(), rel=0.05, abs=0.01)
+
+
+def frames(rng, count, blur, flicker, level):
+    """Return binned frames of Gaussian noise, ``blur`` bins correlated, on a patch of light."""
+    rows, cols = level.shape
+    noise = rng.standard_normal((count, rows, cols))
+    if blur:
+        noise = ndimage.gaussian_filter(noise, (0, blur, blur), mode="wrap")
+        noise /= noise.std()
+    gains = 1 + flicker * rng.standard_normal(count)
+    return gains[:, None, None] * level + 0.4 * np.sqrt(level / 100) * noise
+
+
+@pytest.fixture
+def level():
+    y, x = np.mgrid[0:75, 0:100]
+    return np.where(np.hypot(y - 30, x - 57) < 22, 110.0, 0.0) + 40.0 + 0.1 * x
+
+
+@pytest.mark.parametrize("blur", [0.0, 0.8])
+def test_draws_have_unit_variance_and_the_correlation_of_the_replicates(camera, level, blur):
+    rng = np.random.default_rng(8)
+    found = noise_of(
+        {"replicate": frames(rng, 24, blur, 0.0, level)}, expected_tone(camera), level.shape, floor_DN=1e-3, flicker=0.0
+    )
+    cubes = found.draws((3, 75, 100), 60, rng)
+    neighbour = float((cubes[..., 1:] * cubes[..., :-1]).mean() / cubes.var())
+    # Of Gaussian smoothing: exp(-1/(4 sigma^2)).
+    expected = np.exp(-1 / (4 * blur**2)) if blur else 0.0
+    assert cubes.var() == pytest.approx(1.0, abs=0.1)
+    assert neighbour == pytest.approx(expected, abs=0.06)
+
+
+def test_size_of_noise_and_flicker_are_found(camera, level):
+    rng = np.random.default_rng(3)
+    stack = frames(rng, 24, 0.0, 0.004, level)
+    found = noise_of({"replicate": stack}, expected_tone(camera), level.shape, floor_DN=1e-3, flicker=0.0)
+    bright = level > 100
+    expected = 0.4**2 * level[bright].mean() / 100
+    assert found.variance(level)[bright].mean() == pytest.approx(expected, rel=0.1)
+    assert found.flicker == pytest.approx(0.004, rel=0.5)
+    assert found.variance(level, 4)[bright].mean() == pytest.approx(expected / 4, rel=0.1)
+
+
+def test_without_replicates_nothing_is_claimed(camera, level):
+    found = noise_of({}, expected_tone(camera), level.shape, floor_DN=0.05, flicker=0.002)
+    assert not found.measured
+
+
+def test_binned_keeps_the_mean():
+    image = np.random.default_rng(1).random((13, 9))
+    assert binned(image).shape == (3, 2)
+    assert binned(image)[1, 1] == pytest.approx(image[4:8, 4:8].mean())

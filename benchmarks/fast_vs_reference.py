@@ -4,6 +4,9 @@ The agreement is measured with pixels a few times as large (the light is the sam
 the speed at the camera's own 2000 x 1500.
 
     python benchmarks/fast_vs_reference.py [--quick] [--json FILE] [--samples N] [--coarser K] [--cases 0,3,4]
+        [--part rates,agreement,cost]
+
+Parts that are run apart gather in one FILE; what follows from all of them is added when they are there.
 """
 
 from __future__ import annotations
@@ -97,43 +100,37 @@ def reference_cost(samples: int = 32) -> dict[str, float]:
     return found
 
 
-def main() -> int:
-    """Run and print; returns the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--json", type=Path)
-    parser.add_argument("--samples", type=int, default=None, help="paths per pixel of the reference")
-    parser.add_argument("--coarser", type=int, default=None, help="pixels this many times as large")
-    parser.add_argument("--cases", default="", help="numbers of the cases, such as 0,3; all by default")
-    arguments = parser.parse_args()
-    factor = arguments.coarser or (8 if arguments.quick else 4)
-    samples = arguments.samples or (512 if arguments.quick else 1024)
-    os.environ.setdefault("EVANESCE_CACHE", tempfile.mkdtemp())
-    if not llvm_works():
-        print("the reference needs Dr.Jit's LLVM backend, which does not work here", file=sys.stderr)
-        return 1
-
-    start = time.perf_counter()
+def measure_rates(quick: bool) -> dict[str, Any]:
+    """Time precomputation and frames."""
+    start, cpu = time.perf_counter(), time.process_time()
     compute_rig_fields(load_scene("thesis"))
-    precompute_s = time.perf_counter() - start
-    rates = {name: frame_rate(name, 40 if arguments.quick else 150) for name in ("llvm", "numpy")}
-    peak_MB = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    for name, rate in rates.items():
+    found: dict[str, Any] = {
+        "precompute_s": time.perf_counter() - start,
+        "precompute_cpu_s": time.process_time() - cpu,
+        "rates": {name: frame_rate(name, 40 if quick else 150) for name in ("llvm", "numpy")},
+        "peak_memory_MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        "load": os.getloadavg()[0],
+    }
+    for name, rate in found["rates"].items():
         print(name, ", ".join(f"{key} {value:.1f}" for key, value in rate.items()), "a frame")
-    print(f"precomputation {precompute_s:.1f} s, peak memory so far {peak_MB:.0f} MB, load {os.getloadavg()[0]:.1f}")
+    return found
 
+
+def measure_cases(numbers: list[int], factor: int, samples: int) -> dict[str, Any]:
+    """Compare the cases of the given numbers, with pixels ``factor`` times as large."""
     chosen = cases(coarser(factor))
-    if arguments.quick or arguments.cases:
-        chosen = [chosen[int(i)] for i in (arguments.cases or "0,3,4").split(",")]
-    rows = [measure_agreement(case, samples) for case in chosen]
+    return {"coarser": factor, "samples": samples, "cases": [measure_agreement(chosen[k], samples) for k in numbers]}
 
-    cost = reference_cost()
+
+def conclusions(parts: dict[str, Any]) -> dict[str, Any]:
+    """Return the figures that follow from all three parts."""
+    rows, cost, rates = parts["cases"], parts["cost"], parts["rates"]
     # Error of the fast renderer: what is left in its levels, but never less than what could be seen of it.
     bias = max(float(np.sqrt(np.mean([(r["level"] - 1) ** 2 + r["level_error"] ** 2 for r in rows]))), 1e-3)
     paths = cost["plain_variance"] / bias**2
     frame_s = rates["llvm"]["quiet_ms"] * 1e-3
     reference_s = paths * cost["plain_s_per_path"]
-    result = {
+    return {
         "mean_abs_dn": max(r["mean_abs_DN"] for r in rows),
         "worst_region_dn": max(abs(r["worst_dn"]) for r in rows),
         "area_bias_pct": 100 * max(abs(r["area_bias"]) for r in rows),
@@ -142,24 +139,58 @@ def main() -> int:
         "frames_per_s_numpy": 1e3 / rates["numpy"]["quiet_ms"],
         "frames_per_s_numpy_median": 1e3 / rates["numpy"]["median_ms"],
         "equal_error_speedup": reference_s / frame_s,
-        "equal_error_speedup_1000_frames": reference_s / (frame_s + precompute_s / 1000),
+        "equal_error_speedup_1000_frames": reference_s / (frame_s + parts["precompute_s"] / 1000),
         "equal_error_speedup_connected": cost["connected_variance"] / bias**2 * cost["connected_s_per_path"] / frame_s,
         "relative_bias": bias,
         "paths_per_pixel_needed": paths,
         "paths_per_pixel_measured": 32,
-        "precompute_s": precompute_s,
-        "peak_memory_MB": peak_MB,
-        "load": os.getloadavg()[0],
-        "cost": cost,
-        "cases": rows,
-        "versions": package_versions(),
     }
-    shown = {k: v for k, v in result.items() if isinstance(v, float | int)}
-    print("\n".join(f"{k:32s} {v:.4g}" for k, v in shown.items()))
-    if arguments.json:
-        part = arguments.json.with_suffix(".part")
-        part.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-        part.replace(arguments.json)
+
+
+PARTS = ("rates", "agreement", "cost")
+
+
+def main() -> int:
+    """Run and print; returns the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--samples", type=int, default=None, help="paths per pixel of the reference")
+    parser.add_argument("--coarser", type=int, default=None, help="pixels this many times as large")
+    parser.add_argument("--cases", default="", help="numbers of the cases, such as 0,3; all by default")
+    parser.add_argument("--part", default=",".join(PARTS), help="what to measure; all by default")
+    arguments = parser.parse_args()
+    chosen = arguments.part.split(",")
+    if not set(chosen) <= set(PARTS):
+        parser.error(f"--part: of {', '.join(PARTS)}")
+    os.environ.setdefault("EVANESCE_CACHE", tempfile.mkdtemp())
+    if not llvm_works():
+        print("the reference needs Dr.Jit's LLVM backend, which does not work here", file=sys.stderr)
+        return 1
+
+    # Parts of earlier runs stay; all of them are of a FILE's own program only if it is not kept over a change of it.
+    path: Path | None = arguments.json
+    parts: dict[str, Any] = {}
+    if path is not None and path.exists() and len(chosen) < len(PARTS):
+        parts = json.loads(path.read_text(encoding="utf-8"))
+    if "rates" in chosen:
+        parts |= measure_rates(arguments.quick)
+    if "agreement" in chosen:
+        numbers = [
+            int(k) for k in (arguments.cases or ("0,3,4" if arguments.quick else "0,1,2,3,4,5,6,7,8")).split(",")
+        ]
+        factor = arguments.coarser or (8 if arguments.quick else 4)
+        parts |= measure_cases(numbers, factor, arguments.samples or (512 if arguments.quick else 1024))
+    if "cost" in chosen:
+        parts |= {"cost": reference_cost()}
+    if {"cases", "cost", "rates"} <= set(parts):
+        parts = conclusions(parts) | {k: v for k, v in parts.items() if k not in conclusions(parts)}
+    parts["versions"] = package_versions()
+    print("\n".join(f"{k:32s} {v:.4g}" for k, v in parts.items() if isinstance(v, float | int)))
+    if path is not None:
+        part = path.with_suffix(".part")
+        part.write_text(json.dumps(parts, indent=1) + "\n", encoding="utf-8")
+        part.replace(path)
     return 0
 
 

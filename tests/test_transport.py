@@ -9,7 +9,8 @@ import pytest
 from numpy.polynomial.legendre import leggauss
 
 from evanesce.contact.solve import contact_state
-from evanesce.optics.flank import Profile, contact_on_flank, flank_irradiance, mirrored_exchange
+from evanesce.optics.flank import Profile, contact_on_flank, flank_irradiance, mirrored_exchange, sampled_irradiance
+from evanesce.optics.flank_light import escaping_irradiance, exit_slope
 from evanesce.optics.guided_field import EdgeLight, azimuthal_radiance, edge_radiance, led_count
 from evanesce.optics.interface import fresnel_reflectance, frustrated_transmittance
 from evanesce.optics.patch_light import (
@@ -296,7 +297,7 @@ def test_flank_of_an_invisible_plate_sees_the_edges_form_factor() -> None:
     light = invisible_plate()
     points = np.array([[6.0, -3.0, 4.0], [-11.0, 5.0, 2.0]])
     normals = np.array([[-0.8, 0.0, -0.6], [-1.0, 0.0, 0.0]])
-    led, edge = flank_irradiance(light, points, normals, samples=1 << 15, per_edge=12)
+    led, edge = flank_irradiance(light, points, normals, per_edge=48)
     assert led_count(light) == 2
     u, w = leggauss(60)
     for k, (p, n) in enumerate(zip(points, normals, strict=True)):
@@ -306,10 +307,42 @@ def test_flank_of_an_invisible_plate_sees_the_edges_form_factor() -> None:
             length = np.linalg.norm(way, axis=-1)
             cos_here, cos_there = (way @ n) / length, -way[..., 0] / length
             expected = np.sum(cos_here.clip(0) * cos_there / length**2 * w[:, None] * w[None, :]) * 2.0 * 1.25
-            # a few hundred of the quasi-random ways hit an LED
-            assert led[source, k] == pytest.approx(expected, rel=0.15)
+            assert led[source, k] == pytest.approx(expected, rel=2e-3)
         total = _edges_form_factor(light, p, n)
-        assert edge[:, k].sum() == pytest.approx(total, rel=0.03)
+        assert edge[:, k].sum() == pytest.approx(total, rel=0.01)
+
+
+@pytest.mark.parametrize("polish", [0.0, 0.6])
+def test_flank_light_by_images_is_that_of_rays(polish: float) -> None:
+    """Images and Snell's law against rays traced from random places of the top face, which share no formula of it."""
+    light = invisible_plate(
+        refractive_index=1.523,
+        absorption_coefficient=0.004,
+        air_gap_share=0.3,
+        edge_polish=polish,
+        positions={"left": np.array([-9.0, 4.0]), "top": np.array([2.5])},
+        radiances={"left": np.ones(2), "top": np.ones(1)},
+    )
+    points = np.array([[6.0, -3.0, 4.0], [-11.0, 5.0, 1.3]])
+    normals = np.array([[-0.76, -0.24, -0.6], [-0.8, -0.6, 0.0]])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    led, edge = escaping_irradiance(light, points, normals, per_edge=12)
+    if polish:
+        more = sampled_irradiance(light, points, normals, samples=1 << 16, per_edge=12, mirrorings=1)
+        led, edge = led + more[0], edge + more[1]
+    seen_led, seen_edge = sampled_irradiance(light, points, normals, samples=1 << 16, per_edge=12)
+    # some thousands of the ways hit LEDs, and nearly all the edges
+    np.testing.assert_allclose(led.sum(axis=0), seen_led.sum(axis=0), rtol=0.04)
+    np.testing.assert_allclose(edge.sum(axis=0), seen_edge.sum(axis=0), rtol=0.01)
+
+
+def test_ways_out_obey_snell() -> None:
+    rng = np.random.default_rng(8)
+    run, drop, height = rng.uniform(0.1, 90.0, (3, 500)) * np.array([[1.0], [0.9], [0.15]])
+    slope = exit_slope(run, drop, height, 1.523)
+    sine = slope / np.hypot(1.0, slope)
+    there = drop * np.tan(np.arcsin(sine / 1.523)) + height * slope
+    np.testing.assert_allclose(there, run, rtol=1e-9)
 
 
 def _edges_form_factor(light: EdgeLight, p: np.ndarray, n: np.ndarray) -> float:

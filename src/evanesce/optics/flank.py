@@ -7,12 +7,14 @@ part of what the contact sends down is reflected at the bottom face and leaves b
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from evanesce.optics.flank_light import ON_GLASS, escaping_irradiance
 from evanesce.optics.guided_field import EdgeLight, _arrivals, _segment_of, led_count
 from evanesce.optics.interface import fresnel_reflectance
 from evanesce.optics.patch_light import Interface, external_diffuse_reflectance, returned_radiance
@@ -114,9 +116,8 @@ def flank_irradiance(
 ) -> tuple[Array, Array]:
     """Return the irradiance on points above the plate from light that leaves the top face.
 
-    Quasi-random points of the top face, denser towards the edges and below the point; from each the straight way is
-    followed back into the glass. A convex body does not shade itself beyond its horizon, and nothing else stands on
-    the plate.
+    What no edge has mirrored by a quadrature (:func:`evanesce.optics.flank_light.escaping_irradiance`); the rest, where
+    edges are polished, by :func:`sampled_irradiance`.
 
     Parameters
     ----------
@@ -136,12 +137,34 @@ def flank_irradiance(
     edge : ndarray (segments, points)
         Per diffuse radiance of each segment [sr].
     """
+    led, edge = escaping_irradiance(light, points, normals, per_edge=per_edge)
+    if light.edge_polish > 0.0:
+        more = sampled_irradiance(light, points, normals, samples=samples, per_edge=per_edge, mirrorings=1)
+        led, edge = led + more[0], edge + more[1]
+    return led, edge
+
+
+def sampled_irradiance(
+    light: EdgeLight,
+    points: Array,
+    normals: Array,
+    *,
+    samples: int = 4096,
+    per_edge: int = 48,
+    mirrorings: int = 0,
+) -> tuple[Array, Array]:
+    """Return the same by quasi-random ways, of light that edges have mirrored at least ``mirrorings`` times.
+
+    Points of the top face, denser towards the edges and below the point; from each the straight way is
+    followed back into the glass. A convex body does not shade itself beyond its horizon, and nothing else stands on
+    the plate. Points on the glass itself get nothing: no way leads there from beside it.
+    """
     n = light.refractive_index
     leds, segments, count = led_count(light), 4 * per_edge, points.shape[0]
     led, edge = np.zeros((leds + 1, count)), np.zeros((segments, count))
     u = qmc.Sobol(5, scramble=True, rng=np.random.default_rng(5)).random(samples // 2)
     strips_x, strips_y = _towards_edges(light, u[:, :3])
-    for k in range(count):
+    for k in np.flatnonzero(points[:, 2] > ON_GLASS):
         here_x, here_y = _below(points[k], normals[k], u[:, 3:])
         qx, qy = np.concatenate([strips_x, here_x]), np.concatenate([strips_y, here_y])
         dx, dy, dz = points[k, 0] - qx, points[k, 1] - qy, points[k, 2]
@@ -164,7 +187,7 @@ def flank_irradiance(
         phi = np.arctan2(-dy[good], -dx[good])
         zero = np.zeros_like(theta)
         start = (qx[good] * (1 - 1e-9), qy[good] * (1 - 1e-9), zero, theta, phi, np.ones(theta.shape, bool))
-        for met in _arrivals(light, *start):
+        for met in itertools.islice(_arrivals(light, *start), mirrorings, None):
             led[:, k] += np.bincount(met.led + 1, met.led_share * weight, leds + 1)
             edge[:, k] += np.bincount(_segment_of(light, met.hits, per_edge), met.edge_share * weight, segments)
     return led[1:], edge

@@ -163,7 +163,9 @@ def _points_fields(light: EdgeLight, points: Array, bins: AngleBins, rays: int, 
     """
     leds, segments, count = led_count(light), 4 * per_edge, bins.count
     found = np.zeros((leds + 1, points.shape[0], count)), np.zeros((segments, points.shape[0], count))
-    found[0][1:] = _direct_fields(light, points, bins)
+    # Through an air film light enters within the critical angle only: a steep edge within an image's face.
+    finer = 2 if light.air_gap_share > 0.0 else 1
+    found[0][1:] = _direct_fields(light, points, bins, across=4 * finer, down=8 * finer)
     offset = qmc.Halton(2, scramble=True, rng=np.random.default_rng(7)).random(points.shape[0])
     edges_of_part = (0, bins.critical, count)
     for first, last, number in zip(edges_of_part[:-1], edges_of_part[1:], (rays // 8, rays), strict=True):

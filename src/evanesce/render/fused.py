@@ -332,7 +332,7 @@ def _device_normals() -> Any:
     return Float(normal_table())
 
 
-def _expose_box(lit: Lit, readout: Readout, keys: Any) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
+def _expose_box(lit: Lit, readout: Readout, keys: Any) -> tuple[NDArray[np.uint8], NDArray[np.uint32]]:
     """Return 8-bit values and raw numbers of a lit box."""
     import drjit as dr
     from drjit.llvm import Float, UInt32
@@ -350,32 +350,54 @@ def _expose_box(lit: Lit, readout: Readout, keys: Any) -> tuple[NDArray[np.uint8
     dr.eval(found)
     dr.sync_thread()
     data, raw = (np.asarray(np.array(f, copy=False)).reshape(rows, cols) for f in found)
-    return data, raw.astype(np.uint16)
+    return data, raw
 
 
-def expose_llvm(
-    lit: Lit, readout: Readout, keys: tuple[int, int], *, with_raw: bool = False
-) -> tuple[NDArray[np.uint8], NDArray[np.uint16] | None]:
-    """Return the same as :func:`expose_numpy`, by two kernels: all pixels as if dark, then the lit ones anew."""
+def _llvm_keys(keys: tuple[int, int]) -> Any:
     import drjit as dr
     from drjit.llvm import UInt32
 
-    words = tuple(dr.opaque(UInt32, int(k)) for k in keys)
+    return tuple(dr.opaque(UInt32, int(k)) for k in keys)
+
+
+def _begin_dark(readout: Readout, keys: tuple[int, int]) -> Any:
+    """Start the kernel of a frame without light, if there is one, and return its pixels; other work goes on."""
+    import drjit as dr
+
     steps = dark_steps(readout)
-    raw = None
-    if steps is not None and not with_raw:
-        found = _dark_kernel(readout.shape[0] * readout.shape[1], steps)(words)
-        dr.eval(found)
-        dr.sync_thread()
-        data = np.asarray(np.array(found, copy=False)).reshape(readout.shape)
+    if steps is None:
+        return None
+    found = _dark_kernel(readout.shape[0] * readout.shape[1], steps)(_llvm_keys(keys))
+    dr.eval(found)
+    return found
+
+
+def expose_llvm(
+    lit: Lit, readout: Readout, keys: tuple[int, int], *, with_raw: bool = False, begun: Any = None
+) -> tuple[NDArray[np.uint8], NDArray[np.uint16] | None]:
+    """Return the same as :func:`expose_numpy`, by two kernels: all pixels as if dark, then the lit ones anew.
+
+    ``begun`` is the first, where it runs already.
+    """
+    words = _llvm_keys(keys)
+    raw: NDArray[Any] | None = None
+    begun = _begin_dark(readout, keys) if begun is None and not with_raw else begun
+    box = _expose_box(lit, readout, words) if lit.charge.size else None
+    if begun is not None and not with_raw:
+        # Kernels end in the order of their start: a box that is there says that the rest is.
+        if box is None:
+            import drjit as dr
+
+            dr.sync_thread()
+        data = np.asarray(np.array(begun, copy=False)).reshape(readout.shape)
     else:
         data, raw = _expose_box(Lit(0, 0, np.zeros(readout.shape, np.float32)), readout, words)
-    if lit.charge.size:
+        raw = raw.astype(np.uint16)
+    if box is not None:
         here = np.s_[lit.row : lit.row + lit.charge.shape[0], lit.col : lit.col + lit.charge.shape[1]]
-        box, numbers = _expose_box(lit, readout, words)
-        data[here] = box
+        data[here] = box[0]
         if raw is not None:
-            raw[here] = numbers
+            raw[here] = box[1]
     return data, raw if with_raw else None
 
 
@@ -395,16 +417,48 @@ def coupling_llvm(gap: Image, share: Image, end: float, table: Image) -> Image:
     return np.asarray(np.array(found, copy=False)).reshape(gap.shape)
 
 
+@dataclass
+class Exposure:
+    """An exposure in two steps, of which the first needs no light.
+
+    Attributes
+    ----------
+    readout : Readout
+    keys : tuple of int
+    with_raw : bool
+    backend : str
+    """
+
+    readout: Readout
+    keys: tuple[int, int]
+    with_raw: bool
+    backend: Backend
+    _begun: Any = None
+
+    def begin(self) -> None:
+        """Start what needs no light, where it can run beside other work."""
+        if self.backend == "llvm" and not self.with_raw:
+            self._begun = _begin_dark(self.readout, self.keys)
+
+    def finish(self, lit: Lit) -> tuple[NDArray[np.uint8], NDArray[np.uint16] | None]:
+        """Return 8-bit frame and, if asked for, raw numbers."""
+        if self.backend == "llvm":
+            return expose_llvm(lit, self.readout, self.keys, with_raw=self.with_raw, begun=self._begun)
+        return expose_numpy(lit, self.readout, self.keys, with_raw=self.with_raw)
+
+
 @dataclass(frozen=True)
 class Operators:
     """The fused operators of one backend."""
 
     coupling: Callable[[Image, Image, float, Image], Image]
-    expose: Callable[..., tuple[NDArray[np.uint8], NDArray[np.uint16] | None]]
+    exposure: Callable[[Readout, tuple[int, int], bool], Exposure]
 
 
 def operators(backend: Backend) -> Operators:
     """Return the operators of a backend; llvm has to work (:func:`llvm_works`)."""
-    if backend == "llvm":
-        return Operators(coupling_llvm, expose_llvm)
-    return Operators(coupling_numpy, expose_numpy)
+
+    def exposure(readout: Readout, keys: tuple[int, int], with_raw: bool) -> Exposure:
+        return Exposure(readout, keys, with_raw, backend)
+
+    return Operators(coupling_llvm if backend == "llvm" else coupling_numpy, exposure)

@@ -21,14 +21,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import RectBivariateSpline
 
-from evanesce.optics.guided_field import azimuthal_radiance, edge_radiance
+from evanesce.optics.guided_field import stacked_radiances
+from evanesce.optics.interface import frustrated_transmittance
 from evanesce.optics.led import led_positions, led_radiances
-from evanesce.optics.patch_light import (
-    angle_nodes,
-    returned_radiance,
-    transmitted_irradiance_kernel,
-    window_transmittance,
-)
+from evanesce.optics.patch_light import returned_radiance, window_transmittance
+from evanesce.optics.plate_field import AngleBins, unit_fields
 from evanesce.optics.projection import Projection
 from evanesce.provenance import digest
 from evanesce.render.rig_fields import cache_folder
@@ -43,6 +40,9 @@ NODE_SPACING = 10.0
 
 EDGE_MARGIN = 0.5
 """Nodes stay this far inside the plate [mm]."""
+
+RAYS = 1 << 12
+"""From each node to the edges, whose own light is smooth; that of the LEDs is a quadrature."""
 
 _KEPT: OrderedDict[str, Any] = OrderedDict()
 _KEEP = 16
@@ -91,7 +91,7 @@ def _field_of(scene: Scene, level: float) -> RectBivariateSpline:
     places = {e: p.tolist() for e, p in led_positions(scene.plate, scene.leds).items()}
     faces = [data["leds"][key] for key in ("emitting_width_mm", "emitting_height_mm", "air_gap_share")]
     optical = [data["finger"]["refractive_index"], data["finger"]["diffuse_reflectance"], scene.camera.wavelength_nm]
-    key = digest(["marks 1", data["plate"], faces, shares, places, optical])
+    key = digest(["marks 2", data["plate"], faces, shares, places, optical])
 
     def make() -> RectBivariateSpline:
         path = cache_folder() / f"{key}.npz"
@@ -133,15 +133,17 @@ def _write(path: Path, field: tuple[Array, Array, Array]) -> None:
 def _contact_field(scene: Scene, level: float) -> tuple[Array, Array, Array]:
     """Return nodes y, x and contact radiance (y, x) per mean radiance of the LEDs, over the plate."""
     light, interface = edge_light(scene), interface_of(scene)
-    theta, weights = angle_nodes(20, interface.n_glass)
+    bins = AngleBins.of(interface.n_glass, interface.n_silicone)
+    entering = frustrated_transmittance(
+        bins.cosines, 0.0, interface.wavelength, interface.n_glass, interface.n_silicone
+    ).mean(axis=1)
     axes = []
     for size in scene.plate.size_mm:
         half = size / 2 - EDGE_MARGIN
         axes.append(np.linspace(-half, half, max(4, math.ceil(2 * half / NODE_SPACING) + 1)))
     points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
-    diffuse = edge_radiance(light, rays=1024)
-    radiance = azimuthal_radiance(light, points[:, 0], points[:, 1], theta, azimuths=720, diffuse=diffuse)
-    irradiance = radiance @ transmitted_irradiance_kernel(theta, weights, np.zeros(1), interface)[0]
+    unit = unit_fields(light, points, bins, rays=RAYS)
+    irradiance = unit.irradiance(stacked_radiances(light), light.edge_reflectance) @ entering
     seen = float(returned_radiance(0.0, 0.0, interface) * window_transmittance(0.0, interface.n_glass))
     seen *= math.exp(-scene.plate.absorption_coefficient_per_mm * scene.plate.thickness_mm)
     grid = (irradiance * seen).reshape(axes[1].size, axes[0].size)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from evanesce.render.feedback import CoarseGrid, coarse_mean, feedback
 from evanesce.render.fields import GAP_STEPS, Fields
+from evanesce.render.fused import THREADS, in_threads
 from evanesce.render.glow import glow_radiance
 from evanesce.states import ContactState, PlateGrid
 
@@ -88,7 +89,7 @@ class InterfaceBox:
         gap, share = np.asarray(state.gap), np.asarray(state.contact_mask)
         part = np.s_[:, :] if whole else _touched(gap, share, end)
         # As in the path tracer's textures, a gap that is not a number is none.
-        gap = np.clip(np.nan_to_num(gap[part].astype(np.float32), posinf=np.inf), 0, np.float32(4 * end))
+        gap = np.minimum(np.fmax(gap[part].astype(np.float32), np.float32(0)), np.float32(4 * end))
         share = np.clip(share[part].astype(np.float32), 0, 1)
         # In a cell that touches in part the gap is that of its centre; the rest of it has its neighbours' largest.
         touched = (share > 0).astype(np.uint8)
@@ -109,8 +110,14 @@ class InterfaceBox:
 
 def _touched(gap: Array, share: Array, end: float) -> tuple[slice, slice]:
     """Return the rows and columns that hold contact or a thin film, and a margin; a single cell where none do."""
-    near = ~(gap >= end) | (share > 0)
-    col, row, wide, high = cv2.boundingRect(near.view(np.uint8))
+    near = np.empty(gap.shape, np.uint8)
+
+    def look(rows: range) -> None:
+        some = np.s_[rows.start : rows.stop]
+        near[some] = ~(gap[some] >= end) | (share[some] > 0)
+
+    in_threads(look, gap.shape[0], -(-gap.shape[0] // THREADS))
+    col, row, wide, high = cv2.boundingRect(near)
     if wide == 0:
         return np.s_[0:1, 0:1]
     return np.s_[max(0, row - MARGIN) : row + high + MARGIN, max(0, col - MARGIN) : col + wide + MARGIN]

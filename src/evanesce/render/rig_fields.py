@@ -31,7 +31,7 @@ from evanesce.rig import Scene
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
-FORMAT = 6
+FORMAT = 7
 """Of the files; a change of any formula of their content counts it up."""
 
 KEEP_FILES = 24

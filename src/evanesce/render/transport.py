@@ -215,11 +215,26 @@ def flank_depth(scene: Scene, state: ContactState) -> float:
 
 def flank_lit(scene: Scene, fields: Fields, taken: Array, depth: float) -> Image:
     """Return the radiance of the flank towards the lens by station and azimuth, the first azimuth twice."""
+    lit, per_taken = flank_tables(scene, fields, depth)
+    return flank_turn(lit + per_taken @ taken)
+
+
+def flank_tables(scene: Scene, fields: Fields, depth: float) -> tuple[Array, Array]:
+    """Return the flank's radiance at one approach, (stations, azimuths), and what contact adds, (..., points).
+
+    The first is of light from beside the finger [W mm^-2 sr^-1], the second per power that a contact at each node
+    takes in [mm^-2 sr^-1].
+    """
     depths = flank_depths(scene)
     between = np.array([np.interp(depth, depths, row) for row in np.eye(depths.size)])
-    lit = np.tensordot(between, fields.flank_lit, 1) + np.tensordot(between, fields.rig.flank_contact, 1) @ taken
-    lit = lit * fields.open_response
-    return np.concatenate([lit, lit[:, :1]], axis=1).astype(np.float32)
+    lit, per_taken = (np.tensordot(between, a, 1) * fields.open_response
+                      for a in (fields.flank_lit, fields.rig.flank_contact))  # fmt: skip
+    return lit, per_taken
+
+
+def flank_turn(table: Array) -> Image:
+    """Return a table of the flank with its first azimuth repeated at the end, for interpolation all around."""
+    return np.concatenate([table, table[:, :1]], axis=1).astype(np.float32)
 
 
 def flank_place(scene: Scene, u: Array, v: Array, depth: float) -> tuple[Image, Image, Image]:

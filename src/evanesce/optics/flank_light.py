@@ -1,0 +1,204 @@
+"""Light of LEDs and edges that leaves the plate's top face towards points above it: a quadrature over their images.
+
+Mirrored in the plate's faces, a stretch of edge is a tower of images, one below the other. Seen from above the plate
+through its top face each image fills a range of angles: its ends follow from Snell's law, and between them the light
+is smooth.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.optics.guided_field import EDGES, EdgeLight, _entering, led_count
+from evanesce.optics.interface import fresnel_reflectance
+
+Array = NDArray[np.float64]
+
+SOLVE_STEPS = 7
+"""Of Newton's method for the angle; from its start the sixth changes nothing that float64 holds."""
+
+GRAZING = 1e6
+"""Slope of the flattest way that is looked at [1]."""
+
+ON_GLASS = 1e-9
+"""Height below which a point lies on the glass [mm]; rounding must not let it see what grazes the plate."""
+
+FURTHER_IMAGES = 3
+"""Images below the one that is seen at the critical angle; more of them change the light by less than 1e-4."""
+
+ANGLES = 3
+"""Angles within an image."""
+
+_CHUNK = 1 << 21
+
+
+def exit_slope(run: Array, drop: Array, height: Array, refractive_index: float) -> Array:
+    """Return the slope in the air, horizontal over vertical, of the way from a depth in the glass to a height above it.
+
+    Solves drop tan(theta) + height tan(theta') = run with n sin(theta) = sin(theta') (arguments broadcast).
+
+    Parameters
+    ----------
+    run : ndarray
+        Horizontal distance of the two ends, above 0 [mm].
+    drop, height : ndarray
+        Depth of the one below the top face, height of the other above it, not both 0 [mm].
+    refractive_index : float
+        Of the glass [1].
+
+    Returns
+    -------
+    ndarray
+        [1]; at most :data:`GRAZING`, which stands for no way at all where ``height`` is 0.
+    """
+    n2 = refractive_index**2
+    height = np.where(height > ON_GLASS, height, 0.0)
+    least = max(n2 - 1.0, 1e-12)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # Both are too small, for the left-hand side bends down: Newton's steps come from below and never pass the root.
+        flat = np.where(height > 0, (run - drop / np.sqrt(least)) / height, 0.0)
+        slope = np.minimum(np.maximum(run / (drop / refractive_index + height), flat), GRAZING)
+    for _ in range(SOLVE_STEPS):
+        root2 = n2 + least * slope**2
+        root = np.sqrt(root2)
+        missing = run - drop * slope / root - height * slope
+        slope = np.minimum(slope + missing / np.maximum(drop * n2 / (root2 * root) + height, 1e-300), GRAZING)
+    return np.asarray(slope)
+
+
+def _towers(light: EdgeLight, near: float, far: float, reach: float) -> tuple[Array, Array, Array]:
+    """Return upper and lower ends [mm] of the images of a stretch between two depths, and each one's mirrorings."""
+    t = light.thickness
+    images = int(np.ceil(reach * np.sqrt(max(light.refractive_index**2 - 1.0, 0.0)) / t)) + FURTHER_IMAGES
+    number = np.arange(images)
+    even = number % 2 == 0
+    top = number * t + np.where(even, near, t - far)
+    bottom = top + (far - near)
+    return np.asarray(top, float), np.asarray(bottom, float), np.asarray(number, float)
+
+
+def _irradiance(
+    light: EdgeLight, points: Array, normals: Array, edge: int, along: Array, depths: tuple[float, float], bare: bool
+) -> Array:
+    """Return the irradiance from upright lines of an edge per length and radiance, (points, lines) [sr/mm].
+
+    Parameters
+    ----------
+    light : EdgeLight
+    points, normals : ndarray (points, 3)
+    edge : int
+        Its number in ``EDGES``.
+    along : ndarray (lines,)
+        Places along the edge [mm].
+    depths : tuple of float
+        Upper and lower end of the lines [mm].
+    bare : bool
+        Whether light comes from the glass itself; else from an emitter, maybe through an air film.
+    """
+    on_x, side = edge < 2, (-1.0, 1.0)[edge % 2]
+    across, lengthwise = (0, 1) if on_x else (1, 0)
+    away = light.size[across] / 2 - side * points[:, across]
+    beside = along[None, :] - points[:, lengthwise, None]
+    inward = np.maximum(away, 1e-9)[:, None]
+    run = np.hypot(inward, beside)
+    top, bottom, mirrored = _towers(light, *depths, float(run.max()))
+    where = run[..., None], points[:, None, None, 2]
+    low, high = (np.arctan(exit_slope(where[0], d[None, None, :], where[1], light.refractive_index))
+                 for d in (bottom, top))  # fmt: skip
+    # The way to the source, horizontally, in the sense of the normal.
+    towards = (normals[:, across, None] * side * inward + normals[:, lengthwise, None] * beside) / run
+    u, w = np.polynomial.legendre.leggauss(ANGLES)
+    total = np.zeros(low.shape)
+    for node, weight in zip(u, w, strict=True):
+        angle = 0.5 * (low + high) + 0.5 * (high - low) * node
+        sine, cosine = np.sin(angle), np.cos(angle)
+        sine_glass = sine / light.refractive_index
+        cos_glass = np.sqrt(1.0 - sine_glass**2)
+        facing = towards[..., None] * sine - normals[:, None, None, 2] * cosine
+        reflected = fresnel_reflectance(cos_glass, light.refractive_index, 1.0)
+        share = reflected**mirrored * (1.0 - reflected) * np.clip(facing, 0.0, None) * sine
+        if light.absorption_coefficient > 0.0:
+            length = np.maximum(where[0] - where[1] * sine / np.maximum(cosine, 1e-12), 0.0) / np.maximum(
+                sine_glass, 1e-12
+            )
+            share = share * np.exp(-light.absorption_coefficient * length)
+        if not bare:
+            share = share * _entering(light, sine_glass * (inward / run)[..., None])
+        total += share * (0.5 * weight * (high - low))
+    # d(azimuth) = away/run^2 d(along)
+    found = total.sum(axis=-1) / light.refractive_index**2 * inward / run**2
+    return np.asarray(np.where(away[:, None] > 0.0, found, 0.0))
+
+
+def escaping_irradiance(
+    light: EdgeLight, points: Array, normals: Array, *, per_edge: int = 48, across: int = 4
+) -> tuple[Array, Array]:
+    """Return the irradiance on points above the plate from light that leaves the top face, no edge having mirrored it.
+
+    Parameters
+    ----------
+    light : EdgeLight
+        Its radiances do not count.
+    points, normals : ndarray (points, 3)
+        Above the top face, z = 0 [mm]; outward unit normals. A convex body does not shade itself beyond its horizon,
+        and nothing else stands on the plate.
+    per_edge : int
+        Segments of each edge.
+    across : int
+        Nodes over the width of an LED; a segment has one.
+
+    Returns
+    -------
+    led : ndarray (leds, points)
+        Per radiance of each LED [sr].
+    edge : ndarray (segments, points)
+        Per diffuse radiance of each segment [sr].
+    """
+    count = points.shape[0]
+    led, edge = np.zeros((led_count(light), count)), np.zeros((4 * per_edge, count))
+    width, height = light.emitter_size
+    middle = light.thickness / 2
+    face = middle - height / 2, middle + height / 2
+    first = 0
+    for number, name in enumerate(EDGES):
+        length = light.size[1] if number < 2 else light.size[0]
+        step = length / per_edge
+        centres = np.asarray((np.arange(per_edge) + 0.5) * step - length / 2, float)
+        every = slice(number * per_edge, (number + 1) * per_edge)
+        edge[every] = (1.0 - light.edge_polish) * _strips(
+            light, points, normals, number, centres, step, (0.0, light.thickness), 1, True
+        )
+        leds = light.positions.get(name, np.zeros(0))
+        if leds.size == 0:
+            continue
+        led[first : first + leds.size] = _strips(light, points, normals, number, leds, width, face, across, False)
+        if light.edge_polish > 0.0:
+            # Emitters do not mirror: there the edge is as it is without polish.
+            own = _strips(light, points, normals, number, leds, width, face, across, True)
+            segment = np.clip(((leds + length / 2) / step).astype(int), 0, per_edge - 1)
+            np.add.at(edge, every.start + segment, light.edge_polish * own)
+        first += leds.size
+    return led, edge
+
+
+def _strips(
+    light: EdgeLight,
+    points: Array,
+    normals: Array,
+    edge: int,
+    centres: Array,
+    width: float,
+    depths: tuple[float, float],
+    nodes: int,
+    bare: bool,
+) -> Array:
+    """Return the irradiance from rectangles of an edge, (centres, points) [sr]."""
+    u, w = np.polynomial.legendre.leggauss(nodes)
+    along = (centres[:, None] + u * width / 2).ravel()
+    found = np.empty((points.shape[0], along.size))
+    step = max(1, _CHUNK // (along.size * 32))
+    for start in range(0, points.shape[0], step):
+        some = slice(start, start + step)
+        found[some] = _irradiance(light, points[some], normals[some], edge, along, depths, bare)
+    return np.asarray((found.reshape(points.shape[0], centres.size, nodes) @ (w * width / 2)).T)

@@ -24,7 +24,13 @@ SUB_RAYS = 8
 
 
 def card_light(
-    scene: Scene, card: Card, pose: Pose | None = None, *, room: Room | None = None, view: IdealView | None = None
+    scene: Scene,
+    card: Card,
+    pose: Pose | None = None,
+    *,
+    room: Room | None = None,
+    view: IdealView | None = None,
+    points: tuple[Array, Array, Array] | None = None,
 ) -> PlateLight:
     """Return the light of a card under an even room, LEDs off.
 
@@ -39,6 +45,8 @@ def card_light(
         Its radiance; a gradient is not modelled here.
     view : IdealView, optional
         Pinhole grid; the one that covers the frame by default.
+    points : tuple of ndarray, optional
+        :func:`plane_points` of that view and the card's height, where they are known.
 
     Returns
     -------
@@ -55,7 +63,7 @@ def card_light(
         raise ValueError("only an even room is modelled; use render_card")
     projection = Projection.of(scene.camera, scene.plate)
     view = projection.ideal_view() if view is None else view
-    x, y, cosine = plane_points(projection, view, pose.height)
+    x, y, cosine = points or plane_points(projection, view, pose.height)
     if pose.tilt_x_deg == 0.0 and pose.tilt_y_deg == 0.0:
         albedo = mean_reflectance(card, *_on_card(pose, x, y))
     else:

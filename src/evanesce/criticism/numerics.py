@@ -30,12 +30,18 @@ LEFT = 0.6
 
 
 def resolution_change(predictor: Predictor, point: Point) -> Array:
-    """Return the prediction at twice the resolution less the predictor's own (views, rows, cols) [DN]."""
+    """Return the prediction at twice the resolution less the predictor's own (views, rows, cols) [DN].
+
+    Cards are in closed form at any resolution, so theirs is 0.
+    """
     scene = predictor.scene
+    lit = [k for k, view in enumerate(predictor.views) if view.touches]
+    if not lit:
+        return np.zeros_like(predictor.cube(point))
     finer = scene.grid.model_copy(update={"samples": scene.grid.samples * FINER})
     fine = Predictor(scene.model_copy(update={"grid": finer}), predictor.views, finer=FINER)
     own = Predictor(scene, predictor.views)
-    return fine.cube(point) - own.cube(point)
+    return np.nan_to_num(fine.cube(point, lit) - own.cube(point, lit), nan=0.0)
 
 
 def leftover_variance(change: Array) -> Array:

@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.bundle.card_light import card_light
+from evanesce.bundle.card_light import card_light, plane_points
 from evanesce.contact.solve import contact_state
 from evanesce.criticism.tone import expected_tone
 from evanesce.criticism.views import View, binned
@@ -155,7 +155,7 @@ class Predictor:
         self.correction: Array | None = None
         """Added to every prediction of bins (views, rows, cols) [DN]."""
         self._contacts, self._lights, self._images = _Kept(KEEP_CONTACTS), _Kept(KEEP_LIGHTS), _Kept(KEEP_IMAGES)
-        self._bins = _Kept(KEEP_BINS)
+        self._bins, self._points = _Kept(KEEP_BINS), _Kept(4)
         self._known: set[str] = set()
         self._timed: set[str] = set()
 
@@ -228,7 +228,7 @@ class Predictor:
         sight = _sight(rig)
         if view.is_card:
             key = ("card", view.kind, sight, repr(rig.card), repr(rig.plate), nuisances.shift_mm, nuisances.turn_deg)
-            return key, lambda: self._lights.get(key, lambda: _card(rig, view, nuisances, self.finer))
+            return key, lambda: self._lights.get(key, lambda: self._card(rig, view, nuisances))
         if view.force_N is None:
             return ("dark", sight), lambda: _dark(rig)
         force = float(self._apply(Stage.LOAD, view.force_N * float(np.exp(nuisances.log_force)), effects, context))
@@ -256,6 +256,17 @@ class Predictor:
             return made if at == level else replace(made, radiance=made.radiance * (level / at))
 
         return (*key, level), light
+
+    def _card(self, rig: Scene, view: View, nuisances: Nuisances) -> PlateLight:
+        """Return the light of a card that lies flat; where the pixels meet its plane is kept."""
+        card = checkerboard_of(rig.card) if view.kind == "checkerboard" else square_of(rig.card)
+        pose = pose_of(rig.card, Pose(shift=nuisances.shift_mm, rotation_deg=nuisances.turn_deg))
+        ideal = finer_view(rig, self.finer)
+        points = self._points.get(
+            (_sight(rig), pose.height),
+            lambda: plane_points(Projection.of(rig.camera, rig.plate), ideal, pose.height),
+        )
+        return card_light(rig, card, pose, view=ideal, points=points)
 
     def _sensor(
         self, rig: Scene, light: PlateLight, nuisances: Nuisances, effects: tuple[Active, ...], context: Context
@@ -318,12 +329,6 @@ def _dark(rig: Scene) -> PlateLight:
     return PlateLight(
         radiance=nothing, variance=nothing, focal_px=view.focal_px, principal_point=view.principal_point, samples=0
     )
-
-
-def _card(rig: Scene, view: View, nuisances: Nuisances, finer: int) -> PlateLight:
-    card = checkerboard_of(rig.card) if view.kind == "checkerboard" else square_of(rig.card)
-    pose = pose_of(rig.card, Pose(shift=nuisances.shift_mm, rotation_deg=nuisances.turn_deg))
-    return card_light(rig, card, pose, view=finer_view(rig, finer))
 
 
 def _sight(rig: Scene) -> tuple[Any, ...]:

@@ -1,0 +1,164 @@
+"""Fits and score tests of the critic on a linear toy whose truth is known, and effects as candidates."""
+
+import textwrap
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+import evanesce.effects
+from evanesce.criticism.candidates import Candidate, candidates_of
+from evanesce.criticism.noise import noise_of
+from evanesce.criticism.parameters import Parameter, derivative
+from evanesce.criticism.predict import scene_with
+from evanesce.criticism.problem import Problem, fit
+from evanesce.criticism.score import score_test
+from evanesce.criticism.signatures import Signature
+from evanesce.criticism.views import View
+from evanesce.rig import load_scene
+
+SHAPE = (24, 32)
+VIEWS = tuple(View(kind="press", force_N=1.0 + k, condition=k) for k in range(4))
+
+
+@dataclass
+class Toy:
+    """A prediction that is a known function of its point."""
+
+    maps: dict
+    views: tuple = VIEWS
+    bend: float = 0.0
+
+    def cube(self, point, only=None):
+        total = np.full((len(self.views), *SHAPE), 50.0)
+        for name, amount in point.items():
+            total = total + (amount + self.bend * amount**2) * self.maps[name]
+        kept = np.zeros(len(self.views), bool)
+        kept[list(range(len(self.views)) if only is None else only)] = True
+        return np.where(kept[:, None, None], total, np.nan)
+
+
+def parameter(name, **more):
+    return Parameter(**({"name": name, "deviation": 1.0, "step": 0.1} | more))
+
+
+@pytest.fixture
+def toy():
+    rng = np.random.default_rng(17)
+    return Toy({name: ndimage.gaussian_filter(rng.standard_normal((4, *SHAPE)), 2) for name in ("a:x", "b:y", "@n")})
+
+
+def problem_of(toy, data, fields):
+    tone = SimpleNamespace(variance_at=lambda level: np.full_like(level, 16.0))
+    noise = noise_of({}, tone, SHAPE, floor_DN=1e-3, flicker=0.0)
+    noise = type(noise)(tone, noise.levels, noise.ratio, 0.0, fields, True, 1e-3)
+    return Problem.of(toy, data, noise, np.zeros_like(data), [0, 1, 2, 3], toy.cube({}))
+
+
+def noise_fields(rng, blur):
+    fields = ndimage.gaussian_filter(rng.standard_normal((40, *SHAPE)), (0, blur, blur), mode="wrap")
+    return fields / fields.std()
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.3])
+def test_fit_finds_what_was_put_in(toy, bend):
+    """Within 4 posterior standard deviations, also where the prediction is bent and derivatives are those at null."""
+    toy.bend = bend
+    rng = np.random.default_rng(2)
+    data = toy.cube({"a:x": 0.8, "@n": -0.4}) + rng.standard_normal((4, *SHAPE))
+    found = fit(problem_of(toy, data, noise_fields(rng, 0)), [parameter("a:x"), parameter("@n")], {}, secant=bend > 0)
+    sd = np.sqrt(np.diag(found.covariance()))
+    assert abs(found.point["a:x"] - 0.8) < 4 * sd[0]
+    assert abs(found.point["@n"] + 0.4) < 4 * sd[1]
+
+
+def test_fit_stays_within_bounds(toy):
+    data = toy.cube({"a:x": -2.0})
+    rng = np.random.default_rng(2)
+    found = fit(problem_of(toy, data, noise_fields(rng, 0)), [parameter("a:x", bounds=(0.0, 5.0))], {"a:x": 0.5})
+    assert found.point["a:x"] >= 0.0
+
+
+def test_derivative_at_a_bound_is_as_exact_as_a_central_one(toy):
+    """Of a parabola both are exact; a one-sided difference of first order would be off by bend times step."""
+    toy.bend = 0.7
+    for bounds in ((-9.0, 9.0), (0.0, 9.0), (-9.0, 0.0)):
+        found = derivative(toy, {}, parameter("a:x", bounds=bounds), [0, 1, 2, 3])
+        np.testing.assert_allclose(found, toy.maps["a:x"], rtol=1e-9, atol=1e-12)
+
+
+def signatures(problem, toy):
+    found = []
+    for name in ("a:x", "b:y"):
+        effect = SimpleNamespace(id=name[0])
+        row = problem.whitened(toy.maps[name])[None].astype(np.float32)
+        found.append(Signature(Candidate(effect, (parameter(name),), ()), row, np.ones(1), True))
+    return found
+
+
+@pytest.mark.parametrize("blur", [0.0, 1.0])
+def test_false_alarms_at_5_percent_are_5_percent_in_correlated_noise(toy, blur):
+    """100 cases; 4 standard errors of a 5 % rate are 9 %."""
+    rng = np.random.default_rng(4)
+    alarms = 0
+    for _ in range(100):
+        data = toy.cube({}) + noise_fields(rng, blur)[:4]
+        problem = problem_of(toy, data, noise_fields(rng, blur))
+        base = fit(problem, [parameter("@n")], {}, rounds=2)
+        alarms += score_test(problem, base, signatures(problem, toy), draws=99, rng=rng).p <= 0.05
+    assert alarms / 100 < 0.14
+
+
+def test_the_right_candidate_scores_highest(toy):
+    rng = np.random.default_rng(9)
+    data = toy.cube({"b:y": 1.5, "@n": 2.0}) + noise_fields(rng, 0.7)[:4]
+    problem = problem_of(toy, data, noise_fields(rng, 0.7))
+    base = fit(problem, [parameter("@n", deviation=50.0)], {}, rounds=2)
+    found = score_test(problem, base, signatures(problem, toy), draws=499, rng=rng)
+    assert found.scored[0].id == "b"
+    assert found.p <= 0.01
+
+
+def test_an_effect_file_is_a_candidate_with_no_other_change(tmp_path, monkeypatch):
+    (tmp_path / "test_only_haze.py").write_text(
+        textwrap.dedent(
+            '''
+            """Haze."""
+            from evanesce.effects.protocol import Effect, Stage
+            from evanesce.quantities import Strict, field
+
+            class Parameters(Strict):
+                """Amount."""
+                amount: float = field(0.0, unit="1", bounds=(0.0, 2.0), null=0.0)
+
+            EFFECT = Effect(id="test_only_haze", stage=Stage.SENSOR_LIGHT, parameters=Parameters,
+                            amplitudes=("amount",), apply=lambda light, parameters, context: light)
+            '''
+        )
+    )
+    monkeypatch.setattr(evanesce.effects, "__path__", [*evanesce.effects.__path__, str(tmp_path)])
+    evanesce.effects.all_effects.cache_clear()
+    try:
+        scene = load_scene("thesis")
+        found = {c.id: c for c in candidates_of(scene, {"press"})}["test_only_haze"]
+        assert found.names == ("test_only_haze:amount",)
+        assert found.parameters[0].deviation == pytest.approx(0.2)
+        extended = scene_with(scene, {"test_only_haze:amount": 0.3})
+        assert extended.effects["test_only_haze"]["amount"] == 0.3
+    finally:
+        evanesce.effects.all_effects.cache_clear()
+
+
+def test_what_an_effect_needs_and_lacks_is_said():
+    found = {c.id: c for c in candidates_of(load_scene("thesis"), {"press"})}
+    assert found["led_warmup"].missing or found["creep"].missing
+    assert found["vignetting"].missing == ()
+
+
+def test_believed_effects_are_where_a_candidate_starts():
+    scene = load_scene("thesis", {"effects.vignetting.k": 0.2})
+    found = {c.id: c for c in candidates_of(scene, {"press"})}["vignetting"]
+    assert {p.name: p.null for p in found.parameters}["vignetting:k"] == 0.2
+    assert scene_with(scene, {"vignetting:k": 0.25}).effects["vignetting"]["k"] == 0.25

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
 import math
 
@@ -78,17 +79,20 @@ def test_rectified_frames_are_cropped_in_the_rectified_view():
 
 
 ROWS = [AreaRow(0, 0.0, 0, 0.0, 0), AreaRow(2, 1 / 15, 10_001, 10_001 * 0.0002935, 1), AreaRow(3, math.nan, 7, 0.1, 2)]
+ROWS[1] = dataclasses.replace(ROWS[1], area_low_mm2=2.9, area_high_mm2=3.01)
 
 
 def test_table_reads_back_to_the_last_bit():
     read = list(csv.DictReader(io.StringIO(to_csv(ROWS))))
-    assert list(read[0]) == ["index", "time_s", "pixels_px", "area_mm2", "blobs"]
+    assert list(read[0]) == ["index", "time_s", "pixels_px", "area_mm2", "blobs", "area_low_mm2", "area_high_mm2"]
     for line, row in zip(read, ROWS, strict=True):
         assert (int(line["index"]), int(line["pixels_px"]), int(line["blobs"])) == (row.index, row.pixels, row.blobs)
         assert float(line["area_mm2"]) == row.area_mm2
         assert (line["time_s"] == "") if math.isnan(row.time_s) else (float(line["time_s"]) == row.time_s)
+    assert [line["area_high_mm2"] for line in read] == ["", "3.01", ""]
     assert to_plain(ROWS)[1] == {
-        "index": 2, "time_s": 1 / 15, "pixels": 10_001, "area_mm2": 10_001 * 0.0002935, "blobs": 1
+        "index": 2, "time_s": 1 / 15, "pixels": 10_001, "area_mm2": 10_001 * 0.0002935, "blobs": 1,
+        "area_low_mm2": 2.9, "area_high_mm2": 3.01,
     }  # fmt: skip
 
 

@@ -12,12 +12,12 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from evanesce import provenance
+from evanesce import provenance, rng
 from evanesce.cli.common import console, messages, out_dir, progress, write_json, write_text
 from evanesce.errors import InputError
 from evanesce.measurement.area import AreaRow, Measured, measure_frame, summary, to_csv, to_plain
 from evanesce.measurement.calibration import Calibration, load_calibration
-from evanesce.measurement.estimator import Estimator, measure_refined
+from evanesce.measurement.estimator import Estimator, refined_measured
 from evanesce.measurement.frames import FrameStream, open_frames
 from evanesce.measurement.plots import (
     OverlayVideo,
@@ -31,6 +31,7 @@ from evanesce.measurement.plots import (
 from evanesce.measurement.rectify import Rectification, rectification
 from evanesce.measurement.refined_light import Radiometry
 from evanesce.measurement.segment import Chain
+from evanesce.measurement.uncertainty_area import author_uncertainty, refined_uncertainty
 from evanesce.measurement.warn import FrameLog, Warning, scale_warning
 from evanesce.states import Frame
 
@@ -82,6 +83,7 @@ class Job:
     stream: FrameStream
     warnings: tuple[Warning, ...]
     estimator: Estimator | None = None
+    stored: Calibration | None = None
 
 
 @dataclass(frozen=True)
@@ -129,6 +131,7 @@ def prepare(
         out=out,
         warnings=(extra,) if extra else (),
         estimator=estimator,
+        stored=stored,
     )
 
 
@@ -181,14 +184,14 @@ def run(job: Job) -> Result:
         task = bar.add_task("measure", total=stream.count)
         video: OverlayVideo | None = None
         for frame in stream:
-            measured = _measure(frame, job)
+            measured, interval = _measure(frame, job)
             if job.out is not None and stream.count != 1:
                 if video is None:  # only now is it known that the input is good, so that a folder may be made
                     folder = out_dir(job.out, "measure")
                     rate = stream.given_rate or stream.stated_rate or VIEWING_RATE
                     video = stack.enter_context(OverlayVideo(folder / "overlay.mp4", rate))
                 video.add(overlay(measured.view, measured.segmentation.mask))
-            rows.append(AreaRow.of(measured))
+            rows.append(AreaRow.of(measured, interval))
             log.add(measured.figures)
             if peak is None or measured.estimate.pixels > peak.estimate.pixels:
                 peak = measured
@@ -199,10 +202,16 @@ def run(job: Job) -> Result:
     return Result(rows, peak, [*job.warnings, *stream.warnings, *log.warnings()])
 
 
-def _measure(frame: Frame, job: Job) -> Measured:
+def _measure(frame: Frame, job: Job) -> tuple[Measured, tuple[float, float]]:
+    """Return one frame measured, and the 95 % interval of its area [mm^2]."""
+    draws = rng.generator(0, "uncertainty", frame.index)
     if job.estimator is not None:
-        return measure_refined(frame, job.estimator)
-    return measure_frame(frame, job.chain, job.mm2_per_px, job.rectified)
+        found = job.estimator.area(frame.data)
+        video = job.stream.stated_rate is not None
+        interval = refined_uncertainty(found, job.estimator, draws, video=video).interval_mm2
+        return refined_measured(frame, found, job.estimator), interval
+    measured = measure_frame(frame, job.chain, job.mm2_per_px, job.rectified)
+    return measured, author_uncertainty(measured, job.mm2_per_px, job.stored, draws).interval_mm2
 
 
 def record(job: Job, result: Result) -> dict[str, Any]:
@@ -246,12 +255,13 @@ def write_files(job: Job, result: Result, data: dict[str, Any]) -> None:
 def show(result: Result) -> None:
     """Print the table, thinned if it is long, and the warnings."""
     table = Table(title="contact area", title_justify="left")
-    for name in ("frame", "time [s]", "pixels", "area [mm²]", "blobs"):
+    for name in ("frame", "time [s]", "pixels", "area [mm²]", "95 % interval [mm²]", "blobs"):
         table.add_column(escape(name), justify="right")  # "[s]" would be read as a style
     step = max(1, math.ceil(len(result.rows) / TABLE_ROWS))
     for row in result.rows[::step]:
         time = "" if math.isnan(row.time_s) else f"{row.time_s:.3f}"
-        table.add_row(str(row.index), time, str(row.pixels), f"{row.area_mm2:.3f}", str(row.blobs))
+        between = f"{row.area_low_mm2:.3f} to {row.area_high_mm2:.3f}"
+        table.add_row(str(row.index), time, str(row.pixels), f"{row.area_mm2:.3f}", between, str(row.blobs))
     console.print(table)
     total = summary(result.rows)
     thinned = f" (every {step}th shown)" if step > 1 else ""

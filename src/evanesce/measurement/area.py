@@ -99,6 +99,8 @@ class AreaRow:
     area_mm2 : float
     blobs : int
         Dilated blobs that survived.
+    area_low_mm2, area_high_mm2 : float
+        95 % interval; NaN where none was asked for.
     """
 
     index: int
@@ -106,30 +108,43 @@ class AreaRow:
     pixels: int
     area_mm2: float
     blobs: int
+    area_low_mm2: float = math.nan
+    area_high_mm2: float = math.nan
 
     @classmethod
-    def of(cls, measured: Measured) -> AreaRow:
-        """Return the line of one frame."""
+    def of(cls, measured: Measured, interval: tuple[float, float] = (math.nan, math.nan)) -> AreaRow:
+        """Return the line of one frame, with the 95 % interval of its area [mm^2] if that is known."""
         e = measured.estimate
-        return cls(e.index, e.time, e.pixels, e.area, measured.segmentation.blobs)
+        return cls(e.index, e.time, e.pixels, e.area, measured.segmentation.blobs, *interval)
 
 
-CSV_HEADER = "index,time_s,pixels_px,area_mm2,blobs"
+CSV_HEADER = "index,time_s,pixels_px,area_mm2,blobs,area_low_mm2,area_high_mm2"
 
 
 def to_csv(rows: Sequence[AreaRow]) -> str:
-    """Return the table as CSV; a field is empty where a time is unknown. Numbers read back to the last bit."""
+    """Return the table as CSV; a field is empty where its value is unknown. Numbers read back to the last bit."""
     lines = [CSV_HEADER]
     for row in rows:
-        time = "" if math.isnan(row.time_s) else repr(float(row.time_s))
-        lines.append(f"{row.index},{time},{row.pixels},{float(row.area_mm2)!r},{row.blobs}")
+        time, low, high = (
+            "" if math.isnan(value) else repr(float(value))
+            for value in (row.time_s, row.area_low_mm2, row.area_high_mm2)
+        )
+        lines.append(f"{row.index},{time},{row.pixels},{float(row.area_mm2)!r},{row.blobs},{low},{high}")
     return "\n".join(lines) + "\n"
 
 
 def to_plain(rows: Sequence[AreaRow]) -> list[dict[str, Any]]:
-    """Return the table as JSON-able rows with keys index, time_s, pixels, area_mm2, blobs."""
+    """Return the table as JSON-able rows: index, time_s, pixels, area_mm2, blobs, area_low_mm2, area_high_mm2."""
     return [
-        {"index": r.index, "time_s": r.time_s, "pixels": r.pixels, "area_mm2": r.area_mm2, "blobs": r.blobs}
+        {
+            "index": r.index,
+            "time_s": r.time_s,
+            "pixels": r.pixels,
+            "area_mm2": r.area_mm2,
+            "blobs": r.blobs,
+            "area_low_mm2": r.area_low_mm2,
+            "area_high_mm2": r.area_high_mm2,
+        }
         for r in rows
     ]
 

@@ -269,9 +269,8 @@ def _window(mask: Mask, margin: int) -> tuple[slice, slice]:
     )
 
 
-def measure_refined(frame: Frame, estimator: Estimator) -> Measured:
-    """Measure one frame in the form in which the author's chain gives it; the view is the frame as taken, cropped."""
-    found = estimator.area(frame.data)
+def refined_measured(frame: Frame, found: RefinedArea, estimator: Estimator) -> Measured:
+    """Return what was found in the form of the author's chain; the view is the frame as taken, cropped."""
     view = estimator.settings.crop.apply(frame.data)
     levels = view if view.ndim == 2 else view.max(axis=2)
     pixels = int(found.mask.sum())

@@ -99,6 +99,17 @@ class PlateMap:
         down = self.to_plate(points + below) - self.to_plate(points - below)
         return np.asarray(np.abs(across[:, 0] * down[:, 1] - across[:, 1] * down[:, 0]))
 
+    def area_standard(self, polygons: list[Floats]) -> float:
+        """Return the standard uncertainty of :meth:`area` from the corners' scatter [mm^2]."""
+        gradient = np.zeros((len(self.powers), 2))
+        for polygon in polygons:
+            straight = undistort_points(polygon, self.calibration.camera_matrix, self.calibration.distortion)
+            terms = _terms((straight[:-1] - self.middle) / self.reach, self.powers)
+            place = terms @ self.coefficients
+            chord = 0.5 * (np.roll(place, -1, axis=0) - np.roll(place, 1, axis=0))
+            gradient += np.stack([terms.T @ chord[:, 1], -terms.T @ chord[:, 0]], axis=-1)
+        return float(np.sqrt(np.einsum("ik,ij,jk->", gradient, self.covariance, gradient)))
+
     @property
     def middle_area(self) -> float:
         """Area of the pixel in the frame's middle [mm^2]."""

@@ -58,9 +58,8 @@ def shift_of_edge(light: Floats, full: Mask, boundary: Boundary, level: float, b
     profile = ndimage.mean(light[foot], number, np.arange(1, len(edges))[good])
 
     def residual(x: Floats) -> Floats:
-        # the curve itself passes the fixed level: x0 height, x1 shift, x2 light far outside
-        model = x[0] * edge_response(middle + x[1], blur_px) + x[2]
-        return np.append(model - profile, x[0] * edge_response(np.array([x[1]]), blur_px) + x[2] - level)
+        # x0 height, x1 shift, x2 light far outside; its own level is no part: smoothing moved it
+        return np.asarray(x[0] * edge_response(middle + x[1], blur_px) + x[2] - profile)
 
     start = [1.5, float(np.clip(blur_px * (0.5 - level / 1.5), -1.0, 1.0)), 0.0]
     solved = least_squares(residual, start, bounds=([level, -4.0, -0.2], [50.0, 6.0, 0.2]))

@@ -63,17 +63,9 @@ def calibrated(
         How the cards lie.
     """
     errors = errors or CardErrors()
-    flat = Projection.of(scene.camera, scene.plate)
-    # above the glass the way goes on through air: the same as a camera farther below
-    projection = replace(flat, pinhole=flat.pinhole - [0.0, 0.0, errors.height_mm])
-    size = scene.camera.resolution_px
-    side, (across, down) = scene.card.checkerboard_side_mm, scene.card.checkerboard_squares
-    grid = np.stack(np.meshgrid(np.arange(1, across), np.arange(1, down)), axis=-1).reshape(-1, 2) * side
-    placed = _placed((grid - grid.mean(axis=0)) * errors.board_scale, rotation_deg, shift_mm)
-    u, v = projection.to_image(placed[:, 0], placed[:, 1])
-    seen = np.stack([u, v], axis=-1) + rng.normal(0.0, errors.corner_noise_px, (len(u), 2))
-    inside = np.all((seen > 2) & (seen < np.array(size) - 3), axis=1)
-    found = calibrate([BoardView("board", np.asarray(grid[inside], np.float64), seen[inside])], size)
+    projection = _above(scene, errors.height_mm)
+    world, seen = _board(scene, errors, projection, rng, rotation_deg, shift_mm)
+    found = calibrate([BoardView("board", world, seen)], scene.camera.resolution_px)
     stated = scene.card.square_side_mm
     square = _square(stated * errors.square_scale, projection, rotation_deg, shift_mm)
     straight = undistort_points(square, found.calibration.camera_matrix, found.calibration.distortion)
@@ -87,6 +79,41 @@ def calibrated(
         square_side_mm=stated,
         details=report(found) | {"tone_curve": scene.camera.tone_curve},
     )
+
+
+def drawn_corners(
+    scene: Scene,
+    errors: CardErrors,
+    rng: np.random.Generator,
+    *,
+    rotation_deg: float = 1.3,
+    shift_mm: tuple[float, float] = (0.37, -0.21),
+) -> list[dict[str, float]]:
+    """Return the corners of a board as a calibration keeps them; parameters as for :func:`calibrated`."""
+    world, seen = _board(scene, errors, _above(scene, errors.height_mm), rng, rotation_deg, shift_mm)
+    keys = ("view", "world_x_mm", "world_y_mm", "image_x_px", "image_y_px")
+    rows = np.column_stack([np.ones(len(world)), world, seen]).tolist()
+    return [dict(zip(keys, row, strict=True)) for row in rows]
+
+
+def _above(scene: Scene, height: float) -> Projection:
+    """Return the projection of a plane above the glass [mm]: there the way goes on through air, as if from farther."""
+    flat = Projection.of(scene.camera, scene.plate)
+    return replace(flat, pinhole=flat.pinhole - [0.0, 0.0, height])
+
+
+def _board(
+    scene: Scene, errors: CardErrors, projection: Projection, rng: np.random.Generator, rotation_deg: float,
+    shift_mm: tuple[float, float],
+) -> tuple[Floats, Floats]:  # fmt: skip
+    """Return corners as the lab believes them [mm] and as they are found in the frame [px]."""
+    side, (across, down) = scene.card.checkerboard_side_mm, scene.card.checkerboard_squares
+    grid = np.stack(np.meshgrid(np.arange(1, across), np.arange(1, down)), axis=-1).reshape(-1, 2) * float(side)
+    placed = _placed((grid - grid.mean(axis=0)) * errors.board_scale, rotation_deg, shift_mm)
+    u, v = projection.to_image(placed[:, 0], placed[:, 1])
+    seen = np.stack([u, v], axis=-1) + rng.normal(0.0, errors.corner_noise_px, (len(u), 2))
+    inside = np.all((seen > 2) & (seen < np.array(scene.camera.resolution_px) - 3), axis=1)
+    return np.asarray(grid[inside], np.float64), np.asarray(seen[inside], np.float64)
 
 
 def _placed(points: Floats, rotation_deg: float, shift_mm: tuple[float, float]) -> Floats:

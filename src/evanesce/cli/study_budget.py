@@ -1,0 +1,72 @@
+"""``evanesce study budget``: whether the stated intervals of an area hold the truth."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from evanesce.cli.common import (
+    JsonOption,
+    OutOption,
+    check_json_target,
+    console,
+    handles_errors,
+    out_dir,
+    progress,
+    write_json,
+)
+from evanesce.errors import InputError
+
+
+def register(group: typer.Typer) -> None:
+    """Add the command to the group of studies."""
+
+    @group.command()
+    @handles_errors
+    def budget(
+        smooth: Annotated[str, typer.Argument(help="Scene with a smooth finger.")] = "thesis",
+        ridged: Annotated[str, typer.Argument(help="Scene with a ridged finger on the same rig.")] = "thesis_ridged",
+        measurements: Annotated[int, typer.Option("--measurements", help="Simulated measurements a class.")] = 1000,
+        threshold: Annotated[float, typer.Option("--threshold", help="Of the author's chain, 0 to 1.")] = 0.15,
+        seed: Annotated[int, typer.Option("--seed", min=0)] = 1,
+        json_file: JsonOption = None,
+        out: OutOption = None,
+    ) -> None:
+        """Uncertainty of an area, and its coverage over measurements with cards, corners and frames drawn anew."""
+        check_json_target(json_file)
+        if not 10 <= measurements <= 1_000_000:
+            raise InputError(f"{measurements}", key="--measurements", allowed="10 to 1000000")
+        if not 0 < threshold < 1:
+            raise InputError(f"{threshold:g}", key="--threshold", allowed="above 0, below 1")
+        from evanesce.report.estimator_page import budget_page
+        from evanesce.report.html import write
+        from evanesce.rig import load_scene
+        from evanesce.validation.budget_study import run_study
+
+        scenes = load_scene(smooth), load_scene(ridged)
+        folder = out_dir(out, "study-budget")
+        with progress() as bar:
+            tasks = {}
+
+            def tick(what: str, done: int, total: int) -> None:
+                if what not in tasks:
+                    tasks[what] = bar.add_task(what, total=total)
+                bar.update(tasks[what], completed=done)
+
+            found = run_study(*scenes, measurements=measurements, threshold=threshold, seed=seed, tick=tick)
+        report = write(folder / "report.html", budget_page(found))
+        write_json(folder / "result.json", found.as_dict())
+        write_json(json_file, found.as_dict())
+        table = Table(title=f"Share of {measurements} measurements whose 95 % interval holds the truth")
+        columns = ("finger", "place", "refined [%]", "half-width [%]", "author [%]", "half-width [%]")
+        for heading in columns:
+            table.add_column(heading, justify="left" if heading in ("finger", "place") else "right")
+        for c in found.classes:
+            table.add_row(
+                c.finger, c.place, f"{100 * c.refined_covered:.1f}", f"{c.refined_half_width_percent:.2f}",
+                f"{100 * c.author_covered:.1f}", f"{c.author_half_width_percent:.2f}",
+            )  # fmt: skip
+        console.print(table)
+        console.print(f"Report: {report}", highlight=False, soft_wrap=True)

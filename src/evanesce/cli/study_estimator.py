@@ -1,0 +1,90 @@
+"""``evanesce study estimator``: the refined estimator beside the author's chain."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.table import Table
+
+from evanesce.cli.common import (
+    JsonOption,
+    OutOption,
+    check_json_target,
+    console,
+    handles_errors,
+    out_dir,
+    progress,
+    write_json,
+)
+from evanesce.cli.study_voltage import parse_forces
+from evanesce.errors import InputError
+
+if TYPE_CHECKING:
+    from evanesce.validation.estimator_study import EstimatorStudy
+
+
+def register(group: typer.Typer) -> None:
+    """Add the command to the group of studies."""
+
+    @group.command()
+    @handles_errors
+    def estimator(
+        smooth: Annotated[str, typer.Argument(help="Scene with a smooth finger.")] = "thesis",
+        ridged: Annotated[str, typer.Argument(help="Scene with a ridged finger on the same rig.")] = "thesis_ridged",
+        volts: Annotated[str, typer.Option("--volts", help="LED voltages [V], separated by commas.")] = "8,9,10,12",
+        forces: Annotated[str, typer.Option("--forces", help="Normal forces [N], separated by commas.")] = "1,3",
+        threshold: Annotated[float, typer.Option("--threshold", help="Of the author's chain, 0 to 1.")] = 0.15,
+        seed: Annotated[int, typer.Option("--seed", min=0)] = 1,
+        json_file: JsonOption = None,
+        out: OutOption = None,
+    ) -> None:
+        """Area error of both estimators: smooth and ridged, with and without glow, centre and corner, by voltage.
+
+        An interrupted run goes on from the rows that its output folder keeps.
+        """
+        check_json_target(json_file)
+        voltages, loads = _volts(volts), parse_forces(forces)
+        if not 0 < threshold < 1:
+            raise InputError(f"{threshold:g}", key="--threshold", allowed="above 0, below 1")
+        from evanesce.report.estimator_page import estimator_page
+        from evanesce.report.html import write
+        from evanesce.rig import load_scene
+        from evanesce.validation.estimator_study import run_study
+
+        scenes = load_scene(smooth), load_scene(ridged)
+        folder = out_dir(out, "study-estimator")
+        with progress() as bar:
+            task = bar.add_task("frames", total=None)
+            found = run_study(
+                *scenes, voltages=voltages, forces=loads, threshold=threshold, seed=seed, keep=folder / "rows.jsonl",
+                tick=lambda done, total: bar.update(task, completed=done, total=total),
+            )  # fmt: skip
+        report = write(folder / "report.html", estimator_page(found))
+        write_json(folder / "result.json", found.as_dict())
+        write_json(json_file, found.as_dict())
+        _show(found)
+        console.print(f"Report: {report}", highlight=False, soft_wrap=True)
+
+
+def _volts(text: str) -> tuple[float, ...]:
+    allowed = "1 to 50 different voltages from 5 to 24 V, e.g. 8,9,12"
+    try:
+        found = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(f"{text!r}", key="--volts", allowed=allowed) from None
+    if len(set(found)) != len(found) or len(found) > 50 or not all(5 <= v <= 24 for v in found):
+        raise InputError(f"{text!r}", key="--volts", allowed=allowed)
+    return found
+
+
+def _show(found: EstimatorStudy) -> None:
+    table = Table(title=f"Area error [%] over voltages and forces; author's threshold {found.threshold:g}")
+    for heading in ("finger", "place", "frames", "refined RMS", "refined worst", "author RMS", "author worst"):
+        table.add_column(heading, justify="left" if heading in ("finger", "place") else "right")
+    for w in found.worst():
+        table.add_row(
+            w["finger"], w["place"], str(w["frames"]), f"{w['refined_rms_percent']:.2f}",
+            f"{w['refined_worst_percent']:+.2f}", f"{w['author_rms_percent']:.1f}", f"{w['author_worst_percent']:+.1f}",
+        )  # fmt: skip
+    console.print(table)

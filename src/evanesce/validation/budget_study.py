@@ -1,0 +1,249 @@
+"""Whether stated intervals hold the truth: cards, corners and frames drawn anew, per finger and place.
+
+Each measurement draws one calibration (print, height and square of the cards, scatter of the corners) and one frame of
+each class. What a frame's boundary is does not depend on the calibration, so that it is found once per frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from evanesce import provenance, rng
+from evanesce.measurement.area import measure_frame
+from evanesce.measurement.calibration import Calibration
+from evanesce.measurement.estimator import Estimator, RefinedArea
+from evanesce.measurement.rectify import rectification
+from evanesce.measurement.segment import Chain
+from evanesce.measurement.uncertainty import (
+    CARD_HEIGHT_MM,
+    PRINT_TOLERANCE,
+    Reading,
+    author_components,
+    card_components,
+    propagate,
+)
+from evanesce.measurement.uncertainty_area import author_boundary, refined_uncertainty
+from evanesce.rig import Scene
+from evanesce.validation.calibrated_rig import CardErrors, calibrated, drawn_corners
+from evanesce.validation.estimator_study import PLACES, REFERENCE_V, Lit, fingers_of, placed
+
+FORCES = (0.8, 1.7, 3.6)
+VOLTAGES = (8.4, 9.0, 9.7)
+FINGERS = ("smooth", "ridged")
+SQUARE_EDGE_PX = 0.5
+"""Greatest way of the square card's edges by threshold and blur."""
+
+Tick = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shot:
+    """One frame, measured as far as that needs no calibration.
+
+    Attributes
+    ----------
+    true_mm2 : float
+    found : RefinedArea
+        With areas of a first calibration; only its curves are used.
+    pixels : int
+    perimeter_px, away_px : float
+        Of the author's chain (:func:`~evanesce.measurement.uncertainty_area.author_boundary`).
+    """
+
+    true_mm2: float
+    found: RefinedArea
+    pixels: int
+    perimeter_px: float
+    away_px: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClassCoverage:
+    """Coverage of one class.
+
+    Attributes
+    ----------
+    finger, place : str
+    measurements, frames : int
+    refined_covered, author_covered : float
+        Share of measurements whose 95 % interval holds the truth.
+    refined_linear_covered : float
+        The same of the linear interval.
+    refined_half_width_percent, author_half_width_percent : float
+        Median half-width of the interval [% of the area].
+    refined_bias_percent, author_bias_percent : float
+        Mean error of the area as read [%].
+    contributions_percent : dict
+        Median standard uncertainty of the refined area from each component [%].
+    """
+
+    finger: str
+    place: str
+    measurements: int
+    frames: int
+    refined_covered: float
+    refined_linear_covered: float
+    author_covered: float
+    refined_half_width_percent: float
+    author_half_width_percent: float
+    refined_bias_percent: float
+    author_bias_percent: float
+    contributions_percent: dict[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BudgetStudy:
+    """All classes."""
+
+    classes: list[ClassCoverage]
+    provenance: dict[str, Any]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the JSON result."""
+        return {"classes": [asdict(c) for c in self.classes], "provenance": self.provenance}
+
+
+def shots_of(
+    scene: Scene,
+    calibration: Calibration,
+    forces: Sequence[float],
+    voltages: Sequence[float],
+    threshold: float,
+    seed: int,
+) -> list[Shot]:
+    """Return the frames of one finger at one place, at each force and voltage."""
+    presses = [Lit.of(scene, force, seed) for force in forces]
+    estimator = Estimator.of(calibration).taught(presses[0].frame(REFERENCE_V, rng.integer_seed(seed, "teach")).data)
+    view, chain = rectification(calibration), Chain(threshold=threshold)
+    assert calibration.mm2_per_px is not None
+    shots = []
+    for k, press in enumerate(presses):
+        for voltage in voltages:
+            frame = press.frame(voltage, rng.integer_seed(seed, "frame", k))
+            author = measure_frame(frame, chain, calibration.mm2_per_px, view)
+            perimeter, away = author_boundary(author, scene.camera.tone_curve)
+            shots.append(
+                Shot(
+                    true_mm2=press.true_mm2, found=estimator.area(frame.data), pixels=author.segmentation.pixels,
+                    perimeter_px=perimeter, away_px=away,
+                )
+            )  # fmt: skip
+    return shots
+
+
+def draw_errors(draws: np.random.Generator) -> tuple[CardErrors, float]:
+    """Return card errors from the distributions that the budget states, and the error of the square's area [1]."""
+    errors = CardErrors(
+        board_scale=1.0 + draws.uniform(-PRINT_TOLERANCE, PRINT_TOLERANCE), height_mm=draws.uniform(0.0, CARD_HEIGHT_MM)
+    )
+    square = 1.0 + draws.uniform(-PRINT_TOLERANCE, PRINT_TOLERANCE)
+    return replace(errors, square_scale=square), draws.uniform(-SQUARE_EDGE_PX, SQUARE_EDGE_PX)
+
+
+@dataclass
+class _Tally:
+    """Counts of one class while it runs."""
+
+    covered: list[tuple[bool, bool, bool]]
+    widths: list[tuple[float, float]]
+    errors: list[tuple[float, float]]
+    parts: list[dict[str, float]]
+
+
+def run_study(
+    smooth: Scene,
+    ridged: Scene,
+    *,
+    measurements: int = 1000,
+    forces: Sequence[float] = FORCES,
+    voltages: Sequence[float] = VOLTAGES,
+    fingers: Sequence[str] = FINGERS,
+    places: Sequence[str] = tuple(PLACES),
+    threshold: float = 0.15,
+    seed: int = 1,
+    tick: Tick = lambda what, done, total: None,
+) -> BudgetStudy:
+    """Run the study.
+
+    Parameters
+    ----------
+    smooth, ridged : Scene
+    measurements : int
+        Of each class.
+    forces, voltages : sequence of float
+        Of the frames that are measured [N], [V].
+    fingers, places : sequence of str
+        Names of :func:`~evanesce.validation.estimator_study.fingers_of` and of its places.
+    threshold : float
+        Of the author's chain.
+    seed : int
+    tick : callable
+        ``tick(what, done, total)``.
+    """
+    nominal = calibrated(smooth, rng.generator(seed, "nominal"), CardErrors(corner_noise_px=0.0))
+    scenes = fingers_of(smooth, ridged)
+    keys = [(finger, place) for place in places for finger in fingers]
+    shots: dict[tuple[str, str], list[Shot]] = {}
+    for finger, place in keys:
+        scene = placed(scenes[finger], PLACES[place])
+        shots[finger, place] = shots_of(scene, nominal, forces, voltages, threshold, seed)
+        tick("frames", len(shots), len(keys))
+    draws, tallies = rng.generator(seed, "budget"), {key: _Tally([], [], [], []) for key in keys}
+    for number in range(measurements):
+        errors, edge_px = draw_errors(draws)
+        calibration = replace(nominal, details=nominal.details | {"corners": drawn_corners(smooth, errors, draws)})
+        estimator = Estimator.of(calibration)
+        for key in keys:
+            shot = shots[key][int(draws.integers(len(shots[key])))]
+            _measure(shot, estimator, calibration, (errors, edge_px), draws, tallies[key])
+        tick("measurements", number + 1, measurements)
+    found = [_summed(key, tallies[key], len(shots[key])) for key in keys]
+    config = {"smooth": smooth.as_dict(), "ridged": ridged.as_dict(), "measurements": measurements}
+    return BudgetStudy(classes=found, provenance=dict(provenance.record(seed=seed, config=config)))
+
+
+def _measure(
+    shot: Shot, estimator: Estimator, calibration: Calibration, card: tuple[CardErrors, float],
+    draws: np.random.Generator, tally: _Tally,
+) -> None:  # fmt: skip
+    plate = estimator.plate
+    on_plate = [plate.to_plate(curve) for curve in shot.found.contours]
+    perimeter = sum(float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum()) for curve in on_plate)
+    found = replace(shot.found, area_mm2=plate.area(shot.found.contours), perimeter_mm=perimeter)
+    refined = refined_uncertainty(found, estimator, draws)
+    errors, edge_px = card
+    assert calibration.mm2_per_px is not None
+    assert calibration.square_side_mm is not None
+    side = float(np.sqrt(calibration.mm2_per_px))
+    distance, square_px = float(calibration.camera_matrix[0, 0]) * side, calibration.square_side_mm / side
+    # the square as printed and as it lies; the calibration without errors holds the scale of a perfect one
+    in_picture = errors.square_scale / (1.0 + errors.height_mm / distance) + 2.0 * edge_px / square_px
+    scale = calibration.mm2_per_px / in_picture**2
+    area = shot.pixels * scale
+    reading = Reading(area_mm2=area, perimeter_mm=shot.perimeter_px * np.sqrt(scale), distance_mm=distance)
+    spread = float(calibration.details["scale_spread_undistorted"])
+    parts = author_components(side, square_px=square_px, spread=spread, threshold_mm=shot.away_px * side)
+    author = propagate(reading, [*card_components(), *parts], draws)
+    true = shot.true_mm2
+    tally.covered.append(
+        tuple(low < true < high for low, high in (refined.interval_mm2, refined.linear_mm2, author.interval_mm2))
+    )
+    tally.widths.append(tuple(50 * (u.interval_mm2[1] - u.interval_mm2[0]) / true for u in (refined, author)))
+    tally.errors.append((100 * (found.area_mm2 / true - 1), 100 * (area / true - 1)))
+    tally.parts.append({name: 100 * u / true for name, u in refined.contributions_mm2.items()})
+
+
+def _summed(key: tuple[str, str], tally: _Tally, frames: int) -> ClassCoverage:
+    refined, linear, author = np.mean(tally.covered, axis=0)
+    widths, errors = np.median(tally.widths, axis=0), np.mean(tally.errors, axis=0)
+    return ClassCoverage(
+        finger=key[0], place=key[1], measurements=len(tally.covered), frames=frames,
+        refined_covered=float(refined), refined_linear_covered=float(linear), author_covered=float(author),
+        refined_half_width_percent=float(widths[0]), author_half_width_percent=float(widths[1]),
+        refined_bias_percent=float(errors[0]), author_bias_percent=float(errors[1]),
+        contributions_percent={n: float(np.median([p[n] for p in tally.parts])) for n in tally.parts[0]},
+    )  # fmt: skip

@@ -1,0 +1,131 @@
+"""The budget against closed forms, and its intervals against simulated measurements."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from evanesce.measurement.area import measure_frame
+from evanesce.measurement.calibration import Calibration
+from evanesce.measurement.refined_plate import PlateMap
+from evanesce.measurement.segment import Chain
+from evanesce.measurement.uncertainty import Component, Reading, card_components, propagate, refined_components
+from evanesce.measurement.uncertainty_area import author_uncertainty
+from evanesce.rig import load_scene
+from evanesce.states import Frame
+from evanesce.validation.calibrated_rig import CardErrors, calibrated
+
+READING = Reading(area_mm2=11.7, perimeter_mm=12.9, distance_mm=33.1)
+
+
+def part(role, low, high, shape="rectangular", name=None) -> Component:
+    return Component(name=name or role, role=role, low=low, high=high, shape=shape, origin="test")
+
+
+def test_linear_propagation_is_the_closed_form():
+    """Relative: twice the print, twice height over distance; boundary by the perimeter."""
+    parts = [part("print", -0.003, 0.003), part("height", 0.0, 0.08), part("boundary", -0.004, 0.004, "normal")]
+    found = propagate(READING, parts, np.random.default_rng(1))
+    root3 = math.sqrt(3)
+    mean = (1 - 0.04 / 33.1) ** 2
+    expected = {
+        "print": 2 * 11.7 * mean * 0.003 / root3,
+        "height": 2 * 11.7 * (1 - 0.04 / 33.1) * 0.04 / root3 / 33.1,
+        "boundary": 12.9 * 0.004,
+    }
+    assert found.contributions_mm2 == pytest.approx(expected, rel=1e-6)
+    assert found.standard_mm2 == pytest.approx(math.sqrt(sum(u * u for u in expected.values())), rel=1e-9)
+    assert found.corrected_mm2 == pytest.approx(11.7 * mean, rel=1e-12)
+
+
+def test_monte_carlo_of_two_rectangles_is_a_triangle():
+    """The 95 % interval of a triangular distribution of half-width w is w (1 - sqrt(0.05)); the linear one is wider."""
+    parts = [part("noise", -0.2, 0.2, name="one"), part("noise", -0.2, 0.2, name="two")]
+    draws = 200_000
+    found = propagate(READING, parts, np.random.default_rng(2), draws)
+    half = 0.4 * (1 - math.sqrt(0.05))
+    # a quantile's standard error: sqrt(p (1 - p)/n) over the density there
+    density = (0.4 - half) / 0.4**2
+    error = 5 * math.sqrt(0.025 * 0.975 / draws) / density
+    assert found.interval_mm2 == pytest.approx((11.7 - half, 11.7 + half), abs=error)
+    assert found.linear_mm2[1] - 11.7 == pytest.approx(1.959964 * 0.4 / math.sqrt(6), rel=1e-6)
+
+
+def test_scatter_of_the_corners_carried_to_an_area():
+    """The analytic standard uncertainty against areas from calibrations with scatter drawn anew."""
+    scene = load_scene("thesis")
+    circle = np.linspace(0, 2 * np.pi, 200)
+    polygon = np.stack([1621.0 + 110.3 * np.cos(circle), 1202.0 + 97.2 * np.sin(circle)], axis=-1)
+    polygon[-1] = polygon[0]
+    rng = np.random.default_rng(6)
+    errors = CardErrors(corner_noise_px=0.3)
+    first = calibrated(scene, rng, errors)
+    found, stated = [], []
+    for _ in range(60):
+        rows = [
+            r | {k: r[k] + rng.normal(0, 0.3) for k in ("image_x_px", "image_y_px")} for r in first.details["corners"]
+        ]
+        plate = PlateMap.of(replace(first, details={"corners": rows}))
+        found.append(plate.area([polygon]))
+        stated.append(plate.area_standard([polygon]))
+    # the first calibration's own scatter is in every one of them, so that theirs is sqrt(1/2) of what they state
+    low, high = np.sqrt(stats.chi2.ppf([0.0005, 0.9995], 59) / 59)
+    assert low < np.std(found, ddof=1) / (np.mean(stated) / np.sqrt(2)) < high
+
+
+def test_card_errors_act_as_the_model_says():
+    """A larger print and a card that lies higher, through glass and projection, against the model's own factors."""
+    scene = load_scene("thesis")
+    square = np.array([[1500.0, 300], [1700, 300], [1700, 480], [1500, 480], [1500, 300]])
+
+    def area(**errors) -> float:
+        calibration = calibrated(scene, np.random.default_rng(1), CardErrors(corner_noise_px=0.0, **errors))
+        return PlateMap.of(calibration).area([square])
+
+    plain = area()
+    # other corners fall into the frame, which the polynomial's own truncation answers with some 5e-5
+    assert area(board_scale=1.004) / plain == pytest.approx(1.004**-2, rel=2e-4)
+    distance = 6000 / 3.1 / 58.37
+    assert area(height_mm=0.2) / plain == pytest.approx((1 - 0.2 / distance) ** -2, rel=1e-3)
+
+
+def test_interval_of_the_authors_chain_covers_a_blurred_disc():
+    """A threshold far from half-way: the area is wrong by 2 %, and its interval says so."""
+    rows, cols, radius = 300, 341, 83.4
+    y, x = np.mgrid[:rows, :cols]
+    distance = np.hypot(x - 166.3, y - 151.8) - radius
+    light = 0.45 / (1 + np.exp(1.5 * distance))
+    frame = np.floor(255 * np.where(light < 0.018, 4.5 * light, 1.099 * np.maximum(light, 0.018) ** 0.45 - 0.099) + 0.5)
+    calibration = Calibration(
+        image_size=(cols, rows), camera_matrix=np.array([[1900.0, 0, 170], [0, 1900, 150], [0, 0, 1]]),
+        distortion=np.zeros(5), mm2_per_px=58.37**-2, details={"scale_spread_undistorted": 0.001},
+    )  # fmt: skip
+    measured = measure_frame(Frame(data=frame.astype(np.uint8)), Chain(threshold=0.1), 58.37**-2)
+    true = np.pi * (radius / 58.37) ** 2
+    assert measured.estimate.area > 1.03 * true
+    found = author_uncertainty(measured, 58.37**-2, calibration, np.random.default_rng(1))
+    low, high = found.interval_mm2
+    assert low < true < high
+    assert max(found.contributions_mm2, key=found.contributions_mm2.get) == "threshold on the contact"
+
+
+def test_coverage_where_the_model_is_true():
+    """Rationale: 2,000 measurements drawn from the budget's own model; the count is binomial. With normal and
+    rectangular parts the Monte Carlo interval must hold its 95 %."""
+    rng = np.random.default_rng(3)
+    parts = [*card_components(), *refined_components(1 / 58.37, 0.0007)]
+    true, perimeter, hits, count = 11.838, 12.2, 0, 2000
+    for _ in range(count):
+        drawn = {c.role: 0.0 for c in parts}
+        for c in parts:
+            drawn[c.role] += float(c.draw(rng, 1)[0])
+        scale = (1 + drawn["print"]) ** 2 * (1 - drawn["height"] / 33.1) ** 2 * (1 + drawn["scale"])
+        read = (true + perimeter * drawn["boundary"]) / scale
+        reading = Reading(area_mm2=read, perimeter_mm=perimeter, distance_mm=33.1)
+        low, high = propagate(reading, parts, rng, draws=1000).interval_mm2
+        hits += low < true < high
+    assert abs(hits / count - 0.95) < 4 * math.sqrt(0.95 * 0.05 / count)

@@ -357,6 +357,30 @@ def test_truth_shuffled_among_answers_is_chance() -> None:
     assert abs(right - chance) < 4 * np.sqrt(chance / len(answers))
 
 
+def test_a_run_keeps_every_outcome_and_does_none_twice(tmp_path: Path, monkeypatch) -> None:
+    import challenge.run as runner
+
+    begun: list[str] = []
+
+    def outcome(spec: CaseSpec, judge: str, strip: str, keep: Path | None) -> dict:
+        begun.append(spec.id)
+        record = {"truth": spec.as_dict()}
+        return record | ({"error": "broke"} if len(begun) == 2 else {"answer": {"verdict": "none"}, "seconds": 0.1})
+
+    monkeypatch.setattr(runner, "one_case", outcome)
+    out = tmp_path / "run.jsonl"
+    count = len(slice_of())
+    assert run("slice", out, workers=0, budget_s=0.0, show=lambda text: None) == []
+    first = run("slice", out, workers=0, show=lambda text: None)
+    assert len(first) == count == len(begun)
+    out.write_text(out.read_text()[:-7])  # killed while it wrote
+    again = run("slice", out, workers=0, show=lambda text: None)
+    # The case that broke and the one that was cut off are done once more; what failed stays on record.
+    assert len(begun) == count + 2
+    assert len({record["truth"]["id"] for record in again if "answer" in record}) == count
+    assert sum("error" in record for record in again) == 1
+
+
 @pytest.mark.slow
 @pytest.mark.system
 def test_a_run_goes_on_where_it_stopped_and_beats_no_stripped_pixels(tmp_path: Path, monkeypatch) -> None:

@@ -135,7 +135,7 @@ def _nulls(name: str, count: int) -> Iterator[CaseSpec]:
 def _decoys(name: str, repeats: int) -> Iterator[CaseSpec]:
     for number in range(repeats):
         for cause, decoy, shot in DECOYS:
-            for strength in (10.0, 20.0):
+            for strength in (7.0, 10.0):
                 for drop in ((), SEPARATES[shot]):
                     yield CaseSpec(
                         set=name, group="decoy", causes=(cause,), strengths=(strength,), decoy=decoy,

@@ -10,15 +10,16 @@ import argparse
 import importlib
 import inspect
 import json
+import multiprocessing
 import os
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import cv2
 import numpy as np
@@ -143,7 +144,9 @@ def run(
         ``dev``, ``scored`` or ``slice``.
     out : Path
         JSONL; appended to.
-    judge, workers, budget_s, strip, keep
+    judge, budget_s, strip, keep
+    workers : int
+        Processes; 0 works in this one.
     groups : iterable of str
         Only these groups; all by default.
     show : callable
@@ -153,31 +156,53 @@ def run(
     todo = [spec for spec in specs if spec.id not in done]
     out.parent.mkdir(parents=True, exist_ok=True)
     start, origin = time.monotonic(), commit()
-    for set_name in sorted({spec.set for spec in todo}):
+    for set_name in sorted({spec.set for spec in todo}) if workers > 1 else ():
         for pose in sorted({spec.pose for spec in todo if spec.set == set_name}):
             base_light(set_name, pose)  # once, before workers would make it side by side
-    waiting: set[Future[dict[str, Any]]] = set()
-    queue = iter(todo)
     finished = 0
-    with ProcessPoolExecutor(max_workers=workers) as pool, out.open("a", encoding="utf-8") as stream:
+
+    def put(record: dict[str, Any], stream: TextIO) -> None:
+        nonlocal finished
+        stream.write(json.dumps(record | {"judge": judge, "commit": origin, "strip": strip}) + "\n")
+        stream.flush()
+        finished += 1
+        left = (time.monotonic() - start) / finished * (len(todo) - finished)
+        said = record.get("answer", {}).get("verdict", record.get("skipped") or record.get("error"))
+        show(f"{finished}/{len(todo)}  {said}  about {left / 60:.0f} min left")
+
+    cut = out.is_file() and not out.read_bytes().endswith(b"\n")  # the last run was killed while it wrote
+    with out.open("a", encoding="utf-8") as stream:
+        stream.write("\n" if cut else "")
+        for record in _results(todo, (judge, strip, keep), workers, start + budget_s):
+            put(record, stream)
+    return read_records(out)
+
+
+def _results(
+    todo: list[CaseSpec], options: tuple[str, str, Path | None], workers: int, deadline: float
+) -> Iterator[dict[str, Any]]:
+    """Yield outcomes as they come; none is begun after the deadline [s of the monotonic clock]."""
+    if workers < 1:
+        for spec in todo:
+            if time.monotonic() >= deadline:
+                return
+            yield one_case(spec, *options)
+        return
+    fresh = multiprocessing.get_context("spawn")  # what has threads must not be forked
+    queue = iter(todo)
+    waiting: set[Future[dict[str, Any]]] = set()
+    with ProcessPoolExecutor(max_workers=workers, mp_context=fresh) as pool:
         while True:
-            while len(waiting) < workers and time.monotonic() - start < budget_s:
+            while len(waiting) < workers and time.monotonic() < deadline:
                 spec = next(queue, None)
                 if spec is None:
                     break
-                waiting.add(pool.submit(one_case, spec, judge, strip, keep))
+                waiting.add(pool.submit(one_case, spec, *options))
             if not waiting:
-                break
+                return
             ready, waiting = wait(waiting, return_when=FIRST_COMPLETED)
             for future in ready:
-                record = future.result() | {"judge": judge, "commit": origin, "strip": strip}
-                stream.write(json.dumps(record) + "\n")
-                stream.flush()
-                finished += 1
-                left = (time.monotonic() - start) / finished * (len(todo) - finished)
-                said = record.get("answer", {}).get("verdict", record.get("skipped") or record.get("error"))
-                show(f"{finished}/{len(todo)}  {said}  about {left / 60:.0f} min left")
-    return read_records(out)
+                yield future.result()
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -204,7 +229,8 @@ def main(arguments: list[str] | None = None) -> int:
         )  # fmt: skip
     latest = {record["truth"]["id"]: record for record in records}
     judged = [record for record in latest.values() if "skipped" not in record]
-    found = summary(judged, table("scored" if given.set == "scored" else "dev"))
+    # A slice is too small for a rate over what is isolable, and the table takes minutes to make.
+    found = summary(judged, None if given.set == "slice" else table(given.set))
     found["skipped"] = {r["truth"]["id"]: r["skipped"] for r in latest.values() if "skipped" in r}
     (CACHE / f"{run_name}.summary.json").write_text(json.dumps(found, indent=1), encoding="utf-8")
     print("\n".join([*lines(found), f"out of reach: {len(found['skipped'])}"]))

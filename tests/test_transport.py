@@ -372,6 +372,22 @@ def test_mirrored_light_vanishes_without_mirror_or_body() -> None:
     assert 0.0 < real.sum(axis=1).max() < 0.6
 
 
+def test_field_of_marks_holds_for_narrow_cones() -> None:
+    """Behind an air film LEDs light cones with steep edges; against dense rays, the ratio of two nodes."""
+    from evanesce.render.marks import _contact_field
+
+    rig = small_rig(leds__air_gap_share=1.0, plate__edge_reflectance=0.0)
+    y, x, found = _contact_field(rig, 1.0)
+    light = rig_room.edge_light(rig)
+    theta, weights = angle_nodes(240, light.refractive_index)
+    kernel = transmitted_irradiance_kernel(theta, weights, np.zeros(1), rig_room.interface_of(rig))[0]
+    nodes = [(1, 1), (2, 3)]
+    px, py = (np.array([axis[node[k]] for node in nodes]) for axis, k in ((x, 1), (y, 0)))
+    rays = azimuthal_radiance(light, px, py, theta, azimuths=5760, diffuse=np.zeros((4, 24))) @ kernel
+    assert rays[0] / rays[1] == pytest.approx(found[nodes[0]] / found[nodes[1]], rel=0.015)
+    assert abs(rays[0] / rays[1] - 1) > 0.05
+
+
 # --- what is kept ----------------------------------------------------------------------------------------------------
 
 

@@ -239,7 +239,7 @@ def weigh(case: Case, findings: Findings, left: Residuals, signatures: Sequence[
     findings.flexible = fit_flexible(remains, sd, _projection(case, fitted))
     rings = battery is not None and battery.global_p < FROZEN.levels["false_alarm"]
     loud = log_bayes_of_p(battery.global_p) if battery is not None else 0.0
-    extra = max(findings.flexible.evidence, loud) if rings else min(loud, findings.flexible.evidence)
+    extra = max(findings.flexible.evidence, loud) if rings else loud
     ids = () if findings.best is None else tuple(sorted(findings.best.ids))
     log_bayes[(*ids, UNKNOWN)] = (log_bayes[ids] if ids else 0.0) + extra
     findings.posterior = posterior(log_bayes, library)

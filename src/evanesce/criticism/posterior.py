@@ -56,7 +56,7 @@ def posterior(log_bayes: Mapping[tuple[str, ...], float], library: int) -> Poste
         1: np.log(known["one"] / max(library, 1)),
         2: np.log(known["two"] / pairs),
     }
-    weights = {(): float(log_prior[0])}
+    weights: dict[tuple[str, ...], float] = {(): float(log_prior[0])}
     for effects, value in log_bayes.items():
         named = [e for e in effects if e != UNKNOWN]
         if not effects:
@@ -70,12 +70,18 @@ def posterior(log_bayes: Mapping[tuple[str, ...], float], library: int) -> Poste
     return Posterior({effects: float(np.exp(w - total)) for effects, w in weights.items()})
 
 
+P_SHAPE = 0.2
+"""Under an alternative a p-value is Beta(P_SHAPE, 1): near zero more often than not."""
+
+
 def log_bayes_of_p(p: float) -> float:
-    """Return the largest log Bayes factor that a p-value can stand for, 1/(-e p ln p).
+    """Return the log Bayes factor that a p-value stands for, p being Beta(0.2, 1) under the alternative.
+
+    At 0.01 a factor of 8, as large as any unimodal alternative's; at 0.5 one of 0.35, against it.
 
     References
     ----------
     Sellke, Bayarri and Berger, "Calibration of p values for testing precise null hypotheses", The American
     Statistician 55 (2001) 62.
     """
-    return float(-np.log(-np.e * p * np.log(p))) if 0 < p < np.exp(-1) else 0.0
+    return float(np.log(P_SHAPE) + (P_SHAPE - 1.0) * np.log(p))

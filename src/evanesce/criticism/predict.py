@@ -96,7 +96,9 @@ def scene_with(scene: Scene, point: Point) -> Scene:
             changes.setdefault(effect, {})[parameter] = value
     tables = {name: dict(table) for name, table in scene.effects.items()}
     for effect, values in changes.items():
-        believed = {name: list(v) if isinstance(v, list | tuple) else v for name, v in tables.get(effect, {}).items()}
+        believed: dict[str, Any] = {
+            name: list(v) if isinstance(v, list | tuple) else v for name, v in tables.get(effect, {}).items()
+        }
         whole = all_effects()[effect].with_values(values).model_dump()
         named = {name.partition("[")[0] for name in values}
         table = believed | {name: value for name, value in whole.items() if name in named or name not in believed}
@@ -227,7 +229,15 @@ class Predictor:
         """Return a key of the light that leaves the plate, and a function that makes it."""
         sight = _sight(rig)
         if view.is_card:
-            key = ("card", view.kind, sight, repr(rig.card), repr(rig.plate), nuisances.shift_mm, nuisances.turn_deg)
+            key: Any = (
+                "card",
+                view.kind,
+                sight,
+                repr(rig.card),
+                repr(rig.plate),
+                nuisances.shift_mm,
+                nuisances.turn_deg,
+            )
             return key, lambda: self._lights.get(key, lambda: self._card(rig, view, nuisances))
         if view.force_N is None:
             return ("dark", sight), lambda: _dark(rig)

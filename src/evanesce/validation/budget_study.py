@@ -148,8 +148,8 @@ def draw_errors(draws: np.random.Generator) -> tuple[CardErrors, float]:
 class _Tally:
     """Counts of one class while it runs."""
 
-    covered: list[tuple[bool, bool, bool]]
-    widths: list[tuple[float, float]]
+    covered: list[tuple[bool, ...]]
+    widths: list[tuple[float, ...]]
     errors: list[tuple[float, float]]
     parts: list[dict[str, float]]
 
@@ -195,7 +195,7 @@ def run_study(
     draws, tallies = rng.generator(seed, "budget"), {key: _Tally([], [], [], []) for key in keys}
     for number in range(measurements):
         errors, edge_px = draw_errors(draws)
-        calibration = replace(nominal, details=nominal.details | {"corners": drawn_corners(smooth, errors, draws)})
+        calibration = replace(nominal, details={**nominal.details, "corners": drawn_corners(smooth, errors, draws)})
         estimator = Estimator.of(calibration)
         for key in keys:
             shot = shots[key][int(draws.integers(len(shots[key])))]

@@ -1,0 +1,74 @@
+"""``evanesce study pressure``: pressure from grey levels against the true pressure."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from evanesce.cli.common import (
+    JsonOption,
+    OutOption,
+    check_json_target,
+    console,
+    handles_errors,
+    out_dir,
+    progress,
+    write_json,
+)
+from evanesce.cli.study_voltage import parse_forces
+
+
+def register(group: typer.Typer) -> None:
+    """Add the command to the group of studies."""
+
+    @group.command()
+    @handles_errors
+    def pressure(
+        scene: Annotated[str, typer.Argument(help="Scene with a smooth finger; its skin gets a roughness.")] = "thesis",
+        forces: Annotated[str, typer.Option("--forces", help="Normal forces [N], separated by commas.")] = "1,3",
+        seed: Annotated[int, typer.Option("--seed", min=0)] = 1,
+        json_file: JsonOption = None,
+        out: OutOption = None,
+    ) -> None:
+        """Pressure by the roughness model turned round and by the author's map: errors, halo, saturation."""
+        check_json_target(json_file)
+        loads = parse_forces(forces)
+        from evanesce.report.html import write
+        from evanesce.report.pressure_page import page
+        from evanesce.rig import load_scene
+        from evanesce.validation.pressure_study import run_study
+
+        loaded = load_scene(scene)
+        folder = out_dir(out, "study-pressure")
+        with progress() as bar:
+            task = bar.add_task("frames", total=None)
+            found = run_study(
+                loaded, forces=loads, seed=seed, tick=lambda done, total: bar.update(task, completed=done, total=total)
+            )
+        report = write(folder / "report.html", page(found))
+        write_json(folder / "result.json", found.as_dict())
+        write_json(json_file, found.as_dict())
+        table = Table(title="Pressure map: RMS error [% of the true peak], correlation, force beside the contact [%]")
+        for heading in (
+            "slope",
+            "force [N]",
+            "voltage [V]",
+            "saturated",
+            "RMS",
+            "author",
+            "corr.",
+            "author",
+            "halo",
+            "author",
+        ):
+            table.add_column(heading, justify="right")
+        for r in found.rows:
+            table.add_row(
+                f"{r.rms_slope:g}", f"{r.force_N:g}", f"{r.voltage_V:g}", f"{r.saturated_share:.2f}",
+                f"{r.rms_percent:.1f}", f"{r.author_rms_percent:.1f}", f"{r.correlation:.3f}",
+                f"{r.author_correlation:.3f}", f"{r.halo_percent:.1f}", f"{r.author_halo_percent:.1f}",
+            )  # fmt: skip
+        console.print(table)
+        console.print(f"Report: {report}", highlight=False, soft_wrap=True)

@@ -129,10 +129,7 @@ def _slide_row(view: PerfectView, scene: Scene, speed: float, seed: int) -> dict
     states, camera = contact_sequence(moving), FastCamera(moving)
     crop = view.window(HALF_MM)
     start = int((PRESS_S + HOLD_S) * FINE_HZ) + 1
-    stuck = [float(states[i].parameters["stick_ratio"]) for i in _around(states, start)]
-    times = [float(states[i].time) for i in _around(states, start)]
-    slips = [k for k, ratio in enumerate(stuck) if ratio <= 0.0]
-    onset = 0.5 * (times[slips[0]] + times[slips[0] - 1]) if slips and slips[0] else float("nan")
+    onset = _true_onset(moving, start)
     found: dict[str, list[float]] = {"time_s": [], "x_mm": [], "area_mm2": [], "true_area_mm2": []}
     # the finger bends for most of the slide; a frame before the slip is like the next
     first = max(start, int((onset - 8 / TRUE_HZ) * FINE_HZ)) if np.isfinite(onset) else start
@@ -150,8 +147,15 @@ def _slide_row(view: PerfectView, scene: Scene, speed: float, seed: int) -> dict
     return found | {"true_onset_s": onset, "slide_starts_s": PRESS_S + HOLD_S}
 
 
-def _around(states: Sequence[Any], start: int) -> range:
-    return range(start, len(states))
+def _true_onset(moving: Scene, start: int) -> float:
+    """Return the middle between the last frame in which some of the contact sticks and the next [s]; NaN without."""
+    # when it slips does not depend on the grid on which it is looked at
+    coarse = moving.model_copy(update={"grid": moving.grid.model_copy(update={"samples": 64})})
+    states = contact_sequence(coarse)
+    for i in range(start, len(states)):
+        if float(states[i].parameters["stick_ratio"]) <= 0.0:
+            return float(states[i].time) - 0.5 / FINE_HZ if i > start else float("nan")
+    return float("nan")
 
 
 def _smear_row(view: PerfectView, scene: Scene, seed: int) -> dict[str, Any]:

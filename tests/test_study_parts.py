@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
-from evanesce.validation import budget_part, estimator_part
+from evanesce.validation import budget_part, estimator_part, pressure_part
 from evanesce.validation.estimator_study import EstimatorStudy, Row
 
 
@@ -44,3 +45,23 @@ def test_budgets_verdict_counts_classes_inside_the_wanted_share(shares: tuple[fl
     found = budget_part.findings([coverage("smooth", shares[0]), coverage("ridged", shares[1])])
     assert f"{kept} of 2 classes lie within 93 to 97 %" in found.verdict[0]
     assert [line[0] for line in found.tables[1].rows] == ["print", "noise"]
+
+
+def pressed(saturated: float, rms: float) -> dict[str, float | None]:
+    """Return a frame of the pressure study."""
+    return {
+        "rms_slope": 0.3, "force_N": 1.0, "voltage_V": 9.0, "peak_MPa": 0.127, "rms_percent": rms,
+        "author_rms_percent": 31.0, "correlation": None, "author_correlation": 0.5, "saturated_share": saturated,
+        "halo_percent": 0.0, "author_halo_percent": 7.5, "factor": 1.0,
+    }  # fmt: skip
+
+
+def test_pressures_verdict_keeps_saturated_frames_apart() -> None:
+    maps = np.stack([np.full((9, 7), level) for level in (0.2, 0.1, 0.0)])
+    found = pressure_part.findings([pressed(0.0, 2.0), pressed(0.0, 4.5), pressed(0.9, 44.0)], maps)
+    assert "2.0 to 4.5 % of its peak" in found.verdict[0]
+    assert "7.5 to 7.5 % of the force" in found.verdict[1]
+    assert "(1 of 3 frames)" in found.verdict[2]
+    assert "44 to 44 %" in found.verdict[2]
+    assert found.pictures[0].image.shape == (9, 3 * 7 + 16, 3)
+    assert found.tables[0].rows[0][7] == "none"

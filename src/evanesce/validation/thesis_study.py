@@ -51,7 +51,7 @@ Floats = NDArray[np.float64]
 CHAIN = Chain(threshold=0.15)
 VOLTAGES = tuple(round(7.0 + 0.25 * k, 2) for k in range(21))
 TRUE, MEASURED = (0, 179, 255), (255, 127, 14)
-HALF_MM = 4.5
+HALF_MM = 5.2
 
 
 def run(scene: Scene, out: Path, progress: Progress, *, quick: bool = False, seed: int = 1) -> Findings:
@@ -140,8 +140,8 @@ def slide_picture(scene: Scene, seed: int) -> Shown:
         panels.append(outlined(image, segment(image, CHAIN).mask, view, state))
     return Shown(
         image=np.concatenate(panels, axis=1),
-        caption="Silskin 0 %, 1 N, mu 0.67, slid to the right at 5 mm/s: pressed, bending, shortly before it slips as a"
-        " whole, and slipping. Blue the true outline, orange the measured one at a threshold of 0.15.",
+        caption="Silskin 0 %, 1 N, mu 0.67, slid to the right at 5 mm/s: a quarter into the press, pressed, the finger"
+        " bending, and slipping as a whole. Blue the true outline, orange the measured one at a threshold of 0.15.",
     )
 
 
@@ -151,9 +151,9 @@ def outlined(
     """Return a crop around the finger in colour, with both outlines."""
     picture = cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
     truth = view.labels(state, view.window(HALF_MM)).mask >= 0.5
-    for found, colour in ((mask, MEASURED), (truth, TRUE)):
+    for found, colour, width in ((mask, MEASURED, 5), (truth, TRUE, 2)):
         lines, _ = cv2.findContours(found.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-        cv2.drawContours(picture, lines, -1, colour, 2)
+        cv2.drawContours(picture, lines, -1, colour, width)
     return np.asarray(picture, np.uint8)
 
 

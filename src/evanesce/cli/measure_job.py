@@ -31,6 +31,7 @@ from evanesce.measurement.plots import (
 from evanesce.measurement.rectify import Rectification, rectification
 from evanesce.measurement.refined_light import Radiometry
 from evanesce.measurement.segment import Chain
+from evanesce.measurement.uncertainty import Finger
 from evanesce.measurement.uncertainty_area import author_uncertainty, refined_uncertainty
 from evanesce.measurement.warn import FrameLog, Warning, scale_warning
 from evanesce.states import Frame
@@ -50,9 +51,10 @@ class Refined:
 
     dark: Path | None
     flat: Path | None
+    finger: Finger
 
 
-def refined_options(estimator: str, dark: Path | None, flat: Path | None) -> Refined | None:
+def refined_options(estimator: str, dark: Path | None, flat: Path | None, finger: str) -> Refined | None:
     """Check the choice of an estimator; None is the author's chain.
 
     Raises
@@ -63,7 +65,10 @@ def refined_options(estimator: str, dark: Path | None, flat: Path | None) -> Ref
     if estimator not in ("author", "refined"):
         raise InputError(f"'{estimator}'", key="--estimator", allowed="author, refined")
     if estimator == "refined":
-        return Refined(dark, flat)
+        kinds: dict[str, Finger] = {"ridged": "ridged", "smooth": "smooth"}
+        if finger in kinds:
+            return Refined(dark, flat, kinds[finger])
+        raise InputError(f"'{finger}'", key="--finger", allowed="ridged, smooth")
     for key, path in (("--dark", dark), ("--flat", flat)):
         if path is not None:
             raise InputError("the author's chain does not use it", key=key, allowed="with --estimator refined")
@@ -84,6 +89,7 @@ class Job:
     warnings: tuple[Warning, ...]
     estimator: Estimator | None = None
     stored: Calibration | None = None
+    finger: Finger = "ridged"
 
 
 @dataclass(frozen=True)
@@ -132,6 +138,7 @@ def prepare(
         warnings=(extra,) if extra else (),
         estimator=estimator,
         stored=stored,
+        finger="ridged" if refined is None else refined.finger,
     )
 
 
@@ -208,7 +215,7 @@ def _measure(frame: Frame, job: Job) -> tuple[Measured, tuple[float, float]]:
     if job.estimator is not None:
         found = job.estimator.area(frame.data)
         video = job.stream.stated_rate is not None
-        interval = refined_uncertainty(found, job.estimator, draws, video=video).interval_mm2
+        interval = refined_uncertainty(found, job.estimator, draws, video=video, finger=job.finger).interval_mm2
         return refined_measured(frame, found, job.estimator), interval
     measured = measure_frame(frame, job.chain, job.mm2_per_px, job.rectified)
     return measured, author_uncertainty(measured, job.mm2_per_px, job.stored, draws).interval_mm2

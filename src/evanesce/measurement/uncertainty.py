@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Finger = Literal["ridged", "smooth"]
 Role = Literal["print", "height", "scale", "boundary", "noise"]
 
 COVERAGE = 0.95
@@ -177,8 +178,12 @@ PRINT_TOLERANCE = 0.002
 CARD_HEIGHT_MM = 0.1
 """Greatest height of a card's printed side over the contact plane: unevenness of paper."""
 
-FILM_MM = 0.002
-"""Greatest way outside the contact at which light still couples half as well: where the film of air is some 0.1 um."""
+FILM_MM = {"smooth": (0.0, 0.002), "ridged": (-0.003, 0.005)}
+"""Limits of the way outside the contact at which light couples half as well, where the film of air is some 0.1 um.
+
+A round rim opens at once. The ends of grooves open slowly (outwards) and are narrow against the blur (inwards):
+simulated presses of the ridged finger at 0.8, 1.7 and 3.6 N have +4.1, -0.6 and -1.0 um.
+"""
 
 
 def card_components(*, tolerance: float = PRINT_TOLERANCE, height_mm: float = CARD_HEIGHT_MM) -> list[Component]:
@@ -195,7 +200,9 @@ def card_components(*, tolerance: float = PRINT_TOLERANCE, height_mm: float = CA
     ]  # fmt: skip
 
 
-def refined_components(pixel_mm: float, scale_standard: float, *, video: bool = False) -> list[Component]:
+def refined_components(
+    pixel_mm: float, scale_standard: float, *, video: bool = False, finger: Finger = "ridged"
+) -> list[Component]:
     """Return the budget of the refined estimator beyond the card.
 
     Parameters
@@ -206,14 +213,16 @@ def refined_components(pixel_mm: float, scale_standard: float, *, video: bool = 
         Relative standard uncertainty of the area from the corners' scatter (tilt and distortion included).
     video : bool
         Whether frames went through a lossy codec.
+    finger : {"ridged", "smooth"}
     """
+    film = FILM_MM[finger]
     found = [
         Component(
             name="scale fit", role="scale", low=-scale_standard, high=scale_standard, shape="normal",
             origin="scatter of the board's corners, carried through the fit of scale, tilt and distortion",
         ),
         Component(
-            name="film of air", role="boundary", low=0.0, high=FILM_MM, shape="rectangular",
+            name="film of air", role="boundary", low=film[0], high=film[1], shape="rectangular",
             origin="light that still couples beside the contact",
         ),
         Component(
@@ -245,7 +254,8 @@ def author_components(pixel_mm: float, *, square_px: float, spread: float, thres
         How far the threshold's boundary lies outside the half-way one.
     """
     edge = 2.0 * 2.0 * 0.5 / square_px  # both edges of both sides, half a pixel each
-    away = abs(threshold_mm)
+    # the half-way boundary is the better estimate: a known deviation corrects the value, by JCGM 100, 3.2.4
+    away = max(0.5 * abs(threshold_mm), 0.2 * pixel_mm)
     return [
         Component(
             name="threshold on the card", role="scale", low=-edge, high=edge, shape="rectangular",
@@ -256,8 +266,8 @@ def author_components(pixel_mm: float, *, square_px: float, spread: float, thres
             origin="one area per pixel for the whole undistorted view",
         ),
         Component(
-            name="threshold on the contact", role="boundary", low=-away, high=away, shape="rectangular",
-            origin="distance of the threshold's boundary from the half-way one",
+            name="threshold on the contact", role="boundary", low=threshold_mm - away, high=threshold_mm + away,
+            shape="rectangular", origin="distance of the threshold's boundary from the half-way one, known to a half",
         ),
         Component(
             name="counting", role="boundary", low=-0.1 * pixel_mm, high=0.1 * pixel_mm, shape="rectangular",

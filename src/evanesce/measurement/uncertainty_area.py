@@ -15,6 +15,7 @@ from evanesce.measurement.refined_light import tone_table
 from evanesce.measurement.segment import grey
 from evanesce.measurement.uncertainty import (
     Component,
+    Finger,
     Reading,
     Uncertain,
     author_components,
@@ -32,7 +33,7 @@ UNKNOWN_SPREAD = 0.02
 
 def refined_uncertainty(
     found: RefinedArea, estimator: Estimator, rng: np.random.Generator, *, video: bool = False,
-    cards: Sequence[Component] | None = None,
+    cards: Sequence[Component] | None = None, finger: Finger = "ridged",
 ) -> Uncertain:  # fmt: skip
     """Return a refined area with its uncertainty.
 
@@ -45,6 +46,7 @@ def refined_uncertainty(
         Whether the frame went through a lossy codec.
     cards : sequence of Component, optional
         What is known of the cards; :func:`card_components` by default.
+    finger : {"ridged", "smooth"}
     """
     side = math.sqrt(estimator.plate.middle_area)
     spread = estimator.plate.area_standard(found.contours) / found.area_mm2 if found.area_mm2 > 0 else 0.0
@@ -52,7 +54,10 @@ def refined_uncertainty(
         area_mm2=found.area_mm2, perimeter_mm=found.perimeter_mm,
         distance_mm=float(estimator.plate.calibration.camera_matrix[0, 0]) * side,
     )  # fmt: skip
-    parts = [*(card_components() if cards is None else cards), *refined_components(side, spread, video=video)]
+    parts = [
+        *(card_components() if cards is None else cards),
+        *refined_components(side, spread, video=video, finger=finger),
+    ]
     return propagate(reading, parts, rng)
 
 

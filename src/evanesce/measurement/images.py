@@ -125,7 +125,7 @@ def _decode_png(content: bytes) -> NDArray[np.generic]:
     """Decode by FFmpeg, which takes four fifths of OpenCV's time; what is not plain 8-bit grey or RGB by OpenCV."""
     try:
         decoder = av.CodecContext.create("png", "r")
-        pictures = decoder.decode(av.Packet(content)) or decoder.decode(None)  # type: ignore[attr-defined]
+        pictures = decoder.decode(av.Packet(content)) or decoder.decode(None)
     except (av.FFmpegError, ValueError):
         return _decode(content)
     if len(pictures) == 1 and pictures[0].format.name in ("gray", "rgb24") and not pictures[0].is_corrupt:

@@ -19,6 +19,10 @@ MODEL = 0.008
 docs/validation/fast-renderer.md: measured, they leave up to 0.3 % inside contacts."""
 
 
+LEVEL = 0.003
+"""What they may leave of the light of the whole contact; measured, 0.02 to 0.2 % (docs/validation/fast-renderer.md)."""
+
+
 def differences(
     scene: Scene, state: ContactState, samples: int, seeds: int = 6
 ) -> dict[str, tuple[float, float, float]]:
@@ -37,8 +41,9 @@ def differences(
         ]
     )
     fast = render_fast(scene, state).radiance[part]
-    found = {}
-    for name, region in regions(case).items():
+    found, parts = {}, regions(case)
+    parts["whole contact"] = np.any([region for name, region in parts.items() if name.startswith("contact")], axis=0)
+    for name, region in parts.items():
         here = region[part]
         each = passes[:, here].mean(axis=1)
         found[name] = (
@@ -54,10 +59,11 @@ def check(found: dict[str, tuple[float, float, float]]) -> None:
     for name, (difference, error, level) in found.items():
         # 6 seeds tell the error itself to a third: 6 of them are 4.5 of the true ones at 5 degrees of freedom.
         assert abs(difference) < 6 * error + MODEL * level + 0.002 * lit, (name, difference / lit, error / lit)
-    contact = [(d, e, v) for name, (d, e, v) in found.items() if name.startswith("contact")]
-    assert len(contact) == 4
-    # The check can fail: the contact's level is known to better than 2 %.
-    assert np.sqrt(sum(e**2 for _, e, _ in contact)) / sum(v for *_, v in contact) < 0.02
+    assert sum(name.startswith("contact") for name in found) == 4
+    difference, error, level = found["whole contact"]
+    assert abs(difference) < 6 * error + LEVEL * level, ("level", difference / level, error / level)
+    # The check can fail: a level that is 2 % off is seen.
+    assert 6 * error < (0.02 - LEVEL) * level
 
 
 def test_stamp_on_a_small_plate_with_three_lit_edges() -> None:
@@ -80,7 +86,7 @@ def test_ridged_finger_off_the_middle() -> None:
             "leds.edge": {"left": {"relative_power": [1, 0, 1, 0.4, 1]}},
         },
     )
-    check(differences(scene, contact_state(scene, 3.0), samples=64))
+    check(differences(scene, contact_state(scene, 3.0), samples=192))
 
 
 @pytest.mark.slow
@@ -95,4 +101,5 @@ def test_full_agreement(number: int) -> None:
     assert found.mean_abs_DN < 1.0 + 4.5 * found.noise_DN / 10
     assert abs(found.area_bias) < 0.002 + 5 * found.area_error
     for name, (difference, error) in found.regions.items():
-        assert abs(difference) < 2.0 + 5 * error, name
+        assert abs(difference) < 1.0 + 5 * error, name
+    assert abs(found.level - 1) < LEVEL + 5 * found.level_error

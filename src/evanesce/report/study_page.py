@@ -28,7 +28,7 @@ def chart_figure(chart: Chart) -> Figure:
 
 def _draw(axis: Any, panel: Panel) -> None:
     groups: dict[str, str] = {}
-    fresh = cycle(COLOURS)
+    fresh, marks = cycle(COLOURS), cycle("os^D")
     drawn: dict[str, int] = {}
     for series in panel.series:
         name = series.group or series.label
@@ -40,7 +40,7 @@ def _draw(axis: Any, panel: Panel) -> None:
         drawn[name] = drawn.get(name, 0) + 1
         x, y = _array(series.x), _array(series.y)
         if series.points:
-            axis.plot(x, y, "o", color=colour, ms=4.5, mfc="none", label=series.label)
+            axis.plot(x, y, next(marks), color=colour, ms=5, mfc="none", label=series.label)
         else:
             axis.plot(x, y, style, color=colour, lw=1.7, label=series.label)
         if series.low is not None and series.high is not None:

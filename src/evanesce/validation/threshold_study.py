@@ -321,7 +321,8 @@ def _range_table(rows: Mapping[tuple[Finger, float], Mapping[str, Any]]) -> List
         lines.append(
             (
                 f"{finger.material}, {finger.name}", f"{force:g}", f"{truth:.2f}", *by_hand,
-                f"{low:g} to {high:g}" if np.isfinite(low) else "none", _signed(float(middle)) if np.isfinite(low) else "none",
+                f"{low:g} to {high:g}" if np.isfinite(low) else "none",
+                _signed(float(middle)) if np.isfinite(low) else "none",
                 f"{edge:g}" if np.isfinite(edge) else "none",
             )
         )  # fmt: skip

@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +18,11 @@ from evanesce.measurement.segment import Chain, segment
 from evanesce.report.html import write
 from evanesce.report.slider import slider
 from evanesce.report.study_page import page
-from evanesce.rig import load_scene
+from evanesce.rig import Scene, load_scene
 from evanesce.simulate import touch
 from evanesce.validation.perfect import PerfectView
 from evanesce.validation.slider import SliderFrame
-from evanesce.validation.studies import Chart, Findings, Ledger, Listing, Panel, Part, Series, Shown, studies
+from evanesce.validation.studies import Chart, Findings, Ledger, Listing, Panel, Part, Progress, Series, Shown, studies
 
 CHROMIUM = next((found for name in ("chromium", "chromium-browser", "google-chrome", "chrome")
                  if (found := shutil.which(name))), None)  # fmt: skip
@@ -140,6 +141,30 @@ def test_slider_counts_what_the_chain_counts_in_a_real_browser(tmp_path: Path, f
     error = 100 * (expected.pixels * 0.0037 / 21.3 - 1)
     sign = "+" if error >= 0 else "−"
     assert result[2] == f"measured {expected.pixels * 0.0037:.2f} mm², true 21.30 mm²: {sign}{abs(error):.1f} %"
+
+
+def test_all_writes_report_results_and_figures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The parts and frames are drawn; what becomes of them is the command's own."""
+    seen: list[tuple[str, bool, int]] = []
+
+    def work(scene: Scene, out: Path, progress: Progress, *, quick: bool, seed: int) -> Findings:
+        progress("rows", 1, 2)
+        seen.append((scene.title, quick, seed))
+        return replace(findings(), data={"area_mm2": [1.5, float("nan")]})
+
+    monkeypatch.setattr("evanesce.validation.studies.studies", lambda: [Part("drawn", "Drawn part", 1, work)])
+    monkeypatch.setattr("evanesce.validation.slider.slider_frames", lambda scene, seed: [drawn_frame()])
+    out = tmp_path / "out"
+    done = CliRunner().invoke(app, ["study", "all", "thesis", "--quick", "--seed", "9", "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    assert seen == [(load_scene("thesis").title, True, 9)]
+    assert {p.name for p in out.iterdir()} == {"report.html", "result.json", "drawn-1.png", "drawn-2.png"}
+    result = json.loads((out / "result.json").read_text(encoding="utf-8"))
+    assert result["drawn"] == {"verdict": ["It errs by <7 %."], "area_mm2": [1.5, None]}
+    assert set(result["provenance"]["seconds"]) == {"drawn", "slider"}
+    text = (out / "report.html").read_text(encoding="utf-8")
+    assert "slider-picture" in text
+    assert "quick: fewer forces and speeds" in text
 
 
 @pytest.mark.parametrize(

@@ -35,6 +35,7 @@ from evanesce.criticism.score import Scored, ScoreTest, metric_of, score_test
 from evanesce.criticism.signatures import Signature, signatures_of
 from evanesce.criticism.tone import expected_tone
 from evanesce.criticism.unknown import Flexible, describe_unknown, fit_flexible
+from evanesce.errors import InputError
 from evanesce.rng import generator
 
 Array = NDArray[Any]
@@ -193,7 +194,7 @@ def search(case: Case, signatures: Sequence[Signature], findings: Findings) -> N
     for number in range(int(FROZEN.search["rounds"])):
         tried = [s for s in scores.scored if known is None or s.id not in known.ids]
         tried = promising(tried)
-        extensions = [extend(case.problem, base, known, s) for s in tried]
+        extensions = fitted_for_good(case, base, known, tried)
         findings.rounds.append(extensions)
         better = max(extensions, key=lambda e: e.log_bayes, default=None)
         if better is None or not acceptable(better, known):
@@ -207,6 +208,17 @@ def search(case: Case, signatures: Sequence[Signature], findings: Findings) -> N
         if left_scores.p >= FROZEN.levels["false_alarm"]:
             break
         scores = left_scores
+
+
+def fitted_for_good(case: Case, base: Fit, known: Extension | None, tried: Sequence[Scored]) -> list[Extension]:
+    """Return the fits of candidates; one whose fit leaves what its effect allows is left out, with a note."""
+    found = []
+    for scored in tried:
+        try:
+            found.append(extend(case.problem, base, known, scored))
+        except InputError as error:
+            case.notes.append(f"{scored.id} could not be fitted: {error}")
+    return found
 
 
 def promising(scored: Sequence[Scored]) -> list[Scored]:

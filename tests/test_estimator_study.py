@@ -15,8 +15,9 @@ from evanesce.report.estimator_page import budget_page, estimator_page
 from evanesce.report.html import write
 from evanesce.report.pressure_page import page
 from evanesce.rig import load_scene
-from evanesce.validation import budget_study, estimator_study, pressure_study
+from evanesce.validation import budget_study, estimator_study, pressure_part, pressure_study
 from evanesce.validation.calibrated_rig import calibrated
+from evanesce.validation.studies import Ledger
 
 # Half the thesis's scale on a quarter of its pixels: the same contacts, cheaper.
 SMALL = {
@@ -25,6 +26,16 @@ SMALL = {
     "camera.pixel.pitch_um": 6.2,
     "camera.exposure_ms": 1.5,
     "grid.samples": 640,
+    "grid.size_mm": 12.8,
+}
+
+# A quarter of the scale: for what does not depend on it.
+TINY = {
+    "camera.resolution_px": [500, 375],
+    "camera.scale_px_per_mm": 14.6,
+    "camera.pixel.pitch_um": 12.4,
+    "camera.exposure_ms": 0.4,
+    "grid.samples": 320,
     "grid.size_mm": 12.8,
 }
 
@@ -112,3 +123,69 @@ def test_pressure_of_a_rough_skin(tmp_path):
     assert row.rms_percent < 0.5 * row.author_rms_percent
     assert row.correlation > 0.99
     assert "RMS slope" in write(tmp_path / "p.html", page(found)).read_text()
+
+
+class Killed(Exception):
+    """Stands for the end of a process between two steps."""
+
+
+def test_budget_goes_on_after_a_kill(tmp_path, monkeypatch):
+    """Killed after the first block, its next line cut short: the rest alone is done, the result is that of one run."""
+    scenes = [load_scene(name, TINY) for name in ("thesis", "thesis_ridged")]
+    options = {"measurements": 10, "forces": (1.3,), "voltages": (9.0,), "fingers": ("smooth",), "places": ("centre",)}
+    monkeypatch.setattr(budget_study, "BLOCK", 4)
+    whole = budget_study.run_study(*scenes, **options)
+    path = tmp_path / "budget.jsonl"
+    made: list[str] = []
+
+    def keeping(stop_at: int):
+        ledger = Ledger(path, "a run")
+
+        def keep(key, make):
+            if key not in ledger:
+                if len(made) == stop_at:
+                    raise Killed
+                made.append(key)
+            return ledger.row(key, make)
+
+        return keep
+
+    with pytest.raises(Killed):
+        budget_study.run_study(*scenes, **options, keep=keeping(2))
+    with path.open("a") as stream:
+        stream.write('{"key": "measurements from 4", "row": {"ro')
+    again = budget_study.run_study(*scenes, **options, keep=keeping(99))
+    assert made == [
+        "frames: smooth, centre", "measurements from 0", "measurements from 4", "measurements from 8",
+    ]  # fmt: skip
+    assert again.classes == whole.classes
+    assert whole.classes[0].measurements == 10
+
+
+def test_pressure_part_goes_on_after_a_kill(tmp_path, monkeypatch):
+    """Killed at the third press: the first two are not pressed again; rows and picture are those of one run."""
+    scene = load_scene("thesis", TINY)
+    (tmp_path / "whole").mkdir()
+    (tmp_path / "cut").mkdir()
+    pressed: list[float] = []
+    real, stop = pressure_study.Lit.of, [99]
+
+    def of(rig, force, seed):
+        if len(pressed) == stop[0]:
+            raise Killed
+        pressed.append(force)
+        return real(rig, force, seed)
+
+    monkeypatch.setattr(pressure_study.Lit, "of", staticmethod(of))
+    whole = pressure_part.run(scene, tmp_path / "whole", lambda *a: None)
+    pressed.clear()
+    stop[0] = 2
+    with pytest.raises(Killed):
+        pressure_part.run(scene, tmp_path / "cut", lambda *a: None)
+    pressed.clear()
+    stop[0] = 99
+    again = pressure_part.run(scene, tmp_path / "cut", lambda *a: None)
+    assert len(pressed) == 2
+    assert again.data == whole.data
+    assert len(whole.data["rows"]) == 12
+    assert np.array_equal(again.pictures[0].image, whole.pictures[0].image)

@@ -34,7 +34,10 @@ def register(group: typer.Typer) -> None:
         json_file: JsonOption = None,
         out: OutOption = None,
     ) -> None:
-        """Uncertainty of an area, and its coverage over measurements with cards, corners and frames drawn anew."""
+        """Uncertainty of an area, and its coverage over measurements with cards, corners and frames drawn anew.
+
+        An interrupted run goes on from what its output folder keeps.
+        """
         check_json_target(json_file)
         if not 10 <= measurements <= 1_000_000:
             raise InputError(f"{measurements}", key="--measurements", allowed="10 to 1000000")
@@ -44,9 +47,12 @@ def register(group: typer.Typer) -> None:
         from evanesce.report.html import write
         from evanesce.rig import load_scene
         from evanesce.validation.budget_study import run_study
+        from evanesce.validation.studies import Ledger
 
         scenes = load_scene(smooth), load_scene(ridged)
         folder = out_dir(out, "study-budget")
+        settings = [[scene.as_dict() for scene in scenes], measurements, threshold, seed]
+        ledger = Ledger(folder / "budget.jsonl", settings)
         with progress() as bar:
             tasks = {}
 
@@ -55,7 +61,9 @@ def register(group: typer.Typer) -> None:
                     tasks[what] = bar.add_task(what, total=total)
                 bar.update(tasks[what], completed=done)
 
-            found = run_study(*scenes, measurements=measurements, threshold=threshold, seed=seed, tick=tick)
+            found = run_study(
+                *scenes, measurements=measurements, threshold=threshold, seed=seed, tick=tick, keep=ledger.row
+            )
         report = write(folder / "report.html", budget_page(found))
         write_json(folder / "result.json", found.as_dict())
         write_json(json_file, found.as_dict())

@@ -36,7 +36,7 @@ def register(group: typer.Typer) -> None:
         check_json_target(json_file)
         loads = parse_forces(forces)
         from evanesce.report.html import write
-        from evanesce.report.pressure_page import page
+        from evanesce.report.pressure_page import number, page
         from evanesce.rig import load_scene
         from evanesce.validation.pressure_study import run_study
 
@@ -67,8 +67,8 @@ def register(group: typer.Typer) -> None:
         for r in found.rows:
             table.add_row(
                 f"{r.rms_slope:g}", f"{r.force_N:g}", f"{r.voltage_V:g}", f"{r.saturated_share:.2f}",
-                f"{r.rms_percent:.1f}", f"{r.author_rms_percent:.1f}", f"{r.correlation:.3f}",
-                f"{r.author_correlation:.3f}", f"{r.halo_percent:.1f}", f"{r.author_halo_percent:.1f}",
+                f"{r.rms_percent:.1f}", f"{r.author_rms_percent:.1f}", number(r.correlation),
+                number(r.author_correlation), f"{r.halo_percent:.1f}", f"{r.author_halo_percent:.1f}",
             )  # fmt: skip
         console.print(table)
         console.print(f"Report: {report}", highlight=False, soft_wrap=True)

@@ -8,6 +8,11 @@ from evanesce.report.html import Page, Picture, Section, Table, figure_png
 from evanesce.validation.pressure_study import PressureStudy
 
 
+def number(value: float | None) -> str:
+    """Return a correlation for a table."""
+    return "none" if value is None else f"{value:.3f}"
+
+
 def maps_figure(study: PressureStudy) -> Figure:
     """Draw true pressure, both maps and their errors [MPa]."""
     figure = Figure(figsize=(11.0, 6.2), layout="constrained")
@@ -54,7 +59,7 @@ def page(study: PressureStudy) -> Page:
             (
                 f"{r.rms_slope:g}", f"{r.force_N:g}", f"{r.voltage_V:g}", f"{r.peak_MPa:.3f}",
                 f"{r.saturated_share:.2f}", f"{r.rms_percent:.1f}", f"{r.author_rms_percent:.1f}",
-                f"{r.correlation:.3f}", f"{r.author_correlation:.3f}", f"{r.halo_percent:.1f}",
+                number(r.correlation), number(r.author_correlation), f"{r.halo_percent:.1f}",
                 f"{r.author_halo_percent:.1f}", f"{r.factor:.3f}",
             )
             for r in study.rows

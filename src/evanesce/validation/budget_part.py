@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,14 +23,11 @@ def run(scene: Scene, out: Path, progress: Progress, *, quick: bool = False, see
     ledger = Ledger(out / "budget.jsonl", {"scene": scene.as_dict(), "seed": seed, "measurements": count})
     fingers = [Finger(scene.finger.material, ridged, glowing=False).on(scene) for ridged in (False, True)]
 
-    def make() -> Mapping[str, Any]:
-        def tick(what: str, done: int, total: int) -> None:
-            progress(f"budget: {what}", done, total)
+    def tick(what: str, done: int, total: int) -> None:
+        progress(f"budget: {what}", done, total)
 
-        found = run_study(*fingers, measurements=count, seed=seed, tick=tick).as_dict()
-        return {"classes": found["classes"]}
-
-    return findings(ledger.row("coverage", partial(make))["classes"])
+    found = run_study(*fingers, measurements=count, seed=seed, tick=tick, keep=ledger.row)
+    return findings(found.as_dict()["classes"])
 
 
 def findings(classes: Sequence[Mapping[str, Any]]) -> Findings:

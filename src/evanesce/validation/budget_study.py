@@ -6,17 +6,20 @@ each class. What a frame's boundary is does not depend on the calibration, so th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from evanesce import provenance, rng
 from evanesce.measurement.area import measure_frame
 from evanesce.measurement.calibration import Calibration
 from evanesce.measurement.estimator import Estimator, RefinedArea
 from evanesce.measurement.rectify import rectification
+from evanesce.measurement.refined_glow import Walk
 from evanesce.measurement.segment import Chain
 from evanesce.measurement.uncertainty import (
     CARD_HEIGHT_MM,
@@ -31,6 +34,7 @@ from evanesce.measurement.uncertainty_area import author_boundary, refined_uncer
 from evanesce.rig import Scene
 from evanesce.validation.calibrated_rig import CardErrors, calibrated, drawn_corners
 from evanesce.validation.estimator_study import PLACES, REFERENCE_V, Lit, fingers_of, placed
+from evanesce.validation.studies import Keep, not_kept
 
 FORCES = (1.1, 2.3, 4.4)
 """Others than those from which the budget's film of air was taken [N]."""
@@ -39,6 +43,9 @@ VOLTAGES = (8.4, 9.0, 9.7)
 FINGERS = ("smooth", "ridged")
 SQUARE_EDGE_PX = 0.5
 """Greatest way of the square card's edges by threshold and blur."""
+
+BLOCK = 50
+"""Measurements that are put away together."""
 
 Tick = Callable[[str, int, int], None]
 
@@ -50,18 +57,27 @@ class Shot:
     Attributes
     ----------
     true_mm2 : float
-    found : RefinedArea
-        With areas of a first calibration; only its curves are used.
+    contours : list of ndarray (n, 2)
+        Of the refined estimator, (x, y) in the frame as taken [px].
     pixels : int
     perimeter_px, away_px : float
         Of the author's chain (:func:`~evanesce.measurement.uncertainty_area.author_boundary`).
     """
 
     true_mm2: float
-    found: RefinedArea
+    contours: list[NDArray[np.float64]]
     pixels: int
     perimeter_px: float
     away_px: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain data, from which :meth:`of` makes the same shot to the last bit."""
+        return {**vars(self), "contours": [contour.tolist() for contour in self.contours]}
+
+    @classmethod
+    def of(cls, data: Mapping[str, Any]) -> Shot:
+        """Return a shot of plain data."""
+        return cls(**{**data, "contours": [np.array(contour, np.float64) for contour in data["contours"]]})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,8 +147,8 @@ def shots_of(
             perimeter, away = author_boundary(author, scene.camera.tone_curve)
             shots.append(
                 Shot(
-                    true_mm2=press.true_mm2, found=estimator.area(frame.data), pixels=author.segmentation.pixels,
-                    perimeter_px=perimeter, away_px=away,
+                    true_mm2=press.true_mm2, contours=estimator.area(frame.data).contours,
+                    pixels=author.segmentation.pixels, perimeter_px=perimeter, away_px=away,
                 )
             )  # fmt: skip
     return shots
@@ -147,16 +163,6 @@ def draw_errors(draws: np.random.Generator) -> tuple[CardErrors, float]:
     return replace(errors, square_scale=square), draws.uniform(-SQUARE_EDGE_PX, SQUARE_EDGE_PX)
 
 
-@dataclass
-class _Tally:
-    """Counts of one class while it runs."""
-
-    covered: list[tuple[bool, ...]]
-    widths: list[tuple[float, ...]]
-    errors: list[tuple[float, float]]
-    parts: list[dict[str, float]]
-
-
 def run_study(
     smooth: Scene,
     ridged: Scene,
@@ -169,6 +175,7 @@ def run_study(
     threshold: float = 0.15,
     seed: int = 1,
     tick: Tick = lambda what, done, total: None,
+    keep: Keep = not_kept,
 ) -> BudgetStudy:
     """Run the study.
 
@@ -186,6 +193,9 @@ def run_study(
     seed : int
     tick : callable
         ``tick(what, done, total)``.
+    keep : callable
+        Puts the frames of a class and each block of measurements away, so that an interrupted run goes on; see
+        :data:`~.studies.Keep`.
     """
     nominal = calibrated(smooth, rng.generator(seed, "nominal"), CardErrors(corner_noise_px=0.0))
     scenes = fingers_of(smooth, ridged)
@@ -193,38 +203,60 @@ def run_study(
     shots: dict[tuple[str, str], list[Shot]] = {}
     for finger, place in keys:
         scene = placed(scenes[finger], PLACES[place])
-        shots[finger, place] = shots_of(scene, nominal, forces, voltages, threshold, seed)
+
+        def photographed(scene: Scene = scene) -> dict[str, Any]:
+            taken = shots_of(scene, nominal, forces, voltages, threshold, seed)
+            return {"shots": [shot.as_dict() for shot in taken]}
+
+        kept = keep(f"frames: {finger}, {place}", photographed)["shots"]
+        shots[finger, place] = [Shot.of(data) for data in kept]
         tick("frames", len(shots), len(keys))
-    draws, tallies = rng.generator(seed, "budget"), {key: _Tally([], [], [], []) for key in keys}
-    for number in range(measurements):
-        errors, edge_px = draw_errors(draws)
-        calibration = replace(nominal, details={**nominal.details, "corners": drawn_corners(smooth, errors, draws)})
-        estimator = Estimator.of(calibration)
-        for key in keys:
-            shot = shots[key][int(draws.integers(len(shots[key])))]
-            _measure(
-                shot,
-                estimator,
-                calibration,
-                (errors, edge_px),
-                draws,
-                tallies[key],
-                "ridged" if "ridged" in key[0] else "smooth",
-            )
-        tick("measurements", number + 1, measurements)
+    tallies: dict[tuple[str, str], list[Mapping[str, Any]]] = {key: [] for key in keys}
+    for first in range(0, measurements, BLOCK):
+        numbers = range(first, min(first + BLOCK, measurements))
+        block = keep(f"measurements from {first}", partial(_block, numbers, smooth, nominal, shots, seed))["rows"]
+        for row in block:
+            for key, one in zip(keys, row, strict=True):
+                tallies[key].append(one)
+        tick("measurements", numbers.stop, measurements)
     found = [_summed(key, tallies[key], len(shots[key])) for key in keys]
     config = {"smooth": smooth.as_dict(), "ridged": ridged.as_dict(), "measurements": measurements}
     return BudgetStudy(classes=found, provenance=dict(provenance.record(seed=seed, config=config)))
 
 
+def _block(
+    numbers: range, scene: Scene, nominal: Calibration, shots: Mapping[tuple[str, str], list[Shot]], seed: int
+) -> dict[str, Any]:
+    """Return some measurements, a row of one result a class; each draws from its own number."""
+    rows = []
+    for number in numbers:
+        draws = rng.generator(seed, "budget", number)
+        errors, edge_px = draw_errors(draws)
+        calibration = replace(nominal, details={**nominal.details, "corners": drawn_corners(scene, errors, draws)})
+        estimator = Estimator.of(calibration)
+        rows.append(
+            [
+                _measure(
+                    some[int(draws.integers(len(some)))], estimator, calibration, (errors, edge_px), draws,
+                    "ridged" if "ridged" in finger else "smooth",
+                )
+                for (finger, _), some in shots.items()
+            ]
+        )  # fmt: skip
+    return {"rows": rows}
+
+
 def _measure(
     shot: Shot, estimator: Estimator, calibration: Calibration, card: tuple[CardErrors, float],
-    draws: np.random.Generator, tally: _Tally, finger: Finger,
-) -> None:  # fmt: skip
+    draws: np.random.Generator, finger: Finger,
+) -> dict[str, Any]:  # fmt: skip
     plate = estimator.plate
-    on_plate = [plate.to_plate(curve) for curve in shot.found.contours]
+    on_plate = [plate.to_plate(curve) for curve in shot.contours]
     perimeter = sum(float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum()) for curve in on_plate)
-    found = replace(shot.found, area_mm2=plate.area(shot.found.contours), perimeter_mm=perimeter)
+    found = RefinedArea(
+        area_mm2=plate.area(shot.contours), perimeter_mm=perimeter, contours=shot.contours,
+        mask=np.zeros((0, 0), np.bool_), walk=Walk(), saturated_pixels=0, islands=1, dropped=0, step=0.0,
+    )  # fmt: skip
     refined = refined_uncertainty(found, estimator, draws, finger=finger)
     errors, edge_px = card
     assert calibration.mm2_per_px is not None
@@ -240,21 +272,23 @@ def _measure(
     parts = author_components(side, square_px=square_px, spread=spread, threshold_mm=shot.away_px * side)
     author = propagate(reading, [*card_components(), *parts], draws)
     true = shot.true_mm2
-    tally.covered.append(
-        tuple(low < true < high for low, high in (refined.interval_mm2, refined.linear_mm2, author.interval_mm2))
-    )
-    tally.widths.append(tuple(50 * (u.interval_mm2[1] - u.interval_mm2[0]) / true for u in (refined, author)))
-    tally.errors.append((100 * (found.area_mm2 / true - 1), 100 * (area / true - 1)))
-    tally.parts.append({name: 100 * u / true for name, u in refined.contributions_mm2.items()})
+    intervals = (refined.interval_mm2, refined.linear_mm2, author.interval_mm2)
+    return {
+        "covered": [bool(low < true < high) for low, high in intervals],
+        "widths": [50 * (u.interval_mm2[1] - u.interval_mm2[0]) / true for u in (refined, author)],
+        "errors": [100 * (found.area_mm2 / true - 1), 100 * (area / true - 1)],
+        "parts": {name: 100 * u / true for name, u in refined.contributions_mm2.items()},
+    }
 
 
-def _summed(key: tuple[str, str], tally: _Tally, frames: int) -> ClassCoverage:
-    refined, linear, author = np.mean(tally.covered, axis=0)
-    widths, errors = np.median(tally.widths, axis=0), np.mean(tally.errors, axis=0)
+def _summed(key: tuple[str, str], tally: Sequence[Mapping[str, Any]], frames: int) -> ClassCoverage:
+    refined, linear, author = np.mean([m["covered"] for m in tally], axis=0)
+    widths = np.median([m["widths"] for m in tally], axis=0)
+    errors, parts = np.mean([m["errors"] for m in tally], axis=0), [m["parts"] for m in tally]
     return ClassCoverage(
-        finger=key[0], place=key[1], measurements=len(tally.covered), frames=frames,
+        finger=key[0], place=key[1], measurements=len(tally), frames=frames,
         refined_covered=float(refined), refined_linear_covered=float(linear), author_covered=float(author),
         refined_half_width_percent=float(widths[0]), author_half_width_percent=float(widths[1]),
         refined_bias_percent=float(errors[0]), author_bias_percent=float(errors[1]),
-        contributions_percent={n: float(np.median([p[n] for p in tally.parts])) for n in tally.parts[0]},
+        contributions_percent={n: float(np.median([p[n] for p in parts])) for n in parts[0]},
     )  # fmt: skip

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.rig import Scene
-from evanesce.validation.pressure_study import FORCES, SLOPES, VOLTAGES, PressureStudy, run_study
+from evanesce.validation.pressure_study import FORCES, SLOPES, VOLTAGES, run_study
 from evanesce.validation.studies import Findings, Ledger, Listing, Part, Progress, Shown
 from evanesce.validation.study_scenes import Finger, check_studied
 
@@ -22,24 +22,24 @@ def run(scene: Scene, out: Path, progress: Progress, *, quick: bool = False, see
     """Do the study; see :class:`evanesce.validation.studies.Study`."""
     check_studied(scene)
     smooth = Finger(scene.finger.material, ridged=False, glowing=False).on(scene)
-    kept: list[PressureStudy] = []
-
-    def make() -> Mapping[str, Any]:
-        kept.append(
-            run_study(
-                smooth, slopes=SLOPES[:1] if quick else SLOPES, forces=FORCES[:1] if quick else FORCES,
-                voltages=VOLTAGES, seed=seed, tick=partial(progress, "pressure: frames"),
-            )
-        )  # fmt: skip
-        return {"rows": [asdict(row) for row in kept[0].rows]}
-
     ledger = Ledger(out / "pressure.jsonl", {"scene": scene.as_dict(), "seed": seed, "quick": quick})
-    rows = ledger.row("rows", make)["rows"]
-    # an earlier run has left its picture
     path = out / "pressure-maps.npy"
-    if kept and kept[0].maps:
-        np.save(path, np.stack([kept[0].maps[name] for name in ("true", "model", "author")]), allow_pickle=False)
-    return findings(rows, np.load(path, allow_pickle=False) if path.is_file() else None)
+    if not len(ledger):  # the picture belongs to the rows
+        path.unlink(missing_ok=True)
+
+    def show(maps: Mapping[str, NDArray[np.float64]]) -> None:
+        if not path.is_file():
+            temporary = path.with_name(f".{path.name}")
+            with temporary.open("wb") as stream:
+                np.save(stream, np.stack([maps[name] for name in ("true", "model", "author")]), allow_pickle=False)
+            temporary.replace(path)
+
+    found = run_study(
+        smooth, slopes=SLOPES[:1] if quick else SLOPES, forces=FORCES[:1] if quick else FORCES, voltages=VOLTAGES,
+        seed=seed, tick=partial(progress, "pressure: frames"), keep=ledger.row, show=show,
+    )  # fmt: skip
+    maps = np.load(path, allow_pickle=False) if path.is_file() else None
+    return findings([asdict(row) for row in found.rows], maps)
 
 
 def findings(rows: Sequence[Mapping[str, Any]], maps: NDArray[np.float64] | None = None) -> Findings:

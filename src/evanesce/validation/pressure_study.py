@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from evanesce.optics.projection import Projection
 from evanesce.rig import Scene
 from evanesce.truth.labels import label, view_geometry
 from evanesce.validation.estimator_study import Lit
+from evanesce.validation.studies import Keep, not_kept
 
 Floats = NDArray[np.float64]
 
@@ -40,8 +42,8 @@ class Row:
         True.
     rms_percent, author_rms_percent : float
         RMS error of the pressure [% of the true peak].
-    correlation, author_correlation : float
-        With the true pressure.
+    correlation, author_correlation : float or None
+        With the true pressure; None where a map is flat.
     saturated_share : float
         Of the contact.
     halo_percent, author_halo_percent : float
@@ -56,8 +58,8 @@ class Row:
     peak_MPa: float
     rms_percent: float
     author_rms_percent: float
-    correlation: float
-    author_correlation: float
+    correlation: float | None
+    author_correlation: float | None
     saturated_share: float
     halo_percent: float
     author_halo_percent: float
@@ -115,6 +117,8 @@ def run_study(
     threshold: float = 0.15,
     seed: int = 1,
     tick: Callable[[int, int], None] = lambda done, total: None,
+    keep: Keep = not_kept,
+    show: Callable[[dict[str, Floats]], None] = lambda maps: None,
 ) -> PressureStudy:
     """Run the study.
 
@@ -129,29 +133,45 @@ def run_study(
     seed : int
     tick : callable
         ``tick(done, total)``.
+    keep : callable
+        Puts the rows of a press away, so that an interrupted run goes on; see :data:`~.studies.Keep`.
+    show : callable
+        Gets the maps of the first frame that does not saturate, before the rows of its press are put away.
     """
-    geometry = view_geometry(Projection.of(scene.camera, scene.plate))
     rows: list[Row] = []
     maps: dict[str, Floats] = {}
+
+    def first(found: dict[str, Floats]) -> None:
+        if not maps:
+            maps.update(found)
+            show(found)
+
     for slope in slopes:
-        rig = rough(scene, slope)
         for force in forces:
-            press, state = Lit.of(rig, force, seed), contact_state(rig, force)
-            truth = label(state, geometry, supersample=2)
-            modulus = float(state.parameters["reduced_modulus_MPa"])
-            curve = roughness_curve(modulus, slope, 4.0 * float(state.pressure.max()))
-            for voltage in voltages:
-                frame = press.frame(voltage, rng.integer_seed(seed, "pressure", f"{slope:g} {force:g}"))
-                row, found = _compare(
-                    frame.data, truth, curve, threshold, (slope, force, voltage, rig.camera.tone_curve)
-                )
-                rows.append(row)
-                if not maps and row.saturated_share == 0:
-                    maps = found
-                tick(len(rows), len(slopes) * len(forces) * len(voltages))
+            make = partial(_press, rough(scene, slope), slope, force, voltages, threshold, seed, first)
+            rows += [Row(**row) for row in keep(f"slope {slope:g}, {force:g} N", make)["rows"]]
+            tick(len(rows), len(slopes) * len(forces) * len(voltages))
     return PressureStudy(
         rows=rows, maps=maps, provenance=dict(provenance.record(seed=seed, config=scene.as_dict()))
     )  # fmt: skip
+
+
+def _press(
+    rig: Scene, slope: float, force: float, voltages: Sequence[float], threshold: float, seed: int,
+    show: Callable[[dict[str, Floats]], None],
+) -> dict[str, Any]:  # fmt: skip
+    """Return the rows of one press as plain data."""
+    press, state = Lit.of(rig, force, seed), contact_state(rig, force)
+    truth = label(state, view_geometry(Projection.of(rig.camera, rig.plate)), supersample=2)
+    curve = roughness_curve(float(state.parameters["reduced_modulus_MPa"]), slope, 4.0 * float(state.pressure.max()))
+    rows = []
+    for voltage in voltages:
+        frame = press.frame(voltage, rng.integer_seed(seed, "pressure", f"{slope:g} {force:g}"))
+        row, maps = _compare(frame.data, truth, curve, threshold, (slope, force, voltage, rig.camera.tone_curve))
+        rows.append(asdict(row))
+        if row.saturated_share == 0:
+            show(maps)
+    return {"rows": rows}
 
 
 def _compare(
@@ -169,11 +189,11 @@ def _compare(
     theirs = author_map(image[box] / 255.0, segment(image, Chain(threshold=threshold)).dilated[box], area, force)
     peak = float(true.max())
 
-    def scores(pressure: Floats) -> tuple[float, float, float]:
+    def scores(pressure: Floats) -> tuple[float, float | None, float]:
         error = (pressure - true)[inside]
         halo = float((pressure * area)[truth.mask[box] == 0].sum()) / force
         flat = pressure[inside].std() == 0
-        alike = float("nan") if flat else float(np.corrcoef(pressure[inside], true[inside])[0, 1])
+        alike = None if flat else float(np.corrcoef(pressure[inside], true[inside])[0, 1])
         return 100 * float(np.sqrt((error**2).mean())) / peak, alike, 100 * halo
 
     ours, other = scores(found.pressure), scores(theirs)

@@ -149,6 +149,15 @@ def studies() -> list[Study]:
     return sorted(found, key=lambda study: (study.order, study.name))
 
 
+Keep = Callable[[str, Callable[[], Mapping[str, Any]]], Mapping[str, Any]]
+"""``keep(key, make)`` returns a row: the one put away under the key, else what ``make`` returns."""
+
+
+def not_kept(key: str, make: Callable[[], Mapping[str, Any]]) -> Mapping[str, Any]:
+    """Return the row anew: the :data:`Keep` of a run without a folder."""
+    return make()
+
+
 class Ledger:
     """Rows of a study on disk, one JSON line each; what is there is not computed again.
 
@@ -182,6 +191,9 @@ class Ledger:
 
     def __contains__(self, key: str) -> bool:
         return key in self._rows
+
+    def __len__(self) -> int:
+        return len(self._rows)
 
     def row(self, key: str, make: Callable[[], Mapping[str, Any]]) -> dict[str, Any]:
         """Return a row, computed and put away if it is not there yet; NaN and infinity become None."""

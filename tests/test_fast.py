@@ -280,3 +280,38 @@ def test_same_seed_same_bytes_and_frames_differ() -> None:
         assert camera.frame(state, **other).data.tobytes() != first.data.tobytes()
     times = [frame.time for frame in camera.frames([state, None, state], seed=7, frame_rate_hz=25.0)]
     assert times == pytest.approx([0.0, 0.04, 0.08])
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"leds.voltage_V": 9.7},
+        {"leds.edge.top.relative_power": [1.0, 0.0, 0.4, 1.0, 1.3, 1.0, 0.0, 0.9]},
+        {"camera.lens.defocus_um": -90.0},
+        {"leds.voltage_V": 8.4, "camera.lens.defocus_um": 55.0, "finger.material": "silskin_20"},
+        {"camera.exposure_ms": 4.0},
+    ],
+)
+def test_retuned_camera_is_a_new_one(changes: dict[str, object]) -> None:
+    """To the byte, whether maps could be kept or not; the old camera is none the worse."""
+    first, second = scene_of("thesis_ridged"), scene_of("thesis_ridged", **changes)
+    camera = FastCamera(first, "numpy")
+    before = camera.frame(contact_state(first, 1.7), seed=5)
+    state = contact_state(second, 2.9)
+    found = camera.retuned(second).frame(state, seed=5, index=1)
+    assert (found.data == FastCamera(second, "numpy").frame(state, seed=5, index=1).data).all()
+    assert (found.data != before.data).any()
+    assert (camera.frame(contact_state(first, 1.7), seed=5).data == before.data).all()
+
+
+@pytest.mark.parametrize(
+    ("changes", "kept"),
+    [({"leds.voltage_V": 8.0}, True), ({"leds.edge.left.offset_mm": 3.0}, False), ({"grid.samples": 400}, False),
+     ({"finger.position_mm": [1.9, -0.8]}, False), ({"plate.edge_reflectance": 0.4}, False),
+     ({"camera.lens.distortion.k1": -0.3}, False)],
+)  # fmt: skip
+def test_retuned_camera_keeps_no_map_of_another_rig(changes: dict[str, object], kept: bool) -> None:
+    scene = scene_of()
+    camera = FastCamera(scene, "numpy")
+    camera.frame(contact_state(scene, 1.0), seed=1)
+    assert (camera.retuned(scene_of(**changes))._optics is not None) == kept

@@ -7,7 +7,7 @@ a camera that the fast way does not model, goes through the general chain: slowe
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import cv2
@@ -26,6 +26,7 @@ from evanesce.fast_optics import (
     charge_per_irradiance,
     prepare,
     readout_of,
+    retuned,
     spread_blocks,
 )
 from evanesce.optics.projection import Projection
@@ -78,6 +79,24 @@ class FastCamera:
         self._fields: Fields | None = None
         self._optics: tuple[PlateGrid, Optics] | None = None
         self._flank: dict[float, _FlankView] = {}  # by approach: some thirty tenths of a millimetre at most
+
+    def retuned(self, scene: Scene) -> FastCamera:
+        """Return the camera of a scene like this one; one that differs in LED powers or focus shares what is costly.
+
+        Its frames are those of a camera made for it: a fifth of a second is saved where only a slider has moved.
+        """
+        other = FastCamera(scene, self.backend)
+        if self._optics is None or self.falls_back or other.falls_back or _lasting(scene) != _lasting(self.scene):
+            return other
+        relit = scene.leds != self.scene.leds
+        grid, optics = self._optics
+        refocused = scene.camera.lens != self.scene.camera.lens
+        other._optics = grid, retuned(optics, scene, grid, relit=relit, refocused=refocused)
+        fields = fields_of(scene)
+        other._flank = {
+            depth: view.relit(scene, fields, depth) if relit else view for depth, view in self._flank.items()
+        }
+        return other
 
     def frame(
         self, state: ContactState | None, *, seed: int, index: int = 0, time_s: float = 0.0, with_raw: bool = False
@@ -231,6 +250,11 @@ class _FlankView:
         column, row, charge = (np.ascontiguousarray(a[part], np.float32) for a in (column, row, charge))
         return cls(low[0] * FLANK_STEP, low[1] * FLANK_STEP, column, row, charge, *tables)
 
+    def relit(self, scene: Scene, fields: Fields, depth: float) -> _FlankView:
+        """Return the same view in the light of other LED powers."""
+        lit, per_taken = flank_tables(scene, fields, depth)
+        return replace(self, lit=lit, per_taken=per_taken)
+
     def light(self, taken: Array) -> Image:
         """Return the flank's mean charge at all its pixels, for the power that the contact takes in [e-]."""
         table = flank_turn(self.lit + self.per_taken @ taken)
@@ -327,3 +351,20 @@ def _why_general(scene: Scene, active: list[str]) -> str:
     if lens.field_curvature_um != 0.0:
         return "camera.lens.field_curvature_um: blur that varies over the field"
     return ""
+
+
+def _lasting(scene: Scene) -> dict[str, Any]:
+    """Return all of a scene that a camera's maps, charges and noise may depend on, LED powers and focus left out."""
+    data = scene.as_dict()
+    leds, lens, finger = data["leds"], data["camera"]["lens"], data["finger"]
+    for key in ("voltage_V", "circuit", "strip_resistance_ohm_per_mm"):
+        leds.pop(key)
+    for edge in leds["edge"].values():
+        # A shift along the edge moves LEDs, and stays.
+        edge.pop("voltage_V", None)
+        edge.pop("relative_power", None)
+    leds["edge"] = {name: edge for name, edge in leds["edge"].items() if edge != {"offset_mm": 0.0}}
+    lens.pop("defocus_um")
+    for key in ("material", "ridges", "modulus_factor"):
+        finger.pop(key, None)
+    return {key: data[key] for key in ("plate", "leds", "finger", "camera", "grid")}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import cv2
@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from evanesce.optics.projection import Projection
 from evanesce.render.feedback import CoarseGrid
-from evanesce.render.fields import fields_of
+from evanesce.render.fields import Fields, fields_of
 from evanesce.render.fused import Readout
-from evanesce.render.patch import field_images, refinement
+from evanesce.render.patch import field_image, refinement
 from evanesce.render.transport import Maps, plate_maps
 from evanesce.rig import Scene
-from evanesce.sensor.lens import prepared_lens
+from evanesce.sensor.lens import FieldBlur, lens_blur, prepared_lens
 from evanesce.sensor.pixel import photon_count
 from evanesce.sensor.tone import develop
 from evanesce.states import PlateGrid
@@ -86,8 +86,10 @@ class Optics:
     ----------
     contact_e : ndarray (rows, cols)
         Mean charge in full contact without feedback [e-].
+    charge : ndarray (rows, cols)
+        Charge per radiance [e- mm^2 sr/W].
     flank_e : ndarray (rows / FLANK_STEP, cols / FLANK_STEP)
-        Mean of blocks of charge per radiance [e- mm^2 sr/W].
+        Its mean over blocks.
     direct : tuple
         Maps from each pixel to the grid that is read.
     turned : tuple
@@ -117,6 +119,7 @@ class Optics:
     """
 
     contact_e: Image
+    charge: Image
     flank_e: Image
     direct: Maps
     turned: Maps
@@ -244,14 +247,9 @@ def prepare(scene: Scene, grid: PlateGrid) -> Optics:
     u, v = np.meshgrid((np.arange(wide) - cx) / projection.focal_px, (np.arange(high) - cy) / projection.focal_px)
     direction = projection.undistort(u, v)
     direct, turned = plate_maps(scene, direction, first, pitch)
-    x, y = (m.astype(float) * pitch + p0 for m, p0 in zip(direct, first, strict=True))
     # The gain is per sub-sample.
     charge = lens.gain * (charge_per_irradiance(scene) * len(lens.maps))
-    charge = np.pad(charge, ((0, high - rows), (0, wide - cols)), mode="edge")
-    contact = fields.coupling[:, 0] * fields.response[0]
-    level = sum(c * image for c, image in zip(contact, field_images(fields, x, y), strict=True))
-    kernels = () if lens.spread is None else lens.spread.kernels
-    middle = np.tensordot(fields.coupling * fields.response, fields.modes.mean(axis=(1, 2)), (0, 0))
+    padded = np.pad(charge, ((0, high - rows), (0, wide - cols)), mode="edge").astype(np.float32)
     coarse = CoarseGrid.of(fields, grid)
 
     def onto(coarser: tuple[float, float], step: int) -> Maps:
@@ -262,8 +260,9 @@ def prepare(scene: Scene, grid: PlateGrid) -> Optics:
         )
 
     return Optics(
-        contact_e=(level * charge).astype(np.float32),
-        flank_e=block_means(charge, FLANK_STEP),
+        contact_e=_contact_charge(fields, direct, first, pitch, padded),
+        charge=padded,
+        flank_e=block_means(padded, FLANK_STEP),
         direct=direct,
         turned=(block_means(turned[0], TURNED_STEP), block_means(turned[1], TURNED_STEP)),
         cover=onto((read, read), COVER_STEP),
@@ -274,11 +273,50 @@ def prepare(scene: Scene, grid: PlateGrid) -> Optics:
         first=first,
         pitch=pitch,
         pixel=pixel_kernel(1.0 / (scene.camera.scale_px_per_mm * pitch), sub_samples, refine // read),
-        blur=Blur(np.asarray(kernels[0], np.float32) if kernels else np.ones((1, 1), np.float32)),
-        decay=(middle / middle[0]).astype(np.float32),
+        blur=_blur_of(lens.spread),
+        decay=_decay(fields),
         coarse=coarse,
         flank_direction=(
             block_means(direction[0], FLANK_STEP).astype(float),
             block_means(direction[1], FLANK_STEP).astype(float),
         ),
     )
+
+
+def retuned(optics: Optics, scene: Scene, grid: PlateGrid, *, relit: bool, refocused: bool) -> Optics:
+    """Return what :func:`prepare` would for a scene of other LED powers or another focus, the maps kept.
+
+    Parameters
+    ----------
+    optics : Optics
+        Of a scene that differs in nothing else that they depend on.
+    scene : Scene
+    grid : PlateGrid
+        The one that ``optics`` are of.
+    relit, refocused : bool
+        What has changed.
+    """
+    if relit:
+        fields = fields_of(scene)
+        contact = _contact_charge(fields, optics.direct, optics.first, optics.pitch, optics.charge)
+        optics = replace(optics, contact_e=contact, decay=_decay(fields), coarse=CoarseGrid.of(fields, grid))
+    if refocused:
+        optics = replace(optics, blur=_blur_of(lens_blur(scene.camera, scene.plate)))
+    return optics
+
+
+def _contact_charge(fields: Fields, direct: Maps, first: tuple[float, float], pitch: float, charge: Image) -> Image:
+    """Return :attr:`Optics.contact_e`."""
+    contact = np.tensordot(fields.coupling[:, 0] * fields.response[0], fields.modes, 1)
+    x, y = (m.astype(float) * pitch + p0 for m, p0 in zip(direct, first, strict=True))
+    return np.asarray(field_image(fields, contact, x, y) * charge, np.float32)
+
+
+def _decay(fields: Fields) -> Image:
+    """Return :attr:`Optics.decay`."""
+    middle = np.tensordot(fields.coupling * fields.response, fields.modes.mean(axis=(1, 2)), (0, 0))
+    return np.asarray(middle / middle[0], np.float32)
+
+
+def _blur_of(spread: FieldBlur | None) -> Blur:
+    return Blur(np.ones((1, 1), np.float32) if spread is None else np.asarray(spread.kernels[0], np.float32))

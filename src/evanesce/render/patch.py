@@ -52,12 +52,15 @@ def enlarged(coarse: Image, step: int, shape: tuple[int, int]) -> Image:
 
 def field_images(fields: Fields, x: Array, y: Array) -> list[Image]:
     """Return the field's modes at plate points x, y [mm] (rows, cols), cubic between the nodes."""
+    return [field_image(fields, mode, x, y) for mode in fields.modes]
+
+
+def field_image(fields: Fields, values: Array, x: Array, y: Array) -> Image:
+    """Return values at the field's nodes (y, x) at plate points x, y [mm] (rows, cols), cubic between the nodes."""
     map_x = ((x - fields.x[0]) / (fields.x[1] - fields.x[0])).astype(np.float32)
     map_y = ((y - fields.y[0]) / (fields.y[1] - fields.y[0])).astype(np.float32)
-    return [
-        np.asarray(cv2.remap(m.astype(np.float32), map_x, map_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
-        for m in fields.modes
-    ]
+    found = cv2.remap(values.astype(np.float32), map_x, map_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(found, np.float32)
 
 
 @dataclass(frozen=True)

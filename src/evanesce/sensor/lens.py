@@ -311,17 +311,21 @@ def _prepare(camera: Camera, plate: Plate, view: IdealView, distortion: bool, bl
     )
     gain /= np.abs(distortion_jacobian(*direction, projection.distortion)) * len(maps)
     gain *= vignetting(projection.shape, projection.principal_point, lens.vignetting_k)
-    spread = None
-    if blurred:
-        pitch, number = camera.pixel.pitch_um, working_f_number(lens.f_number, m)
-        curved = lens.field_curvature_um * field_radius2(projection.shape, projection.principal_point)
-        disc_px = defocus_disc(lens.defocus_um + curved, number) / pitch
-        wavelength_um = camera.wavelength_nm * 1e-3
-        spread = field_blur(
-            disc_px,
-            lambda c: psf_kernel(pitch_um=pitch, wavelength_um=wavelength_um, f_number=number, disc_um=c * pitch),
-        )
-    return _Prepared(maps, gain, spread)
+    return _Prepared(maps, gain, lens_blur(camera, plate) if blurred else None)
+
+
+def lens_blur(camera: Camera, plate: Plate) -> FieldBlur:
+    """Return the blur of a camera's focus and diffraction."""
+    projection, lens = Projection.of(camera, plate), camera.lens
+    m = magnification(camera.scale_px_per_mm, camera.pixel.pitch_um)
+    pitch, number = camera.pixel.pitch_um, working_f_number(lens.f_number, m)
+    curved = lens.field_curvature_um * field_radius2(projection.shape, projection.principal_point)
+    disc_px = defocus_disc(lens.defocus_um + curved, number) / pitch
+    wavelength_um = camera.wavelength_nm * 1e-3
+    return field_blur(
+        disc_px,
+        lambda c: psf_kernel(pitch_um=pitch, wavelength_um=wavelength_um, f_number=number, disc_um=c * pitch),
+    )
 
 
 def _maps(

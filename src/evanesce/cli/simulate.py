@@ -9,7 +9,6 @@ import typer
 
 from evanesce.cli.common import chosen_variant, console, handles_errors, progress
 from evanesce.cli.render import FastOption, SetOption, VariantOption, check_variant, parse_overrides
-from evanesce.errors import InputError
 
 
 def register(app: typer.Typer) -> None:
@@ -37,6 +36,7 @@ def register(app: typer.Typer) -> None:
         from evanesce.bundle.write import write_bundle
         from evanesce.effects import active_effects
         from evanesce.rig import load_scene, scene_path
+        from evanesce.rig.coarser import coarser_camera
 
         check_variant(variant)
         loaded = coarser_camera(load_scene(scene, parse_overrides(settings)), coarser)
@@ -50,45 +50,6 @@ def register(app: typer.Typer) -> None:
                 tick=lambda done, total: bar.update(task, completed=done, total=total),
             )  # fmt: skip
         console.print(f"Written: {bundle}  (evanesce bundle check {bundle})", highlight=False)
-
-
-def coarser_camera(scene: Any, factor: int) -> Any:
-    """Return the scene with a camera of the same field whose pixels are ``factor`` times as large.
-
-    Wells and gain grow with a pixel's area, as where pixels are binned in charge.
-
-    Raises
-    ------
-    InputError
-        If the resolution does not divide.
-    """
-    if factor == 1:
-        return scene
-    camera = scene.camera
-    cols, rows = camera.resolution_px
-    if cols % factor or rows % factor:
-        raise InputError(
-            f"{factor} does not divide {cols} x {rows} px", key="--camera-coarser", allowed="a common divisor"
-        )
-    dx, dy = camera.principal_point_offset_px
-    pixel = camera.pixel.model_copy(
-        update={
-            "pitch_um": camera.pixel.pitch_um * factor,
-            "full_well_capacity_e": camera.pixel.full_well_capacity_e * factor**2,
-            "conversion_gain_e_per_DN": camera.pixel.conversion_gain_e_per_DN * factor**2,
-        }
-    )
-    update = {
-        "resolution_px": (cols // factor, rows // factor),
-        "scale_px_per_mm": camera.scale_px_per_mm / factor,
-        "principal_point_offset_px": (dx / factor, dy / factor),
-        "pixel": pixel,
-    }
-    from evanesce.rig import Scene
-    from evanesce.rig.load import validate
-
-    changed = scene.model_copy(update={"camera": camera.model_copy(update=update)})
-    return validate(Scene, changed.as_dict(), "--camera-coarser")
 
 
 def _renderers(fast: bool, variant: str, spp: int | None) -> tuple[Any, Any, dict[str, Any]]:

@@ -1,0 +1,48 @@
+"""A camera of the same field with fewer, larger pixels."""
+
+from __future__ import annotations
+
+from evanesce.errors import InputError
+from evanesce.rig.load import validate
+from evanesce.rig.scene import Scene
+
+
+def coarser_camera(scene: Scene, factor: int, *, key: str = "--camera-coarser") -> Scene:
+    """Return the scene with a camera of the same field whose pixels are ``factor`` times as large.
+
+    Wells and gain grow with a pixel's area, as where pixels are binned in charge.
+
+    Parameters
+    ----------
+    scene : Scene
+    factor : int
+    key : str
+        Named in errors: what asked for it.
+
+    Raises
+    ------
+    InputError
+        If the resolution does not divide.
+    """
+    if factor == 1:
+        return scene
+    camera = scene.camera
+    cols, rows = camera.resolution_px
+    if cols % factor or rows % factor:
+        raise InputError(f"{factor} does not divide {cols} x {rows} px", key=key, allowed="a common divisor")
+    dx, dy = camera.principal_point_offset_px
+    pixel = camera.pixel.model_copy(
+        update={
+            "pitch_um": camera.pixel.pitch_um * factor,
+            "full_well_capacity_e": camera.pixel.full_well_capacity_e * factor**2,
+            "conversion_gain_e_per_DN": camera.pixel.conversion_gain_e_per_DN * factor**2,
+        }
+    )
+    update = {
+        "resolution_px": (cols // factor, rows // factor),
+        "scale_px_per_mm": camera.scale_px_per_mm / factor,
+        "principal_point_offset_px": (dx / factor, dy / factor),
+        "pixel": pixel,
+    }
+    changed = scene.model_copy(update={"camera": camera.model_copy(update=update)})
+    return validate(Scene, changed.as_dict(), key)

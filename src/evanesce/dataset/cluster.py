@@ -14,6 +14,9 @@ from evanesce.errors import InputError, WorkError
 STARTS = 3
 """Tries to start the embedded cluster: a process that is killed while it starts ends the whole start."""
 
+KEPT_BYTES = str(256 << 20)
+"""Free memory that a worker keeps for its next arrays."""
+
 _SETTINGS = {
     # A worker's death is answered by our own bookkeeping, at once.
     "distributed.scheduler.allowed-failures": 0,
@@ -25,7 +28,9 @@ _SETTINGS = {
         "OMP_NUM_THREADS": "1",
         "OPENBLAS_NUM_THREADS": "1",
         "MKL_NUM_THREADS": "1",
-        "MALLOC_TRIM_THRESHOLD_": "65536",
+        # Dask's own 65536 hands every array back to the system at once: its pages then cost as much as the frame.
+        "MALLOC_TRIM_THRESHOLD_": KEPT_BYTES,
+        "MALLOC_MMAP_THRESHOLD_": KEPT_BYTES,
     },
 }
 

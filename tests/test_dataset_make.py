@@ -142,6 +142,45 @@ def test_a_poison_frame_is_found_by_dying_of_it(tmp_path):
     assert report.frames == 23
 
 
+@pytest.mark.slow
+@pytest.mark.system
+def test_a_poison_frame_among_the_clusters_workers(tmp_path):
+    """The frame kills each worker that makes it: the others' shards are made, it is named, the rest is byte for byte
+    what one process makes that cannot make this frame."""
+    (tmp_path / "site").mkdir()
+    (tmp_path / "site" / "sitecustomize.py").write_text(
+        "import evanesce.dataset.worker, datasets\ndatasets.use_paper()\n"
+    )
+    target = tmp_path / "d"
+    script = tmp_path / "make.py"  # workers that are spawned read it again
+    script.write_text(
+        textwrap.dedent(f"""
+            import sys
+            from pathlib import Path
+            from datasets import tiny_job
+            from evanesce.dataset.run import Engine, make
+            if __name__ == "__main__":
+                outcome = make(Path({str(target)!r}), tiny_job(frames=36), Engine(workers=2))
+                sys.exit(0 if outcome.complete else 1)
+        """)
+    )
+    environment = {"PAPER_POISON": "8", "PYTHONPATH": os.pathsep.join([str(tmp_path / "site"), str(TESTS), *sys.path])}
+    done = subprocess.run([sys.executable, str(script)], env={**os.environ, **environment}, check=False,
+                          capture_output=True, text=True, timeout=300)  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    report = verify(target)
+    assert report.good
+    assert [(q["frame"], "SIGABRT" in q["reason"]) for q in report.quarantined] == [(8, True)]
+    assert report.frames == 35
+    whole = tmp_path / "whole"
+    run = python(PAPER.format(folder=str(whole), call="make(folder, tiny_job(frames=36))"))
+    assert run.wait() == 0, run.communicate()
+    run.communicate()
+    ours, theirs = contents(target), contents(whole)
+    shards = [f"shards/shard-{k:06d}.tar" for k in (0, 2, 3, 4, 5)]
+    assert {name: ours[name] for name in shards} == {name: theirs[name] for name in shards}
+
+
 def test_a_full_disk_publishes_nothing_half(tmp_path):
     target = tmp_path / "d"
     whole = tmp_path / "whole"

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq
 from scipy.special import j1
 
 from evanesce.optics.projection import IdealView, Projection
@@ -23,7 +24,7 @@ from evanesce.states import PlateLight, SensorLight
 Array = NDArray[np.float64]
 
 # The kernel reaches this many lambda*N beyond the geometric disc. The 2/(pi^2 * 8) = 2.5 % of an Airy pattern that
-# falls outside is folded back into the kernel's rim, so that no light is lost; far stray light is not this model's.
+# falls outside is spread evenly within, so that no light is lost; far stray light is not this model's.
 _DIFFRACTION_REACH = 8.0
 _MAX_TRANSFORM = 4096  # finest grid of a kernel's transform; only discs far larger than the Airy pattern meet it
 _ZONE_STEP_PX = 1.0  # disc diameters of neighbouring blur zones differ by at most this, unless there are too many
@@ -163,22 +164,65 @@ def psf_kernel(*, pitch_um: float, wavelength_um: float, f_number: float, disc_u
     ndarray (k, k), k odd
         Non-negative, sum 1.
 
+    Notes
+    -----
+    The reach is a length on the sensor, whatever the pixels: an Airy pattern's variance grows with the reach, and a
+    reach in whole pixels would make the same lens softer on coarser ones.
+
     References
     ----------
     Hopkins, "The frequency response of a defocused optical system", Proc. R. Soc. A 231 (1955) 91.
     """
     airy_um = wavelength_um * f_number
-    half = math.ceil((disc_um / 2 + _DIFFRACTION_REACH * airy_um) / pitch_um)
+    reach_um = disc_um / 2 + _DIFFRACTION_REACH * airy_um
+    half = math.ceil(reach_um / pitch_um + 0.5)
     size = 2 * half + 1
     fine = max(1, min(math.ceil(2 * pitch_um / airy_um), _MAX_TRANSFORM // size))  # reaches the diffraction cut-off
     f = np.fft.fftfreq(size * fine, d=pitch_um / fine)
     radial = np.hypot(f[:, None], f[None, :])
+    spread = np.fft.ifft2(diffraction_mtf(radial, wavelength_um, f_number) * disc_mtf(radial, disc_um)).real
+    place = np.fft.fftfreq(size * fine, d=1.0 / (size * pitch_um))
+    within = np.hypot(place[:, None], place[None, :]) <= reach_um
+    spread = np.where(within, spread + (1.0 - spread[within].sum()) / within.sum(), 0.0)
     cell = np.sinc(f * pitch_um)  # integral over each receiving pixel
-    transfer = diffraction_mtf(radial, wavelength_um, f_number) * disc_mtf(radial, disc_um) * cell[:, None] * cell
-    spread = np.fft.ifft2(transfer).real
+    gathered = np.fft.ifft2(np.fft.fft2(spread) * cell[:, None] * cell).real
     index = np.arange(-half, half + 1) * fine
-    kernel = np.clip(spread[np.ix_(index, index)], 0.0, None)  # rounding leaves -1e-19
+    kernel = np.clip(gathered[np.ix_(index, index)], 0.0, None)  # rounding leaves -1e-19
     return np.asarray(kernel / kernel.sum())
+
+
+def kernel_between_pixels(*, pitch_um: float, wavelength_um: float, f_number: float, disc_um: float) -> Array:
+    """Return the kernel that spreads an image of pixel means as the lens spreads light, (k, k), k odd.
+
+    Such an image already holds the width of its pixels, and :func:`psf_kernel` brings along that of the receiving
+    ones, some 1/12 px^2 of variance. So it is taken of a disc that is smaller by as much; where even a point's kernel
+    is wider than the spread, sampling is the limit.
+
+    Parameters
+    ----------
+    pitch_um, wavelength_um, f_number, disc_um : float
+        See :func:`psf_kernel`.
+    """
+    airy_um = wavelength_um * f_number
+    fine = max(1, math.ceil(2 * pitch_um / airy_um))
+    aimed = _variance(psf_kernel(pitch_um=pitch_um / fine, wavelength_um=wavelength_um, f_number=f_number,
+                                 disc_um=disc_um)) / fine**2 - 1 / (12 * fine**2)  # fmt: skip
+
+    def kernel_of(disc: float) -> Array:
+        return psf_kernel(pitch_um=pitch_um, wavelength_um=wavelength_um, f_number=f_number, disc_um=disc)
+
+    def surplus(disc: float) -> float:
+        return _variance(kernel_of(disc)) - aimed
+
+    if surplus(0.0) >= 0 or surplus(disc_um) <= 0:
+        return kernel_of(0.0 if surplus(0.0) >= 0 else disc_um)
+    return kernel_of(float(brentq(surplus, 0.0, disc_um, xtol=1e-3 * pitch_um)))
+
+
+def _variance(kernel: Array) -> float:
+    """Return a symmetric kernel's variance along one axis [px^2]."""
+    offset = np.arange(kernel.shape[0]) - kernel.shape[0] // 2
+    return float((kernel.sum(axis=0) * offset**2).sum())
 
 
 # --- blur that varies over the field ---------------------------------------------------------------------------------

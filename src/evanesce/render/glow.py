@@ -14,6 +14,7 @@ from scipy import fft
 from evanesce.optics.glow import open_film_transmittance, open_inside_reflectance, profile_kernel
 from evanesce.optics.interface import frustrated_transmittance, internal_diffuse_reflectance
 from evanesce.optics.patch_light import Interface
+from evanesce.render.kept import kept
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -68,7 +69,12 @@ def make_glow(
     cell = min(GLOW_CELL, max(length / 4, pitch))
     kernel = profile_kernel(interface.body_reflectance, length, cell, math.ceil(size / cell))
     n1, n3 = interface.n_glass, interface.n_silicone
-    inside = np.array(internal_diffuse_reflectance(gaps, interface.wavelength, n1, n3))
+    by_gap = kept(
+        "inside",
+        f"{gaps.size} {gaps[-1]:.17g} {interface.wavelength:.17g} {n1:.17g} {n3:.17g}",
+        lambda: np.array(internal_diffuse_reflectance(gaps, interface.wavelength, n1, n3)),
+    )
+    inside = by_gap.copy()
     through = np.array(frustrated_transmittance(np.cos(view), gaps, interface.wavelength, n1, n3))
     # The eye of the lens averages the fringes of wider films.
     inside[-1] = open_inside_reflectance(n3, n1)

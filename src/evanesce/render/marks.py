@@ -142,7 +142,15 @@ def _contact_field(scene: Scene, level: float) -> tuple[Array, Array, Array]:
         half = size / 2 - EDGE_MARGIN
         axes.append(np.linspace(-half, half, max(4, math.ceil(2 * half / NODE_SPACING) + 1)))
     points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
-    unit = unit_fields(light, points, bins, rays=RAYS)
+    # Another share of power among the same LEDs needs no new light.
+    data = scene.as_dict()
+    plate = {key: value for key, value in data["plate"].items() if key != "edge_reflectance"}
+    leds = [data["leds"][key] for key in ("emitting_width_mm", "emitting_height_mm", "air_gap_share")]
+    places = {edge: place.tolist() for edge, place in light.positions.items()}
+    unit = _kept(
+        digest(["marks unit", plate, leds, places, interface.n_silicone]),
+        lambda: unit_fields(light, points, bins, rays=RAYS),
+    )
     irradiance = unit.irradiance(stacked_radiances(light), light.edge_reflectance) @ entering
     seen = float(returned_radiance(0.0, 0.0, interface) * window_transmittance(0.0, interface.n_glass))
     seen *= math.exp(-scene.plate.absorption_coefficient_per_mm * scene.plate.thickness_mm)

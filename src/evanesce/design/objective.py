@@ -1,0 +1,337 @@
+"""Predicted area error of the whole measurement: rigs drawn within their uncertainty, pressed, photographed, measured.
+
+The truth is the contact's own area. The measurement gets what a lab has: frames of its own rig and a calibration from
+printed cards that lie as cards do.
+
+References
+----------
+JCGM 101:2008, Propagation of distributions using a Monte Carlo method.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce import rng
+from evanesce.design.question import Case, Design, Question, coarser_camera, fitted_grid, on_case
+from evanesce.design.uncertainty import Draw, Uncertainty, draw, real_scene, shares, uncertainty_of
+from evanesce.errors import InputError
+from evanesce.measurement.area import measure_frame
+from evanesce.measurement.calibration import Calibration
+from evanesce.measurement.estimator import Estimator
+from evanesce.measurement.rectify import Rectification, rectification
+from evanesce.measurement.segment import Crop
+from evanesce.optics.projection import Projection
+from evanesce.render.scene import approach
+from evanesce.render.sketch import sketch_fields
+from evanesce.render.transport import render_fast
+from evanesce.rig import Scene
+from evanesce.simulate import Render, SimulatedFrame, simulate, touch
+from evanesce.states import Frame
+from evanesce.validation.calibrated_rig import CORNER_NOISE_PX, CardErrors, calibrated, drawn_corners
+
+Floats = NDArray[np.float64]
+
+COVERAGE = 0.95
+BOOTSTRAPS = 1000
+SATURATED_DN = 255
+BLUR_PX = 1.13
+"""Camera's blur that the refined estimator takes for granted, of a whole camera."""
+
+LOWEST_APPROACH, HIGHEST_APPROACH = 0.7, 1.3
+"""Drawn fingers are softer or stiffer: range of their approach over that of the stated one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sample:
+    """One measurement of one drawn rig.
+
+    Attributes
+    ----------
+    rig : int
+        Number of the draw.
+    case : Case
+    true_mm2, measured_mm2 : float
+    saturated_share : float
+        Of the true contact's pixels, about: pixels at full scale over the true area in pixels.
+    """
+
+    rig: int
+    case: Case
+    true_mm2: float
+    measured_mm2: float
+    saturated_share: float
+
+    @property
+    def error_percent(self) -> float:
+        """Measured less true area, of the true area [%]."""
+        return 100.0 * (self.measured_mm2 / self.true_mm2 - 1.0)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain data."""
+        return asdict(self) | {"error_percent": self.error_percent}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Prediction:
+    """What a design's measurements would be worth.
+
+    Attributes
+    ----------
+    samples : tuple of Sample
+    error_percent, standard_percent : float
+        95th percentile of the absolute relative area error, and its standard error by bootstrap [%].
+    saturated_share : float
+        Mean.
+    """
+
+    samples: tuple[Sample, ...]
+    error_percent: float
+    standard_percent: float
+    saturated_share: float
+
+    def by_case(self) -> list[dict[str, Any]]:
+        """Return, for each case, count, mean, standard deviation and 95 % of its errors [%]."""
+        rows = []
+        for case in dict.fromkeys(s.case for s in self.samples):
+            own = np.array([s.error_percent for s in self.samples if s.case == case])
+            rows.append(
+                {
+                    "force_N": case.force_N, "place_mm": list(case.place_mm), "material": case.material,
+                    "rigs": own.size, "mean_percent": float(own.mean()),
+                    "standard_deviation_percent": float(own.std(ddof=1)) if own.size > 1 else None,
+                    "error_95_percent": percentile(own),
+                }
+            )  # fmt: skip
+        return rows
+
+
+def percentile(errors: Floats) -> float:
+    """Return the 95th percentile of absolute errors, in their unit."""
+    return float(np.quantile(np.abs(errors), COVERAGE))
+
+
+def percentile_standard(errors: Floats, generator: np.random.Generator, count: int = BOOTSTRAPS) -> float:
+    """Return the standard error of :func:`percentile` by bootstrap, in the errors' unit.
+
+    References
+    ----------
+    B. Efron, "Bootstrap methods: another look at the jackknife", Annals of Statistics 7 (1979) 1.
+    """
+    drawn = generator.integers(errors.size, size=(count, errors.size))
+    return float(np.quantile(np.abs(errors)[drawn], COVERAGE, axis=1).std(ddof=1))
+
+
+def summary(samples: Sequence[Sample], seed: int) -> Prediction:
+    """Return the prediction of samples."""
+    errors = np.array([s.error_percent for s in samples])
+    return Prediction(
+        samples=tuple(samples), error_percent=percentile(errors),
+        standard_percent=percentile_standard(errors, rng.generator(seed, "bootstrap")),
+        saturated_share=float(np.mean([s.saturated_share for s in samples])),
+    )  # fmt: skip
+
+
+# --- the measurement -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Lab:
+    """The measurement as a lab does it with one drawn rig's calibration.
+
+    Attributes
+    ----------
+    design : Design
+    question : Question
+    nominal : Calibration
+        By cards without error, of the camera as the frames have it.
+    view : Rectification
+    """
+
+    design: Design
+    question: Question
+    nominal: Calibration
+    view: Rectification
+
+    @classmethod
+    def of(cls, design: Design, question: Question, camera: Scene) -> Lab:
+        """Calibrate the camera of a scene (the design's, maybe coarser); once for all drawn rigs."""
+        found = calibrated(camera, rng.generator(question.seed, "nominal"), CardErrors(corner_noise_px=0.0))
+        return cls(design, question, found, rectification(found))
+
+    def area(self, frame: Frame, camera: Scene, drawn: Draw, generator: np.random.Generator) -> float:
+        """Return the measured area [mm^2] of a frame, by a calibration with a draw's card errors.
+
+        Parameters
+        ----------
+        frame : Frame
+        camera : Scene
+            As designed; its card is what the lab believes of it.
+        drawn : Draw
+        generator : numpy.random.Generator
+            Of the corners' scatter.
+        """
+        factor = self.question.coarser
+        crop = self.crop(camera)
+        if self.question.estimator == "author":
+            mm2_per_px = author_scale(self.nominal, drawn, factor)
+            return measure_frame(frame, self.design.chain(factor, crop), mm2_per_px, self.view).estimate.area
+        errors = replace(drawn.cards, corner_noise_px=CORNER_NOISE_PX / factor)
+        corners = drawn_corners(camera, errors, generator)
+        calibration = replace(self.nominal, details={**self.nominal.details, "corners": corners})
+        return Estimator.of(calibration, blur_px=BLUR_PX / factor, crop=crop).area(frame.data).area_mm2
+
+    def crop(self, camera: Scene) -> Crop:
+        """Return the square about the finger's place, of the undistorted view or, refined, of the frame as taken.
+
+        Raises
+        ------
+        InputError
+            If the place is not in the picture.
+        """
+        x, y = (np.array([c]) for c in camera.finger.position_mm)
+        projection = Projection.of(camera.camera, camera.plate)
+        if self.question.estimator == "author":
+            matrix, (rows, cols) = self.view.camera_matrix_new, self.view.shape
+            u, v = projection.plate_to_ray(x, y)
+            col, row = float(u[0] * matrix[0, 0] + matrix[0, 2]), float(v[0] * matrix[1, 1] + matrix[1, 2])
+        else:
+            rows, cols = projection.shape
+            col, row = (float(p[0]) for p in projection.to_image(x, y))
+        reach = self.question.crop_mm * camera.camera.scale_px_per_mm
+        r0, r1 = (int(np.clip(p, 0, rows)) for p in (row - reach, row + reach + 1))
+        c0, c1 = (int(np.clip(p, 0, cols)) for p in (col - reach, col + reach + 1))
+        if not (0 <= row < rows and 0 <= col < cols and r1 > r0 and c1 > c0):
+            raise InputError(
+                f"the place ({float(x[0]):g}, {float(y[0]):g}) mm is not in the picture", key="--place",
+                allowed=f"what {cols / camera.camera.scale_px_per_mm:.3g} x"
+                f" {rows / camera.camera.scale_px_per_mm:.3g} mm show",
+            )  # fmt: skip
+        return Crop(r0, r1, c0, c1)
+
+
+def author_scale(nominal: Calibration, drawn: Draw, factor: int = 1) -> float:
+    """Return the area per pixel [mm^2] that a lab gets from its square card as that was printed, lies and is cut.
+
+    Parameters
+    ----------
+    nominal : Calibration
+        By a perfect card.
+    drawn : Draw
+    factor : int
+        By which pixels are larger than the scene's camera has them.
+    """
+    if nominal.mm2_per_px is None or nominal.square_side_mm is None:
+        raise ValueError("the calibration holds no scale")
+    side = float(np.sqrt(nominal.mm2_per_px))
+    distance = float(nominal.camera_matrix[0, 0]) * side
+    square_px = nominal.square_side_mm / side
+    lies = drawn.cards.square_scale / (1.0 + drawn.cards.height_mm / distance)
+    return nominal.mm2_per_px / (lies + 2.0 * drawn.square_edge_px / factor / square_px) ** 2
+
+
+# --- the simulation --------------------------------------------------------------------------------------------------
+
+
+def prepared(scene: Scene, question: Question) -> Scene:
+    """Return the scene that frames of a search are taken with: coarser camera, contact grid no larger than needed."""
+    radius = 0.0
+    for case in question.cases:
+        state = touch(on_case(scene, case), case.force_N, seed=question.seed)[1]
+        assert state is not None
+        radius = max(radius, float(np.sqrt(state.nominal_contact_area / np.pi)))
+    return fitted_grid(coarser_camera(scene, question.coarser), HIGHEST_APPROACH * radius)
+
+
+def light_up(scene: Scene, question: Question) -> None:
+    """Compute the fields of every place of a question, with a coarse flank; kept in this process."""
+    for place in question.places_mm:
+        depths = []
+        for case in question.cases:
+            if case.place_mm == place:
+                rig, state = touch(on_case(scene, case), case.force_N, seed=question.seed)
+                assert state is not None
+                depth = approach(state, rig.finger)
+                depths += [LOWEST_APPROACH * depth, HIGHEST_APPROACH * depth]
+        sketch_fields(rig, tuple(depths))
+
+
+def measured(
+    lab: Lab, scene: Scene, drawn: Draw, rig: int, case: Case, *, render: Render = render_fast, **options: Any
+) -> tuple[Sample, SimulatedFrame]:
+    """Press one drawn rig, photograph it and measure.
+
+    Parameters
+    ----------
+    lab : Lab
+    scene : Scene
+        From :func:`prepared`.
+    drawn : Draw
+    rig : int
+        Number of the draw: its specks, dead LEDs and noise.
+    case : Case
+    render : callable
+        :func:`~evanesce.render.transport.render_fast` or the path tracer.
+    **options
+        Of the renderer.
+    """
+    seed = rng.integer_seed(lab.question.seed, "rig", rig)
+    shot = simulate(on_case(real_scene(scene, drawn), case), case.force_N, seed=seed, render=render, **options)
+    assert shot.state is not None
+    true = shot.state.nominal_contact_area
+    if not true > 0:
+        raise InputError(f"a drawn rig touches nothing at {case.force_N:g} N", key="--force")
+    area = lab.area(shot.frame, on_case(scene, case), drawn, rng.generator(seed, "corners"))
+    full = int(np.count_nonzero(shot.frame.data == SATURATED_DN))
+    pixels = true * scene.camera.scale_px_per_mm**2
+    return Sample(rig=rig, case=case, true_mm2=true, measured_mm2=area, saturated_share=min(1.0, full / pixels)), shot
+
+
+def allotted(question: Question) -> list[Case]:
+    """Return the case that each drawn rig measures: evenly many each, in an order that knows nothing of the draws."""
+    cases = question.cases
+    order = rng.generator(question.seed, "cases").permutation(question.rigs)
+    return [cases[k % len(cases)] for k in order]
+
+
+def predict(
+    design: Design, question: Question, uncertainty: Uncertainty | None = None, *, every_case: bool = False
+) -> Prediction:
+    """Predict a design's area error.
+
+    Parameters
+    ----------
+    design : Design
+    question : Question
+    uncertainty : Uncertainty, optional
+        Of the design's own scene by default; a search gives that of its base scene, so that draws are common.
+    every_case : bool
+        Whether each drawn rig measures all cases, for tables by load and place.
+
+    Raises
+    ------
+    InputError
+        If such a rig cannot be, cannot be pressed or cannot be calibrated.
+    """
+    return summary(list(samples(design, question, uncertainty, every_case=every_case)), question.seed)
+
+
+def samples(
+    design: Design, question: Question, uncertainty: Uncertainty | None = None, *, every_case: bool = False
+) -> Iterator[Sample]:
+    """Yield the samples of :func:`predict`."""
+    scene = prepared(design.scene, question)
+    if uncertainty is None:
+        uncertainty = uncertainty_of(design.scene, question.sizes)
+    light_up(scene, question)
+    lab = Lab.of(design, question, scene)
+    cases = [question.cases] * question.rigs if every_case else [(case,) for case in allotted(question)]
+    for number, share in enumerate(shares(uncertainty, question.rigs, question.seed)):
+        drawn = draw(uncertainty, share)
+        for case in cases[number]:
+            yield measured(lab, scene, drawn, number, case)[0]

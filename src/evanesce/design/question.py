@@ -1,0 +1,162 @@
+"""What is asked of a rig: loads, places and materials to be measured, by which chain, and how many rigs are drawn."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from evanesce.errors import InputError
+from evanesce.materials import material_names
+from evanesce.measurement.segment import Chain, Crop
+from evanesce.rig import Scene
+from evanesce.rig.load import validate
+
+ESTIMATORS = ("author", "refined")
+GRID_MARGIN_MM = 2.0
+"""Of the contact grid beyond the largest contact: there the film is out of reach of the evanescent wave."""
+
+GRID_PITCH_MM = 0.03
+
+
+@dataclass(frozen=True)
+class Case:
+    """One measurement: force [N], place of the tip on the plate [mm], material of the finger."""
+
+    force_N: float
+    place_mm: tuple[float, float]
+    material: str
+
+    @property
+    def name(self) -> str:
+        """For tables."""
+        return f"{self.force_N:g} N at ({self.place_mm[0]:g}, {self.place_mm[1]:g}) mm, {self.material}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Question:
+    """What is asked of every design of a search.
+
+    Attributes
+    ----------
+    forces_N : tuple of float
+    places_mm : tuple of (float, float)
+    materials : tuple of str
+    estimator : {"author", "refined"}
+    rigs : int
+        Drawn for the prediction; each measures one of the cases in a search.
+    coarser : int
+        Pixels of the search's camera are so many times as large as the scene's; lengths of the chain in pixels shrink
+        likewise.
+    crop_mm : float
+        Half the side of the square about the finger's place to which a lab crops its frames.
+    speed_mm_per_s : float
+        Of a slide, for motion blur.
+    sizes : mapping, optional
+        Uncertainties of the user's own (:func:`evanesce.design.uncertainty.uncertainty_of`).
+    seed : int
+    """
+
+    forces_N: tuple[float, ...]
+    places_mm: tuple[tuple[float, float], ...]
+    materials: tuple[str, ...]
+    estimator: Literal["author", "refined"] = "author"
+    rigs: int = 32
+    coarser: int = 2
+    crop_mm: float = 7.5
+    speed_mm_per_s: float = 5.0
+    sizes: Mapping[str, Mapping[str, float]] | None = None
+    seed: int = 1
+
+    def __post_init__(self) -> None:
+        if not self.forces_N or not all(0 < f < math.inf for f in self.forces_N):
+            raise InputError(f"{list(self.forces_N)}", key="--force", allowed="one or more forces above 0 N")
+        if self.estimator not in ESTIMATORS:
+            raise InputError(f"{self.estimator!r}", key="--estimator", allowed=", ".join(ESTIMATORS))
+        for name in self.materials:
+            if name not in material_names():
+                raise InputError(f"{name!r}", key="--material", allowed=", ".join(material_names()))
+        for key, value, low, high in (
+            ("--rigs", self.rigs, 8, 4096),
+            ("--coarser", self.coarser, 1, 8),
+            ("--crop", self.crop_mm, 0.5, 500.0),
+            ("--speed", self.speed_mm_per_s, 1e-3, 1e3),
+        ):
+            if not low <= value <= high:
+                raise InputError(f"{value:g}", key=key, allowed=f"{low:g} to {high:g}")
+
+    @property
+    def cases(self) -> tuple[Case, ...]:
+        """All combinations of force, place and material."""
+        return tuple(
+            Case(force, place, material)
+            for material in self.materials
+            for place in self.places_mm
+            for force in self.forces_N
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {
+            "forces_N": list(self.forces_N), "places_mm": [list(p) for p in self.places_mm],
+            "materials": list(self.materials), "estimator": self.estimator, "rigs": self.rigs,
+            "coarser": self.coarser, "crop_mm": self.crop_mm, "speed_mm_per_s": self.speed_mm_per_s,
+            "sizes": None if self.sizes is None else {k: dict(v) for k, v in self.sizes.items()}, "seed": self.seed,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Design:
+    """A rig to be built, and how its frames will be cut.
+
+    Attributes
+    ----------
+    scene : Scene
+    threshold : float
+        Grey level of the author's chain [1].
+    min_blob_px : int
+    """
+
+    scene: Scene
+    threshold: float = 0.15
+    min_blob_px: int = 2000
+
+    def chain(self, coarser: int = 1, crop: Crop | None = None) -> Chain:
+        """Return the author's chain, within a crop, for a camera whose pixels are ``coarser`` times as large."""
+        return Chain(
+            threshold=self.threshold, min_blob=max(1, round(self.min_blob_px / coarser**2)), blur=1.0 / coarser,
+            radius=max(1, round(10 / coarser)), crop=crop or Crop(),
+        )  # fmt: skip
+
+
+def coarser_camera(scene: Scene, factor: int) -> Scene:
+    """Return a scene whose camera sees the same field with pixels ``factor`` times as large, their charge with them.
+
+    Read noise is that of one pixel read once: larger pixels, not binned ones.
+    """
+    if factor == 1:
+        return scene
+    data = scene.as_dict()
+    camera, pixel = data["camera"], data["camera"]["pixel"]
+    camera["resolution_px"] = [max(8, n // factor) for n in camera["resolution_px"]]
+    camera["scale_px_per_mm"] /= factor
+    camera["principal_point_offset_px"] = [v / factor for v in camera["principal_point_offset_px"]]
+    pixel["pitch_um"] *= factor
+    for key in ("full_well_capacity_e", "conversion_gain_e_per_DN"):
+        pixel[key] *= factor**2
+    return validate(Scene, data, "coarser camera")
+
+
+def on_case(scene: Scene, case: Case) -> Scene:
+    """Return a scene with the finger of a case at its place; a slide is left out."""
+    finger = scene.finger.model_copy(update={"position_mm": case.place_mm, "material": case.material})
+    return Scene.model_validate({**dict(scene), "finger": finger, "slide": None, "sources": {}, "assumptions": {}})
+
+
+def fitted_grid(scene: Scene, radius_mm: float) -> Scene:
+    """Return a scene whose contact grid holds contacts up to a radius [mm] and no more."""
+    size = min(scene.grid.size_mm, 2 * (radius_mm + GRID_MARGIN_MM))
+    pitch = max(scene.grid.size_mm / scene.grid.samples, GRID_PITCH_MM)
+    grid = scene.grid.model_copy(update={"size_mm": size, "samples": max(16, math.ceil(size / pitch))})
+    return scene.model_copy(update={"grid": grid})

@@ -1,0 +1,355 @@
+"""Search over designs with Optuna: trials in a SQLite file, so that a killed search goes on where it stopped.
+
+References
+----------
+T. Akiba, S. Sano, T. Yanase, T. Ohta and M. Koyama, "Optuna: a next-generation hyperparameter optimization framework",
+KDD (2019) 2623, doi:10.1145/3292500.3330701.
+S. Watanabe, "Tree-structured Parzen estimator", arXiv:2304.11127 (2023).
+K. Deb, A. Pratap, S. Agarwal and T. Meyarivan, "A fast and elitist multiobjective genetic algorithm: NSGA-II", IEEE
+Transactions on Evolutionary Computation 6 (2002) 182.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from evanesce.design.evaluate import evaluate, plain_job
+from evanesce.design.parts import PartsTable
+from evanesce.design.question import Design, Question
+from evanesce.design.secondary import OBJECTIVES
+from evanesce.design.vary import Vary, value_of
+from evanesce.errors import InputError, WorkError
+from evanesce.provenance import digest
+
+if TYPE_CHECKING:
+    import optuna
+
+STORE = "trials.sqlite"
+STUDY = "design"
+SAMPLERS = ("tpe", "nsga2")
+MAX_ATTEMPTS = 5
+"""Times that a trial's worker may die before the search gives up."""
+
+PENALTY = 1e9
+"""Told to the sampler in place of figures that a rig that cannot be has not; its constraint says that it cannot be."""
+
+
+@dataclass(frozen=True)
+class Limit:
+    """An objective's figure that must not be exceeded (or, where more is better, fallen below)."""
+
+    name: str
+    value: float
+
+    def violation(self, figures: Mapping[str, float]) -> float:
+        """Return by how much figures break the limit, 0 or less where they do not; in the objective's unit."""
+        over = figures[self.name] - self.value
+        return over if OBJECTIVES[self.name].direction == "minimize" else -over
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """A search.
+
+    Attributes
+    ----------
+    base : Design
+    question : Question
+    vary : tuple of Vary
+    objectives : tuple of str
+    limits : tuple of Limit
+    parts : PartsTable, optional
+    sampler : {"tpe", "nsga2"}
+    trials : int
+        In all, those of earlier runs included.
+    """
+
+    base: Design
+    question: Question
+    vary: tuple[Vary, ...]
+    objectives: tuple[str, ...]
+    limits: tuple[Limit, ...] = ()
+    parts: PartsTable | None = None
+    sampler: Literal["tpe", "nsga2"] = "tpe"
+    trials: int = 200
+
+    def __post_init__(self) -> None:
+        if self.sampler not in SAMPLERS:
+            raise InputError(f"{self.sampler!r}", key="--sampler", allowed=", ".join(SAMPLERS))
+        if not 1 <= self.trials <= 1_000_000:
+            raise InputError(f"{self.trials}", key="--trials", allowed="1 to 1000000")
+        for key, names in (("--objective", self.objectives), ("--limit", [limit.name for limit in self.limits])):
+            for name in names:
+                if name not in OBJECTIVES:
+                    raise InputError(f"{name!r}", key=key, allowed=", ".join(OBJECTIVES))
+                if name == "cost" and self.parts is None:
+                    raise InputError("'cost' needs prices", key=key, allowed="with --parts FILE")
+        if not self.objectives or len(set(self.objectives)) < len(self.objectives):
+            raise InputError(f"{list(self.objectives)}", key="--objective", allowed="one or more, each once")
+
+    @property
+    def signature(self) -> str:
+        """Digest of all but the number of trials: a search may go on with more of them."""
+        limits = [(limit.name, limit.value) for limit in self.limits]
+        ranges = [vars(v) for v in self.vary]
+        return digest([self.job, ranges, list(self.objectives), limits, self.sampler])
+
+    @property
+    def job(self) -> dict[str, Any]:
+        """What every trial needs."""
+        return plain_job(self.base, self.question, self.parts)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """One design that was tried.
+
+    Attributes
+    ----------
+    number : int
+    values : mapping
+        Key -> value.
+    figures : mapping
+        Objective -> figure in its unit; empty where there is no such rig.
+    standard_percent : float
+        Standard error of the area error [%].
+    reason : str
+        Why there is no such rig; empty where there is.
+    broken : tuple of str
+        Limits that it breaks.
+    """
+
+    number: int
+    values: Mapping[str, float]
+    figures: Mapping[str, float] = field(default_factory=dict)
+    standard_percent: float = math.nan
+    reason: str = ""
+    broken: tuple[str, ...] = ()
+
+    @property
+    def feasible(self) -> bool:
+        """Whether it can be built and keeps all limits."""
+        return not self.reason and not self.broken
+
+
+Tick = Callable[[int, int], None]
+
+
+def run(
+    plan: Plan, folder: Path, *, workers: int = 0, scheduler: str = "", tick: Tick = lambda done, total: None
+) -> list[Trial]:
+    """Search, or go on with a search, until the folder holds ``plan.trials`` trials.
+
+    Parameters
+    ----------
+    plan : Plan
+    folder : Path
+        Keeps the trials in :data:`STORE`.
+    workers : int
+        Processes on this machine; 0 tries one design after the other in this process.
+    scheduler : str
+        Address of a running Dask scheduler, instead.
+    tick : callable
+        ``tick(done, total)``.
+
+    Raises
+    ------
+    InputError
+        If the folder keeps another search.
+    WorkError
+        If the file cannot be read or written, or workers die again and again.
+    """
+    with _quiet():
+        study = _study(plan, folder)
+        _adopt(study, plan)
+        done = len(_finished(study))
+        tick(done, plan.trials)
+        for number, found in _tried(study, plan, workers, scheduler, plan.trials - done):
+            _tell(study, plan, number, found)
+            done += 1
+            tick(done, plan.trials)
+        return trials_of(study, plan)
+
+
+def read(plan: Plan, folder: Path) -> list[Trial]:
+    """Return the trials that a folder keeps."""
+    with _quiet():
+        return trials_of(_study(plan, folder), plan)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    import optuna
+    from sqlalchemy.exc import SQLAlchemyError
+
+    level = optuna.logging.get_verbosity()
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+            yield
+    except (SQLAlchemyError, optuna.exceptions.StorageInternalError) as error:
+        raise WorkError(f"{STORE}: {error}") from None
+    finally:
+        optuna.logging.set_verbosity(level)
+
+
+def _study(plan: Plan, folder: Path) -> optuna.Study:
+    import optuna
+
+    path = (folder / STORE).resolve()
+    if path.exists() and path.read_bytes()[:16] not in (b"", b"SQLite format 3\0"):
+        raise InputError("is no file of a search", file=path, key="--out", allowed="a new folder")
+    seed = plan.question.seed
+    sampler: optuna.samplers.BaseSampler
+    if plan.sampler == "tpe":
+        sampler = optuna.samplers.TPESampler(seed=seed, multivariate=True, n_startup_trials=max(4, plan.trials // 5))
+    else:
+        sampler = optuna.samplers.NSGAIISampler(seed=seed, population_size=min(50, max(4, plan.trials // 5)))
+    study = optuna.create_study(
+        storage=f"sqlite:///{path}", study_name=STUDY, sampler=sampler, load_if_exists=True,
+        directions=[OBJECTIVES[name].direction for name in plan.objectives],
+    )  # fmt: skip
+    kept = study.user_attrs.get("signature")
+    if kept is None:
+        study.set_user_attr("signature", plan.signature)
+    elif kept != plan.signature:
+        raise InputError("keeps another search", file=folder, key="--out", allowed="a new folder, or the same question")
+    return study
+
+
+def _finished(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:
+    import optuna
+
+    return study.get_trials(deepcopy=False, states=(optuna.trial.TrialState.COMPLETE,))
+
+
+def _adopt(study: optuna.Study, plan: Plan) -> None:
+    """Enqueue the base itself at first, and anew what a killed run had begun."""
+    import optuna
+
+    state = optuna.trial.TrialState
+    for begun in study.get_trials(deepcopy=False, states=(state.RUNNING,)):
+        study.tell(begun.number, state=state.FAIL)
+        if begun.params:
+            study.enqueue_trial(dict(begun.params))
+    if not study.get_trials(deepcopy=False):
+        own = {v.key: value_of(plan.base, v.key) for v in plan.vary}
+        study.enqueue_trial({v.key: v.clip(x) for v in plan.vary if (x := own[v.key]) is not None})
+
+
+def _ask(study: optuna.Study, plan: Plan) -> tuple[int, dict[str, float]]:
+    trial = study.ask()
+    values: dict[str, float] = {}
+    for v in plan.vary:
+        if v.whole:
+            values[v.key] = trial.suggest_int(v.key, int(v.low), int(v.high), step=int(v.step or 1), log=v.log)
+        else:
+            values[v.key] = trial.suggest_float(v.key, v.low, v.high, step=v.step, log=v.log)
+    return trial.number, values
+
+
+def _tell(study: optuna.Study, plan: Plan, number: int, found: Mapping[str, Any]) -> None:
+    """Enter a trial: figures and constraints first, so that a finished trial is a whole one."""
+    import optuna
+
+    trial = optuna.trial.Trial(study, study._storage.get_trial_id_from_study_id_trial_number(study._study_id, number))
+    trial.set_user_attr("found", {key: value for key, value in found.items() if key != "figures"})
+    figures = found.get("figures")
+    trial.set_constraint("buildable", 1.0 if figures is None else -1.0)
+    if figures is None:
+        signs = [1 if OBJECTIVES[name].direction == "minimize" else -1 for name in plan.objectives]
+        study.tell(number, [sign * PENALTY for sign in signs])
+        return
+    trial.set_user_attr("figures", {key: value for key, value in figures.items() if math.isfinite(value)})
+    for limit in plan.limits:
+        trial.set_constraint(limit.name, limit.violation(figures))
+    study.tell(number, [figures[name] for name in plan.objectives])
+
+
+def _tried(
+    study: optuna.Study, plan: Plan, workers: int, scheduler: str, count: int
+) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Yield number and outcome of ``count`` further trials."""
+    if count <= 0:
+        return
+    if workers == 0 and not scheduler:
+        for _ in range(count):
+            number, values = _ask(study, plan)
+            yield number, evaluate(plan.job, values)
+        return
+    from evanesce.dataset.cluster import cluster_client
+
+    with cluster_client(workers, scheduler) as client:
+        yield from _from_cluster(client, study, plan, count)
+
+
+def _from_cluster(client: Any, study: optuna.Study, plan: Plan, count: int) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Keep every worker busy with one trial; one whose worker died is tried again."""
+    from distributed import as_completed
+    from distributed.scheduler import KilledWorker
+
+    job, queue = plan.job, as_completed(loop=client.loop)
+    running: dict[Any, tuple[int, dict[str, float], int]] = {}
+    asked = 0
+
+    def submit(number: int, values: dict[str, float], attempt: int) -> None:
+        future = client.submit(evaluate, job, values, key=f"trial-{number}-{attempt}", pure=False)
+        running[future] = (number, values, attempt)
+        queue.add(future)
+
+    while asked < min(count, max(1, sum(client.nthreads().values()))):
+        submit(*_ask(study, plan), 1)
+        asked += 1
+    for future in queue:
+        number, values, attempt = running.pop(future)
+        try:
+            found = future.result()
+        except KilledWorker:
+            if attempt >= MAX_ATTEMPTS:
+                raise WorkError(f"trial {number}: its worker died {MAX_ATTEMPTS} times") from None
+            submit(number, values, attempt + 1)
+            continue
+        future.release()
+        yield number, found
+        if asked < count:
+            submit(*_ask(study, plan), 1)
+            asked += 1
+
+
+def trials_of(study: optuna.Study, plan: Plan) -> list[Trial]:
+    """Return the finished trials of a study."""
+    rows = []
+    for frozen in _finished(study):
+        found, figures = frozen.user_attrs["found"], frozen.user_attrs.get("figures", {})
+        rows.append(
+            Trial(
+                number=frozen.number, values=dict(frozen.params), figures=figures,
+                standard_percent=float(found.get("standard_percent", math.nan)), reason=found.get("reason", ""),
+                broken=tuple(limit.name for limit in plan.limits if figures and limit.violation(figures) > 0),
+            )
+        )  # fmt: skip
+    return rows
+
+
+def pareto(trials: Sequence[Trial], objectives: Sequence[str]) -> list[Trial]:
+    """Return the feasible trials that no other beats in one objective without losing in another."""
+    able = [t for t in trials if t.feasible]
+    signs = [1.0 if OBJECTIVES[name].direction == "minimize" else -1.0 for name in objectives]
+    points = [tuple(s * t.figures[name] for s, name in zip(signs, objectives, strict=True)) for t in able]
+
+    def beaten(point: tuple[float, ...]) -> bool:
+        return any(all(o <= p for o, p in zip(other, point, strict=True)) and other != point for other in points)
+
+    front, seen = [], set()
+    for trial, point in zip(able, points, strict=True):
+        if not beaten(point) and point not in seen:
+            front.append(trial)
+            seen.add(point)
+    return sorted(front, key=lambda t: signs[0] * t.figures[objectives[0]])

@@ -35,6 +35,7 @@ COMMANDS = (
     "dataset",
     "doctor",
     "criticise",
+    "serve",
 )
 
 

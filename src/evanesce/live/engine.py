@@ -1,0 +1,243 @@
+"""From a setting to everything that the page shows, at the rate of a slider: nothing is computed again that stays."""
+
+from __future__ import annotations
+
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.fast import FastCamera
+from evanesce.live.controls import Controls, controls_of, scene_of, seen_scene
+from evanesce.live.figures import Figures, Histogram, Profile, figures_of, histogram_of, profile_of, single_grey
+from evanesce.live.truth_view import ContactShare
+from evanesce.measurement.segment import Crop, segment
+from evanesce.optics.projection import Projection
+from evanesce.render.transport import render_fast
+from evanesce.rig import Scene
+from evanesce.simulate import simulate, touch
+from evanesce.states import ContactState
+from evanesce.truth.labels import RectifiedView, view_geometry
+from evanesce.validation.perfect import PerfectView
+
+Image = NDArray[np.uint8]
+Share = NDArray[np.float32]
+T = TypeVar("T")
+
+KEEP = {"view": 2, "contact": 32, "frame": 4, "share": 32}
+"""How many of each kind are kept: views of one camera take some 60 MB at full resolution."""
+
+ZOOMS_MM = (2.0, 3.0, 4.5, 6.5, 9.0, 13.0)
+"""Half the height of the enlarged window: the least that leaves room around the contact, in steps that hold still."""
+
+ROOM = 1.45
+"""Half the height over the radius of a disc as large as the contact, at least."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shown:
+    """Everything of one setting.
+
+    Attributes
+    ----------
+    controls : Controls
+    scene : Scene
+        At the resolution shown.
+    frame : ndarray of uint8 (rows, cols)
+        As the camera takes it [DN].
+    view : ndarray of uint8 (rows, cols)
+        Undistorted [DN]; what was measured.
+    mask, truth : ndarray (rows, cols)
+        The chain's mask (bool) and the true share of each pixel in contact, in ``view``.
+    rectified : RectifiedView
+        How ``view`` was made of ``frame``.
+    window : Crop
+        Part of ``view`` about the finger's tip that is shown enlarged.
+    mm_per_px : float
+        Of ``view`` at the tip [mm].
+    tip : tuple of float
+        (row, col) of the finger's tip in ``view``.
+    figures, histogram, profile
+        What is printed and drawn.
+    seconds : dict
+        Wall time of the parts [s].
+    note : str
+        Why it took long, if the fast way was not open; else empty.
+    """
+
+    controls: Controls
+    scene: Scene
+    frame: Image
+    view: Image
+    mask: NDArray[np.bool_]
+    truth: Share
+    rectified: RectifiedView
+    window: Crop
+    mm_per_px: float
+    tip: tuple[float, float]
+    figures: Figures
+    histogram: Histogram
+    profile: Profile
+    seconds: dict[str, float]
+    note: str
+
+
+@dataclass(frozen=True)
+class _View:
+    """One camera's undistorted view, as it is believed and as it truly is."""
+
+    perfect: PerfectView
+    shares: ContactShare
+
+    @classmethod
+    def of(cls, believed: Scene, true: Scene, state: ContactState) -> _View:
+        perfect = PerfectView.of(believed)
+        projection = Projection.of(true.camera, true.plate)
+        return cls(perfect, ContactShare(view_geometry(projection, perfect.view), state.grid))
+
+
+def window_around(view: PerfectView, area_mm2: float) -> Crop:
+    """Return a window of 4 : 3 about the finger's tip, within the view, that holds a contact of an area [mm^2]."""
+    least = ROOM * (area_mm2 / np.pi) ** 0.5
+    half_mm = next((zoom for zoom in ZOOMS_MM if zoom >= least), ZOOMS_MM[-1])
+    row, col = view.to_view(*view.scene.finger.position_mm)
+    (rows, cols), half = view.view.shape, half_mm / view.mm2_per_px**0.5
+    half = min(half, (rows - 1) / 2, (cols - 1) * 3 / 8)
+    high, wide = 2 * int(half), 2 * int(half * 4 / 3)
+    r0, c0 = (int(np.clip(at - size / 2, 0, room - size)) for at, size, room in ((row, high, rows), (col, wide, cols)))
+    return Crop(r0, r0 + high, c0, c0 + wide)
+
+
+class Engine:
+    """Frames, masks and figures of one scene's variants; one thread at a time.
+
+    Parameters
+    ----------
+    scene : Scene
+        At full resolution.
+    seed : int
+        Of the camera's noise, the same in every frame: what changes on the page is what was set.
+    backend : {"auto", "llvm", "numpy"}
+    """
+
+    def __init__(self, scene: Scene, *, seed: int = 0, backend: Literal["auto", "llvm", "numpy"] = "auto") -> None:
+        self.base, self.seed = scene, seed
+        self._backend = backend
+        self._camera: FastCamera | None = None
+        self._kept: dict[str, OrderedDict[Hashable, Any]] = {kind: OrderedDict() for kind in KEEP}
+
+    def prepare(self, tell: Callable[[str], None] = lambda text: None, *, coarser: int = 2) -> Shown:
+        """Compute all that the first picture needs; ``tell`` is told what is being done.
+
+        Raises
+        ------
+        InputError
+            If the scene cannot be shown.
+        """
+        from evanesce.render.fields import fields_of
+        from evanesce.render.rig_fields import unit_light
+
+        controls = controls_of(self.base, coarser=coarser)
+        scene = seen_scene(scene_of(self.base, controls), controls.coarser)
+        tell("light of each LED in the empty plate (seconds on a new rig, then kept on disk)")
+        unit_light(scene)
+        tell("fields of the rig and tables by gap")
+        fields_of(scene)
+        tell("maps of the camera, first frame")
+        return self.show(controls)
+
+    def show(self, controls: Controls) -> Shown:
+        """Return everything of one setting.
+
+        Raises
+        ------
+        InputError
+            In one line, where the setting is impossible.
+        """
+        clock = _Clock()
+        chain = controls.chain
+        scene = seen_scene(scene_of(self.base, controls), controls.coarser)
+        clock.lap("scene")
+        key = (controls.contact_key, _optical_key(scene))
+        frame, state, true, note = self._keep("frame", key, lambda: self._take(scene, controls, clock))
+        rig_key = (scene.camera.resolution_px, _rig_key(true))
+        view = self._keep("view", rig_key, lambda: _View.of(scene, true, state))
+        truth = self._keep("share", (rig_key, *controls.contact_key), lambda: view.shares.of(state))
+        clock.lap("truth")
+        straight = view.perfect.straight(frame)
+        clock.lap("undistort")
+        found = segment(straight, chain)
+        clock.lap("segment")
+        grey = single_grey(straight, chain.blur)
+        window = window_around(view.perfect, state.nominal_contact_area)
+        tip = view.perfect.to_view(*scene.finger.position_mm)
+        scale = view.perfect.mm2_per_px
+        touching = truth >= 0.5
+        figures = figures_of(found, touching, straight, state.nominal_contact_area, scale)
+        profile = profile_of(grey, truth, tip, scale**0.5, controls.along, controls.line_mm)
+        histogram = histogram_of(grey, touching)
+        clock.lap("figures")
+        return Shown(
+            controls=controls, scene=scene, frame=frame, view=straight, mask=found.mask, truth=truth,
+            rectified=view.perfect.view, window=window, mm_per_px=scale**0.5, tip=tip, figures=figures,
+            histogram=histogram, profile=profile, seconds=clock.laps, note=note,
+        )  # fmt: skip
+
+    def _take(self, scene: Scene, controls: Controls, clock: _Clock) -> tuple[Image, ContactState, Scene, str]:
+        """Press and take the picture: frame, truth, the rig as it truly was, and why it was slow."""
+        if scene.effects:
+            found = simulate(scene, controls.force_N, seed=self.seed, render=render_fast)
+            assert found.state is not None  # a force was given
+            clock.lap("frame")
+            return found.frame.data, found.state, found.scene, "slower: the scene has effects"
+        state = self._keep("contact", controls.contact_key, lambda: self._press(scene, controls.force_N))
+        clock.lap("contact")
+        camera = FastCamera(scene, self._backend) if self._camera is None else self._camera.retuned(scene)
+        frame = camera.frame(state, seed=self.seed).data
+        self._camera = camera
+        clock.lap("frame")
+        return frame, state, scene, f"slower: {camera.falls_back}" if camera.falls_back else ""
+
+    def _press(self, scene: Scene, force_N: float) -> ContactState:
+        _, state = touch(scene, force_N, seed=self.seed, file="page")
+        assert state is not None  # a force was given
+        return state
+
+    def _keep(self, kind: str, key: Hashable, make: Callable[[], T]) -> T:
+        """Return a kept value, made if needed; the longest unused beyond :data:`KEEP` is dropped."""
+        group = self._kept[kind]
+        if key not in group:
+            group[key] = make()
+            while len(group) > KEEP[kind]:
+                group.popitem(last=False)
+        group.move_to_end(key)
+        found: T = group[key]
+        return found
+
+
+class _Clock:
+    """Wall time from lap to lap [s]."""
+
+    def __init__(self) -> None:
+        self.laps: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, name: str) -> None:
+        now = time.perf_counter()
+        self.laps[name] = self.laps.get(name, 0.0) + now - self._last
+        self._last = now
+
+
+def _optical_key(scene: Scene) -> str:
+    """Return all of a scene, as text, that light and camera depend on."""
+    return scene.model_dump_json(exclude={"title", "press", "sources", "assumptions", "render"})
+
+
+def _rig_key(scene: Scene) -> str:
+    """Return all of the rig as it truly is, as text, that says where the view sees the plate."""
+    camera = scene.camera.model_dump_json(exclude={"lens": {"defocus_um"}})
+    return camera + scene.plate.model_dump_json() + str(scene.finger.position_mm) + str(scene.grid)

@@ -1,0 +1,193 @@
+"""What the page prints and draws of a measured frame: areas, a histogram, a profile. Arrays and floats only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.measurement.segment import LUMA, LUMA_SCALE, TRUNCATE, Segmentation
+from evanesce.truth.compare import overlap
+
+Image = NDArray[np.uint8]
+Grey = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+LEVELS = 128
+"""Classes of the histogram."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figures:
+    """Figures of one frame against its truth.
+
+    Attributes
+    ----------
+    true_mm2 : float
+        Exact nominal contact area [mm^2].
+    area_mm2 : float
+        Measured: pixels times area of a pixel [mm^2].
+    agree_mm2, missed_mm2, false_mm2 : float
+        Of the pixels in contact that the mask has and lacks, and of those it has beside [mm^2]; the true area of these
+        is counted in whole pixels and differs from ``true_mm2`` by the rim.
+    overlap : float
+        Intersection over union of mask and truth [1].
+    pixels, blobs, dropped_blobs : int
+    brightest_DN : int
+    saturated_percent : float
+        Of the mask's pixels that are at 255 DN [%].
+    mm2_per_px : float
+        [mm^2].
+    """
+
+    true_mm2: float
+    area_mm2: float
+    agree_mm2: float
+    missed_mm2: float
+    false_mm2: float
+    overlap: float
+    pixels: int
+    blobs: int
+    dropped_blobs: int
+    brightest_DN: int
+    saturated_percent: float
+    mm2_per_px: float
+
+    @property
+    def error_mm2(self) -> float:
+        """Measured less true [mm^2]."""
+        return self.area_mm2 - self.true_mm2
+
+    @property
+    def error_percent(self) -> float:
+        """The same over the true area [%]; NaN where nothing touches."""
+        return 100.0 * self.error_mm2 / self.true_mm2 if self.true_mm2 > 0 else float("nan")
+
+
+def figures_of(found: Segmentation, touching: Mask, view: Image, true_mm2: float, mm2_per_px: float) -> Figures:
+    """Return the figures of one segmented view.
+
+    Parameters
+    ----------
+    found : Segmentation
+    touching : ndarray of bool (rows, cols)
+        Pixels that are in contact for the greater part.
+    view : ndarray of uint8 (rows, cols)
+        What was segmented [DN].
+    true_mm2, mm2_per_px : float
+        Exact contact area and area of a pixel [mm^2].
+    """
+    agree = int(np.count_nonzero(found.mask & touching))
+    truly = int(np.count_nonzero(touching))
+    full = int(np.count_nonzero(view[found.mask] == 255))
+    return Figures(
+        true_mm2=true_mm2,
+        area_mm2=found.pixels * mm2_per_px,
+        agree_mm2=agree * mm2_per_px,
+        missed_mm2=(truly - agree) * mm2_per_px,
+        false_mm2=(found.pixels - agree) * mm2_per_px,
+        overlap=overlap(found.mask, touching),
+        pixels=found.pixels,
+        blobs=found.blobs,
+        dropped_blobs=found.dropped_blobs,
+        brightest_DN=int(view.max()),
+        saturated_percent=100.0 * full / found.pixels if found.pixels else 0.0,
+        mm2_per_px=mm2_per_px,
+    )
+
+
+def single_grey(image: Image, blur: float) -> Grey:
+    """Return grey levels 0 to 1 after the chain's blur, in single precision: for pictures, not for decisions.
+
+    Parameters
+    ----------
+    image : ndarray of uint8, (rows, cols) or (rows, cols, 3)
+        [DN].
+    blur : float
+        Standard deviation [px].
+    """
+    level = image.astype(np.float32)
+    if image.ndim == 3:
+        level = cv2.transform(level, np.array([LUMA], np.float32)) / np.float32(LUMA_SCALE / 255)
+    reach = int(TRUNCATE * blur + 0.5)
+    if reach:
+        side = 2 * reach + 1
+        level = cv2.GaussianBlur(level, (side, side), blur, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(level * np.float32(1 / 255), np.float32)
+
+
+@dataclass(frozen=True)
+class Histogram:
+    """Pixels by grey level after the chain's blur.
+
+    Attributes
+    ----------
+    inside, outside : ndarray of int (LEVELS,)
+        Pixels truly in contact, and the others; where the truth is not known all are outside.
+    """
+
+    inside: NDArray[np.int64]
+    outside: NDArray[np.int64]
+
+
+def histogram_of(grey: Grey, touching: Mask | None = None) -> Histogram:
+    """Count pixels in even classes of grey level from 0 to 1."""
+
+    def count(mask: Image | None) -> NDArray[np.int64]:
+        # the last class is closed: a level of exactly 1 counts
+        found = cv2.calcHist([grey], [0], mask, [LEVELS], [0.0, float(np.nextafter(np.float32(1), np.float32(2)))])
+        return np.asarray(found, np.int64).ravel()
+
+    every = count(None)
+    inside = np.zeros_like(every) if touching is None else count(touching.view(np.uint8))
+    return Histogram(inside, every - inside)
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Grey level along a line of the view.
+
+    Attributes
+    ----------
+    along : {"x", "y"}
+    place_mm : ndarray (n,)
+        Distance from the finger's tip [mm].
+    grey, share : ndarray (n,)
+        Level after the chain's blur and true share in contact, 0 to 1.
+    line_px : int
+        Row (along x) or column (along y) of the view.
+    """
+
+    along: Literal["x", "y"]
+    place_mm: NDArray[np.float64]
+    grey: Grey
+    share: Grey
+    line_px: int
+
+
+def profile_of(
+    grey: Grey, truth: Grey, tip: tuple[float, float], mm_per_px: float, along: Literal["x", "y"], line_mm: float
+) -> Profile:
+    """Read a row or a column of the view.
+
+    Parameters
+    ----------
+    grey, truth : ndarray (rows, cols)
+        Level after blur and true share in contact, 0 to 1.
+    tip : tuple of float
+        (row, col) of the finger's tip.
+    mm_per_px : float
+        [mm].
+    along : {"x", "y"}
+        A row, or a column.
+    line_mm : float
+        Its distance from the tip [mm]; beyond the view's border its outermost line is read.
+    """
+    across, start = (0, tip[1]) if along == "x" else (1, tip[0])
+    line = int(np.clip(round(tip[across] + line_mm / mm_per_px), 0, grey.shape[across] - 1))
+    part = np.s_[line, :] if along == "x" else np.s_[:, line]
+    place = (np.arange(grey.shape[1 - across], dtype=np.float64) - start) * mm_per_px
+    return Profile(along, place, grey[part].copy(), truth[part].copy(), line)

@@ -1,0 +1,149 @@
+"""A lab's own frame: read from a file or from uploaded bytes, nothing of it trusted, and measured by the same chain."""
+
+from __future__ import annotations
+
+import io
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image as PillowImage
+
+from evanesce.errors import InputError
+from evanesce.live.figures import Histogram, histogram_of, single_grey
+from evanesce.measurement.calibration import Calibration
+from evanesce.measurement.images import Unreadable, load_image
+from evanesce.measurement.rectify import rectification, rectify
+from evanesce.measurement.segment import Chain, segment
+
+Image = NDArray[np.uint8]
+
+MAX_BYTES = 64_000_000
+MAX_PIXELS = 40_000_000
+ALLOWED = f"one PNG, TIFF, JPEG or BMP image of at most {MAX_BYTES // 10**6} MB and {MAX_PIXELS // 10**6} megapixels"
+KEY = "own frame"
+
+
+@dataclass(frozen=True)
+class OwnFrame:
+    """A frame of a lab.
+
+    Attributes
+    ----------
+    name : str
+        As shown; never a path.
+    view : ndarray of uint8, (rows, cols) or (rows, cols, 3)
+        Undistorted where there is a calibration [DN].
+    notes : tuple of str
+        What was changed in reading.
+    """
+
+    name: str
+    view: Image
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class OwnMeasured:
+    """What the chain makes of it.
+
+    Attributes
+    ----------
+    frame : OwnFrame
+    mask : ndarray of bool (rows, cols)
+    pixels, blobs : int
+    mm2_per_px : float or None
+        Area of a pixel [mm^2], where it is known.
+    histogram : Histogram
+    """
+
+    frame: OwnFrame
+    mask: NDArray[np.bool_]
+    pixels: int
+    blobs: int
+    mm2_per_px: float | None
+    histogram: Histogram
+
+    @property
+    def area_mm2(self) -> float | None:
+        """[mm^2]."""
+        return None if self.mm2_per_px is None else self.pixels * self.mm2_per_px
+
+
+def read_own(content: bytes, name: str, calibration: Calibration | None = None) -> OwnFrame:
+    """Read an uploaded frame.
+
+    Parameters
+    ----------
+    content : bytes
+        The whole file; its name says nothing about it.
+    name : str
+        For the caption only.
+    calibration : Calibration, optional
+        Whose lens distortion is taken out.
+
+    Raises
+    ------
+    InputError
+        If it is too large, no image, damaged, or of another size than the calibration.
+    """
+    if not 0 < len(content) <= MAX_BYTES:
+        raise InputError(f"{len(content)} bytes", key=KEY, allowed=ALLOWED)
+    _check_size(content)
+    # The decoder of TIFF wants a file: one of our own naming, in a folder of our own.
+    with tempfile.TemporaryDirectory(prefix="evanesce-") as folder:
+        path = Path(folder) / "frame"
+        path.write_bytes(content)
+        try:
+            loaded = load_image(path)
+        except Unreadable as error:
+            raise InputError(str(error), key=KEY, allowed=ALLOWED) from None
+    data = loaded.data if calibration is None else rectify(loaded.data, rectification(calibration))
+    return OwnFrame(plain_name(name), data, tuple(note.text for note in loaded.notes))
+
+
+def read_own_file(path: Path, calibration: Calibration | None = None) -> OwnFrame:
+    """Read a frame from a file that the person at the command line named.
+
+    Raises
+    ------
+    InputError
+    """
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(f"{path.stat().st_size} bytes", file=path, allowed=ALLOWED)
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file=path, allowed=ALLOWED) from None
+    try:
+        return read_own(content, path.name, calibration)
+    except InputError as error:
+        raise InputError(error.what, file=path, key=error.key, allowed=error.allowed) from None
+
+
+def plain_name(name: str) -> str:
+    """Return a file's name for a caption: no folders, nothing that does not print, not long."""
+    last = name.replace("\\", "/").rsplit("/", 1)[-1]
+    return "".join(c for c in last if c.isprintable())[:60] or "frame"
+
+
+def _check_size(content: bytes) -> None:
+    """Refuse by the header what would unpack to more than fits."""
+    try:
+        with PillowImage.open(io.BytesIO(content)) as picture:
+            cols, rows = picture.size
+    except (PillowImage.DecompressionBombError, PillowImage.DecompressionBombWarning):
+        raise InputError("far too many pixels", key=KEY, allowed=ALLOWED) from None
+    except (OSError, ValueError, SyntaxError, TypeError, KeyError, EOFError, OverflowError):
+        raise InputError("is no image that can be read", key=KEY, allowed=ALLOWED) from None
+    if rows * cols > MAX_PIXELS:
+        raise InputError(f"{cols} x {rows} pixels", key=KEY, allowed=ALLOWED)
+
+
+def measure_own(frame: OwnFrame, chain: Chain, mm2_per_px: float | None) -> OwnMeasured:
+    """Segment a lab's frame by the author's chain, in its own pixels."""
+    found = segment(frame.view, chain)
+    histogram = histogram_of(single_grey(frame.view, chain.blur))
+    return OwnMeasured(frame, found.mask, found.pixels, found.blobs, mm2_per_px, histogram)

@@ -1,0 +1,29 @@
+"""A setting as a scene's TOML text; what a scene has no key for stands above it as a comment."""
+
+from __future__ import annotations
+
+from evanesce.live.controls import Controls, scene_of
+from evanesce.rig import Scene
+from evanesce.rig.load import dump_scene
+
+
+def scene_text(base: Scene, controls: Controls) -> str:
+    """Return the scene, at full resolution, that :func:`evanesce.rig.load_scene` reads back equal.
+
+    A scanned finger is named as :func:`evanesce.rig.copy_height_map` names its copy, which belongs beside the text.
+
+    Raises
+    ------
+    InputError
+        If the setting is impossible.
+    """
+    scene = scene_of(base, controls)
+    lines = [
+        "Saved from the live page (evanesce serve).",
+        f"Shown there with threshold {controls.threshold:g}, least blob {controls.min_blob_px:g} px, "
+        f"pixels {controls.coarser} times as large.",
+        "evanesce render THIS --fast, then",
+        f"evanesce compare FOLDER --threshold {controls.threshold:g} --min-blob {controls.min_blob_px:.0f} "
+        "--calibration CALIBRATION",
+    ]
+    return "".join(f"# {line}\n" for line in lines) + "\n" + dump_scene(scene)

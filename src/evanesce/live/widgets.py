@@ -1,0 +1,194 @@
+"""Parts of the page: a slider with its number, the plate with its LEDs, a picture with marks over it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from nicegui import ui
+from nicegui.element import Element
+
+from evanesce.live.controls import Knob, led_names
+from evanesce.optics.led import led_positions
+from evanesce.rig import Scene
+
+MOVE_BY_ARROWS = """(e) => {
+  const step = {ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1}[e.key];
+  if (!step) return;
+  const all = [...e.currentTarget.querySelectorAll('button')];
+  const at = all.indexOf(document.activeElement);
+  const next = all[(at + step + all.length) % all.length];
+  if (all[at]) all[at].tabIndex = -1;
+  next.tabIndex = 0;
+  next.focus();
+  e.preventDefault();
+}"""
+"""One stop of the Tab key for all LEDs; the arrow keys go from one to the next."""
+
+
+class KnobRow:
+    """A label, a slider, and the same figure as a number with its unit.
+
+    Parameters
+    ----------
+    knob : Knob
+    value : float
+    changed : callable
+        Called with the new value when the user has moved either.
+    """
+
+    def __init__(self, knob: Knob, value: float, changed: Callable[[float], None]) -> None:
+        self._knob, self._value, self._changed = knob, value, changed
+        spoken = f"{knob.label} [{knob.unit}]" if knob.unit else knob.label
+        with ui.element("div").classes("knob").props(f'data-knob="{knob.name}"'):
+            self.label = ui.label(knob.label).classes("knob-label").props(f'title="{knob.hint}"')
+            self.slider = ui.slider(
+                min=knob.low, max=knob.high, step=knob.step, value=value, on_change=lambda e: self._take(e.value)
+            ).props(f'aria-label="{spoken}"')
+            self.number = (
+                ui.number(
+                    value=value, min=knob.low, max=knob.high, step=knob.step, format=f"%.{knob.digits}f",
+                    suffix=knob.unit or None, on_change=lambda e: self._take(e.value),
+                )
+                .props(f'dense outlined hide-bottom-space debounce=250 aria-label="{spoken}, as a number"')
+                .classes("knob-number")
+            )  # fmt: skip
+
+    def _take(self, value: float | None) -> None:
+        """Take a value from the browser; the other of the two follows, and its echo is no news."""
+        if value is None or float(value) == self._value:
+            return
+        value = float(value)
+        # The number shows rounded figures; its echo of a slider's value is not a new one.
+        if abs(value - self._value) < 0.5 * 10.0**-self._knob.digits and value == round(self._value, self._knob.digits):
+            return
+        self.show(value)
+        self._changed(value)
+
+    def show(self, value: float) -> None:
+        """Show a value, without calling anybody."""
+        self._value = value
+        self.slider.value = value
+        self.number.value = value
+
+
+class LedMap:
+    """The plate from below with its LEDs: each a switch; the chosen one has a slider for its power.
+
+    Parameters
+    ----------
+    scene : Scene
+    powers : tuple of float
+        Relative power of each LED.
+    changed : callable
+        Called with all powers when the user has changed one.
+    """
+
+    def __init__(self, scene: Scene, powers: tuple[float, ...], changed: Callable[[tuple[float, ...]], None]) -> None:
+        self._names, self._powers, self._changed = led_names(scene), powers, changed
+        self._chosen = 0
+        self._buttons: list[Element] = []
+        width, height = scene.plate.size_mm
+        along = [float(p) for at in led_positions(scene.plate, scene.leds).values() for p in at]
+        pitch = scene.leds.pitch_mm / width * 250
+        size = max(5, min(16, round(0.8 * pitch)))
+        with ui.element("div").classes("plate-room"), ui.element("div").classes("plate") as plate:
+            plate.props('role="group" aria-label="LEDs around the plate, as the camera sees them"')
+            plate.style(f"aspect-ratio: {width:g} / {height:g}")
+            plate.on("keydown", js_handler=MOVE_BY_ARROWS)
+            x, y = scene.finger.position_mm
+            radius = scene.finger.diameter_mm / 2
+            ui.element("div").classes("finger").style(
+                f"left:{50 + 100 * (x - radius) / width:.2f}%; top:{50 + 100 * (y - radius) / height:.2f}%;"
+                f"width:{200 * radius / width:.2f}%; height:{200 * radius / height:.2f}%"
+            )
+            for i, ((edge, _), place) in enumerate(zip(self._names, along, strict=True)):
+                left, top = _place(edge, place, width, height)
+                button = (
+                    ui.element("button")
+                    .classes("led")
+                    .style(f"left:{left:.2f}%; top:{top:.2f}%; width:{size}px; height:{size}px")
+                )
+                button.props(f'type="button" role="switch" tabindex="{0 if i == 0 else -1}"')
+                button.on("click", lambda _, i=i: self._toggle(i), args=[])
+                button.on("focus", lambda _, i=i: self._choose(i), args=[])
+                self._buttons.append(button)
+        knob = Knob("led_power", "", "%", 0.0, 200.0, 5.0, 0, "power of the chosen LED over that of its circuit")
+        self._power = KnobRow(knob, 100.0 * powers[0], self._set_power)
+        with ui.element("div").classes("buttons"):
+            ui.button("All on", on_click=lambda: self._set_all(1.0)).props("flat dense no-caps")
+            ui.button("All off", on_click=lambda: self._set_all(0.0)).props("flat dense no-caps")
+        self.show(powers)
+
+    def show(self, powers: tuple[float, ...]) -> None:
+        """Show powers, without calling anybody."""
+        self._powers = powers
+        for i, (button, power) in enumerate(zip(self._buttons, powers, strict=True)):
+            self._mark(button, i, power)
+        self._name_chosen()
+
+    def _mark(self, button: Element, i: int, power: float) -> None:
+        edge, number = self._names[i]
+        state = f"LED {edge} {number}, {100 * power:.0f} %"
+        if button.props.get("aria-label") != state:
+            button.props["aria-label"] = button.props["title"] = state
+            button.props["aria-checked"] = "true" if power > 0 else "false"
+            button.props["data-level"] = "off" if power == 0 else "on"
+
+    def _name_chosen(self) -> None:
+        edge, number = self._names[self._chosen]
+        self._power.label.text = f"{edge} {number}"
+        self._power.show(100.0 * self._powers[self._chosen])
+
+    def _choose(self, i: int) -> None:
+        self._chosen = i
+        self._name_chosen()
+
+    def _toggle(self, i: int) -> None:
+        self._chosen = i
+        self._set_one(i, 0.0 if self._powers[i] > 0 else 1.0)
+
+    def _set_power(self, percent: float) -> None:
+        self._set_one(self._chosen, percent / 100.0)
+
+    def _set_one(self, i: int, power: float) -> None:
+        self._tell(tuple(power if j == i else old for j, old in enumerate(self._powers)))
+
+    def _set_all(self, power: float) -> None:
+        self._tell((power,) * len(self._powers))
+
+    def _tell(self, powers: tuple[float, ...]) -> None:
+        self.show(powers)
+        self._changed(powers)
+
+
+def _place(edge: str, along: float, width: float, height: float) -> tuple[float, float]:
+    """Return an LED's place on the drawn plate, (left, top) [%]."""
+    x, y = 50 + 100 * along / width, 50 + 100 * along / height
+    return {"left": (0.0, y), "right": (100.0, y), "top": (x, 0.0), "bottom": (x, 100.0)}[edge]
+
+
+class Picture:
+    """A picture with marks over it.
+
+    Parameters
+    ----------
+    name : str
+        Of the element, for style and tests.
+    alt : str
+        What it shows, for who does not see it.
+    drawn : callable, optional
+        Called when the browser has drawn a new one.
+    """
+
+    def __init__(self, name: str, alt: str, drawn: Callable[[], None] | None = None) -> None:
+        with ui.element("div").classes("picture").props(f'id="picture-{name}"'):
+            self._image = ui.element("img").props(f'alt="{alt}" draggable="false"')
+            self._marks = ui.html("", sanitize=False).classes("marks")
+        if drawn is not None:
+            self._image.on("load", lambda _: drawn(), args=[])
+
+    def show(self, address: str, marks: str = "") -> None:
+        """Show the picture of an address, with SVG over it."""
+        self._image.props["src"] = address
+        if self._marks.content != marks:
+            self._marks.set_content(marks)

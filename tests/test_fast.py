@@ -170,6 +170,18 @@ def test_backends_expose_alike(changes: dict[str, float], with_raw: bool) -> Non
             assert np.mean(a[1] != b[1]) < 2e-3
 
 
+def test_a_camera_without_visible_dark_noise_is_dark_all_over() -> None:
+    """Coarse steps of the converter: no dark pixel leaves the black level."""
+    if not llvm_works():
+        pytest.skip("Dr.Jit's LLVM backend does not work here")
+    camera = readout(gain=1 / 40.0)
+    for lit in (box(4000.0), Lit(0, 0, np.zeros((0, 0), np.float32))):
+        found, _ = expose_llvm(lit, camera, (7, 8))
+        assert (found == expose_numpy(lit, camera, (7, 8))[0]).all()
+        assert (found.shape, found.dtype) == ((83, 127), np.uint8)
+        assert (found[60:] == 0).all()
+
+
 def test_backends_take_the_same_frames() -> None:
     if not llvm_works():
         pytest.skip("Dr.Jit's LLVM backend does not work here")

@@ -32,6 +32,7 @@ COMMANDS = (
     "bench",
     "fem",
     "study",
+    "design",
     "dataset",
     "doctor",
     "criticise",

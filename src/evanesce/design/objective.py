@@ -33,7 +33,7 @@ from evanesce.render.transport import render_fast
 from evanesce.rig import Scene
 from evanesce.simulate import Render, SimulatedFrame, simulate, touch
 from evanesce.states import Frame
-from evanesce.validation.calibrated_rig import CORNER_NOISE_PX, CardErrors, calibrated, drawn_corners
+from evanesce.validation.calibrated_rig import CardErrors, calibrated, drawn_corners
 
 Floats = NDArray[np.float64]
 
@@ -119,17 +119,28 @@ def percentile(errors: Floats) -> float:
 def percentile_standard(errors: Floats, generator: np.random.Generator, count: int = BOOTSTRAPS) -> float:
     """Return the standard error of :func:`percentile` by bootstrap, in the errors' unit.
 
+    Parameters
+    ----------
+    errors : ndarray (rigs, measurements)
+        A rig's measurements share what it departs by: whole rigs are drawn anew.
+    generator : numpy.random.Generator
+    count : int
+
     References
     ----------
     B. Efron, "Bootstrap methods: another look at the jackknife", Annals of Statistics 7 (1979) 1.
     """
-    drawn = generator.integers(errors.size, size=(count, errors.size))
-    return float(np.quantile(np.abs(errors)[drawn], COVERAGE, axis=1).std(ddof=1))
+    rigs = errors.shape[0]
+    drawn = np.abs(errors)[generator.integers(rigs, size=(count, rigs))].reshape(count, -1)
+    return float(np.quantile(drawn, COVERAGE, axis=1).std(ddof=1))
 
 
 def summary(samples: Sequence[Sample], seed: int) -> Prediction:
     """Return the prediction of samples."""
-    errors = np.array([s.error_percent for s in samples])
+    by_rig: dict[int, list[float]] = {}
+    for s in samples:
+        by_rig.setdefault(s.rig, []).append(s.error_percent)
+    errors = np.array(list(by_rig.values()))
     return Prediction(
         samples=tuple(samples), error_percent=percentile(errors),
         standard_percent=percentile_standard(errors, rng.generator(seed, "bootstrap")),
@@ -181,10 +192,15 @@ class Lab:
         if self.question.estimator == "author":
             mm2_per_px = author_scale(self.nominal, drawn, factor)
             return measure_frame(frame, self.design.chain(factor, crop), mm2_per_px, self.view).estimate.area
-        errors = replace(drawn.cards, corner_noise_px=CORNER_NOISE_PX / factor)
+        return self.refined(camera, drawn, generator).area(frame.data).area_mm2
+
+    def refined(self, camera: Scene, drawn: Draw, generator: np.random.Generator) -> Estimator:
+        """Return the refined estimator by a calibration with a draw's card errors; parameters as for :meth:`area`."""
+        factor = self.question.coarser
+        errors = replace(drawn.cards, corner_noise_px=drawn.cards.corner_noise_px / factor)
         corners = drawn_corners(camera, errors, generator)
         calibration = replace(self.nominal, details={**self.nominal.details, "corners": corners})
-        return Estimator.of(calibration, blur_px=BLUR_PX / factor, crop=crop).area(frame.data).area_mm2
+        return Estimator.of(calibration, blur_px=BLUR_PX / factor, crop=self.crop(camera))
 
     def crop(self, camera: Scene) -> Crop:
         """Return the square about the finger's place, of the undistorted view or, refined, of the frame as taken.

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from evanesce.design.evaluate import evaluate, plain_job
 from evanesce.design.parts import PartsTable
+from evanesce.design.processes import Call, done_by
 from evanesce.design.question import Design, Question
 from evanesce.design.secondary import OBJECTIVES
 from evanesce.design.vary import Vary, value_of
@@ -33,9 +34,6 @@ if TYPE_CHECKING:
 STORE = "trials.sqlite"
 STUDY = "design"
 SAMPLERS = ("tpe", "nsga2")
-MAX_ATTEMPTS = 5
-"""Times that a trial's worker may die before the search gives up."""
-
 PENALTY = 1e9
 """Told to the sampler in place of figures that a rig that cannot be has not; its constraint says that it cannot be."""
 
@@ -141,9 +139,7 @@ class Trial:
 Tick = Callable[[int, int], None]
 
 
-def run(
-    plan: Plan, folder: Path, *, workers: int = 0, scheduler: str = "", tick: Tick = lambda done, total: None
-) -> list[Trial]:
+def run(plan: Plan, folder: Path, client: Any = None, tick: Tick = lambda done, total: None) -> list[Trial]:
     """Search, or go on with a search, until the folder holds ``plan.trials`` trials.
 
     Parameters
@@ -151,10 +147,8 @@ def run(
     plan : Plan
     folder : Path
         Keeps the trials in :data:`STORE`.
-    workers : int
-        Processes on this machine; 0 tries one design after the other in this process.
-    scheduler : str
-        Address of a running Dask scheduler, instead.
+    client : distributed.Client, optional
+        Its workers try designs side by side; without it this process tries one after the other.
     tick : callable
         ``tick(done, total)``.
 
@@ -170,7 +164,7 @@ def run(
         _adopt(study, plan)
         done = len(_finished(study))
         tick(done, plan.trials)
-        for number, found in _tried(study, plan, workers, scheduler, plan.trials - done):
+        for number, found in _tried(study, plan, client, plan.trials - done):
             _tell(study, plan, number, found)
             done += 1
             tick(done, plan.trials)
@@ -273,54 +267,24 @@ def _tell(study: optuna.Study, plan: Plan, number: int, found: Mapping[str, Any]
     study.tell(number, [figures[name] for name in plan.objectives])
 
 
-def _tried(
-    study: optuna.Study, plan: Plan, workers: int, scheduler: str, count: int
-) -> Iterator[tuple[int, dict[str, Any]]]:
+def _tried(study: optuna.Study, plan: Plan, client: Any, count: int) -> Iterator[tuple[int, dict[str, Any]]]:
     """Yield number and outcome of ``count`` further trials."""
-    if count <= 0:
+    job = plan.job
+    if client is None:
+        for _ in range(max(0, count)):
+            number, values = _ask(study, plan)
+            yield number, evaluate(job, values)
         return
-    if workers == 0 and not scheduler:
+    numbers: list[int] = []
+
+    def calls() -> Iterator[Call]:
         for _ in range(count):
             number, values = _ask(study, plan)
-            yield number, evaluate(plan.job, values)
-        return
-    from evanesce.dataset.cluster import cluster_client
+            numbers.append(number)
+            yield evaluate, (job, values), {}
 
-    with cluster_client(workers, scheduler) as client:
-        yield from _from_cluster(client, study, plan, count)
-
-
-def _from_cluster(client: Any, study: optuna.Study, plan: Plan, count: int) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Keep every worker busy with one trial; one whose worker died is tried again."""
-    from distributed import as_completed
-    from distributed.scheduler import KilledWorker
-
-    job, queue = plan.job, as_completed(loop=client.loop)
-    running: dict[Any, tuple[int, dict[str, float], int]] = {}
-    asked = 0
-
-    def submit(number: int, values: dict[str, float], attempt: int) -> None:
-        future = client.submit(evaluate, job, values, key=f"trial-{number}-{attempt}", pure=False)
-        running[future] = (number, values, attempt)
-        queue.add(future)
-
-    while asked < min(count, max(1, sum(client.nthreads().values()))):
-        submit(*_ask(study, plan), 1)
-        asked += 1
-    for future in queue:
-        number, values, attempt = running.pop(future)
-        try:
-            found = future.result()
-        except KilledWorker:
-            if attempt >= MAX_ATTEMPTS:
-                raise WorkError(f"trial {number}: its worker died {MAX_ATTEMPTS} times") from None
-            submit(number, values, attempt + 1)
-            continue
-        future.release()
-        yield number, found
-        if asked < count:
-            submit(*_ask(study, plan), 1)
-            asked += 1
+    for k, found in done_by(client, calls()):
+        yield numbers[k], found
 
 
 def trials_of(study: optuna.Study, plan: Plan) -> list[Trial]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.stats import qmc, truncnorm
 
 from evanesce import rng
-from evanesce.effects import Active, Candidate, Context, Effect, Stage, active_effects, all_effects, apply_stage
+from evanesce.effects import Candidate, Context, Effect, Stage, active_effects, all_effects, apply_stage
 from evanesce.effects.protocol import Observable
 from evanesce.errors import InputError
 from evanesce.measurement.uncertainty import CARD_HEIGHT_MM, PRINT_TOLERANCE
@@ -76,11 +76,14 @@ class Uncertainty:
         search leaves them out; tolerances have them.
     left_out : mapping
         Effect -> why it does not act.
+    held : frozenset of str
+        Effects that are drawn and then left out: the other draws stay as they are.
     """
 
     departures: tuple[Departure, ...]
     new_light: tuple[Departure, ...]
     left_out: Mapping[str, str]
+    held: frozenset[str] = frozenset()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -183,7 +186,8 @@ def shares(uncertainty: Uncertainty, count: int, seed: int) -> Array:
 
 def draw(uncertainty: Uncertainty, share: Array) -> Draw:
     """Return the rig at one point (dimensions,) of :func:`shares`."""
-    effects = with_departures({d: d.value(float(s)) for d, s in zip(uncertainty.departures, share, strict=False)})
+    drawn = zip(uncertainty.departures, share, strict=False)
+    effects = with_departures({d: d.value(float(s)) for d, s in drawn if d.effect not in uncertainty.held})
     board, square, height, edge = (float(s) for s in share[-len(CARDS) :])
     cards = CardErrors(
         board_scale=1.0 + PRINT_TOLERANCE * (2 * board - 1),
@@ -239,8 +243,3 @@ def read_sizes(path: Path) -> dict[str, dict[str, float]]:
 def real_scene(scene: Scene, drawn: Draw) -> Scene:
     """Return a scene with a draw's effects beside its own."""
     return scene.model_copy(update={"effects": {**scene.effects, **drawn.effects}})
-
-
-def active(scene: Scene) -> tuple[Active, ...]:
-    """Return a scene's effects."""
-    return active_effects(scene)

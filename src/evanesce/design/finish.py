@@ -1,0 +1,276 @@
+"""After the search: which designs won, and all that is found out about them, kept step by step in JSON files."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from evanesce.design import sensitivity, winner
+from evanesce.design.evaluate import evaluate
+from evanesce.design.parts import cost
+from evanesce.design.processes import Call, done_by
+from evanesce.design.search import Plan, Trial, pareto
+from evanesce.design.secondary import OBJECTIVES
+from evanesce.design.verify import verified
+from evanesce.errors import WorkError
+
+BASE = "base"
+BETWEEN = "between the objectives, on the Pareto front"
+SUSPECTS = 3
+"""So many effects, those that change one measurement most, are taken out of the draws one by one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Depth:
+    """How much is found out about each winner.
+
+    Attributes
+    ----------
+    rigs : int
+        Drawn anew for its errors by load and place.
+    trajectories : int
+        Of Morris' plan; 0: no sensitivity.
+    renderings : int
+        By the reference for each case that is verified; 0: none.
+    samples : int
+        Paths per pixel of each.
+    """
+
+    rigs: int = 48
+    trajectories: int = 4
+    renderings: int = 2
+    samples: int = 16
+
+
+@dataclass(frozen=True, kw_only=True)
+class Chosen:
+    """A design that is looked at closely.
+
+    Attributes
+    ----------
+    name, why : str
+    values : mapping
+        Key -> value; empty for the base.
+    trial : Trial or None
+        None for the base as its scene has it.
+    """
+
+    name: str
+    why: str
+    values: Mapping[str, float]
+    trial: Trial | None = None
+
+
+def _in_turn(calls: Sequence[Call]) -> Iterator[tuple[int, Any]]:
+    for number, (function, given, options) in enumerate(calls):
+        yield number, function(*given, **options)
+
+
+def choose(plan: Plan, trials: Sequence[Trial], count: int) -> list[Chosen]:
+    """Return the base and up to ``count`` winners: least error, least error at no more than the base's cost, the rest.
+
+    The rest are those of the Pareto front nearest to the best of every objective, by rank.
+    """
+    front = pareto(trials, plan.objectives)
+    found = [Chosen(name=BASE, why="the scene as it was given", values={})]
+    wanted: list[tuple[str, Trial | None]] = []
+    able = [t for t in trials if t.feasible]
+    if able:
+        wanted.append(("least predicted area error", min(able, key=_error)))
+    if plan.parts is not None:
+        most = cost(plan.parts, plan.base)
+        equal = [t for t in able if t.figures["cost"] <= most * (1 + 1e-9)]
+        text = f"least predicted area error at no more than the base's cost, {most:.2f} {plan.parts.currency}"
+        wanted.append((text, min(equal, key=_error) if equal else None))
+    wanted += [(BETWEEN, t) for t in _between(front, plan.objectives)]
+    reasons: dict[int, list[str]] = {}
+    by_number = {trial.number: trial for _, trial in wanted if trial is not None}
+    for why, trial in wanted:
+        if trial is None or (trial.number not in reasons and len(reasons) == count):
+            continue
+        reasons.setdefault(trial.number, [])
+        if not (reasons[trial.number] and why == BETWEEN):
+            reasons[trial.number].append(why)
+    for number, why_all in reasons.items():
+        trial = by_number[number]
+        found.append(Chosen(name=f"trial-{number}", why="; ".join(why_all), values=trial.values, trial=trial))
+    return found
+
+
+def _error(trial: Trial) -> float:
+    return trial.figures["area_error"]
+
+
+def _between(front: Sequence[Trial], objectives: Sequence[str]) -> list[Trial]:
+    """Return a front from its middle outwards: by the sum over objectives of each trial's rank."""
+    if not front:
+        return []
+    ranks = np.zeros(len(front))
+    for name in objectives:
+        sign = 1.0 if OBJECTIVES[name].direction == "minimize" else -1.0
+        order = np.argsort([sign * t.figures[name] for t in front], kind="stable")
+        ranks[order] += np.arange(len(front)) ** 2
+    return [front[k] for k in np.argsort(ranks, kind="stable")]
+
+
+def study(
+    plan: Plan, chosen: Sequence[Chosen], folder: Path, depth: Depth, client: Any = None,
+    tick: Callable[[int, int], None] = lambda done, total: None,
+) -> dict[str, dict[str, Any]]:  # fmt: skip
+    """Find out about chosen designs; steps whose file is there already are read from it.
+
+    Returns
+    -------
+    dict
+        Name -> ``assessed``, ``tolerances``, ``sensitivity``, ``without``, ``verified``; the last four not of all.
+    """
+    keeper = _Keeper(plan, folder)
+    submitted = _in_turn if client is None else partial(done_by, client)
+    best = _best(chosen)
+    steps = [call for c in chosen for call in _first_steps(plan, c, depth, sensitive=c is best)]
+    total = len(steps) + (SUSPECTS if best else 0)
+    done = 0
+
+    def work(calls: list[_Step]) -> None:
+        nonlocal done
+        left = [s for s in calls if keeper.get(s.file) is None]
+        done += len(calls) - len(left)
+        tick(done, total)
+        for number, result in submitted([s.call for s in left]):
+            keeper.put(left[number].file, result)
+            done += 1
+            tick(done, total)
+
+    work(steps)
+    if best is not None:
+        rows = keeper.get(f"{best.name}/tolerances")["rows"]
+        effects = list(dict.fromkeys(row["name"].split(".")[0] for row in ranked(rows) if "." in row["name"]))
+        new = {d.effect for d in keeper.new_light}
+        work(
+            [
+                _Step(f"{best.name}/without-{effect}", winner.without, (plan.job, best.values, effect, depth.rigs), {})
+                for effect in [e for e in effects if e not in new][:SUSPECTS]
+            ]
+        )
+    return {c.name: _gathered(keeper, plan, c, depth, sensitive=c is best) for c in chosen}
+
+
+def ranked(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Return rows of tolerances, the one that changes the measurement most first; those that cannot be left out."""
+    return sorted((r for r in rows if "reason" not in r), key=lambda r: -change(r))
+
+
+def change(row: Mapping[str, Any]) -> float:
+    """Return the larger change of the area's error by one standard deviation [% of the area]."""
+    return max(abs(row["low_percent"]), abs(row["high_percent"]))
+
+
+@dataclass(frozen=True)
+class _Step:
+    file: str
+    function: Callable[..., Any]
+    given: tuple[Any, ...]
+    options: dict[str, Any]
+
+    @property
+    def call(self) -> Call:
+        return self.function, self.given, self.options
+
+
+def _best(chosen: Sequence[Chosen]) -> Chosen | None:
+    return next((c for c in chosen if c.trial is not None), None)
+
+
+def _first_steps(plan: Plan, chosen: Chosen, depth: Depth, *, sensitive: bool) -> list[_Step]:
+    job, values, name = plan.job, dict(chosen.values), chosen.name
+    steps = [_Step(f"{name}/assessed-{depth.rigs}", winner.assessed, (job, values, depth.rigs), {})]
+    if depth.renderings:
+        for k in _verified_cases(plan):
+            options = {
+                "case": k,
+                "count": depth.renderings,
+                "samples": depth.samples,
+                "seed": plan.question.seed + 1000,
+            }
+            steps.append(
+                _Step(f"{name}/verified-{k}-{depth.renderings}-{depth.samples}", verified, (job, values), options)
+            )
+    if chosen.trial is None:
+        return [*steps, _Step(f"{name}/searched", evaluate, (job, values), {})]
+    steps.append(_Step(f"{name}/tolerances", winner.tolerances, (job, values), {}))
+    if depth.trajectories and sensitive:
+        for k, row in enumerate(sensitivity.sample(plan.vary, values, depth.trajectories, plan.question.seed)):
+            moved = dict(zip((v.key for v in plan.vary), map(float, row), strict=True))
+            steps.append(_Step(f"{name}/morris-{depth.trajectories}-{k}", evaluate, (job, moved), {}))
+    return steps
+
+
+def _verified_cases(plan: Plan) -> list[int]:
+    """Return the numbers of the cases that the reference measures: the first and the last."""
+    return sorted({0, len(plan.question.cases) - 1})
+
+
+def _gathered(keeper: _Keeper, plan: Plan, chosen: Chosen, depth: Depth, *, sensitive: bool) -> dict[str, Any]:
+    name = chosen.name
+    found: dict[str, Any] = {"why": chosen.why, "values": dict(chosen.values)}
+    found["assessed"] = keeper.get(f"{name}/assessed-{depth.rigs}")
+    if depth.renderings:
+        files = [f"{name}/verified-{k}-{depth.renderings}-{depth.samples}" for k in _verified_cases(plan)]
+        found["verified"] = [keeper.get(file) for file in files]
+    if chosen.trial is None:
+        return found | {"searched": keeper.get(f"{name}/searched")}
+    found["tolerances"] = keeper.get(f"{name}/tolerances")
+    found["without"] = [keeper.get(f"{name}/{p.stem}") for p in sorted((keeper.folder / name).glob("without-*.json"))]
+    if depth.trajectories and sensitive:
+        designs = sensitivity.sample(plan.vary, chosen.values, depth.trajectories, plan.question.seed)
+        tried = [keeper.get(f"{name}/morris-{depth.trajectories}-{k}") for k in range(len(designs))]
+        errors = np.array([t["figures"]["area_error"] if "figures" in t else math.nan for t in tried])
+        if np.isfinite(errors).all():
+            found["sensitivity"] = sensitivity.indices(plan.vary, chosen.values, designs, errors, plan.question.seed)
+        else:
+            found["sensitivity_reason"] = next(t["reason"] for t in tried if "reason" in t)
+    return found
+
+
+class _Keeper:
+    """Results of steps as JSON files, each with the digest of what it is an answer to."""
+
+    def __init__(self, plan: Plan, folder: Path) -> None:
+        from evanesce.design.uncertainty import uncertainty_of
+
+        self.folder, self.key = folder, plan.signature
+        self.new_light = uncertainty_of(plan.base.scene, plan.question.sizes).new_light
+        self._known: dict[str, Any] = {}
+
+    def get(self, file: str) -> Any:
+        if file not in self._known:
+            path = self.folder / f"{file}.json"
+            try:
+                data = json.loads(path.read_text(encoding="utf-8"))
+            except (OSError, ValueError):
+                return None
+            if not isinstance(data, dict) or data.get("search") != self.key or "result" not in data:
+                return None
+            self._known[file] = data["result"]
+        return self._known[file]
+
+    def put(self, file: str, result: Any) -> None:
+        path = self.folder / f"{file}.json"
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            handle, part = tempfile.mkstemp(dir=path.parent, suffix=".part")
+            with os.fdopen(handle, "w", encoding="utf-8") as stream:
+                json.dump({"search": self.key, "result": result}, stream, indent=1)
+            os.replace(part, path)
+        except OSError as error:
+            raise WorkError(f"{path}: cannot write: {error.strerror}") from None
+        self._known[file] = result

@@ -1,0 +1,92 @@
+"""A design's frame at the camera's own resolution, with the true outline and the measured one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from skimage.measure import find_contours
+
+from evanesce.design.evaluate import read_job
+from evanesce.design.objective import Lab, light_up, prepared
+from evanesce.design.question import on_case
+from evanesce.design.uncertainty import Draw
+from evanesce.design.vary import design_at
+from evanesce.measurement.area import measure_frame
+from evanesce.measurement.rectify import rectify
+from evanesce.optics.projection import Projection
+from evanesce.render.transport import render_fast
+from evanesce.simulate import simulate
+from evanesce.validation.calibrated_rig import CardErrors
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A crop of a frame.
+
+    Attributes
+    ----------
+    title : str
+    crop : ndarray of uint8
+        What is measured [DN].
+    true_lines, measured_lines : list of ndarray (n, 2)
+        Outlines (x, y) in the crop [px].
+    frame : ndarray of uint8
+        The whole frame as taken [DN].
+    """
+
+    title: str
+    crop: NDArray[np.uint8]
+    true_lines: list[Floats]
+    measured_lines: list[Floats]
+    frame: NDArray[np.uint8]
+
+
+def shot(job: Mapping[str, Any], values: Mapping[str, float], case: int = -1) -> Shot:
+    """Photograph one case of a design as drawn, by the fast renderer, and measure it."""
+    base, asked, _ = read_job(job)
+    question = replace(asked, coarser=1)
+    design = design_at(base, values)
+    wanted = question.cases[case]
+    question = replace(question, forces_N=(wanted.force_N,), places_mm=(wanted.place_mm,), materials=(wanted.material,))
+    scene = on_case(prepared(design.scene, question), wanted)
+    light_up(scene, question)
+    lab = Lab.of(design, question, scene)
+    found = simulate(scene, wanted.force_N, seed=question.seed, render=render_fast)
+    assert found.state is not None
+    crop = lab.crop(scene)
+    projection = Projection.of(scene.camera, scene.plate)
+    grid = found.state.grid
+    true_lines = []
+    for line in find_contours(np.pad(np.asarray(found.state.contact_mask, float), 1), 0.5):
+        row, col = line[:, 0] - 1, line[:, 1] - 1
+        x, y = np.interp(col, np.arange(grid.shape[1]), grid.x), np.interp(row, np.arange(grid.shape[0]), grid.y)
+        if question.estimator == "author":
+            u, v = projection.plate_to_ray(x, y)
+            matrix = lab.view.camera_matrix_new
+            u, v = u * matrix[0, 0] + matrix[0, 2], v * matrix[1, 1] + matrix[1, 2]
+        else:
+            u, v = projection.to_image(x, y)
+        true_lines.append(np.stack([u - crop.c0, v - crop.r0], axis=-1))
+    if question.estimator == "author":
+        scale = lab.nominal.mm2_per_px
+        assert scale is not None
+        mask = measure_frame(found.frame, design.chain(1, crop), scale, lab.view).estimate.mask
+        shown = crop.apply(rectify(found.frame.data, lab.view))
+        area = float(mask.sum()) * scale
+    else:
+        result = lab.refined(scene, Draw({}, CardErrors(corner_noise_px=0.0), 0.0), np.random.default_rng(0)).area(
+            found.frame.data
+        )
+        mask, area = result.mask, result.area_mm2
+        shown = crop.apply(found.frame.data)
+    lines = [line[:, ::-1] - 1 for line in find_contours(np.pad(mask.astype(float), 1), 0.5)]
+    true = found.state.nominal_contact_area
+    title = f"{wanted.force_N:g} N: {area:.2f} mm² of {true:.2f} mm² ({100 * (area / true - 1):+.1f} %)"
+    grey = shown if shown.ndim == 2 else shown[..., 1]
+    return Shot(title, np.asarray(grey), true_lines, lines, found.frame.data)

@@ -297,9 +297,9 @@ class Session:
         self._own_row.set_visibility(False)
         with ui.element("div").classes("charts"):
             with _card("Histogram", "blue: truly in contact; grey: elsewhere; black line: own frame"):
-                self._places["histogram"] = ui.html("", sanitize=False)
+                self._places["histogram"] = ui.html("", sanitize=False).props('id="place-histogram"')
             with _card("Profile", "along the dashed line; blue: truly in contact"):
-                self._places["profile"] = ui.html("", sanitize=False)
+                self._places["profile"] = ui.html("", sanitize=False).props('id="place-profile"')
         self._build_own()
 
     def _build_own(self) -> None:

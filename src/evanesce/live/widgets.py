@@ -6,10 +6,14 @@ from collections.abc import Callable
 
 from nicegui import ui
 from nicegui.element import Element
+from nicegui.elements.mixins.value_element import ValueElement
 
 from evanesce.live.controls import Knob, led_names
 from evanesce.optics.led import led_positions
 from evanesce.rig import Scene
+
+THROTTLE_S = 0.04
+"""Between two values of a slider that is being moved."""
 
 MOVE_BY_ARROWS = """(e) => {
   const step = {ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1}[e.key];
@@ -23,6 +27,23 @@ MOVE_BY_ARROWS = """(e) => {
   e.preventDefault();
 }"""
 """One stop of the Tab key for all LEDs; the arrow keys go from one to the next."""
+
+
+class Range(ValueElement[float], component="range.js"):
+    """The browser's own slider; it moves at once, not when the server says so: a held key would lose steps on the way.
+
+    Parameters
+    ----------
+    low, high, step, value : float
+    changed : callable
+        Called with each new value, at most every ``THROTTLE_S``.
+    """
+
+    LOOPBACK = False
+
+    def __init__(self, *, low: float, high: float, step: float, value: float, changed: Callable[[float], None]) -> None:
+        super().__init__(value=value, on_value_change=lambda e: changed(e.value), throttle=THROTTLE_S)
+        self._props["min"], self._props["max"], self._props["step"] = low, high, step
 
 
 class KnobRow:
@@ -41,9 +62,8 @@ class KnobRow:
         spoken = f"{knob.label} [{knob.unit}]" if knob.unit else knob.label
         with ui.element("div").classes("knob").props(f'data-knob="{knob.name}"'):
             self.label = ui.label(knob.label).classes("knob-label").props(f'title="{knob.hint}"')
-            self.slider = ui.slider(
-                min=knob.low, max=knob.high, step=knob.step, value=value, on_change=lambda e: self._take(e.value)
-            ).props(f'aria-label="{spoken}"')
+            self.slider = Range(low=knob.low, high=knob.high, step=knob.step, value=value, changed=self._take)
+            self.slider.props(f'aria-label="{spoken}"')
             self.number = (
                 ui.number(
                     value=value, min=knob.low, max=knob.high, step=knob.step, format=f"%.{knob.digits}f",

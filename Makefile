@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: baseline install demo test test-all lint types contracts check accuracy benchmarks pictures fem challenge challenge-slice clean
+.PHONY: baseline install demo design-demo test test-all lint types contracts check accuracy benchmarks pictures fem challenge challenge-slice clean
 
 install: $(STAMP)
 
@@ -20,6 +20,16 @@ fem: install
 
 demo: install
 	$(BIN)/evanesce demo
+
+# Rigs of no more than the thesis rig's cost, by their predicted area error: some ten minutes on two quiet cores. An
+# interrupted or killed run goes on where it stopped.
+design-demo: install
+	$(BIN)/evanesce design thesis --uncertainty scenes/uncertainty/lab.toml --parts scenes/parts/example.toml \
+	  --vary plate.thickness_mm=2:10:1 --vary leds.pitch_mm=8:25 --vary leds.voltage_V=8.5:11 \
+	  --vary camera.exposure_ms=2:20:log --vary camera.lens.f_number=2.8:11 --vary measurement.threshold=0.08:0.7 \
+	  --objective area_error --objective motion_blur --limit cost=161.03 --force 1 --force 3 --coarser 4 --rigs 24 \
+	  --trials 36 --workers 2 --winners 2 --fresh-rigs 24 --trajectories 2 --renderings 2 --samples 16 \
+	  --out outputs/design-demo
 
 test: install
 	$(BIN)/python -m pytest -n 2 -m "not slow"

@@ -154,7 +154,7 @@ def _with_effects(scene: Scene, drawn: Draw) -> Scene:
 
 
 def without(job: Mapping[str, Any], values: Mapping[str, float], effect: str, rigs: int) -> dict[str, Any]:
-    """Return a design's error on fresh draws if one effect were known exactly; draws are those of :func:`assessed`."""
+    """Return a design's error on fresh draws without one effect; draws are those of :func:`assessed`."""
     base, asked, _ = read_job(job)
     question = replace(asked, rigs=rigs, seed=asked.seed + FRESH)
     whole = uncertainty_of(base.scene, question.sizes)

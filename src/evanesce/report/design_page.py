@@ -162,10 +162,10 @@ def _limits(chosen: Sequence[Chosen], found: Found) -> Section:
     ]
     if own["without"]:
         base = own["assessed"]["error_percent"]
-        parts = ", ".join(f"{w['effect']}: {w['error_percent']:.1f} %" for w in own["without"])
+        parts = ", ".join(f"{w['error_percent']:.1f} % without {w['effect']}" for w in own["without"])
         paragraphs.append(
-            f"Its 95 % error is {base:.1f} % with all departures drawn. If one effect were known exactly, all else"
-            f" drawn as before, it would be, for {parts}."
+            f"Its 95 % error is {base:.1f} % with all departures drawn. Without one effect, all else drawn as"
+            f" before, it would be: {parts}."
         )
     tables = []
     if "sensitivity" in own:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from evanesce.design.finish import BASE, Chosen, change
@@ -61,7 +62,10 @@ def pareto_figure(plan: Plan, trials: Sequence[Trial], chosen: Sequence[Chosen],
                 at = (c.trial.figures[other] if other else c.trial.number, c.trial.figures[first])
                 panel.annotate(c.name, at, xytext=(6, 6), textcoords="offset points", fontsize=9)
         panel.set(xlabel=label(other, plan) if other else "trial", ylabel=label(first, plan), yscale="log")
-        panel.grid(alpha=0.3, which="both")
+        panel.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        panel.yaxis.set_minor_formatter(NullFormatter())
+        panel.grid(alpha=0.3)
     axes[0].legend(frameon=True, fontsize=8)
     return figure
 

@@ -6,11 +6,12 @@ import cv2
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.special import j0
+from scipy.special import j0, ndtr
 
 from evanesce.errors import InputError
 from evanesce.measurement.calibration import Calibration
 from evanesce.measurement.estimator import Estimator, refined_measured
+from evanesce.measurement.refined_edge import Boundary, edge_spread, half_contours
 from evanesce.measurement.refined_glow import Walk, entered, profile_transform, spread
 from evanesce.measurement.refined_light import Radiometry, tone_table
 from evanesce.measurement.refined_plate import PlateMap
@@ -183,3 +184,21 @@ def test_crop_and_colour_leave_the_area():
     measured = refined_measured(Frame(data=frame, index=4), found, plain)
     assert measured.estimate.area == found.area_mm2
     assert measured.estimate.pixels == pytest.approx(np.pi * 60.4 * 51.7, rel=0.01)
+
+
+def test_width_of_an_edge_that_is_softer_on_one_side():
+    """Closed form: one edge of a square is softer, so that the mean width exceeds the median by a quarter of the
+    difference, whatever the blur that all edges share. Edges run through pixels' centres, where a slope is the
+    difference of the neighbours, ndtr(1 / sigma) - ndtr(-1 / sigma) over two pixels."""
+    rows, cols, half = 261, 277, 70
+    y, x = np.mgrid[:rows, :cols] - np.array([131, 138])[:, None, None]
+    for sharp, soft in ((1.1, 1.9), (1.4, 2.0)):
+        sigma = np.where(x > half - 20, soft, sharp)
+        level = ndtr((half - np.abs(x)) / sigma) * ndtr((half - np.abs(y)) / sharp)
+        found = edge_spread(Boundary(contours=half_contours(level), level=level, step=np.ones_like(level)))
+        narrow, wide = (2 / (ndtr(1 / s) - ndtr(-1 / s)) for s in (sharp, soft))
+        assert found == pytest.approx(0.25 * (wide - narrow), rel=0.05)  # corners
+    even = ndtr((half - np.hypot(x, y)) / 1.3)
+    assert (
+        abs(edge_spread(Boundary(contours=half_contours(even), level=even, step=np.ones_like(even)))) < 0.05
+    )  # of 3.3 px

@@ -13,7 +13,7 @@ from evanesce.measurement.area import measure_frame
 from evanesce.measurement.calibration import Calibration
 from evanesce.measurement.refined_plate import PlateMap
 from evanesce.measurement.segment import Chain
-from evanesce.measurement.uncertainty import Component, Reading, card_components, propagate, refined_components
+from evanesce.measurement.uncertainty import FILM, Component, Reading, card_components, propagate, refined_components
 from evanesce.measurement.uncertainty_area import author_uncertainty
 from evanesce.rig import load_scene
 from evanesce.states import Frame
@@ -75,6 +75,21 @@ def test_scatter_of_the_corners_carried_to_an_area():
     # the first calibration's own scatter is in every one of them, so that theirs is sqrt(1/2) of what they state
     low, high = np.sqrt(stats.chi2.ppf([0.0005, 0.9995], 59) / 59)
     assert low < np.std(found, ddof=1) / (np.mean(stated) / np.sqrt(2)) < high
+
+
+def test_width_of_the_edge_tells_where_the_boundary_runs():
+    """A wider edge moves the expected area inwards by the law times the boundary's length; what the law leaves, not the
+    width, is what is uncertain. Without the width the limits are those of any film: many times as wide."""
+    results = []
+    for spread in (0.0006, 0.0046):
+        parts = refined_components(1 / 58.37, 0.0, spread_mm=spread)
+        results.append(propagate(READING, parts, np.random.default_rng(4)))
+    sharp, wide = results
+    assert sharp.corrected_mm2 - wide.corrected_mm2 == pytest.approx(12.9 * FILM.per_spread * 0.004, rel=1e-9)
+    assert sharp.standard_mm2 == pytest.approx(12.9 * FILM.standard_mm, rel=1e-6)
+    assert sharp.standard_mm2 == pytest.approx(wide.standard_mm2, rel=1e-9)
+    blind = propagate(READING, refined_components(1 / 58.37, 0.0), np.random.default_rng(4))
+    assert blind.standard_mm2 > 5 * sharp.standard_mm2
 
 
 def test_card_errors_act_as_the_model_says():

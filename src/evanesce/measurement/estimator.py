@@ -19,7 +19,14 @@ from scipy import ndimage
 from evanesce.errors import InputError
 from evanesce.measurement.area import Measured
 from evanesce.measurement.calibration import Calibration
-from evanesce.measurement.refined_edge import Boundary, EdgeSettings, coarse_mask, find_boundary, half_contours
+from evanesce.measurement.refined_edge import (
+    Boundary,
+    EdgeSettings,
+    coarse_mask,
+    edge_spread,
+    find_boundary,
+    half_contours,
+)
 from evanesce.measurement.refined_glow import Walk, entered, find_walk
 from evanesce.measurement.refined_light import Radiometry
 from evanesce.measurement.refined_plate import PlateMap
@@ -88,6 +95,9 @@ class RefinedArea:
         Parts of the contact, and those too small to be it.
     step : float
         Median light of contact over what is beside it, of full scale.
+    spread_mm : float, optional
+        How much wider the edge is than at its median (:func:`~.refined_edge.edge_spread`); None where it is not the
+        frame's own: saturated, or after light's walk was turned round.
     """
 
     area_mm2: float
@@ -99,6 +109,7 @@ class RefinedArea:
     islands: int
     dropped: int
     step: float
+    spread_mm: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -197,7 +208,11 @@ class Estimator:
                 boundary = self._under_glow(local, full[window] if saturated else None, first, walk)
             else:
                 boundary = find_boundary(local, first, settings.edge)
-        return self._measured(boundary, window, light.shape, full, walk, inward)
+        found = self._measured(boundary, window, light.shape, full, walk, inward)
+        if walk.length_px or saturated or not found.contours:
+            return found
+        side = np.sqrt(self.plate.pixel_area(np.concatenate(found.contours)).mean())
+        return replace(found, spread_mm=edge_spread(boundary) * float(side))
 
     def _find_walk(self, light: Floats, mask: Mask) -> Walk:
         """Look for the walk twice: the first contact is too large where grooves glow."""

@@ -13,10 +13,14 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 from skimage.measure import find_contours
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+FLATTEST = 0.02
+"""Slope [1/px] below which an edge is no edge."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,6 +147,25 @@ def find_boundary(light: Floats, mask: Mask, settings: EdgeSettings | None = Non
         level = np.where(deep, np.maximum(level, 1.0), np.where(near, level, np.minimum(level, 0.0)))
         mask = level > 0.5
     return Boundary(contours=half_contours(level), level=level, step=step)
+
+
+def edge_spread(boundary: Boundary) -> float:
+    """Return how much wider the edge is on average along its curves than at its median [px].
+
+    A blur is the same all along; what widens the edge in places is a film of air that opens slowly beside the contact.
+    An edge's width is one over the slope of its level.
+    """
+    slope = np.hypot(*np.gradient(boundary.level))
+    widths, lengths = [], []
+    for curve in boundary.contours:
+        middle = 0.5 * (curve[1:] + curve[:-1])
+        found = ndimage.map_coordinates(slope, [middle[:, 1], middle[:, 0]], order=1)
+        widths.append(1.0 / np.maximum(found, FLATTEST))
+        lengths.append(np.linalg.norm(np.diff(curve, axis=0), axis=1))
+    if not widths:
+        return 0.0
+    width, length = np.concatenate(widths), np.concatenate(lengths)
+    return float(((width - np.median(width)) * length).sum() / length.sum())
 
 
 def half_contours(level: Floats) -> list[Floats]:

@@ -36,10 +36,10 @@ from evanesce.validation.calibrated_rig import CardErrors, calibrated, drawn_cor
 from evanesce.validation.estimator_study import PLACES, REFERENCE_V, Lit, fingers_of, placed
 from evanesce.validation.studies import Keep, not_kept
 
-FORCES = (1.1, 2.3, 4.4)
-"""Others than those from which the budget's film of air was taken [N]."""
+FORCES = (0.8, 1.1, 1.7, 2.3, 3.6, 4.4)
+"""At 0.8 N a ridge is about to touch: the widest film of air [N]."""
 
-VOLTAGES = (8.4, 9.0, 9.7)
+VOLTAGES = (8.4, 9.7)
 FINGERS = ("smooth", "ridged")
 SQUARE_EDGE_PX = 0.5
 """Greatest way of the square card's edges by threshold and blur."""
@@ -59,6 +59,8 @@ class Shot:
     true_mm2 : float
     contours : list of ndarray (n, 2)
         Of the refined estimator, (x, y) in the frame as taken [px].
+    spread_mm : float or None
+        Of its edge (:class:`~evanesce.measurement.estimator.RefinedArea`).
     pixels : int
     perimeter_px, away_px : float
         Of the author's chain (:func:`~evanesce.measurement.uncertainty_area.author_boundary`).
@@ -66,6 +68,7 @@ class Shot:
 
     true_mm2: float
     contours: list[NDArray[np.float64]]
+    spread_mm: float | None
     pixels: int
     perimeter_px: float
     away_px: float
@@ -145,9 +148,10 @@ def shots_of(
             frame = press.frame(voltage, rng.integer_seed(seed, "frame", k))
             author = measure_frame(frame, chain, calibration.mm2_per_px, view)
             perimeter, away = author_boundary(author, scene.camera.tone_curve)
+            found = estimator.area(frame.data)
             shots.append(
                 Shot(
-                    true_mm2=press.true_mm2, contours=estimator.area(frame.data).contours,
+                    true_mm2=press.true_mm2, contours=found.contours, spread_mm=found.spread_mm,
                     pixels=author.segmentation.pixels, perimeter_px=perimeter, away_px=away,
                 )
             )  # fmt: skip
@@ -256,6 +260,7 @@ def _measure(
     found = RefinedArea(
         area_mm2=plate.area(shot.contours), perimeter_mm=perimeter, contours=shot.contours,
         mask=np.zeros((0, 0), np.bool_), walk=Walk(), saturated_pixels=0, islands=1, dropped=0, step=0.0,
+        spread_mm=shot.spread_mm,
     )  # fmt: skip
     refined = refined_uncertainty(found, estimator, draws, finger=finger)
     errors, edge_px = card

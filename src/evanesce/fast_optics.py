@@ -308,8 +308,9 @@ def retuned(optics: Optics, scene: Scene, grid: PlateGrid, *, relit: bool, refoc
 def _contact_charge(fields: Fields, direct: Maps, first: tuple[float, float], pitch: float, charge: Image) -> Image:
     """Return :attr:`Optics.contact_e`."""
     contact = np.tensordot(fields.coupling[:, 0] * fields.response[0], fields.modes, 1)
-    x, y = (m.astype(float) * pitch + p0 for m, p0 in zip(direct, first, strict=True))
-    return np.asarray(field_image(fields, contact, x, y) * charge, np.float32)
+    # A block is a few hundredths of what the field's nodes are apart: linear between the blocks' centres will do.
+    x, y = (block_means(m, BLOCK).astype(float) * pitch + p0 for m, p0 in zip(direct, first, strict=True))
+    return spread_blocks(field_image(fields, contact, x, y), BLOCK) * charge
 
 
 def _decay(fields: Fields) -> Image:

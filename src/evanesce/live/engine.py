@@ -5,14 +5,14 @@ from __future__ import annotations
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.fast import FastCamera
-from evanesce.live.controls import Controls, controls_of, scene_of, seen_scene
+from evanesce.live.controls import DEFAULT_RIDGES, Controls, controls_of, scene_of, seen_scene
 from evanesce.live.figures import Figures, Histogram, Profile, figures_of, histogram_of, profile_of, single_grey
 from evanesce.live.truth_view import ContactShare
 from evanesce.measurement.segment import Crop, segment
@@ -28,7 +28,7 @@ Image = NDArray[np.uint8]
 Share = NDArray[np.float32]
 T = TypeVar("T")
 
-KEEP = {"view": 2, "contact": 32, "frame": 4, "share": 32}
+KEEP = {"base": 8, "scene": 8, "view": 2, "contact": 32, "frame": 4, "share": 32}
 """How many of each kind are kept: views of one camera take some 60 MB at full resolution."""
 
 ZOOMS_MM = (2.0, 3.0, 4.5, 6.5, 9.0, 13.0)
@@ -142,7 +142,7 @@ class Engine:
         from evanesce.render.rig_fields import unit_light
 
         controls = controls_of(self.base, coarser=coarser)
-        scene = seen_scene(scene_of(self.base, controls), controls.coarser)
+        scene = self._scene(controls)
         tell("light of each LED in the empty plate (seconds on a new rig, then kept on disk)")
         unit_light(scene)
         tell("fields of the rig and tables by gap")
@@ -160,7 +160,7 @@ class Engine:
         """
         clock = _Clock()
         chain = controls.chain
-        scene = seen_scene(scene_of(self.base, controls), controls.coarser)
+        scene = self._scene(controls)
         clock.lap("scene")
         key = (controls.contact_key, _optical_key(scene))
         frame, state, true, note = self._keep("frame", key, lambda: self._take(scene, controls, clock))
@@ -186,6 +186,23 @@ class Engine:
             rectified=view.perfect.view, window=window, mm_per_px=scale**0.5, tip=tip, figures=figures,
             histogram=histogram, profile=profile, seconds=clock.laps, note=note,
         )  # fmt: skip
+
+    def _scene(self, controls: Controls) -> Scene:
+        """Return the scene of a setting at its resolution.
+
+        Which grid it has is found out once: that does not depend on how high the ridges are.
+        """
+        ridged = controls.ridge_height_um > 0
+
+        def coarse() -> Scene:
+            start = controls_of(self.base)
+            height = start.ridge_height_um or DEFAULT_RIDGES.height_um
+            return seen_scene(scene_of(self.base, start.changed(ridge_height_um=height if ridged else 0.0)), coarser)
+
+        coarser = controls.coarser
+        base = self._keep("base", (coarser, ridged), coarse)
+        rig = replace(controls, threshold=0.0, min_blob_px=0.0, line_mm=0.0, along="x")
+        return self._keep("scene", rig, lambda: scene_of(base, controls))
 
     def _take(self, scene: Scene, controls: Controls, clock: _Clock) -> tuple[Image, ContactState, Scene, str]:
         """Press and take the picture: frame, truth, the rig as it truly was, and why it was slow."""

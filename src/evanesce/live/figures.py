@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.measurement.segment import LUMA, LUMA_SCALE, TRUNCATE, Segmentation
-from evanesce.truth.compare import overlap
 
 Image = NDArray[np.uint8]
 Grey = NDArray[np.float32]
@@ -82,18 +81,20 @@ def figures_of(found: Segmentation, touching: Mask, view: Image, true_mm2: float
     """
     agree = int(np.count_nonzero(found.mask & touching))
     truly = int(np.count_nonzero(touching))
-    full = int(np.count_nonzero(view[found.mask] == 255))
+    brightest = int(view.max())
+    full = int(np.count_nonzero(view[found.mask] == 255)) if brightest == 255 else 0
+    union = truly + found.pixels - agree
     return Figures(
         true_mm2=true_mm2,
         area_mm2=found.pixels * mm2_per_px,
         agree_mm2=agree * mm2_per_px,
         missed_mm2=(truly - agree) * mm2_per_px,
         false_mm2=(found.pixels - agree) * mm2_per_px,
-        overlap=overlap(found.mask, touching),
+        overlap=agree / union if union else 1.0,
         pixels=found.pixels,
         blobs=found.blobs,
         dropped_blobs=found.dropped_blobs,
-        brightest_DN=int(view.max()),
+        brightest_DN=brightest,
         saturated_percent=100.0 * full / found.pixels if found.pixels else 0.0,
         mm2_per_px=mm2_per_px,
     )
@@ -134,12 +135,11 @@ class Histogram:
 
 
 def histogram_of(grey: Grey, touching: Mask | None = None) -> Histogram:
-    """Count pixels in even classes of grey level from 0 to 1."""
+    """Count pixels in even classes of grey level from 0 to 1; the last holds 1 itself."""
+    classes = np.minimum(grey * np.float32(LEVELS), np.float32(LEVELS - 1)).astype(np.uint8)
 
     def count(mask: Image | None) -> NDArray[np.int64]:
-        # the last class is closed: a level of exactly 1 counts
-        found = cv2.calcHist([grey], [0], mask, [LEVELS], [0.0, float(np.nextafter(np.float32(1), np.float32(2)))])
-        return np.asarray(found, np.int64).ravel()
+        return np.asarray(cv2.calcHist([classes], [0], mask, [LEVELS], [0, LEVELS]), np.int64).ravel()
 
     every = count(None)
     inside = np.zeros_like(every) if touching is None else count(touching.view(np.uint8))

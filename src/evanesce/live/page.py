@@ -194,6 +194,7 @@ class Session:
             if name in found.markup:
                 place.set_content(found.markup[name])
         self._own_row.set_visibility("own" in found.images)
+        self._settle()
         self._times.append(time.monotonic())
         self._status.text = "ready" + (f"; {found.note}" if found.note else "")
         self._speed.text = f"{1e3 * took:.0f} ms{self._rate()}"
@@ -211,6 +212,11 @@ class Session:
         self._error.text = " ".join(line.split())
         self._error.set_visibility(True)
         self._stage.classes(add="stale")
+        self._settle()
+
+    def _settle(self) -> None:
+        for row in (*self._knobs.values(), self._leds.power):
+            row.settle()
 
     async def watch(self) -> None:
         """Say how far the preparation is, then show the first picture."""

@@ -81,8 +81,13 @@ class KnobRow:
         # The number shows rounded figures; its echo of a slider's value is not a new one.
         if abs(value - self._value) < 0.5 * 10.0**-self._knob.digits and value == round(self._value, self._knob.digits):
             return
-        self.show(value)
+        self._value = value
+        self.slider.value = value
         self._changed(value)
+
+    def settle(self) -> None:
+        """Let the number follow the slider: with the picture, not with each step, of which there are many more."""
+        self.number.value = self._value
 
     def show(self, value: float) -> None:
         """Show a value, without calling anybody."""
@@ -133,7 +138,7 @@ class LedMap:
                 button.on("focus", lambda _, i=i: self._choose(i), args=[])
                 self._buttons.append(button)
         knob = Knob("led_power", "", "%", 0.0, 200.0, 5.0, 0, "power of the chosen LED over that of its circuit")
-        self._power = KnobRow(knob, 100.0 * powers[0], self._set_power)
+        self.power = KnobRow(knob, 100.0 * powers[0], self._set_power)
         with ui.element("div").classes("buttons"):
             ui.button("All on", on_click=lambda: self._set_all(1.0)).props("flat dense no-caps")
             ui.button("All off", on_click=lambda: self._set_all(0.0)).props("flat dense no-caps")
@@ -156,8 +161,8 @@ class LedMap:
 
     def _name_chosen(self) -> None:
         edge, number = self._names[self._chosen]
-        self._power.label.text = f"{edge} {number}"
-        self._power.show(100.0 * self._powers[self._chosen])
+        self.power.label.text = f"{edge} {number}"
+        self.power.show(100.0 * self._powers[self._chosen])
 
     def _choose(self, i: int) -> None:
         self._chosen = i

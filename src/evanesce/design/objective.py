@@ -190,7 +190,9 @@ class Lab:
         factor = self.question.coarser
         crop = self.crop(camera)
         if self.question.estimator == "author":
-            mm2_per_px = author_scale(self.nominal, drawn, factor)
+            projection = Projection.of(camera.camera, camera.plate)
+            distance = projection.focal_px / camera.camera.scale_px_per_mm
+            mm2_per_px = author_scale(self.nominal, drawn, distance, factor)
             return measure_frame(frame, self.design.chain(factor, crop), mm2_per_px, self.view).estimate.area
         return self.refined(camera, drawn, generator).area(frame.data).area_mm2
 
@@ -231,7 +233,7 @@ class Lab:
         return Crop(r0, r1, c0, c1)
 
 
-def author_scale(nominal: Calibration, drawn: Draw, factor: int = 1) -> float:
+def author_scale(nominal: Calibration, drawn: Draw, distance_mm: float, factor: int = 1) -> float:
     """Return the area per pixel [mm^2] that a lab gets from its square card as that was printed, lies and is cut.
 
     Parameters
@@ -239,15 +241,17 @@ def author_scale(nominal: Calibration, drawn: Draw, factor: int = 1) -> float:
     nominal : Calibration
         By a perfect card.
     drawn : Draw
+    distance_mm : float
+        From the lens to the contact plane as it appears through the glass; a calibration by one flat card does not tell
+        it.
     factor : int
         By which pixels are larger than the scene's camera has them.
     """
     if nominal.mm2_per_px is None or nominal.square_side_mm is None:
         raise ValueError("the calibration holds no scale")
     side = float(np.sqrt(nominal.mm2_per_px))
-    distance = float(nominal.camera_matrix[0, 0]) * side
     square_px = nominal.square_side_mm / side
-    lies = drawn.cards.square_scale / (1.0 + drawn.cards.height_mm / distance)
+    lies = drawn.cards.square_scale / (1.0 + drawn.cards.height_mm / distance_mm)
     return nominal.mm2_per_px / (lies + 2.0 * drawn.square_edge_px / factor / square_px) ** 2
 
 

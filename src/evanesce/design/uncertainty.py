@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc, truncnorm
+from scipy.special import ndtr, ndtri
+from scipy.stats import qmc
 
 from evanesce import rng
 from evanesce.effects import Candidate, Context, Effect, Stage, active_effects, all_effects, apply_stage
@@ -60,8 +61,8 @@ class Departure:
         Where the null lies on a bound this is half a normal distribution.
         """
         c = self.candidate
-        low, high = ((bound - c.null) / c.deviation for bound in c.bounds)
-        return float(np.clip(c.null + c.deviation * truncnorm.ppf(share, low, high), *c.bounds))
+        low, high = (float(ndtr((bound - c.null) / c.deviation)) for bound in c.bounds)
+        return float(np.clip(c.null + c.deviation * ndtri(low + share * (high - low)), *c.bounds))
 
 
 @dataclass(frozen=True)

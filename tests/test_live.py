@@ -176,6 +176,14 @@ def test_shown_is_what_the_library_says_whatever_was_shown_before() -> None:
     assert len({shown.figures.area_mm2 for shown in first}) == 4
 
 
+def test_preparation_says_what_it_does_and_ends_in_the_first_picture() -> None:
+    told: list[str] = []
+    first = Engine(rig(), backend="numpy").prepare(told.append)
+    assert [text.split()[0] for text in told] == ["light", "fields", "maps"]
+    assert first.controls == controls_of(rig())
+    assert set(first.seconds) >= {"scene", "contact", "frame", "segment"}
+
+
 def test_window_holds_the_contact_and_stands_still() -> None:
     engine, start = Engine(rig(), backend="numpy"), controls_of(rig())
     windows = []

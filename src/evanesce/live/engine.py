@@ -31,10 +31,10 @@ T = TypeVar("T")
 KEEP = {"base": 8, "scene": 8, "view": 2, "contact": 32, "frame": 4, "share": 32}
 """How many of each kind are kept: views of one camera take some 60 MB at full resolution."""
 
-ZOOMS_MM = (2.0, 3.0, 4.5, 6.5, 9.0, 13.0)
+ZOOMS_MM = (1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.5, 8.0, 10.0, 13.0)
 """Half the height of the enlarged window: the least that leaves room around the contact, in steps that hold still."""
 
-ROOM = 1.45
+ROOM = 1.25
 """Half the height over the radius of a disc as large as the contact, at least."""
 
 
@@ -127,7 +127,7 @@ class Engine:
     def __init__(self, scene: Scene, *, seed: int = 0, backend: Literal["auto", "llvm", "numpy"] = "auto") -> None:
         self.base, self.seed = scene, seed
         self._backend = backend
-        self._camera: FastCamera | None = None
+        self._cameras: dict[int, FastCamera] = {}  # by how coarse they are
         self._kept: dict[str, OrderedDict[Hashable, Any]] = {kind: OrderedDict() for kind in KEEP}
 
     def prepare(self, tell: Callable[[str], None] = lambda text: None, *, coarser: int = 2) -> Shown:
@@ -213,9 +213,10 @@ class Engine:
             return found.frame.data, found.state, found.scene, "slower: the scene has effects"
         state = self._keep("contact", controls.contact_key, lambda: self._press(scene, controls.force_N))
         clock.lap("contact")
-        camera = FastCamera(scene, self._backend) if self._camera is None else self._camera.retuned(scene)
+        last = self._cameras.get(controls.coarser)
+        camera = FastCamera(scene, self._backend) if last is None else last.retuned(scene)
         frame = camera.frame(state, seed=self.seed).data
-        self._camera = camera
+        self._cameras[controls.coarser] = camera
         clock.lap("frame")
         return frame, state, scene, f"slower: {camera.falls_back}" if camera.falls_back else ""
 

@@ -23,9 +23,9 @@ from nicegui.client import Client
 from evanesce.errors import EvanesceError
 from evanesce.live.controls import Controls, controls_of, knobs_of
 from evanesce.live.engine import Engine, Shown
-from evanesce.live.own import ALLOWED, MAX_BYTES, OwnFrame, measure_own, read_own
+from evanesce.live.own import ALLOWED, MAX_BYTES, OwnFrame, OwnMeasured, measure_own, read_own
 from evanesce.live.pictures import AGREE, FALSE, MISSED
-from evanesce.live.present import Presented, present
+from evanesce.live.present import Presented, present, present_own
 from evanesce.live.saved import scene_text
 from evanesce.live.server import PictureStore, guard
 from evanesce.live.widgets import KnobRow, LedMap, Picture
@@ -88,6 +88,7 @@ class Session:
         self.own, self.own_scale = bench.lab.frame, bench.lab.mm2_per_px
         self.token, self.serial = secrets.token_urlsafe(12), 0
         self._busy = self._dirty = False
+        self._own_last: tuple[Any, OwnMeasured] | None = None
         self._drawn = asyncio.Event()
         self._drawn.set()
         self._times: deque[float] = deque(maxlen=20)
@@ -121,7 +122,7 @@ class Session:
         try:
             text = scene_text(self.bench.scene, self.wanted)
         except EvanesceError as error:
-            self._fail(str(error))
+            self._fail(str(error), stale=False)
             return
         ui.download.content(text, "scene.toml", "application/toml")
 
@@ -131,8 +132,13 @@ class Session:
         try:
             self.own = await asyncio.wrap_future(self.bench.worker.submit(lambda: read_own(content, name, calibration)))
         except EvanesceError as error:
-            self._fail(str(error))
+            self._fail(str(error), stale=False)
             return
+        self._ask()
+
+    def close_own(self) -> None:
+        """Take the own frame away."""
+        self.own = None
         self._ask()
 
     def set_own_scale(self, value: float | None) -> None:
@@ -176,8 +182,17 @@ class Session:
 
         def job() -> Presented:
             shown = engine.show(wanted)
-            measured = None if own is None else measure_own(own, wanted.changed(coarser=1).chain, scale)
-            return present(shown, measured)
+            if own is None:
+                self._own_last = None
+                return present(shown)
+            chain = wanted.changed(coarser=1).chain
+            key = (id(own), chain, scale)
+            if self._own_last is not None and self._own_last[0] == key:
+                return present(shown, self._own_last[1])
+            measured = measure_own(own, chain, scale)
+            self._own_last = (key, measured)
+            main, beside = present(shown, measured), present_own(measured)
+            return Presented(main.images | beside.images, main.markup | beside.markup, main.note)
 
         return job
 
@@ -193,7 +208,7 @@ class Session:
         for name, place in self._places.items():
             if name in found.markup:
                 place.set_content(found.markup[name])
-        self._own_row.set_visibility("own" in found.images)
+        self._own_row.set_visibility(self.own is not None)
         self._settle()
         self._times.append(time.monotonic())
         self._status.text = "ready" + (f"; {found.note}" if found.note else "")
@@ -207,12 +222,14 @@ class Session:
         recent = [t for t in self._times if self._times[-1] - t < 2.0]
         return f", {(len(recent) - 1) / (recent[-1] - recent[0]):.0f} updates/s" if len(recent) > 2 else ""
 
-    def _fail(self, line: str) -> None:
-        """Say in one line what is wrong; what was shown stays, dimmed."""
+    def _fail(self, line: str, *, stale: bool = True) -> None:
+        """Say in one line what is wrong; what was shown stays, dimmed if it is not of the setting."""
         self._error.text = " ".join(line.split())
         self._error.set_visibility(True)
-        self._stage.classes(add="stale")
         self._settle()
+        if stale:
+            self._stage.classes(add="stale")
+            self._status.text, self._speed.text = "not shown", ""
 
     def _settle(self) -> None:
         for row in (*self._knobs.values(), self._leds.power):
@@ -300,6 +317,7 @@ class Session:
                 self._pictures["own_mask"] = Picture("own-mask", "own frame with its mask in blue")
             with _card("Its figures", ""):
                 self._places["own"] = ui.html("", sanitize=False).classes("figures")
+                ui.button("Close", on_click=self.close_own).props('flat no-caps dense aria-label="Close the own frame"')
         self._own_row.set_visibility(False)
         with ui.element("div").classes("charts"):
             with _card("Histogram", "blue: truly in contact; grey: elsewhere; black line: own frame"):
@@ -316,7 +334,7 @@ class Session:
             ui.label("Your own frame").classes("knob-label")
             upload = ui.upload(
                 auto_upload=True, max_file_size=MAX_BYTES, on_upload=uploaded,
-                on_rejected=lambda: self._fail(f"own frame: refused (allowed: {ALLOWED})"),
+                on_rejected=lambda: self._fail(f"own frame: refused (allowed: {ALLOWED})", stale=False),
             ).props('accept=".png,.tif,.tiff,.jpg,.jpeg,.bmp"').classes("hidden-upload")  # fmt: skip
             ui.button("Open a frame …", on_click=lambda: upload.run_method("pickFiles")).props("outline no-caps dense")
             ui.number("area of its pixel", value=self.own_scale, min=0.0, suffix="mm²", format="%.7g",

@@ -26,7 +26,7 @@ class Presented:
     Attributes
     ----------
     images : dict of bytes
-        JPEG by name: ``frame`` and ``overlay``; ``own`` where there is a lab's own frame.
+        JPEG by name: ``frame`` and ``overlay``, or ``own`` and ``own_mask``.
     markup : dict of str
         SVG or HTML by the name of its place.
     note : str
@@ -39,7 +39,7 @@ class Presented:
 
 
 def present(shown: Shown, own: OwnMeasured | None = None) -> Presented:
-    """Return pictures, charts and figures of a setting, and of a lab's own frame beside it."""
+    """Return pictures, charts and figures of a setting; of a lab's own frame, the histogram."""
     window, along = shown.window, shown.controls.along
     view, mask, truth = (
         pictures.crop_of(window, image) for image in (shown.view, shown.mask, shown.truth >= np.float32(0.5))
@@ -57,12 +57,17 @@ def present(shown: Shown, own: OwnMeasured | None = None) -> Presented:
         "profile": profile_svg(shown.profile, shown.controls.threshold, reach),
         "figures": figures_html(shown),
     }
-    if own is not None:
-        laid = pictures.overlay(own.frame.view, own.mask, own.mask)
-        images["own"] = pictures.jpeg(pictures.shrunk(own.frame.view, FRAME_COLS))
-        images["own_mask"] = pictures.jpeg(pictures.shrunk(laid, FRAME_COLS))
-        markup["own"] = own_html(own)
     return Presented(images, markup, shown.note)
+
+
+def present_own(own: OwnMeasured) -> Presented:
+    """Return pictures and figures of a lab's own frame."""
+    laid = pictures.overlay(own.frame.view, own.mask, own.mask)
+    images = {
+        "own": pictures.jpeg(pictures.shrunk(own.frame.view, FRAME_COLS)),
+        "own_mask": pictures.jpeg(pictures.shrunk(laid, FRAME_COLS)),
+    }
+    return Presented(images, {"own": own_html(own)}, "")
 
 
 def _border(shown: Shown) -> NDArray[np.float64]:

@@ -31,13 +31,14 @@ from evanesce.states import PlateLight
 
 COLS, ROWS = 400, 300
 FINER = 2
-VIEW_FINER = 2  # of the pinhole view over the fine frame: the lens's remapping then blurs next to nothing
+LENS_FINER = 2  # pixels on which the lens blurs, along each of the fine frame's: a sharp lens asks for them
+VIEW_FINER = 2  # of the pinhole view over those: the lens's remapping then blurs next to nothing
 FORCE_STEP = 0.02
 SIDE_STEP = 0.004
 POSES = 3
 REPLICATES, DARKS = 12, 4
 CACHE = Path(os.environ.get("EVANESCE_CHALLENGE", "outputs/challenge"))
-VERSION = 2
+VERSION = 3
 
 # The thesis's sensor at a sixteenth of its light and 400 x 300 pixels of it: a dim rig, so that noise, not the
 # fineness of somebody's mesh, decides what can be seen.
@@ -148,14 +149,14 @@ def power(name: str, voltage_V: float) -> float:
     return total(voltage_V) / total(scene.leds.voltage_V)
 
 
-def fine_scene(scene: Scene) -> Scene:
-    """Return the rig seen with pixels half as large; only its optics count."""
+def fine_scene(scene: Scene, finer_px: int = FINER) -> Scene:
+    """Return the rig seen with pixels half as large, or smaller still; only its optics count."""
     camera = scene.camera
-    pixel = camera.pixel.model_copy(update={"pitch_um": camera.pixel.pitch_um / FINER})
+    pixel = camera.pixel.model_copy(update={"pitch_um": camera.pixel.pitch_um / finer_px})
     finer = camera.model_copy(
         update={
-            "resolution_px": (COLS * FINER, ROWS * FINER),
-            "scale_px_per_mm": camera.scale_px_per_mm * FINER,
+            "resolution_px": (COLS * finer_px, ROWS * finer_px),
+            "scale_px_per_mm": camera.scale_px_per_mm * finer_px,
             "pixel": pixel,
         }
     )
@@ -172,7 +173,8 @@ def fine_view(scene: Scene) -> IdealView:
 
 def irradiance(scene: Scene, light: PlateLight) -> np.ndarray:
     """Return a fine frame's irradiance [W mm^-2], float32 (600, 800)."""
-    return np.asarray(form_image(light, scene.camera, scene.plate).irradiance, np.float32)
+    lens = form_image(light, scene.camera, scene.plate).irradiance
+    return lens.reshape(ROWS * FINER, LENS_FINER, COLS * FINER, LENS_FINER).mean(axis=(1, 3)).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -245,7 +247,7 @@ def _code() -> str:
 def _render(scene: Scene, forces: tuple[float, ...], finger: tuple[float, float], card: Pose) -> dict[str, np.ndarray]:
     x, y = scene.finger.position_mm
     place = scene.finger.model_copy(update={"position_mm": (x + finger[0], y + finger[1])})
-    fine = fine_scene(scene.model_copy(update={"finger": place}))
+    fine = fine_scene(scene.model_copy(update={"finger": place}), FINER * LENS_FINER)
     view = fine_view(fine)
 
     def press(force: float) -> np.ndarray:

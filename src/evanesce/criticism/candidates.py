@@ -43,7 +43,7 @@ class Candidate:
         return tuple(p.name for p in self.parameters)
 
 
-def candidates_of(scene: Scene, available: Collection[str]) -> tuple[Candidate, ...]:
+def candidates_of(scene: Scene, available: Collection[str], exclude: Collection[str] = ()) -> tuple[Candidate, ...]:
     """Return a candidate for every effect of the library; one more file there is one more candidate.
 
     Parameters
@@ -52,10 +52,14 @@ def candidates_of(scene: Scene, available: Collection[str]) -> tuple[Candidate, 
         Believed; effects that it has are candidates for being stronger or weaker.
     available : collection of str
         Observables that were measured.
+    exclude : collection of str
+        Left out.
     """
     believed = {entry.effect.id: entry.parameters for entry in active_effects(scene)}
     found = []
     for name, effect in all_effects().items():
+        if name in exclude:
+            continue
         own = believed.get(name)
         values = {} if own is None else _numbers(own.model_dump())
         parameters, starts = [], {}

@@ -5,7 +5,7 @@ The open part of the data decides everything; the locked part is looked at once,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,14 +18,16 @@ from evanesce.criticism.battery import BatteryResult, Residuals, run_battery
 from evanesce.criticism.candidates import Candidate, candidates_of
 from evanesce.criticism.evidence import Evidence
 from evanesce.criticism.extend import Extension, extend
+from evanesce.criticism.fine import fine_cube
 from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.isolability import absorbed, confusion, group_of
 from evanesce.criticism.locked import locked_gain
 from evanesce.criticism.next_shot import next_measurement
 from evanesce.criticism.noise import noise_of
+from evanesce.criticism.noise_scale import noise_scale_of
 from evanesce.criticism.nuisance import nuisance_parameters
-from evanesce.criticism.numerics import edge_template, leftover_variance, numerics_parameters, resolution_change
-from evanesce.criticism.observe import Observation, observe
+from evanesce.criticism.numerics import edge_template, leftover_variance, numerics_parameters
+from evanesce.criticism.observe import Observation, model_factor, observe
 from evanesce.criticism.parameters import Parameter, derivative
 from evanesce.criticism.posterior import UNKNOWN, Posterior, log_bayes_of_p, posterior
 from evanesce.criticism.predict import Predictor
@@ -40,9 +42,6 @@ from evanesce.rng import generator
 
 Array = NDArray[Any]
 Tick = Callable[[str], None]
-
-LEAST_MOVE_MM = 0.01
-"""A finger nearer to its believed place than this has that place's light."""
 
 
 @dataclass
@@ -61,7 +60,9 @@ class Case:
         return generator(self.seed, "criticism", name, number)
 
 
-def criticise(bundle: Bundle, *, seed: int = 0, tick: Tick = lambda step: None) -> tuple[dict[str, Any], Evidence]:
+def criticise(
+    bundle: Bundle, *, seed: int = 0, tick: Tick = lambda step: None, exclude: Collection[str] = ()
+) -> tuple[dict[str, Any], Evidence]:
     """Find what a simulation of the believed rig gets wrong about measured data.
 
     Parameters
@@ -71,6 +72,8 @@ def criticise(bundle: Bundle, *, seed: int = 0, tick: Tick = lambda step: None) 
         Of the draws of noise.
     tick : callable
         Told each step when it begins.
+    exclude : collection of str
+        Effects of the library that are not considered: what is known to be absent, or a test of what is left then.
 
     Returns
     -------
@@ -80,7 +83,7 @@ def criticise(bundle: Bundle, *, seed: int = 0, tick: Tick = lambda step: None) 
         What a report shows of it.
     """
     tick("frames and noise")
-    case = prepare(observe(bundle), seed)
+    case = prepare(observe(bundle), seed, exclude)
     tick("signatures of all candidates")
     signatures = signatures_of(case.problem, case.base, case.candidates, lambda name: None)
     tick("score tests")
@@ -100,46 +103,55 @@ def criticise(bundle: Bundle, *, seed: int = 0, tick: Tick = lambda step: None) 
     return answer(case, signatures, findings)
 
 
-def prepare(observation: Observation, seed: int) -> Case:
+def prepare(observation: Observation, seed: int, exclude: Collection[str] = ()) -> Case:
     """Measure the noise and fit the believed rig with its nuisances."""
-    predictor = Predictor(observation.scene, observation.views)
+    size = noise_scale_of(observation.believed.camera, observation.scatter)
+    predictor = Predictor(observation.scene, observation.views, noise_scale=size.value)
     known = FROZEN.noise
     data = observation.cube
     noise = noise_of(
         observation.held,
-        expected_tone(observation.scene.camera),
+        expected_tone(observation.scene.camera, size.value),
         data.shape[1:],
         floor_DN=known["floor_DN"],
         flicker=known["flicker"],
     )
     views = [int(v) for v in observation.open]
     parameters = [
-        p for p in nuisance_parameters(observation.views, noise.flicker) if p.views is None or set(p.views) & set(views)
+        p
+        for p in nuisance_parameters(observation.views, noise.flicker, size.deviation)
+        if p.views is None or set(p.views) & set(views)
     ]
     base = predictor.cube({})
     problem = Problem.of(predictor, data, noise, np.zeros_like(base), views, base)
     placed = fit(problem, parameters, {}, predicted=base)
-    fitted_problem, computed = at_place(problem, placed, parameters)
     own = predicted_part(placed.point, placed.parameters)
+    fitted_problem, computed = at_place(observation, problem, own)
     fitted = fit(fitted_problem, [*parameters, *computed], own, rounds=3)
-    candidates = candidates_of(observation.scene, observation.available)
+    candidates = candidates_of(observation.scene, observation.available, exclude)
     case = Case(observation, fitted_problem, fitted, candidates, seed)
     if not noise.measured:
         case.notes.append("no replicates: the noise is the camera's own model, false alarms are not controlled")
     return case
 
 
-def at_place(problem: Problem, placed: Fit, parameters: Sequence[Parameter]) -> tuple[Problem, tuple[Parameter, ...]]:
+def at_place(
+    observation: Observation, problem: Problem, point: Mapping[str, float]
+) -> tuple[Problem, tuple[Parameter, ...]]:
     """Return the problem about the fitted place of the finger, and the nuisances of computation there.
 
-    From now on predictions carry the plate's light at that very place, weights follow the level there, and what the
-    resolution leaves undecided is known.
+    From now on predictions carry the plate's light at that very place, as fine pixels gather it, and weights follow
+    the level there.
     """
-    predictor, point = problem.predictor, predicted_part(placed.point, parameters)
-    predictor.correction = exact_place(predictor, point)
-    level = predictor.cube(point)
-    change = resolution_change(predictor, point)
-    renewed = Problem.of(predictor, problem.data, problem.noise, leftover_variance(change), problem.views, level)
+    predictor = problem.predictor
+    quick = predictor.cube(point)
+    factor, scale = model_factor(observation.believed), predictor.noise_scale
+    fine = fine_cube(observation.believed, predictor.views, factor, point, noise_scale=scale)
+    predictor.correction = np.nan_to_num(fine - quick, nan=0.0)
+    lit = [k for k, view in enumerate(predictor.views) if view.touches]
+    change = np.zeros_like(fine)
+    change[lit] = fine[lit] - quick[lit]
+    renewed = Problem.of(predictor, problem.data, problem.noise, leftover_variance(change), problem.views, fine)
     every = nuisance_parameters(predictor.views, 0.0)
     force = {p.views[0]: p for p in every if p.name.startswith("@force") and p.views}
     by_force = [
@@ -147,26 +159,6 @@ def at_place(problem: Problem, placed: Fit, parameters: Sequence[Parameter]) -> 
     ]
     edge = edge_template(predictor.scene, predictor.views, by_force)
     return renewed, numerics_parameters(predictor.views, change, edge)
-
-
-def exact_place(predictor: Predictor, point: Mapping[str, float]) -> Array | None:
-    """Return what the plate's light at the fitted place adds over that at the believed one (views, rows, cols) [DN].
-
-    One session only: each further one would need its own light.
-    """
-    sessions = {v.session for v in predictor.views if v.touches}
-    dx, dy = (point.get(f"@pose_{axis}[{min(sessions, default=0)}]", 0.0) for axis in "xy")
-    if len(sessions) != 1 or np.hypot(dx, dy) < LEAST_MOVE_MM:
-        return None
-    finger = predictor.scene.finger
-    x, y = finger.position_mm
-    there = finger.model_copy(update={"position_mm": (x + dx, y + dy)})
-    exact = Predictor(predictor.scene.model_copy(update={"finger": there}), predictor.views)
-    rest = {name: value for name, value in point.items() if not name.startswith("@pose") or "[0" not in name}
-    rest |= {f"@pose_{axis}[{min(sessions)}]": 0.0 for axis in "xy"}
-    lit = [k for k, v in enumerate(predictor.views) if v.touches]
-    change = exact.cube(rest, lit) - predictor.cube(point, lit)
-    return np.nan_to_num(change, nan=0.0)
 
 
 def test(case: Case, signatures: Sequence[Signature], base: Fit, number: int) -> ScoreTest:

@@ -92,6 +92,7 @@ WORDS = {
     "@black": "the black level's rounding",
     "@pose_x": "the finger's place (x)",
     "@pose_y": "the finger's place (y)",
+    "@noise": "the noise's size before the tone curve",
     "@flicker": "the light's jitter",
     "@force": "the load cell's error",
     "@turn": "the card's turn",

@@ -4,6 +4,7 @@
 ``@pose_x[s]``     finger beside its believed place, session s  uniform enough: 1 mm
 ``@light``         LEDs, exposure and gain together             log, 0.3
 ``@black``         black level within its rounding              0.3 raw DN
+``@noise``         noise before the tone curve                  log, as scatter and dark level show it
 ``@flicker[v]``    light of one view                            log, as the replicates show it
 ``@force[v]``      load cell's error in one view                log, 0.3 %
 ``@pose_x[card]``  place of a printed card; also ``@turn``      1 mm, 1 degree
@@ -22,7 +23,7 @@ from evanesce.criticism.parameters import Parameter
 from evanesce.criticism.views import View
 
 
-def nuisance_parameters(views: Sequence[View], flicker: float) -> tuple[Parameter, ...]:
+def nuisance_parameters(views: Sequence[View], flicker: float, noise: float = 0.0) -> tuple[Parameter, ...]:
     """Return the nuisances of some views.
 
     Parameters
@@ -30,6 +31,8 @@ def nuisance_parameters(views: Sequence[View], flicker: float) -> tuple[Paramete
     views : sequence of View
     flicker : float
         Standard deviation of the light's logarithm from frame to frame.
+    noise : float
+        Prior standard deviation of the logarithm of the noise's size before the tone curve; 0: known.
     """
     known = FROZEN.nuisances
     lit = [k for k, v in enumerate(views) if v.touches]
@@ -37,6 +40,8 @@ def nuisance_parameters(views: Sequence[View], flicker: float) -> tuple[Paramete
     if lit:
         found.append(Parameter(name="@light", deviation=known["light"], step=0.01, views=tuple(lit)))
     found.append(Parameter(name="@black", unit="DN", deviation=known["black_DN"], step=0.1))
+    if noise > 0:
+        found.append(Parameter(name="@noise", deviation=noise, step=0.02, linear=True))
     for session in sorted({views[k].session for k in lit}):
         own = tuple(k for k in lit if views[k].session == session)
         for axis in "xy":

@@ -1,8 +1,8 @@
 """What the critic's own computation leaves undecided, as directions that every fit may use and no cause may claim.
 
-A discretised edge of contact is coherent over all bins and frames, so that a variance could not stand for it: the
-difference to a prediction at twice the resolution is a nuisance with an amplitude of its own. So is the place of the
-edge to a few micrometres, where a film too thin to be resolved couples light.
+A discretised edge of contact is coherent over all bins and frames, so that a variance could not stand for it: what
+finer pixels change (:mod:`evanesce.criticism.fine`) is put right, and a share of it stays a nuisance with an amplitude
+of its own. So is the place of the edge to half a micrometre, where a film too thin to be resolved couples light.
 """
 
 from __future__ import annotations
@@ -17,31 +17,14 @@ from scipy import ndimage
 from evanesce.contact.solve import contact_state
 from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.parameters import Parameter
-from evanesce.criticism.predict import Point, Predictor
 from evanesce.criticism.views import View
 from evanesce.errors import InputError
 from evanesce.rig import Scene
 
 Array = NDArray[Any]
 
-FINER = 2
-LEFT = 0.6
-"""Share of the difference to twice the resolution that stays as a variance."""
-
-
-def resolution_change(predictor: Predictor, point: Point) -> Array:
-    """Return the prediction at twice the resolution less the predictor's own (views, rows, cols) [DN].
-
-    Cards are in closed form at any resolution, so theirs is 0.
-    """
-    scene = predictor.scene
-    lit = [k for k, view in enumerate(predictor.views) if view.touches]
-    if not lit:
-        return np.zeros_like(predictor.cube(point))
-    finer = scene.grid.model_copy(update={"samples": scene.grid.samples * FINER})
-    fine = Predictor(scene.model_copy(update={"grid": finer}), predictor.views, finer=FINER)
-    own = Predictor(scene, predictor.views)
-    return np.nan_to_num(fine.cube(point, lit) - own.cube(point, lit), nan=0.0)
+LEFT = 0.1
+"""Share of what finer pixels change that stays as a variance."""
 
 
 def leftover_variance(change: Array) -> Array:
@@ -56,7 +39,7 @@ def numerics_parameters(views: Sequence[View], change: Array, edge: Array) -> tu
     ----------
     views : sequence of View
     change : ndarray (views, rows, cols)
-        :func:`resolution_change`.
+        What finer pixels change [DN].
     edge : ndarray (views, rows, cols)
         :func:`edge_template`.
     """

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from evanesce.bundle.layout import Series, Shot
 from evanesce.bundle.read import Bundle
-from evanesce.criticism.views import View, binned
+from evanesce.criticism.views import BIN_PX, View, binned
 from evanesce.errors import InputError
 from evanesce.rig import Scene
 
@@ -45,6 +45,8 @@ class Observation:
         Mean frames [DN].
     held : mapping of str to ndarray (frames, bin rows, bin cols)
         Binned frames of states that were held still, by kind: their differences are noise [DN].
+    scatter : mapping of str to tuple of ndarray (bin rows, bin cols)
+        Of the same states, level [DN] and variance of single real pixels [DN^2] in bins.
     series : mapping of str to Series
     available : frozenset of str
         Observables, in the words of :data:`evanesce.effects.OBSERVABLES`.
@@ -55,6 +57,7 @@ class Observation:
     views: tuple[View, ...]
     images: Array
     held: Mapping[str, Array] = field(default_factory=dict)
+    scatter: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
     series: Mapping[str, Series] = field(default_factory=dict)
     available: frozenset[str] = frozenset()
 
@@ -132,9 +135,12 @@ def observe(bundle: Bundle) -> Observation:
     for shot in bundle.press:
         views.append(_press_view(shot, locked=shot.condition in locked))
         images.append(binned(bundle.frame(shot), factor))
-    replicates = [binned(frame, factor) for frame in bundle.replicate_frames]
+    scatter: dict[str, tuple[Array, Array]] = {}
+    raw = list(bundle.replicate_frames)
+    replicates = [binned(frame, factor) for frame in raw]
     if len(replicates) > 1:
         held["replicate"] = binned(np.array(replicates))
+        scatter["replicate"] = pixel_scatter(raw, factor)
     if replicates and bundle.replicates.shots:
         first = bundle.replicates.shots[0]
         whole = replace(_press_view(first, locked=False), kind="replicate", frames=len(replicates))
@@ -142,11 +148,13 @@ def observe(bundle: Bundle) -> Observation:
         views.append(replace(whole, force_N=force, time_s=time))
         images.append(np.mean(replicates, axis=0))
     for kind in ("led_off", "lens_cap", "checkerboard", "square"):
-        frames = [binned(frame, factor) for frame in bundle.frames(kind)]
+        raw = list(bundle.frames(kind))
+        frames = [binned(frame, factor) for frame in raw]
         if not frames:
             continue
         if len(frames) > 1:
             held[kind] = binned(np.array(frames))
+            scatter[kind] = pixel_scatter(raw, factor)
         views.append(View(kind=kind, frames=len(frames)))
         images.append(np.mean(frames, axis=0))
     if not views:
@@ -157,9 +165,21 @@ def observe(bundle: Bundle) -> Observation:
         views=tuple(views),
         images=np.array(images, np.float32),
         held=held,
+        scatter=scatter,
         series=dict(bundle.series),
         available=bundle.available,
     )
+
+
+def pixel_scatter(frames: Sequence[Array], factor: int) -> tuple[Array, Array]:
+    """Return level [DN] and variance [DN^2] of single pixels over frames of one state, both in bins."""
+    total, square = np.zeros(frames[0].shape), np.zeros(frames[0].shape)
+    for frame in frames:
+        total += frame
+        square += np.square(frame, dtype=float)
+    mean = total / len(frames)
+    variance = (square - len(frames) * mean**2) / (len(frames) - 1)
+    return binned(mean, BIN_PX * factor), binned(variance, BIN_PX * factor)
 
 
 def _press_view(shot: Shot, *, locked: bool) -> View:

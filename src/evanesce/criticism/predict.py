@@ -59,6 +59,8 @@ class Nuisances:
         Real less believed black level [raw DN].
     log_force : float
         Logarithm of real over noted force.
+    log_noise : float
+        Logarithm of real noise before the tone curve over that of the predictor.
     """
 
     shift_mm: tuple[float, float] = (0.0, 0.0)
@@ -67,6 +69,7 @@ class Nuisances:
     slope: tuple[float, float] = (0.0, 0.0)
     black_DN: float = 0.0
     log_force: float = 0.0
+    log_noise: float = 0.0
 
 
 def nuisances_of(point: Point, view: View, place: int) -> Nuisances:
@@ -84,6 +87,7 @@ def nuisances_of(point: Point, view: View, place: int) -> Nuisances:
         slope=(get(f"card_slope_x[{where}]"), get(f"card_slope_y[{where}]")) if card else (0.0, 0.0),
         black_DN=get("black"),
         log_force=0.0 if card else get("force") + get(f"force[{place}]"),
+        log_noise=get("noise"),
     )
 
 
@@ -149,11 +153,13 @@ class Predictor:
         The believed rig, at the critic's resolution (:func:`evanesce.criticism.observe.model_scene`).
     views : sequence of View
     finer : int
-        The light is computed on so many times as many rays along each side: to find what the resolution costs.
+        The light is computed on so many times as many rays along each side.
+    noise_scale : float
+        Real over modelled noise before the tone curve (:mod:`evanesce.criticism.noise_scale`).
     """
 
-    def __init__(self, scene: Scene, views: Sequence[View], *, finer: int = 1) -> None:
-        self.scene, self.views, self.finer = scene, tuple(views), finer
+    def __init__(self, scene: Scene, views: Sequence[View], *, finer: int = 1, noise_scale: float = 1.0) -> None:
+        self.scene, self.views, self.finer, self.noise_scale = scene, tuple(views), finer, noise_scale
         self.correction: Array | None = None
         """Added to every prediction of bins (views, rows, cols) [DN]."""
         self._contacts, self._lights, self._images = _Kept(KEEP_CONTACTS), _Kept(KEEP_LIGHTS), _Kept(KEEP_IMAGES)
@@ -187,8 +193,12 @@ class Predictor:
         moment = () if timeless else (view.time_s, view.index)
         state = (view.kind if view.is_card or not view.touches else "touch", view.force_N, view.voltage_V)
         key = (repr(scene.effects), nuisances, state, moment)
-        found = self._bins.get(key, lambda: binned(self.picture(scene, view, nuisances)))
+        found = self._bins.get(key, lambda: self._bins_of(self.picture(scene, view, nuisances)))
         return found
+
+    def _bins_of(self, picture: Array) -> Array:
+        """Return the bins of a mean frame."""
+        return binned(picture)
 
     def _apply(self, stage: Stage, value: Any, effects: tuple[Active, ...], context: Context) -> Any:
         """Pass a value through the effects of a stage, and note which of them ask for the time."""
@@ -215,7 +225,7 @@ class Predictor:
             key, light = self._light(rig, view, nuisances, effects, context)
             stages = [e for e in effects if e.effect.stage in (Stage.PLATE_LIGHT, Stage.SENSOR_LIGHT)]
             key = (key, repr(stages), self._moment(stages, context), _behind_plate(rig, bool(stages)), nuisances.slope)
-            sensor = self._images.get(key, lambda: self._sensor(rig, light(), nuisances, effects, context))
+            sensor = self._images.get(key, lambda: self._gathered(rig, light(), nuisances, effects, context))
         return self._expose(rig, sensor, nuisances, effects, context)
 
     def _moment(self, effects: Sequence[Active], context: Context) -> tuple[float, ...]:
@@ -278,7 +288,7 @@ class Predictor:
         )
         return card_light(rig, card, pose, view=ideal, points=points)
 
-    def _sensor(
+    def _gathered(
         self, rig: Scene, light: PlateLight, nuisances: Nuisances, effects: tuple[Active, ...], context: Context
     ) -> SensorLight:
         light = self._apply(Stage.PLATE_LIGHT, light, effects, context)
@@ -302,7 +312,8 @@ class Predictor:
         charge = self._apply(Stage.CHARGE, charge_of(light, camera), effects, context)
         signal = signal_of(charge, camera, None) + nuisances.black_DN
         signal = self._apply(Stage.READOUT, signal, effects, context)
-        mean: Any = expected_tone(camera).mean_of(np.asarray(signal, float))
+        scale = self.noise_scale * float(np.exp(nuisances.log_noise))
+        mean: Any = expected_tone(camera, scale).mean_of(np.asarray(signal, float))
         if not any(e.effect.stage is Stage.FRAME for e in effects):
             return np.asarray(mean)
         frame = Frame(data=mean, time=context.time_s, index=context.index)

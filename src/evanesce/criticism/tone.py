@@ -20,7 +20,13 @@ from evanesce.sensor.tone import CURVES, relative_light
 Array = NDArray[np.float64]
 
 STEP_DN = 0.25
-"""Spacing of the tabulated signals [raw DN]."""
+"""Least spacing of the tabulated signals [raw DN]."""
+
+STEPS_PER_SD = 16
+"""Spacing of the tabulated signals where the noise is wide: it smooths what lies between."""
+
+BLOCK = 64
+"""Signals at a time."""
 
 REACH = 5.0
 """The noise is followed this many standard deviations out."""
@@ -33,7 +39,7 @@ class ExpectedTone:
     Attributes
     ----------
     signal : ndarray (n,)
-        Mean signal before quantisation, evenly spaced [raw DN].
+        Mean signal before quantisation, rising [raw DN].
     mean : ndarray (n,)
         Of the 8-bit value [DN].
     variance : ndarray (n,)
@@ -54,8 +60,15 @@ class ExpectedTone:
         return np.interp(level_DN, self.mean[rising], self.variance[rising])
 
 
-def expected_tone(camera: Camera) -> ExpectedTone:
-    """Return the moments for a camera's own noise (EMVA 1288: shot noise and read noise), kept for the last few."""
+def expected_tone(camera: Camera, noise_scale: float = 1.0) -> ExpectedTone:
+    """Return the moments for a camera's own noise (EMVA 1288: shot noise and read noise), kept for the last few.
+
+    Parameters
+    ----------
+    camera : Camera
+    noise_scale : float
+        Real over modelled standard deviation before the tone curve: a camera may smooth its noise.
+    """
     pixel = camera.pixel
     return _tabulate(
         pixel.bits,
@@ -64,23 +77,31 @@ def expected_tone(camera: Camera) -> ExpectedTone:
         pixel.read_noise_e,
         pixel.full_well_capacity_e,
         camera.tone_curve,
+        round(noise_scale, 5),
     )
 
 
 @functools.lru_cache(maxsize=32)
 def _tabulate(
-    bits: int, black_DN: float, e_per_DN: float, read_noise_e: float, full_well_e: float, curve: str
+    bits: int, black_DN: float, e_per_DN: float, read_noise_e: float, full_well_e: float, curve: str, scale: float
 ) -> ExpectedTone:
     codes = 2**bits
     light = relative_light(np.arange(codes), black_level_DN=black_DN, bits=bits)
     table = np.floor(255.0 * np.clip(CURVES[curve](light), 0.0, 1.0) + 0.5)
-    signal = np.arange(0.0, codes - 1 + STEP_DN / 2, STEP_DN)
-    charge = np.clip((signal - black_DN) * e_per_DN, 0.0, full_well_e)
-    sd = np.sqrt(charge + read_noise_e**2) / e_per_DN
+
+    def sd_at(signal: Array | float) -> Array:
+        charge = np.clip((np.asarray(signal, float) - black_DN) * e_per_DN, 0.0, full_well_e)
+        return np.asarray(scale * np.sqrt(charge + read_noise_e**2) / e_per_DN)
+
+    nodes = [0.0]
+    while nodes[-1] < codes - 1:
+        nodes.append(min(nodes[-1] + max(STEP_DN, float(sd_at(nodes[-1])) / STEPS_PER_SD), codes - 1.0))
+    signal = np.array(nodes)
+    sd = sd_at(signal)
     mean, square = np.empty_like(signal), np.empty_like(signal)
     # In blocks of like width: only codes within reach of the noise are summed over.
-    for first in range(0, signal.size, 1024):
-        part = slice(first, min(first + 1024, signal.size))
+    for first in range(0, signal.size, BLOCK):
+        part = slice(first, min(first + BLOCK, signal.size))
         s, width = signal[part], np.maximum(sd[part], 1e-6)
         low = max(0, int(np.floor(s[0] - REACH * width.max())) - 1)
         high = min(codes - 1, int(np.ceil(s[-1] + REACH * width.max())) + 1)

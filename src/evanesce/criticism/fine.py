@@ -1,0 +1,118 @@
+"""The believed rig predicted as finely as its pixels need, to put right what the quick predictor's resolution leaves.
+
+The quick predictor (:mod:`evanesce.criticism.predict`) blurs pictures of the model camera's own pixels. A lens that
+is sharper than those, the edge of contact, and a tone curve that bends within a pixel of the model camera are all
+beyond it; each of them would be found as a cause. Here light is gathered by pixels at least three times finer, and
+added up to the real pixels before charge and tone, and to the model's only after.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.criticism.predict import Nuisances, Point, Predictor
+from evanesce.criticism.views import BIN_PX, View, binned
+from evanesce.effects import Active, Context
+from evanesce.rig import Scene
+from evanesce.states import PlateLight, SensorLight
+
+Array = NDArray[Any]
+
+FINE_PX = 3
+"""Of finer pixels along each of the model camera's."""
+
+RAYS = 2
+"""Of the pinhole view along each finer pixel."""
+
+GRID_SAMPLES = 1024
+"""Of the contact grid of a smooth finger."""
+
+PLACE_MM = 0.1
+"""Places of the finger whose plate light is made; between them a contact is moved under the nearest one's."""
+
+
+class FinePredictor(Predictor):
+    """Predicts bins as :class:`Predictor` does, but for a resolution that does not show.
+
+    Parameters
+    ----------
+    believed : Scene
+        With the real camera.
+    views : sequence of View
+    factor : int
+        By how much real frames are averaged down for the model camera.
+    noise_scale : float
+        See :class:`Predictor`.
+    """
+
+    def __init__(self, believed: Scene, views: Sequence[View], factor: int, *, noise_scale: float = 1.0) -> None:
+        self.factor, self.before = factor, math.ceil(FINE_PX / factor)
+        samples = believed.grid.samples
+        if believed.finger.ridges is None:
+            samples = min(max(samples, 1), GRID_SAMPLES)
+        grid = believed.grid.model_copy(update={"samples": samples})
+        super().__init__(
+            believed.model_copy(update={"grid": grid}), views, finer=RAYS * self.before, noise_scale=noise_scale
+        )
+
+    def lens_rig(self, rig: Scene) -> Scene:
+        """Return the rig with the pixels at which light is gathered: only the lens sees them."""
+        if self.before == 1:
+            return rig
+        camera, k = rig.camera, self.before
+        (cols, rows), (px, py) = camera.resolution_px, camera.principal_point_offset_px
+        finer = camera.model_copy(
+            update={
+                "resolution_px": (cols * k, rows * k),
+                "scale_px_per_mm": camera.scale_px_per_mm * k,
+                "principal_point_offset_px": (px * k, py * k),
+                "pixel": camera.pixel.model_copy(update={"pitch_um": camera.pixel.pitch_um / k}),
+            }
+        )
+        return rig.model_copy(update={"camera": finer})
+
+    def _gathered(
+        self, rig: Scene, light: PlateLight, nuisances: Nuisances, effects: tuple[Active, ...], context: Context
+    ) -> SensorLight:
+        finer = self.lens_rig(rig)
+        sensor = super()._gathered(finer, light, nuisances, effects, replace(context, scene=finer))
+        return SensorLight(irradiance=binned(sensor.irradiance, self.before))
+
+    def _bins_of(self, picture: Array) -> Array:
+        return binned(picture, BIN_PX * self.factor)
+
+
+def placed(scene: Scene, shift_mm: tuple[float, float]) -> Scene:
+    """Return a scene with the finger beside its believed place."""
+    x, y = scene.finger.position_mm
+    there = (x + shift_mm[0], y + shift_mm[1])
+    return scene.model_copy(update={"finger": scene.finger.model_copy(update={"position_mm": there})})
+
+
+def fine_cube(believed: Scene, views: Sequence[View], factor: int, point: Point, *, noise_scale: float = 1.0) -> Array:
+    """Return the fine prediction at a point (views, rows, cols) [DN].
+
+    The plate's light is that of the finger's fitted place, of each session its own, to :data:`PLACE_MM`: it takes
+    seconds, and another bundle of the same rig may find it on disk.
+    """
+    found: Array | None = None
+    for session in sorted({v.session for v in views}):
+        chosen = [k for k, v in enumerate(views) if v.session == session]
+        names = [f"@pose_{axis}[{session}]" for axis in "xy"]
+        shift = [point.get(name, 0.0) for name in names]
+        near = tuple(PLACE_MM * round(s / PLACE_MM) for s in shift)
+        rest = {**point, **{name: s - n for name, s, n in zip(names, shift, near, strict=True)}}
+        fine = FinePredictor(placed(believed, (near[0], near[1])), views, factor, noise_scale=noise_scale)
+        part = fine.cube(rest, chosen)
+        if found is None:
+            found = np.full_like(part, np.nan)
+        found[chosen] = part[chosen]
+    if found is None:
+        raise ValueError("no view to predict")
+    return found

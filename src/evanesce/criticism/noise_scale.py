@@ -1,0 +1,96 @@
+"""How large the noise is before the tone curve: that curve bends, so that less noise gives another mean.
+
+Below black a tone curve shows nothing, so that what the noise makes of darkness is a level. A camera that smooths its
+noise before the curve shows another one than its data sheet's; a codec, which smooths after it, shows the same level
+with less scatter. So two figures tell both apart: the scatter of single pixels, and the mean of a covered lens.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from evanesce.criticism.tone import expected_tone
+from evanesce.rig import Camera
+
+Array = NDArray[Any]
+
+LOW, HIGH = 0.1, 3.0
+AGREE = 0.05
+"""Relative difference below which scatter and level tell of one noise."""
+
+TOLD_DN = 0.2
+"""The dark level tells of the noise's size if a fifth more of it changes it by so much."""
+
+CLOSE, LOOSE = 0.01, 0.1
+"""Prior standard deviations of the logarithm: both figures agree, or one alone is there."""
+
+
+@dataclass(frozen=True)
+class NoiseScale:
+    """Real over modelled noise before the tone curve.
+
+    Attributes
+    ----------
+    value : float
+    deviation : float
+        Prior standard deviation of its logarithm.
+    """
+
+    value: float = 1.0
+    deviation: float = LOOSE
+
+
+def noise_scale_of(camera: Camera, scatter: Mapping[str, tuple[Array, Array]]) -> NoiseScale:
+    """Return the size of the noise that held states and a covered lens show.
+
+    Parameters
+    ----------
+    camera : Camera
+        With the real pixels.
+    scatter : mapping of str to tuple of ndarray
+        By kind of shot, level [DN] and variance of single pixels [DN^2] in bins.
+    """
+    spread = _by_scatter(camera, scatter)
+    dark = _by_level(camera, scatter)
+    if dark is None:
+        return NoiseScale(1.0, LOOSE) if spread is None else NoiseScale(spread, 2 * CLOSE)
+    if spread is None:
+        return NoiseScale(dark, LOOSE)
+    agree = abs(np.log(spread / dark)) < AGREE
+    return NoiseScale(spread, CLOSE) if agree else NoiseScale(dark, LOOSE)
+
+
+def _by_scatter(camera: Camera, scatter: Mapping[str, tuple[Array, Array]]) -> float | None:
+    """Return the scale whose variance, over all bins, is the measured one."""
+    if not scatter:
+        return None
+    level = np.concatenate([np.ravel(part[0]) for part in scatter.values()])
+    variance = float(np.concatenate([np.ravel(part[1]) for part in scatter.values()]).mean())
+    return _root(lambda scale: float(expected_tone(camera, scale).variance_at(level).mean()) - variance)
+
+
+def _by_level(camera: Camera, scatter: Mapping[str, tuple[Array, Array]]) -> float | None:
+    """Return the scale whose mean at the black level is that of a covered lens."""
+    if "lens_cap" not in scatter:
+        return None
+    black = np.array(camera.pixel.black_level_DN)
+
+    def dark(scale: float) -> float:
+        return float(expected_tone(camera, scale).mean_of(black))
+
+    if dark(1.2) - dark(1.0) < TOLD_DN:
+        return None
+    level = float(np.mean(scatter["lens_cap"][0]))
+    return _root(lambda scale: dark(scale) - level)
+
+
+def _root(surplus: Callable[[float], float]) -> float | None:
+    if surplus(LOW) >= 0 or surplus(HIGH) <= 0:
+        return None
+    return float(brentq(surplus, LOW, HIGH, xtol=1e-4))

@@ -13,6 +13,8 @@ import dataclasses
 import json
 import os
 import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -61,14 +63,16 @@ def settings(
                 "normal_force_N": {"uniform": (0.5, 1.5)},
                 "press_time_s": {"uniform": (0.2, 0.35)},
                 "hold_time_s": {"uniform": (0.05, 0.2)},
-                "speed_mm_per_s": {"log_uniform": (0.8, 5.0)},
+                "speed_mm_per_s": {"log_uniform": (2.0, 8.0)},
+                # far enough to slide as a whole at the highest friction and the softest shaft
+                "distance_mm": {"uniform": (3.0, 4.5)},
             },
             "friction": {"levels": 24, "friction_coefficient": {"uniform": friction}},
             "finger": {
                 "count": 24,
                 "ridged_share": 1.0,
                 "ridge_pitch_um": {"uniform": pitch},
-                "shaft_stiffness_N_per_mm": {"log_uniform": (1.5, 8.0)},
+                "shaft_stiffness_N_per_mm": {"log_uniform": (2.5, 8.0)},
             },
             "rig": {"count": rigs if randomised else 1, "trials_in_a_row": 4} | ({} if randomised else {"draw": {}}),
             "randomisation": {"probability": 0.35 if randomised else 0.0, "only": EFFECTS},
@@ -119,10 +123,10 @@ class Table:
 def features_of(frames: list[np.ndarray]) -> np.ndarray:
     """Return features of every frame of a trial from it and the ones before, shape (n, k)."""
     images = [cv2.GaussianBlur(f.astype(np.float32) / 255.0, (0, 0), 0.8) for f in frames]
+    patches = [_patch(image) for image in images]
     rows = []
     first = None
-    for i, image in enumerate(images):
-        mask, centre, radius = _patch(image)
+    for i, (image, (mask, centre, radius)) in enumerate(zip(images, patches, strict=True)):
         row = [
             radius,
             float(image[mask].mean()) if mask.any() else 0.0,
@@ -134,7 +138,7 @@ def features_of(frames: list[np.ndarray]) -> np.ndarray:
         core, rim = _zones(image.shape, centre, radius)
         for lag in (1, 3, 6):
             before = images[max(i - lag, 0)]
-            _, old_centre, old_radius = _patch(before)
+            _, old_centre, old_radius = patches[max(i - lag, 0)]
             row += [float(np.hypot(*(centre - old_centre))), radius - old_radius]
             change = np.abs(image - before)
             row += [float(change[zone].mean()) if zone.any() else 0.0 for zone in (core, rim)]
@@ -170,25 +174,41 @@ def _flow(before: np.ndarray, now: np.ndarray, core: np.ndarray, rim: np.ndarray
     return [float(np.hypot(*np.median(flow[zone], axis=0))) for zone in (core, rim)]
 
 
-def table_of(folder: Path) -> Table:
+def table_of(folder: Path, workers: int) -> Table:
     """Read a set and compute its features."""
-    data = dataset.open(folder)
+    with dataset.open(folder) as data:
+        trials = list(data.trials())
     rows: list[Any] = []
     onsets = {}
-    for trial, indices in data.trials().items():
-        samples = [data[i] for i in indices]
-        found = features_of([s.frame for s in samples])
-        meta = samples[0].meta
-        onsets[trial] = tuple(
-            float("nan") if meta[k] is None else meta[k] for k in ("onset_first_slip_s", "onset_gross_slip_s")
-        )
-        for s, f in zip(samples, found, strict=True):
-            v = s.scalars
-            ratio = float(np.hypot(v["Fx_N"], v["Fy_N"]) / v["Fz_N"]) if v["Fz_N"] > 0 else 0.0
-            stick = v["stick_ratio"] if v["Fz_N"] > 0 else 1.0  # nothing slips where nothing touches
-            rows.append((f, stick, ratio, trial, v["time_s"]))
-    features, stick, ratio, trials, times = (np.array(column) for column in zip(*rows, strict=True))
-    return Table(features, stick, ratio, trials, times, onsets)
+    with ProcessPoolExecutor(max(1, workers), mp_context=get_context("spawn")) as pool:
+        for some in pool.map(_rows_of, [folder] * workers, [trials[k::workers] for k in range(workers)]):
+            for found, onset, trial in some:
+                rows += found
+                onsets[trial] = onset
+    rows.sort(key=lambda row: (row[3], row[4]))
+    features, stick, ratio, numbers, times = (np.array(column) for column in zip(*rows, strict=True))
+    return Table(features, stick, ratio, numbers, times, onsets)
+
+
+def _rows_of(folder: Path, trials: list[int]) -> list[tuple[list[Any], tuple[float, float], int]]:
+    """Return rows and onsets of some trials."""
+    cv2.setNumThreads(1)
+    made = []
+    with dataset.open(folder) as data:
+        indices = data.trials()
+        for trial in trials:
+            samples = [data[i] for i in indices[trial]]
+            meta, rows = samples[0].meta, []
+            first, gross = (
+                float("nan") if meta[k] is None else meta[k] for k in ("onset_first_slip_s", "onset_gross_slip_s")
+            )
+            for s, f in zip(samples, features_of([s.frame for s in samples]), strict=True):
+                v = s.scalars
+                ratio = float(np.hypot(v["Fx_N"], v["Fy_N"]) / v["Fz_N"]) if v["Fz_N"] > 0 else 0.0
+                stick = v["stick_ratio"] if v["Fz_N"] > 0 else 1.0  # nothing slips where nothing touches
+                rows.append((f, stick, ratio, trial, v["time_s"]))
+            made.append((rows, (first, gross), trial))
+    return made
 
 
 def model() -> HistGradientBoostingRegressor:
@@ -246,14 +266,16 @@ def generate(out: Path, trials: int, workers: int) -> dict[str, float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--trials", type=int, default=120)
+    parser.add_argument("--trials", type=int, default=96)
     parser.add_argument("--out", type=Path, default=Path("outputs/baseline"))
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     start = time.perf_counter()
     spent = generate(given.out, given.trials, given.workers)
-    tables = {name: table_of(given.out / f"{name}-{given.trials}") for name in spent}
+    seen = time.perf_counter()
+    tables = {name: table_of(given.out / f"{name}-{given.trials}", max(1, given.workers)) for name in spent}
+    print(f"features in {time.perf_counter() - seen:.0f} s", flush=True)
     tests = ("seen", "unseen_friction", "unseen_pitch")
     detectors = {
         "frames": Detector(tables["train"], "frames"),

@@ -30,7 +30,7 @@ from evanesce.measurement.refined_edge import (
 from evanesce.measurement.refined_glow import Walk, entered, find_walk
 from evanesce.measurement.refined_light import Radiometry
 from evanesce.measurement.refined_plate import PlateMap
-from evanesce.measurement.refined_saturation import filled_by, filled_to_rim, lies_within, shift_of_edge
+from evanesce.measurement.refined_saturation import contact_within, filled_by, lies_within, shift_of_edge
 from evanesce.measurement.segment import Crop, Segmentation
 from evanesce.states import Estimate, Frame
 
@@ -237,8 +237,7 @@ class Estimator:
             mask = found.level > 0.5
         if not lies_within(mask, full):
             return found
-        filled, mask = filled_to_rim(light, full, walk, self.settings.blur_px)
-        return find_boundary(entered(filled, walk, GLOW_SMOOTHING_PX), mask, edge)
+        return contact_within(light, full, walk, self.settings.blur_px)
 
     def _saturated_edge(self, light: Floats, full: Mask) -> tuple[float, Boundary]:
         """Return how far inwards of a fixed level the half-way point lies [px], and the curve at that level."""

@@ -13,7 +13,7 @@ from scipy import ndimage
 from scipy.optimize import least_squares, minimize_scalar
 from scipy.special import erfc
 
-from evanesce.measurement.refined_edge import Boundary
+from evanesce.measurement.refined_edge import Boundary, half_contours
 from evanesce.measurement.refined_glow import Walk, spread
 
 Floats = NDArray[np.float64]
@@ -66,11 +66,12 @@ def shift_of_edge(light: Floats, full: Mask, boundary: Boundary, level: float, b
     return float(solved.x[1])
 
 
-def filled_to_rim(light: Floats, full: Mask, walk: Walk, blur_px: float) -> tuple[Floats, Mask]:
-    """Return light with its saturated part put in, and the contact that explains what glows around that part.
+def contact_within(light: Floats, full: Mask, walk: Walk, blur_px: float) -> Boundary:
+    """Return the contact inside a saturated part that explains what glows around that part.
 
     The contact is taken as the saturated part less a rim of one width, evenly lit; width and strength are those that
-    fit the light beside it best.
+    fit the light beside it best. The curve is the contact's own: to look for an edge in light that is half measured,
+    half modelled would find the seam of the two as well.
 
     Parameters
     ----------
@@ -93,10 +94,13 @@ def filled_to_rim(light: Floats, full: Mask, walk: Walk, blur_px: float) -> tupl
         return float(np.mean((strength * made[beside] - light[beside]) ** 2))
 
     widest = float(-depth.min())
-    found = minimize_scalar(misfit, bounds=(-2.0, max(min(WIDEST_RIM_PX, 0.8 * widest), -1.0)), method="bounded",
+    # the contact is brighter than half of its step, so that where the step is over twice full scale it is saturated
+    found = minimize_scalar(misfit, bounds=(0.0, max(min(WIDEST_RIM_PX, 0.8 * widest), 1.0)), method="bounded",
                             options={"xatol": 0.05})  # fmt: skip
-    strength, made = model(float(found.x))
-    return np.where(full, np.maximum(strength * made, light), light), depth < -float(found.x)
+    rim = float(found.x)
+    level = np.clip(0.5 - depth - rim, 0.0, 1.0)
+    strength, _ = model(rim)
+    return Boundary(contours=half_contours(level), level=level, step=np.full(light.shape, strength))
 
 
 def filled_by(light: Floats, full: Mask, mask: Mask, walk: Walk, blur_px: float) -> Floats:

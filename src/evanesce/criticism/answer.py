@@ -73,8 +73,10 @@ def verdict(findings: Findings) -> str:
     if findings.global_p >= FROZEN.levels["false_alarm"]:
         return "none"
     probable = findings.posterior.best if findings.posterior else ()
-    if findings.best is None or (findings.rings and UNKNOWN in probable):
+    if findings.rings and (findings.best is None or UNKNOWN in probable):
         return "unknown"
+    if findings.best is None:
+        return "ambiguous" if findings.group else "unknown"
     return "ambiguous" if findings.group else "named"
 
 

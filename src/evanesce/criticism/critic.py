@@ -16,6 +16,7 @@ from evanesce.bundle.read import Bundle
 from evanesce.criticism.answer import Findings, answer
 from evanesce.criticism.battery import BatteryResult, Residuals, run_battery
 from evanesce.criticism.candidates import Candidate, candidates_of
+from evanesce.criticism.codec import codec_parameters, codec_variance, noise_by_bins
 from evanesce.criticism.evidence import Evidence
 from evanesce.criticism.extend import Extension, extend
 from evanesce.criticism.fine import fine_cube
@@ -126,17 +127,23 @@ def prepare(observation: Observation, seed: int, exclude: Collection[str] = ()) 
     problem = Problem.of(predictor, data, noise, np.zeros_like(base), views, base)
     placed = fit(problem, parameters, {}, predicted=base)
     own = predicted_part(placed.point, placed.parameters)
-    fitted_problem, computed = at_place(observation, problem, own)
+    fitted_problem, computed = at_place(observation, problem, own, size.codec)
     fitted = fit(fitted_problem, [*parameters, *computed], own, rounds=3)
+    if size.codec:
+        # A codec hands noise from frame to frame, so that replicates show too little of it; single bins tell.
+        fitted_problem = fitted_problem.louder(noise_by_bins(fitted_problem, fitted))
+        fitted = fit(fitted_problem, [*parameters, *computed], own, rounds=3)
     candidates = candidates_of(observation.scene, observation.available, exclude)
     case = Case(observation, fitted_problem, fitted, candidates, seed)
     if not noise.measured:
         case.notes.append("no replicates: the noise is the camera's own model, false alarms are not controlled")
+    if size.codec:
+        case.notes.append("noise was smoothed after the tone curve (a codec?): faint departures are not sought")
     return case
 
 
 def at_place(
-    observation: Observation, problem: Problem, point: Mapping[str, float]
+    observation: Observation, problem: Problem, point: Mapping[str, float], codec: bool = False
 ) -> tuple[Problem, tuple[Parameter, ...]]:
     """Return the problem about the fitted place of the finger, and the nuisances of computation there.
 
@@ -151,14 +158,18 @@ def at_place(
     lit = [k for k, view in enumerate(predictor.views) if view.touches]
     change = np.zeros_like(fine)
     change[lit] = fine[lit] - quick[lit]
-    renewed = Problem.of(predictor, problem.data, problem.noise, leftover_variance(change), problem.views, fine)
+    left_over = leftover_variance(change)
+    if codec:
+        left_over = left_over + codec_variance(fine)
+    renewed = Problem.of(predictor, problem.data, problem.noise, left_over, problem.views, fine)
     every = nuisance_parameters(predictor.views, 0.0)
     force = {p.views[0]: p for p in every if p.name.startswith("@force") and p.views}
     by_force = [
         derivative(predictor, point, force[k], [k])[k] if k in force else None for k in range(len(predictor.views))
     ]
     edge = edge_template(predictor.scene, predictor.views, by_force)
-    return renewed, numerics_parameters(predictor.views, change, edge)
+    found = numerics_parameters(predictor.views, change, edge)
+    return renewed, (*found, *codec_parameters(predictor.views, fine)) if codec else found
 
 
 def test(case: Case, signatures: Sequence[Signature], base: Fit, number: int) -> ScoreTest:
@@ -189,7 +200,7 @@ def search(case: Case, signatures: Sequence[Signature], findings: Findings) -> N
         extensions = fitted_for_good(case, base, known, tried)
         findings.rounds.append(extensions)
         better = max(extensions, key=lambda e: e.log_bayes, default=None)
-        if better is None or not acceptable(better, known):
+        if better is None or not acceptable(better, known, len(scores.scored)):
             break
         known, base = better, better.fitted
         findings.best = known
@@ -221,11 +232,28 @@ def promising(scored: Sequence[Scored]) -> list[Scored]:
     return ranked[:few] if len(near) < few else near[:most]
 
 
-def acceptable(extension: Extension, known: Extension | None) -> bool:
-    """Tell whether an extension may be built upon: it predicts what it has not seen, off its bounds."""
+def acceptable(extension: Extension, known: Extension | None, library: int) -> bool:
+    """Tell whether an extension may be built upon: it predicts the unseen, is worth its prior, and is off its bounds.
+
+    Parameters
+    ----------
+    extension : Extension
+    known : Extension, optional
+        What it was built upon; None for the believed rig.
+    library : int
+        How many effects could have been named.
+    """
     gained = extension.gain > FROZEN.levels["accept_gain_se"] * extension.gain_error
-    further = extension.log_bayes > (known.log_bayes if known else 0.0)
-    return gained and further and extension.within_bounds
+    before = {} if known is None else {known.ids: known.log_bayes}
+    models = {**before, extension.ids: extension.log_bayes}
+    odds = log_odds(posterior(models, library), extension.ids, tuple(before)[-1:])
+    return gained and odds > FROZEN.levels["accept_nats"] and extension.within_bounds
+
+
+def log_odds(found: Posterior, ids: tuple[str, ...], against: tuple[tuple[str, ...], ...]) -> float:
+    """Return the logarithm of the odds of a model against another one, the believed rig by default."""
+    other = against[0] if against else ()
+    return float(np.log(max(found.models[ids], 1e-300)) - np.log(max(found.models[other], 1e-300)))
 
 
 def weigh(case: Case, findings: Findings, left: Residuals, signatures: Sequence[Signature]) -> None:
@@ -289,15 +317,38 @@ def isolate(case: Case, signatures: Sequence[Signature], findings: Findings) -> 
             k = int(np.argmax(sizes))
             plausible[s.id] = s.rows[k] * s.deviations[k]
     findings.absorbed = absorbed(plausible, metric, case.base.parameters, limit)
-    if findings.best is None or not findings.rounds:
+    if findings.best is None:
+        findings.group = rivals_without_best(findings)
         return
-    final = findings.rounds[len(findings.best.ids) - 1]
-    number = next(k for k, e in enumerate(final) if e.ids == findings.best.ids)
-    distances = confusion([e.cause for e in final], metric)
-    group = [final[k] for k in group_of(number, distances, limit) if final[k].log_bayes > findings.best.log_bayes - 10]
-    findings.group = group
+    group: dict[str, Extension] = {}
+    for number in range(len(findings.best.ids)):
+        for rival in rivals(findings.rounds[number], findings.best.ids[: number + 1], metric):
+            if rival.cause.id not in findings.best.ids:
+                group.setdefault(rival.cause.id, rival)
+    findings.group = list(group.values())
     if group:
-        findings.next_shot = next_measurement(case.observation, case.problem, findings.best, group)
+        findings.next_shot = next_measurement(case.observation, case.problem, findings.best, findings.group)
+
+
+def rivals(fitted: Sequence[Extension], ids: tuple[str, ...], metric: Any) -> list[Extension]:
+    """Return what a cause that was accepted could be mistaken for, of those that were fitted in the same step."""
+    number = next(k for k, e in enumerate(fitted) if e.ids == ids)
+    levels, best = FROZEN.levels, fitted[number].log_bayes
+    near = set(group_of(number, confusion([e.cause for e in fitted], metric), levels["ambiguous_lambda"]))
+    return [
+        e
+        for k, e in enumerate(fitted)
+        if k != number
+        and e.within_bounds
+        and e.log_bayes > best - levels["ambiguous_nats" if k in near else "rival_nats"]
+    ]
+
+
+def rivals_without_best(findings: Findings) -> list[Extension]:
+    """Return the causes that come nearest where none was worth its prior."""
+    fitted = [e for e in (findings.rounds[0] if findings.rounds else []) if e.within_bounds and e.log_bayes > 0]
+    best = max((e.log_bayes for e in fitted), default=0.0)
+    return sorted((e for e in fitted if e.log_bayes > best - FROZEN.levels["rival_nats"]), key=lambda e: -e.log_bayes)
 
 
 __all__ = ["Case", "Flexible", "Posterior", "criticise"]

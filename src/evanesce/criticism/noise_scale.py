@@ -40,10 +40,13 @@ class NoiseScale:
     value : float
     deviation : float
         Prior standard deviation of its logarithm.
+    codec : bool
+        Whether the noise was smoothed after the tone curve.
     """
 
     value: float = 1.0
     deviation: float = LOOSE
+    codec: bool = False
 
 
 def noise_scale_of(camera: Camera, scatter: Mapping[str, tuple[Array, Array]]) -> NoiseScale:
@@ -63,7 +66,7 @@ def noise_scale_of(camera: Camera, scatter: Mapping[str, tuple[Array, Array]]) -
     if spread is None:
         return NoiseScale(dark, LOOSE)
     agree = abs(np.log(spread / dark)) < AGREE
-    return NoiseScale(spread, CLOSE) if agree else NoiseScale(dark, LOOSE)
+    return NoiseScale(spread, CLOSE) if agree else NoiseScale(dark, LOOSE, codec=spread < dark)
 
 
 def _by_scatter(camera: Camera, scatter: Mapping[str, tuple[Array, Array]]) -> float | None:

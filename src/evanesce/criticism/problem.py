@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -59,6 +59,10 @@ class Problem:
         frames = np.array([v.frames for v in predictor.views])[:, None, None]
         sd = np.sqrt(noise.variance(level, frames) + numerics)
         return cls(predictor, data, noise, numerics, tuple(int(v) for v in views), sd, level < SATURATED_DN)
+
+    def louder(self, factor: Array) -> Problem:
+        """Return the problem with the variance of each view (views,) multiplied."""
+        return replace(self, sd=self.sd * np.sqrt(factor)[:, None, None])
 
     def whitened(self, cube: Array, views: Sequence[int] | None = None) -> Array:
         """Return the valid bins of some views (the fit's own by default) over their standard deviation, in a row."""

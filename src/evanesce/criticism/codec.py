@@ -1,0 +1,92 @@
+"""What a lossy codec does to means: weak contrasts vanish, dark noise settles at another level, noise outlives a frame.
+
+None of it follows from the rig. Where the noise gives a codec away (:mod:`evanesce.criticism.noise_scale`), these join
+the nuisances, and faint departures of their shape are given up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from evanesce.criticism.frozen import FROZEN
+from evanesce.criticism.parameters import Parameter
+from evanesce.criticism.problem import Fit, Problem
+from evanesce.criticism.views import View
+
+Array = NDArray[Any]
+
+DARK_DN = 6.0
+"""Levels that noise can bring down to nothing."""
+
+CHECKED = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]]) / 6.0
+"""Second differences both ways, of unit variance for white noise: no smooth cause is seen by it."""
+
+
+def codec_parameters(views: Sequence[View], level: Array) -> tuple[Parameter, ...]:
+    """Return a codec's nuisances.
+
+    Parameters
+    ----------
+    views : sequence of View
+    level : ndarray (views, rows, cols)
+        Predicted [DN].
+    """
+    known = FROZEN.nuisances
+    dark = np.exp(-level / DARK_DN)
+    soft = np.stack([ndimage.laplace(one, mode="nearest") for one in level])
+    share = np.where(level > DARK_DN, level, 0.0) / 100.0
+    every = tuple(range(len(views)))
+    groups = {
+        "lit": tuple(k for k in every if views[k].touches),
+        "dark": tuple(k for k in every if not views[k].touches and not views[k].is_card),
+        "card": tuple(k for k in every if views[k].is_card),
+    }
+    found = []
+    for name, members in groups.items():
+        for kind, shape, deviation, unit in (
+            ("dark", dark, known["codec_dark_DN"], "DN"),
+            ("soft", soft, known["codec_soft"], "bin^2"),
+            ("share", share, known["codec_share_DN"], "DN"),
+        ):
+            template = np.zeros_like(level)
+            template[list(members)] = shape[list(members)]
+            if members and np.any(template):
+                found.append(
+                    Parameter(
+                        name=f"@codec_{kind}[{name}]",
+                        unit=unit,
+                        deviation=deviation,
+                        step=deviation,
+                        views=members,
+                        linear=True,
+                        template=template,
+                    )
+                )
+    return tuple(found)
+
+
+def codec_variance(level: Array) -> Array:
+    """Return the variance [DN^2] of what a codec does to edges beside that: a share of the step within a bin."""
+    steps = np.stack([np.hypot(*np.gradient(one)) for one in level])
+    return np.asarray((FROZEN.nuisances["codec_edge"] * steps) ** 2 + FROZEN.noise["codec_floor_DN"] ** 2)
+
+
+def noise_by_bins(problem: Problem, fitted: Fit) -> Array:
+    """Return by how much the variance of each view exceeds what it is believed to be, at least 1 (views,).
+
+    From second differences between neighbouring bins.
+    """
+    cube = problem.unwhitened(fitted.residual)
+    found = np.ones(len(problem.predictor.views))
+    for k, view in enumerate(problem.views):
+        valid = problem.valid[view]
+        inner = ndimage.binary_erosion(valid, np.ones((3, 3)))
+        rough = ndimage.convolve(cube[k], CHECKED)[inner]
+        if rough.size > 50:
+            found[view] = max(1.0, float(np.mean(rough**2)))
+    return found

@@ -20,8 +20,8 @@ from evanesce.criticism.views import View
 
 Array = NDArray[Any]
 
-DARK_DN = 6.0
-"""Levels that noise can bring down to nothing."""
+DARK_DN = (3.0, 12.0)
+"""Levels that noise can bring down to nothing, and that a codec's least step does."""
 
 CHECKED = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]]) / 6.0
 """Second differences both ways, of unit variance for white noise: no smooth cause is seen by it."""
@@ -37,9 +37,9 @@ def codec_parameters(views: Sequence[View], level: Array) -> tuple[Parameter, ..
         Predicted [DN].
     """
     known = FROZEN.nuisances
-    dark = np.exp(-level / DARK_DN)
+    darkest, dark = (np.exp(-level / scale) for scale in DARK_DN)
     soft = np.stack([ndimage.laplace(one, mode="nearest") for one in level])
-    share = np.where(level > DARK_DN, level, 0.0) / 100.0
+    share = np.where(level > DARK_DN[1], level, 0.0) / 100.0
     every = tuple(range(len(views)))
     groups = {
         "lit": tuple(k for k in every if views[k].touches),
@@ -49,6 +49,7 @@ def codec_parameters(views: Sequence[View], level: Array) -> tuple[Parameter, ..
     found = []
     for name, members in groups.items():
         for kind, shape, deviation, unit in (
+            ("darkest", darkest, known["codec_dark_DN"], "DN"),
             ("dark", dark, known["codec_dark_DN"], "DN"),
             ("soft", soft, known["codec_soft"], "bin^2"),
             ("share", share, known["codec_share_DN"], "DN"),

@@ -54,6 +54,7 @@ class Case:
     base: Fit
     candidates: tuple[Candidate, ...]
     seed: int
+    codec: bool = False
     notes: list[str] = field(default_factory=list)
 
     def rng(self, name: str, number: int = 0) -> np.random.Generator:
@@ -91,7 +92,7 @@ def criticise(
     first = test(case, signatures, case.base, 0)
     tick("battery")
     battery, left = ring(case, case.base, 0)
-    global_p = joint_p(first.p, battery.global_p)
+    global_p = joint_p(first.p, battery.global_p, codec=case.codec)
     findings = Findings(global_p=global_p, first=first, battery=battery)
     if global_p < FROZEN.levels["false_alarm"]:
         tick("nested fits")
@@ -134,7 +135,7 @@ def prepare(observation: Observation, seed: int, exclude: Collection[str] = ()) 
         fitted_problem = fitted_problem.louder(noise_by_bins(fitted_problem, fitted))
         fitted = fit(fitted_problem, [*parameters, *computed], own, rounds=3)
     candidates = candidates_of(observation.scene, observation.available, exclude)
-    case = Case(observation, fitted_problem, fitted, candidates, seed)
+    case = Case(observation, fitted_problem, fitted, candidates, seed, size.codec)
     if not noise.measured:
         case.notes.append("no replicates: the noise is the camera's own model, false alarms are not controlled")
     if size.codec:
@@ -185,8 +186,13 @@ def ring(case: Case, fitted: Fit, number: int) -> tuple[BatteryResult, Residuals
     return run_battery(left, noise_draws(case.problem, fitted, draws, case.rng("battery", number))), left
 
 
-def joint_p(score_p: float, battery_p: float) -> float:
-    """Return the probability of either test ringing, its level shared between them (Bonferroni, weighted)."""
+def joint_p(score_p: float, battery_p: float, *, codec: bool = False) -> float:
+    """Return the probability of either test ringing, its level shared between them (Bonferroni, weighted).
+
+    What a codec makes of a frame has structure of any kind, so that the battery says nothing there.
+    """
+    if codec:
+        return score_p
     share = FROZEN.levels["score_share"]
     return min(1.0, score_p / share, battery_p / (1 - share))
 
@@ -207,7 +213,7 @@ def search(case: Case, signatures: Sequence[Signature], findings: Findings) -> N
         left_scores = test(case, [s for s in signatures if s.id not in known.ids], base, number + 1)
         battery, left = ring(case, base, number + 1)
         findings.after, findings.left = battery, left
-        findings.left_p = joint_p(left_scores.p, battery.global_p)
+        findings.left_p = joint_p(left_scores.p, battery.global_p, codec=case.codec)
         if left_scores.p >= FROZEN.levels["false_alarm"]:
             break
         scores = left_scores
@@ -269,8 +275,8 @@ def weigh(case: Case, findings: Findings, left: Residuals, signatures: Sequence[
     remains, battery = (left, findings.battery) if findings.left is None else (findings.left, findings.after)
     sd = case.problem.sd[list(case.problem.views)]
     findings.flexible = fit_flexible(remains, sd, _projection(case, fitted))
-    rings = battery is not None and battery.global_p < FROZEN.levels["false_alarm"]
-    loud = log_bayes_of_p(battery.global_p) if battery is not None else 0.0
+    rings = battery is not None and not case.codec and battery.global_p < FROZEN.levels["false_alarm"]
+    loud = log_bayes_of_p(battery.global_p) if battery is not None and not case.codec else 0.0
     extra = max(findings.flexible.evidence, loud) if rings else loud
     ids = () if findings.best is None else tuple(sorted(findings.best.ids))
     log_bayes[(*ids, UNKNOWN)] = (log_bayes[ids] if ids else 0.0) + extra

@@ -94,6 +94,7 @@ WORDS = {
     "@pose_y": "the finger's place (y)",
     "@noise": "the noise's size before the tone curve",
     "@codec_dark": "what the codec makes of the dark",
+    "@codec_darkest": "what the codec makes of the dark",
     "@codec_soft": "the codec's softening",
     "@codec_share": "what the codec makes of the light",
     "@flicker": "the light's jitter",

@@ -20,6 +20,8 @@ Array = NDArray[Any]
 SATURATED_DN = 254.0
 SETTLED = 0.05
 """A fit has settled where no parameter moves by more than this many posterior standard deviations."""
+LEAST_STEP = 0.5
+"""Steps shorter than this many posterior standard deviations teach nothing of derivatives: they show rounding."""
 FAR_MM = 0.03
 """Derivatives at the edge of contact hold this far."""
 
@@ -244,7 +246,7 @@ def _broyden(jacobian: Array, taken: Array, change: Array, posterior: Array) -> 
     """Return derivatives that reproduce the change of prediction over a step, changed as little as may be."""
     scaled = taken / posterior**2
     size = float(taken @ scaled)
-    if size <= 0:
+    if size < LEAST_STEP**2:
         return jacobian
     missing = change - jacobian.T @ taken
     return np.asarray(jacobian + np.outer(scaled / size, missing))

@@ -56,7 +56,7 @@ def refined_uncertainty(
     )  # fmt: skip
     parts = [
         *(card_components() if cards is None else cards),
-        *refined_components(side, spread, video=video, finger=finger, spread_mm=found.spread_mm),
+        *refined_components(side, spread, video=video, finger=finger, spread_mm=None if video else found.spread_mm),
     ]
     return propagate(reading, parts, rng)
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.criticism.predict import Nuisances, Point, Predictor
+from evanesce.criticism.predict import Kept, Nuisances, Point, Predictor
 from evanesce.criticism.views import BIN_PX, View, binned
 from evanesce.effects import Active, Context
 from evanesce.rig import Scene
@@ -29,6 +29,9 @@ FINE_PX = 3
 
 RAYS = 2
 """Of the pinhole view along each finer pixel."""
+
+KEEP_LIGHTS = 2
+"""Of the plate's light on the finer view: tens of megabytes each."""
 
 GRID_SAMPLES = 1024
 """Of the contact grid of a smooth finger."""
@@ -60,6 +63,7 @@ class FinePredictor(Predictor):
         super().__init__(
             believed.model_copy(update={"grid": grid}), views, finer=RAYS * self.before, noise_scale=noise_scale
         )
+        self._lights = Kept(KEEP_LIGHTS)
 
     def lens_rig(self, rig: Scene) -> Scene:
         """Return the rig with the pixels at which light is gathered: only the lens sees them."""

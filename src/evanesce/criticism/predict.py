@@ -127,7 +127,7 @@ class _Watched(Context):
         return super().__getattribute__(name)
 
 
-class _Kept:
+class Kept:
     """The last few values by key."""
 
     def __init__(self, size: int) -> None:
@@ -135,6 +135,7 @@ class _Kept:
         self._values: OrderedDict[Any, Any] = OrderedDict()
 
     def get(self, key: Any, make: Callable[[], T]) -> T:
+        """Return the value of a key, made if it is not kept."""
         if key not in self._values:
             self._values[key] = make()
             while len(self._values) > self.size:
@@ -162,8 +163,8 @@ class Predictor:
         self.scene, self.views, self.finer, self.noise_scale = scene, tuple(views), finer, noise_scale
         self.correction: Array | None = None
         """Added to every prediction of bins (views, rows, cols) [DN]."""
-        self._contacts, self._lights, self._images = _Kept(KEEP_CONTACTS), _Kept(KEEP_LIGHTS), _Kept(KEEP_IMAGES)
-        self._bins, self._points = _Kept(KEEP_BINS), _Kept(4)
+        self._contacts, self._lights, self._images = Kept(KEEP_CONTACTS), Kept(KEEP_LIGHTS), Kept(KEEP_IMAGES)
+        self._bins, self._points = Kept(KEEP_BINS), Kept(4)
         self._known: set[str] = set()
         self._timed: set[str] = set()
 

@@ -1,0 +1,64 @@
+"""The fine prediction: where nothing is finer it is the quick one, and finer pixels converge."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from evanesce.criticism.fine import FinePredictor, fine_cube, placed
+from evanesce.criticism.observe import model_factor, model_scene
+from evanesce.criticism.predict import Predictor
+from evanesce.criticism.views import View
+from evanesce.rig import Scene, load_scene
+
+VIEWS = (
+    View(kind="press", force_N=1.3, voltage_V=9.0, index=0, condition=0),
+    View(kind="press", force_N=3.7, voltage_V=9.4, index=1, condition=1),
+    View(kind="lens_cap"),
+)
+
+
+def coarse() -> Scene:
+    """The thesis's rig on 160 x 120 pixels, finger and focus off the middle."""
+    return load_scene(
+        "thesis",
+        {
+            "camera.resolution_px": [160, 120],
+            "camera.scale_px_per_mm": 58.37 / 12.5,
+            "camera.pixel.pitch_um": 38.75,
+            "camera.lens.defocus_um": 210.0,
+            "finger.position_mm": [1.3, -0.7],
+            "grid.samples": 512,
+        },
+    )
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return coarse()
+
+
+def test_a_dark_view_needs_no_finer_pixels(scene: Scene) -> None:
+    quick = Predictor(model_scene(scene), VIEWS).cube({})
+    fine = fine_cube(scene, VIEWS, model_factor(scene), {})
+    np.testing.assert_allclose(fine[2], quick[2], atol=1e-9)
+
+
+def test_finer_pixels_converge(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Twice as fine again changes much less than the first step did: away from the edge next to nothing."""
+    quick = Predictor(model_scene(scene), VIEWS).cube({})
+    fine = fine_cube(scene, VIEWS, model_factor(scene), {})
+    monkeypatch.setattr("evanesce.criticism.fine.FINE_PX", 6)
+    finer = fine_cube(scene, VIEWS, model_factor(scene), {})
+    first, second = (np.sqrt(np.mean((a - b) ** 2)) for a, b in ((quick, fine), (fine, finer)))
+    assert second < 0.35 * first
+
+
+@pytest.mark.slow
+def test_a_finger_beside_its_place_is_the_rig_with_the_finger_there(scene: Scene) -> None:
+    """The light is that of the nearest tenth of a millimetre; the contact is moved under it."""
+    shift = {"@pose_x[0]": 0.34, "@pose_y[0]": -0.12}
+    found = fine_cube(scene, VIEWS, 1, shift)
+    there = FinePredictor(placed(scene, (0.34, -0.12)), VIEWS, 1).cube({})
+    # The guided light of a plate changes by some 1e-4 over the 40 um between the two places.
+    np.testing.assert_allclose(found, there, rtol=2e-3, atol=0.15)

@@ -14,7 +14,7 @@ from evanesce.criticism.evidence import Evidence, Ranked, Shown
 from evanesce.criticism.extend import Extension, intervals
 from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.locked import LockedGain
-from evanesce.criticism.posterior import UNKNOWN, Posterior
+from evanesce.criticism.posterior import Posterior
 from evanesce.criticism.predict import scene_with
 from evanesce.criticism.score import ScoreTest
 from evanesce.criticism.signatures import Signature
@@ -67,13 +67,19 @@ class Findings:
     rings: bool = False
     gain: LockedGain | None = None
 
+    @property
+    def unexplained(self) -> float:
+        """Evidence of structure that is left over that of the causes accepted [1]."""
+        if self.best is None or self.flexible is None:
+            return 0.0
+        return self.flexible.evidence / max(self.best.log_bayes, 1e-9)
+
 
 def verdict(findings: Findings) -> str:
     """Return ``none``, ``named``, ``ambiguous`` or ``unknown``."""
     if findings.global_p >= FROZEN.levels["false_alarm"]:
         return "none"
-    probable = findings.posterior.best if findings.posterior else ()
-    if findings.rings and (findings.best is None or UNKNOWN in probable):
+    if findings.rings and (findings.best is None or findings.unexplained > FROZEN.levels["unknown_share"]):
         return "unknown"
     if findings.best is None:
         return "ambiguous" if findings.group else "unknown"

@@ -27,7 +27,7 @@ from evanesce.criticism.next_shot import next_measurement
 from evanesce.criticism.noise import noise_of
 from evanesce.criticism.noise_scale import noise_scale_of
 from evanesce.criticism.nuisance import nuisance_parameters
-from evanesce.criticism.numerics import edge_template, leftover_variance, numerics_parameters
+from evanesce.criticism.numerics import edge_template, leftover_variance, numerics_parameters, quick_variance
 from evanesce.criticism.observe import Observation, model_factor, observe
 from evanesce.criticism.parameters import Parameter, derivative
 from evanesce.criticism.posterior import UNKNOWN, Posterior, log_bayes_of_p, posterior
@@ -43,6 +43,13 @@ from evanesce.rng import generator
 
 Array = NDArray[Any]
 Tick = Callable[[str], None]
+
+
+PLACES = 2
+"""The fine prediction is made at so many points at most."""
+
+FAR: Mapping[str, float] = {"@pose": 0.01, "@light": 0.01, "@card_light": 0.01, "@black": 0.2, "@turn": 0.05}
+"""Steps of the nuisances by which what finer pixels change stays what it is [their units]."""
 
 
 @dataclass
@@ -125,15 +132,19 @@ def prepare(observation: Observation, seed: int, exclude: Collection[str] = ()) 
         if p.views is None or set(p.views) & set(views)
     ]
     base = predictor.cube({})
-    problem = Problem.of(predictor, data, noise, np.zeros_like(base), views, base)
-    placed = fit(problem, parameters, {}, predicted=base)
-    own = predicted_part(placed.point, placed.parameters)
-    fitted_problem, computed = at_place(observation, problem, own, size.codec)
-    fitted = fit(fitted_problem, [*parameters, *computed], own, rounds=3)
+    problem = Problem.of(predictor, data, noise, quick_variance(base), views, base)
+    own = predicted_part(fit(problem, parameters, {}, predicted=base).point, parameters)
+    for _ in range(PLACES):
+        at, point = at_place(observation, problem, own, size.codec), own
+        fitted_problem, every = at[0], [*parameters, *at[1]]
+        fitted = fit(fitted_problem, every, point, rounds=3)
+        own = predicted_part(fitted.point, every)
+        if not displaced(own, point):
+            break
     if size.codec:
         # A codec hands noise from frame to frame, so that replicates show too little of it; single bins tell.
         fitted_problem = fitted_problem.louder(noise_by_bins(fitted_problem, fitted))
-        fitted = fit(fitted_problem, [*parameters, *computed], own, rounds=3)
+        fitted = fit(fitted_problem, every, own, rounds=3)
     candidates = candidates_of(observation.scene, observation.available, exclude)
     case = Case(observation, fitted_problem, fitted, candidates, seed, size.codec)
     if not noise.measured:
@@ -141,6 +152,16 @@ def prepare(observation: Observation, seed: int, exclude: Collection[str] = ()) 
     if size.codec:
         case.notes.append("noise was smoothed after the tone curve (a codec?): faint departures are not sought")
     return case
+
+
+def displaced(point: Mapping[str, float], since: Mapping[str, float]) -> bool:
+    """Tell whether a fit has moved so far that the fine prediction is to be made anew."""
+    return any(
+        abs(point.get(name, 0.0) - since.get(name, 0.0)) > far
+        for stem, far in FAR.items()
+        for name in point
+        if name.startswith(stem)
+    )
 
 
 def at_place(

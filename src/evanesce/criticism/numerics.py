@@ -23,6 +23,9 @@ from evanesce.rig import Scene
 
 Array = NDArray[Any]
 
+QUICK = 0.1
+"""Share of the step from bin to bin that the quick prediction may be off by."""
+
 LEFT = 0.1
 """Share of what finer pixels change that stays as a variance."""
 
@@ -30,6 +33,18 @@ LEFT = 0.1
 def leftover_variance(change: Array) -> Array:
     """Return the variance [DN^2] of what a change of resolution leaves beside its own direction."""
     return np.asarray((LEFT * ndimage.maximum_filter(np.abs(change), size=(1, 3, 3))) ** 2)
+
+
+def quick_variance(level: Array) -> Array:
+    """Return the variance [DN^2] of a prediction that no finer pixels have put right: a share of the step within a bin.
+
+    Parameters
+    ----------
+    level : ndarray (views, rows, cols)
+        Predicted [DN].
+    """
+    steps = np.stack([np.hypot(*np.gradient(one)) for one in level])
+    return np.asarray((QUICK * steps) ** 2)
 
 
 def numerics_parameters(views: Sequence[View], change: Array, edge: Array) -> tuple[Parameter, ...]:

@@ -1,0 +1,144 @@
+"""The critic on whole bundles of the challenge's injector: what was hidden is found, and nothing where nothing was.
+
+A stratified slice of the development cases, all at one pose so that one light serves all. Each takes a minute or two.
+"""
+
+from __future__ import annotations
+
+import json
+import textwrap
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import evanesce.effects
+from challenge.cases import CaseSpec, cases
+from challenge.make import write_case
+from challenge.run import strip_pixels
+from evanesce.bundle import read_bundle
+from evanesce.cli import app
+from evanesce.criticism.critic import criticise
+from evanesce.rig import load_scene
+from evanesce.sensor.codec import write_png
+
+pytestmark = pytest.mark.whole_case
+
+
+def spec(group: str, cause: str = "", strength: float = 0.0, noise: str = "") -> CaseSpec:
+    """Return the first development case at pose 0 of that kind."""
+    return next(
+        c
+        for c in sorted(cases("dev"), key=lambda c: c.id)
+        if c.pose == 0
+        and c.group == group
+        and (not cause or cause in c.causes)
+        and (not strength or strength in c.strengths)
+        and (not noise or c.noise == noise)
+    )
+
+
+def judged(case: CaseSpec, folder: Path) -> dict:
+    path, _ = write_case(case, folder)
+    return criticise(read_bundle(path), exclude=case.exclude)[0]
+
+
+def said(answer: dict) -> set[str]:
+    return {e["id"] for e in answer["effects"]} | set(answer["ambiguous_with"])
+
+
+@pytest.mark.parametrize("noise", ["plain", "h264"])
+def test_nothing_is_found_where_nothing_is_hidden(noise: str, tmp_path: Path) -> None:
+    answer = judged(spec("null", noise=noise), tmp_path)
+    assert answer["verdict"] == "none", answer["probabilities"]
+    assert answer["gain"]["log_score"][0] == 0.0
+
+
+@pytest.mark.parametrize(("cause", "strength"), [("modulus", 20.0), ("black_level", 40.0), ("plate_tilt", 20.0)])
+def test_a_loud_single_cause_is_in_the_answer(cause: str, strength: float, tmp_path: Path) -> None:
+    answer = judged(spec("single", cause, strength), tmp_path)
+    assert answer["verdict"] in ("named", "ambiguous")
+    assert cause in said(answer)
+    assert answer["global_p"] < 0.001
+
+
+def test_what_is_not_in_the_library_is_called_unknown(tmp_path: Path) -> None:
+    answer = judged(spec("unknown", "moire"), tmp_path)
+    assert answer["verdict"] == "unknown"
+    assert answer["unknown"]["where"]
+
+
+def test_shuffled_pixels_tell_nothing_of_the_cause(tmp_path: Path) -> None:
+    """The same bundle with its pixels in another order: whatever is said then, the cause is not named alone."""
+    case = spec("single", "modulus", 20.0)
+    path, _ = write_case(case, tmp_path)
+    strip_pixels(path, "shuffle")
+    answer = criticise(read_bundle(path))[0]
+    assert not (answer["verdict"] == "named" and said(answer) == {"modulus"})
+
+
+HAZE = '''
+"""A stripe of haze across the lens: light falls by a share along a band."""
+import numpy as np
+
+from evanesce.effects.protocol import Effect, Stage
+from evanesce.quantities import Strict, field
+from evanesce.states import SensorLight
+
+
+class Parameters(Strict):
+    """Amount."""
+
+    amount: float = field(0.0, unit="1", bounds=(-0.5, 0.5), null=0.0)
+
+
+def apply(light, parameters, context):
+    rows, cols = light.irradiance.shape
+    v = (np.arange(rows)[:, None] + 0.5) / rows + 0.35 * (np.arange(cols)[None, :] + 0.5) / cols
+    band = np.cos(2 * np.pi * v / 0.31)
+    return SensorLight(irradiance=light.irradiance * (1.0 + parameters.amount * band))
+
+
+EFFECT = Effect(id="test_only_haze", stage=Stage.SENSOR_LIGHT, parameters=Parameters, amplitudes=("amount",),
+                apply=apply, fitted={"amount": 0.05})
+'''
+
+
+def test_an_effect_file_is_found_with_no_other_change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A band over the frames of a bundle with nothing hidden, drawn on grey values: the new file's effect is named."""
+    path, _ = write_case(spec("null", noise="plain"), tmp_path / "case")
+    for file in sorted(f for f in path.rglob("*.png") if f.parent.name not in ("led_off", "lens_cap")):
+        frame = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE).astype(float)
+        rows, cols = frame.shape
+        v, u = (np.mgrid[:rows, :cols] + 0.5) / np.array([rows, cols])[:, None, None]
+        # BT.709 bends light by a power of about 0.45 where it is bright.
+        frame *= (1 + 0.06 * np.cos(2 * np.pi * (v + 0.35 * u) / 0.31)) ** 0.45
+        write_png(file, np.clip(np.rint(frame), 0, 255).astype(np.uint8))
+    folder = tmp_path / "effects"
+    folder.mkdir()
+    (folder / "test_only_haze.py").write_text(textwrap.dedent(HAZE))
+    monkeypatch.setattr(evanesce.effects, "__path__", [*evanesce.effects.__path__, str(folder)])
+    evanesce.effects.all_effects.cache_clear()
+    try:
+        answer = criticise(read_bundle(path))[0]
+    finally:
+        evanesce.effects.all_effects.cache_clear()
+    assert "test_only_haze" in {e["id"] for e in answer["effects"]}
+    value = next(e for e in answer["effects"] if e["id"] == "test_only_haze")["parameters"]["amount"]["value"]
+    assert value == pytest.approx(0.06, abs=0.015)
+
+
+def test_the_command_writes_answer_page_and_a_scene_that_loads(tmp_path: Path) -> None:
+    path, _ = write_case(spec("single", "vignetting", 10.0), tmp_path / "case")
+    out, report = tmp_path / "out.json", tmp_path / "out.html"
+    done = CliRunner().invoke(app, ["criticise", str(path), "--json", str(out), "--report", str(report)])
+    assert done.exit_code == 0, done.output
+    answer = json.loads(out.read_text())
+    assert {"global_p", "verdict", "probabilities", "effects", "ambiguous_with", "absorbed", "next_measurement",
+            "unknown", "gain", "extended_scene", "false_alarm_control"} <= set(answer)  # fmt: skip
+    assert "vignetting" in said(answer)
+    extended = load_scene(answer["extended_scene"])
+    assert extended.effects["vignetting"]["k"] > 0
+    assert "vignetting" in report.read_text()

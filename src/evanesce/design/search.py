@@ -159,8 +159,7 @@ def run(plan: Plan, folder: Path, client: Any = None, tick: Tick = lambda done, 
     WorkError
         If the file cannot be read or written, or workers die again and again.
     """
-    with _quiet():
-        study = _study(plan, folder)
+    with _quiet(), _study(plan, folder) as study:
         _adopt(study, plan)
         done = len(_finished(study))
         tick(done, plan.trials)
@@ -173,8 +172,8 @@ def run(plan: Plan, folder: Path, client: Any = None, tick: Tick = lambda done, 
 
 def read(plan: Plan, folder: Path) -> list[Trial]:
     """Return the trials that a folder keeps."""
-    with _quiet():
-        return trials_of(_study(plan, folder), plan)
+    with _quiet(), _study(plan, folder) as study:
+        return trials_of(study, plan)
 
 
 @contextlib.contextmanager
@@ -194,7 +193,9 @@ def _quiet() -> Iterator[None]:
         optuna.logging.set_verbosity(level)
 
 
-def _study(plan: Plan, folder: Path) -> optuna.Study:
+@contextlib.contextmanager
+def _study(plan: Plan, folder: Path) -> Iterator[optuna.Study]:
+    """Give the study of a folder and close its store behind it."""
     import optuna
 
     path = (folder / STORE).resolve()
@@ -206,8 +207,20 @@ def _study(plan: Plan, folder: Path) -> optuna.Study:
         sampler = optuna.samplers.TPESampler(seed=seed, multivariate=True, n_startup_trials=max(4, plan.trials // 5))
     else:
         sampler = optuna.samplers.NSGAIISampler(seed=seed, population_size=min(50, max(4, plan.trials // 5)))
+    storage = optuna.storages.RDBStorage(f"sqlite:///{path}")
+    try:
+        yield _signed(plan, folder, storage, sampler)
+    finally:
+        storage.remove_session()
+        storage.engine.dispose()
+
+
+def _signed(plan: Plan, folder: Path, storage: Any, sampler: Any) -> optuna.Study:
+    """Return the study of a store; a new one is signed, that of another search refused."""
+    import optuna
+
     study = optuna.create_study(
-        storage=f"sqlite:///{path}", study_name=STUDY, sampler=sampler, load_if_exists=True,
+        storage=storage, study_name=STUDY, sampler=sampler, load_if_exists=True,
         directions=[OBJECTIVES[name].direction for name in plan.objectives],
     )  # fmt: skip
     kept = study.user_attrs.get("signature")

@@ -1,7 +1,7 @@
 """Gradients against search, for the continuous optical figures of a rig: LED powers, LED places, absorption.
 
 What is made even is the guided light over the middle of the plate, which is smooth in all of them. The rig is the
-thesis's with LEDs on two edges only: with four it is even from the start. Three ways:
+thesis's with LEDs on two edges only (`--edges`): with four it is even from the start. Three ways:
 
 * Dr.Jit's reverse mode (LLVM) through the closed form of the direct light (columns of mirror images), with L-BFGS;
 * L-BFGS with finite differences of the same function;
@@ -188,13 +188,14 @@ def mitsuba_forward(scene: Scene, samples: int, seed: int) -> dict[str, float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--trials", type=int, default=300)
+    parser.add_argument("--edges", default="left,top", help="Lit edges, separated by commas.")
     parser.add_argument("--samples", type=int, default=64)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--no-mitsuba", action="store_true")
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()
     select("llvm")
-    scene = load_scene("thesis", {"leds.edges": ["left", "top"]})
+    scene = load_scene("thesis", {"leds.edges": args.edges.split(",")})
     even = Evenness(scene)
     k = even.count
     start = np.concatenate([np.ones(k), np.zeros(k), [scene.plate.absorption_coefficient_per_mm]])

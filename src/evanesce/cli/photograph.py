@@ -1,0 +1,82 @@
+"""``evanesce criticise-photo``: what the believed picture of a photographed checkerboard lacks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich import box
+from rich.markup import escape
+from rich.table import Table
+
+from evanesce.cli.common import JsonOption, check_json_target, console, handles_errors, messages, write_json
+from evanesce.errors import InputError
+
+CURVES = ("libcamera", "bt709", "srgb", "linear")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+
+    @app.command("criticise-photo")
+    @handles_errors
+    def criticise_photo(
+        photo: Annotated[Path, typer.Argument(metavar="PHOTO", help="Photograph of a checkerboard of 1 mm squares.")],
+        corners: Annotated[
+            Path | None, typer.Option("--corners", help="Corners of a calibration's views (CSV): are they one picture?")
+        ] = None,
+        scene: Annotated[
+            str, typer.Option("--scene", help="Rig whose plate, focal length and readout are believed.")
+        ] = "thesis",
+        curve: Annotated[str, typer.Option("--curve", help=f"Tone curve believed: {', '.join(CURVES)}.")] = "libcamera",
+        seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of folds and bootstrap.")] = 0,
+        json_file: JsonOption = None,
+        report: Annotated[Path | None, typer.Option("--report", help="Write an HTML page to this file.")] = None,
+    ) -> None:
+        """Find what the simulation lacks of one photographed board, by name, with half of its blocks locked."""
+        for target in (json_file, report):
+            check_json_target(target)
+        if curve not in CURVES:
+            raise InputError(f"'{curve}'", key="--curve", allowed=", ".join(CURVES))
+        from evanesce.criticism.photograph import criticise_photograph
+        from evanesce.criticism.photograph_light import read_photograph
+        from evanesce.criticism.photograph_views import photographed_views
+        from evanesce.measurement.images import read_image
+        from evanesce.measurement.points import read_points
+        from evanesce.provenance import record
+        from evanesce.rig import load_scene
+
+        picture, base = read_image(photo), load_scene(scene)
+        views = None if corners is None else read_points(corners)
+        with messages.status("corners and geometry") as status:
+            photograph = read_photograph(picture.data, base, curve)  # type: ignore[arg-type]
+            found, bench = criticise_photograph(photograph, seed=seed, tick=lambda step: status.update(step))
+            if views is not None:
+                status.update("views")
+                found.answer["views"] = photographed_views(photograph, views, bench.pixel_noise_DN)
+        origin = record(seed=seed, config=base.as_dict(), photograph=photo.name, tone_curve=curve)
+        write_json(json_file, {**found.answer, "provenance": origin})
+        if report is not None:
+            from evanesce.report import html, photograph_page
+
+            html.write(report, photograph_page.page(found, bench, photo.name, origin))
+        _show(found.answer)
+
+
+def _show(answer: dict[str, Any]) -> None:
+    from evanesce.report.photograph_page import lead, views_words
+
+    console.print(escape(lead(answer)))
+    table = Table(title="Locked blocks: what each cause is worth, 95 % intervals", box=box.SIMPLE_HEAD)
+    for heading in ("without", "log score lost [nats]", "from", "to", "RMS [DN]"):
+        table.add_column(heading, justify="left" if heading == "without" else "right")
+    for name, one in answer["dropped"].items():
+        value, low, high = one["loss"]
+        table.add_row(name, f"{value:.0f}", f"{low:.0f}", f"{high:.0f}", f"{one['rmse_dn']:.2f}")
+    if answer["dropped"]:
+        console.print(table)
+    for shot in answer["next_measurement"]:
+        console.print(f"Next: {escape(shot['what'])} Separates: {', '.join(shot['separates'])}.")
+    if "views" in answer:
+        console.print(escape(views_words(answer["views"])))

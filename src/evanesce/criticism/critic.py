@@ -45,6 +45,9 @@ Array = NDArray[Any]
 Tick = Callable[[str], None]
 
 
+ROUNDS = 20
+"""Of the believed rig's fits: where the light is far off, the tone curve's bend leaves only short steps."""
+
 PLACES = 2
 """The fine prediction is made at so many points at most."""
 
@@ -133,18 +136,18 @@ def prepare(observation: Observation, seed: int, exclude: Collection[str] = ()) 
     ]
     base = predictor.cube({})
     problem = Problem.of(predictor, data, noise, quick_variance(base), views, base)
-    own = predicted_part(fit(problem, parameters, {}, predicted=base).point, parameters)
+    own = predicted_part(fit(problem, parameters, {}, predicted=base, rounds=ROUNDS).point, parameters)
     for _ in range(PLACES):
         at, point = at_place(observation, problem, own, size.codec), own
         fitted_problem, every = at[0], [*parameters, *at[1]]
-        fitted = fit(fitted_problem, every, point, rounds=3)
+        fitted = fit(fitted_problem, every, point, rounds=ROUNDS)
         own = predicted_part(fitted.point, every)
         if not displaced(own, point):
             break
     if size.codec:
         # A codec hands noise from frame to frame, so that replicates show too little of it; single bins tell.
         fitted_problem = fitted_problem.louder(noise_by_bins(fitted_problem, fitted))
-        fitted = fit(fitted_problem, every, own, rounds=3)
+        fitted = fit(fitted_problem, every, own, rounds=ROUNDS)
     candidates = candidates_of(observation.scene, observation.available, exclude)
     case = Case(observation, fitted_problem, fitted, candidates, seed, size.codec)
     if not noise.measured:
@@ -173,6 +176,7 @@ def at_place(
     the level there.
     """
     predictor = problem.predictor
+    predictor.correction = None
     quick = predictor.cube(point)
     factor, scale = model_factor(observation.believed), predictor.noise_scale
     fine = fine_cube(observation.believed, predictor.views, factor, point, noise_scale=scale)

@@ -23,6 +23,7 @@ from evanesce.criticism.parameters import Parameter
 from evanesce.criticism.predict import Nuisances, Point, Predictor, scene_with
 from evanesce.criticism.views import View
 from evanesce.errors import InputError
+from evanesce.render.rig_fields import unit_digest
 from evanesce.rig import Scene
 from evanesce.simulate import touch
 
@@ -88,13 +89,33 @@ class SeriesPredictor:
         self.scene = model_scene(scene)
         self._frames = Predictor(self.scene, ())
         self._kept: dict[tuple[Any, ...], Array] = {}
+        self._scaled: dict[str, tuple[float, Array]] = {}
 
     def __call__(self, point: Point) -> Array:
         """Return the logarithm of all series at a point (points,)."""
-        key = tuple(sorted(point.items()))
+        near = {name: value for name, value in point.items() if name not in self._scaled}
+        key = tuple(sorted(near.items()))
         if key not in self._kept:
-            self._kept[key] = np.concatenate([np.log(self.values(one, point)) for one in self.series])
-        return self._kept[key]
+            self._kept[key] = np.concatenate([np.log(self.values(one, near)) for one in self.series])
+        found = self._kept[key]
+        for name, (null, slope) in self._scaled.items():
+            if name in point:
+                found = found + (point[name] - null) * slope
+        return found
+
+    def scale(self, parameter: Parameter, start: Point) -> None:
+        """From now on scale the response to a parameter along its change from nothing to a point.
+
+        For what changes the plate's own light: each value of it costs seconds.
+        """
+        change = self(start) - self({})
+        self._scaled[parameter.name] = (parameter.null, change / (start[parameter.name] - parameter.null))
+
+    def changes_plate_light(self, point: Point) -> bool:
+        """Tell whether a departure changes the guided light itself."""
+        return unit_digest(touch(scene_with(self.scene, point), None, seed=0)[0]) != unit_digest(
+            touch(self.scene, None, seed=0)[0]
+        )
 
     def values(self, series: Series, point: Point) -> Array:
         """Return one series [unit of its y]."""

@@ -132,6 +132,11 @@ def hear(
         for size, p, _ in responses:
             if size >= LEAST_RESPONSE and len(chosen) < MOST_PARAMETERS:
                 chosen.setdefault(p.name, p)
+        if predict.changes_plate_light(responses[0][2]):
+            amplitudes = {f"{candidate.id}:{name}" for name in candidate.effect.amplitudes}
+            entry, scaled = next((s, q) for _, q, s in responses if q.name in amplitudes and q.name in s)
+            predict.scale(scaled, entry)
+            chosen = {scaled.name: scaled}
         heard.append(Heard(candidate, tuple(chosen.values()), responses[0][2], kind_of(scene, responses[0][2])))
     return heard, deaf
 

@@ -157,6 +157,16 @@ def test_a_perfect_frame_is_counted_right():
         lab.crop(far)
 
 
+def test_a_true_outline_has_its_area_by_the_labs_own_scale():
+    """A circle on the plate, off the axis, carried into the view: pi r^2 to what one scale for the view allows."""
+    scene = camera_rig().model_copy(update={"slide": None})
+    lab = Lab.of(Design(scene=scene), question(), scene)
+    angle, radius = np.linspace(0, 2 * np.pi, 400, endpoint=False), 1.94
+    line = lab.to_view(scene, 4.1 + radius * np.cos(angle), -2.6 + radius * np.sin(angle))
+    area = 0.5 * abs(np.sum(line[:, 0] * np.roll(line[:, 1], -1) - np.roll(line[:, 0], -1) * line[:, 1]))
+    assert area * lab.nominal.mm2_per_px == pytest.approx(np.pi * radius**2, rel=3e-3)
+
+
 @pytest.fixture(scope="module")
 def bench():
     """A small rig whose fields are there: scene, question."""

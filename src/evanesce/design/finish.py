@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -267,10 +265,9 @@ class _Keeper:
         path = self.folder / f"{file}.json"
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            handle, part = tempfile.mkstemp(dir=path.parent, suffix=".part")
-            with os.fdopen(handle, "w", encoding="utf-8") as stream:
-                json.dump({"search": self.key, "result": result}, stream, indent=1)
-            os.replace(part, path)
+            part = path.with_name(f".{path.name}.part")
+            part.write_text(json.dumps({"search": self.key, "result": result}, indent=1), encoding="utf-8")
+            part.replace(path)
         except OSError as error:
             raise WorkError(f"{path}: cannot write: {error.strerror}") from None
         self._known[file] = result

@@ -24,7 +24,7 @@ from evanesce.errors import InputError
 from evanesce.measurement.area import measure_frame
 from evanesce.measurement.calibration import Calibration
 from evanesce.measurement.estimator import Estimator
-from evanesce.measurement.rectify import Rectification, rectification
+from evanesce.measurement.rectify import Rectification, rectification, undistort_points
 from evanesce.measurement.segment import Crop
 from evanesce.optics.projection import Projection
 from evanesce.render.scene import approach
@@ -212,25 +212,31 @@ class Lab:
         InputError
             If the place is not in the picture.
         """
-        x, y = (np.array([c]) for c in camera.finger.position_mm)
-        projection = Projection.of(camera.camera, camera.plate)
-        if self.question.estimator == "author":
-            matrix, (rows, cols) = self.view.camera_matrix_new, self.view.shape
-            u, v = projection.plate_to_ray(x, y)
-            col, row = float(u[0] * matrix[0, 0] + matrix[0, 2]), float(v[0] * matrix[1, 1] + matrix[1, 2])
-        else:
-            rows, cols = projection.shape
-            col, row = (float(p[0]) for p in projection.to_image(x, y))
+        x, y = camera.finger.position_mm
+        ((col, row),) = self.to_view(camera, np.array([x]), np.array([y]))
+        rows, cols = self.view.shape if self.question.estimator == "author" else self.view.source_shape
         reach = self.question.crop_mm * camera.camera.scale_px_per_mm
         r0, r1 = (int(np.clip(p, 0, rows)) for p in (row - reach, row + reach + 1))
         c0, c1 = (int(np.clip(p, 0, cols)) for p in (col - reach, col + reach + 1))
         if not (0 <= row < rows and 0 <= col < cols and r1 > r0 and c1 > c0):
             raise InputError(
-                f"the place ({float(x[0]):g}, {float(y[0]):g}) mm is not in the picture", key="--place",
+                f"the place ({x:g}, {y:g}) mm is not in the picture", key="--place",
                 allowed=f"what {cols / camera.camera.scale_px_per_mm:.3g} x"
                 f" {rows / camera.camera.scale_px_per_mm:.3g} mm show",
             )  # fmt: skip
         return Crop(r0, r1, c0, c1)
+
+    def to_view(self, camera: Scene, x: Floats, y: Floats) -> Floats:
+        """Return (column, row) of plate points [mm] in what is measured: the undistorted view or, refined, the frame.
+
+        By the calibration's own camera matrix: of one flat card it knows the product of focal length and distance only.
+        """
+        u, v = Projection.of(camera.camera, camera.plate).to_image(x, y)
+        seen = np.stack([u, v], axis=-1)
+        if self.question.estimator != "author":
+            return np.asarray(seen)
+        straight = undistort_points(seen, self.nominal.camera_matrix, self.nominal.distortion)
+        return np.asarray(straight - np.array(self.view.origin))
 
 
 def author_scale(nominal: Calibration, drawn: Draw, distance_mm: float, factor: int = 1) -> float:

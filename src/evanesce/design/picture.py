@@ -17,7 +17,6 @@ from evanesce.design.uncertainty import Draw
 from evanesce.design.vary import design_at
 from evanesce.measurement.area import measure_frame
 from evanesce.measurement.rectify import rectify
-from evanesce.optics.projection import Projection
 from evanesce.render.transport import render_fast
 from evanesce.simulate import simulate
 from evanesce.validation.calibrated_rig import CardErrors
@@ -60,19 +59,12 @@ def shot(job: Mapping[str, Any], values: Mapping[str, float], case: int = -1) ->
     found = simulate(scene, wanted.force_N, seed=question.seed, render=render_fast)
     assert found.state is not None
     crop = lab.crop(scene)
-    projection = Projection.of(scene.camera, scene.plate)
     grid = found.state.grid
     true_lines = []
     for line in find_contours(np.pad(np.asarray(found.state.contact_mask, float), 1), 0.5):
         row, col = line[:, 0] - 1, line[:, 1] - 1
         x, y = np.interp(col, np.arange(grid.shape[1]), grid.x), np.interp(row, np.arange(grid.shape[0]), grid.y)
-        if question.estimator == "author":
-            u, v = projection.plate_to_ray(x, y)
-            matrix = lab.view.camera_matrix_new
-            u, v = u * matrix[0, 0] + matrix[0, 2], v * matrix[1, 1] + matrix[1, 2]
-        else:
-            u, v = projection.to_image(x, y)
-        true_lines.append(np.stack([u - crop.c0, v - crop.r0], axis=-1))
+        true_lines.append(lab.to_view(scene, x, y) - np.array([crop.c0, crop.r0]))
     if question.estimator == "author":
         scale = lab.nominal.mm2_per_px
         assert scale is not None

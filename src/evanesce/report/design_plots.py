@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from evanesce.design.finish import BASE, Chosen, change
+from evanesce.design.finish import Chosen, change
 from evanesce.design.search import Plan, Trial, pareto
 from evanesce.design.secondary import OBJECTIVES
 
@@ -137,8 +137,3 @@ def frame_figure(frames: Sequence[tuple[str, NDArray[np.uint8], Any]], threshold
     panel.set(xlabel="grey level [1]", ylabel="pixels of the crop", yscale="log", title="histogram")
     panel.legend(frameon=False, fontsize=8)
     return figure
-
-
-def is_base(chosen: Chosen) -> bool:
-    """Tell whether a chosen design is the scene as it was given."""
-    return chosen.name == BASE

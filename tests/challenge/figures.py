@@ -6,10 +6,8 @@ import sys
 
 import numpy as np
 
-from evanesce.bundle.card_light import card_light
 from evanesce.contact.solve import contact_state
 from evanesce.optics.projection import IdealView, Projection
-from evanesce.render.cards import checkerboard_of, pose_of, square_of
 from evanesce.render.transport import render_fast
 from evanesce.sensor.lens import form_image
 
@@ -17,7 +15,7 @@ from .camera import binned
 from .cases import DECOYS, SEPARATES, cause_shot
 from .chain import development, rig_of
 from .library import make_cause
-from .rig import COLS, ROWS, believed, pose_of_case, power
+from .rig import believed, fine_scene, power
 from .strength import Ruler, amplitude_for, means, ruler
 
 DRAWS = range(21, 26)
@@ -45,37 +43,35 @@ def decoys(name: str = "dev", strength: float = 10.0) -> None:
 
 
 def resolution(name: str = "dev") -> None:
-    """Print the strength of what a coarser prediction than the injector's gets wrong with nothing hidden."""
+    """Print the strength of what a coarser prediction than the injector's gets wrong with nothing hidden.
+
+    Press frames alone; pixels on which the lens blurs, rays of the view along each, samples of the contact grid.
+    """
     rig, measure = rig_of(name, 0), ruler(name, 0)
     scene, (x, y), (px, py) = believed(name), believed(name).finger.position_mm, rig.base.pose_mm
     finger = scene.finger.model_copy(update={"position_mm": (x + px, y + py)})
     table = development(rig, ())
-    card = pose_of_case(name, 0)[1]
-    for finer, samples in ((1, 512), (3, 512), (3, 1024)):
-        grid = scene.grid.model_copy(update={"samples": samples})
-        coarse = scene.model_copy(update={"finger": finger, "grid": grid})
-        view = Projection.of(coarse.camera, coarse.plate).ideal_view()
+    for pixels, rays, samples in ((1, 1, 512), (1, 2, 512), (1, 4, 1024), (2, 2, 1024), (3, 2, 1024)):
+        fine = fine_scene(scene.model_copy(update={"finger": finger}), pixels)
+        fine = fine.model_copy(update={"grid": fine.grid.model_copy(update={"samples": samples})})
+        view = Projection.of(fine.camera, fine.plate).ideal_view()
         (rows, cols), (cx, cy) = view.shape, view.principal_point
-        axis = ((cx + 0.5) * finer - 0.5, (cy + 0.5) * finer - 0.5)
-        view = IdealView((rows * finer, cols * finer), view.focal_px * finer, axis)
-        kept: dict[object, np.ndarray] = {}
-        pictures = []
-        for seen in rig.views:
-            key = seen.shot.force_N if seen.touches else seen.kind
-            if key not in kept:
-                light = None
-                if seen.touches:
-                    light = render_fast(coarse, contact_state(coarse, seen.shot.force_N), view=view)
-                elif seen.is_card:
-                    printed = (checkerboard_of if seen.kind == "checkerboard" else square_of)(coarse.card)
-                    light = card_light(coarse, printed, pose_of(coarse.card, card), view=view)
-                dark = np.zeros((ROWS, COLS))
-                kept[key] = dark if light is None else form_image(light, coarse.camera, coarse.plate).irradiance
-            share = power(name, seen.shot.voltage_V) if seen.touches else 1.0
-            pictures.append(binned(table.level(rig.electronics.e_per_irradiance * share * kept[key])))
+        axis = ((cx + 0.5) * rays - 0.5, (cy + 0.5) * rays - 0.5)
+        view = IdealView((rows * rays, cols * rays), view.focal_px * rays, axis)
+        kept: dict[float, np.ndarray] = {}
+        change = np.zeros_like(measure.base)
+        for k, seen in enumerate(rig.views):
+            if not seen.touches:
+                continue
+            force = seen.shot.force_N
+            if force not in kept:
+                light = render_fast(fine, contact_state(fine, force), view=view)
+                gathered = form_image(light, fine.camera, fine.plate).irradiance
+                kept[force] = binned(gathered, pixels) if pixels > 1 else gathered
+            charge = rig.electronics.e_per_irradiance * power(name, seen.shot.voltage_V) * kept[force]
+            change[k] = binned(table.level(charge)) - measure.base[k]
         print(
-            f"view {finer} times finer, grid {samples}: {measure.norm(np.array(pictures) - measure.base):.1f}",
-            flush=True,
+            f"lens on pixels {pixels} times finer, {rays} rays, grid {samples}: {measure.norm(change):.1f}", flush=True
         )
 
 

@@ -90,4 +90,8 @@ def noise_by_bins(problem: Problem, fitted: Fit) -> Array:
         rough = ndimage.convolve(cube[k], CHECKED)[inner]
         if rough.size > 50:
             found[view] = max(1.0, float(np.mean(rough**2)))
+    # Views that were kept from the fit are as loud as the others of their kind.
+    pressed = [v for v in problem.views if problem.predictor.views[v].touches]
+    for view in set(range(len(found))) - set(problem.views):
+        found[view] = float(np.mean(found[pressed])) if pressed else 1.0
     return found

@@ -14,7 +14,7 @@ from evanesce.criticism.linear import Metric
 from evanesce.criticism.nuisance import nuisance_parameters
 from evanesce.criticism.observe import Observation
 from evanesce.criticism.parameters import derivative
-from evanesce.criticism.problem import Fit, Problem, predicted_part
+from evanesce.criticism.problem import Fit, Problem
 from evanesce.criticism.unknown import Flexible
 from evanesce.measurement.segment import Chain, segment
 from evanesce.rng import generator
@@ -68,7 +68,7 @@ def locked_gain(
     extended = base if best is None else best.fitted
     cubes, points = [], []
     for one in (base, extended):
-        points.append(predicted_part(one.point, one.parameters))
+        points.append(shared_part(one))
         cubes.append(problem.predictor.cube(points[-1], views))
         for p in one.parameters:
             if p.template is not None:
@@ -89,6 +89,12 @@ def locked_gain(
         ),
         views=len(views),
     )
+
+
+def shared_part(fitted: Fit) -> dict[str, float]:
+    """Return a fit's values without those of single views, and without those that only a template carries."""
+    own = {p.name for p in fitted.parameters if p.linear and (p.template is not None or p.views is not None)}
+    return {name: value for name, value in fitted.point.items() if name not in own}
 
 
 def chain_area(image: Array) -> float:

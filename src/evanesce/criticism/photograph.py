@@ -248,8 +248,8 @@ def _answer(bench: Bench, found: PhotographCritique, seed: int) -> dict[str, Any
         "ranking": [vars(trial) for trial in found.trials],
         "next_measurement": _next(found),
         "absorbed": [
-            {"id": "black_level", "by": "the levels of bright and dark print, both fitted"},
-            {"id": "defocus.blur_um", "by": "the constant blur, fitted"},
+            {"id": "ambient_light's even part", "by": "the level of dark print, which is fitted"},
+            {"id": "defocus on the axis", "by": "the constant blur, which is fitted"},
             {"id": "distortion_drift, plate_tilt", "by": "the geometry, fitted to the corners of the open blocks"},
         ],
         "noise_dn": bench.noise_DN,

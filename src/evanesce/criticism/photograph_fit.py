@@ -37,7 +37,9 @@ Array = NDArray[np.float64]
 
 FOLDS = 5
 ROUNDS = 3
-HALVINGS = 3
+DAMPINGS = (1e-6, 0.03, 0.3, 3.0)
+"""Added to the diagonal of the scaled normal equations, one after the other until a step gains (Levenberg)."""
+
 ENOUGH_NATS = 3.0
 EVEN_SLOPE_DN = 3.0
 NOISE_WINDOW = 5
@@ -78,9 +80,9 @@ def _bounded(effect_id: str, parameter: str, start: float, step: float, name: st
 def candidates() -> dict[str, tuple[Free, ...]]:
     """Return what each effect may move, in alphabetical order of ids; effects without places have none here."""
     table: dict[str, tuple[Free, ...]] = {
-        "ambient_light": (
-            Free("ambient_light.level", "of bright print", 0.005, 0.0, 1.0, 1e-3),
-            *(Free(f"ambient_light.{axis}", "of bright print, per tangent", 0.0, -5.0, 5.0, 3e-3) for axis in "xy"),
+        # its even part adds to the level of dark print, which is fitted: only what slopes over the frame is left
+        "ambient_light": tuple(
+            Free(f"ambient_light.{axis}", "of bright print, per tangent", 0.0, -5.0, 5.0, 3e-3) for axis in "xy"
         ),
         "black_level": (_bounded("black_level", "offset_DN", 0.0, 2.0),),
         "defocus": (replace(_bounded("defocus", "corner_blur_um", 6.0, 0.3), low=0.0),),
@@ -197,12 +199,12 @@ class Bench:
         scale, weight, score = self._weigh(values, tails, laws)
         for _ in range(ROUNDS):
             slopes, residual = self._slopes(values, free)
-            step = _solve(slopes, weight, residual, values, free)
             better = None
-            for halving in range(HALVINGS):
+            for damping in DAMPINGS:
+                step = _solve(slopes, weight, residual, values, free, damping)
                 tried = dict(values)
                 for f, d in zip(free, step, strict=True):
-                    tried[f.name] = float(np.clip(values[f.name] + d / 2**halving, f.low, f.high))
+                    tried[f.name] = float(np.clip(values[f.name] + d, f.low, f.high))
                 found = self._weigh(tried, tails, laws)
                 if found[2] > score:
                     better = (tried, *found)
@@ -288,7 +290,7 @@ class Bench:
         total = np.zeros(self.blocks)
         for k in range(FOLDS):
             inside = self.fold == k
-            step = _solve(slopes[:, ~inside], weight[~inside], residual[~inside], values, free)
+            step = _solve(slopes[:, ~inside], weight[~inside], residual[~inside], values, free, 1e-6)
             shift = step @ slopes[:, inside]
             part = seen.some(inside)
             # the scale moves little from fold to fold; the mean is what a fold must not have taught
@@ -297,7 +299,9 @@ class Bench:
         return total
 
 
-def _solve(slopes: Array, weight: Array, residual: Array, values: Mapping[str, float], free: tuple[Free, ...]) -> Array:
+def _solve(
+    slopes: Array, weight: Array, residual: Array, values: Mapping[str, float], free: tuple[Free, ...], damping: float
+) -> Array:
     """Return the weighted Gauss-Newton step; numbers that would leave their bounds stay where they are."""
     weighted = slopes * weight
     normal, pull = weighted @ slopes.T, weighted @ residual
@@ -308,7 +312,7 @@ def _solve(slopes: Array, weight: Array, residual: Array, values: Mapping[str, f
         if not index.size:
             break
         size = np.sqrt(np.diag(normal)[index])
-        scaled = normal[np.ix_(index, index)] / np.outer(size, size) + 1e-6 * np.eye(index.size)
+        scaled = normal[np.ix_(index, index)] / np.outer(size, size) + damping * np.eye(index.size)
         step[:] = 0.0
         step[index] = np.linalg.solve(scaled, pull[index] / size) / size
         at = np.array([values[f.name] for f in free])

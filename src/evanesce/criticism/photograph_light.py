@@ -288,10 +288,9 @@ class LightModel:
     def veil(self, values: Values) -> Array:
         """Return light added on the plate over that of bright print."""
         total: Any = 0.0
-        for term, name in (("level", "ambient_light.level"), ("x", "ambient_light.x"), ("y", "ambient_light.y")):
-            if values.get(name):
-                total = total + values[name] * self._ambient(term)
-        total = np.maximum(total, 0.0)
+        for axis in "xy":
+            if values.get(f"ambient_light.{axis}"):
+                total = total + values[f"ambient_light.{axis}"] * self._ambient(axis)
         for side in SIDES:
             if values.get(f"led_edge_reflections.{side}"):
                 decay = values["led_edge_reflections.decay_mm"]
@@ -338,12 +337,13 @@ class LightModel:
         scene = self.photograph.scene
         return float(contact_radiance(scene, *(np.array(c) for c in scene.camera.centre_mm)))
 
-    def _ambient(self, term: str) -> Array:
-        key = ("ambient", term)
+    def _ambient(self, axis: str) -> Array:
+        """Return what the effect's gradient adds to its even part, which cannot be told from dark print."""
+        key = ("ambient", axis)
         if key not in self._kept:
-            gradient = {"level": (0.0, 0.0), "x": (1.0, 0.0), "y": (0.0, 1.0)}[term]
+            gradient = (0.5, 0.0) if axis == "x" else (0.0, 0.5)
             whole = self.plate_field("ambient_light", {"radiance_W_per_mm2_sr": 1.0, "gradient": gradient})
-            self._kept[key] = whole if term == "level" else whole - 1.0
+            self._kept[key] = (whole - 1.0) / 0.5
         return self._kept[key]
 
     def _edge(self, side: str, decay: float) -> Array:

@@ -115,8 +115,7 @@ def single_view(view: BoardView, image_size: tuple[int, int], focal_px: float, n
         changes; ``condition``; ``weakest`` (name -> share of the least determined direction); ``profile``: focal
         lengths tried, each with the RMS left, the distance and the tilt with it; ``rectification_rms_px``.
     """
-    start = _start(view, image_size, focal_px)
-    theta = optimize.least_squares(lambda t: _project(view, t)[0] - view.image.ravel(), start, x_scale=_sizes(start)).x
+    theta = _profiled(view, _start(view, image_size, focal_px), focal_px)
     _, slopes = _project(view, theta)
     size = np.sqrt((slopes**2).mean(axis=0))
     _, values, directions = np.linalg.svd(slopes / size, full_matrices=False)
@@ -124,7 +123,7 @@ def single_view(view: BoardView, image_size: tuple[int, int], focal_px: float, n
     # parameters scaled by their own effect; back through it, the standard errors that noise of a corner leaves
     covariance = (directions.T / values**2) @ directions / len(slopes) * noise_px**2
     errors = np.sqrt(np.diag(covariance)) / size
-    profile = [_profiled(view, theta, factor * focal_px) for factor in FOCAL_FACTORS]
+    profile = [_figures(view, _profiled(view, theta, factor * focal_px)) for factor in FOCAL_FACTORS]
     flat = fit_planar([view], image_size, focal_px)
     left = view.image - flat.predict(0, view.world)
     return {
@@ -133,7 +132,7 @@ def single_view(view: BoardView, image_size: tuple[int, int], focal_px: float, n
         "condition": float(values[0] / values[-1]),
         "weakest": {n: float(s) for n, s in zip(NAMES, directions[-1], strict=True) if abs(s) > 0.1},
         "standard_errors_by_noise": {n: float(e) for n, e in zip(NAMES, errors, strict=True)},
-        "fitted": {n: float(t) for n, t in zip(NAMES, theta, strict=True)},
+        "at": {n: float(t) for n, t in zip(NAMES, theta, strict=True)},
         "profile": profile,
         "rectification_rms_px": float(np.sqrt((left**2).sum(axis=1).mean())),
     }
@@ -165,8 +164,8 @@ def _project(view: BoardView, theta: Array) -> tuple[Array, Array]:
     return found.reshape(-1), ours
 
 
-def _profiled(view: BoardView, theta: Array, focal_px: float) -> dict[str, float]:
-    """Fit everything but the focal length, which is held."""
+def _profiled(view: BoardView, theta: Array, focal_px: float) -> Array:
+    """Return the parameters (11,) with everything fitted but the focal length, which is held."""
     factor = focal_px / theta[0]
     start = theta[1:].copy()
     start[2:4] *= (factor**2, factor**4)
@@ -176,11 +175,16 @@ def _profiled(view: BoardView, theta: Array, focal_px: float) -> dict[str, float
         return _project(view, np.array([focal_px, *rest]))[0] - view.image.ravel()
 
     solved = optimize.least_squares(miss, start, x_scale=_sizes(theta)[1:], max_nfev=60)
-    rotation, _ = cv2.Rodrigues(solved.x[4:7])
+    return np.array([focal_px, *solved.x])
+
+
+def _figures(view: BoardView, theta: Array) -> dict[str, float]:
+    left = _project(view, theta)[0] - view.image.ravel()
+    rotation, _ = cv2.Rodrigues(theta[5:8])
     return {
-        "focal_px": float(focal_px),
-        "rms_px": float(np.sqrt((solved.fun**2).sum() / len(view))),
-        "distance_mm": float(solved.x[-1]),
+        "focal_px": float(theta[0]),
+        "rms_px": float(np.sqrt((left**2).sum() / len(view))),
+        "distance_mm": float(theta[-1]),
         "tilt_deg": float(np.degrees(np.arccos(np.clip(abs(rotation[2, 2]), 0.0, 1.0)))),
     }
 

@@ -2,8 +2,8 @@
 
 Half of the blocks are locked. On the others every candidate is tried by the same rule, in alphabetical order: fitted
 robustly, scored by the log density of blocks left out of its fit; the best is taken if it gains more than two standard
-errors over blocks, and all are tried again. A smooth light field, which is no effect of the library, is offered only
-when no effect gains any more. Then the locked blocks are opened, once.
+errors over blocks with its numbers off their bounds, and all are tried again. A smooth light field, which is no effect
+of the library, is offered only when no effect gains any more. Then the locked blocks are opened, once.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from evanesce import rng
 from evanesce.criticism.photograph_fit import FLEXIBLE, NUISANCES, Bench, Fit, Free, candidates, flexible
 from evanesce.criticism.photograph_light import Photograph
-from evanesce.criticism.photograph_tails import TAILS, speck_pattern
+from evanesce.criticism.photograph_tails import HIGH, LOW, TAILS, speck_pattern
 from evanesce.effects import all_effects
 
 Array = NDArray[np.float64]
@@ -53,6 +53,8 @@ class Trial:
     id : str
     gain, error : float
         Held-out log density over the model so far, and its standard error over blocks [nats].
+    at_bound : bool
+        Whether a number of it was pushed to a bound, which rules it out.
     accepted : bool
     """
 
@@ -60,6 +62,7 @@ class Trial:
     id: str
     gain: float
     error: float
+    at_bound: bool
     accepted: bool
 
 
@@ -151,26 +154,34 @@ def _forward(
             best = _best({FLEXIBLE: tried[FLEXIBLE]}, fit)
         for name, one in tried.items():
             d = one.held_out - fit.held_out
-            trials.append(Trial(step, name, float(d.sum()), error_of(d), name == best))
+            trials.append(Trial(step, name, float(d.sum()), error_of(d), at_bound(one, fit), name == best))
         if best is None:
             break
-        asleep = {n for n, one in tried.items() if n in library and not _passes(one.held_out - fit.held_out)} | (
-            asleep - tried.keys()
-        )
+        asleep = {n for n, one in tried.items() if n in library and not _passes(one, fit)} | (asleep - tried.keys())
         lead = {n: tried[best].held_out - one.held_out for n, one in tried.items() if n != best}
-        rivals[best] = [
-            n for n, d in lead.items() if _passes(tried[n].held_out - fit.held_out) and d.sum() < ERRORS * error_of(d)
-        ]
+        rivals[best] = [n for n, d in lead.items() if _passes(tried[n], fit) and d.sum() < ERRORS * error_of(d)]
         fit = bench.refit(tried[best]) if tried[best].tails else tried[best]
     return fit, trials, rivals
 
 
-def _passes(difference: Array) -> bool:
-    return bool(difference.sum() > ERRORS * error_of(difference) and difference.sum() > 0)
+def _passes(one: Fit, fit: Fit) -> bool:
+    """Tell whether a trial gains enough over the model so far, with its own numbers off their bounds."""
+    difference = one.held_out - fit.held_out
+    return bool(difference.sum() > max(ERRORS * error_of(difference), 0.0)) and not at_bound(one, fit)
+
+
+def at_bound(one: Fit, fit: Fit) -> bool:
+    """Tell whether a number that a trial added was pushed to a bound that is not its null."""
+    for tail in one.tails[len(fit.tails) :]:
+        low, high = np.array(LOW[tail.id]), np.array(HIGH[tail.id])
+        if (tail.theta <= low + 0.02).any() or (tail.theta >= high - 0.02).any():
+            return True
+    added = [f for f in one.free if f.name not in fit.values]
+    return any(one.values[f.name] >= f.high or (f.low != 0.0 and one.values[f.name] <= f.low) for f in added)
 
 
 def _best(tried: dict[str, Fit], fit: Fit) -> str | None:
-    passed = {name: one.held_out.sum() for name, one in tried.items() if _passes(one.held_out - fit.held_out)}
+    passed = {name: one.held_out.sum() for name, one in tried.items() if _passes(one, fit)}
     return max(passed, key=lambda name: passed[name]) if passed else None
 
 

@@ -288,9 +288,11 @@ class Bench:
         slopes, residual = self._slopes(values, free)
         seen = self.seen(values, scale)
         total = np.zeros(self.blocks)
+        # where the fit stopped short of its optimum, all folds would step on towards it: that part is no news of a fold
+        onward = _solve(slopes, weight, residual, values, free, 1e-6)
         for k in range(FOLDS):
             inside = self.fold == k
-            step = _solve(slopes[:, ~inside], weight[~inside], residual[~inside], values, free, 1e-6)
+            step = -onward + _solve(slopes[:, ~inside], weight[~inside], residual[~inside], values, free, 1e-6)
             shift = step @ slopes[:, inside]
             part = seen.some(inside)
             # the scale moves little from fold to fold; the mean is what a fold must not have taught

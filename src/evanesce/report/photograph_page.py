@@ -160,10 +160,10 @@ def _effects(answer: Mapping[str, Any]) -> Section:
 
 
 def _ranking(answer: Mapping[str, Any]) -> Section:
-    rows = [
-        (str(t["step"]), t["id"], f"{t['gain']:+.0f}", f"{t['error']:.0f}", "taken" if t["accepted"] else "")
-        for t in answer["ranking"]
-    ]
+    rows = []
+    for t in answer["ranking"]:
+        remark = "taken" if t["accepted"] else "at a bound" if t["at_bound"] else ""
+        rows.append((str(t["step"]), t["id"], f"{t['gain']:+.0f}", f"{t['error']:.0f}", remark))
     text = (
         "Gain in held-out log density on the open blocks over the model so far. The largest that exceeds two standard "
         "errors over blocks is taken; one that did not pass is tried again before anything is concluded."

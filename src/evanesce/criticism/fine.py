@@ -28,7 +28,7 @@ FINE_PX = 3
 """Of finer pixels along each of the model camera's."""
 
 RAYS = 2
-"""Of the pinhole view along each finer pixel."""
+"""Of the pinhole view along each finer pixel; along a real pixel that is fine enough, one, as when it is simulated."""
 
 KEEP_LIGHTS = 2
 """Of the plate's light on the finer view: tens of megabytes each."""
@@ -60,9 +60,9 @@ class FinePredictor(Predictor):
         if believed.finger.ridges is None:
             samples = min(max(samples, 1), GRID_SAMPLES)
         grid = believed.grid.model_copy(update={"samples": samples})
-        super().__init__(
-            believed.model_copy(update={"grid": grid}), views, finer=RAYS * self.before, noise_scale=noise_scale
-        )
+        # On the real pixels it is the chain of `evanesce simulate`, ray for ray.
+        rays = 1 if self.before == 1 else RAYS * self.before
+        super().__init__(believed.model_copy(update={"grid": grid}), views, finer=rays, noise_scale=noise_scale)
         self._lights = Kept(KEEP_LIGHTS)
 
     def lens_rig(self, rig: Scene) -> Scene:

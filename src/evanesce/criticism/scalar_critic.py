@@ -102,11 +102,19 @@ def criticise_series(
         for one in heard:
             tick(f"fit of {one.candidate.id}")
             fits.append(fit_series(predict, table, (one.candidate.id,), one.parameters, one.start))
-        for a, b in pairs_of(fits, MOST_PAIRED):
+        for a, b in rival_pairs(fits, {h.candidate.id: h.kind for h in heard}):
             tick(f"fit of {a.ids[0]} and {b.ids[0]}")
             fits.append(fit_series(predict, table, a.ids + b.ids, a.parameters + b.parameters, {**a.point, **b.point}))
     tick("what would tell them apart")
     return _answer(bundle, predict, table, base, fits, heard, deaf, p, seed)
+
+
+def rival_pairs(fits: Sequence[SeriesFit], kinds: Mapping[str, str]) -> list[tuple[SeriesFit, SeriesFit]]:
+    """Return pairs of the best single causes, and of the best of each kind: light and mechanics get the same chance."""
+    found = pairs_of(fits, MOST_PAIRED)
+    for kind in sorted(set(kinds.values())):
+        found += pairs_of([f for f in fits if kinds[f.ids[0]] == kind], MOST_PAIRED - 1)
+    return list({a.ids + b.ids: (a, b) for a, b in found}.values())
 
 
 def hear(
@@ -209,11 +217,14 @@ def _answer(
     seed: int,
 ) -> tuple[dict[str, Any], Evidence]:
     kinds = {h.candidate.id: h.kind for h in heard}
-    accepted = sorted((f for f in fits if _accept(f, base)), key=lambda f: -f.log_evidence)
-    # A pair has to beat both of its halves by what two more numbers cost.
-    best = accepted[0] if accepted else None
-    group = [] if best is None else [f for f in accepted[1:] if _as_good(f, best, table)]
     weights = posterior({f.ids: f.log_evidence - base.log_evidence for f in fits}, len(heard))
+    accepted = sorted((f for f in fits if _accept(f, base)), key=lambda f: -weights.models[f.ids])
+    best = accepted[0] if accepted else None
+    # More on top of the best explains as much, of course: a rival does without some of it.
+    group = (
+        [] if best is None else [f for f in accepted[1:] if not set(f.ids) > set(best.ids) and _as_good(f, best, table)]
+    )
+    other = [] if best is None or group else _of_another_kind(accepted, best, kinds)
     verdict = "none"
     if p < FROZEN.levels["false_alarm"]:
         verdict = "unknown" if best is None else ("ambiguous" if group else "named")
@@ -227,7 +238,8 @@ def _answer(
         "absorbed": [],
         "not_judged": [{"id": name, "why": why} for name, why in deaf.items()],
         "kinds": kinds,
-        "next_measurement": next_series(predict, [best, *group], base) if best else None,
+        "next_measurement": next_series(predict, [best, *group, *other], base) if best else None,
+        "rival_of_another_kind": [list(f.ids) for f in other],
         "unknown": None if verdict != "unknown" else _unknown(table, base),
         "gain": None,
         "extended_scene": None,
@@ -248,6 +260,12 @@ def _answer(
 def _accept(fit: SeriesFit, base: SeriesFit) -> bool:
     gain, error = gain_of(fit, base)
     return gain > FROZEN.levels["accept_gain_se"] * error and fit.within_bounds
+
+
+def _of_another_kind(accepted: Sequence[SeriesFit], best: SeriesFit, kinds: Mapping[str, str]) -> list[SeriesFit]:
+    """Return the likeliest explanation by the other kind of cause alone, light or mechanics, if there is one."""
+    own = {kinds[name] for name in best.ids}
+    return [f for f in accepted if not {kinds[name] for name in f.ids} & own][:1]
 
 
 def _as_good(fit: SeriesFit, best: SeriesFit, table: Table) -> bool:

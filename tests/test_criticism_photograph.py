@@ -163,6 +163,7 @@ def test_hot_pixels_come_back_with_their_share_and_strength() -> None:
     tail = fit_tail("hot_pixels", seen, (), {"hot_pixels": law_of("hot_pixels", None, {})})  # type: ignore[arg-type]
     weight = float(tail.weight(seen)[0])
     n_hit = 60_000 * share
+    share *= np.exp(-3 * 1.7 / 255 / mean)  # those above the cut; the others are the core's
     assert weight == pytest.approx(share, abs=4 * share / np.sqrt(n_hit) + 0.05 * share)
     assert np.exp(tail.theta[2]) == pytest.approx(mean, rel=4 / np.sqrt(n_hit) + 0.05)
 
@@ -231,8 +232,7 @@ def test_noise_of_a_corner_is_that_of_the_best_estimator() -> None:
     ones = np.ones(1)
     fit = SaddleFit(np.zeros((1, 2)), np.full((1, 2), sigma), 0 * ones, a * ones, 0 * ones, np.eye(2)[None], ones, ones)
     found = corner_noise(fit, pitch * np.eye(2)[None], noise)
-    # the edges cross: near the corner each is the flatter for the other, some sigma of 22
-    assert found == pytest.approx(noise / np.sqrt(information), rel=0.06)
+    assert found == pytest.approx(noise / np.sqrt(information), rel=0.01)
 
 
 def test_blur_towards_the_corners_leaves_the_axis_alone() -> None:

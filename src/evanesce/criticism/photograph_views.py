@@ -202,10 +202,12 @@ def corner_noise(fit: SaddleFit, lattice: Array, noise_DN: float) -> float:
 
     Notes
     -----
-    Cramer and Rao's bound for a shift along one axis: two edges of length L, each a step 2a blurred by s, hold the
-    information L 4 a^2/(2 pi s^2) sqrt(pi) s; L is the window's width, 0.84 squares and at most 26 px.
+    Cramer and Rao's bound for a shift along one axis: an edge of length L, a step 2a blurred by s, holds the
+    information L 2 a^2/(sqrt(pi) s). L is the window's width, 0.84 squares and at most 26 px, less the sqrt(8/pi)
+    sqrt(2) s near the corner where the other edge takes its contrast.
     """
     length = np.minimum(0.84 * np.sqrt(np.abs(np.linalg.det(lattice))), 26.0)
     sigma = fit.sigma.mean(axis=1)
+    length = np.maximum(length - 4.0 / np.sqrt(np.pi) * sigma, 1.0)
     information = length * 2.0 * fit.contrast**2 / (np.sqrt(np.pi) * sigma)
     return float(noise_DN / np.sqrt(np.median(information)))

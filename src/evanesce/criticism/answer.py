@@ -79,6 +79,9 @@ def verdict(findings: Findings) -> str:
     """Return ``none``, ``named``, ``ambiguous`` or ``unknown``."""
     if findings.global_p >= FROZEN.levels["false_alarm"]:
         return "none"
+    sure = findings.posterior is not None and findings.posterior.models.get((), 0.0) > FROZEN.levels["none_sure"]
+    if findings.best is None and not findings.rings and sure:
+        return "none"
     if findings.rings and (findings.best is None or findings.unexplained > FROZEN.levels["unknown_share"]):
         return "unknown"
     if findings.best is None:

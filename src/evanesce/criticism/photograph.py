@@ -236,7 +236,7 @@ def _answer(bench: Bench, found: PhotographCritique, seed: int) -> dict[str, Any
     names, block = np.unique(one.block[locked], return_inverse=True)
 
     def by_block(fit: Fit) -> Array:
-        return np.bincount(block, weights=bench.density(fit, locked), minlength=len(names))
+        return np.asarray(np.bincount(block, weights=bench.density(fit, locked), minlength=len(names)), float)
 
     before, after = by_block(found.believed), by_block(found.extended)
     rmse = [_rmse(bench, fit, locked) for fit in (found.believed, found.extended)]

@@ -171,7 +171,8 @@ def test_hot_pixels_come_back_with_their_share_and_strength() -> None:
     n_hit = 60_000 * share
     share *= np.exp(-3 * 1.7 / 255 / mean)  # those above the cut; the others are the core's
     assert weight == pytest.approx(share, abs=4 * share / np.sqrt(n_hit) + 0.05 * share)
-    assert np.exp(tail.theta[2]) == pytest.approx(mean, rel=4 / np.sqrt(n_hit) + 0.05)
+    # faint ones below the cut count as none, so that the law comes out brighter than it is, never fainter
+    assert 1 - 4 / np.sqrt(n_hit) < np.exp(tail.theta[2]) / mean < 1.2 + 4 / np.sqrt(n_hit)
 
 
 def test_a_density_with_a_tail_is_one_in_all() -> None:

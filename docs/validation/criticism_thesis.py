@@ -1,0 +1,58 @@
+"""Areas of Silskin 20 % from the thesis beside the believed rig and beside single causes fitted to them.
+
+Run: python docs/validation/criticism_thesis.py BUNDLE PICTURE (some minutes)
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+from evanesce.bundle import read_bundle
+from evanesce.criticism.candidates import candidates_of
+from evanesce.criticism.scalar import SeriesPredictor, Table, fit_series
+
+SHOWN = {"lateral_glow": "light", "led_edge_reflections": "light", "modulus": "mechanics", "creep": "mechanics"}
+MOST_PARAMETERS = 1
+
+
+def main() -> None:
+    """Fit, print and draw."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("bundle", type=Path)
+    parser.add_argument("picture", type=Path)
+    given = parser.parse_args()
+    bundle = read_bundle(given.bundle)
+    table = Table.of(list(bundle.series.values()))
+    series = table.series[0]
+    predict = SeriesPredictor(bundle.scene, table.series)
+    base = fit_series(predict, table, (), (), {})
+    print(f"believed: chi-square {base.chi_square:.1f} of {table.log_y.size} points at {table.sigma[0]:.0%}")
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
+    left.errorbar(series.x, series.y, yerr=table.sigma * series.y, fmt="ko", ms=4, label="thesis")
+    left.plot(series.x, np.exp(base.predicted), "k--", label="believed rig")
+    for (name, kind), colour in zip(SHOWN.items(), ("tab:blue", "tab:cyan", "tab:red", "tab:orange"), strict=True):
+        candidate = next(c for c in candidates_of(bundle.scene, {"press", "force", "time"}) if c.id == name)
+        chosen = candidate.parameters[:MOST_PARAMETERS]
+        start = {p.name: float(np.clip(p.null + p.deviation, *p.bounds)) for p in chosen}
+        found = fit_series(predict, table, (name,), chosen, start)
+        values = ", ".join(f"{p.name} {found.point[p.name]:.3g} {p.unit}" for p in chosen)
+        print(f"{name} ({kind}): chi-square {found.chi_square:.1f}; {values}")
+        left.plot(series.x, np.exp(found.predicted), color=colour, label=f"{name} ({kind})")
+        right.plot(series.x, np.exp(table.log_y - found.predicted), "o-", ms=3, color=colour, label=name)
+    right.plot(series.x, np.exp(table.log_y - base.predicted), "k--", label="believed rig")
+    right.fill_between(series.x, 1 - table.sigma, 1 + table.sigma, color="0.85")
+    left.set(xlabel="normal force [N]", ylabel="area by the author's chain [mm$^2$]")
+    right.set(xlabel="normal force [N]", ylabel="thesis over model [1]")
+    left.legend(fontsize=8)
+    figure.savefig(given.picture, dpi=110)
+
+
+if __name__ == "__main__":
+    main()

@@ -32,7 +32,7 @@ design-demo: install
 	  --out outputs/design-demo
 
 test: install
-	$(BIN)/python -m pytest -n 2 -m "not slow"
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow"
 
 test-all: install
 	$(BIN)/python -m pytest

@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 from PIL import Image as PillowImage
 from skimage.color import deltaE_ciede2000, rgb2lab
-from tests.live_rig import expected, rig
 from typer.testing import CliRunner
 
 from evanesce.cli.app import app
@@ -38,6 +37,7 @@ from evanesce.measurement.segment import Chain, Crop, blurred_grey, segment
 from evanesce.rig import load_scene
 from evanesce.truth.labels import label, view_geometry
 from evanesce.validation.perfect import PerfectView
+from live_rig import expected, rig
 
 # --- settings and scenes ---------------------------------------------------------------------------------------------
 
@@ -187,7 +187,7 @@ def test_preparation_says_what_it_does_and_ends_in_the_first_picture() -> None:
 def test_window_holds_the_contact_and_stands_still() -> None:
     engine, start = Engine(rig(), backend="numpy"), controls_of(rig())
     windows = []
-    for force in (1.9, 2.0, 2.1, 7.0):
+    for force in (2.1, 2.13, 2.16, 7.0):
         shown = engine.show(start.changed(force_N=force))
         windows.append(shown.window)
         rows, cols = np.nonzero(shown.truth >= 0.5)

@@ -7,7 +7,7 @@ the smallest of many probabilities is compared with the smallest of each draw.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -192,8 +192,3 @@ def null_scores(problem: Problem, noise: Noise, projected: Array, draws: int, rn
 def metric_of(base: Fit) -> Metric:
     """Return the metric with all parameters of a fit marginalised."""
     return base.metric(base.parameters)
-
-
-def bayes_by_id(test: ScoreTest) -> Mapping[str, float]:
-    """Return the linear log Bayes factor of each candidate."""
-    return {s.id: s.result.log_bayes for s in test.scored}

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq
 from scipy.special import j1
 
 from evanesce.optics.projection import IdealView, Projection
@@ -189,40 +188,6 @@ def psf_kernel(*, pitch_um: float, wavelength_um: float, f_number: float, disc_u
     index = np.arange(-half, half + 1) * fine
     kernel = np.clip(gathered[np.ix_(index, index)], 0.0, None)  # rounding leaves -1e-19
     return np.asarray(kernel / kernel.sum())
-
-
-def kernel_between_pixels(*, pitch_um: float, wavelength_um: float, f_number: float, disc_um: float) -> Array:
-    """Return the kernel that spreads an image of pixel means as the lens spreads light, (k, k), k odd.
-
-    Such an image already holds the width of its pixels, and :func:`psf_kernel` brings along that of the receiving
-    ones, some 1/12 px^2 of variance. So it is taken of a disc that is smaller by as much; where even a point's kernel
-    is wider than the spread, sampling is the limit.
-
-    Parameters
-    ----------
-    pitch_um, wavelength_um, f_number, disc_um : float
-        See :func:`psf_kernel`.
-    """
-    airy_um = wavelength_um * f_number
-    fine = max(1, math.ceil(2 * pitch_um / airy_um))
-    aimed = _variance(psf_kernel(pitch_um=pitch_um / fine, wavelength_um=wavelength_um, f_number=f_number,
-                                 disc_um=disc_um)) / fine**2 - 1 / (12 * fine**2)  # fmt: skip
-
-    def kernel_of(disc: float) -> Array:
-        return psf_kernel(pitch_um=pitch_um, wavelength_um=wavelength_um, f_number=f_number, disc_um=disc)
-
-    def surplus(disc: float) -> float:
-        return _variance(kernel_of(disc)) - aimed
-
-    if surplus(0.0) >= 0 or surplus(disc_um) <= 0:
-        return kernel_of(0.0 if surplus(0.0) >= 0 else disc_um)
-    return kernel_of(float(brentq(surplus, 0.0, disc_um, xtol=1e-3 * pitch_um)))
-
-
-def _variance(kernel: Array) -> float:
-    """Return a symmetric kernel's variance along one axis [px^2]."""
-    offset = np.arange(kernel.shape[0]) - kernel.shape[0] // 2
-    return float((kernel.sum(axis=0) * offset**2).sum())
 
 
 # --- blur that varies over the field ---------------------------------------------------------------------------------

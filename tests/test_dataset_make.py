@@ -181,6 +181,39 @@ def test_a_poison_frame_among_the_clusters_workers(tmp_path):
     assert {name: ours[name] for name in shards} == {name: theirs[name] for name in shards}
 
 
+@pytest.mark.system
+@pytest.mark.parametrize("sent", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
+def test_a_stop_from_outside_is_quiet_and_leaves_nothing_behind(tmp_path, sent):
+    """Ctrl-C reaches all processes of a terminal, SIGTERM the driver: no traceback of anyone, no process left."""
+    target, script = tmp_path / "d", tmp_path / "make.py"
+    script.write_text(
+        textwrap.dedent(f"""
+            import sys
+            from pathlib import Path
+            from datasets import tiny_job
+            from evanesce.dataset.run import Engine, make
+            if __name__ == "__main__":
+                try:
+                    make(Path({str(target)!r}), tiny_job(frames=6000), Engine(workers=2))
+                except KeyboardInterrupt:
+                    sys.exit(130)
+        """)
+    )
+    paths = os.pathsep.join([str(TESTS), *sys.path])
+    run = subprocess.Popen([sys.executable, str(script)], env={**os.environ, "PYTHONPATH": paths}, text=True,
+                           stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)  # fmt: skip
+    end = time.monotonic() + 120
+    while not list((target / ".work").glob("*.at")) and time.monotonic() < end:
+        assert run.poll() is None
+        time.sleep(0.1)
+    if sent == signal.SIGINT:
+        os.killpg(run.pid, sent)
+    else:
+        os.kill(run.pid, sent)
+    out, err = run.communicate(timeout=60)  # pipes that end: nobody holds them any more
+    assert (run.returncode, out, err) == (128 + sent, "", "")
+
+
 def test_a_full_disk_publishes_nothing_half(tmp_path):
     target = tmp_path / "d"
     whole = tmp_path / "whole"

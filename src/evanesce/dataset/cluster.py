@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import os
+import signal
+import sys
 import tempfile
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from multiprocessing import resource_tracker
+from typing import Any, NoReturn
 
 from evanesce.errors import InputError, WorkError
 
@@ -60,17 +65,61 @@ def cluster_client(workers: int, scheduler: str) -> Iterator[Any]:
             with client:
                 yield client
             return
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)
-        with tempfile.TemporaryDirectory(prefix="evanesce-dask-", ignore_cleanup_errors=True) as scratch:
-            for left in reversed(range(STARTS)):
-                try:
-                    cluster = _local_cluster(workers, scratch)
-                    break
-                except (OSError, RuntimeError, TimeoutError) as error:
-                    if not left:
-                        raise WorkError(f"no workers could be started: {error}") from None
-            with cluster, Client(cluster, set_as_default=False) as client:
+        for name in ("distributed", "asyncio"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+        with (
+            _ended_in_order(),
+            tempfile.TemporaryDirectory(prefix="evanesce-dask-", ignore_cleanup_errors=True) as scratch,
+            _started(workers, scratch) as cluster,
+            Client(cluster, set_as_default=False) as client,
+        ):
+            try:
                 yield client
+            except BaseException:
+                _kill_workers(cluster)
+                raise
+
+
+@contextmanager
+def _ended_in_order() -> Iterator[None]:
+    """Let SIGTERM unwind as Ctrl-C does, so that workers, temporary files and semaphores go with the driver."""
+
+    def leave(number: int, _frame: object) -> NoReturn:
+        sys.exit(128 + number)
+
+    ours = threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+    if ours:
+        signal.signal(signal.SIGTERM, leave)
+    try:
+        yield
+    finally:
+        if ours:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _started(workers: int, scratch: str) -> Any:
+    # Ctrl-C in a terminal reaches every process of it. It is for the driver: the cluster's threads and processes, those
+    # that replace others included, begin with it blocked.
+    resource_tracker.ensure_running()  # it would unblock the signal
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        for left in reversed(range(STARTS)):
+            try:
+                return _local_cluster(workers, scratch)
+            except (OSError, RuntimeError, TimeoutError) as error:
+                if not left:
+                    raise WorkError(f"no workers could be started: {error}") from None
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _kill_workers(cluster: Any) -> None:
+    """End all workers at once: a shard is published whole or not at all, there is nothing to wait for."""
+    for nanny in cluster.workers.values():
+        nanny.close_gracefully()  # no new one in its place
+        if nanny.process is not None and nanny.process.pid is not None:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(nanny.process.pid, signal.SIGKILL)
 
 
 def _local_cluster(workers: int, scratch: str) -> Any:
@@ -80,7 +129,9 @@ def _local_cluster(workers: int, scratch: str) -> Any:
         n_workers=workers,
         threads_per_worker=1,
         processes=True,
+        # No dashboard. The scheduler has an HTTP server nevertheless: on any free port, or a second run is warned of.
         dashboard_address=None,
+        scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
         memory_limit=0,
         local_directory=scratch,
         silence_logs=logging.CRITICAL,

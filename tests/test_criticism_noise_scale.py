@@ -26,7 +26,9 @@ def dim_camera() -> Camera:
     return scene.camera
 
 
-def frames(camera: Camera, charge_e: np.ndarray, count: int, smooth_px: float, rng: np.random.Generator) -> np.ndarray:
+def frames(
+    camera: Camera, charge_e: np.ndarray, count: int, smooth_px: float, rng: np.random.Generator, black_DN: float = 0.0
+) -> np.ndarray:
     """Poisson's electrons, read noise, a low-pass on the noise, a table for the tone."""
     pixel = camera.pixel
     gain = camera.analogue_gain / pixel.conversion_gain_e_per_DN
@@ -38,16 +40,18 @@ def frames(camera: Camera, charge_e: np.ndarray, count: int, smooth_px: float, r
         noise = rng.poisson(charge_e) - charge_e + pixel.read_noise_e * rng.standard_normal(charge_e.shape)
         if smooth_px:
             noise = ndimage.gaussian_filter(noise, smooth_px, mode="wrap")
-        raw = np.floor(pixel.black_level_DN + gain * (charge_e + noise) + 0.5)
+        raw = np.floor(pixel.black_level_DN + black_DN + gain * (charge_e + noise) + 0.5)
         found.append(table[np.clip(raw, 0, top).astype(int)])
     return np.array(found)
 
 
-def scatter(camera: Camera, smooth_px: float, seed: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def scatter(
+    camera: Camera, smooth_px: float, seed: int, black_DN: float = 0.0
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     rng = np.random.default_rng(seed)
     lit = np.linspace(0.0, 300.0, SHAPE[1])[None, :] * np.ones((SHAPE[0], 1))
     shots = {"replicate": (lit, 12), "lens_cap": (np.zeros(SHAPE), 4)}
-    return {k: pixel_scatter(list(frames(camera, q, n, smooth_px, rng)), 1) for k, (q, n) in shots.items()}
+    return {k: pixel_scatter(list(frames(camera, q, n, smooth_px, rng, black_DN)), 1) for k, (q, n) in shots.items()}
 
 
 @pytest.mark.parametrize("smooth_px", [0.0, 0.55])
@@ -60,6 +64,16 @@ def test_noise_smoothed_on_the_sensor_is_found_by_its_scatter(smooth_px: float) 
     # 12 x 12288 pixels: the scatter is known to 0.2 %; the low-passed Poisson noise is nearly Gaussian, not quite.
     assert found.value == pytest.approx(kept, rel=0.015)
     assert not found.codec
+
+
+@pytest.mark.parametrize("black_DN", [-9.0, 7.0])
+def test_another_black_level_is_neither_another_noise_nor_a_codec(black_DN: float) -> None:
+    camera = dim_camera()
+    found = noise_scale_of(camera, scatter(camera, 0.0, 47, black_DN))
+    assert not found.codec
+    assert found.value == pytest.approx(1.0, abs=0.015)
+    # The mean of 4 x 12288 dark pixels, whose noise is some ten raw numbers wide, tells black to 0.1.
+    assert found.black_DN == pytest.approx(black_DN, abs=0.6)
 
 
 def test_noise_smoothed_after_the_curve_is_told_by_the_dark_level() -> None:

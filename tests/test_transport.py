@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -29,7 +30,7 @@ from evanesce.render.fields import Fields, fields_of
 from evanesce.render.kept import forget
 from evanesce.render.patch import InterfaceBox, field_images, patch_light, patch_radiance, refinement
 from evanesce.render.scene import interface_maps
-from evanesce.render.transport import render_fast
+from evanesce.render.transport import flank_image, flank_place, render_fast, view_rays
 from evanesce.rig import Scene
 from rigs import hard_contact, small_rig
 
@@ -453,3 +454,33 @@ def test_the_scenes_own_state_is_seen_where_it_is() -> None:
     u, v = projection.plate_to_ray(np.array(3.3), np.array(-2.1))
     assert cols.mean() == pytest.approx(float(u) * view.focal_px + view.principal_point[0], abs=0.2)
     assert rows.mean() == pytest.approx(float(v) * view.focal_px + view.principal_point[1], abs=0.2)
+
+
+# --- what moves, moves smoothly --------------------------------------------------------------------------------------
+
+
+def test_the_flank_s_outline_keeps_its_area_wherever_the_finger_stands(scene: Scene) -> None:
+    """Cells that the outline cuts count by their share: a finger moved by parts of a cell loses or wins none."""
+    x, y = scene.finger.position_mm
+    view = Projection.of(scene.camera, scene.plate).ideal_view()
+    u, v = view_rays(view, 4)
+    areas = []
+    for shift in np.linspace(0.0, 0.4, 9):
+        finger = scene.finger.model_copy(update={"position_mm": (x + shift, y - 0.7 * shift)})
+        share = flank_place(scene.model_copy(update={"finger": finger}), u, v, 0.63)[2]
+        assert share.max() == 1.0
+        areas.append(float(share.sum()))
+    # Parallax turns the outline a little; whole cells would make steps of 1 in some hundred.
+    assert np.ptp(np.diff(areas)) < 1.5
+
+
+def test_the_flank_s_light_grows_without_steps(scene: Scene, fields: Fields) -> None:
+    view = Projection.of(scene.camera, scene.plate).ideal_view()
+    forces = np.linspace(0.9, 1.25, 15)
+    seen = []
+    for force in forces:
+        state = contact_state(scene, float(force))
+        patch = patch_light(fields, state, 1)
+        seen.append(flank_image(scene, fields, state, patch.taken, view))
+    steps = np.array([np.abs(b - a).sum() for a, b in itertools.pairwise(seen)])
+    assert steps.max() < 1.6 * np.median(steps)

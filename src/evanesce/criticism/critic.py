@@ -136,7 +136,9 @@ def prepare(observation: Observation, seed: int, exclude: Collection[str] = ()) 
     ]
     base = predictor.cube({})
     problem = Problem.of(predictor, data, noise, quick_variance(base), views, base)
-    own = predicted_part(fit(problem, parameters, {}, predicted=base, rounds=ROUNDS).point, parameters)
+    start = {"@black": size.black_DN} if size.black_DN else {}
+    seen = None if start else base
+    own = predicted_part(fit(problem, parameters, start, predicted=seen, rounds=ROUNDS).point, parameters)
     for _ in range(PLACES):
         at, point = at_place(observation, problem, own, size.codec), own
         fitted_problem, every = at[0], [*parameters, *at[1]]

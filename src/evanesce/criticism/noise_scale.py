@@ -2,7 +2,8 @@
 
 Below black a tone curve shows nothing, so that what the noise makes of darkness is a level. A camera that smooths its
 noise before the curve shows another one than its data sheet's; a codec, which smooths after it, shows the same level
-with less scatter. So two figures tell both apart: the scatter of single pixels, and the mean of a covered lens.
+with less scatter. So two figures tell both apart: the scatter of single pixels, and the mean of a covered lens. Where
+they disagree because the black level is not where it is believed, scatter in the dark and in the light still agree.
 """
 
 from __future__ import annotations
@@ -27,6 +28,9 @@ AGREE = 0.05
 TOLD_DN = 0.2
 """The dark level tells of the noise's size if a fifth more of it changes it by so much."""
 
+LIT_DN = 40.0
+"""Level from which on the place of black makes no difference to the scatter."""
+
 CLOSE, LOOSE = 0.01, 0.1
 """Prior standard deviations of the logarithm: both figures agree, or one alone is there."""
 
@@ -42,11 +46,14 @@ class NoiseScale:
         Prior standard deviation of its logarithm.
     codec : bool
         Whether the noise was smoothed after the tone curve.
+    black_DN : float
+        Where a fit of the black level may start, less the believed one [raw DN].
     """
 
     value: float = 1.0
     deviation: float = LOOSE
     codec: bool = False
+    black_DN: float = 0.0
 
 
 def noise_scale_of(camera: Camera, scatter: Mapping[str, tuple[Array, Array]]) -> NoiseScale:
@@ -65,16 +72,36 @@ def noise_scale_of(camera: Camera, scatter: Mapping[str, tuple[Array, Array]]) -
         return NoiseScale(1.0, LOOSE) if spread is None else NoiseScale(spread, 2 * CLOSE)
     if spread is None:
         return NoiseScale(dark, LOOSE)
-    agree = abs(np.log(spread / dark)) < AGREE
-    return NoiseScale(spread, CLOSE) if agree else NoiseScale(dark, LOOSE, codec=spread < dark)
+    if abs(np.log(spread / dark)) < AGREE:
+        return NoiseScale(spread, CLOSE)
+    return _of_displaced_black(camera, scatter) or NoiseScale(dark, LOOSE, codec=spread < dark)
 
 
-def _by_scatter(camera: Camera, scatter: Mapping[str, tuple[Array, Array]]) -> float | None:
-    """Return the scale whose variance, over all bins, is the measured one."""
+def _of_displaced_black(camera: Camera, scatter: Mapping[str, tuple[Array, Array]]) -> NoiseScale | None:
+    """Return the noise of a camera with another black level, if one explains scatter in the light and in the dark.
+
+    A codec smooths after the curve has cut off what lies below black, so that no level goes with its scatter.
+    """
+    scale = _by_scatter(camera, scatter, LIT_DN)
+    if scale is None or "lens_cap" not in scatter:
+        return None
+    tone, (level, variance) = expected_tone(camera, scale), scatter["lens_cap"]
+    if abs(np.log(float(tone.variance_at(level).mean()) / float(np.mean(variance)))) > 2 * AGREE:
+        return None
+    signal = float(np.interp(np.mean(level), tone.mean, tone.signal))
+    return NoiseScale(scale, CLOSE, black_DN=signal - camera.pixel.black_level_DN)
+
+
+def _by_scatter(camera: Camera, scatter: Mapping[str, tuple[Array, Array]], least_DN: float = -np.inf) -> float | None:
+    """Return the scale whose variance, over all bins of some level at least, is the measured one."""
     if not scatter:
         return None
     level = np.concatenate([np.ravel(part[0]) for part in scatter.values()])
-    variance = float(np.concatenate([np.ravel(part[1]) for part in scatter.values()]).mean())
+    chosen = level > least_DN
+    if not chosen.any():
+        return None
+    level = level[chosen]
+    variance = float(np.concatenate([np.ravel(part[1]) for part in scatter.values()])[chosen].mean())
     return _root(lambda scale: float(expected_tone(camera, scale).variance_at(level).mean()) - variance)
 
 

@@ -10,6 +10,7 @@ the finger's flank, lit by the contact's own light and by what escapes near the 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import cv2
@@ -200,17 +201,34 @@ def flank_image(
     view : IdealView
     step : int
     """
-    depth = flank_depth(scene, state)
-    key = f"{sight_digest(scene)}{view}{step}{depth:.1f}"
-    column, row, seen = kept("flank", key, lambda: flank_place(scene, *view_rays(view, step), depth))
-    coarse = cv2.remap(flank_lit(scene, fields, taken, depth), column, row, cv2.INTER_LINEAR) * seen
+    rays = view_rays(view, step)
+    between = approach_between(scene, state)
+    low = int(np.floor(between / FLANK_DEPTH_MM))
+    coarse: Any = 0.0
+    # Between two depths that are kept: one rounded depth would jump where a force grows.
+    for number, share in ((low, 1 - (between / FLANK_DEPTH_MM - low)), (low + 1, between / FLANK_DEPTH_MM - low)):
+        if share > 0:
+            depth = round(min(number * FLANK_DEPTH_MM, float(flank_depths(scene)[-1])), 3)
+            key = f"{sight_digest(scene)}{view}{step}{depth:.3f}"
+            column, row, seen = kept("flank", key, partial(flank_place, scene, *rays, depth))
+            lit = cv2.remap(flank_lit(scene, fields, taken, depth), column, row, cv2.INTER_LINEAR)
+            coarse = coarse + np.float32(share) * (lit * seen)
     return enlarged(np.asarray(coarse, np.float32), step, view.shape)
 
 
-def flank_depth(scene: Scene, state: ContactState) -> float:
-    """Return a state's approach for the flank's tables [mm]: a tenth changes nothing that can be seen."""
+FLANK_DEPTH_MM = 0.1
+"""Step of the approaches for which the flank's place is kept."""
+
+
+def approach_between(scene: Scene, state: ContactState) -> float:
+    """Return a state's approach, within the depths of the flank's tables [mm]."""
     depths = flank_depths(scene)
-    return round(float(np.clip(approach(state, scene.finger), depths[0], depths[-1])), 1)
+    return float(np.clip(approach(state, scene.finger), depths[0], depths[-1]))
+
+
+def flank_depth(scene: Scene, state: ContactState) -> float:
+    """Return a state's approach for the flank's tables to a tenth [mm]: a single frame shows no difference."""
+    return round(approach_between(scene, state), 1)
 
 
 def flank_lit(scene: Scene, fields: Fields, taken: Array, depth: float) -> Image:
@@ -238,7 +256,45 @@ def flank_turn(table: Array) -> Image:
 
 
 def flank_place(scene: Scene, u: Array, v: Array, depth: float) -> tuple[Image, Image, Image]:
-    """Return column and row in the flank's table that directions (u, v, 1) see, and 1 where they see the flank."""
+    """Return column and row in the flank's table that directions (u, v, 1) see, and the share that see the flank.
+
+    Directions are those of a grid (rows, cols); at the flank's outline each stands for its cell, so that the outline
+    moves with a camera that moves, and does not jump from cell to cell.
+    """
+    station, azimuth = _flank_met(scene, u, v, depth)
+    met = np.isfinite(station)
+    share = met.astype(float)
+    edge = _outline(met)
+    if edge.any():
+        part = (np.arange(OUTLINE_PARTS) + 0.5) / OUTLINE_PARTS - 0.5
+        du, dv = np.gradient(u, axis=1)[edge], np.gradient(v, axis=0)[edge]
+        across, down = (part[None, None, :] * du[:, None, None], part[None, :, None] * dv[:, None, None])
+        uu, vv = np.broadcast_arrays(u[edge][:, None, None] + across, v[edge][:, None, None] + down)
+        stations, azimuths = _flank_met(scene, uu, vv, depth)
+        hit = np.isfinite(stations)
+        count = np.maximum(hit.sum(axis=(1, 2)), 1)
+        share[edge] = hit.mean(axis=(1, 2))
+        station[edge] = np.where(hit, stations, 0.0).sum(axis=(1, 2)) / count
+        sine, cosine = (np.where(hit, turn(azimuths), 0.0).sum(axis=(1, 2)) for turn in (np.sin, np.cos))
+        azimuth[edge] = np.arctan2(sine, cosine)
+    station, azimuth = np.where(share > 0, station, 0.0), np.where(share > 0, azimuth, 0.0)
+    row = np.interp(station, FLANK_STATIONS, np.arange(FLANK_STATIONS.size))
+    column = np.mod(azimuth, 2 * np.pi) * (FLANK_AZIMUTHS / (2 * np.pi))
+    return column.astype(np.float32), row.astype(np.float32), share.astype(np.float32)
+
+
+OUTLINE_PARTS = 8
+"""Rays along each side of a cell of the flank's outline."""
+
+
+def _outline(met: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return where a neighbour is of the other kind."""
+    kind, around = met.astype(np.uint8), np.ones((3, 3), np.uint8)
+    return np.asarray(cv2.dilate(kind, around) != cv2.erode(kind, around))
+
+
+def _flank_met(scene: Scene, u: Array, v: Array, depth: float) -> tuple[Array, Array]:
+    """Return station and azimuth on the flank where directions (u, v, 1) meet it; NaN where they miss."""
     projection = Projection.of(scene.camera, scene.plate)
     x, y, slope_x, slope_y = plate_rays(projection, u, v)
     # Out of the glass: slope in the air from that in the glass.
@@ -246,8 +302,4 @@ def flank_place(scene: Scene, u: Array, v: Array, depth: float) -> tuple[Image, 
     inside = slope_x**2 + slope_y**2
     leave = n / np.sqrt(np.maximum(1 + inside - n * n * inside, 1e-6))
     station, azimuth = profile_of(scene).meet(x, y, slope_x * leave, slope_y * leave, depth)
-    seen = np.isfinite(station)
-    station, azimuth = np.where(seen, station, 0.0), np.where(seen, azimuth, 0.0)
-    row = np.interp(station, FLANK_STATIONS, np.arange(FLANK_STATIONS.size))
-    column = np.mod(azimuth, 2 * np.pi) * (FLANK_AZIMUTHS / (2 * np.pi))
-    return column.astype(np.float32), row.astype(np.float32), seen.astype(np.float32)
+    return np.array(station), np.array(azimuth)

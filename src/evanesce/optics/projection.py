@@ -158,16 +158,22 @@ class Projection:
         x, y = self.undistort((np.asarray(u, float) - cx) / self.focal_px, (np.asarray(v, float) - cy) / self.focal_px)
         return self.ray_to_plate(x, y)
 
+    def tangents(self, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
+        """Return dx/dz and dy/dz in air, along the plate's axes, of undistorted normalised directions (x, y, 1)."""
+        x, y = np.asarray(x, float), np.asarray(y, float)
+        across, down, along = (self.axes[k, 0] * x + self.axes[k, 1] * y + self.axes[k, 2] for k in range(3))
+        return across / along, down / along
+
+    def bend(self, tan_x: Array, tan_y: Array) -> Array:
+        """Return the slope in the glass over that in air [1]: n sin(theta_glass) = sin(theta_air)."""
+        tan2 = tan_x * tan_x + tan_y * tan_y
+        return np.asarray(1.0 / np.sqrt(self.refractive_index**2 + (self.refractive_index**2 - 1.0) * tan2))
+
     def ray_to_plate(self, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
         """Return the contact-plane point [mm] of an undistorted normalised direction (x, y, 1)."""
-        x, y = np.asarray(x, float), np.asarray(y, float)
-        d = x[..., None] * self.axes[:, 0] + y[..., None] * self.axes[:, 1] + self.axes[:, 2]
-        tan_air = d[..., :2] / d[..., 2:]
-        tan2 = (tan_air**2).sum(-1)
-        # tan(theta_glass) / tan(theta_air), from n sin(theta_glass) = sin(theta_air)
-        ratio = 1.0 / np.sqrt(self.refractive_index**2 * (1 + tan2) - tan2)
-        reach = tan_air * (self.clearance + self.thickness * ratio)[..., None]
-        return self.pinhole[0] + reach[..., 0], self.pinhole[1] + reach[..., 1]
+        tan_x, tan_y = self.tangents(x, y)
+        reach = self.clearance + self.thickness * self.bend(tan_x, tan_y)
+        return self.pinhole[0] + reach * tan_x, self.pinhole[1] + reach * tan_y
 
     def to_image(self, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
         """Return the pixel position (u, v) of contact-plane points [mm]; inverse of :meth:`to_plate`."""

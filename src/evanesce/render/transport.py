@@ -178,12 +178,15 @@ def plate_maps(scene: Scene, rays: tuple[Array, Array], first: tuple[float, floa
 
 def plate_rays(projection: Projection, u: Array, v: Array) -> tuple[Array, Array, Array, Array]:
     """Return where directions (u, v, 1) meet the contact plane [mm], and dx/dz, dy/dz inside the glass."""
-    x, y = projection.ray_to_plate(u, v)
-    d = u[..., None] * projection.axes[:, 0] + v[..., None] * projection.axes[:, 1] + projection.axes[:, 2]
-    tan_x, tan_y = d[..., 0] / d[..., 2], d[..., 1] / d[..., 2]
-    tan2 = tan_x**2 + tan_y**2
-    ratio = 1.0 / np.sqrt(projection.refractive_index**2 * (1 + tan2) - tan2)
-    return x, y, tan_x * ratio, tan_y * ratio
+    tan_x, tan_y = projection.tangents(u, v)
+    ratio = projection.bend(tan_x, tan_y)
+    reach = projection.clearance + projection.thickness * ratio
+    return (
+        projection.pinhole[0] + reach * tan_x,
+        projection.pinhole[1] + reach * tan_y,
+        tan_x * ratio,
+        tan_y * ratio,
+    )
 
 
 def flank_image(
@@ -296,10 +299,7 @@ def _outline(met: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def _flank_met(scene: Scene, u: Array, v: Array, depth: float) -> tuple[Array, Array]:
     """Return station and azimuth on the flank where directions (u, v, 1) meet it; NaN where they miss."""
     projection = Projection.of(scene.camera, scene.plate)
-    x, y, slope_x, slope_y = plate_rays(projection, u, v)
-    # Out of the glass: slope in the air from that in the glass.
-    n = projection.refractive_index
-    inside = slope_x**2 + slope_y**2
-    leave = n / np.sqrt(np.maximum(1 + inside - n * n * inside, 1e-6))
-    station, azimuth = profile_of(scene).meet(x, y, slope_x * leave, slope_y * leave, depth)
+    x, y = projection.ray_to_plate(u, v)
+    # Above the glass a ray is as steep as below it.
+    station, azimuth = profile_of(scene).meet(x, y, *projection.tangents(u, v), depth)
     return np.array(station), np.array(azimuth)

@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 from sklearn.ensemble import HistGradientBoostingRegressor
 from sklearn.isotonic import IsotonicRegression
-from sklearn.metrics import mean_absolute_error, r2_score
+from sklearn.metrics import r2_score
 from sklearn.model_selection import GroupKFold, cross_val_predict
 
 import evanesce.dataset as dataset
@@ -242,16 +242,25 @@ class Detector:
     def judge(self, table: Table) -> dict[str, float]:
         """Return regression and detection figures."""
         found = self.stick(table)
+        mean, standard = over_trials(np.abs(found - table.stick), table.trial)
         return {
-            "mae": float(mean_absolute_error(table.stick, found)),
+            "mae": mean,
+            "mae_standard": standard,
             "r2": float(r2_score(table.stick, found)),
             **dataclasses.asdict(score(table.series(self.evidence(table)), self.threshold)),
         }
 
 
+def over_trials(error: np.ndarray, trial: np.ndarray) -> tuple[float, float]:
+    """Return the mean of frames' errors and its standard error; trials are independent, a trial's frames are not."""
+    each = np.array([error[trial == t].mean() for t in np.unique(trial)])
+    return float(error.mean()), float(each.std(ddof=1) / np.sqrt(each.size))
+
+
 def generate(out: Path, trials: int, workers: int) -> dict[str, float]:
-    """Make what is not there yet; return seconds by set."""
-    spent = {}
+    """Make what is not there yet; return seconds by set, those of earlier runs that were stopped included."""
+    kept = out / f"seconds-{trials}.json"
+    spent: dict[str, float] = json.loads(kept.read_text()) if kept.exists() else {}
     for name, (config, count, seed) in sets(trials).items():
         folder, start = out / f"{name}-{trials}", time.perf_counter()
         engine = Engine(workers=workers)
@@ -259,9 +268,66 @@ def generate(out: Path, trials: int, workers: int) -> dict[str, float]:
             outcome = resume(folder, engine)
         else:
             outcome = make(folder, new_job(load_scene("thesis"), config, frames=count * FRAMES, seed=seed), engine)
-        spent[name] = time.perf_counter() - start
-        print(f"{name}: {outcome.frames} frames, {outcome.made} made in {spent[name]:.0f} s", flush=True)
+        if outcome.made:
+            spent[name] = spent.get(name, 0.0) + time.perf_counter() - start
+            kept.write_text(json.dumps(spent) + "\n")
+        print(f"{name}: {outcome.frames} frames, made in {spent.get(name, 0.0):.0f} s", flush=True)
     return spent
+
+
+TESTS = ("seen", "unseen_friction", "unseen_pitch")
+
+
+def judged(tables: dict[str, Table]) -> dict[str, dict[str, dict[str, float]]]:
+    """Return figures by detector and test."""
+    detectors = {
+        "frames": Detector(tables["train"], "frames"),
+        "frames, plain training": Detector(tables["train_plain"], "frames"),
+        "force threshold": Detector(tables["train"], "force"),
+    }
+    found = {name: {test: detector.judge(tables[test]) for test in TESTS} for name, detector in detectors.items()}
+    for test in TESTS:
+        # Paired: the same frames by both, so that what makes a trial hard falls out.
+        table = tables[test]
+        worse = [np.abs(detectors[n].stick(table) - table.stick) for n in ("frames, plain training", "frames")]
+        cost = over_trials(worse[0] - worse[1], table.trial)
+        found["frames, plain training"][test] |= dict(zip(("cost", "cost_standard"), cost, strict=True))
+    return found
+
+
+def learning_curves(tables: dict[str, Table], trials: int) -> dict[str, dict[int, dict[str, float]]]:
+    """Return the error of the stick ratio by training set, count of its trials and test."""
+    curves: dict[str, dict[int, dict[str, float]]] = {}
+    for name in ("train", "train_plain"):
+        curves[name] = {}
+        for share in (16, 8, 4, 2, 1):
+            part = tables[name].part(max(5, trials // share))
+            fit = model().fit(part.features, part.stick)
+            curves[name][len(np.unique(part.trial))] = {
+                t: float(np.abs(np.clip(fit.predict(tables[t].features), 0, 1) - tables[t].stick).mean()) for t in TESTS
+            }
+    return curves
+
+
+def show(result: dict[str, Any]) -> None:
+    """Print the tables."""
+    print("\n| detector | test | MAE | R2 | detected | latency s | lead s | false alarms/min | slides |")
+    print("|" + "---|" * 9)
+    for name, by_test in result["results"].items():
+        for test, r in by_test.items():
+            print(
+                f"| {name} | {test.replace('_', ' ')} | {r['mae']:.3f} +- {r['mae_standard']:.3f} | {r['r2']:.2f}"
+                f" | {100 * r['detected']:.0f} % | {r['latency_s']:.3f} | {r['lead_s']:.3f}"
+                f" | {r['false_per_minute']:.1f} | {r['slides']:.0f} |"
+            )
+    for test, r in result["results"]["frames, plain training"].items():
+        print(f"not randomising costs {r['cost']:.3f} +- {r['cost_standard']:.3f} on {test.replace('_', ' ')}")
+    for name, curve in result["curves"].items():
+        print(f"\n| trials of {name} | " + " | ".join(f"MAE {t.replace('_', ' ')}" for t in TESTS) + " |")
+        print("|" + "---|" * 4)
+        for count, errors in curve.items():
+            print(f"| {count} | " + " | ".join(f"{v:.3f}" for v in errors.values()) + " |")
+    print(f"\nconstant guess: MAE {', '.join(f'{t} {v:.3f}' for t, v in result['constant_mae'].items())}")
 
 
 def main() -> None:
@@ -271,48 +337,30 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
-    start = time.perf_counter()
     spent = generate(given.out, given.trials, given.workers)
     seen = time.perf_counter()
-    tables = {name: table_of(given.out / f"{name}-{given.trials}", max(1, given.workers)) for name in spent}
-    print(f"features in {time.perf_counter() - seen:.0f} s", flush=True)
-    tests = ("seen", "unseen_friction", "unseen_pitch")
-    detectors = {
-        "frames": Detector(tables["train"], "frames"),
-        "frames, plain training": Detector(tables["train_plain"], "frames"),
-        "force threshold": Detector(tables["train"], "force"),
+    tables = {
+        name: table_of(given.out / f"{name}-{given.trials}", max(1, given.workers)) for name in sets(given.trials)
     }
-    results = {name: {test: detector.judge(tables[test]) for test in tests} for name, detector in detectors.items()}
-    print(
-        "\n| detector | test | MAE | R2 | detected | latency s | lead s | false alarms/min | slides |\n|" + "---|" * 9
-    )
-    for name, by_test in results.items():
-        for test, r in by_test.items():
-            print(
-                f"| {name} | {test.replace('_', ' ')} | {r['mae']:.3f} | {r['r2']:.2f} | {100 * r['detected']:.0f} %"
-                f" | {r['latency_s']:.3f} | {r['lead_s']:.3f} | {r['false_per_minute']:.1f} | {r['slides']:.0f} |"
-            )
-    curve = {}
-    print("\n| training trials | " + " | ".join(f"MAE {t.replace('_', ' ')}" for t in tests) + " |\n|" + "---|" * 4)
-    for share in (8, 4, 2, 1):
-        count = max(5, given.trials // share)
-        part = tables["train"].part(count)
-        fit = model().fit(part.features, part.stick)
-        curve[count] = {
-            t: float(mean_absolute_error(tables[t].stick, np.clip(fit.predict(tables[t].features), 0, 1)))
-            for t in tests
-        }
-        print(f"| {count} | " + " | ".join(f"{v:.3f}" for v in curve[count].values()) + " |")
+    print(f"features in {time.perf_counter() - seen:.0f} s", flush=True)
     mean = float(tables["train"].stick.mean())
-    constant = {t: float(mean_absolute_error(tables[t].stick, np.full_like(tables[t].stick, mean))) for t in tests}
-    print(f"\nconstant guess: MAE {', '.join(f'{t} {v:.3f}' for t, v in constant.items())}")
-    total = time.perf_counter() - start
-    print(f"{total:.0f} s, load {os.getloadavg()[0]:.1f}")
+    result = {
+        "trials": given.trials,
+        "test_trials": {t: len(np.unique(tables[t].trial)) for t in TESTS},
+        "frames": sum(len(table.stick) for table in tables.values()),
+        "results": judged(tables),
+        "curves": learning_curves(tables, given.trials),
+        "constant_mae": {t: float(np.abs(tables[t].stick - mean).mean()) for t in TESTS},
+        "generated_s": spent,
+        "features_and_fits_s": time.perf_counter() - seen,
+        "load": os.getloadavg()[0],
+        "provenance": dict(provenance.record()),
+    }
+    show(result)
+    print(
+        f"frames {sum(spent.values()):.0f} s, the rest {result['features_and_fits_s']:.0f} s, load {result['load']:.1f}"
+    )
     if given.json:
-        result = {
-            "trials": given.trials, "results": results, "curve": curve, "constant_mae": constant, "generated_s": spent,
-            "total_s": total, "load": os.getloadavg()[0], "provenance": dict(provenance.record()),
-        }  # fmt: skip
         given.json.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
 
 

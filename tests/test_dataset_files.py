@@ -17,7 +17,7 @@ import pytest
 
 import evanesce.dataset as dataset
 from datasets import PaperProducer, contents, paper_meta, tiny_job
-from evanesce.dataset import layout, run, worker
+from evanesce.dataset import baselines, layout, run, worker
 from evanesce.dataset.card import schema
 from evanesce.dataset.encode import decode_exr, decode_png, exr
 from evanesce.dataset.export import FORMATS, export
@@ -119,12 +119,31 @@ def test_meta_follows_the_schema(whole):
 def test_the_data_card_names_every_shard(whole):
     card = json.loads((whole / "croissant.json").read_text())
     files = {f["@id"]: f for f in card["distribution"] if f["@type"] == "cr:FileObject"}
-    assert card["conformsTo"].startswith("http://mlcommons.org/croissant/")
+    assert all(name.startswith("http://mlcommons.org/croissant/") for name in card["conformsTo"])
     assert set(files) == {f"shard-{i:06d}.tar" for i in range(4)}
     for name, entry in files.items():
         assert (whole / entry["contentUrl"]).stat().st_size == int(entry["contentSize"].split()[0])
         assert name in (whole / "SHA256SUMS").read_text()
     assert {f["name"] for f in card["recordSet"][0]["field"]} == set(SCALARS)
+
+
+def test_card_and_page_tell_the_baselines_as_they_were_measured(whole):
+    """Figures of one recorded run, in the data card and in the table of docs/dataset.md."""
+    card = json.loads((whole / "croissant.json").read_text())["rai:dataUseCases"]
+    page = (Path(__file__).resolve().parents[1] / "docs" / "dataset.md").read_text(encoding="utf-8")
+    run = json.loads(baselines.RECORD.read_text(encoding="utf-8"))
+    for name, by_test in run["results"].items():
+        for test, found in by_test.items():
+            assert f"{found['mae']:.3f}" in card, (name, test)
+            row = (
+                f"| {found['mae']:.3f} ± {found['mae_standard']:.3f} | {round(found['detected'] * found['slides'])} of"
+                f" {found['slides']} | {found['latency_s']:.3f} | {found['lead_s']:.3f} |"
+                f" {found['false_per_minute']:.1f} |"
+            )
+            assert row in page, (name, test)
+    for test, found in run["results"]["frames, plain training"].items():
+        assert f"{found['cost']:.3f} ± {found['cost_standard']:.3f}" in page, test
+    assert f"{run['trials']} training trials" in card
 
 
 def test_webdataset_reads_the_shards(whole):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from evanesce.dataset import layout
+from evanesce.dataset import baselines, layout
 from evanesce.dataset.config import KINDS
 from evanesce.dataset.job import Job
 from evanesce.dataset.labels import CHANNELS
@@ -13,6 +13,7 @@ from evanesce.dataset.manifest import Manifest
 from evanesce.dataset.trial import SCALARS
 
 CROISSANT = "http://mlcommons.org/croissant/1.0"
+RESPONSIBLE = "http://mlcommons.org/croissant/RAI/1.0"
 
 
 def write_card(folder: Path, job: Job, manifest: Manifest) -> None:
@@ -86,7 +87,7 @@ def croissant(job: Job, manifest: Manifest) -> dict[str, Any]:
     return {
         "@context": _CONTEXT,
         "@type": "sc:Dataset",
-        "conformsTo": CROISSANT,
+        "conformsTo": [CROISSANT, RESPONSIBLE],
         "name": (job.config.title or job.scene.title or "evanesce dataset").replace("/", " "),
         "description": (
             f"{len(manifest.frames())} simulated frames of {job.trials} presses and slides of a silicone finger on an"
@@ -94,6 +95,12 @@ def croissant(job: Job, manifest: Manifest) -> dict[str, Any]:
             f" {units}. Negatives: {kinds}. Labels lie in the distorted frame (labels.exr, mask.png) and on the"
             " undistorted plate plane (plate.exr), on a fixed physical scale. Splits hold whole groups of one"
             f" {job.config.split.by}. Simulated, not measured: Hertz with partial slip, ridges in two scales."
+        ),
+        "rai:dataUseCases": f"Training and testing detectors of incipient slip. {baselines.told()}",
+        "rai:dataLimitations": (
+            "No finger was photographed: how far a detector trained here carries to a real rig has not been measured."
+            " No inertia; ridges slip by the scale of the whole contact; what takes minutes, such as LEDs that warm,"
+            " stands still."
         ),
         "version": f"{layout.FORMAT_VERSION}.0.0",
         "citeAs": f"evanesce dataset, configuration {job.digest[:16]}, seed {job.seed}",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -21,15 +23,23 @@ TILE = 260
 MAX_SIDE = 720
 
 
-def overlay(sample: Sample, height: int) -> Picture:
-    """Return a frame beside itself with its states laid over, and a line of its numbers, ``height`` rows high."""
+def overlay(sample: Sample, height: int, cut: tuple[slice, slice]) -> Picture:
+    """Return part of a frame beside itself with its states laid over, and two lines of its numbers.
+
+    Parameters
+    ----------
+    sample : Sample
+    height : int
+        Of the picture [px].
+    cut : tuple of slice
+        Rows and columns, from :func:`around`.
+    """
     frame, state = sample.frame, sample.state
     grey = np.repeat(frame[..., None], 3, axis=2) if frame.ndim == 2 else frame
     tinted = grey.astype(np.float32)
     for value, colour in COLOURS.items():
         where = state == value
         tinted[where] = 0.45 * tinted[where] + 0.55 * np.array(colour, np.float32)
-    cut = _around(sample)
     pair = np.concatenate([grey[cut], tinted[cut].astype(np.uint8)], axis=1)
     text = 34
     scale = (height - text) / pair.shape[0]
@@ -47,19 +57,39 @@ def overlay(sample: Sample, height: int) -> Picture:
     return np.concatenate([band, small], axis=0)
 
 
-def _around(sample: Sample) -> tuple[slice, slice]:
-    """Return the middle square of the frame that holds the contact plane's samples: the same in all frames."""
-    rows, cols = sample.frame.shape[:2]
-    side = min(rows, cols)
-    top, left = (rows - side) // 2, (cols - side) // 2
-    return slice(top, top + side), slice(left, left + side)
+def around(samples: Sequence[Sample], margin: float = 0.25) -> tuple[slice, slice]:
+    """Return rows and columns of the smallest square that holds all that touches in some frames, and a margin.
+
+    Parameters
+    ----------
+    samples : sequence of Sample
+        Of one size.
+    margin : float
+        Share of the square's side that is left on each side.
+    """
+    rows, cols = samples[0].frame.shape[:2]
+    touched = np.zeros((rows, cols), bool)
+    for sample in samples:
+        touched |= sample.state >= SurfaceState.STICK
+    if not touched.any():
+        touched[:] = True
+    middle, half = [], 0.0
+    for axis in (1, 0):
+        there = np.flatnonzero(touched.any(axis=axis))
+        middle.append(0.5 * float(there[0] + there[-1] + 1))
+        half = max(half, (0.5 + margin) * float(there[-1] + 1 - there[0]))
+    side = min(max(8, math.ceil(2 * half)), rows, cols)
+    first = [min(max(0, round(m - side / 2)), size - side) for m, size in zip(middle, (rows, cols), strict=True)]
+    return slice(first[0], first[0] + side), slice(first[1], first[1] + side)
 
 
 def contact_sheet(dataset: Dataset, columns: int = 3, rows: int = 6) -> Picture:
     """Return a sheet of frames spread evenly over the dataset."""
     count = min(columns * rows, len(dataset))
     chosen = np.linspace(0, len(dataset) - 1, count).round().astype(int)
-    tiles = [overlay(dataset[int(i)], TILE) for i in chosen]
+    samples = [dataset[int(i)] for i in chosen]
+    cut = around(samples)
+    tiles = [overlay(sample, TILE, cut) for sample in samples]
     wide = max(tile.shape[1] for tile in tiles)
     blank = np.full((TILE, wide, 3), 24, np.uint8)
     filled = []
@@ -99,8 +129,10 @@ def preview(folder: Path, out: Path, *, trial: int | None = None) -> tuple[Path,
         write_png(sheet, contact_sheet(dataset))
         rate = dataset.job.config.trial.frame_rate_hz
         with VideoWriter(film, frame_rate_hz=rate) as video:
-            for place, i in enumerate(trials[trial]):
-                picture = overlay(dataset[i], min(MAX_SIDE, 2 * (dataset[i].frame.shape[0] // 2 + 200)))
+            samples = [dataset[i] for i in trials[trial]]
+            cut = around(samples)
+            for place, sample in enumerate(samples):
+                picture = overlay(sample, MAX_SIDE, cut)
                 even = picture[: picture.shape[0] // 2 * 2, : picture.shape[1] // 2 * 2]
                 video.add(Frame(data=np.ascontiguousarray(even), time=place / rate, index=place))
     return sheet, film

@@ -43,6 +43,8 @@ def test_every_command_explains_itself(command: str) -> None:
         (["render", "thesis", "--set", "x=" + "[" * 5000 + "]" * 5000], ["--set x", "TOML"]),
         (["render", "thesis", "--video", "gif"], ["--video", "gif", "h264"]),
         (["render", "thesis", "--variant", "metal", "--fast"], ["--variant"]),
+        (["render", "thesis", "--fast", "--spp", "16"], ["--spp", "--reference"]),
+        (["render", "thesis", "--fast", "--until-error", "0.05"], ["--until-error", "--reference"]),
         (["render", "thesis", "--json", "no/such/folder/x.json"], ["--json", "no/such/folder"]),
         (["compare", "no_folder", "--mm2-per-px", "1e-4"], ["no_folder", "evanesce render"]),
         (["compare", "no_folder"], ["--mm2-per-px"]),

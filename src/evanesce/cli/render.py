@@ -108,6 +108,9 @@ def register(app: typer.Typer) -> None:
             raise InputError(f"{until_error:g}", key="--until-error", allowed="above 0, below 1")
         options: dict[str, Any] = {"samples_per_pixel": spp, "passes": passes, "until_error": until_error}
         if fast:
+            for flag, given in (("--spp", spp), ("--passes", passes), ("--until-error", until_error)):
+                if given is not None:
+                    raise InputError("fast transport draws no paths", key=flag, allowed="with --reference only")
             options = {}
         folder = out_dir(out, f"render-{Path(scene).stem}")
         result = _run(

@@ -96,7 +96,7 @@ def extend(problem: Problem, base: Fit, known: Extension | None, scored: Scored)
     if scored.start >= 0:
         occam -= float(np.log(len(candidate.starts)))
     improved = 0.5 * (base.misfit - fitted.misfit) / scored.inflation
-    gain, error = held_out_gain(problem, base, fitted, scored.inflation)
+    gain, error = held_out_gain(problem, base, fitted, len(own_parameters), scored.inflation)
     signal = _signal(problem, fitted, own_parameters)
     return Extension(
         ids=(*(known.ids if known else ()), candidate.id),
@@ -165,18 +165,28 @@ def changes_plate_light(problem: Problem, candidate: Candidate) -> bool:
     return guide(rig) != guide(scene)
 
 
-def held_out_gain(problem: Problem, base: Fit, extended: Fit, inflation: float) -> tuple[float, float]:
+def held_out_gain(problem: Problem, base: Fit, extended: Fit, own: int, inflation: float) -> tuple[float, float]:
     """Return the log predictive gain of conditions left out one by one, and the error that noise alone gives it.
 
     The difference of two squared residuals is linear in the noise, with the distance of the two predictions as its
     standard deviation. A scatter over conditions would call a gain uncertain because it is larger in some of them.
+
+    Parameters
+    ----------
+    problem : Problem
+    base, extended : Fit
+    own : int
+        How many of the extended fit's parameters, its first, are the candidate's.
+    inflation : float
     """
     groups = condition_of_bins(problem)
+    # What a fit learnt of the nuisances' derivatives on its way is no gain: the same serve both.
+    shared = extended.rows[own:] if len(extended.rows) - own == len(base.rows) else base.rows
     scores = []
-    for one in (extended, base):
+    for one, rows in ((extended, extended.rows), (base, shared)):
         deviations = np.array([p.deviation for p in one.parameters])
         away = np.array([value_of(one.point, p) - p.null for p in one.parameters])
-        scores.append(leave_one_out(one.rows, one.residual, deviations, away, groups))
+        scores.append(leave_one_out(rows, one.residual, deviations, away, groups))
     apart = float(np.sum((extended.residual - base.residual) ** 2, dtype=float))
     return float((scores[0] - scores[1]).sum()) / inflation, float(np.sqrt(apart / inflation))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import io
+import math
 import os
 import queue
 import re
@@ -145,9 +146,6 @@ def test_first_figures_are_the_librarys(page: Any) -> None:
     assert page.title() == "evanesce, live"
 
 
-@pytest.mark.xfail(
-    reason="key presses did not reach the slider after the page's last change; not understood", run=False
-)
 def test_arrow_keys_move_the_threshold(page: Any) -> None:
     handle = slider(page, "threshold")
     handle.focus()
@@ -241,26 +239,49 @@ def test_an_impossible_setting_is_one_line_and_the_page_goes_on(page: Any) -> No
     error.wait_for(state="hidden", timeout=PATIENCE_MS)
 
 
-def shot(page: Any, selector: str) -> np.ndarray:
-    """Take what the screen shows of a picture, without the marks over it."""
-    data = page.locator(selector).screenshot(style=".marks { visibility: hidden }")
-    return np.asarray(PillowImage.open(io.BytesIO(data)).convert("RGB"))
+def shot(page: Any, selector: str) -> tuple[np.ndarray, tuple[int, int, int, int]]:
+    """Take what the screen shows of a picture, without the marks over it; and where in that the picture lies.
+
+    A picture need not begin at a whole pixel of the screen: it is taken with all pixels that it touches, and the
+    outermost show the page, too. The place is (left, top, width, height) [px].
+    """
+    place = page.locator(selector)
+    data = place.screenshot(style=".marks { visibility: hidden }")
+    box = place.bounding_box()
+    x0, y0 = round(box["x"]), round(box["y"])  # the browser draws pictures onto whole pixels
+    x1, y1 = round(box["x"] + box["width"]), round(box["y"] + box["height"])
+    where = x0 - math.floor(box["x"]), y0 - math.floor(box["y"]), x1 - x0, y1 - y0
+    return np.asarray(PillowImage.open(io.BytesIO(data)).convert("RGB")), where
 
 
-@pytest.mark.xfail(
-    reason="the overlay differs from the library's by 3.7 DN on average (limit 3), cause not found", strict=False
-)
+def on_screen(image: np.ndarray, shape: tuple[int, ...], place: tuple[int, int, int, int]) -> np.ndarray:
+    """Draw an image where :func:`shot` found it; smoothed first where the screen has fewer pixels than it."""
+    left, top, width, height = place
+    rows, cols = image.shape[:2]
+    fewer = cols / width
+    smooth = cv2.GaussianBlur(image, (0, 0), 0.5 * fewer) if fewer > 1.2 else image
+    x = ((np.arange(shape[1]) + 0.5 - left) * (cols / width) - 0.5).astype(np.float32)
+    y = ((np.arange(shape[0]) + 0.5 - top) * (rows / height) - 0.5).astype(np.float32)
+    found = cv2.remap(smooth, *np.meshgrid(x, y), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return found.astype(float)
+
+
+INSIDE = np.s_[2:-2, 2:-2]
+"""Of a picture on the screen: without the pixels that show the page, too."""
+
+
 def test_the_pictures_on_the_screen_are_the_rendered_ones(page: Any) -> None:
     """Against the library's frame, shrunk as the screen does; a frame shifted by a few pixels is told apart."""
     library = start()
     wait_for(page, "area_mm2", library.area_mm2)
     page.wait_for_function("[...document.images].every(i => i.complete)")
-    seen = shot(page, "#picture-frame img").astype(float).mean(axis=2)
-    # the frame has 4 : 3 to a pixel in 250; the screen draws it into 4 : 3
-    wanted = cv2.resize(library.frame, seen.shape[::-1], interpolation=cv2.INTER_AREA).astype(float)
+    seen, place = shot(page, "#picture-frame img")
+    wanted = on_screen(library.frame, seen.shape, place)
+    seen, wanted = seen.astype(float).mean(axis=2)[INSIDE], wanted[INSIDE]
     assert wanted.max() > 100
     lit = wanted > 40
     error, shifted = np.abs(seen - wanted), np.abs(seen - np.roll(wanted, (4, -4), (0, 1)))
+    print("frame", error.mean(), error[lit].mean(), shifted[lit].mean())
     assert error.mean() < 1.5
     assert error[lit].mean() < 6
     assert shifted[lit].mean() > 3 * error[lit].mean()
@@ -268,10 +289,12 @@ def test_the_pictures_on_the_screen_are_the_rendered_ones(page: Any) -> None:
     perfect = PerfectView.of(coarser_camera(rig(), 2))
     window = window_around(perfect, library.true_mm2)
     laid = pictures.overlay(*(window.apply(a) for a in (library.view, library.mask, library.truth >= 0.5)))
-    seen = shot(page, "#picture-overlay img").astype(float)
-    wanted = cv2.resize(laid, seen.shape[1::-1], interpolation=cv2.INTER_LINEAR).astype(float)
-    both = cv2.resize((window.apply(library.mask & (library.truth >= 0.5))).astype(np.uint8), seen.shape[1::-1])
-    core = cv2.erode(both, np.ones((9, 9), np.uint8)) > 0
+    seen, place = shot(page, "#picture-overlay img")
+    wanted = on_screen(laid, seen.shape, place)[INSIDE]
+    both = window.apply(library.mask & (library.truth >= 0.5)).astype(np.uint8)
+    core = cv2.erode((on_screen(both, seen.shape, place)[INSIDE] >= 0.5).astype(np.uint8), np.ones((9, 9))) > 0
+    seen = seen.astype(float)[INSIDE]
+    print("overlay", np.abs(seen - wanted)[core].mean(), np.abs(seen - wanted).mean())
     assert np.abs(seen - wanted)[core].mean() < 4
     assert np.abs(seen - wanted).mean() < 3
     # the agreeing part is blue

@@ -6,17 +6,9 @@ import numpy as np
 import pytest
 from scipy import ndimage, stats
 
-from evanesce.criticism.battery import (
-    Draws,
-    Residuals,
-    Statistic,
-    battery_tests,
-    judge,
-    local_peaks,
-    null_samples,
-    run_battery,
-    tail_law,
-)
+from evanesce.criticism.battery import judge, null_samples, run_battery, tail_law
+from evanesce.criticism.battery_data import Draws, Residuals, Statistic
+from evanesce.criticism.battery_statistics import battery_tests, local_peaks
 from evanesce.criticism.features import contrasts, line_features, smoothed_size
 
 ROWS, COLS = 36, 52
@@ -67,6 +59,8 @@ STRUCTURES = {
     "bands": (
         PRESS * np.cos(2 * np.pi * 5 * ROW / ROWS + 1.7 * np.arange(len(KINDS))[:, None, None]), ("rows: periodogram",),
     ),
+    "fixed rows": (0.4 * np.sin(2.9 * np.arange(ROWS) ** 1.5)[:, None] * np.ones((len(KINDS), 1, COLS)), ("rows: fixed",)),
+    "fixed columns": (0.4 * np.sin(2.3 * np.arange(COLS) ** 1.4) * np.ones((len(KINDS), ROWS, 1)), ("columns: fixed",)),
     "warming": (PRESS * (np.nan_to_num(np.log1p(TIME)) - 2.4)[:, None, None] * np.ones((ROWS, COLS)), ("view", "time")),
     "led off": (np.array([k == "led_off" for k in KINDS])[:, None, None] * np.ones((ROWS, COLS)), ("led_off",)),
 }  # fmt: skip

@@ -45,6 +45,13 @@ def test_metric_is_the_inverse_covariance_of_noise_and_nuisances(rng):
     np.testing.assert_allclose(Metric.of(rows, deviations).project(vector), np.linalg.solve(dense, vector), rtol=1e-9)
 
 
+def test_whitened_squares_are_those_of_the_metric(rng):
+    rows, deviations = rng.standard_normal((4, 30)), np.array([0.1, 3.0, 0.7, 12.0])
+    vectors, metric = rng.standard_normal((5, 30)), Metric.of(rows, deviations)
+    white = metric.whiten(vectors)
+    np.testing.assert_allclose(white @ white.T, metric.gram(vectors), rtol=1e-9, atol=1e-12)
+
+
 def test_log_bayes_factor_is_the_ratio_of_gaussian_evidences(rng):
     """Oracle: scipy's multivariate normal density of the data under both models."""
     rows, deviations = rng.standard_normal((2, 25)), np.array([0.4, 2.0])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import io
 import json
+import logging
 import subprocess
 import tarfile
 import warnings
@@ -14,6 +15,7 @@ import cv2
 import jsonschema
 import numpy as np
 import pytest
+from distributed import LocalCluster
 
 import evanesce.dataset as dataset
 from datasets import PaperProducer, contents, paper_meta, tiny_job
@@ -198,6 +200,18 @@ def test_torch_is_not_imported_without_need(whole):
 def test_a_second_make_is_the_same_bytes(whole, tmp_path):
     make(tmp_path / "again", tiny_job())
     assert contents(tmp_path / "again") == contents(whole)
+
+
+def test_a_running_scheduler_makes_the_same_bytes(whole, tmp_path):
+    """``--scheduler``: the cluster was started elsewhere, goes on afterwards, and gets no arrays."""
+    with LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, protocol="tcp", dashboard_address=None,
+        scheduler_kwargs={"dashboard_address": "127.0.0.1:0"}, silence_logs=logging.ERROR,
+    ) as cluster:  # fmt: skip
+        outcome = make(tmp_path / "d", tiny_job(), Engine(scheduler=cluster.scheduler_address))
+        assert len(cluster.scheduler.workers) == 1
+    assert outcome.complete
+    assert contents(tmp_path / "d") == contents(whole)
 
 
 def test_parts_of_a_job_array_are_the_same_bytes(whole, tmp_path):

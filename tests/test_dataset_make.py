@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 
 import cv2
+import h5py
 import numpy as np
 import pytest
 import tomli_w
@@ -21,6 +22,7 @@ from typer.testing import CliRunner
 import evanesce.dataset as dataset
 from datasets import contents, tiny_config, tiny_job
 from evanesce.cli.app import app
+from evanesce.dataset.export import export
 from evanesce.dataset.run import make
 from evanesce.dataset.verify import verify
 from evanesce.rig import dump_scene
@@ -79,6 +81,21 @@ def test_frames_hold_what_was_asked_for(real):
                 dark = float(np.median(sample.frame[sample.labels.whole("contact_mask") == 0]))
                 assert lit > dark + 20  # contacts are what shines
     assert verify(real).good
+
+
+def test_raw_frames_are_twelve_bits_of_the_same_exposure(tmp_path):
+    """An 8-bit frame is its raw numbers in steps of 16, whatever the rounding; HDF5 gives them back."""
+    make(tmp_path / "d", tiny_job(frames=6, labels={"raw": True}))
+    export(tmp_path / "d", tmp_path / "h", "hdf5")
+    with dataset.open(tmp_path / "d", check=True) as data, h5py.File(tmp_path / "h" / "dataset.h5") as file:
+        peak = 0
+        for i, sample in enumerate(data):
+            assert sample.raw.dtype == np.uint16
+            assert sample.raw.shape == sample.frame.shape
+            peak = max(peak, int(sample.raw.max()))
+            assert np.abs(sample.raw / 16.0 - sample.frame).max() <= 1.0
+            np.testing.assert_array_equal(file["raw"][i], sample.raw)
+    assert 255 < peak <= 4095
 
 
 @pytest.mark.slow

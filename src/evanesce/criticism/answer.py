@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.criticism.battery import BatteryResult, Residuals
+from evanesce.criticism.battery import BatteryResult
+from evanesce.criticism.battery_data import Residuals
 from evanesce.criticism.evidence import Evidence, Ranked, Shown
 from evanesce.criticism.extend import Extension, intervals
 from evanesce.criticism.frozen import FROZEN
@@ -48,6 +49,8 @@ class Findings:
         What it could be mistaken for.
     rings : bool
         Whether structure is left that no candidate explains.
+    left_evidence : float
+        Of that structure: of the flexible term, or of the loudest test where that says more [nats].
     """
 
     global_p: float
@@ -65,14 +68,13 @@ class Findings:
     flexible: Flexible | None = None
     unknown: dict[str, Any] | None = None
     rings: bool = False
+    left_evidence: float = 0.0
     gain: LockedGain | None = None
 
     @property
     def unexplained(self) -> float:
         """Evidence of structure that is left over that of the causes accepted [1]."""
-        if self.best is None or self.flexible is None:
-            return 0.0
-        return self.flexible.evidence / max(self.best.log_bayes, 1e-9)
+        return 0.0 if self.best is None else self.left_evidence / max(self.best.log_bayes, 1e-9)
 
 
 def verdict(findings: Findings) -> str:

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.bundle.read import Bundle
-from evanesce.criticism.answer import Findings, answer
-from evanesce.criticism.battery import BatteryResult, Residuals, run_battery
+from evanesce.criticism.answer import Findings, answer, verdict
+from evanesce.criticism.battery import BatteryResult, run_battery
+from evanesce.criticism.battery_data import Residuals
 from evanesce.criticism.candidates import Candidate, candidates_of
 from evanesce.criticism.codec import codec_parameters, codec_variance, noise_by_bins
 from evanesce.criticism.evidence import Evidence
@@ -111,7 +112,8 @@ def criticise(
     tick("what can be told from what")
     isolate(case, signatures, findings)
     tick("locked part")
-    findings.gain = locked_gain(case.observation, case.problem, case.base, findings.best, findings.flexible)
+    flexible = findings.flexible if verdict(findings) == "unknown" else None
+    findings.gain = locked_gain(case.observation, case.problem, case.base, findings.best, flexible)
     return answer(case, signatures, findings)
 
 
@@ -268,6 +270,8 @@ def promising(scored: Sequence[Scored]) -> list[Scored]:
 def acceptable(extension: Extension, known: Extension | None, library: int) -> bool:
     """Tell whether an extension may be built upon: it predicts the unseen, is worth its prior, and is off its bounds.
 
+    A further cause has to bring a share of what the first ones did (``second_share``).
+
     Parameters
     ----------
     extension : Extension
@@ -280,7 +284,10 @@ def acceptable(extension: Extension, known: Extension | None, library: int) -> b
     before = {} if known is None else {known.ids: known.log_bayes}
     models = {**before, extension.ids: extension.log_bayes}
     odds = log_odds(posterior(models, library), extension.ids, tuple(before)[-1:])
-    return gained and odds > FROZEN.levels["accept_nats"] and extension.within_bounds
+    # What a cause named already leaves is first of all its own form, which no library knows to a few per cent.
+    over = 0.0 if known is None else FROZEN.levels["second_share"] * known.log_bayes
+    worth = extension.log_bayes - (0.0 if known is None else known.log_bayes) > over
+    return gained and worth and odds > FROZEN.levels["accept_nats"] and extension.within_bounds
 
 
 def log_odds(found: Posterior, ids: tuple[str, ...], against: tuple[tuple[str, ...], ...]) -> float:
@@ -310,6 +317,7 @@ def weigh(case: Case, findings: Findings, left: Residuals, signatures: Sequence[
     findings.posterior = posterior(log_bayes, library)
     findings.rings = rings
     if rings:
+        findings.left_evidence = extra
         findings.unknown = describe_unknown(remains, _whitened_maps(case, signatures), findings.flexible)
     else:
         findings.flexible = None

@@ -45,6 +45,16 @@ class Metric:
         inner = np.asarray(vectors) @ self.rows.T
         return np.asarray(vectors - linalg.cho_solve(self.factor, inner.T).T @ self.rows)
 
+    def whiten(self, vectors: Array) -> Array:
+        """Return vectors (..., d) whose squares sum to those of ``vectors`` in this metric: its square root."""
+        if len(self.rows) == 0:
+            return np.asarray(vectors, float)
+        size2, turn = np.linalg.eigh(self.rows @ self.rows.T)
+        size2 = np.maximum(size2, 1e-300)
+        taken = -np.expm1(-0.5 * np.log1p(size2)) / size2  # (1 - 1/sqrt(1 + s^2)) / s^2
+        along = np.asarray(vectors) @ self.rows.T @ turn
+        return np.asarray(vectors - (along * taken) @ turn.T @ self.rows)
+
     def gram(self, left: Array, right: Array | None = None) -> Array:
         """Return inner products (n, m) of vectors (n, d) and (m, d)."""
         return np.asarray(self.project(left) @ (left if right is None else right).T)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +15,8 @@ from evanesce.criticism.linear import Metric
 from evanesce.criticism.nuisance import nuisance_parameters
 from evanesce.criticism.observe import Observation
 from evanesce.criticism.parameters import derivative
-from evanesce.criticism.problem import Fit, Problem
+from evanesce.criticism.problem import Fit, Problem, predicted_part
+from evanesce.criticism.residuals import with_places
 from evanesce.criticism.unknown import Flexible
 from evanesce.measurement.segment import Chain, segment
 from evanesce.rng import generator
@@ -60,7 +62,8 @@ def locked_gain(
 ) -> LockedGain | None:
     """Return the gain on the locked views; None where none is locked.
 
-    Each view's own jitter of light and load cell is marginalised, for both models alike.
+    Each view's own jitter of light and load cell is marginalised, for both models alike. With a flexible term, what it
+    predicts there is added, and the nuisances that made way for it in the open part make way here, too.
     """
     views = [int(v) for v in observation.locked]
     if not views:
@@ -73,6 +76,8 @@ def locked_gain(
         for p in one.parameters:
             if p.template is not None:
                 cubes[-1] = cubes[-1] + one.point.get(p.name, 0.0) * p.template
+    if flexible is not None:
+        cubes[1] = cubes[1] + flexible_part(problem, extended, flexible, cubes[1], views)
     left = [_residual(problem, cube, point, views) for cube, point in zip(cubes, points, strict=True)]
     valid = problem.valid[views]
     difference = log_scores(left[1], valid) - log_scores(left[0], valid)
@@ -89,6 +94,26 @@ def locked_gain(
         ),
         views=len(views),
     )
+
+
+def flexible_part(problem: Problem, fitted: Fit, flexible: Flexible, predicted: Array, views: list[int]) -> Array:
+    """Return what a flexible term changes in some views (all views, rows, cols) [DN]."""
+
+    def term(chosen: Sequence[int], level: Array) -> Array:
+        nothing = np.zeros((len(chosen), *level.shape[1:]), np.float32)
+        return flexible.predict(with_places(problem, fitted.point, chosen, level, nothing))
+
+    found = np.zeros_like(predicted)
+    found[views] = term(views, predicted)
+    seen = np.zeros_like(predicted)
+    seen[list(problem.views)] = term(problem.views, fitted.predicted)
+    metric = fitted.metric(fitted.parameters)
+    at = predicted_part(fitted.point, fitted.parameters)
+    moved_by = -metric.nuisances_of(problem.whitened(seen))
+    for p, way in zip(fitted.parameters, moved_by, strict=True):
+        if not p.linear and (p.views is None or set(p.views) & set(views)):
+            found[views] += way * p.deviation * derivative(problem.predictor, at, p, views)[views]
+    return found
 
 
 def shared_part(fitted: Fit) -> dict[str, float]:
@@ -113,4 +138,4 @@ def _residual(problem: Problem, cube: Array, point: dict[str, float], views: lis
     rows = np.array([problem.whitened(derivative(problem.predictor, point, p, views), views) for p in parameters])
     residual = problem.residual(cube, views)
     metric = Metric.of(rows, np.array([p.deviation for p in parameters]))
-    return problem.unwhitened(metric.project(residual), views)
+    return problem.unwhitened(metric.whiten(residual), views)

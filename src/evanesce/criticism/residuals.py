@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from evanesce.contact.solve import contact_state
-from evanesce.criticism.battery import Draws, Residuals
+from evanesce.criticism.battery_data import Draws, Residuals
 from evanesce.criticism.noise import chunks
+from evanesce.criticism.predict import Point
 from evanesce.criticism.problem import Fit, Problem
 from evanesce.criticism.score import metric_of
 from evanesce.criticism.views import BIN_PX, View, binned
@@ -27,24 +28,41 @@ CHUNK = 37
 
 def residuals_of(problem: Problem, fitted: Fit) -> Residuals:
     """Return a fit's residuals with all that the battery asks of their places and conditions."""
-    views = problem.kinds
-    scene = problem.predictor.scene
-    places = list(problem.views)
+    cube = problem.unwhitened(fitted.residual).astype(np.float32)
+    return with_places(problem, fitted.point, problem.views, fitted.predicted, cube)
+
+
+def with_places(problem: Problem, point: Point, chosen: Sequence[int], predicted: Array, cube: Array) -> Residuals:
+    """Return whitened residuals of some views with their places and conditions.
+
+    Parameters
+    ----------
+    problem : Problem
+    point : mapping
+        At which the finger stands.
+    chosen : sequence of int
+        Numbers of the views.
+    predicted : ndarray (all views, rows, cols)
+        [DN].
+    cube : ndarray (chosen views, rows, cols)
+    """
+    scene, places = problem.predictor.scene, list(chosen)
+    views = tuple(problem.predictor.views[k] for k in places)
     x, y = bin_places(scene)
-    level = fitted.predicted[places]
+    level = predicted[places]
     down, right = np.gradient(level, axis=(1, 2))
     rows, cols = x.shape
     projection = Projection.of(scene.camera, scene.plate)
     u, v = (np.arange(n) * BIN_PX + (BIN_PX - 1) / 2 for n in (cols, rows))
     from_axis = np.hypot(u[None, :] - projection.principal_point[0], v[:, None] - projection.principal_point[1])
     return Residuals(
-        cube=problem.unwhitened(fitted.residual).astype(np.float32),
+        cube=cube,
         valid=problem.valid[places],
         level=level,
         gradient=np.stack([right, down], axis=1),
         x_mm=x,
         y_mm=y,
-        distance_mm=np.array([edge_distance(scene, v, fitted.point, x, y) for v in views]),
+        distance_mm=np.array([edge_distance(scene, v, point, x, y) for v in views]),
         radius=from_axis / (np.hypot(cols, rows) * BIN_PX / 2),
         covariates=covariates(views),
         kinds=tuple(v.kind for v in views),

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from evanesce.criticism.battery import Residuals
+from evanesce.criticism.battery_data import Residuals
 from evanesce.criticism.features import BANDS_MM, band_features, contrasts, cosine_features, line_features
 
 Array = NDArray[Any]

@@ -1,0 +1,275 @@
+"""The statistics of the battery: smooth maps, local maxima, lines, rows, profiles, single views, series."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.sparse import csr_matrix, vstack
+
+from evanesce.criticism.battery_data import Draws, Residuals, Statistic
+from evanesce.criticism.features import (
+    Contrasts,
+    band_features,
+    contrasts,
+    cosine_features,
+    line_features,
+    ring_features,
+    smoothed,
+    smoothed_size,
+)
+
+Array = NDArray[Any]
+
+SCALES_BINS = (0.0, 1.0, 2.5, 6.0)
+"""Widths over which local maxima are sought [bins]."""
+
+
+class _Linear:
+    """Linear features of the whole cube, gathered into one sparse matrix so that each chunk is read once."""
+
+    def __init__(self, residuals: Residuals) -> None:
+        self.press = np.array([kind == "press" for kind in residuals.kinds])
+        self.pressed = residuals.valid & self.press[:, None, None]
+        self._rows: list[csr_matrix] = []
+        self._all: csr_matrix | None = None
+
+    def add(self, matrix: csr_matrix) -> Callable[[Draws], Array]:
+        """Add features (features, bins); returns what reads them of draws: (features, draws)."""
+        start = sum(m.shape[0] for m in self._rows)
+        self._rows.append(matrix.astype(np.float32))
+        part = slice(start, start + matrix.shape[0])
+        return lambda draws: draws.kept("linear", self.features)[part]
+
+    def features(self, cube: Array) -> Array:
+        """Return all features (features, draws) of cubes (draws, views, rows, cols)."""
+        if self._all is None:
+            self._all = vstack(self._rows).tocsr()
+        flat = np.ascontiguousarray(cube.reshape(len(cube), -1).T, dtype=np.float32)
+        return np.asarray(self._all @ flat)
+
+    def templates(self, templates: Array) -> Callable[[Draws], Array]:
+        """Add projections on templates (features, views, rows, cols), each made a unit vector."""
+        flat = templates.reshape(len(templates), -1)
+        size = np.sqrt((flat**2).sum(axis=1, keepdims=True))
+        return self.add(csr_matrix(flat / np.where(size > 0, size, np.inf)))
+
+    def means(self, labels: Array, weights: Array | None = None) -> Callable[[Draws], Array]:
+        """Add weighted means over labelled bins of the press frames; label -1 is left out."""
+        labels = np.where(self.pressed, labels, -1)
+        keep = np.flatnonzero(labels >= 0)
+        number = labels.ravel()[keep].astype(int)
+        weight = np.ones(keep.size) if weights is None else np.asarray(weights)[keep // labels[0].size]
+        size = np.bincount(number, weight**2, 1)
+        values = weight / np.sqrt(np.maximum(size, 1e-300))[number] if keep.size else weight
+        matrix = csr_matrix((values, (number, keep)), (size.size, labels.size))
+        return self.add(matrix[np.flatnonzero(size > 0)])
+
+
+def battery_tests(residuals: Residuals) -> dict[str, Statistic]:
+    """Return the tests that these residuals allow, by name."""
+    tests: dict[str, Statistic] = {}
+    found = contrasts(residuals.kinds, residuals.covariates, residuals.valid)
+    for k, name in enumerate(found.names):
+        tests |= _map_tests(name, k, found)
+    if "mean" in found.names:
+        tests |= _line_tests(found, residuals)
+        linear = _Linear(residuals)
+        tests |= _profile_tests(residuals, linear)
+        tests |= _view_tests(residuals, linear)
+    for name, values in residuals.series.items():
+        if np.asarray(values).size >= 4:
+            tests |= _series_tests(name)
+    return tests
+
+
+def _map_tests(name: str, k: int, found: Contrasts) -> dict[str, Statistic]:
+    """Return the tests of one contrast's map: smooth, local at several scales, neighbours alike."""
+    basis_y, basis_x = (b.astype(np.float32) for b in cosine_features(found.seen.shape[1:]))
+
+    def m(draws: Draws) -> Array:
+        return np.asarray(draws.kept("maps", found.maps)[:, k])
+
+    def cosines(draws: Draws) -> Array:
+        return np.asarray(basis_y @ m(draws) @ basis_x.T)
+
+    def neighbours(draws: Draws) -> Array:
+        here = m(draws)
+        alike = np.einsum("nyx,nyx->n", here[:, 1:], here[:, :-1])
+        alike += np.einsum("nyx,nyx->n", here[:, :, 1:], here[:, :, :-1])
+        return np.asarray(alike / np.maximum(np.einsum("nyx,nyx->n", here, here), 1e-30))
+
+    def peak(scale: float) -> Callable[[Draws], Array]:
+        # The expected size of the smoothed map, so that a place near the border counts like any other.
+        size = smoothed_size(found.seen[k], scale)
+
+        def of(draws: Draws) -> Array:
+            return np.array([np.abs(smoothed(one, scale) / size).max() for one in m(draws)])
+
+        return of
+
+    tests = {
+        f"{name}: cosine power": Statistic(lambda d: (cosines(d) ** 2).sum(axis=(1, 2)), "sum"),
+        f"{name}: largest cosine": Statistic(lambda d: np.abs(cosines(d)).max(axis=(1, 2)), "largest"),
+        f"{name}: neighbours alike (Moran)": Statistic(neighbours, "normal"),
+    }
+    for scale in SCALES_BINS:
+        tests[f"{name}: local maximum, {scale:g} bins"] = Statistic(peak(scale), "largest")
+    return tests
+
+
+def _line_tests(found: Contrasts, residuals: Residuals) -> dict[str, Statistic]:
+    """Return the tests for straight lines and for rows."""
+    lines = line_features(residuals.valid.shape[1:]).astype(np.float32)
+    mean = found.names.index("mean")
+    press = np.array([kind == "press" for kind in residuals.kinds])
+
+    def radon(draws: Draws) -> Array:
+        m = draws.kept("maps", found.maps)[:, mean]
+        return np.abs(lines @ np.ascontiguousarray(m.reshape(len(m), -1).T)).max(axis=0)
+
+    def rows(draws: Draws) -> Array:
+        # Bands run over the frame with another phase each time: powers of the views add, not their waves.
+        profile = draws.cube[:, press].mean(axis=3)
+        power = np.abs(np.fft.rfft(profile - profile.mean(axis=2, keepdims=True), axis=2)) ** 2
+        return np.asarray(power.sum(axis=1)[:, 2:].max(axis=1))
+
+    def fixed(along: int) -> Callable[[Draws], Array]:
+        # A pattern that stays in all shots, dark ones too.
+        count = np.sqrt(np.maximum(residuals.valid.sum(axis=(0, along)), 1)).astype(np.float32)
+
+        def of(draws: Draws) -> Array:
+            profile = draws.cube.sum(axis=(1, along + 1)) / count
+            return np.asarray(((profile - profile.mean(axis=1, keepdims=True)) ** 2).sum(axis=1))
+
+        return of
+
+    return {
+        "mean: Radon maximum": Statistic(radon, "largest"),
+        "rows: periodogram": Statistic(rows, "largest"),
+        "rows: fixed pattern": Statistic(fixed(2), "sum"),
+        "columns: fixed pattern": Statistic(fixed(1), "sum"),
+    }
+
+
+def _profile_tests(residuals: Residuals, linear: _Linear) -> dict[str, Statistic]:
+    """Return the tests along one predicted quantity: radius, distance from contact, level, gradient, ridges."""
+    press, pressed = linear.press, linear.pressed
+    force = np.asarray(residuals.covariates.get("force_N", np.full(press.size, np.nan)), float)
+    bands = band_features(residuals.distance_mm)
+    features = {
+        "radius from the optical centre": linear.means(
+            ring_features(np.broadcast_to(residuals.radius, residuals.cube.shape), 10)
+        ),
+        "distance from contact": linear.means(bands),
+        "predicted level": linear.means(ring_features(np.where(pressed, residuals.level, np.nan), 12)),
+    }
+    if np.isfinite(force[press]).all() and np.ptp(force[press]) > 0:
+        slope = np.where(press, force - force[press].mean(), 0.0)
+        features["distance from contact, with force"] = linear.means(bands, slope)
+    tests: dict[str, Statistic] = {}
+    for name, of in features.items():
+        tests[f"{name}: sum"] = _squares(of)
+        tests[f"{name}: largest"] = Statistic(_largest(of), "largest")
+    near = np.where(pressed & np.isfinite(residuals.distance_mm), residuals.distance_mm, 0.0)
+    edge = linear.templates((near * np.exp(-2.0 * near**2))[None])
+    tests["edge spread"] = Statistic(lambda d: edge(d)[0], "normal")
+    shift = np.where(pressed[:, None], residuals.gradient, 0.0)
+    tests["shift along the gradient"] = _squares(linear.templates(_one_view_each(shift, press)))
+    if residuals.ridge is not None:
+        phase = residuals.ridge[0] * residuals.x_mm + residuals.ridge[1] * residuals.y_mm
+        inside = pressed & (residuals.distance_mm < 0)
+        waves = np.stack([np.cos(phase), np.sin(phase)])[None] * inside[:, None]
+        tests["ridge band"] = _squares(linear.templates(_one_view_each(waves, press)))
+    return tests
+
+
+def _places(order: Array, views: int) -> Array:
+    """Return each view's place in an order of some of them, -1 for the others."""
+    found = np.full(views, -1)
+    found[order] = np.arange(order.size)
+    return found
+
+
+def _squares(of: Callable[[Draws], Array]) -> Statistic:
+    return Statistic(lambda draws: (of(draws) ** 2).sum(axis=0), "sum")
+
+
+def _largest(of: Callable[[Draws], Array]) -> Callable[[Draws], Array]:
+    return lambda draws: np.abs(of(draws)).max(axis=0)
+
+
+def _one_view_each(patterns: Array, press: Array) -> Array:
+    """Return patterns (views, k, rows, cols) as templates (press views * k, views, rows, cols), one view in each."""
+    found = []
+    for view in np.flatnonzero(press):
+        for pattern in patterns[view]:
+            template = np.zeros((patterns.shape[0], *pattern.shape), np.float32)
+            template[view] = pattern
+            found.append(template)
+    return np.array(found)
+
+
+def _view_tests(residuals: Residuals, linear: _Linear) -> dict[str, Statistic]:
+    """Return the tests of whole views: their scatter, their means in the order of time."""
+    press = np.flatnonzero(linear.press)
+    tests = {"all bins: chi-square": Statistic(lambda d: np.einsum("nvyx,nvyx->n", d.cube, d.cube), "normal")}
+    if press.size < 4:
+        return tests
+    time = np.asarray(residuals.covariates.get("time_s", np.full(len(residuals.kinds), np.nan)), float)[press]
+    timed = bool(np.isfinite(time).all() and np.ptp(time) > 0)
+    order = press[np.argsort(time, kind="stable")] if timed else press
+    read = linear.means(np.where(linear.pressed, _places(order, linear.press.size)[:, None, None], -1))
+
+    def means(draws: Draws) -> Array:
+        return np.asarray(read(draws).T)
+
+    def cusum(draws: Draws) -> Array:
+        m = means(draws)
+        return np.abs(np.cumsum(m - m.mean(axis=1, keepdims=True), axis=1)).max(axis=1)
+
+    def ljung_box(draws: Draws) -> Array:
+        m = means(draws)
+        m = m - m.mean(axis=1, keepdims=True)
+        n, power = m.shape[1], np.maximum((m**2).sum(axis=1), 1e-30)
+        lags = range(1, min(4, n - 1))
+        return np.asarray(n * (n + 2) * sum(((m[:, k:] * m[:, :-k]).sum(axis=1) / power) ** 2 / (n - k) for k in lags))
+
+    tests["view means: sum"] = _squares(read)
+    tests["view means: CUSUM"] = Statistic(cusum, "largest")
+    tests["view means: Ljung-Box"] = Statistic(ljung_box, "sum")
+    if timed:
+        clock = np.log1p(np.sort(time) - time.min())
+        clock = (clock - clock.mean()) / np.sqrt(((clock - clock.mean()) ** 2).sum())
+        tests["view means: slope against log time"] = Statistic(lambda d: means(d) @ clock, "normal")
+    return tests
+
+
+def _series_tests(name: str) -> dict[str, Statistic]:
+    """Return lack of fit (sum of squares) and runs of one sign for a scalar series."""
+
+    def lack(draws: Draws) -> Array:
+        return np.asarray((draws.series[name] ** 2).sum(axis=1))
+
+    def runs(draws: Draws) -> Array:
+        sign = draws.series[name] > 0
+        return np.asarray((sign[:, 1:] != sign[:, :-1]).sum(axis=1), float)
+
+    return {f"series {name}: lack of fit": Statistic(lack, "sum"), f"series {name}: runs": Statistic(runs, "normal")}
+
+
+def local_peaks(m: Array, threshold: float) -> list[tuple[int, int, float]]:
+    """Return places (row, col, value) where a map's absolute value peaks above a threshold, largest first.
+
+    Parameters
+    ----------
+    m : ndarray (rows, cols)
+    threshold : float
+    """
+    size = np.abs(m)
+    peak = (size == ndimage.maximum_filter(size, 3)) & (size > threshold)
+    places = sorted(zip(*np.nonzero(peak), strict=True), key=lambda rc: -size[rc])
+    return [(int(r), int(c), float(m[r, c])) for r, c in places]

@@ -110,6 +110,7 @@ def answer(case: Any, signatures: Sequence[Signature], findings: Findings) -> tu
         "gain": None if findings.gain is None else findings.gain.as_dict(),
         "extended_scene": None,
         "false_alarm_control": case.problem.noise.measured,
+        "notes": list(case.notes),
         "frozen_sha256": FROZEN.digest,
         "seed": case.seed,
     }

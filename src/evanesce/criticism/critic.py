@@ -98,7 +98,7 @@ def criticise(
     tick("frames and noise")
     case = prepare(observe(bundle), seed, exclude)
     tick("signatures of all candidates")
-    signatures = signatures_of(case.problem, case.base, case.candidates, lambda name: None)
+    signatures = signatures_of(case.problem, case.base, case.candidates, lambda name: tick(f"signature of {name}"))
     tick("score tests")
     first = test(case, signatures, case.base, 0)
     tick("battery")
@@ -156,6 +156,11 @@ def prepare(observation: Observation, seed: int, exclude: Collection[str] = ()) 
     case = Case(observation, fitted_problem, fitted, candidates, seed, size.codec)
     if not noise.measured:
         case.notes.append("no replicates: the noise is the camera's own model, false alarms are not controlled")
+    if observation.series:
+        case.notes.append(
+            "scalar series take no part beside frames (" + ", ".join(sorted(observation.series)) + "): a bundle of them"
+            " alone is judged by them"
+        )
     if size.codec:
         case.notes.append("noise was smoothed after the tone curve (a codec?): faint departures are not sought")
     return case

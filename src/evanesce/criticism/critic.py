@@ -392,7 +392,8 @@ def rivals(fitted: Sequence[Extension], ids: tuple[str, ...], metric: Any) -> li
 
 def rivals_without_best(findings: Findings) -> list[Extension]:
     """Return the causes that come nearest where none was worth its prior."""
-    fitted = [e for e in (findings.rounds[0] if findings.rounds else []) if e.within_bounds and e.log_bayes > 0]
+    least = FROZEN.levels["least_nats"]
+    fitted = [e for e in (findings.rounds[0] if findings.rounds else []) if e.within_bounds and e.log_bayes > least]
     best = max((e.log_bayes for e in fitted), default=0.0)
     return sorted((e for e in fitted if e.log_bayes > best - FROZEN.levels["rival_nats"]), key=lambda e: -e.log_bayes)
 

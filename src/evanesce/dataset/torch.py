@@ -26,10 +26,13 @@ def tensors(sample: Sample) -> dict[str, Any]:
     dict
         ``frame`` uint8 (1, rows, cols) [DN]; ``state`` int64 (rows, cols); ``labels`` float32 (channels, rows, cols) in
         the order of :data:`evanesce.dataset.labels.CHANNELS` (the gap is NaN where nothing is near); ``scalars``
-        float32 in the order of :data:`evanesce.dataset.trial.SCALARS`; ``index`` int.
+        float32 in the order of :data:`evanesce.dataset.trial.SCALARS`; ``index`` int; where raw frames were kept,
+        ``raw`` int32 (1, rows, cols) [DN].
+
     """
     box = sample.labels
-    return {
+    raw = {} if sample.raw is None else {"raw": torch.from_numpy(sample.raw.astype(np.int32)[None])}
+    return raw | {
         "frame": torch.from_numpy(np.ascontiguousarray(sample.frame)[None]),
         "state": torch.from_numpy(sample.state.astype(np.int64)),
         "labels": torch.from_numpy(np.stack([box.whole(name) for name in CHANNELS])),

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import resource
 import tempfile
 import time
 from collections.abc import Callable
@@ -68,16 +69,24 @@ def profile(frames: int = 12) -> dict[str, float]:
     return spent
 
 
+def spent_cores() -> float:
+    """Return processor seconds of this process and of those that it has waited for."""
+    both = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(use.ru_utime + use.ru_stime for use in both)
+
+
 def throughput(frames: int, workers: int) -> dict[str, float]:
-    """Make a dataset; return frames per second with and without the start, and bytes a frame."""
+    """Make a dataset; return frames per second with and without the start, processor time and bytes a frame."""
     with tempfile.TemporaryDirectory() as scratch:
         folder, ticks = Path(scratch) / "d", []
+        before = spent_cores()
         outcome = make(
             folder,
             job(frames, 0.0),
             Engine(workers=workers),
             lambda r: ticks.append((time.perf_counter(), r["frames"])),
         )
+        cores = spent_cores() - before
         # From the first round of shards on: start of processes and light fields are behind.
         steady = ticks[workers:]
         rate = sum(n for _, n in steady[1:]) / (steady[-1][0] - steady[0][0]) if len(steady) > 1 else float("nan")
@@ -85,6 +94,7 @@ def throughput(frames: int, workers: int) -> dict[str, float]:
     return {
         "frames_per_s": outcome.made / outcome.seconds,
         "steady_frames_per_s": rate,
+        "processor_s_per_frame": cores / outcome.made,
         "bytes_per_frame": outcome.size / outcome.frames,
         "verify_MB_per_s": report.size / report.seconds / 1e6,
     }

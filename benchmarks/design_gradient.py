@@ -167,7 +167,8 @@ def mitsuba_forward(scene: Scene, samples: int, seed: int) -> dict[str, float]:
         integrator = integrator_for(scene, info, model, powers)
         integrator.absorption = absorption
         integrator.guide = replace(integrator.guide, absorption=absorption)
-        image = integrator.render(loaded, seed=seed, spp=samples)
+        with dr.scoped_set_flag(dr.JitFlag.SymbolicLoops, False):
+            image = integrator.render(loaded, seed=seed, spp=samples)
         return dr.mean(image.array)
 
     value = scene.plate.absorption_coefficient_per_mm
@@ -189,7 +190,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--trials", type=int, default=300)
     parser.add_argument("--edges", default="left,top", help="Lit edges, separated by commas.")
-    parser.add_argument("--samples", type=int, default=64)
+    parser.add_argument("--samples", type=int, default=8)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--no-mitsuba", action="store_true")
     parser.add_argument("--json", type=Path)

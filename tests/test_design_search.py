@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import sqlite3
@@ -193,6 +194,19 @@ def test_morris_of_a_plane_returns_its_slopes():
     assert rows["plate.thickness_mm"]["mu_percent"] == pytest.approx(3.0 * side["plate.thickness_mm"], rel=1e-6)
     assert rows["camera.exposure_ms"]["mu_star_percent"] == pytest.approx(2.0 * side["camera.exposure_ms"], rel=1e-6)
     assert rows["camera.exposure_ms"]["sigma_percent"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_one_trajectory_of_morris_tells_no_spread():
+    """And no warning of a division by nothing (warnings are errors here)."""
+    vary = plan().vary
+    middle = {"plate.thickness_mm": 5.0, "camera.exposure_ms": 19.5}
+    designs = sensitivity.sample(vary, middle, 1, 1)
+    rows = {row["key"]: row for row in sensitivity.indices(vary, middle, designs, 3.0 * designs[:, 0], 1)}
+    thickness = rows["plate.thickness_mm"]
+    low, high = sensitivity.box(vary, middle)[[v.key for v in vary].index("plate.thickness_mm")]
+    assert thickness["mu_percent"] == pytest.approx(3.0 * (high - low), rel=1e-6)
+    assert math.isnan(thickness["sigma_percent"])
+    assert math.isnan(thickness["half_width_percent"])
 
 
 @pytest.mark.parametrize(

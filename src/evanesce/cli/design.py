@@ -280,7 +280,7 @@ def _show(plan: Plan, chosen: Sequence[Chosen], found: Any) -> None:
     names = list(dict.fromkeys(["exposure", *(n for n in plan.objectives if n != "area_error")]))
     table = Table(title="Designs looked at closely, on rigs drawn anew")
     for heading in ("design", "95 % area error [%]", *(label(n, plan) for n in names), *(v.key for v in plan.vary)):
-        table.add_column(heading, justify="left" if heading == "design" else "right")
+        table.add_column(heading, justify="left" if heading == "design" else "right", overflow="fold")
     for c in chosen:
         own = found[c.name]["assessed"]
         values = [number(c.values[v.key]) if v.key in c.values else "as given" for v in plan.vary]

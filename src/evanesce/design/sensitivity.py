@@ -10,6 +10,8 @@ W. Usher et al., "SALib", Journal of Open Source Software 2(9) (2017) 97, doi:10
 
 from __future__ import annotations
 
+import math
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -51,6 +53,8 @@ def indices(
 ) -> list[dict[str, Any]]:
     """Return, for each key, mean absolute and mean effect over the box, their spread, and a half-width of the first.
 
+    Of a single trajectory the last two are not known: NaN.
+
     Parameters
     ----------
     vary : sequence of Vary
@@ -65,17 +69,21 @@ def indices(
     """
     from SALib.analyze import morris  # type: ignore[import-untyped]
 
-    found = morris.analyze(
-        _problem(vary, values), designs, errors, num_levels=LEVELS, num_resamples=200, seed=seed, scaled=False
-    )
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Degrees of freedom|invalid value", RuntimeWarning)  # a single trajectory
+        found = morris.analyze(
+            _problem(vary, values), designs, errors, num_levels=LEVELS, num_resamples=200, seed=seed, scaled=False
+        )
+    single = len(designs) == len(vary) + 1
     rows = []
     for k, v in enumerate(vary):
         low, high = box(vary, values)[k]
         rows.append(
             {
                 "key": v.key, "unit": v.unit, "low": low, "high": high, "mu_star_percent": float(found["mu_star"][k]),
-                "half_width_percent": float(found["mu_star_conf"][k]), "mu_percent": float(found["mu"][k]),
-                "sigma_percent": float(found["sigma"][k]),
+                "half_width_percent": math.nan if single else float(found["mu_star_conf"][k]),
+                "mu_percent": float(found["mu"][k]),
+                "sigma_percent": math.nan if single else float(found["sigma"][k]),
             }
         )  # fmt: skip
     return sorted(rows, key=lambda row: -row["mu_star_percent"])

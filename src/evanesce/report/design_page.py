@@ -174,7 +174,7 @@ def _limits(chosen: Sequence[Chosen], found: Found) -> Section:
                 ["key", "from", "to", "unit", "mu* [%]", "±", "mu [%]", "sigma [%]"],
                 [
                     [s["key"], number(s["low"]), number(s["high"]), s["unit"], f"{s['mu_star_percent']:.2f}",
-                     f"{s['half_width_percent']:.2f}", f"{s['mu_percent']:+.2f}", f"{s['sigma_percent']:.2f}"]
+                     _known(s["half_width_percent"]), f"{s['mu_percent']:+.2f}", _known(s["sigma_percent"])]
                     for s in own["sensitivity"]
                 ],
                 "Morris' elementary effects on the 95 % area error in a box of a tenth of each range about the winner:"
@@ -184,6 +184,11 @@ def _limits(chosen: Sequence[Chosen], found: Found) -> Section:
     elif "sensitivity_reason" in own:
         paragraphs.append(f"No sensitivity: a rig in the box about it cannot be ({own['sensitivity_reason']}).")
     return Section("What limits the winner", paragraphs, tables=tables)
+
+
+def _known(value: float | None) -> str:
+    """Return a spread of which one trajectory tells nothing."""
+    return "–" if value is None or math.isnan(value) else f"{value:.2f}"
 
 
 def _impossible(plan: Plan, trials: Sequence[Trial]) -> Section:

@@ -106,6 +106,16 @@ def test_warming_goes_as_one_thermal_mass() -> None:
     assert (35 - kelvin(200.0)) / (35 - kelvin(120.0)) == pytest.approx(np.exp(-1))
 
 
+def test_what_falls_with_warming_falls_alike_at_all_voltages_and_in_the_same_time() -> None:
+    for volts in (8.4, 11.6):
+        scene = rig(**{"leds.voltage_V": volts})
+        warm = {"warming_K": 20.0, "time_constant_s": 30.0, "on_before_s": 45.0}
+        plain = ratio(changed(scene, "led_warmup", **warm), scene)
+        lossy = ratio(changed(scene, "led_warmup", **warm, fall=0.12), scene)
+        for edge, value in plain.items():
+            np.testing.assert_allclose(lossy[edge], value * (1 - 0.12 * (1 - np.exp(-1.5))), rtol=1e-12)
+
+
 @pytest.mark.parametrize(("offset", "percent"), [(-0.2, 5.5), (0.0, 0.36), (0.2, 0.01)])
 def test_bin_decides_what_is_left_at_8_volts(offset: float, percent: float) -> None:
     """The design note's figures for bins 2.9, 3.1 and 3.3 V; they hold for about 7.5 ohm in each LED."""

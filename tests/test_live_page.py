@@ -281,7 +281,6 @@ def test_the_pictures_on_the_screen_are_the_rendered_ones(page: Any) -> None:
     assert wanted.max() > 100
     lit = wanted > 40
     error, shifted = np.abs(seen - wanted), np.abs(seen - np.roll(wanted, (4, -4), (0, 1)))
-    print("frame", error.mean(), error[lit].mean(), shifted[lit].mean())
     assert error.mean() < 1.5
     assert error[lit].mean() < 6
     assert shifted[lit].mean() > 3 * error[lit].mean()
@@ -294,7 +293,6 @@ def test_the_pictures_on_the_screen_are_the_rendered_ones(page: Any) -> None:
     both = window.apply(library.mask & (library.truth >= 0.5)).astype(np.uint8)
     core = cv2.erode((on_screen(both, seen.shape, place)[INSIDE] >= 0.5).astype(np.uint8), np.ones((9, 9))) > 0
     seen = seen.astype(float)[INSIDE]
-    print("overlay", np.abs(seen - wanted)[core].mean(), np.abs(seen - wanted).mean())
     assert np.abs(seen - wanted)[core].mean() < 4
     assert np.abs(seen - wanted).mean() < 3
     # the agreeing part is blue

@@ -59,8 +59,12 @@ STRUCTURES = {
     "bands": (
         PRESS * np.cos(2 * np.pi * 5 * ROW / ROWS + 1.7 * np.arange(len(KINDS))[:, None, None]), ("rows: periodogram",),
     ),
-    "fixed rows": (0.4 * np.sin(2.9 * np.arange(ROWS) ** 1.5)[:, None] * np.ones((len(KINDS), 1, COLS)), ("rows: fixed",)),
-    "fixed columns": (0.4 * np.sin(2.3 * np.arange(COLS) ** 1.4) * np.ones((len(KINDS), ROWS, 1)), ("columns: fixed",)),
+    "fixed rows": (
+        0.4 * np.sin(2.9 * np.arange(ROWS) ** 1.5)[:, None] * np.ones((len(KINDS), 1, COLS)), ("rows: fixed",),
+    ),
+    "fixed columns": (
+        0.4 * np.sin(2.3 * np.arange(COLS) ** 1.4) * np.ones((len(KINDS), ROWS, 1)), ("columns: fixed",),
+    ),
     "warming": (PRESS * (np.nan_to_num(np.log1p(TIME)) - 2.4)[:, None, None] * np.ones((ROWS, COLS)), ("view", "time")),
     "led off": (np.array([k == "led_off" for k in KINDS])[:, None, None] * np.ones((ROWS, COLS)), ("led_off",)),
 }  # fmt: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections import OrderedDict
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from evanesce.dataset.job import Job
 from evanesce.dataset.labels import FrameLabeller, plate_labels
 from evanesce.dataset.layout import frame_key
 from evanesce.dataset.rigs import RealRig, RigCamera, as_seen, plate_grid, real_rig, rig_scene
-from evanesce.dataset.trial import SCALARS, FrameTruth, Trial
+from evanesce.dataset.trial import SCALARS, FrameTruth, Trial, areas
 from evanesce.effects import Stage
 from evanesce.states import PlateGrid
 
@@ -148,7 +148,11 @@ class Producer:
     def _as_touched(truth: FrameTruth, ready: _Ready, frame: int, time_s: float) -> FrameTruth:
         """Let effects of the contact act on the truth, too: they are what really happened."""
         assert truth.state is not None
-        return replace(truth, state=ready.camera.contact(truth.state, frame, time_s))
+        state = ready.camera.contact(truth.state, frame, time_s)
+        if state is truth.state:
+            return truth
+        moves = None if truth.slip_velocity is None else truth.slip_velocity * (np.asarray(state.contact_mask) > 0)
+        return FrameTruth(state, moves, {**truth.scalars, **areas(state)})
 
     def describe(self, current: _Current, frame: int, i: int, truth: FrameTruth) -> dict[str, Any]:
         """Return what stands in ``KEY.json``; validated by ``schema.json``."""

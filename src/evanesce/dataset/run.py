@@ -158,6 +158,8 @@ def _finish(folder: Path, job: Job, manifest: Manifest) -> None:
 
 def _run_part(folder: Path, job: Job, engine: Engine, on_shard: Progress | None, start: float) -> Outcome:
     assert engine.part is not None
+    if (folder / layout.SUMS).exists():  # its shards have been sealed; their indices are gone
+        raise InputError("the dataset is finished", file=folder, key="--shard", allowed="a dataset still being made")
     i, n = engine.part
     mine = range(i - 1, job.shards, n)
     todo = [s for s in mine if not _published(folder, s)]

@@ -236,18 +236,13 @@ class Trial:
         margin = math.hypot(fx, fy) / limit
         if twist is not None:
             margin = max(margin, torque / sliding_torque(contact, self._friction))
-        cell = self.grid.pitch**2
-        touching = np.asarray(state.contact_mask)
-        fraction = state.real_contact_fraction
-        real = state.nominal_contact_area if fraction is None else float((touching * np.asarray(fraction)).sum()) * cell
         return {
             "time_s": float(s.time[i]),
             "Fx_N": float(fx),
             "Fy_N": float(fy),
             "Fz_N": float(contact.normal_force),
             "torque_N_mm": float(torque),
-            "nominal_area_mm2": float(state.nominal_contact_area),
-            "real_area_mm2": float(real),
+            **areas(state),
             "stick_ratio": float(self._ratio[i]),
             "friction_coefficient": limit / contact.normal_force,
             "margin": margin,
@@ -271,6 +266,15 @@ SCALARS: dict[str, str] = {
     "tip_displacement_mm": "mm",
 }
 """Numbers of each frame and their units. Forces are those of the finger on the glass."""
+
+
+def areas(state: ContactState) -> dict[str, float]:
+    """Return nominal and real area of a contact, as they stand among the scalars."""
+    nominal = real = float(state.nominal_contact_area)
+    if state.real_contact_fraction is not None:
+        touching = np.asarray(state.contact_mask) * np.asarray(state.real_contact_fraction)
+        real = float(touching.sum()) * state.grid.pitch**2
+    return {"nominal_area_mm2": nominal, "real_area_mm2": real}
 
 
 def _interface(plan: TrialPlan, contact: AxisymmetricContact) -> InterfaceFriction:

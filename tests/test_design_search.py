@@ -112,6 +112,14 @@ def test_more_trials_go_on_and_another_question_is_refused(on_paper, tmp_path):
         run(plan(trials=5, objectives=("area_error", "deflection")), tmp_path)
 
 
+@pytest.mark.parametrize("sampler", ["tpe", "nsga2"])
+def test_a_search_that_goes_on_draws_nothing_twice(on_paper, tmp_path, sampler):
+    """Broken off while designs are still drawn at random: the second part is no repetition of the first."""
+    run(plan(trials=2, sampler=sampler), tmp_path)
+    found = run(plan(trials=4, sampler=sampler), tmp_path)
+    assert len({tuple(sorted(t.values.items())) for t in found}) == 4
+
+
 def test_a_broken_store_is_named(on_paper, tmp_path):
     (tmp_path / search.STORE).write_bytes(b"no database at all")
     with pytest.raises(InputError, match="is no file of a search"):

@@ -201,26 +201,32 @@ def _study(plan: Plan, folder: Path) -> Iterator[optuna.Study]:
     path = (folder / STORE).resolve()
     if path.exists() and path.read_bytes()[:16] not in (b"", b"SQLite format 3\0"):
         raise InputError("is no file of a search", file=path, key="--out", allowed="a new folder")
-    seed = plan.question.seed
-    sampler: optuna.samplers.BaseSampler
-    if plan.sampler == "tpe":
-        sampler = optuna.samplers.TPESampler(seed=seed, multivariate=True, n_startup_trials=max(4, plan.trials // 5))
-    else:
-        sampler = optuna.samplers.NSGAIISampler(seed=seed, population_size=min(50, max(4, plan.trials // 5)))
     storage = optuna.storages.RDBStorage(f"sqlite:///{path}")
     try:
-        yield _signed(plan, folder, storage, sampler)
+        study = _signed(plan, folder, storage)
+        study.sampler = _sampler(plan, len(study.get_trials(deepcopy=False)))
+        yield study
     finally:
         storage.remove_session()
         storage.engine.dispose()
 
 
-def _signed(plan: Plan, folder: Path, storage: Any, sampler: Any) -> optuna.Study:
+def _sampler(plan: Plan, begun: int) -> optuna.samplers.BaseSampler:
+    """Return the sampler of a study of so many trials: one that goes on must not draw its first designs again."""
+    import optuna
+
+    seed, few = plan.question.seed + begun, max(4, plan.trials // 5)
+    if plan.sampler == "tpe":
+        return optuna.samplers.TPESampler(seed=seed, multivariate=True, n_startup_trials=few)
+    return optuna.samplers.NSGAIISampler(seed=seed, population_size=min(50, few))
+
+
+def _signed(plan: Plan, folder: Path, storage: Any) -> optuna.Study:
     """Return the study of a store; a new one is signed, that of another search refused."""
     import optuna
 
     study = optuna.create_study(
-        storage=storage, study_name=STUDY, sampler=sampler, load_if_exists=True,
+        storage=storage, study_name=STUDY, load_if_exists=True,
         directions=[OBJECTIVES[name].direction for name in plan.objectives],
     )  # fmt: skip
     kept = study.user_attrs.get("signature")

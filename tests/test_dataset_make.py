@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import resource
@@ -225,17 +226,23 @@ def test_a_stop_from_outside_is_quiet_and_leaves_nothing_behind(tmp_path, sent):
         """)
     )
     paths = os.pathsep.join([str(TESTS), *sys.path])
+    # A shell that runs the tests in the background ignores Ctrl-C, and its children inherit that.
     run = subprocess.Popen([sys.executable, str(script)], env={**os.environ, "PYTHONPATH": paths}, text=True,
-                           stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)  # fmt: skip
-    end = time.monotonic() + 120
-    while not list((target / ".work").glob("*.at")) and time.monotonic() < end:
-        assert run.poll() is None
-        time.sleep(0.1)
-    if sent == signal.SIGINT:
-        os.killpg(run.pid, sent)
-    else:
-        os.kill(run.pid, sent)
-    out, err = run.communicate(timeout=60)  # pipes that end: nobody holds them any more
+                           stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True,
+                           preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))  # fmt: skip
+    try:
+        end = time.monotonic() + 120
+        while not list((target / ".work").glob("*.at")) and time.monotonic() < end:
+            assert run.poll() is None
+            time.sleep(0.1)
+        if sent == signal.SIGINT:
+            os.killpg(run.pid, sent)
+        else:
+            os.kill(run.pid, sent)
+        out, err = run.communicate(timeout=60)  # pipes that end: nobody holds them any more
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(run.pid, signal.SIGKILL)
     assert (run.returncode, out, err) == (128 + sent, "", "")
 
 
@@ -300,6 +307,8 @@ def test_commands_from_make_to_export(asked, real, tmp_path):
     out = tmp_path / "p"
     assert runner.invoke(app, ["dataset", "export", str(target), "--to", "parquet", "--out", str(out)]).exit_code == 0
     assert (out / "frames.parquet").is_file()
+    assert runner.invoke(app, ["dataset", "export", str(target), "--to", "parquet"]).exit_code == 0
+    assert target.with_name(f"{target.name}-parquet").joinpath("frames.parquet").is_file()
     looked = runner.invoke(app, ["dataset", "preview", str(target), "--out", str(tmp_path / "look")])
     assert looked.exit_code == 0, looked.output
     sheet = cv2.imread(str(tmp_path / "look" / "contact_sheet.png"))

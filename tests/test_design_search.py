@@ -234,6 +234,7 @@ def test_one_trajectory_of_morris_tells_no_spread():
         (["--vary", "plate.thickness_mm=3:9", "--estimator", "best"], "--estimator: 'best'"),
         (["--vary", "plate.thickness_mm=3:9", "--trials", "0"], "--trials: 0"),
         (["--vary", "plate.thickness_mm=3:9", "--place", "3"], "--place: '3'"),
+        (["--vary", "plate.thickness_mm=3:9", "--place", "100,0"], "--place"),
         (["--vary", "plate.thickness_mm=3:9", "--material", "wood"], "--material: 'wood'"),
         (["--vary", "plate.thickness_mm=3:9", "--force", "-1"], "--force"),
         (["--vary", "plate.thickness_mm=3:9", "--rigs", "2"], "--rigs: 2"),

@@ -132,7 +132,7 @@ def verify(folder: FolderArgument, json_file: JsonOption = None) -> None:
 def export(
     folder: FolderArgument,
     to: Annotated[str, typer.Option("--to", help="hdf5, lerobot, coco or parquet.", show_default=False)],
-    out: Annotated[Path, typer.Option("--out", help="New folder.", show_default=False)],
+    out: Annotated[Path | None, typer.Option("--out", help="New folder; `FOLDER/../NAME-FORMAT` by default.")] = None,
     split: Annotated[str | None, typer.Option("--split", help="Only train, validation or test.")] = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -141,10 +141,11 @@ def export(
     from evanesce.dataset.export import export as write
     from evanesce.dataset.job import load_job
 
+    target = out or folder.resolve().with_name(f"{folder.resolve().name}-{to}")
     with _Bar(load_job(folder).frames) as bar:
-        count = write(folder, out, to, split=split, advance=bar.advance)
-    write_json(json_file, {"frames": count, "format": to, "folder": str(out)})
-    console.print(f"{count} frames as {to} in {out}")
+        count = write(folder, target, to, split=split, advance=bar.advance)
+    write_json(json_file, {"frames": count, "format": to, "folder": str(target)})
+    console.print(f"{count} frames as {to} in {target}")
 
 
 def info(folder: FolderArgument, json_file: JsonOption = None) -> None:

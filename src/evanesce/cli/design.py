@@ -101,7 +101,7 @@ def register(app: typer.Typer) -> None:
         """
         check_json_target(json_file)
         from evanesce.design.finish import Depth
-        from evanesce.design.question import Question
+        from evanesce.design.question import Question, on_case
         from evanesce.design.search import Plan
         from evanesce.design.uncertainty import read_sizes
         from evanesce.rig import load_scene
@@ -123,6 +123,8 @@ def register(app: typer.Typer) -> None:
             sizes=sizes,
             seed=seed,
         )
+        for case in question.cases:  # a place off the plate is told before anything is written
+            on_case(loaded, case)
         plan = _plan(loaded, question, vary, objective, limit, threshold, min_blob, parts, sampler, trials)
         assert isinstance(plan, Plan)
         depth = Depth(rigs=fresh, trajectories=trajectories, renderings=renderings, samples=samples)

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from pydantic import ValidationError
+
 from evanesce.errors import InputError
 from evanesce.materials import material_names
 from evanesce.measurement.segment import Chain, Crop
@@ -149,9 +151,18 @@ def coarser_camera(scene: Scene, factor: int) -> Scene:
 
 
 def on_case(scene: Scene, case: Case) -> Scene:
-    """Return a scene with the finger of a case at its place; a slide is left out."""
+    """Return a scene with the finger of a case at its place; a slide is left out.
+
+    Raises
+    ------
+    InputError
+        If the place is not on the plate.
+    """
     finger = scene.finger.model_copy(update={"position_mm": case.place_mm, "material": case.material})
-    return Scene.model_validate({**dict(scene), "finger": finger, "slide": None, "sources": {}, "assumptions": {}})
+    try:
+        return Scene.model_validate({**dict(scene), "finger": finger, "slide": None, "sources": {}, "assumptions": {}})
+    except ValidationError as error:
+        raise InputError(error.errors()[0]["msg"].removeprefix("Value error, "), key="--place") from None
 
 
 def fitted_grid(scene: Scene, radius_mm: float) -> Scene:

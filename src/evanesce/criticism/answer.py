@@ -49,6 +49,8 @@ class Findings:
         What it could be mistaken for.
     rings : bool
         Whether structure is left that no candidate explains.
+    level : float
+        Of false alarms, below which ``global_p`` counts.
     left_evidence : float
         Of that structure: of the flexible term, or of the loudest test where that says more [nats].
     """
@@ -69,6 +71,7 @@ class Findings:
     unknown: dict[str, Any] | None = None
     rings: bool = False
     left_evidence: float = 0.0
+    level: float = FROZEN.levels["false_alarm"]
     gain: LockedGain | None = None
 
     @property
@@ -79,7 +82,7 @@ class Findings:
 
 def verdict(findings: Findings) -> str:
     """Return ``none``, ``named``, ``ambiguous`` or ``unknown``."""
-    if findings.global_p >= FROZEN.levels["false_alarm"]:
+    if findings.global_p >= findings.level:
         return "none"
     sure = findings.posterior is not None and findings.posterior.models.get((), 0.0) > FROZEN.levels["none_sure"]
     if findings.best is None and not findings.rings and sure:

@@ -104,8 +104,9 @@ def criticise(
     tick("battery")
     battery, left = ring(case, case.base, 0)
     global_p = joint_p(first.p, battery.global_p, codec=case.codec)
-    findings = Findings(global_p=global_p, first=first, battery=battery)
-    if global_p < FROZEN.levels["false_alarm"]:
+    level = FROZEN.levels["false_alarm_codec" if case.codec else "false_alarm"]
+    findings = Findings(global_p=global_p, first=first, battery=battery, level=level)
+    if global_p < level:
         tick("nested fits")
         search(case, signatures, findings)
     weigh(case, findings, left, signatures)
@@ -248,7 +249,7 @@ def search(case: Case, signatures: Sequence[Signature], findings: Findings) -> N
         battery, left = ring(case, base, number + 1)
         findings.after, findings.left = battery, left
         findings.left_p = joint_p(left_scores.p, battery.global_p, codec=case.codec)
-        if left_scores.p >= FROZEN.levels["false_alarm"]:
+        if left_scores.p >= findings.level:
             break
         scores = left_scores
 

@@ -19,7 +19,7 @@ from challenge.cases import CaseSpec, cases
 from challenge.make import write_case
 from challenge.run import strip_pixels
 from evanesce.bundle import read_bundle
-from evanesce.cli import app
+from evanesce.cli.app import app
 from evanesce.criticism.critic import criticise
 from evanesce.rig import load_scene
 from evanesce.sensor.codec import write_png

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evanesce.bundle.card_light import card_light
+from evanesce.bundle.card_light import card_light, through_glass
+from evanesce.optics.interface import fresnel_reflectance
 from evanesce.render.cards import Card, Pose, Room, render_card
 from evanesce.rig import load_scene
 
@@ -29,6 +30,14 @@ def test_lying_square_agrees_with_the_path_tracer() -> None:
         error = float(np.sqrt(traced.variance[region].sum())) / region.sum()
         # The reference's room is a square that misses the last degrees of the hemisphere: up to 2 % of its light.
         assert abs(float(fast[region].mean()) - mean) < 3 * error + 0.02 * mean
+
+
+def test_table_of_fresnel_is_fresnel_for_each_pixel() -> None:
+    """Bare glass sends back 2 R / (1 + R), R solved for every angle itself."""
+    scene, cosine = load_scene("thesis", CAMERA), np.linspace(0.31, 0.997, 30011) ** 0.7
+    face = fresnel_reflectance(cosine, 1.0, scene.plate.refractive_index)
+    found = through_glass(scene, np.zeros_like(cosine), cosine, 0.4)
+    np.testing.assert_allclose(found, 2 * face / (1 + face), atol=1e-7)
 
 
 def test_bare_glass_mirrors_as_two_faces_do() -> None:

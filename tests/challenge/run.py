@@ -134,7 +134,8 @@ def specs_of(name: str) -> list[CaseSpec]:
 
 def run(
     name: str, out: Path, *, judge: str = CRITIC, workers: int = 2, budget_s: float = 1e9, groups: Iterable[str] = (),
-    strip: str = "", keep: Path | None = None, show: Callable[[str], None] = print,
+    causes: Iterable[str] = (), strengths: Iterable[float] = (), strip: str = "", keep: Path | None = None,
+    show: Callable[[str], None] = print,
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Run what is not done yet, within a budget, and return all outcomes.
 
@@ -149,9 +150,13 @@ def run(
         Processes; 0 works in this one.
     groups : iterable of str
         Only these groups; all by default.
+    causes, strengths : iterable
+        Only cases that hide one of these, or one as strong as that; all by default.
     show : callable
     """
-    specs = [spec for spec in specs_of(name) if not groups or spec.group in set(groups)]
+    wanted = [(set(groups), lambda s: {s.group}), (set(causes), lambda s: set(s.causes))]
+    wanted.append((set(strengths), lambda s: set(s.strengths)))
+    specs = [spec for spec in specs_of(name) if all(not chosen or chosen & of(spec) for chosen, of in wanted)]
     done = {record["truth"]["id"] for record in read_records(out) if "error" not in record}
     todo = [spec for spec in specs if spec.id not in done]
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -214,6 +219,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--budget-s", type=float, default=1e9)
     parser.add_argument("--groups", nargs="*", default=())
+    parser.add_argument("--causes", nargs="*", default=(), help="only cases that hide one of these")
+    parser.add_argument("--strengths", nargs="*", type=float, default=(), help="only cases as strong as that")
     parser.add_argument("--strip", choices=("", "shuffle", "flat"), default="")
     parser.add_argument("--keep", type=Path, default=None, help="folder in which bundles are left")
     parser.add_argument("--score-only", action="store_true")
@@ -225,7 +232,8 @@ def main(arguments: list[str] | None = None) -> int:
     if not given.score_only:
         records = run(
             given.set, out, judge=given.judge, workers=given.workers, budget_s=given.budget_s, groups=given.groups,
-            strip=given.strip, keep=given.keep, show=lambda text: print(text, file=sys.stderr, flush=True),
+            causes=given.causes, strengths=given.strengths, strip=given.strip, keep=given.keep,
+            show=lambda text: print(text, file=sys.stderr, flush=True),
         )  # fmt: skip
     latest = {record["truth"]["id"]: record for record in records}
     judged = [record for record in latest.values() if "skipped" not in record]

@@ -22,8 +22,8 @@ Array = NDArray[np.float64]
 SUB_RAYS = 8
 """Sub-rays along a pixel's side."""
 
-
 FRESNEL_NODES = 4096
+"""Angles at which Fresnel's equations are solved; between them the curve is a line to 1e-8."""
 
 
 def card_light(
@@ -208,7 +208,7 @@ def through_glass(scene: Scene, albedo: Array, cosine: Array, mean_albedo: float
     face = fresnel_reflectance(mu, 1.0, n)
     near = float(2 * np.sum(weight * mu * face))  # hemispherical reflectance of one face, of the slab
     slab = float(2 * np.sum(weight * mu * 2 * face / (1 + face)))
-    # A table: the angles of a camera are few and Fresnel's curve is smooth (to 1e-8 between so many nodes).
+    # A table: pixels are millions, and the curve is smooth.
     steps = np.linspace(float(np.min(cosine)), float(np.max(cosine)), FRESNEL_NODES)
     seen = np.interp(cosine, steps, fresnel_reflectance(steps, 1.0, n))
     mirrored, passed = 2 * seen / (1 + seen), (1 - seen) / (1 + seen)

@@ -49,6 +49,7 @@ def register(app: typer.Typer) -> None:
         run = by_frames if has_frames(bundle) else criticise_series
         with progress() as bar:
             result, evidence = run(bundle, seed=seed, tick=_ticker(bar))
+            bar.update(bar.task_ids[0], completed=100)
         target = scene or _beside(json_file or report)
         if target is not None:
             write_text(target, evidence.scene_after)

@@ -244,6 +244,7 @@ def _answer(
         "gain": None,
         "extended_scene": None,
         "false_alarm_control": not table.assumed,
+        "notes": _notes(table),
         "frozen_sha256": FROZEN.digest,
         "seed": seed,
     }

@@ -8,7 +8,10 @@ from pathlib import Path
 from typing import Any
 
 RECORD = Path(__file__).with_name("baseline.json")
-"""Written by ``python benchmarks/baseline.py --json``."""
+"""Written by ``python benchmarks/baseline.py --json``.
+
+The run went on after a stop: its seconds of generation are those that each part printed.
+"""
 
 TESTS = {
     "seen": "friction and ridge pitch as in training",

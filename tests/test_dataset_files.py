@@ -27,7 +27,7 @@ from evanesce.dataset.info import describe
 from evanesce.dataset.labels import CHANNELS, LabelBox
 from evanesce.dataset.manifest import Manifest
 from evanesce.dataset.read import tar_members
-from evanesce.dataset.run import Engine, make, resume
+from evanesce.dataset.run import Deaths, Engine, make, resume
 from evanesce.dataset.trial import SCALARS
 from evanesce.dataset.verify import verify
 from evanesce.errors import InputError, WorkError
@@ -308,13 +308,85 @@ def test_a_frame_that_raises_is_quarantined_and_the_others_finish(tmp_path, monk
     assert describe(tmp_path / "d")["quarantined"] == 1
 
 
-def test_a_shard_without_any_frame_is_an_error(tmp_path, monkeypatch):
+@pytest.mark.parametrize("error", [ValueError("no light"), MemoryError()])
+def test_a_shard_without_any_frame_is_named_and_the_others_finish(tmp_path, monkeypatch, whole, error):
+    real, folder = PaperProducer.record, tmp_path / "d"
+
     def sour(self, frame):
-        raise ValueError("no light")
+        if frame // 6 == 1:
+            raise error
+        return real(self, frame)
+
+    says = "no frame could be made: ValueError: no light" if error.args else "not enough memory for frame 000000006"
+    there = contents(whole)
+    monkeypatch.setattr(PaperProducer, "record", sour)
+    reports: list[dict] = []
+    for attempt in (lambda: make(folder, tiny_job(), on_shard=reports.append), lambda: resume(folder)):
+        with pytest.raises(WorkError, match=rf"one shard missing.*`resume`.*: shard-000001\.tar: {says}$"):
+            attempt()
+        assert {n: d for n, d in contents(folder).items() if n.startswith("shards/")} == {
+            f"shards/shard-{i:06d}.tar": there[f"shards/shard-{i:06d}.tar"] for i in (0, 2, 3)
+        }
+        assert not list((folder / ".work").glob("*.at"))  # nobody died
+        assert not verify(folder).good
+    assert [(r["shard"], bool(r["failed"])) for r in reports[1:]] == [(0, False), (1, True), (2, False), (3, False)]
+    monkeypatch.setattr(PaperProducer, "record", real)
+    assert resume(folder).made == 6
+    assert contents(folder) == there
+
+
+def test_a_part_without_any_frame_is_named_and_its_other_shards_finish(tmp_path, monkeypatch, whole):
+    real, folder = PaperProducer.record, tmp_path / "d"
+
+    def sour(self, frame):
+        if frame < 6:
+            raise ValueError("no light")
+        return real(self, frame)
 
     monkeypatch.setattr(PaperProducer, "record", sour)
-    with pytest.raises(WorkError, match=r"shard-000000\.tar: no frame could be made: ValueError: no light"):
-        make(tmp_path / "d", tiny_job())
+    with pytest.raises(WorkError, match=r"shard-000000\.tar: no frame could be made"):
+        make(folder, tiny_job(), Engine(part=(1, 2)))
+    assert [p.name for p in (folder / "shards").iterdir()] == ["shard-000002.tar"]
+    monkeypatch.setattr(PaperProducer, "record", real)
+    assert resume(folder).complete
+    assert contents(folder) == contents(whole)
+
+
+def test_only_deaths_in_a_row_at_one_frame_are_the_shards_own():
+    deaths = Deaths()
+    assert [deaths.count(3, place) for place in ("", "", "000000008", "000000008", "", "000000008")] == [
+        1,
+        2,
+        1,
+        2,
+        1,
+        1,
+    ]
+    assert [deaths.count(4, ""), deaths.count(3, "000000008")] == [1, 2]
+
+
+def test_frames_that_killed_are_doubted_where_none_is_left(tmp_path, monkeypatch, whole):
+    """A shard all of whose frames kill their process is not made; `resume` tries each again, alone."""
+    folder, deadly, probed = tmp_path / "d", set(range(6, 12)), []
+
+    def probe(_folder, frame):
+        probed.append(frame)
+        return "the process that makes it dies of SIGSEGV" if frame in deadly else ""
+
+    monkeypatch.setattr(worker, "probe", probe)
+    layout.make_folders(folder)
+    (folder / ".work" / "shard-000001.deaths").write_text(
+        json.dumps({"deaths": {}, "poison": {str(frame): "dies" for frame in deadly}})
+    )
+    with pytest.raises(WorkError, match=r"shard-000001\.tar: no frame could be made: dies$"):
+        make(folder, tiny_job())
+    assert probed == []
+    with pytest.raises(WorkError, match=r"shard-000001\.tar: no frame could be made: the process.*SIGSEGV$"):
+        resume(folder)
+    assert sorted(probed) == sorted(deadly)
+    deadly.clear()
+    assert resume(folder).complete
+    assert contents(folder) == contents(whole)
 
 
 # --- damage -----------------------------------------------------------------------------------------------------------

@@ -218,6 +218,8 @@ class _Bar:
 
     def __call__(self, report: dict[str, Any]) -> None:
         """Take a report of the engine."""
+        if report.get("failed"):
+            messages.print(f"shard {report['shard']}: {report['failed']}", highlight=False, markup=False)
         if report["shard"] is not None:
             self._made += report["frames"]
         done = report["frames"] + report["quarantined"]

@@ -153,6 +153,7 @@ SEEN_OF_FINGER = (
     "refractive_index",
     "diffuse_reflectance",
     "scattering_length_mm",
+    "scattering_share",
 )
 """Keys of the finger that light knows; mechanics and ridges reach it through the contact alone."""
 

@@ -16,11 +16,14 @@ from evanesce.dataset.job import Job, load_job, save_job
 from evanesce.dataset.manifest import Manifest
 from evanesce.dataset.shard import ShardIndex, file_sha256, index_path
 from evanesce.dataset.verify import checksums
-from evanesce.dataset.worker import make_shard
+from evanesce.dataset.worker import Trace, failed, make_shard
 from evanesce.errors import InputError, WorkError
 
-MAX_ATTEMPTS = 50
-"""Times that a shard's worker may die before the shard is given up."""
+MAX_DEATHS = 50
+"""Times in a row that a shard's worker may die at the same frame before the shard is given up. A frame that kills is
+found after two; kills from outside hit different frames."""
+NAMED = 5
+"""Shards that an error names."""
 
 
 @dataclass(frozen=True)
@@ -136,17 +139,31 @@ def _run(folder: Path, job: Job, engine: Engine, on_shard: Progress | None) -> O
             on_shard({"shard": None, "frames": before, "quarantined": 0, "bytes": 0})
         made = 0
         todo = [s for s in range(job.shards) if s not in done]
+        missing: dict[int, str] = {}
         for report in _hand_out(folder, todo, engine):
-            manifest.add(_index(folder, report["shard"]))
-            made += report["frames"]
+            if report["failed"]:
+                missing[report["shard"]] = report["failed"]
+            else:
+                manifest.add(_index(folder, report["shard"]))
+                made += report["frames"]
             if on_shard:
                 on_shard(report)
+        _require_all(folder, missing)
         manifest.seal(folder / layout.MANIFEST)
         manifest = Manifest.open(folder / layout.MANIFEST)
         _finish(folder, job, manifest)
         return _outcome(manifest, made, start)
     finally:
         manifest.close()
+
+
+def _require_all(folder: Path, missing: dict[int, str]) -> None:
+    """Name the shards that could not be made, after all others were."""
+    if missing:
+        told = "; ".join(f"{layout.shard_name(s)}: {missing[s]}" for s in sorted(missing)[:NAMED])
+        more = f"; and {len(missing) - NAMED} more" if len(missing) > NAMED else ""
+        count = "one shard" if len(missing) == 1 else f"{len(missing)} shards"
+        raise WorkError(f"{folder}: {count} missing, which `resume` tries again: {told}{more}")
 
 
 def _finish(folder: Path, job: Job, manifest: Manifest) -> None:
@@ -167,10 +184,14 @@ def _run_part(folder: Path, job: Job, engine: Engine, on_shard: Progress | None,
     if on_shard:
         on_shard({"shard": None, "frames": frames, "quarantined": 0, "bytes": 0})
     made = size = 0
+    missing: dict[int, str] = {}
     for report in _hand_out(folder, todo, engine):
+        if report["failed"]:
+            missing[report["shard"]] = report["failed"]
         made, size = made + report["frames"], size + report["bytes"]
         if on_shard:
             on_shard(report)
+    _require_all(folder, missing)
     quarantined = [q for s in mine for q in _index(folder, s).quarantined]
     return Outcome(frames + made, made, time.perf_counter() - start, size, quarantined, complete=False)
 
@@ -276,12 +297,25 @@ def _hand_out(folder: Path, shards: list[int], engine: Engine) -> Iterator[dict[
         yield from _from_cluster(client, folder.resolve(), shards)
 
 
+class Deaths:
+    """Counts deaths of workers in a row at one place of a shard; one elsewhere begins anew."""
+
+    def __init__(self) -> None:
+        self._last: dict[int, tuple[str, int]] = {}
+
+    def count(self, shard: int, place: str) -> int:
+        """Enter a death; return how many there were at this place without one elsewhere in between."""
+        before, times = self._last.get(shard, ("", 0))
+        self._last[shard] = place, times + 1 if place == before else 1
+        return self._last[shard][1]
+
+
 def _from_cluster(client: Any, folder: Path, shards: list[int]) -> Iterator[dict[str, Any]]:
     """Keep every worker busy with one shard; a shard whose worker died is handed out again."""
     from distributed import as_completed
     from distributed.scheduler import KilledWorker
 
-    waiting, attempts = iter(shards), dict.fromkeys(shards, 0)
+    waiting, attempts, deaths = iter(shards), dict.fromkeys(shards, 0), Deaths()
     futures: dict[Any, int] = {}
     queue = as_completed(loop=client.loop)
 
@@ -301,10 +335,12 @@ def _from_cluster(client: Any, folder: Path, shards: list[int]) -> Iterator[dict
         try:
             report = future.result()
         except KilledWorker:
-            if attempts[shard] >= MAX_ATTEMPTS:
-                raise WorkError(f"{layout.shard_name(shard)}: its worker died {MAX_ATTEMPTS} times") from None
-            submit(shard)
-            continue
+            place = Trace(folder, shard).place()
+            if deaths.count(shard, place) < MAX_DEATHS:
+                submit(shard)
+                continue
+            where = f"at frame {place}" if place else "before its first frame"
+            report = failed(shard, f"its worker died {MAX_DEATHS} times in a row {where}")
         future.release()
         with contextlib.suppress(StopIteration):
             submit(next(waiting))

@@ -21,7 +21,6 @@ from evanesce.dataset import layout
 from evanesce.dataset.job import Job, load_job
 from evanesce.dataset.produce import Producer
 from evanesce.dataset.shard import ShardIndex, ShardWriter
-from evanesce.errors import WorkError
 
 DEATHS_BEFORE_PROBE = 2
 PROBES_KILLED = 3
@@ -57,12 +56,13 @@ def make_shard(folder: str, shard: int) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``shard``, ``frames``, ``quarantined`` and ``bytes``: counts only, the arrays stay where they are.
+        ``shard``, ``frames``, ``quarantined`` and ``bytes``: counts only, the arrays stay where they are. ``failed``: why
+        nothing was published, empty if all is well; other shards need not stop for it.
 
     Raises
     ------
     WorkError
-        If the system refuses to write, or no frame of the shard can be made.
+        If the system refuses to write.
     """
     single_threaded()
     path, job = Path(folder), load_job(Path(folder))
@@ -71,36 +71,53 @@ def make_shard(folder: str, shard: int) -> dict[str, Any]:
         index = _write(path, job, producer, shard)
     except OSError as error:
         raise layout.cannot_write(layout.shard_path(path, shard), error) from None
-    return {"shard": shard, "frames": len(index.frames), "quarantined": len(index.quarantined), "bytes": index.size}
+    except ShardFailed as error:
+        return failed(shard, str(error))
+    counts = {"frames": len(index.frames), "quarantined": len(index.quarantined), "bytes": index.size}
+    return {"shard": shard, **counts, "failed": ""}
+
+
+class ShardFailed(Exception):
+    """A shard cannot be made, for a reason of its own."""
+
+
+def failed(shard: int, reason: str) -> dict[str, Any]:
+    """Return the report of a shard of which nothing was published."""
+    return {"shard": shard, "frames": 0, "quarantined": 0, "bytes": 0, "failed": reason}
 
 
 def _write(folder: Path, job: Job, producer: Producer, shard: int) -> ShardIndex:
-    trace = _Trace(folder, shard)
+    trace = Trace(folder, shard)
     poison = trace.poisoned()
-    with ShardWriter(folder, shard) as writer:
-        for trial in job.trials_of(shard):
-            for frame in job.frames_of(trial):
-                if frame in poison:
-                    writer.quarantine(frame, trial, poison[frame])
-                    continue
-                trace.at(frame)
-                try:
-                    record = producer.record(frame)
-                except (OSError, MemoryError):
-                    raise
-                except Exception as error:
-                    writer.quarantine(frame, trial, f"{type(error).__name__}: {error}")
-                    continue
-                writer.add(record)
-        if not writer.index.frames:
-            reason = writer.index.quarantined[0]["reason"] if writer.index.quarantined else "no trials"
-            raise WorkError(f"{layout.shard_name(shard)}: no frame could be made: {reason}")
-        index = writer.publish()
-    trace.clear()
+    try:
+        with ShardWriter(folder, shard) as writer:
+            for trial in job.trials_of(shard):
+                for frame in job.frames_of(trial):
+                    if frame in poison:
+                        writer.quarantine(frame, trial, poison[frame])
+                        continue
+                    trace.at(frame)
+                    try:
+                        record = producer.record(frame)
+                    except OSError:
+                        raise
+                    except MemoryError:  # of the machine at this time: the frame may well be made another time
+                        raise ShardFailed(f"not enough memory for frame {layout.frame_key(frame)}") from None
+                    except Exception as error:
+                        writer.quarantine(frame, trial, f"{type(error).__name__}: {error}")
+                        continue
+                    writer.add(record)
+            if not writer.index.frames:
+                trace.doubt()
+                raise ShardFailed(f"no frame could be made: {writer.index.quarantined[0]['reason']}")
+            index = writer.publish()
+        trace.clear()
+    finally:
+        trace.leave()
     return index
 
 
-class _Trace:
+class Trace:
     """What a task leaves for the next one, should it die."""
 
     def __init__(self, folder: Path, shard: int) -> None:
@@ -118,30 +135,44 @@ class _Trace:
     def poisoned(self) -> dict[int, str]:
         """Return the frames known to kill, after counting the death that the last task may have died."""
         state = self._read()
-        try:
-            died_at = int(self._now.read_text())
-        except (FileNotFoundError, ValueError):
-            died_at = None
-        if died_at is not None:
-            deaths = state["deaths"]
-            deaths[str(died_at)] = deaths.get(str(died_at), 0) + 1
+        deaths, poison = state["deaths"], state["poison"]
+        if died_at := self.place():
+            frame = str(int(died_at))
+            deaths[frame] = deaths.get(frame, 0) + 1
             self._save(state)
             self._now.unlink(missing_ok=True)
-            if deaths[str(died_at)] >= DEATHS_BEFORE_PROBE and str(died_at) not in state["poison"]:
-                reason = probe(self._folder, died_at)
-                if reason:
-                    state["poison"][str(died_at)] = reason
-                else:
-                    deaths[str(died_at)] = 0
-                self._save(state)
-        return {int(frame): reason for frame, reason in state["poison"].items()}
+        for frame in [f for f, count in deaths.items() if count >= DEATHS_BEFORE_PROBE and f not in poison]:
+            reason = probe(self._folder, int(frame))
+            if reason:
+                poison[frame] = reason
+            else:
+                deaths[frame] = 0
+            self._save(state)
+        return {int(frame): reason for frame, reason in poison.items()}
 
-    def clear(self) -> None:
-        """Forget: the shard is published."""
+    def place(self) -> str:
+        """Return the key of the frame at which the last task died; empty if there is no trace."""
+        with contextlib.suppress(OSError, ValueError):
+            found = self._now.read_text()
+            if len(found) == len(layout.frame_key(0)) and found.isdigit():
+                return found
+        return ""
+
+    def doubt(self) -> None:
+        """No frame is left: the next task tries all those again that killed, in processes of their own."""
+        state = self._read()
+        if state["poison"]:
+            self._save({"deaths": dict.fromkeys(state["poison"], DEATHS_BEFORE_PROBE), "poison": {}})
+
+    def leave(self) -> None:
+        """End without having died."""
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None
         self._now.unlink(missing_ok=True)
+
+    def clear(self) -> None:
+        """Forget: the shard is published."""
         self._deaths.unlink(missing_ok=True)
 
     def _read(self) -> dict[str, dict[str, Any]]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import platform
+import re
 import time
 from collections import Counter
 from pathlib import Path
@@ -211,9 +214,38 @@ def test_a_job_comes_back_from_its_description(tmp_path: Path):
 def test_other_versions_are_not_mixed_in(tmp_path: Path):
     save_job(tmp_path, tiny_job())
     path = tmp_path / "dataset.json"
-    import numpy
-
-    path.write_text(path.read_text().replace(f'"numpy": "{numpy.__version__}"', '"numpy": "1.0"'))
-    with pytest.raises(InputError, match=r"numpy 1\.0"):
-        load_job(tmp_path, check_versions=True)
+    data = json.loads(path.read_text())
+    data["provenance"]["python"] = "3.4.1"
+    data["provenance"]["packages"] |= {"numpy": "1.0", "mitsuba": "0.6"}
+    path.write_text(json.dumps(data))
+    says = (
+        rf"dataset\.json: begun with mitsuba 0\.6 \(here \S+\), numpy 1\.0 \(here {re.escape(np.__version__)}\),"
+        rf" python 3\.4\.1 \(here {re.escape(platform.python_version())}\): .*--any-versions"
+    )
+    for refused in (lambda: load_job(tmp_path, check_versions=True), lambda: save_job(tmp_path, tiny_job())):
+        with pytest.raises(InputError, match=says) as caught:
+            refused()
+        assert "scipy" not in str(caught.value)
     load_job(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"seed": 12}, "seed"),
+        ({"frames": 36}, "frames"),
+        ({"trials_per_shard": 2}, r"config\.trials_per_shard"),
+        ({"split": {"by": "rig"}, "labels": {"raw": True}}, r"config\.labels\.raw, config\.split\.by"),
+    ],
+)
+def test_another_request_does_not_join(tmp_path: Path, changes, named):
+    save_job(tmp_path, tiny_job())
+    save_job(tmp_path, tiny_job())
+    with pytest.raises(InputError, match=f"another dataset: {named} differ"):
+        save_job(tmp_path, tiny_job(**changes))
+
+
+def test_the_digest_in_a_frame_does_not_know_the_shards():
+    digests = {tiny_job(**c).digest for c in ({}, {"trials_per_shard": 3}, {"frames": 48})}
+    assert len(digests) == 1
+    assert tiny_job(labels={"margin_mm": 0.7}).digest not in digests

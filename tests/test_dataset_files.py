@@ -8,6 +8,7 @@ import json
 import logging
 import subprocess
 import tarfile
+import threading
 import warnings
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from distributed import LocalCluster
 
 import evanesce.dataset as dataset
 from datasets import PaperProducer, contents, paper_meta, tiny_job
+from evanesce import provenance
 from evanesce.dataset import baselines, layout, run, worker
 from evanesce.dataset.card import schema
 from evanesce.dataset.encode import decode_exr, decode_png, exr
@@ -212,6 +214,50 @@ def test_a_running_scheduler_makes_the_same_bytes(whole, tmp_path):
         assert len(cluster.scheduler.workers) == 1
     assert outcome.complete
     assert contents(tmp_path / "d") == contents(whole)
+
+
+def test_a_worker_with_other_versions_is_refused(tmp_path, monkeypatch):
+    """Tasks of this cluster run in threads of their own, and there numpy seems to be another one."""
+    record = provenance.record
+
+    def told(**given):
+        there = threading.current_thread() is not threading.main_thread()
+        found = dict(record(**given))
+        return {**found, "packages": {**found["packages"], "numpy": "1.0"}} if there else found
+
+    monkeypatch.setattr(provenance, "record", told)
+    with LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, protocol="tcp", dashboard_address=None,
+        scheduler_kwargs={"dashboard_address": "127.0.0.1:0"}, silence_logs=logging.ERROR,
+    ) as cluster:  # fmt: skip
+        engine = Engine(scheduler=cluster.scheduler_address)
+        with pytest.raises(InputError, match=rf"begun with numpy {np.__version__} \(here 1\.0\)"):
+            make(tmp_path / "d", tiny_job(frames=6), engine)
+        assert list((tmp_path / "d" / "shards").iterdir()) == []
+        assert resume(tmp_path / "d", engine, any_versions=True).complete
+
+
+def test_parts_with_other_versions_or_another_request_do_not_join(tmp_path):
+    folder = tmp_path / "d"
+    make(folder, tiny_job(), Engine(part=(1, 2)))
+    with pytest.raises(InputError, match=r"another dataset: config\.labels\.margin_mm differ"):
+        make(folder, tiny_job(labels={"margin_mm": 0.7}), Engine(part=(2, 2)))
+    text = (folder / "dataset.json").read_text()
+    (folder / "dataset.json").write_text(text.replace(f'"numpy": "{np.__version__}"', '"numpy": "1.0"'))
+    for refused in (lambda: make(folder, tiny_job(), Engine(part=(2, 2))), lambda: resume(folder)):
+        with pytest.raises(InputError, match=rf"begun with numpy 1\.0 \(here {np.__version__}\)"):
+            refused()
+    assert [p.name for p in (folder / "shards").iterdir() if p.name == "shard-000001.tar"] == []
+
+
+def test_a_part_of_a_finished_dataset_is_refused(whole, tmp_path):
+    folder = copy(whole, tmp_path / "d")
+    for refused in (
+        lambda: make(folder, tiny_job(), Engine(part=(1, 2))), lambda: resume(folder, Engine(part=(2, 2))),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=r"--shard: the dataset is finished"):
+            refused()
+    assert contents(folder) == contents(whole)
 
 
 def test_parts_of_a_job_array_are_the_same_bytes(whole, tmp_path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import resource
 import signal
@@ -82,6 +83,18 @@ def test_frames_hold_what_was_asked_for(real):
                 dark = float(np.median(sample.frame[sample.labels.whole("contact_mask") == 0]))
                 assert lit > dark + 20  # contacts are what shines
     assert verify(real).good
+
+
+@pytest.mark.parametrize("per_shard", [3, 4])
+def test_members_do_not_depend_on_the_size_of_shards(real, tmp_path, per_shard):
+    make(tmp_path / "d", tiny_job(trials_per_shard=per_shard))
+    with dataset.open(real) as one, dataset.open(tmp_path / "d") as other:
+        assert {row["shard"] for row in other.rows()} == set(range(math.ceil(4 / per_shard)))
+        assert len(one) == len(other) == 24
+        for a, b in zip(one, other, strict=True):
+            assert a.members == b.members
+            for name in a.members:
+                assert a.bytes_of(name) == b.bytes_of(name), (a.key, name)
 
 
 def test_raw_frames_are_twelve_bits_of_the_same_exposure(tmp_path):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import platform
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,8 +22,9 @@ BYTES_PER_PIXEL = 70
 SOFTER = 1.1
 """Room for contacts that effects of the finger make larger than its table says."""
 
-COMPARED = ("numpy", "scipy", "opencv-contrib-python-headless", "OpenEXR")
-"""Packages whose version may change bytes."""
+
+NAMED = 8
+"""Keys that an error names."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +39,7 @@ class Job:
     frames : int
         Count of frames, a multiple of the trial's.
     recorded : str
-        Digest that a stored description had when it was written; a later version may know more keys.
+        :attr:`digest` that a stored description had when it was written; a later version may know more keys.
     """
 
     scene: Scene
@@ -67,10 +70,13 @@ class Job:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of everything that decides the bytes, but for the count and the versions."""
-        if self.recorded:
-            return self.recorded
-        return provenance.digest({"scene": self.scene.as_dict(), "config": self.config.as_dict(), "seed": self.seed})
+        """SHA-256 of everything that decides the bytes of a frame, but for the versions."""
+        return self.recorded or _frames_digest(self.scene.as_dict(), self.config.as_dict(), self.seed)
+
+    @property
+    def request(self) -> str:
+        """SHA-256 of what decides the dataset: :attr:`digest`, the count of frames and how they lie in shards."""
+        return provenance.digest([self.digest, self.frames, self.config.trials_per_shard])
 
     @property
     def resolution(self) -> tuple[int, int]:
@@ -90,10 +96,16 @@ class Job:
             "shards": self.shards,
             "seed": self.seed,
             "config_sha256": self.digest,
+            "request_sha256": self.request,
             "scene": self.scene.as_dict(),
             "config": self.config.as_dict(),
             "provenance": dict(provenance.record(seed=self.seed)),
         }
+
+
+def _frames_digest(scene: dict[str, Any], config: dict[str, Any], seed: int) -> str:
+    config = {key: value for key, value in config.items() if key != "trials_per_shard"}
+    return provenance.digest({"scene": scene, "config": config, "seed": seed})
 
 
 def new_job(scene: Scene, config: DatasetConfig, *, frames: int, seed: int) -> Job:
@@ -179,15 +191,32 @@ def save_job(folder: Path, job: Job) -> None:
     Raises
     ------
     InputError
-        If the folder holds another dataset.
+        If the folder holds another dataset, or one begun with other versions.
     """
     path = folder / layout.DESCRIPTION
     if path.exists():
-        there = load_job(folder)
-        if there.digest != job.digest or there.frames != job.frames:
-            raise InputError("the folder holds another dataset", file=folder, key="--out", allowed="an empty folder")
+        if load_job(folder, check_versions=True).request != job.request:
+            there, asked = (
+                {name: data[name] for name in ("scene", "config", "seed", "frames")}
+                for data in (layout.read_json(path), job.describe())
+            )
+            names = ", ".join(differences(there, asked)[:NAMED])
+            raise InputError(
+                f"the folder holds another dataset: {names} differ", file=folder, key="--out",
+                allowed="the same request, or an empty folder",
+            )  # fmt: skip
         return
     layout.write_json(path, job.describe())
+
+
+def differences(a: Any, b: Any, name: str = "") -> list[str]:
+    """Return the dotted keys whose values differ between two nested tables."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        keys = sorted(a.keys() | b.keys())
+        return [
+            found for key in keys for found in differences(a.get(key), b.get(key), f"{name}.{key}" if name else key)
+        ]
+    return [] if a == b else [name]
 
 
 def load_job(folder: Path, *, check_versions: bool = False) -> Job:
@@ -208,27 +237,33 @@ def load_job(folder: Path, *, check_versions: bool = False) -> Job:
             )  # fmt: skip
         scene = Scene.model_validate_json(json.dumps(data["scene"]))
         config = DatasetConfig.model_validate_json(json.dumps(data["config"]))
-        recorded = provenance.digest({name: data[name] for name in ("scene", "config", "seed")})
+        recorded = _frames_digest(data["scene"], data["config"], data["seed"])
         job = Job(scene, config, int(data["seed"]), int(data["frames"]), recorded)
-        written = data["config_sha256"]
+        written = data["config_sha256"], data["request_sha256"]
     except (KeyError, TypeError, ValueError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"not a dataset's description: {str(error).splitlines()[0]}", file=path) from None
-    if written != recorded:
-        raise InputError("config_sha256 does not fit what stands beside it", file=path)
+    if written != (recorded, job.request):
+        raise InputError("config_sha256 or request_sha256 does not fit what stands beside it", file=path)
     if check_versions:
         _require_versions(path, data.get("provenance", {}))
     return job
 
 
 def _require_versions(path: Path, recorded: dict[str, Any]) -> None:
-    now = provenance.record()
-    pairs = [("evanesce", recorded.get("evanesce"), now["evanesce"])]
-    pairs += [(name, recorded.get("packages", {}).get(name), now["packages"].get(name)) for name in COMPARED]
-    for name, before, after in pairs:
-        if before != after:
-            raise InputError(
-                f"begun with {name} {before}, this is {after}: frames might differ", file=path,
-                allowed="the same versions, or --any-versions",
-            )  # fmt: skip
+    before, now = _versions(recorded), _versions(provenance.record())
+    names = differences(before, now)
+    if names:
+        told = ", ".join(f"{name} {before.get(name, 'missing')} (here {now.get(name, 'missing')})" for name in names)
+        raise InputError(
+            f"begun with {told}: frames made on {platform.node()} might differ",
+            file=path,
+            allowed="the same versions, or `resume --any-versions`",
+        )
+
+
+def _versions(record: Mapping[str, Any]) -> dict[str, str]:
+    return {name: str(record.get(name)) for name in ("evanesce", "python", "platform")} | dict(
+        record.get("packages", {})
+    )

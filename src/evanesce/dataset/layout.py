@@ -15,7 +15,7 @@ from typing import Any
 from evanesce.errors import InputError, WorkError
 
 FORMAT = "evanesce-dataset"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 DESCRIPTION = "dataset.json"
 MANIFEST = "manifest.sqlite"
 SCHEMA = "schema.json"

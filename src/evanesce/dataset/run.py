@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import time
 from collections.abc import Callable, Iterator
@@ -78,6 +79,7 @@ class Outcome:
 
 
 Progress = Callable[[dict[str, Any]], None]
+Task = Callable[[str, int], dict[str, Any]]
 
 
 def make(folder: Path, job: Job, engine: Engine | None = None, on_shard: Progress | None = None) -> Outcome:
@@ -100,7 +102,7 @@ def make(folder: Path, job: Job, engine: Engine | None = None, on_shard: Progres
     layout.make_folders(folder)
     with layout.generator_lock(folder, engine.part):
         save_job(folder, job)
-        return _run(folder, job, engine, on_shard)
+        return _run(folder, job, engine, on_shard, any_versions=False)
 
 
 def resume(
@@ -119,13 +121,14 @@ def resume(
     job = load_job(folder, check_versions=not any_versions)
     layout.make_folders(folder)
     with layout.generator_lock(folder, engine.part):
-        return _run(folder, job, engine, on_shard)
+        return _run(folder, job, engine, on_shard, any_versions=any_versions)
 
 
-def _run(folder: Path, job: Job, engine: Engine, on_shard: Progress | None) -> Outcome:
+def _run(folder: Path, job: Job, engine: Engine, on_shard: Progress | None, *, any_versions: bool) -> Outcome:
     start = time.perf_counter()
+    task = functools.partial(make_shard, any_versions=any_versions)
     if engine.part is not None:
-        return _run_part(folder, job, engine, on_shard, start)
+        return _run_part(folder, job, engine, on_shard, start, task)
     _sweep(folder)
     manifest = _manifest(folder, job)
     try:
@@ -140,7 +143,7 @@ def _run(folder: Path, job: Job, engine: Engine, on_shard: Progress | None) -> O
         made = 0
         todo = [s for s in range(job.shards) if s not in done]
         missing: dict[int, str] = {}
-        for report in _hand_out(folder, todo, engine):
+        for report in _hand_out(folder, todo, engine, task):
             if report["failed"]:
                 missing[report["shard"]] = report["failed"]
             else:
@@ -173,7 +176,7 @@ def _finish(folder: Path, job: Job, manifest: Manifest) -> None:
     _clean(folder)
 
 
-def _run_part(folder: Path, job: Job, engine: Engine, on_shard: Progress | None, start: float) -> Outcome:
+def _run_part(folder: Path, job: Job, engine: Engine, on_shard: Progress | None, start: float, task: Task) -> Outcome:
     assert engine.part is not None
     if (folder / layout.SUMS).exists():  # its shards have been sealed; their indices are gone
         raise InputError("the dataset is finished", file=folder, key="--shard", allowed="a dataset still being made")
@@ -185,7 +188,7 @@ def _run_part(folder: Path, job: Job, engine: Engine, on_shard: Progress | None,
         on_shard({"shard": None, "frames": frames, "quarantined": 0, "bytes": 0})
     made = size = 0
     missing: dict[int, str] = {}
-    for report in _hand_out(folder, todo, engine):
+    for report in _hand_out(folder, todo, engine, task):
         if report["failed"]:
             missing[report["shard"]] = report["failed"]
         made, size = made + report["frames"], size + report["bytes"]
@@ -217,13 +220,18 @@ def _manifest(folder: Path, job: Job) -> Manifest:
     path = folder / layout.MANIFEST
     if path.exists():
         manifest = Manifest.open(path, write=True)
-        if manifest.meta().get("config_sha256") != job.digest:
+        if manifest.meta().get("request_sha256") != job.request:
             raise InputError("manifest and description are of different datasets", file=path)
         return manifest
     part = path.with_name(f".{path.name}.part")
     part.unlink(missing_ok=True)
     provenance = job.describe()["provenance"]
-    meta = {"config_sha256": job.digest, "seed": str(job.seed), "evanesce": str(provenance["evanesce"])}
+    meta = {
+        "config_sha256": job.digest,
+        "request_sha256": job.request,
+        "seed": str(job.seed),
+        "evanesce": str(provenance["evanesce"]),
+    }
     meta |= {f"package:{name}": value for name, value in provenance["packages"].items()}
     try:
         Manifest.create(part, meta).close()
@@ -284,17 +292,17 @@ def _clean(folder: Path) -> None:
 # --- who makes them ---------------------------------------------------------------------------------------------------
 
 
-def _hand_out(folder: Path, shards: list[int], engine: Engine) -> Iterator[dict[str, Any]]:
+def _hand_out(folder: Path, shards: list[int], engine: Engine, task: Task) -> Iterator[dict[str, Any]]:
     if not shards:
         return
     if engine.workers == 0 and not engine.scheduler:
         for shard in shards:
-            yield make_shard(str(folder), shard)
+            yield task(str(folder), shard)
         return
     from evanesce.dataset.cluster import cluster_client
 
     with cluster_client(engine.workers, engine.scheduler) as client:
-        yield from _from_cluster(client, folder.resolve(), shards)
+        yield from _from_cluster(client, folder.resolve(), shards, task)
 
 
 class Deaths:
@@ -310,7 +318,7 @@ class Deaths:
         return self._last[shard][1]
 
 
-def _from_cluster(client: Any, folder: Path, shards: list[int]) -> Iterator[dict[str, Any]]:
+def _from_cluster(client: Any, folder: Path, shards: list[int], task: Task) -> Iterator[dict[str, Any]]:
     """Keep every worker busy with one shard; a shard whose worker died is handed out again."""
     from distributed import as_completed
     from distributed.scheduler import KilledWorker
@@ -322,7 +330,7 @@ def _from_cluster(client: Any, folder: Path, shards: list[int]) -> Iterator[dict
     def submit(shard: int) -> None:
         attempts[shard] += 1
         key = f"shard-{shard:06d}-{attempts[shard]}"
-        future = client.submit(make_shard, str(folder), shard, key=key, pure=False)
+        future = client.submit(task, str(folder), shard, key=key, pure=False)
         futures[future] = shard
         queue.add(future)
 

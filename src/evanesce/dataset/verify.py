@@ -147,7 +147,7 @@ def _manifest_faults(folder: Path, job: Job, manifest: Manifest) -> Iterator[Fau
     if fault := manifest.fault():
         yield Fault(layout.MANIFEST, fault)
     meta = manifest.meta()
-    if meta.get("config_sha256") != job.digest:
+    if (meta.get("config_sha256"), meta.get("request_sha256")) != (job.digest, job.request):
         yield Fault(layout.MANIFEST, "belongs to another description")
     if meta.get("sealed") != "1":
         yield Fault(layout.MANIFEST, "not finished: `resume` finishes it")

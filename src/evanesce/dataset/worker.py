@@ -44,7 +44,7 @@ def _producer(folder: str, digest: str) -> Producer:
     return Producer(load_job(Path(folder)))
 
 
-def make_shard(folder: str, shard: int) -> dict[str, Any]:
+def make_shard(folder: str, shard: int, *, any_versions: bool = False) -> dict[str, Any]:
     """Make and publish one shard; the task that Dask runs.
 
     Parameters
@@ -52,20 +52,25 @@ def make_shard(folder: str, shard: int) -> dict[str, Any]:
     folder : str
         The dataset's.
     shard : int
+    any_versions : bool
+        Make it although this process has other versions than the one that began the dataset.
 
     Returns
     -------
     dict
-        ``shard``, ``frames``, ``quarantined`` and ``bytes``: counts only, the arrays stay where they are. ``failed``: why
-        nothing was published, empty if all is well; other shards need not stop for it.
+        ``shard``, ``frames``, ``quarantined`` and ``bytes``: counts only, the arrays stay where they are. ``failed``:
+        why nothing was published, empty if all is well; other shards need not stop for it.
 
     Raises
     ------
+    InputError
+        If this process, perhaps on another machine, has other versions.
     WorkError
         If the system refuses to write.
     """
     single_threaded()
-    path, job = Path(folder), load_job(Path(folder))
+    path = Path(folder)
+    job = load_job(path, check_versions=not any_versions)
     producer = _producer(folder, job.digest)
     try:
         index = _write(path, job, producer, shard)

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from design_rig import PERFECT, camera_rig, question
 from evanesce import rng
 from evanesce.design import objective
 from evanesce.design.evaluate import evaluate, plain_job, read_job
 from evanesce.design.objective import Lab, measured, percentile, percentile_standard, prepared, samples
-from evanesce.design.question import Design, Question
+from evanesce.design.question import Design
 from evanesce.design.uncertainty import Departure, Draw, draw, read_sizes, shares, uncertainty_of
 from evanesce.effects import all_effects
 from evanesce.errors import InputError
@@ -22,23 +23,6 @@ from evanesce.render.transport import render_fast
 from evanesce.simulate import touch
 from evanesce.validation.calibrated_rig import CardErrors, calibrated
 from rigs import small_rig
-
-PERFECT = Draw({}, CardErrors(corner_noise_px=0.0), 0.0)
-
-
-def camera_rig():
-    """Return a small rig with enough pixels to measure with: 18 px/mm."""
-    return small_rig(
-        camera__resolution_px=(220, 180), camera__scale_px_per_mm=18.0, camera__pixel={"pitch_um": 13.0},
-        camera__exposure_ms=0.1,
-    )  # fmt: skip
-
-
-def question(**changes):
-    return Question(
-        **{"forces_N": (0.8, 2.3), "places_mm": ((3.3, -2.1),), "materials": ("silskin_0",), "rigs": 8, "coarser": 1,
-           "crop_mm": 4.0} | changes
-    )  # fmt: skip
 
 
 def test_95_percent_and_its_error_for_normal_errors():

@@ -264,13 +264,35 @@ def author_scale(nominal: Calibration, drawn: Draw, distance_mm: float, factor: 
 # --- the simulation --------------------------------------------------------------------------------------------------
 
 
+def contact_radius(scene: Scene, case: Case, seed: int) -> float:
+    """Return the radius of the disc that has the contact's area, as drawn [mm].
+
+    Raises
+    ------
+    InputError
+        If that disc reaches over the plate's edge: there is no glass to press on, and none to look through.
+    """
+    state = touch(on_case(scene, case), case.force_N, seed=seed)[1]
+    assert state is not None
+    radius = float(np.sqrt(state.nominal_contact_area / np.pi))
+    for at, length, axis in zip(case.place_mm, scene.plate.size_mm, "xy", strict=True):
+        if not abs(at) + radius < length / 2:
+            raise InputError(
+                f"the contact of {case.name} reaches over the plate's edge", key="--place",
+                allowed=f"{axis} within ±{max(0.0, length / 2 - radius):.3g} mm for a radius of {radius:.3g} mm",
+            )  # fmt: skip
+    return radius
+
+
 def prepared(scene: Scene, question: Question) -> Scene:
-    """Return the scene that frames of a search are taken with: coarser camera, contact grid no larger than needed."""
-    radius = 0.0
-    for case in question.cases:
-        state = touch(on_case(scene, case), case.force_N, seed=question.seed)[1]
-        assert state is not None
-        radius = max(radius, float(np.sqrt(state.nominal_contact_area / np.pi)))
+    """Return the scene that frames of a search are taken with: coarser camera, contact grid no larger than needed.
+
+    Raises
+    ------
+    InputError
+        If a contact reaches over the plate's edge.
+    """
+    radius = max(contact_radius(scene, case, question.seed) for case in question.cases)
     return fitted_grid(coarser_camera(scene, question.coarser), HIGHEST_APPROACH * radius)
 
 

@@ -10,13 +10,15 @@ from typing import Literal
 import numpy as np
 
 from evanesce.design.bending import deflection, rigidity
-from evanesce.design.objective import Prediction
+from evanesce.design.objective import Prediction, contact_radius
 from evanesce.design.parts import PartsTable, cost
-from evanesce.design.question import Design, Question, on_case
+from evanesce.design.question import Design, Question
 from evanesce.optics.led import led_positions, segment_current
 from evanesce.rig import Camera, Scene
 from evanesce.sensor.lens import magnification
-from evanesce.simulate import touch
+
+LEAST_PATCH_MM = 1e-3
+"""Side of the square on which a finger that does not touch would press."""
 
 
 @dataclass(frozen=True)
@@ -93,18 +95,17 @@ def electrical_power_W(scene: Scene) -> float:
 def plate_deflection_um(scene: Scene, question: Question) -> float:
     """Return the plate's deflection under the worst case of a question, its edges simply supported [µm].
 
-    The load spreads over a square of the contact's area, cut off where the plate ends. Clamped edges would bend less.
+    The load spreads over a square of the contact's area. Clamped edges would bend less.
+
+    Raises
+    ------
+    InputError
+        If a contact reaches over the plate's edge.
     """
-    worst = 0.0
+    worst, bending = 0.0, rigidity(scene.plate.thickness_mm)
     for case in question.cases:
-        state = touch(on_case(scene, case), case.force_N, seed=question.seed)[1]
-        assert state is not None
-        side = math.sqrt(max(state.nominal_contact_area, 1e-6))
-        size = scene.plate.size_mm
-        room = [2 * (length / 2 - abs(centre)) for centre, length in zip(case.place_mm, size, strict=True)]
-        patch = min(side, room[0]), min(side, room[1])
-        found = deflection(case.force_N, case.place_mm, patch, size, rigidity(scene.plate.thickness_mm))
-        worst = max(worst, found)
+        side = max(math.sqrt(math.pi) * contact_radius(scene, case, question.seed), LEAST_PATCH_MM)
+        worst = max(worst, deflection(case.force_N, case.place_mm, (side, side), scene.plate.size_mm, bending))
     return 1e3 * worst
 
 

@@ -3,7 +3,8 @@
 Kills and damage are of real processes and real files; their frames are made of their numbers alone
 (tests/datasets.py), so that a campaign takes minutes. The cycle is of simulated frames, small ones.
 
-    python benchmarks/dataset_faults.py [--kills 200] [--worker-kills 20] [--damages 1000] [--cycle 2000] [--json FILE]
+    python benchmarks/dataset_faults.py [--kills 200] [--worker-kills 24] [--mean-s 4] [--damages 1000] [--cycle 2000]
+                                        [--seed 1] [--json FILE]
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ import numpy as np
 
 import evanesce.dataset as dataset
 from dataset_formats import exported_equal
+from dataset_kills import campaign, made_again
 from datasets import contents, tiny_job, use_paper
 from evanesce.dataset.run import make, resume
 from evanesce.dataset.verify import verify
@@ -60,104 +62,47 @@ def driver_kills(folder: Path, count: int, seed: int) -> dict[str, Any]:
     make(reference, job)
     whole = time.perf_counter() - start
     good, draw = contents(reference), random.Random(seed)
-    kills = finished = equal = redone = 0
-    target = folder / "target"
+    kills = finished = equal = lost = again = worst = 0
+    target, log = folder / "target", folder / "log"
+    os.environ["PAPER_LOG"] = str(log)
     while kills < count:
         shutil.rmtree(target, ignore_errors=True)
+        log.unlink(missing_ok=True)
         while True:
             before = _published(target)
             delay = draw.uniform(0.0, 0.6 * whole)
             start_over = (target / "dataset.json").exists()
             hit = killed(lambda: resume(target) if start_over else make(target, job), delay)  # noqa: B023
             kills += hit
-            redone += hit and _published(target) < before  # a published shard must never be lost
+            lost += hit and _published(target) < before  # a published shard must never be lost
             if not hit or kills >= count:
                 break
         resume(target) if (target / "dataset.json").exists() else make(target, job)
         finished += 1
         equal += contents(target) == good and verify(target).good
-    return {"kills": kills, "datasets": finished, "byte_identical": equal, "shards_lost": int(redone)}
+        cost = made_again(log)
+        again, worst = again + sum(cost.values()), max(worst, *cost.values(), 0)
+    del os.environ["PAPER_LOG"]
+    return {
+        "kills": kills, "datasets": finished, "byte_identical": equal, "published_shards_lost": int(lost),
+        "shards_made_again": again, "most_for_one_kill": worst,
+    }  # fmt: skip
 
 
 def _published(target: Path) -> int:
     return len(list((target / "shards").glob("*.tar"))) if target.exists() else 0
 
 
-def worker_kills(folder: Path, count: int, seed: int) -> dict[str, Any]:
-    """Kill worker processes of the embedded cluster at random points while it makes a dataset."""
-    os.environ["PAPER_PAUSE_S"] = "0.05"
-    site = folder / "site"
-    site.mkdir()
-    tests = Path(__file__).resolve().parents[1] / "tests"
-    (site / "sitecustomize.py").write_text(_SITE.format(tests=str(tests)))
-    reference, target = folder / "reference-w", folder / "target-w"
-    os.environ["PYTHONPATH"] = os.pathsep.join([str(site), os.environ.get("PYTHONPATH", "")])
-    job = tiny_job(frames=FRAMES)
+def worker_kills(folder: Path, count: int, mean_s: float, seed: int) -> dict[str, Any]:
+    """Kill workers of the embedded cluster, and sometimes its driver, at random times; count what was made again."""
+    scratch = folder / "kills"
+    scratch.mkdir()
+    found = campaign(scratch, frames=FRAMES, kills=count, mean_s=mean_s, seed=seed, pause_s=0.2, driver_share=0.15)
     use_paper()
     os.environ["PAPER_PAUSE_S"] = "0"
-    make(reference, job)
-    os.environ["PAPER_PAUSE_S"] = "0.2"
-    draw, kills = random.Random(seed), 0
-    run = subprocess.Popen([sys.executable, "-c", _DRIVER.format(folder=str(target))])
-    while run.poll() is None and kills < count:
-        time.sleep(draw.uniform(0.5, 3.0))
-        workers = _workers_of(run.pid)
-        if workers and any((target / ".work").glob("*.at")):  # frames are being made
-            os.kill(draw.choice(workers), signal.SIGKILL)
-            kills += 1
-    status = run.wait()
-    equal = status == 0 and contents(target) == contents(reference)
-    return {"kills": kills, "exit_status": status, "byte_identical": bool(equal)}
-
-
-_SITE = """
-import importlib.abc, importlib.util, sys
-
-class Finder(importlib.abc.MetaPathFinder):
-    # once the worker's module is loaded, it makes frames of their numbers alone
-    def find_spec(self, name, path, target=None):
-        if name != "evanesce.dataset.worker":
-            return None
-        sys.meta_path.remove(self)
-        spec = importlib.util.find_spec(name)
-        load = spec.loader.exec_module
-        def exec_module(module):
-            load(module)
-            sys.path.insert(0, {tests!r})
-            import datasets
-            datasets.use_paper()
-        spec.loader.exec_module = exec_module
-        return spec
-
-sys.meta_path.insert(0, Finder())
-"""
-
-_DRIVER = """
-if __name__ == "__main__":
-    import sys
-    from pathlib import Path
-    from evanesce.dataset.run import Engine, make
-    import evanesce.dataset.worker
-    from datasets import tiny_job
-    outcome = make(Path({folder!r}), tiny_job(frames=240), Engine(workers=2))
-    sys.exit(0 if outcome.complete and not outcome.quarantined else 1)
-"""
-
-
-def _workers_of(pid: int) -> list[int]:
-    """Return the processes below a driver that run Dask's workers."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        if not entry.name.isdigit():
-            continue
-        try:
-            parent = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
-            command = (entry / "cmdline").read_bytes()
-        except OSError:
-            continue
-        if parent == pid and b"spawn_main" in command:
-            found.append(int(entry.name))
-    return found
+    reference = folder / "reference-w"
+    make(reference, tiny_job(frames=FRAMES))
+    return {**vars(found), "byte_identical": contents(scratch / "d") == contents(reference)}
 
 
 def damages(folder: Path, count: int, seed: int) -> dict[str, Any]:
@@ -223,16 +168,15 @@ if __name__ == "__main__":
     command = [sys.executable, "-c", code.format(folder=str(target), frames=frames)]
     tests = str(Path(__file__).resolve().parents[1] / "tests")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([tests, os.environ.get("PYTHONPATH", "")])}
-    for wanted in (0.25, 0.6):
+    draw = random.Random(frames)
+    for _ in range(2):  # at any time of the making, which takes some 20 frames/s; the next one begins at once
         run = subprocess.Popen(command, env=environment)
-        shards = frames // 80
-        while run.poll() is None and _published(target) < wanted * shards:
-            time.sleep(0.2)
-        if run.poll() is None:
-            run.send_signal(signal.SIGKILL)
+        try:
+            run.wait(draw.uniform(0.0, frames / 20.0))
+        except subprocess.TimeoutExpired:
+            run.kill()
             kills += 1
-        run.wait()
-        time.sleep(2.0)
+            run.wait()
     subprocess.run(command, env=environment, check=True)
     made = time.perf_counter() - start
     report = verify(target)
@@ -248,7 +192,8 @@ if __name__ == "__main__":
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--kills", type=int, default=200)
-    parser.add_argument("--worker-kills", type=int, default=20)
+    parser.add_argument("--worker-kills", type=int, default=24)
+    parser.add_argument("--mean-s", type=float, default=4.0, help="between kills of workers [s]")
     parser.add_argument("--damages", type=int, default=1000)
     parser.add_argument("--cycle", type=int, default=2000)
     parser.add_argument("--seed", type=int, default=1)
@@ -257,15 +202,19 @@ def main() -> None:
     result: dict[str, Any] = {}
     with tempfile.TemporaryDirectory(prefix="evanesce-faults-") as scratch:
         folder = Path(scratch)
-        for name, count, campaign in (
+        for name, count, action in (
             ("driver_kills", given.kills, lambda: driver_kills(folder, given.kills, given.seed)),
             ("damages", given.damages, lambda: damages(folder, given.damages, given.seed)),
-            ("worker_kills", given.worker_kills, lambda: worker_kills(folder, given.worker_kills, given.seed)),
+            (
+                "worker_kills",
+                given.worker_kills,
+                lambda: worker_kills(folder, given.worker_kills, given.mean_s, given.seed),
+            ),
             ("cycle", given.cycle, lambda: cycle(folder, given.cycle)),
         ):
             if count:
                 start = time.perf_counter()
-                result[name] = campaign()
+                result[name] = action()
                 print(f"{name}: {result[name]} in {time.perf_counter() - start:.0f} s", flush=True)
     if given.json:
         given.json.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")

@@ -22,6 +22,7 @@ import tomli_w
 from typer.testing import CliRunner
 
 import evanesce.dataset as dataset
+from dataset_kills import campaign, environment
 from datasets import contents, tiny_config, tiny_job
 from evanesce.cli.app import app
 from evanesce.dataset.export import export
@@ -218,6 +219,55 @@ def test_a_poison_frame_among_the_clusters_workers(tmp_path):
     ours, theirs = contents(target), contents(whole)
     shards = [f"shards/shard-{k:06d}.tar" for k in (0, 2, 3, 4, 5)]
     assert {name: ours[name] for name in shards} == {name: theirs[name] for name in shards}
+
+
+@pytest.mark.slow
+@pytest.mark.system
+def test_poison_and_random_kills_together_end_with_all_other_frames(tmp_path):
+    """A frame that kills its workers while others kill them at random: more deaths than a shard is allowed in a row,
+    some of them while a worker starts, and no kill costs more than one shard."""
+    found = campaign(tmp_path, frames=36, kills=10, mean_s=4.0, seed=5, pause_s=0.15, poison="8", most=4)
+    assert found.statuses == [0], found
+    assert found.workers == 10
+    assert found.worst <= 1
+    report = verify(tmp_path / "d")
+    assert report.good
+    assert [(q["frame"], "SIGABRT" in q["reason"]) for q in report.quarantined] == [(8, True)]
+    assert report.frames == 35
+
+
+@pytest.mark.slow
+@pytest.mark.system
+def test_a_trial_all_of_whose_frames_kill_does_not_stop_the_others(tmp_path):
+    """Twelve deaths at six frames of one shard, four allowed at each: the shard is named, the others are there."""
+    poison = ",".join(str(frame) for frame in range(6, 12))
+    found = campaign(tmp_path, frames=24, kills=0, mean_s=1.0, seed=5, pause_s=0.0, poison=poison, most=4)
+    assert found.statuses == [1], found
+    assert "one shard missing" in found.said
+    assert "shard-000001.tar: no frame could be made: the process that makes it dies of SIGABRT" in found.said
+    assert sorted(p.name for p in (tmp_path / "d" / "shards").iterdir()) == [
+        f"shard-{i:06d}.tar" for i in (0, 2, 3)
+    ]  # fmt: skip
+    healed = subprocess.run([sys.executable, str(tmp_path / "drive.py")], env=environment(tmp_path), check=False)
+    assert healed.returncode == 0
+    assert verify(tmp_path / "d").good
+    assert verify(tmp_path / "d").frames == 24
+
+
+@pytest.mark.slow
+@pytest.mark.system
+def test_killed_workers_and_drivers_cost_a_shard_each(tmp_path):
+    """At random times, whatever they do: the same bytes, at most one shard of each killed worker made again, none of
+    those that lived."""
+    found = campaign(tmp_path, frames=90, kills=8, mean_s=4.0, seed=2, pause_s=0.15, driver_share=0.25)
+    assert found.statuses[-1] == 0, found
+    assert found.workers + found.drivers == 8
+    assert found.worst <= 1
+    assert found.for_nothing == 0
+    done = python(PAPER.format(folder=str(tmp_path / "whole"), call="make(folder, tiny_job(frames=90))"))
+    assert done.wait() == 0, done.communicate()
+    done.communicate()
+    assert contents(tmp_path / "d") == contents(tmp_path / "whole")
 
 
 @pytest.mark.system

@@ -19,6 +19,9 @@ from evanesce.errors import InputError, WorkError
 STARTS = 3
 """Tries to start the embedded cluster: a process that is killed while it starts ends the whole start."""
 
+LOOK_S = 2.0
+"""Between two looks at whether all workers are there [s]."""
+
 KEPT_BYTES = str(256 << 20)
 """Free memory that a worker keeps for its next arrays."""
 
@@ -65,12 +68,13 @@ def cluster_client(workers: int, scheduler: str) -> Iterator[Any]:
             with client:
                 yield client
             return
-        for name in ("distributed", "asyncio"):
+        for name in ("distributed", "asyncio", "tornado.application"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
         with (
             _ended_in_order(),
             tempfile.TemporaryDirectory(prefix="evanesce-dask-", ignore_cleanup_errors=True) as scratch,
             _started(workers, scratch) as cluster,
+            _kept_up(cluster, workers),
             Client(cluster, set_as_default=False) as client,
         ):
             try:
@@ -111,6 +115,32 @@ def _started(workers: int, scratch: str) -> Any:
                     raise WorkError(f"no workers could be started: {error}") from None
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _kept_up(cluster: Any, workers: int) -> Iterator[None]:
+    """Have workers started in the place of those that Dask gives up: it replaces none that dies while it starts."""
+    from distributed.core import Status
+
+    over = threading.Event()
+
+    def drop_dead() -> None:
+        for name, nanny in list(cluster.workers.items()):
+            if nanny.status in (Status.failed, Status.closed):
+                del cluster.workers[name]
+
+    def watch() -> None:
+        while not over.wait(LOOK_S):
+            cluster.loop.add_callback(drop_dead)
+            cluster.scale(workers)  # starts what is missing
+
+    thread = threading.Thread(target=watch, name="evanesce-workers", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
 
 
 def _kill_workers(cluster: Any) -> None:

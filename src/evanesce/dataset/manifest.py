@@ -7,7 +7,7 @@ import json
 import os
 import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -44,10 +44,27 @@ class Manifest:
     def create(cls, path: Path, meta: dict[str, str]) -> Manifest:
         """Make an empty manifest."""
         db = sqlite3.connect(path)
-        db.executescript("PRAGMA journal_mode=DELETE; PRAGMA synchronous=FULL;" + _TABLES)
-        with db:
-            db.executemany("INSERT INTO meta VALUES (?, ?)", sorted(meta.items()))
+        try:
+            db.executescript("PRAGMA journal_mode=DELETE; PRAGMA synchronous=FULL;" + _TABLES)
+            with db:
+                db.executemany("INSERT INTO meta VALUES (?, ?)", sorted(meta.items()))
+        except BaseException:
+            db.close()
+            raise
         return cls(path, db)
+
+    @classmethod
+    def begin(cls, path: Path, meta: dict[str, str]) -> Manifest:
+        """Make an empty manifest, whole or not at all, and open it.
+
+        Raises
+        ------
+        WorkError
+            If the system refuses.
+        """
+        with _whole(path) as part:
+            cls.create(part, meta).close()
+        return cls.open(path, write=True)
 
     @classmethod
     def open(cls, path: Path, *, write: bool = False) -> Manifest:
@@ -95,25 +112,21 @@ class Manifest:
         )
 
     def seal(self, path: Path) -> None:
-        """Write the same rows in the order of their numbers into a new file: its bytes no longer tell the way here."""
-        part = path.with_name(f".{path.name}.sealed")
-        part.unlink(missing_ok=True)
-        fresh = Manifest.create(part, {**self.meta(), "sealed": "1", "content_sha256": self.content_digest()})
-        try:
-            with fresh._db as db:
+        """Write the same rows in the order of their numbers into a new file: its bytes no longer tell the way here.
+
+        Raises
+        ------
+        WorkError
+            If the system refuses; the manifest is then as it was.
+        """
+        meta = {**self.meta(), "sealed": "1", "content_sha256": self.content_digest()}
+        with _whole(path) as part:
+            with closing(Manifest.create(part, meta)) as fresh, fresh._db as db:
                 for table, order in _ORDER.items():
                     rows = self._db.execute(f"SELECT * FROM {table} ORDER BY {order}")
                     for row in rows:
                         db.execute(f"INSERT INTO {table} VALUES ({', '.join('?' * len(row))})", tuple(row))
-        except sqlite3.Error as error:
-            raise WorkError(f"{path}: cannot write: {error}") from None
-        finally:
-            fresh.close()
-        self.close()
-        with part.open("rb+") as stream:
-            os.fsync(stream.fileno())
-        os.replace(part, path)
-        layout.fsync_folder(path.parent)
+            self.close()
 
     def content_digest(self) -> str:
         """Return the SHA-256 of all rows but those of ``meta``, in the order of their numbers."""
@@ -183,6 +196,28 @@ class Manifest:
                 yield
         except sqlite3.Error as error:
             raise WorkError(f"{self.path}: cannot write: {error}") from None
+
+
+@contextmanager
+def _whole(path: Path) -> Iterator[Path]:
+    """Give a place to write a SQLite file at, and move it to its own, lastingly; leave nothing if that fails."""
+    part = path.with_name(f".{path.name}.part")
+    journal = part.with_name(f"{part.name}-journal")
+    try:
+        try:
+            part.unlink(missing_ok=True)
+            yield part
+            with part.open("rb+") as stream:
+                os.fsync(stream.fileno())
+            os.replace(part, path)
+            layout.fsync_folder(path.parent)
+        finally:
+            part.unlink(missing_ok=True)
+            journal.unlink(missing_ok=True)
+    except OSError as error:
+        raise layout.cannot_write(path, error) from None
+    except sqlite3.Error as error:  # its own family of errors for a full disk
+        raise WorkError(f"{path}: cannot write: {error}") from None
 
 
 _ORDER = {"shards": "shard", "frames": "frame", "members": "frame, name", "quarantine": "frame"}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import os
+import itertools
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -100,7 +100,7 @@ def make(folder: Path, job: Job, engine: Engine | None = None, on_shard: Progres
         if strange:
             raise InputError(f"holds {strange[0]}", file=folder, key="--out", allowed="an empty or new folder")
     layout.make_folders(folder)
-    with layout.generator_lock(folder, engine.part):
+    with _refusals_told(folder), layout.generator_lock(folder, engine.part):
         save_job(folder, job)
         return _run(folder, job, engine, on_shard, any_versions=False)
 
@@ -120,8 +120,17 @@ def resume(
     engine = engine or Engine()
     job = load_job(folder, check_versions=not any_versions)
     layout.make_folders(folder)
-    with layout.generator_lock(folder, engine.part):
+    with _refusals_told(folder), layout.generator_lock(folder, engine.part):
         return _run(folder, job, engine, on_shard, any_versions=any_versions)
+
+
+@contextlib.contextmanager
+def _refusals_told(folder: Path) -> Iterator[None]:
+    """Turn what the system refuses into one line, wherever it does."""
+    try:
+        yield
+    except OSError as error:
+        raise layout.cannot_write(Path(error.filename or folder), error) from None
 
 
 def _run(folder: Path, job: Job, engine: Engine, on_shard: Progress | None, *, any_versions: bool) -> Outcome:
@@ -135,6 +144,7 @@ def _run(folder: Path, job: Job, engine: Engine, on_shard: Progress | None, *, a
         if manifest.meta().get("sealed") == "1":
             if not (folder / layout.SUMS).exists():
                 _finish(folder, job, manifest)
+            _clean(folder)
             return _outcome(manifest, 0, start)
         done = _adopt(folder, job, manifest)
         before = sum(len(job.frames_of(t)) for s in done for t in job.trials_of(s))
@@ -155,6 +165,7 @@ def _run(folder: Path, job: Job, engine: Engine, on_shard: Progress | None, *, a
         manifest.seal(folder / layout.MANIFEST)
         manifest = Manifest.open(folder / layout.MANIFEST)
         _finish(folder, job, manifest)
+        _clean(folder)
         return _outcome(manifest, made, start)
     finally:
         manifest.close()
@@ -173,7 +184,6 @@ def _finish(folder: Path, job: Job, manifest: Manifest) -> None:
     """Write what stands beside a sealed manifest; the checksums come last, so that their presence tells the rest."""
     write_card(folder, job, manifest)
     layout.write_whole(folder / layout.SUMS, checksums(folder, manifest))
-    _clean(folder)
 
 
 def _run_part(folder: Path, job: Job, engine: Engine, on_shard: Progress | None, start: float, task: Task) -> Outcome:
@@ -223,8 +233,6 @@ def _manifest(folder: Path, job: Job) -> Manifest:
         if manifest.meta().get("request_sha256") != job.request:
             raise InputError("manifest and description are of different datasets", file=path)
         return manifest
-    part = path.with_name(f".{path.name}.part")
-    part.unlink(missing_ok=True)
     provenance = job.describe()["provenance"]
     meta = {
         "config_sha256": job.digest,
@@ -233,15 +241,7 @@ def _manifest(folder: Path, job: Job) -> Manifest:
         "evanesce": str(provenance["evanesce"]),
     }
     meta |= {f"package:{name}": value for name, value in provenance["packages"].items()}
-    try:
-        Manifest.create(part, meta).close()
-        os.replace(part, path)
-        layout.fsync_folder(folder)
-    except OSError as error:
-        raise layout.cannot_write(path, error) from None
-    except Exception as error:  # sqlite3 has its own family of errors for a full disk
-        raise WorkError(f"{path}: cannot write: {error}") from None
-    return Manifest.open(path, write=True)
+    return Manifest.begin(path, meta)
 
 
 def _published(folder: Path, shard: int) -> bool:
@@ -302,7 +302,8 @@ def _hand_out(folder: Path, shards: list[int], engine: Engine, task: Task) -> It
     from evanesce.dataset.cluster import cluster_client
 
     with cluster_client(engine.workers, engine.scheduler) as client:
-        yield from _from_cluster(client, folder.resolve(), shards, task)
+        least = 1 if engine.scheduler else engine.workers
+        yield from _from_cluster(client, folder.resolve(), shards, task, least)
 
 
 class Deaths:
@@ -318,8 +319,8 @@ class Deaths:
         return self._last[shard][1]
 
 
-def _from_cluster(client: Any, folder: Path, shards: list[int], task: Task) -> Iterator[dict[str, Any]]:
-    """Keep every worker busy with one shard; a shard whose worker died is handed out again."""
+def _from_cluster(client: Any, folder: Path, shards: list[int], task: Task, least: int) -> Iterator[dict[str, Any]]:
+    """Keep every worker (at least so many) busy with one shard; a shard whose worker died is handed out again."""
     from distributed import as_completed
     from distributed.scheduler import KilledWorker
 
@@ -334,10 +335,12 @@ def _from_cluster(client: Any, folder: Path, shards: list[int], task: Task) -> I
         futures[future] = shard
         queue.add(future)
 
-    slots = max(1, sum(client.nthreads().values()))
-    with contextlib.suppress(StopIteration):
-        for _ in range(slots):
-            submit(next(waiting))
+    def keep_busy() -> None:
+        slots = max(least, sum(client.nthreads().values()))  # workers come and go
+        for shard in itertools.islice(waiting, max(0, slots - len(futures))):
+            submit(shard)
+
+    keep_busy()
     for future in queue:
         shard = futures.pop(future)
         try:
@@ -350,6 +353,5 @@ def _from_cluster(client: Any, folder: Path, shards: list[int], task: Task) -> I
             where = f"at frame {place}" if place else "before its first frame"
             report = failed(shard, f"its worker died {MAX_DEATHS} times in a row {where}")
         future.release()
-        with contextlib.suppress(StopIteration):
-            submit(next(waiting))
+        keep_busy()
         yield report

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import os
 import signal
@@ -12,17 +13,21 @@ import textwrap
 import time
 from contextlib import closing
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
+from matplotlib.text import Text
 from typer.testing import CliRunner
 
 from evanesce.cli.app import app
+from evanesce.cli.design import _client
 from evanesce.design import finish, search, sensitivity
 from evanesce.design.question import Design, Question
 from evanesce.design.search import Limit, Plan, Trial, pareto, run
 from evanesce.design.vary import parse
 from evanesce.errors import InputError, WorkError
+from evanesce.report.design_plots import pareto_figure
 from rigs import small_rig
 
 pytest.importorskip("optuna", reason="the extra 'design' is not installed")
@@ -175,6 +180,107 @@ def test_a_killed_search_resumes_with_the_exact_number_of_trials(on_paper, tmp_p
         inner = [cut_off["plate.thickness_mm"], cut_off["camera.exposure_ms"]]
         again = [[t.values["plate.thickness_mm"], t.values["camera.exposure_ms"]] for t in found]
         assert any(np.allclose(a, inner, rtol=1e-9) for a in again)
+
+
+class Elsewhere:
+    """A figure of a made-up rig, worked out by one of a scheduler's workers, each of which has to do some."""
+
+    seen: ClassVar[list[str]] = []
+
+    @staticmethod
+    def evaluate(job, values):
+        from distributed import get_worker
+
+        Elsewhere.seen.append(get_worker().address)
+        time.sleep(0.05)
+        return paper(job, values)
+
+
+@pytest.fixture
+def scheduler(monkeypatch):
+    """A scheduler of its own with two workers, in threads of this process, reached by its address as another's is."""
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(search, "evaluate", Elsewhere.evaluate)
+    Elsewhere.seen.clear()
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=False, protocol="tcp", host="127.0.0.1", dashboard_address=None,
+        scheduler_kwargs={"dashboard_address": "127.0.0.1:0"}, silence_logs=logging.CRITICAL,
+    ) as cluster:  # fmt: skip
+        yield cluster.scheduler_address
+
+
+@pytest.mark.parametrize("sampler", ["tpe", "nsga2"])
+def test_two_workers_of_a_scheduler_try_the_designs_that_one_process_tries(scheduler, tmp_path, monkeypatch, sampler):
+    """While designs are drawn at random, no outcome is waited for: the same designs, and of each its own figures."""
+    assert scheduler.startswith("tcp://")
+    wanted = plan(trials=4, sampler=sampler)
+    told = []
+    (tmp_path / "two").mkdir()
+    with _client(0, scheduler) as client:
+        found = run(wanted, tmp_path / "two", client, lambda done, total: told.append((done, total)))
+    assert len(set(Elsewhere.seen)) == 2
+    assert told == [(k, 4) for k in range(5)]
+    monkeypatch.setattr(search, "evaluate", paper)
+    (tmp_path / "one").mkdir()
+    one = run(wanted, tmp_path / "one")
+    assert [(t.number, t.values, t.figures, t.reason) for t in sorted(found, key=lambda t: t.number)] == [
+        (t.number, t.values, t.figures, t.reason) for t in one
+    ]
+
+
+def test_a_search_goes_on_through_a_scheduler(scheduler, tmp_path):
+    """Broken off after five of eleven designs by whoever watches: those stay, none is counted twice, none is left."""
+
+    class Enough(Exception):
+        pass
+
+    def watch(done, total):
+        if done == 5:
+            raise Enough
+
+    with _client(0, scheduler) as client, pytest.raises(Enough):
+        run(plan(trials=11), tmp_path, client, watch)
+    first = search.read(plan(trials=11), tmp_path)
+    assert len(first) == 5
+    with _client(0, scheduler) as client:
+        found = run(plan(trials=11), tmp_path, client)
+    assert len(found) == 11
+    assert len({t.number for t in found}) == 11
+    by_number = {t.number: t for t in found}
+    for t in first:
+        assert by_number[t.number] == t
+    for t in found:
+        made_up = paper({}, t.values)
+        assert t.reason == made_up.get("reason", "")
+        if not t.reason:
+            assert t.figures["area_error"] == made_up["figures"]["area_error"]
+    with closing(sqlite3.connect(tmp_path / search.STORE)) as base:
+        assert base.execute("select count(*) from trials where state = 'RUNNING'").fetchone()[0] == 0
+
+
+def test_names_in_the_pareto_picture_cover_nothing():
+    """Five of forty crowded points have names: none over a point, a name or the legend, and all within the axes."""
+    draws = np.random.default_rng(8)
+    trials = []
+    for k, (a, b) in enumerate(np.exp(draws.normal(size=(40, 2)) * (0.5, 0.3) + (2.0, 1.0))):
+        figures = dict.fromkeys(search.OBJECTIVES, 1.0) | {"area_error": a, "exposure": b}
+        trials.append(Trial(number=k, values={}, figures=figures, standard_percent=0.04 * a))
+    chosen = [finish.Chosen(name=f"trial-{t.number}", why="", values={}, trial=t) for t in trials[:5]]
+    figure = pareto_figure(plan(), trials, chosen, trials[7].figures)
+    (panel,) = figure.axes
+    figure.canvas.draw()
+    renderer = figure.canvas.get_renderer()
+    notes = [t for t in panel.texts if t.get_text().startswith("trial-")]
+    assert sorted(t.get_text() for t in notes) == sorted(c.name for c in chosen)
+    boxes = [Text.get_window_extent(t, renderer) for t in notes]
+    points = panel.transData.transform([(t.figures["exposure"], t.figures["area_error"]) for t in trials])
+    frame = panel.get_window_extent(renderer)
+    for i, box in enumerate(boxes):
+        assert box.count_contains(points) == 0
+        assert not any(box.overlaps(other) for other in boxes[i + 1 :])
+        assert not box.overlaps(panel.get_legend().get_window_extent(renderer))
+        assert frame.contains(*box.min)
+        assert frame.contains(*box.max)
 
 
 def test_winners_are_the_best_of_all_and_of_what_costs_no_more(on_paper, tmp_path):

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
@@ -16,6 +17,13 @@ from evanesce.design.search import Plan, Trial, pareto
 from evanesce.design.secondary import OBJECTIVES
 
 BASE_COLOUR, FRONT_COLOUR, OTHER_COLOUR = "#d1242f", "#0969da", "0.65"
+
+LABEL_REACH_PT = (7.0, 16.0, 28.0, 42.0)
+LABEL_WAYS = 8
+LABEL_ROOM = 100
+LEADER = {"arrowstyle": "-", "linewidth": 0.6, "color": "0.4", "shrinkB": 4}
+"""Distances of a name from its point, directions that are tried, what covering another name
+counts in points, and the line to a point that is farther off."""
 
 
 def _figure(width: float, height: float, cols: int = 1) -> tuple[Figure, Any]:
@@ -57,17 +65,66 @@ def pareto_figure(plan: Plan, trials: Sequence[Trial], chosen: Sequence[Chosen],
             panel.plot(base[other], base[first], "*", color=BASE_COLOUR, markersize=14, label="as given", zorder=4)
         else:
             panel.axhline(base[first], color=BASE_COLOUR, label="as given")
-        for c in chosen:
-            if c.trial is not None:
-                at = (c.trial.figures[other] if other else c.trial.number, c.trial.figures[first])
-                panel.annotate(c.name, at, xytext=(6, 6), textcoords="offset points", fontsize=9)
         panel.set(xlabel=label(other, plan) if other else "trial", ylabel=label(first, plan), yscale="log")
         panel.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         panel.yaxis.set_minor_formatter(NullFormatter())
         panel.grid(alpha=0.3)
     axes[0].legend(frameon=True, fontsize=8)
+    figure.draw_without_rendering()  # places depend on the final layout
+    figure.set_layout_engine("none")
+    for panel, other in zip(axes, against, strict=True):
+
+        def at(trial: Trial, other: str | None = other) -> tuple[float, float]:
+            return (trial.figures[other] if other else trial.number), trial.figures[first]
+
+        drawn = [(*at(t), t.standard_percent if first == "area_error" else 0.0) for t in trials if not t.reason]
+        drawn.append((base[other] if other else 0.0, base[first], 0.0))
+        name_points(panel, [(c.name, at(c.trial)) for c in chosen if c.trial is not None], drawn)
     return figure
+
+
+def name_points(
+    panel: Any, names: Sequence[tuple[str, tuple[float, float]]], drawn: Sequence[tuple[float, float, float]]
+) -> None:
+    """Write names beside points, each where it hides least: no point, no error bar, no legend, no other name.
+
+    Parameters
+    ----------
+    panel : matplotlib.axes.Axes
+        With its final limits.
+    names : sequence of (text, (x, y))
+    drawn : sequence of (x, y, half length of the bar)
+        All points of the panel, those with a name too.
+    """
+    renderer = panel.figure.canvas.get_renderer()
+    along = np.linspace(-1.0, 1.0, 9)
+    spots = np.array([(x, max(y + s * bar, 1e-9)) for x, y, bar in drawn for s in along])
+    hidden = panel.transData.transform(spots)
+    legend = panel.get_legend()
+    taken = [] if legend is None else [legend.get_window_extent(renderer)]
+    room = panel.get_window_extent(renderer)
+    for text, place in names:
+        tried = []
+        for reach in LABEL_REACH_PT:
+            for k in range(LABEL_WAYS):
+                angle = np.pi / 4 + 2 * np.pi * k / LABEL_WAYS  # up and to the right first
+                dx, dy = reach * np.cos(angle), reach * np.sin(angle)
+                note = panel.annotate(
+                    text, place, xytext=(dx, dy), textcoords="offset points", fontsize=9, zorder=5,
+                    ha="left" if dx > 1 else "right" if dx < -1 else "center",
+                    va="bottom" if dy > 1 else "top" if dy < -1 else "center",
+                    arrowprops=None if reach == LABEL_REACH_PT[0] else LEADER,
+                )  # fmt: skip
+                box = Text.get_window_extent(note, renderer).padded(2.0)  # of the words, without the line to the point
+                covered = int(box.count_contains(hidden)) + LABEL_ROOM * sum(box.overlaps(other) for other in taken)
+                outside = not (room.contains(box.x0, box.y0) and room.contains(box.x1, box.y1))
+                tried.append((covered + LABEL_ROOM * outside, len(tried), note, box))
+        best = min(tried, key=lambda one: one[:2])
+        for one in tried:
+            if one is not best:
+                one[2].remove()
+        taken.append(best[3])
 
 
 def cases_figure(found: Mapping[str, Any], base: Mapping[str, Any] | None) -> Figure:

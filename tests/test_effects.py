@@ -153,6 +153,8 @@ def test_declares_what_a_fit_may_vary(effect: Effect) -> None:
     candidates = effect.candidate_parameters()
     nulls, default = dict(effect.parameters.quantities()), effect.parameters()
     off = {name for name in effect.amplitudes if getattr(default, name) == nulls[name].null}
+    # What multiplies a list is fitted where data showed the places.
+    off -= {effect.marks.scale} if effect.marks else set()
     assert {c.name.split("[")[0] for c in candidates} >= off, "every amplitude that is off can be fitted"
     assert set(effect.needs) <= set(OBSERVABLES)
     assert effect.needs

@@ -372,6 +372,22 @@ def test_skew_stretches_along_the_rows_and_grows() -> None:
 # --- saturation ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("knee", [0.02, 0.07, 0.4])
+def test_a_soft_ceiling_is_the_p_norm_of_charge_and_ceiling(knee: float) -> None:
+    scene = load_scene("thesis", {"camera.resolution_px": [40, 30]})
+    camera = scene.camera
+    black, well_e = camera.pixel.black_level_DN, 0.45 * camera.pixel.full_well_capacity_e
+    ceiling = well_e * camera.analogue_gain / camera.pixel.conversion_gain_e_per_DN
+    charge = np.linspace(0.05, 3.0, 17) * ceiling
+    found = acted("saturation", (black + charge)[None, :], scene, well_loss=0.55, knee=knee)[0] - black
+    # scipy's own p-norm of the two reciprocals.
+    expected = [1.0 / np.linalg.norm([1.0 / c, 1.0 / ceiling], 1.0 / knee) for c in charge]
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    assert (np.diff(found) >= 0).all()
+    assert (found < np.minimum(charge, ceiling) * (1 + 1e-12)).all()
+
+
+
 def test_a_smaller_well_is_that_of_a_camera_that_has_it() -> None:
     """The same shot noise, clipped where it is, bit by bit up to rounding."""
     scene = rig(**{"camera.pixel.read_noise_e": 0.0, "camera.analogue_gain": 1.7})

@@ -218,6 +218,22 @@ def test_glow_lights_grooves_and_moves_light_without_making_any() -> None:
     assert bright.sum() / plain.sum() == pytest.approx(1.0, abs=0.33)
 
 
+def test_a_share_that_wanders_mixes_both_ways_of_return() -> None:
+    scene = ridged(contact={"law": "hertz", "reduced_modulus_MPa": 4.0})
+    state, effect = contact_state(scene, 1.3), all_effects()["lateral_glow"]
+
+    def picture(share: float) -> np.ndarray:
+        return patch_radiance(
+            fields_of(effect.apply(scene, effect.parameters(length_mm=0.4, share=share), Context(scene, 1))), state
+        )[0]
+
+    still, all_of_it, some = picture(0.0), picture(1.0), picture(0.13)
+    assert np.array_equal(still, patch_radiance(fields_of(scene), state)[0])
+    assert np.abs(all_of_it - still).max() > 0.3 * still.max()
+    # Light is linear in what returns either way; single precision.
+    np.testing.assert_allclose(some, 0.87 * still + 0.13 * all_of_it, rtol=1e-4, atol=1e-5 * float(still.max()))
+
+
 def test_short_walks_leave_light_where_it_entered() -> None:
     scene = load_scene("thesis", {"grid.samples": 512})
     state = contact_state(scene, 4.0)

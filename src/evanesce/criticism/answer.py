@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -118,7 +118,7 @@ def answer(case: Any, signatures: Sequence[Signature], findings: Findings) -> tu
         "seed": case.seed,
     }
     believed = case.observation.believed
-    after = believed if named is None else extended_scene(believed, named)
+    after = believed if named is None else extended_scene(believed, named, case.problem.predictor.fixed)
     evidence = Evidence(
         shown=_shown(case, findings),
         outcomes=findings.battery.outcomes,
@@ -130,10 +130,10 @@ def answer(case: Any, signatures: Sequence[Signature], findings: Findings) -> tu
     return result, evidence
 
 
-def extended_scene(believed: Scene, named: Extension) -> Scene:
-    """Return the believed scene with the named effects switched on at their fitted values."""
+def extended_scene(believed: Scene, named: Extension, fixed: Mapping[str, Mapping[str, Any]] | None = None) -> Scene:
+    """Return the believed scene with the named effects switched on at their fitted values and chosen places."""
     point = {name: value for name, value in named.fitted.point.items() if ":" in name}
-    return scene_with(believed, point)
+    return scene_with(believed, point, fixed)
 
 
 def _effects(named: Extension) -> list[dict[str, Any]]:

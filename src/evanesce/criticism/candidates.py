@@ -25,12 +25,18 @@ class Candidate:
         Points to enter by where the effect has no derivative at null; empty where it has.
     missing : tuple of str
         Observables that it needs and that were not measured.
+    penalty : float
+        Evidence that the choice of places in the data costs [nats].
+    unseen : str
+        Why it was looked for and not found; empty where it is a candidate.
     """
 
     effect: Effect
     parameters: tuple[Parameter, ...]
     starts: tuple[Mapping[str, float], ...]
     missing: tuple[str, ...] = ()
+    penalty: float = 0.0
+    unseen: str = ""
 
     @property
     def id(self) -> str:

@@ -94,7 +94,7 @@ def extend(problem: Problem, base: Fit, known: Extension | None, scored: Scored)
     information = metric.gram(own) / scored.inflation
     occam = -0.5 * float(np.linalg.slogdet(np.eye(len(deviations)) + information * np.outer(deviations, deviations))[1])
     if scored.start >= 0:
-        occam -= float(np.log(len(candidate.starts)))
+        occam -= float(np.log(len(candidate.starts))) + candidate.penalty
     improved = 0.5 * (base.misfit - fitted.misfit) / scored.inflation
     gain, error = held_out_gain(problem, base, fitted, len(own_parameters), scored.inflation)
     signal = _signal(problem, fitted, own_parameters)

@@ -91,8 +91,16 @@ def nuisances_of(point: Point, view: View, place: int) -> Nuisances:
     )
 
 
-def scene_with(scene: Scene, point: Point) -> Scene:
-    """Return the scene with a point's effects switched on; parameters that it does not name stay as believed."""
+def scene_with(scene: Scene, point: Point, fixed: Mapping[str, Mapping[str, Any]] | None = None) -> Scene:
+    """Return the scene with a point's effects switched on; parameters that it does not name stay as believed.
+
+    Parameters
+    ----------
+    scene : Scene
+    point : mapping
+    fixed : mapping, optional
+        Settings of effects that the scene does not have, for when the point names them: places that data showed.
+    """
     changes: dict[str, dict[str, float]] = {}
     for name, value in point.items():
         effect, colon, parameter = name.partition(":")
@@ -101,7 +109,8 @@ def scene_with(scene: Scene, point: Point) -> Scene:
     tables = {name: dict(table) for name, table in scene.effects.items()}
     for effect, values in changes.items():
         believed: dict[str, Any] = {
-            name: list(v) if isinstance(v, list | tuple) else v for name, v in tables.get(effect, {}).items()
+            name: list(v) if isinstance(v, list | tuple) else v
+            for name, v in tables.get(effect, (fixed or {}).get(effect, {})).items()
         }
         whole = all_effects()[effect].with_values(values).model_dump()
         named = {name.partition("[")[0] for name in values}
@@ -163,6 +172,8 @@ class Predictor:
         self.scene, self.views, self.finer, self.noise_scale = scene, tuple(views), finer, noise_scale
         self.correction: Array | None = None
         """Added to every prediction of bins (views, rows, cols) [DN]."""
+        self.fixed: dict[str, Mapping[str, Any]] = {}
+        """Settings of effects that the scene does not have: places that data showed."""
         self._contacts, self._lights, self._images = Kept(KEEP_CONTACTS), Kept(KEEP_LIGHTS), Kept(KEEP_IMAGES)
         self._bins, self._points = Kept(KEEP_BINS), Kept(4)
         self._known: set[str] = set()
@@ -171,7 +182,7 @@ class Predictor:
     def cube(self, point: Point, only: Sequence[int] | None = None) -> Array:
         """Return the predicted means of the bins (views, rows, cols) [DN]; NaN in views that are not in ``only``."""
         wanted = range(len(self.views)) if only is None else only
-        scene = scene_with(self.scene, point)
+        scene = scene_with(self.scene, point, self.fixed)
         found: Array | None = None
         for place in wanted:
             part = self._binned(scene, self.views[place], nuisances_of(point, self.views[place], place))
@@ -185,7 +196,7 @@ class Predictor:
     def image(self, point: Point, place: int) -> Array:
         """Return the mean frame (rows, cols) of one view [DN]."""
         view = self.views[place]
-        return self.picture(scene_with(self.scene, point), view, nuisances_of(point, view, place))
+        return self.picture(scene_with(self.scene, point, self.fixed), view, nuisances_of(point, view, place))
 
     def _binned(self, scene: Scene, view: View, nuisances: Nuisances) -> Array:
         """Return a view's bins; views that differ in nothing that anything asks for are predicted once."""

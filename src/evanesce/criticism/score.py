@@ -8,7 +8,7 @@ the smallest of many probabilities is compared with the smallest of each draw.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -133,10 +133,22 @@ def _one(signature: Signature, information: Array, gradient: Array, null: Array)
     result = score(
         information[start : start + 1, start : start + 1], gradient[start : start + 1], np.ones(1), inflation
     )
+    if signature.candidate.penalty:
+        return _chosen(signature, result, start, inflation, information), np.ones(len(null))
     count = effective_number(information)
     p = min(1.0, count * float(stats.norm.sf(along[start])))
     p_null = np.minimum(1.0, count * stats.norm.sf(along_null.max(axis=1)))
     return Scored(signature, result, start, inflation, p, information), p_null
+
+
+def _chosen(signature: Signature, result: Score, start: int, inflation: float, information: Array) -> Scored:
+    """Return the score of a candidate whose places were chosen by the data.
+
+    Drawn noise was not searched for places, so its probability is bounded by Markov's inequality: under the null a
+    Bayes factor exceeds k with a probability of at most 1/k.
+    """
+    paid = replace(result, log_bayes=result.log_bayes - signature.candidate.penalty)
+    return Scored(signature, paid, start, inflation, float(np.exp(-max(paid.log_bayes, 0.0))), information)
 
 
 def whitened_power(information: Array, gradients: Array) -> Array:

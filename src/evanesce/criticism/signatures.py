@@ -59,6 +59,8 @@ def signature_of(problem: Problem, base: Fit, candidate: Candidate) -> Signature
     nothing = np.zeros((0, base.residual.size), np.float32)
     if candidate.missing:
         return Signature(candidate, nothing, np.zeros(0), True, "needs " + ", ".join(candidate.missing))
+    if candidate.unseen:
+        return Signature(candidate, nothing, np.zeros(0), True, candidate.unseen)
     at = predicted_part(base.point, base.parameters)
     try:
         if candidate.starts:

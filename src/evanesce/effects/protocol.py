@@ -128,6 +128,73 @@ class Candidate:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Marks:
+    """How an effect lists places that data showed, beside those that it draws.
+
+    Attributes
+    ----------
+    scale : str
+        Amplitude that multiplies all listed amounts.
+    x, y : str
+        Parameters that list the places [mm].
+    amount : str
+        Parameter that lists how much there is at each, of whatever the signal is proportional to.
+    where : {"plate", "sensor"}
+        Whether places are on the plate, or on the sensor from its first pixel's outer corner.
+    unit : callable
+        ``unit(scene, area_mm2)``: an amount that changes what a contact shows by about a per cent, if there is one in
+        each cell of that area.
+    fixed : mapping of str to float
+        Other parameters that a list goes with.
+    """
+
+    scale: str
+    x: str
+    y: str
+    amount: str
+    where: Literal["plate", "sensor"]
+    unit: Callable[[Scene, float], float]
+    fixed: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Line:
+    """How an effect that is one straight line on the plate takes its place from data.
+
+    Attributes
+    ----------
+    amount : str
+        Amplitude: how strong the line is.
+    middle, direction, length : str
+        Parameters: a pair [mm], an angle from +x towards +y [deg], end to end [mm].
+    like : str
+        Id of an effect whose marks scatter as the line does.
+    per_mm : callable
+        ``per_mm(amount)``: what a millimetre of line adds up to, in the unit of those marks.
+    """
+
+    amount: str
+    middle: str
+    direction: str
+    length: str
+    like: str
+    per_mm: Callable[[float], float]
+
+
+def listed(lists: Mapping[str, tuple[float, ...]]) -> None:
+    """Refuse lists of different lengths.
+
+    Raises
+    ------
+    ValueError
+        Naming them.
+    """
+    if len({len(values) for values in lists.values()}) > 1:
+        lengths = ", ".join(f"{name} {len(values)}" for name, values in lists.items())
+        raise ValueError(f"lists of one length each: {lengths}")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Effect:
     """A departure from the ideal rig.
 
@@ -154,6 +221,10 @@ class Effect:
         How its signature goes with voltage, force and time, in one line.
     start : mapping of str to float or tuple of float
         Values to try where there is no derivative at null: amplitudes that multiply, numbers that count.
+    marks : Marks, optional
+        Of an effect with places of its own, which data may show.
+    line : Line, optional
+        Of an effect that is a line, whose place data may show.
     """
 
     id: str
@@ -166,6 +237,8 @@ class Effect:
     needs: tuple[Observable, ...] = ("press",)
     scaling: str = ""
     start: Mapping[str, float | tuple[float, ...]] = field(default_factory=dict)
+    marks: Marks | None = None
+    line: Line | None = None
 
     def __post_init__(self) -> None:
         nulls = self._nulls()

@@ -20,6 +20,12 @@ class Parameters(Strict):
     well_loss: float = field(
         0.0, unit="1", bounds=(0.0, 0.99), null=0.0, doc="share of the believed full well that is missing"
     )
+    knee: float = field(
+        0.0,
+        unit="1",
+        bounds=(0.0, 0.5),
+        doc="softness of the ceiling: 1/p of the p-norm by which a pixel's charge approaches it; 0: at once",
+    )
     bloom: float = field(0.0, unit="1", bounds=(0.0, 1.0), doc="share of the overflow that leaves along the column")
     bloom_length_um: float = field(
         20.0, unit="um", bounds=(0.1, 2000.0), doc="mean distance it goes; what meets a full pixel there is drained"
@@ -38,10 +44,28 @@ def overflow_kernel(length_px: float) -> Array:
     return np.asarray(kernel / kernel.sum())
 
 
+def softened(signal: Array, ceiling: float, knee: float) -> Array:
+    """Return a signal that approaches a ceiling smoothly: (signal^-p + ceiling^-p)^(-1/p) with p = 1/knee.
+
+    Parameters
+    ----------
+    signal : ndarray
+        Above black, of the unit of ``ceiling``.
+    ceiling : float
+    knee : float
+        Above 0 [1].
+    """
+    share = np.maximum(signal, 0.0) / ceiling
+    small, large = np.minimum(share, 1.0), np.maximum(share, 1.0)
+    # The smaller of share and 1/share to a power stays finite for any knee.
+    return np.asarray(ceiling * small * (1.0 + (small / large) ** (1.0 / knee)) ** -knee)
+
+
 def apply(signal_DN: Array, parameters: Parameters, context: Context) -> Array:
     """Clip the signal at the real full well; it acts on the charge that came, shot noise included.
 
-    The overflow known here is that up to the believed full well. Read noise above the real one is clipped with it.
+    Where a pixel fills over a knee it stays a little below either. The overflow known here is that up to the believed
+    full well. Read noise above the real one is clipped with it.
     """
     if parameters.well_loss == 0.0:
         return signal_DN
@@ -50,6 +74,9 @@ def apply(signal_DN: Array, parameters: Parameters, context: Context) -> Array:
     well_e = pixel.full_well_capacity_e * (1.0 - parameters.well_loss)
     level = pixel.black_level_DN + well_e * camera.analogue_gain / pixel.conversion_gain_e_per_DN
     kept = np.minimum(signal_DN, level)
+    if parameters.knee > 0.0:
+        black = pixel.black_level_DN
+        kept = np.where(signal_DN > black, black + softened(signal_DN - black, level - black, parameters.knee), kept)
     if parameters.bloom == 0.0:
         return kept
     over = signal_DN - kept
@@ -65,8 +92,8 @@ EFFECT = Effect(
     amplitudes=("well_loss",),
     apply=apply,
     # No data sheet states the binned pixel's well; a gain or binning mode that was mistaken halves it.
-    fitted={"well_loss": 0.3},
+    fitted={"well_loss": 0.3, "knee": 0.05},
     scaling="a ceiling constant in DN: only the brightest pixels, so with voltage and exposure",
     # Nothing happens until the ceiling reaches the brightest pixel.
-    start={"well_loss": (0.3, 0.5, 0.7)},
+    start={"well_loss": (0.3, 0.5, 0.7), "knee": (0.01, 0.06)},
 )

@@ -6,10 +6,12 @@ import math
 
 import numpy as np
 
-from evanesce.effects.protocol import Context, Effect, Stage
+from evanesce.effects.protocol import Context, Effect, Line, Stage
 from evanesce.quantities import Strict, field
 from evanesce.render.marks import add_points, contact_radiance
 from evanesce.states import PlateLight
+
+WIDTH_UM = 15.0
 
 
 class Parameters(Strict):
@@ -21,7 +23,7 @@ class Parameters(Strict):
     middle_mm: tuple[float, float] = field((0.0, 0.0), unit="mm", bounds=(-500.0, 500.0), doc="(x, y) on the plate")
     direction_deg: float = field(30.0, unit="deg", bounds=(-180.0, 180.0), doc="along the scratch, from +x towards +y")
     length_mm: float = field(8.0, unit="mm", bounds=(0.01, 500.0), doc="end to end")
-    width_um: float = field(15.0, unit="um", bounds=(0.1, 1000.0), doc="below a pixel it only scales the light")
+    width_um: float = field(WIDTH_UM, unit="um", bounds=(0.1, 1000.0), doc="below a pixel it only scales the light")
 
 
 def apply(light: PlateLight, parameters: Parameters, context: Context) -> PlateLight:
@@ -60,6 +62,14 @@ EFFECT = Effect(
         "length_mm": 5.0,
     },
     scaling="a line at a fixed place: follows LED power, does not move with force; there before the finger touches",
-    # Where it lies and how has no derivative while it is not there; residuals tell the place.
+    # Where it lies and how has no derivative while it is not there.
     start={"relative_radiance": (0.3,), "direction_deg": (0.0, 45.0, 90.0, 135.0)},
+    line=Line(
+        amount="relative_radiance",
+        middle="middle_mm",
+        direction="direction_deg",
+        length="length_mm",
+        like="specks",
+        per_mm=lambda amount: amount * WIDTH_UM * 1e-3,
+    ),
 )

@@ -6,14 +6,17 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import model_validator
 
-from evanesce.effects.protocol import Context, Effect, Stage
+from evanesce.effects.protocol import Context, Effect, Marks, Stage, listed
 from evanesce.quantities import Strict, field
+from evanesce.rig import Scene
 from evanesce.sensor.lens import magnification, working_f_number
 from evanesce.states import SensorLight
 
 Array = NDArray[np.float64]
 
+MAX_MARKS = 20000
 MAX_PER_CM2 = 2000.0
 MM2_PER_CM2 = 100.0
 SMALLEST_CONE_MM = 1e-6
@@ -33,6 +36,21 @@ class Parameters(Strict):
         1.0, unit="mm", bounds=(0.0, 20.0), doc="of the glass's outer face over the pixels, as if in air"
     )
     opacity: float = field(1.0, unit="1", bounds=(0.0, 1.0), doc="share of its light that a grain stops")
+    marks: float = field(0.0, unit="1", bounds=(0.0, 10.0), null=0.0, doc="multiplies what listed grains stop")
+    mark_x_mm: tuple[float, ...] = field(
+        (), unit="mm", bounds=(0.0, 100.0), doc="listed grains, from the sensor's left edge", max_length=MAX_MARKS
+    )
+    mark_y_mm: tuple[float, ...] = field(
+        (), unit="mm", bounds=(0.0, 100.0), doc="from its upper edge", max_length=MAX_MARKS
+    )
+    mark_area_mm2: tuple[float, ...] = field(
+        (), unit="mm^2", bounds=(0.0, 100.0), doc="of each listed grain", max_length=MAX_MARKS
+    )
+
+    @model_validator(mode="after")
+    def _lists(self) -> Parameters:
+        listed({name: getattr(self, name) for name in ("mark_x_mm", "mark_y_mm", "mark_area_mm2")})
+        return self
 
 
 def obstructed_share(distance: ArrayLike, grain_mm: float, cone_mm: float) -> Array:
@@ -85,16 +103,12 @@ def apply(light: SensorLight, parameters: Parameters, context: Context) -> Senso
 
     Places are in mm on the sensor, so that the same seed has the same dust at every size of the pixels.
     """
-    if parameters.per_cm2 == 0.0:
-        return light
-    camera, rng = context.scene.camera, context.generator("sensor_dust", per_frame=False)
+    camera = context.scene.camera
     pitch_mm = camera.pixel.pitch_um * 1e-3
     width, height = (n * pitch_mm for n in camera.resolution_px)
-    count = rng.poisson(MAX_PER_CM2 / MM2_PER_CM2 * width * height)
-    place, size, order = rng.random((count, 2)), rng.standard_normal(count), rng.random(count)
-    there = order < parameters.per_cm2 / MAX_PER_CM2
-    diameter = parameters.median_diameter_um * 1e-3 * np.exp(parameters.log_spread * size[there])
-    grains = np.column_stack([place[there] * (width, height), diameter])
+    grains = np.concatenate([_drawn(parameters, (width, height), context), _listed(parameters)])
+    if not len(grains):
+        return light
     m = magnification(camera.scale_px_per_mm, camera.pixel.pitch_um)
     cone = max(parameters.height_mm / working_f_number(camera.lens.f_number, m), SMALLEST_CONE_MM)
     rows, cols = light.irradiance.shape
@@ -102,13 +116,47 @@ def apply(light: SensorLight, parameters: Parameters, context: Context) -> Senso
     return SensorLight(irradiance=light.irradiance * (1.0 - parameters.opacity * (1.0 - left)))
 
 
+def _drawn(parameters: Parameters, size_mm: tuple[float, float], context: Context) -> Array:
+    """Return grains at random places: x, y, diameter [mm]."""
+    rng = context.generator("sensor_dust", per_frame=False)
+    count = rng.poisson(MAX_PER_CM2 / MM2_PER_CM2 * size_mm[0] * size_mm[1])
+    place, size, order = rng.random((count, 2)), rng.standard_normal(count), rng.random(count)
+    there = order < parameters.per_cm2 / MAX_PER_CM2
+    diameter = parameters.median_diameter_um * 1e-3 * np.exp(parameters.log_spread * size[there])
+    return np.column_stack([place[there] * size_mm, diameter])
+
+
+def _listed(parameters: Parameters) -> Array:
+    """Return the listed grains: x, y, diameter [mm]."""
+    if parameters.marks == 0.0:
+        return np.zeros((0, 3))
+    area = parameters.marks * np.array(parameters.mark_area_mm2)
+    return np.column_stack([parameters.mark_x_mm, parameters.mark_y_mm, 2 * np.sqrt(area / math.pi)])
+
+
+def _noticeable(scene: Scene, area_mm2: float) -> float:
+    """Return a hundredth of an area [mm^2]."""
+    return 0.01 * area_mm2
+
+
 EFFECT = Effect(
     id="sensor_dust",
     stage=Stage.SENSOR_LIGHT,
     parameters=Parameters,
-    amplitudes=("per_cm2",),
+    amplitudes=("per_cm2", "marks"),
+    null_when="all",
     apply=apply,
     # Assumed: nine grains on the sensor.
     fitted={"per_cm2": 30.0},
     scaling="a fixed pattern that multiplies the light: follows LED power, does not move with force or time",
+    # A cell that is darker says how much is stopped there; a shadow that is soft spreads over several.
+    marks=Marks(
+        scale="marks",
+        x="mark_x_mm",
+        y="mark_y_mm",
+        amount="mark_area_mm2",
+        where="sensor",
+        unit=_noticeable,
+        fixed={"height_mm": 0.0},
+    ),
 )

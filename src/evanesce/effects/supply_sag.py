@@ -13,9 +13,9 @@ class Parameters(Strict):
     resistance_ohm_per_mm: float = field(
         0.0,
         unit="ohm/mm",
-        bounds=(0.0, 0.05),
+        bounds=(0.0, 10.0),
         null=0.0,
-        doc="added, both rails together; two 3 mm rails of 35 um copper have 0.0003",
+        doc="added, both rails and the joints between segments together; two 3 mm rails of 35 um copper have 0.0003",
     )
 
 
@@ -32,8 +32,8 @@ EFFECT = Effect(
     parameters=Parameters,
     amplitudes=("resistance_ohm_per_mm",),
     apply=apply,
-    # From copper rails (0.0003) to a thin film or a bad joint (0.02), nearer to the first.
-    fitted={"resistance_ohm_per_mm": 0.002},
+    # Copper rails (0.0003) do not show. What shows is a joint of some ohms between segments that were cut and clipped.
+    fitted={"resistance_ohm_per_mm": 0.3},
     needs=("press", "voltage"),
     scaling="grows with LED current: far ends of the strips fainter, the more so at high voltage",
 )

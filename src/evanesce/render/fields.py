@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,8 +105,9 @@ class _Tables:
 def fields_of(scene: Scene) -> Fields:
     """Return the fields of a scene, kept for the last few; another voltage costs next to nothing."""
     radiances = stacked_radiances(edge_light(scene))
-    tables, length, grid = _tables_digest(scene), scene.finger.scattering_length_mm, scene.as_dict()["grid"]
-    key = digest([rig_digest(scene), tables, radiances.tolist(), length, grid])
+    tables, grid = _tables_digest(scene), scene.as_dict()["grid"]
+    walk = scene.finger.scattering_length_mm, scene.finger.scattering_share
+    key = digest([rig_digest(scene), tables, radiances.tolist(), walk, grid])
     return kept("fields", key, lambda: _assemble(scene, radiances, tables))
 
 
@@ -160,14 +161,16 @@ def _modes(field: Array, transmitted: Array) -> tuple[Array, Array]:
 
 def _glow(scene: Scene, interface: Interface, tables: _Tables, tables_key: str) -> Glow | None:
     length, grid = scene.finger.scattering_length_mm, scene.grid
-    if length <= 0 or interface.body_reflectance <= 0:
+    share = scene.finger.scattering_share
+    if length <= 0 or share <= 0 or interface.body_reflectance <= 0:
         return None
     pitch = grid.size_mm / grid.samples
-    return kept(
+    whole = kept(
         "glow",
         f"{tables_key}{length:.17g} {grid.size_mm:.17g} {grid.samples}",
         lambda: make_glow(interface, length, grid.size_mm, pitch, tables.gaps, tables.view, tables.window),
     )
+    return replace(whole, share=share)
 
 
 # --- tables by gap ---------------------------------------------------------------------------------------------------

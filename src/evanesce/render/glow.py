@@ -37,12 +37,15 @@ class Glow:
         Reflectance that the body's light meets at its surface [1].
     leave : ndarray (gaps,)
         Radiance in air towards the lens per irradiance that reaches the surface from inside [1/sr].
+    share : float
+        Of the returned light that wanders; the rest leaves where it entered [1].
     """
 
     cell: float
     kernel: Array
     inside: Array
     leave: Array
+    share: float = 1.0
 
 
 def make_glow(

@@ -208,11 +208,13 @@ def patch_light(fields: Fields, state: ContactState, refine: int = 2) -> PatchLi
     coarse = CoarseGrid.of(fields, grid)
     change, taken = feedback(fields, coarse, coarse_mean(irradiance, (box.row, box.col), fine, coarse.shape))
     rise = _rise(change, box, fine)
-    if fields.glow is not None:
+    glow, radiance = fields.glow, np.zeros(irradiance.shape, np.float32)
+    if glow is None or glow.share < 1.0:
+        stays = 1.0 if glow is None else 1.0 - glow.share
+        radiance += np.float32(stays) * modes.mixed(box.share, fields.coupling * fields.response) * rise
+    if glow is not None:
         low, part = table_place(box.gap, end)
-        radiance = glow_radiance(fields.glow, irradiance * rise, box.share, low, part, pitch)
-    else:
-        radiance = modes.mixed(box.share, fields.coupling * fields.response) * rise
+        radiance += np.float32(glow.share) * glow_radiance(glow, irradiance * rise, box.share, low, part, pitch)
     return PatchLight(box.row, box.col, radiance, box.cover, taken, pitch, refine)
 
 

@@ -71,6 +71,13 @@ class Finger(Strict):
         null=0.0,
         doc="transport mean free path inside the silicone; 0: light leaves where it entered",
     )
+    scattering_share: float = field(
+        1.0,
+        unit="1",
+        bounds=(0.0, 1.0),
+        null=1.0,
+        doc="of the light that the silicone returns, the part that has wandered; the rest leaves where it entered",
+    )
     scattering_power: float = field(
         0.0,
         unit="1",

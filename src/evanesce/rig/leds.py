@@ -78,7 +78,7 @@ class Leds(Strict):
     emitting_height_mm: float = field(unit="mm", bounds=(0.05, 50.0), doc="emitting size across the plate's thickness")
     voltage_V: float = field(9.0, unit="V", bounds=(0.0, 60.0), source="thesis, chapter 5", doc="supply voltage")
     strip_resistance_ohm_per_mm: float = field(
-        0.0, unit="ohm/mm", bounds=(0.0, 0.1), null=0.0, doc="both rails together; fed at the strip's -x or -y end"
+        0.0, unit="ohm/mm", bounds=(0.0, 10.0), null=0.0, doc="both rails together; fed at the strip's -x or -y end"
     )
     air_gap_share: float = field(
         0.0, unit="1", bounds=(0.0, 1.0), null=0.0, doc="share of the LED faces that an air film parts from the edge"

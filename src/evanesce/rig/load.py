@@ -214,15 +214,19 @@ def _as_input_error(model: type[BaseModel], error: ValidationError, data: Any, f
         size = context.get("min_length", context.get("max_length"))
         bound = "at least" if kind == "too_short" else "at most"
         allowed = f"{bound} {size} entries" if size is not None else "a list"
-        return InputError(f"{_plain(first.get('input'))!r}", file=file, key=key, allowed=allowed)
+        return InputError(_shown(_plain(first.get("input"))), file=file, key=key, allowed=allowed)
     if kind == "int_type" or kind == "int_from_float":
         return InputError(f"{first.get('input')!r} is not a whole number", file=file, key=key, allowed="whole numbers")
     if kind in ("greater_than_equal", "less_than_equal"):
         bound = f"at least {context['ge']:g}" if "ge" in context else f"at most {context['le']:g}"
         return InputError(f"{first.get('input')!r} is out of range", file=file, key=key, allowed=bound)
-    shown = repr(first.get("input"))
-    shown = shown if len(shown) < 80 else shown[:77] + "..."
-    return InputError(f"{shown}: {first['msg'].lower()}", file=file, key=key)
+    return InputError(f"{_shown(first.get('input'))}: {first['msg'].lower()}", file=file, key=key)
+
+
+def _shown(value: object) -> str:
+    """Return a value in a few words: a long list would drown the message."""
+    text = repr(value)
+    return text if len(text) < 80 else text[:77] + "..."
 
 
 def _laws() -> list[str]:

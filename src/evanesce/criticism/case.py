@@ -1,0 +1,145 @@
+"""A case: the believed rig fitted to one bundle's open part, before anything is tested."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.criticism.candidates import Candidate, candidates_of
+from evanesce.criticism.codec import codec_parameters, codec_variance, noise_by_bins
+from evanesce.criticism.fine import fine_cube
+from evanesce.criticism.frozen import FROZEN
+from evanesce.criticism.marks import with_places
+from evanesce.criticism.noise import noise_of
+from evanesce.criticism.noise_scale import noise_scale_of
+from evanesce.criticism.nuisance import nuisance_parameters
+from evanesce.criticism.numerics import edge_template, leftover_variance, numerics_parameters, quick_variance
+from evanesce.criticism.observe import Observation, model_factor
+from evanesce.criticism.parameters import Parameter, derivative
+from evanesce.criticism.predict import Predictor
+from evanesce.criticism.problem import Fit, Problem, fit, predicted_part
+from evanesce.criticism.tone import expected_tone
+from evanesce.rng import generator
+
+Array = NDArray[Any]
+
+ROUNDS = 20
+"""Of the believed rig's fits: where the light is far off, the tone curve's bend leaves only short steps."""
+
+PLACES = 2
+"""The fine prediction is made at so many points at most."""
+
+FAR: Mapping[str, float] = {"@pose": 0.01, "@light": 0.01, "@card_light": 0.01, "@black": 0.2, "@turn": 0.05}
+"""Steps of the nuisances by which what finer pixels change stays what it is [their units]."""
+
+
+@dataclass
+class Case:
+    """One bundle on its way through the critic."""
+
+    observation: Observation
+    problem: Problem
+    base: Fit
+    candidates: tuple[Candidate, ...]
+    seed: int
+    codec: bool = False
+    notes: list[str] = field(default_factory=list)
+
+    def rng(self, name: str, number: int = 0) -> np.random.Generator:
+        """Return a random stream of its own for each step."""
+        return generator(self.seed, "criticism", name, number)
+
+
+def prepare(observation: Observation, seed: int, exclude: Collection[str] = ()) -> Case:
+    """Measure the noise and fit the believed rig with its nuisances."""
+    size = noise_scale_of(observation.believed.camera, observation.scatter)
+    predictor = Predictor(observation.scene, observation.views, noise_scale=size.value)
+    known = FROZEN.noise
+    data = observation.cube
+    noise = noise_of(
+        observation.held,
+        expected_tone(observation.scene.camera, size.value),
+        data.shape[1:],
+        floor_DN=known["floor_DN"],
+        flicker=known["flicker"],
+    )
+    views = [int(v) for v in observation.open]
+    parameters = [
+        p
+        for p in nuisance_parameters(observation.views, noise.flicker, size.deviation)
+        if p.views is None or set(p.views) & set(views)
+    ]
+    base = predictor.cube({})
+    problem = Problem.of(predictor, data, noise, quick_variance(base), views, base)
+    start = {"@black": size.black_DN} if size.black_DN else {}
+    seen = None if start else base
+    own = predicted_part(fit(problem, parameters, start, predicted=seen, rounds=ROUNDS).point, parameters)
+    for _ in range(PLACES):
+        at, point = at_place(observation, problem, own, size.codec), own
+        fitted_problem, every = at[0], [*parameters, *at[1]]
+        fitted = fit(fitted_problem, every, point, rounds=ROUNDS)
+        own = predicted_part(fitted.point, every)
+        if not displaced(own, point):
+            break
+    if size.codec:
+        # A codec hands noise from frame to frame, so that replicates show too little of it; single bins tell.
+        fitted_problem = fitted_problem.louder(noise_by_bins(fitted_problem, fitted))
+        fitted = fit(fitted_problem, every, own, rounds=ROUNDS)
+    library = candidates_of(observation.scene, observation.available, exclude)
+    candidates = with_places(fitted_problem, fitted, library)
+    case = Case(observation, fitted_problem, fitted, candidates, seed, size.codec)
+    if not noise.measured:
+        case.notes.append("no replicates: the noise is the camera's own model, false alarms are not controlled")
+    if observation.series:
+        case.notes.append(
+            "scalar series take no part beside frames (" + ", ".join(sorted(observation.series)) + "): a bundle of them"
+            " alone is judged by them"
+        )
+    if size.codec:
+        case.notes.append("noise was smoothed after the tone curve (a codec?): faint departures are not sought")
+    return case
+
+
+def displaced(point: Mapping[str, float], since: Mapping[str, float]) -> bool:
+    """Tell whether a fit has moved so far that the fine prediction is to be made anew."""
+    return any(
+        abs(point.get(name, 0.0) - since.get(name, 0.0)) > far
+        for stem, far in FAR.items()
+        for name in point
+        if name.startswith(stem)
+    )
+
+
+def at_place(
+    observation: Observation, problem: Problem, point: Mapping[str, float], codec: bool = False
+) -> tuple[Problem, tuple[Parameter, ...]]:
+    """Return the problem about the fitted place of the finger, and the nuisances of computation there.
+
+    From now on predictions carry the plate's light at that very place, as fine pixels gather it, and weights follow
+    the level there.
+    """
+    predictor = problem.predictor
+    predictor.correction = None
+    quick = predictor.cube(point)
+    factor, scale = model_factor(observation.believed), predictor.noise_scale
+    fine = fine_cube(observation.believed, predictor.views, factor, point, noise_scale=scale)
+    predictor.correction = np.nan_to_num(fine - quick, nan=0.0)
+    lit = [k for k, view in enumerate(predictor.views) if view.touches]
+    change = np.zeros_like(fine)
+    change[lit] = fine[lit] - quick[lit]
+    left_over = leftover_variance(change)
+    if codec:
+        left_over = left_over + codec_variance(fine)
+    renewed = Problem.of(predictor, problem.data, problem.noise, left_over, problem.views, fine)
+    every = nuisance_parameters(predictor.views, 0.0)
+    force = {p.views[0]: p for p in every if p.name.startswith("@force") and p.views}
+    by_force = [
+        derivative(predictor, point, force[k], [k])[k] if k in force else None for k in range(len(predictor.views))
+    ]
+    edge = edge_template(predictor.scene, predictor.views, by_force)
+    found = numerics_parameters(predictor.views, change, edge)
+    return renewed, (*found, *codec_parameters(predictor.views, fine)) if codec else found

@@ -1,0 +1,178 @@
+"""Effects whose places only the data know: specks, hot pixels, dust, a scratch. What stands out tells their places.
+
+What one mark in each bin would change says how a mark's signal goes from view to view there. Along that each bin has an
+amplitude of its own; bins whose amplitude is worth the choice of a place among all bins make the list, and a fit then
+multiplies the list as a whole. Marks are told apart by how their bins go with voltage, contact and darkness. A line is
+looked for among all places, directions and lengths in the same way (:mod:`evanesce.criticism.lines`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.criticism.candidates import Candidate
+from evanesce.criticism.lines import brightest_line
+from evanesce.criticism.parameters import Parameter, moved
+from evanesce.criticism.problem import Fit, Problem, predicted_part
+from evanesce.criticism.views import BIN_PX
+from evanesce.effects import Marks
+from evanesce.optics.projection import Projection
+from evanesce.rig import Scene
+
+Array = NDArray[Any]
+
+MOST = 300
+"""Places in a list; the strongest."""
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """Bins that stand out.
+
+    Attributes
+    ----------
+    bins : ndarray of int (n,)
+        Numbers among all bins, row by row.
+    amounts : ndarray (n,)
+        Of the template's unit.
+    penalty : float
+        What their choice costs [nats].
+    """
+
+    bins: NDArray[np.int_]
+    amounts: Array
+    penalty: float
+
+
+def with_places(
+    problem: Problem, base: Fit, candidates: Sequence[Candidate], share: float = 1.0
+) -> tuple[Candidate, ...]:
+    """Return the candidates; those that list places have them from what a fitted model leaves.
+
+    Their lists are handed to the predictor.
+
+    Parameters
+    ----------
+    problem : Problem
+    base : Fit
+    candidates : sequence of Candidate
+    share : float
+        Of the evidence that counts; less than 1 where noise is not what it is believed to be.
+    """
+    believed = problem.predictor.scene.effects
+    known = {c.id: c.effect.marks for c in candidates if c.effect.marks is not None}
+    templates: dict[str, Array] = {}
+    found = []
+    for candidate in candidates:
+        marks, line = candidate.effect.marks, candidate.effect.line
+        searched = not candidate.missing and candidate.id not in believed
+        if searched and marks is not None:
+            templates[candidate.id] = template_of(problem, base, candidate.id, marks)
+            found.append(_placed(problem, base, candidate, templates[candidate.id], share))
+        elif searched and line is not None and line.like in known:
+            of, like = line.like, known[line.like]
+            template = templates[of] if of in templates else template_of(problem, base, of, like)
+            found.append(_lined(problem, base, candidate, template, like, share))
+        else:
+            found.append(candidate)
+    return tuple(found)
+
+
+def template_of(problem: Problem, base: Fit, effect: str, marks: Marks) -> Array:
+    """Return the whitened change (views, rows, cols) that one mark in the middle of each bin makes, per unit amount."""
+    predictor = problem.predictor
+    x, y, area = cells(predictor.scene, problem.data.shape[1:], marks.where)
+    kept = predictor.fixed.get(effect)
+    unit = marks.unit(predictor.scene, area)
+    predictor.fixed[effect] = listing(marks, x, y, np.full(x.size, unit))
+    at = moved(predicted_part(base.point, base.parameters), {f"{effect}:{marks.scale}": 1.0})
+    change = predictor.cube(at, problem.views) - base.predicted
+    if kept is None:
+        del predictor.fixed[effect]
+    else:
+        predictor.fixed[effect] = kept
+    return problem.unwhitened(problem.whitened(change)) / unit
+
+
+def listing(marks: Marks, x: Array, y: Array, amounts: Array) -> dict[str, Any]:
+    """Return the settings of an effect that list marks at x, y [mm] with amounts."""
+    found = {marks.x: x, marks.y: y, marks.amount: amounts}
+    return {key: [float(v) for v in values] for key, values in found.items()} | dict(marks.fixed)
+
+
+def _placed(problem: Problem, base: Fit, candidate: Candidate, template: Array, share: float) -> Candidate:
+    marks = candidate.effect.marks
+    assert marks is not None
+    predictor, name = problem.predictor, f"{candidate.id}:{marks.scale}"
+    chosen = standing_out(problem.unwhitened(base.residual), template, share)
+    if not chosen.bins.size:
+        return replace(candidate, unseen="no place stands out")
+    x, y, _ = cells(predictor.scene, problem.data.shape[1:], marks.where)
+    predictor.fixed[candidate.id] = listing(marks, x[chosen.bins], y[chosen.bins], chosen.amounts)
+    scale = Parameter(name=name, deviation=1.0, bounds=(0.0, 10.0), step=0.25)
+    return replace(candidate, parameters=(scale,), starts=({name: 1.0},), penalty=chosen.penalty)
+
+
+def _lined(problem: Problem, base: Fit, candidate: Candidate, template: Array, like: Marks, share: float) -> Candidate:
+    line = candidate.effect.line
+    assert line is not None
+    scene = problem.predictor.scene
+    found = brightest_line(problem.unwhitened(base.residual), template, share)
+    if found is None:
+        return replace(candidate, unseen="no line stands out")
+    (u0, v0), (u1, v1) = found.ends
+    middle = (BIN_PX - 1) / 2
+    x, y = Projection.of(scene.camera, scene.plate).to_plate(
+        np.array([u0, u1]) * BIN_PX + middle, np.array([v0, v1]) * BIN_PX + middle
+    )
+    length = float(np.hypot(x[1] - x[0], y[1] - y[0]))
+    problem.predictor.fixed[candidate.id] = {
+        line.middle: [float(x.mean()), float(y.mean())],
+        line.direction: float(np.degrees(np.arctan2(y[1] - y[0], x[1] - x[0]))),
+        line.length: length,
+    }
+    name = f"{candidate.id}:{line.amount}"
+    own = next(p for p in candidate.parameters if p.name == name)
+    amount = float(np.clip(found.amount / length / line.per_mm(1.0), *own.bounds))
+    return replace(candidate, parameters=(own,), starts=({name: amount},), penalty=found.penalty)
+
+
+def cells(scene: Scene, shape: tuple[int, ...], where: str) -> tuple[Array, Array, float]:
+    """Return the middles x, y (rows * cols) of the bins [mm] and the area of one [mm^2], on plate or sensor."""
+    rows, cols = shape
+    camera = scene.camera
+    v, u = (((np.arange(n) + 0.5) * BIN_PX) for n in (rows, cols))
+    row, col = (a.ravel() for a in np.meshgrid(v, u, indexing="ij"))
+    if where == "sensor":
+        pitch = camera.pixel.pitch_um * 1e-3
+        return col * pitch, row * pitch, (BIN_PX * pitch) ** 2
+    x, y = Projection.of(camera, scene.plate).to_plate(col - 0.5, row - 0.5)
+    return np.asarray(x), np.asarray(y), (BIN_PX / camera.scale_px_per_mm) ** 2
+
+
+def standing_out(residual: Array, template: Array, share: float = 1.0) -> Chosen:
+    """Return the bins that a mark explains better than nothing, its place and amount paid for.
+
+    Parameters
+    ----------
+    residual, template : ndarray (views, rows, cols)
+        Whitened.
+    share : float
+        Of the evidence that counts.
+    """
+    product = np.einsum("vrc,vrc->rc", residual, template).ravel()
+    information = np.einsum("vrc,vrc->rc", template, template).ravel()
+    seen = information > 0
+    significance = np.where(seen, product / np.sqrt(np.where(seen, information, 1.0)), 0.0)
+    square = share * significance**2
+    # A place among all bins, and an amount that may as well have been another one of its size.
+    cost = np.log(max(int(seen.sum()), 1)) + 0.5 * np.log1p(square)
+    worth = np.where(significance > 0, 0.5 * square - cost, 0.0)
+    bins = np.flatnonzero(worth > 0)
+    bins = bins[np.argsort(-worth[bins])][:MOST]
+    return Chosen(bins, product[bins] / information[bins], float(cost[bins].sum()))

@@ -1,0 +1,231 @@
+"""Places that the data choose: which bins make a list, what the choice costs, and effects that carry such lists."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from evanesce.criticism.lines import brightest_line
+from evanesce.criticism.marks import cells, standing_out
+from evanesce.criticism.predict import Predictor
+from evanesce.criticism.views import BIN_PX, View, binned
+from evanesce.effects import Context, active_effects, all_effects
+from evanesce.errors import InputError
+from evanesce.render.marks import contact_radiance, pixel_area, view_position
+from evanesce.rig import Scene, load_scene
+from evanesce.states import PlateLight, SensorLight
+
+VIEWS, ROWS, COLS = 7, 41, 53
+
+
+def scene(**more: object) -> Scene:
+    tilted = {"camera.tilt_x_deg": 1.1, "camera.principal_point_offset_px": [7.3, -4.1]}
+    return load_scene("thesis", {"camera.resolution_px": [208, 164], "camera.scale_px_per_mm": 7.3, **tilted, **more})
+
+
+def acted(name: str, value: object, of: Scene, **parameters: object) -> object:
+    effect = all_effects()[name]
+    return effect.apply(value, effect.parameters(**parameters), Context(of, 3))
+
+
+# --- which bins ------------------------------------------------------------------------------------------------------
+
+
+def planted(rng: np.random.Generator, strength: float, places: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return unit noise with marks that go with a template, the template, and the numbers of the marked bins."""
+    template = rng.uniform(0.05, 1.0, VIEWS)[:, None, None] * rng.uniform(0.5, 2.0, (1, ROWS, COLS))
+    residual = rng.standard_normal((VIEWS, ROWS, COLS))
+    bins = rng.choice(ROWS * COLS, places, replace=False)
+    row, col = np.unravel_index(bins, (ROWS, COLS))
+    own = template[:, row, col]
+    residual[:, row, col] += strength * own / np.linalg.norm(own, axis=0)
+    return residual, template, bins
+
+
+def test_noise_alone_lists_hardly_ever_a_place() -> None:
+    """A bin counts beyond 4.3 standard deviations: of 300 x 2173 bins 5 do in white noise; 14 is beyond 4 of 5."""
+    rng, listed = np.random.default_rng(5), 0
+    for _ in range(300):
+        residual, template, _ = planted(rng, 0.0, 1)
+        listed += standing_out(residual, template).bins.size
+    assert listed <= 14
+
+
+def test_marks_of_eight_deviations_are_listed_with_their_amounts() -> None:
+    rng = np.random.default_rng(11)
+    residual, template, bins = planted(rng, 8.0, 23)
+    found = standing_out(residual, template)
+    assert set(found.bins) <= set(bins)
+    assert len(found.bins) >= 22
+    row, col = np.unravel_index(found.bins, (ROWS, COLS))
+    own = np.linalg.norm(template[:, row, col], axis=0)
+    # One amount is known to one over its template's length.
+    assert np.abs(found.amounts * own - 8.0).max() < 4.0
+    # Each place costs the choice among all bins and an amount of its own size: log(2173) + log(1 + z^2)/2.
+    square = np.square(found.amounts * own)
+    assert found.penalty == pytest.approx(np.sum(math.log(ROWS * COLS) + 0.5 * np.log1p(square)), rel=1e-9)
+
+
+def test_a_mark_of_another_kind_explains_less() -> None:
+    """Rationale: what tells marks apart is how they go from view to view."""
+    rng = np.random.default_rng(17)
+    residual, template, bins = planted(rng, 12.0, 9)
+    other = template[::-1] ** 2
+    right, wrong = standing_out(residual, template), standing_out(residual, other)
+
+    def explained(chosen: object, by: np.ndarray) -> float:
+        row, col = np.unravel_index(chosen.bins, (ROWS, COLS))
+        return float(sum(a**2 * (by[:, r, c] ** 2).sum() for a, r, c in zip(chosen.amounts, row, col, strict=True)))
+
+    assert set(right.bins) == set(bins)
+    assert explained(right, template) > 1.3 * explained(wrong, other)
+
+
+def test_what_takes_away_light_is_no_mark_that_brings_it() -> None:
+    rng = np.random.default_rng(23)
+    residual, template, _ = planted(rng, -9.0, 12)
+    assert standing_out(residual, template).bins.size == 0
+
+
+def test_less_share_lists_less() -> None:
+    rng = np.random.default_rng(29)
+    residual, template, _ = planted(rng, 7.0, 40)
+    assert standing_out(residual, template, 0.25).bins.size < 5 < standing_out(residual, template).bins.size
+
+
+# --- lines -----------------------------------------------------------------------------------------------------------
+
+
+def drawn_line(ends: tuple[tuple[float, float], tuple[float, float]]) -> np.ndarray:
+    """Return the share (rows, cols) of a line's points in each bin, by counting a great many of them."""
+    (u0, v0), (u1, v1) = ends
+    t = (np.arange(20000) + 0.5) / 20000
+    bins = np.round(v0 + t * (v1 - v0)).astype(int) * COLS + np.round(u0 + t * (u1 - u0)).astype(int)
+    return np.bincount(bins, minlength=ROWS * COLS).reshape(ROWS, COLS) / 20000
+
+
+def smooth(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Return unit noise and a template as smooth as guided light is."""
+    row, col = np.mgrid[:ROWS, :COLS]
+    shape = 1.0 + 0.4 * np.sin(col / 17.0) + 0.2 * np.cos(row / 11.0)
+    return rng.standard_normal((VIEWS, ROWS, COLS)), rng.uniform(0.05, 1.0, VIEWS)[:, None, None] * shape
+
+
+@pytest.mark.parametrize(
+    "ends", [((8.3, 5.1), (41.7, 22.9)), ((30.2, 36.4), (33.9, 9.8)), ((11.0, 30.6), (19.4, 31.1))]
+)
+def test_a_line_too_faint_bin_by_bin_is_found(ends: tuple[tuple[float, float], tuple[float, float]]) -> None:
+    rng = np.random.default_rng(41)
+    residual, template = smooth(rng)
+    line = template * drawn_line(ends)
+    # No bin by itself has more than about 3.2 standard deviations.
+    amount = min(14.0, 3.2 * float(np.hypot(*np.subtract(*ends))) ** 0.5) / np.linalg.norm(line)
+    residual = residual + amount * line
+    found = brightest_line(residual, template)
+    assert found is not None
+    # Either end may come first. Its place along the line is known by what one bin more brings: a few bins of thirty.
+    gaps = [
+        np.hypot(*np.subtract(np.array(found.ends)[order], ends).T).max()
+        for order in (slice(None), slice(None, None, -1))
+    ]
+    assert min(gaps) < 4.0
+    direction = np.degrees(np.arctan2(*np.subtract(*found.ends)) - np.arctan2(*np.subtract(*ends)))
+    assert abs((direction + 90) % 180 - 90) < 12.0
+    assert found.amount == pytest.approx(amount, rel=0.3)
+    assert standing_out(residual, template).bins.size <= 3
+
+
+def test_no_line_is_found_in_noise() -> None:
+    rng = np.random.default_rng(43)
+    assert sum(brightest_line(*smooth(rng)) is not None for _ in range(5)) == 0
+
+
+# --- where -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_speck_listed_at_a_bins_middle_lights_that_bin() -> None:
+    rig = scene()
+    cols, rows = rig.camera.resolution_px
+    x, y, area = cells(rig, (rows // BIN_PX, cols // BIN_PX), "plate")
+    effects = {"specks": {"marks": 1.0, "mark_x_mm": [x[777]], "mark_y_mm": [y[777]], "mark_light_mm2": [0.02]}}
+    predictor = Predictor(rig, [View(kind="press", force_N=1.3, voltage_V=9.1)])
+    plain = predictor.cube({})[0]
+    lit = Predictor(rig.model_copy(update={"effects": effects}), predictor.views).cube({})[0]
+    change = lit - plain
+    assert np.argmax(change) == 777
+    assert change.ravel()[777] > 0.7 * change.sum()
+    assert area == pytest.approx((4 / 7.3) ** 2)
+
+
+def test_a_sensor_place_is_the_bin_of_that_pixel() -> None:
+    rig = scene()
+    cols, rows = rig.camera.resolution_px
+    shape = rows // BIN_PX, cols // BIN_PX
+    x, y, area = cells(rig, shape, "sensor")
+    found = acted(
+        "hot_pixels", np.zeros((rows, cols)), rig, marks=2.0, mark_x_mm=(x[1303],), mark_y_mm=(y[1303],),
+        mark_rate_e_per_s=(5e4,),
+    )  # fmt: skip
+    assert np.flatnonzero(binned(found)).tolist() == [1303]
+    assert found.sum() == pytest.approx(2.0 * 5e4 * rig.camera.exposure_ms * 1e-3, rel=1e-12)
+    assert area == pytest.approx((4 * rig.camera.pixel.pitch_um * 1e-3) ** 2)
+
+
+# --- the effects' lists ----------------------------------------------------------------------------------------------
+
+
+def test_listed_specks_send_the_light_of_so_much_contact() -> None:
+    rig = scene()
+    view = PlateLight(
+        radiance=np.zeros((164, 208)), variance=np.zeros((164, 208)), focal_px=1900.0, principal_point=(101.0, 87.0)
+    )
+    x, y, light = (3.1, -6.2), (1.7, -2.9), (0.04, 0.11)
+    found = acted("specks", view, rig, marks=0.5, mark_x_mm=x, mark_y_mm=y, mark_light_mm2=light)
+    for one_x, one_y, size in zip(x, y, light, strict=True):
+        u, v = view_position(rig, view, np.array([one_x]), np.array([one_y]))
+        box = found.radiance[int(v[0]) : int(v[0]) + 2, int(u[0]) : int(u[0]) + 2]
+        wanted = 0.5 * size * contact_radiance(rig, one_x, one_y) / pixel_area(rig, view, u, v)[0]
+        assert box.sum() == pytest.approx(float(wanted), rel=1e-9)
+
+
+def test_listed_dust_stops_light_by_its_area() -> None:
+    rig = scene()
+    light = SensorLight(irradiance=np.full((164, 208), 3.7))
+    pitch = rig.camera.pixel.pitch_um * 1e-3
+    found = acted(
+        "sensor_dust", light, rig, marks=1.5, mark_x_mm=(31.4 * pitch, 120.2 * pitch),
+        mark_y_mm=(80.7 * pitch, 22.3 * pitch), mark_area_mm2=(20 * pitch**2, 6 * pitch**2), height_mm=0.0,
+    )  # fmt: skip
+    stopped = (light.irradiance - found.irradiance).sum() / 3.7
+    # twelve sub-samples across a pixel's edge
+    assert stopped == pytest.approx(1.5 * 26, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("name", "amount"),
+    [("hot_pixels", "mark_rate_e_per_s"), ("specks", "mark_light_mm2"), ("sensor_dust", "mark_area_mm2")],
+)
+def test_lists_of_different_lengths_are_refused_by_name(name: str, amount: str) -> None:
+    table = {"marks": 1.0, "mark_x_mm": [1.0, 2.0], "mark_y_mm": [1.0, 2.0], amount: [0.1]}
+    with pytest.raises(InputError, match=f"{amount} 1"):
+        active_effects(scene().model_copy(update={"effects": {name: table}}))
+
+
+def test_a_list_that_is_too_long_is_refused_in_one_short_line() -> None:
+    table = {"marks": 1.0, "mark_x_mm": [1.25] * 20001}
+    with pytest.raises(InputError, match="at most 20000 entries") as caught:
+        active_effects(scene().model_copy(update={"effects": {"specks": table}}))
+    assert len(str(caught.value)) < 250
+
+
+@pytest.mark.parametrize("name", ["hot_pixels", "specks", "sensor_dust"])
+def test_a_list_alone_switches_the_effect_on_and_draws_nothing(name: str) -> None:
+    effect = all_effects()[name]
+    assert effect.marks is not None
+    lists = {effect.marks.x: (1.0,), effect.marks.y: (1.0,), effect.marks.amount: (0.1,)}
+    assert effect.is_null(effect.parameters(**lists))
+    assert not effect.is_null(effect.parameters(marks=1.0, **lists))
+    assert replace(effect.marks, scale="marks") == effect.marks

@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from scipy.stats import kstest
 
 from datasets import tiny_config, tiny_job
-from evanesce.dataset.config import KINDS, DatasetConfig, load_config
+from evanesce.dataset.config import KINDS, NOT_DRAWN, DatasetConfig, load_config
 from evanesce.dataset.design import draw_effect, friction_plan, rig_plan, split_of, trial_plan
 from evanesce.dataset.distributions import Distribution
 from evanesce.dataset.job import load_job, new_job, save_job
@@ -71,6 +71,7 @@ def test_toml_round_trip(tmp_path):
         ),
         ("[programme]\nspead_mm_per_s = { constant = 1.0 }", "nearest key: speed_mm_per_s"),
         ("[randomisation]\nwithout = ['speks']", "'speks'"),
+        ("[randomisation]\nonly = ['specks', 'square_size']", "'square_size' (not drawn: without a trace"),
         ("[finger]\nmaterial = { choice = ['wood'] }", "'wood'"),
         ("[labels]\ngrid_samples = 64", "labels.grid_samples of at least"),
         ("[trial]\nframes = 300", "at most 256"),
@@ -134,11 +135,29 @@ def test_effects_are_drawn_within_bounds_and_accepted():
             active_effects(scene.model_copy(update={"effects": {name: table}}))
 
 
+def test_what_grows_with_time_has_been_at_work_for_a_while():
+    ages = [
+        draw_effect(all_effects()["led_warmup"], 1.0, np.random.default_rng([k, 3]))["on_before_s"] for k in range(200)
+    ]
+    assert kstest(np.log(ages) / np.log(3600.0), "uniform").pvalue > 1e-3
+    held = [
+        draw_effect(all_effects()["creep"], 1.0, np.random.default_rng([k, 3]))["held_before_s"] for k in range(200)
+    ]
+    assert 0.1 < min(held) < 0.2
+    assert 5.0 < max(held) < 10.0
+
+
+def test_a_scene_whose_effect_moves_pixels_is_refused():
+    scene = small_rig().model_copy(update={"effects": {"distortion_drift": {"k1": 0.01}}})
+    with pytest.raises(InputError, match=r"effects\.distortion_drift: labels would not follow"):
+        new_job(scene, tiny_config(), frames=6, seed=1)
+
+
 def test_effects_are_on_as_often_as_declared():
     config = tiny_config(randomisation={"probability": 0.3})
     names = config.randomisation.candidates
     assert "distortion_drift" not in names
-    assert len(names) == len(all_effects()) - 1
+    assert set(names) == set(all_effects()) - set(NOT_DRAWN)
     found = [len(rig_plan(config, 4, i).effects) for i in range(60)]
     count = 60 * len(names)
     assert abs(sum(found) / count - 0.3) < 4 * np.sqrt(0.3 * 0.7 / count)

@@ -22,10 +22,11 @@ import evanesce.dataset as dataset
 from datasets import PaperProducer, contents, paper_meta, tiny_job
 from evanesce import provenance
 from evanesce.dataset import baselines, layout, run, worker
-from evanesce.dataset.card import schema
+from evanesce.dataset.card import _effects, schema
+from evanesce.dataset.config import NOT_DRAWN
 from evanesce.dataset.encode import decode_exr, decode_png, exr
 from evanesce.dataset.export import FORMATS, export
-from evanesce.dataset.info import describe
+from evanesce.dataset.info import describe, effects
 from evanesce.dataset.labels import CHANNELS, LabelBox
 from evanesce.dataset.manifest import Manifest
 from evanesce.dataset.read import tar_members
@@ -128,7 +129,43 @@ def test_the_data_card_names_every_shard(whole):
     for name, entry in files.items():
         assert (whole / entry["contentUrl"]).stat().st_size == int(entry["contentSize"].split()[0])
         assert name in (whole / "SHA256SUMS").read_text()
-    assert {f["name"] for f in card["recordSet"][0]["field"]} == set(SCALARS)
+    fields = {
+        f["name"].removeprefix("frames/"): f["source"]["transform"]["jsonPath"]
+        for f in card["recordSet"][0]["field"] if "jsonPath" in f["source"].get("transform", {})
+    }  # fmt: skip
+    assert set(fields) == {*SCALARS, "index", "trial", "kind", "split"}
+    with dataset.open(whole) as data:
+        for path in fields.values():  # each leads somewhere in a frame's numbers
+            place = data[7].meta
+            for key in path.removeprefix("$.").split("."):
+                place = place[key]
+    assert "No effects are randomised." in card["description"]
+    job = tiny_job(randomisation={"probability": 0.2, "without": ("specks",)})
+    assert "in 20 % of the rigs: adhesion, ambient_light, " in _effects(job)
+    drawn, not_drawn = _effects(job).split("Not drawn: ")
+    for name in ("specks (by this configuration)", "square_size (without a trace", "distortion_drift (labels would"):
+        assert name in not_drawn
+        assert name.split()[0] not in drawn
+    assert effects(job.config.randomisation)["share_of_rigs_with_an_effect"] == 0.2
+    assert set(effects(job.config.randomisation)["effects_not_drawn"]) == {*NOT_DRAWN, "specks"}
+
+
+@pytest.mark.filterwarnings("ignore")  # of another library
+def test_croissants_own_library_reads_the_card(whole, tmp_path, monkeypatch):
+    """Its validator finds no error; keys, numbers and images that it reads out of the archives are ours."""
+    monkeypatch.setenv("CROISSANT_CACHE", str(tmp_path))  # it knows archives by their relative names
+    croissant = pytest.importorskip("mlcroissant", reason="mlcroissant is not among the project's dependencies")
+    found = croissant.Dataset(jsonld=str(whole / "croissant.json"))
+    assert not found.metadata.ctx.issues.errors
+    told = {r["frames/key"]: r["frames/numbers"] for r in found.records("frames")}
+    shown = {r["images/key"]: r["images/frame"] for r in found.records("images")}
+    with dataset.open(whole) as data:
+        for sample in data:
+            key = sample.key.encode()
+            assert json.loads(told.pop(key)) == sample.meta
+            np.testing.assert_array_equal(np.asarray(shown.pop(key)), sample.frame)
+    assert not told
+    assert not shown
 
 
 def test_card_and_page_tell_the_baselines_as_they_were_measured(whole):

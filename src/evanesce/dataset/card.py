@@ -81,7 +81,14 @@ def croissant(job: Job, manifest: Manifest) -> dict[str, Any]:
         }
         for extension, kind in _members(job).items()
     ]
-    fields = [_field(name, unit) for name, unit in SCALARS.items()]
+    numbers = _field("frames/numbers", "json-files", "sc:Text", "all numbers of the frame and its trial: schema.json")
+    fields = [_key("frames", "json-files"), numbers]
+    for name, path, kind, told in _NUMBERS:
+        fields.append(_field(f"frames/{name}", "json-files", kind, told, {"jsonPath": f"$.{path}"}))
+    pictures = [
+        _key("images", "frame-png-files"),
+        _field("images/frame", "frame-png-files", "sc:ImageObject", "8-bit frame [DN]"),
+    ]
     kinds, (cols, rows) = ", ".join(KINDS[1:]), job.resolution
     units = "; ".join(f"{name} [{unit}]" for name, unit in CHANNELS.items())
     return {
@@ -95,6 +102,7 @@ def croissant(job: Job, manifest: Manifest) -> dict[str, Any]:
             f" {units}. Negatives: {kinds}. Labels lie in the distorted frame (labels.exr, mask.png) and on the"
             " undistorted plate plane (plate.exr), on a fixed physical scale. Splits hold whole groups of one"
             f" {job.config.split.by}. Simulated, not measured: Hertz with partial slip, ridges in two scales."
+            f" {_effects(job)}"
         ),
         "rai:dataUseCases": f"Training and testing detectors of incipient slip. {baselines.told()}",
         "rai:dataLimitations": (
@@ -105,8 +113,23 @@ def croissant(job: Job, manifest: Manifest) -> dict[str, Any]:
         "version": f"{layout.FORMAT_VERSION}.0.0",
         "citeAs": f"evanesce dataset, configuration {job.digest[:16]}, seed {job.seed}",
         "distribution": files + sets,
-        "recordSet": [{"@type": "cr:RecordSet", "@id": "frames", "name": "frames", "field": fields}],
+        "recordSet": [
+            {"@type": "cr:RecordSet", "@id": name, "name": name, "field": those}
+            for name, those in (("frames", fields), ("images", pictures))
+        ],
     }
+
+
+def _effects(job: Job) -> str:
+    """Tell which effects are randomised, and which are not."""
+    options = job.config.randomisation
+    drawn, left_out = options.candidates, "; ".join(f"{name} ({why})" for name, why in options.left_out.items())
+    if not drawn:
+        return "No effects are randomised."
+    return (
+        f"Each of these effects is on in {100 * options.probability:g} % of the rigs: {', '.join(drawn)}. A trial whose"
+        f" finger an effect does not know is made without it, and names it. Not drawn: {left_out}."
+    )
 
 
 def _members(job: Job) -> dict[str, str]:
@@ -116,18 +139,31 @@ def _members(job: Job) -> dict[str, str]:
     return {**found, "json": "application/json"}
 
 
-def _field(name: str, unit: str) -> dict[str, Any]:
+_NUMBERS = (
+    ("index", "index", "sc:Integer", "number of the frame, of which its key is made"),
+    ("trial", "trial", "sc:Integer", "number of its trial"),
+    ("kind", "kind", "sc:Text", "what the trial is"),
+    ("split", "split", "sc:Text", "train, validation or test"),
+    *((name, f"scalars.{name}", "sc:Float", f"[{unit}]") for name, unit in SCALARS.items()),
+)
+
+
+def _key(records: str, files: str) -> dict[str, Any]:
+    regex = {"regex": r"^(\d{9})\."}
+    return _field(f"{records}/key", files, "sc:Text", "key of the frame", regex, of="filename")
+
+
+def _field(
+    name: str, files: str, kind: str, told: str, transform: dict[str, str] | None = None, of: str = "content"
+) -> dict[str, Any]:
+    source = {"fileSet": {"@id": files}, "extract": {"fileProperty": of}}
     return {
         "@type": "cr:Field",
-        "@id": f"frames/{name}",
+        "@id": name,
         "name": name,
-        "description": f"[{unit}]",
-        "dataType": "sc:Float",
-        "source": {
-            "fileSet": {"@id": "json-files"},
-            "extract": {"fileProperty": "content"},
-            "transform": {"jsonPath": f"$.scalars.{name}"},
-        },
+        "description": told,
+        "dataType": kind,
+        "source": {**source, "transform": transform} if transform else source,
     }
 
 
@@ -142,6 +178,7 @@ _CONTEXT = {
     "data": {"@id": "cr:data", "@type": "@json"},
     "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
     "dct": "http://purl.org/dc/terms/",
+    "equivalentProperty": "cr:equivalentProperty",
     "examples": {"@id": "cr:examples", "@type": "@json"},
     "extract": "cr:extract",
     "field": "cr:field",
@@ -161,6 +198,7 @@ _CONTEXT = {
     "regex": "cr:regex",
     "repeated": "cr:repeated",
     "replace": "cr:replace",
+    "samplingRate": "cr:samplingRate",
     "sc": "https://schema.org/",
     "separator": "cr:separator",
     "source": "cr:source",

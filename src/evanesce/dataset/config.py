@@ -173,9 +173,17 @@ class Rigs(Strict):
     )
 
 
-MOVES_PIXELS = ("distortion_drift",)
-"""Effects that move the picture behind the lens, where labels do not follow; a lens that differs is for ``rig.draw``
-(``camera.lens.distortion.k1``), and then the labels know."""
+MOVES_PIXELS = {
+    "distortion_drift": "labels would not follow: draw camera.lens.distortion.k1 instead",
+}
+"""Effects that move the picture behind the lens, and why they are not drawn."""
+NOT_DRAWN = {
+    **MOVES_PIXELS,
+    "card_offset": "without a trace: no card stands in a frame",
+    "frame_rate": "without a trace: time stamps of frames are not kept",
+    "square_size": "without a trace: no card stands in a frame",
+}
+"""Effects that are never drawn, and why."""
 
 
 class Randomisation(Strict):
@@ -195,6 +203,9 @@ class Randomisation(Strict):
         for name in (*self.only, *self.without):
             if name not in (known := all_effects()):
                 raise ValueError(f"randomisation names {name!r} (allowed: {', '.join(known)})")
+        for name in self.only:
+            if name in NOT_DRAWN:
+                raise ValueError(f"randomisation.only names {name!r} (not drawn: {NOT_DRAWN[name]})")
         return self
 
     @property
@@ -202,8 +213,13 @@ class Randomisation(Strict):
         """Effects that may be drawn, in the library's order."""
         if self.probability == 0.0 or self.strength == 0.0:
             return ()
-        out = (*self.without, *MOVES_PIXELS)
-        return tuple(e for e in all_effects() if (not self.only or e in self.only) and e not in out)
+        return tuple(e for e in all_effects() if (not self.only or e in self.only) and e not in self.left_out)
+
+    @property
+    def left_out(self) -> dict[str, str]:
+        """Effects that are not drawn, and why; those that ``only`` does not name are not among them."""
+        asked = dict.fromkeys((e for e in all_effects() if e in self.without), "by this configuration")
+        return dict(sorted({**asked, **NOT_DRAWN}.items()))
 
 
 class Trial(Strict):

@@ -22,6 +22,13 @@ from evanesce.effects.protocol import Effect
 BLOCK = 64
 """Points of a sequence that are drawn at a time."""
 
+SINCE: dict[str, tuple[str, float, float]] = {
+    "creep": ("held_before_s", 0.1, 10.0),
+    "led_warmup": ("on_before_s", 1.0, 3600.0),
+}
+"""Effects that grow with time, of which a trial of seconds sees one moment: the parameter that tells how long they have
+been at work when it begins, and the ends of its log-uniform distribution [s]."""
+
 PROGRAMME_KEYS = tuple(Programme.model_fields)
 
 
@@ -137,7 +144,8 @@ def draw_effect(effect: Effect, strength: float, stream: np.random.Generator) ->
     """Draw an effect's parameters at plausible departures from its null.
 
     A parameter that declares where to start (it has no derivative at null) is drawn around one of those values; others
-    are normal around their null, folded where the null lies on the bounds' edge.
+    are normal around their null, folded where the null lies on the bounds' edge. What grows with time has been at work
+    for a time of :data:`SINCE`.
     """
     values: dict[str, float] = {}
     for candidate in effect.candidate_parameters():
@@ -154,6 +162,9 @@ def draw_effect(effect: Effect, strength: float, stream: np.random.Generator) ->
                 abs(step) if candidate.null == low else -abs(step) if candidate.null == high else step
             )
         values[candidate.name] = float(np.clip(value, low, high))
+    if effect.id in SINCE:
+        name, low, high = SINCE[effect.id]
+        values[name] = float(np.exp(stream.uniform(np.log(low), np.log(high))))
     table: dict[str, Any] = effect.with_values(values).model_dump(mode="json")
     return table
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from evanesce.dataset import layout
+from evanesce.dataset.config import Randomisation
 from evanesce.dataset.job import load_job
 from evanesce.dataset.manifest import Manifest
 
@@ -47,7 +48,18 @@ def describe(folder: Path) -> dict[str, Any]:
         "plate_pitch_mm": job.config.labels.grid_size_mm / job.config.labels.grid_samples,
         "precision": job.config.labels.precision,
         "raw": job.config.labels.raw,
+        **effects(job.config.randomisation),
         "seed": job.seed,
         "config_sha256": job.digest,
         "evanesce": meta.get("evanesce", ""),
+    }
+
+
+def effects(options: Randomisation) -> dict[str, Any]:
+    """Return which effects the rigs draw, how often, and which never act and why."""
+    drawn = options.candidates
+    return {
+        "effects_drawn": ", ".join(drawn) or "none",
+        "share_of_rigs_with_an_effect": options.probability if drawn else 0.0,
+        "effects_not_drawn": options.left_out,
     }

@@ -12,7 +12,7 @@ from typing import Any
 
 from evanesce import provenance
 from evanesce.dataset import layout
-from evanesce.dataset.config import MAX_FRAME_BYTES, MAX_FRAMES, DatasetConfig
+from evanesce.dataset.config import MAX_FRAME_BYTES, MAX_FRAMES, MOVES_PIXELS, DatasetConfig
 from evanesce.errors import InputError
 from evanesce.rig import Scene
 
@@ -122,6 +122,8 @@ def new_job(scene: Scene, config: DatasetConfig, *, frames: int, seed: int) -> J
         raise InputError(f"{frames} frames", key="--n", allowed=f"1 to {MAX_FRAMES}")
     if scene.finger.height_map is not None:
         raise InputError("a height map does not slide", key="finger.height_map", allowed="finger.ridges, or neither")
+    for name in MOVES_PIXELS.keys() & scene.effects.keys():
+        raise InputError(MOVES_PIXELS[name], key=f"effects.{name}", allowed="a scene without it")
     per = config.trial.frames
     job = Job(scene, config, seed, math.ceil(frames / per) * per)
     cols, rows = job.resolution

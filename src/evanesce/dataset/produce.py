@@ -15,7 +15,7 @@ from evanesce.dataset.encode import exr, png
 from evanesce.dataset.job import Job
 from evanesce.dataset.labels import FrameLabeller, plate_labels
 from evanesce.dataset.layout import frame_key
-from evanesce.dataset.rigs import RealRig, RigCamera, as_seen, plate_grid, real_rig, rig_scene
+from evanesce.dataset.rigs import RealRig, RigCamera, all_of, as_seen, plate_grid, real_rig, rig_scene
 from evanesce.dataset.trial import SCALARS, FrameTruth, Trial, areas
 from evanesce.effects import Stage
 from evanesce.states import PlateGrid
@@ -173,7 +173,7 @@ class Producer:
             **{name: None if math.isnan(value) else value for name, value in onsets.items()},
             "finger": plans["finger"],
             "friction": plans["friction"],
-            "rig": {**plans["rig"], "left_out": list(current.left_out)},
+            "rig": {**plans["rig"], "effects": all_of(self.job.scene, plan.rig), "left_out": list(current.left_out)},
             "programme": plans["programme"],
             "seed": self.job.seed,
             "config_sha256": self.job.digest,

@@ -49,11 +49,16 @@ def rig_scene(base: Scene, rig: RigPlan, finger: FingerPlan, config: DatasetConf
         }
     data["press"] = {"forces_N": [1.0], "frame_rate_hz": config.trial.frame_rate_hz}
     data["contact"] = {"law": "hertz"}
-    data["effects"] = rig.effects
+    data["effects"] = all_of(base, rig)
     for dotted, value in rig.changes.items():
         _set(data, dotted, value)
     _scale(data["camera"], config.camera.scale)
     return validate(Scene, data, "rig.draw")
+
+
+def all_of(base: Scene, rig: RigPlan) -> dict[str, dict[str, Any]]:
+    """Return the effects of a rig: those of the scene, and those drawn, which take their place."""
+    return {**base.as_dict().get("effects", {}), **rig.effects}
 
 
 def _set(data: dict[str, Any], dotted: str, value: Any) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -67,6 +67,9 @@ def prepare(observation: Observation, seed: int, exclude: Collection[str] = ()) 
         floor_DN=known["floor_DN"],
         flicker=known["flicker"],
     )
+    if size.codec:
+        # What changes little from frame to frame a codec does not pass on.
+        noise = replace(noise, flicker=max(noise.flicker, known["flicker"]))
     views = [int(v) for v in observation.open]
     parameters = [
         p

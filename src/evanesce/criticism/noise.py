@@ -110,24 +110,36 @@ def noise_of(
     if bright is None:
         white = rng.standard_normal((12, *shape))
         return Noise(tone, np.array([0.0, 255.0]), np.ones(2), flicker, white, False, floor_DN)
-    parts = {kind: _departures(stack) for kind, stack in stacks.items()}
+    parts = {kind: _departures(stack, tone) for kind, stack in stacks.items()}
     levels, ratio = _by_level(list(parts.values()), tone, floor_DN)
-    mean, gains, contrasts = parts["replicate"]
-    found = Noise(tone, levels, ratio, float(np.std(gains, ddof=1)), np.zeros((0, *shape)), True, floor_DN)
+    mean, light, contrasts = parts["replicate"]
+    found = Noise(tone, levels, ratio, jitter_of(light), np.zeros((0, *shape)), True, floor_DN)
     sd = np.sqrt(found.variance(mean))
     lit = tone.variance_at(mean) / BIN_PX**2 > 4 * floor_DN**2
     fields = _filled(contrasts / sd, lit, rng)
     return Noise(tone, levels, ratio, found.flicker, fields, True, floor_DN)
 
 
-def _departures(stack: Array) -> tuple[Array, Array, Array]:
-    """Return a stack's mean, each frame's light over it, and orthonormal contrasts of what else changed."""
+def jitter_of(light: Array) -> float:
+    """Return the standard deviation to expect of the next state's light, from those of some frames.
+
+    A few frames know it badly: Student's law is wider than the scatter they show by sqrt((n - 1)/(n - 3)).
+    """
+    count = len(light)
+    wider = np.sqrt((count - 1) / (count - 3)) if count > 3 else 2.0
+    return float(np.std(light, ddof=1) * wider)
+
+
+def _departures(stack: Array, tone: ExpectedTone) -> tuple[Array, Array, Array]:
+    """Return a stack's mean, each frame's relative light, and orthonormal contrasts of what else changed."""
     mean = stack.mean(axis=0)
-    power = float((mean**2).sum())
-    gains = (stack * mean).sum(axis=(1, 2)) / power if power > 1.0 else np.ones(len(stack))
-    left = stack - gains[:, None, None] * mean
+    # Light is bent by the tone curve: a gain of the 8-bit values would be half of it or less.
+    slope = tone.slope_by_light(mean)
+    power = float((slope**2).sum())
+    light = np.tensordot(stack - mean, slope, 2) / power if power > 1.0 else np.zeros(len(stack))
+    left = stack - mean - light[:, None, None] * slope
     helmert = linalg.helmert(len(stack))
-    return mean, gains, np.tensordot(helmert, left, 1)
+    return mean, light, np.tensordot(helmert, left, 1)
 
 
 def _by_level(parts: list[tuple[Array, Array, Array]], tone: ExpectedTone, floor_DN: float) -> tuple[Array, Array]:

@@ -48,7 +48,8 @@ def nuisance_parameters(views: Sequence[View], flicker: float, noise: float = 0.
             name = f"@pose_{axis}[{session}]"
             found.append(Parameter(name=name, unit="mm", deviation=known["pose_mm"], step=0.02, views=own))
     for k in lit:
-        jitter = max(flicker, known["least_flicker"]) / views[k].frames ** 0.5
+        # Not less for the mean of many frames: they share what their state's light is.
+        jitter = max(flicker, known["least_flicker"])
         found.append(Parameter(name=f"@flicker[{k}]", deviation=jitter, step=0.01, views=(k,), linear=True))
         found.append(Parameter(name=f"@force[{k}]", deviation=known["force"], step=0.01, views=(k,), linear=True))
     for kind in sorted({v.kind for v in views if v.is_card}):

@@ -234,10 +234,17 @@ class Predictor:
             cols, rows = rig.camera.resolution_px
             sensor: SensorLight = SensorLight(irradiance=np.zeros((rows, cols)))
         else:
-            key, light = self._light(rig, view, nuisances, effects, context)
+            key, level, light = self._light(rig, view, nuisances, effects, context)
             stages = [e for e in effects if e.effect.stage in (Stage.PLATE_LIGHT, Stage.SENSOR_LIGHT)]
             key = (key, repr(stages), self._moment(stages, context), _behind_plate(rig, bool(stages)), nuisances.slope)
-            sensor = self._images.get(key, lambda: self._gathered(rig, light(), nuisances, effects, context))
+            if stages:
+                key = (key, level)
+            sensor, at = self._images.get(
+                key, lambda: (self._gathered(rig, light(), nuisances, effects, context), level)
+            )
+            # Marks may bring light of their own; the rest of the way to the sensor is linear.
+            if at != level:
+                sensor = SensorLight(irradiance=sensor.irradiance * (level / at))
         return self._expose(rig, sensor, nuisances, effects, context)
 
     def _moment(self, effects: Sequence[Active], context: Context) -> tuple[float, ...]:
@@ -247,8 +254,8 @@ class Predictor:
 
     def _light(
         self, rig: Scene, view: View, nuisances: Nuisances, effects: tuple[Active, ...], context: Context
-    ) -> tuple[Any, Callable[[], PlateLight]]:
-        """Return a key of the light that leaves the plate, and a function that makes it."""
+    ) -> tuple[Any, float, Callable[[], PlateLight]]:
+        """Return a key of the light that leaves the plate up to the LEDs' level, that level, and what makes it."""
         sight = _sight(rig)
         if view.is_card:
             key: Any = (
@@ -260,9 +267,9 @@ class Predictor:
                 nuisances.shift_mm,
                 nuisances.turn_deg,
             )
-            return key, lambda: self._lights.get(key, lambda: self._card(rig, view, nuisances))
+            return key, 1.0, lambda: self._lights.get(key, lambda: self._card(rig, view, nuisances))
         if view.force_N is None:
-            return ("dark", sight), lambda: _dark(rig)
+            return ("dark", sight), 1.0, lambda: _dark(rig)
         force = float(self._apply(Stage.LOAD, view.force_N * float(np.exp(nuisances.log_force)), effects, context))
         touching = [e for e in effects if e.effect.stage is Stage.CONTACT]
         moment = (view.time_s,) if rig.slide is not None else self._moment(touching, context)
@@ -287,7 +294,8 @@ class Predictor:
             # Everything on the way is linear in the LEDs' power while their pattern stays.
             return made if at == level else replace(made, radiance=made.radiance * (level / at))
 
-        return (*key, level), light
+        # No light at all is nothing that others could be scaled from.
+        return (key if level > 0.0 else (*key, "off")), level, light
 
     def _card(self, rig: Scene, view: View, nuisances: Nuisances) -> PlateLight:
         """Return the light of a card that lies flat; where the pixels meet its plane is kept."""

@@ -44,11 +44,14 @@ class ExpectedTone:
         Of the 8-bit value [DN].
     variance : ndarray (n,)
         Of the 8-bit value, rounding included [DN^2].
+    black_DN : float
+        Signal without light [raw DN].
     """
 
     signal: Array
     mean: Array
     variance: Array
+    black_DN: float = 0.0
 
     def mean_of(self, signal_DN: Array) -> Array:
         """Return the mean 8-bit value [DN] of mean signals [raw DN]."""
@@ -58,6 +61,12 @@ class ExpectedTone:
         """Return the variance [DN^2] where the mean 8-bit value is ``level_DN``."""
         rising = np.concatenate([[True], np.diff(self.mean) > 1e-9])
         return np.interp(level_DN, self.mean[rising], self.variance[rising])
+
+    def slope_by_light(self, level_DN: Array) -> Array:
+        """Return what a relative change of light adds to the mean 8-bit value where that is ``level_DN`` [DN]."""
+        rising = np.concatenate([[True], np.diff(self.mean) > 1e-9])
+        slope = (self.signal - self.black_DN) * np.gradient(self.mean, self.signal)
+        return np.interp(level_DN, self.mean[rising], np.maximum(slope, 0.0)[rising])
 
 
 def expected_tone(camera: Camera, noise_scale: float = 1.0) -> ExpectedTone:
@@ -110,4 +119,4 @@ def _tabulate(
         share = np.diff(below, axis=1, prepend=0.0, append=1.0)
         values = table[low : high + 1]
         mean[part], square[part] = share @ values, share @ values**2
-    return ExpectedTone(signal, mean, np.maximum(square - mean**2, 0.0))
+    return ExpectedTone(signal, mean, np.maximum(square - mean**2, 0.0), black_DN)

@@ -33,7 +33,7 @@ from evanesce.measurement.refined_light import Radiometry
 from evanesce.measurement.segment import Chain
 from evanesce.measurement.uncertainty import Finger
 from evanesce.measurement.uncertainty_area import author_uncertainty, refined_uncertainty
-from evanesce.measurement.warn import FrameLog, Warning, scale_warning
+from evanesce.measurement.warn import EdgeLog, FrameLog, Warning, scale_warning
 from evanesce.states import Frame
 
 TABLE_ROWS = 24
@@ -184,14 +184,14 @@ def run(job: Job) -> Result:
     """
     stream = job.stream
     rows: list[AreaRow] = []
-    log = FrameLog(job.chain.threshold)
+    log, edges = FrameLog(job.chain.threshold), EdgeLog()
     peak: Measured | None = None
     with ExitStack() as stack:
         bar = stack.enter_context(progress())
         task = bar.add_task("measure", total=stream.count)
         video: OverlayVideo | None = None
         for frame in stream:
-            measured, interval = _measure(frame, job)
+            measured, interval = _measure(frame, job, edges)
             if job.out is not None and stream.count != 1:
                 if video is None:  # only now is it known that the input is good, so that a folder may be made
                     folder = out_dir(job.out, "measure")
@@ -206,14 +206,15 @@ def run(job: Job) -> Result:
     if peak is None:
         stream.finish()
         raise InputError("no readable frame", file=job.path)
-    return Result(rows, peak, [*job.warnings, *stream.warnings, *log.warnings()])
+    return Result(rows, peak, [*job.warnings, *stream.warnings, *log.warnings(), *edges.warnings(len(rows))])
 
 
-def _measure(frame: Frame, job: Job) -> tuple[Measured, tuple[float, float]]:
+def _measure(frame: Frame, job: Job, edges: EdgeLog) -> tuple[Measured, tuple[float, float]]:
     """Return one frame measured, and the 95 % interval of its area [mm^2]."""
     draws = rng.generator(0, "uncertainty", frame.index)
     if job.estimator is not None:
         found = job.estimator.area(frame.data)
+        edges.add(frame.index, found.unseen)
         video = job.stream.stated_rate is not None
         interval = refined_uncertainty(found, job.estimator, draws, video=video, finger=job.finger).interval_mm2
         return refined_measured(frame, found, job.estimator), interval

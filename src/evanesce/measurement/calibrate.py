@@ -64,6 +64,8 @@ class Calibrated:
         The same after undistortion: corner minus straight, even grid [px of the undistorted picture].
     scale, scale_undistorted : ScaleMap
         Of the first distinct view, in the picture and after undistortion.
+    focal_given : bool
+        Whether the rig's drawing told a focal length.
     warnings : list of Warning
     """
 
@@ -75,6 +77,7 @@ class Calibrated:
     held_out_straight: list[Array]
     scale: ScaleMap
     scale_undistorted: ScaleMap
+    focal_given: bool
     warnings: list[Warning]
 
     @property
@@ -148,6 +151,7 @@ def calibrate(
         held_out_straight=residuals[1],
         scale=local_scale(distinct[0]),
         scale_undistorted=local_scale(straight),
+        focal_given=expect_focal_px is not None,
         warnings=warnings,
     )
 
@@ -347,6 +351,7 @@ def report(result: Calibrated) -> dict[str, Any]:
     return {
         "model": next(m for m, names in MODELS.items() if set(names) == _free(fit)),
         "focal_length_identified": isinstance(fit, PinholeFit),
+        "focal_length_given": result.focal_given,
         "standard_errors": fit.standard_errors,
         "grid_rms_px": result.grid_rms_px,
         "grid_rms_undistorted_px": result.straight_rms_px,

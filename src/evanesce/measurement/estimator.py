@@ -9,7 +9,7 @@ there is no single area per pixel. Frames are read as taken: nothing is resample
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -36,6 +36,7 @@ from evanesce.states import Estimate, Frame
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Unseen = Literal["", "top", "modelled"]
 
 PLAIN_MARGIN_PX = 60
 GLOW_MARGIN_PX = 260
@@ -98,6 +99,9 @@ class RefinedArea:
     spread_mm : float, optional
         How much wider the edge is than at its median (:func:`~.refined_edge.edge_spread`); None where it is not the
         frame's own: saturated, or after light's walk was turned round.
+    unseen : {"", "top", "modelled"}
+        What saturation hides of the edge: nothing; its top, so that its foot was read; more, under glow, so that the
+        saturated part was put in by a model.
     """
 
     area_mm2: float
@@ -110,6 +114,7 @@ class RefinedArea:
     dropped: int
     step: float
     spread_mm: float | None = None
+    unseen: Unseen = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,14 +206,16 @@ class Estimator:
         window = _window(coarse, GLOW_MARGIN_PX if walk.length_px else PLAIN_MARGIN_PX)
         local, first = light[window], coarse[window]
         inward = 0.0
-        if not walk.length_px and saturated:
+        unseen: Unseen = ""
+        if walk.length_px:
+            boundary = self._under_glow(local, full[window] if saturated else None, first, walk)
+            unseen = "modelled" if saturated else ""
+        elif saturated:
             inward, boundary = self._saturated_edge(local, full[window])
+            unseen = "top"
         else:
-            if walk.length_px:
-                boundary = self._under_glow(local, full[window] if saturated else None, first, walk)
-            else:
-                boundary = find_boundary(local, first, settings.edge)
-        found = self._measured(boundary, window, light.shape, full, walk, inward)
+            boundary = find_boundary(local, first, settings.edge)
+        found = replace(self._measured(boundary, window, light.shape, full, walk, inward), unseen=unseen)
         if walk.length_px or saturated or not found.contours:
             return found
         side = np.sqrt(self.plate.pixel_area(np.concatenate(found.contours)).mean())

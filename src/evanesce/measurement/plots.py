@@ -98,7 +98,7 @@ def histogram_figure(measured: Measured, threshold: float, blur: float) -> Figur
     axes.set_xlabel("grey level [1]")
     axes.set_ylabel("pixels")
     axes.set_xlim(0, 1)
-    axes.legend()
+    axes.legend(loc="upper right")
     return figure
 
 

@@ -14,7 +14,9 @@ memo 15-04, 2015: the profile, whose transform over the plane has the closed for
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -110,20 +112,26 @@ def find_walk(light: Floats, mask: Mask, *, reach_px: float, apart_px: float = 6
         return Walk()
 
     def left_outside(x: Floats) -> float:
-        walk = Walk(float(np.exp(x[0])) / COARSE, float(np.clip(x[1], 0.0, 0.9)))
-        found = entered(small, walk, 1.0)
-        penalty = 10.0 * float(np.maximum(np.abs(x[1] - 0.45) - 0.45, 0.0))
-        return float(np.sqrt(np.mean(found[around] ** 2)) / abs(found[within].mean())) + penalty
+        found = entered(small, Walk(float(np.exp(x[0])) / COARSE, float(x[1])), 1.0)
+        return float(np.log(np.sqrt(np.mean(found[around] ** 2)) / abs(found[within].mean())))
 
     # no walk at all, or one of some tenths of a millimetre
     none = float(np.sqrt(np.mean(small[around] ** 2)) / small[within].mean())
-    best = min(
-        (
-            minimize(left_outside, [np.log(start), 0.3], method="Nelder-Mead", options={"maxfev": 60, "xatol": 0.01})
-            for start in (5.0, 30.0)
-        ),
-        key=lambda r: r.fun,
-    )
-    if best.fun > 0.7 * none:
+    best = min((_least(left_outside, start, reach_px) for start in (5.0, 30.0)), key=lambda r: r.fun)
+    if np.exp(best.fun) > 0.7 * none:
         return Walk()
-    return Walk(float(np.exp(best.x[0])), float(np.clip(best.x[1], 0.0, 0.9)))
+    return Walk(float(np.exp(best.x[0])), float(best.x[1]))
+
+
+def _least(function: Callable[[Floats], float], length_px: float, most_px: float) -> Any:
+    """Minimise over the log of a length and a share that returns, from a length on.
+
+    A longer walk and more that returns look almost alike: the least lies in a valley across both, and a small first
+    simplex with a coarse tolerance stops at its edge.
+    """
+    start = float(np.log(length_px))
+    simplex = [[start, 0.1], [start + 0.4, 0.1], [start, 0.4]]
+    return minimize(
+        function, simplex[0], method="Nelder-Mead", bounds=[(0.0, np.log(most_px)), (0.0, 0.9)],
+        options={"initial_simplex": simplex, "xatol": 5e-3, "fatol": 1e-5, "maxfev": 200},
+    )  # fmt: skip

@@ -2,12 +2,13 @@
 
 A model of the measurement turns an area as read into the area sought:
 
-    A = A_read (1 + print)^2 (1 - height / distance)^2 (1 + scale) - perimeter * boundary + noise
+    A = A_read (1 + print)^2 (1 - height (1 + nearness) / distance)^2 (1 + scale) - perimeter * boundary + noise
 
 print: printed over stated length of the card; height: printed side over the contact plane, which makes the card smaller
-in the picture; scale: what the fitted scale is off at the contact; boundary: how far outside the contact the curve
-runs, the sum of blur, film of air, sampling, codec and threshold; noise: of the frame. Every quantity has a
-distribution whose origin is said in words; one that is not centred corrects the value as well as widening it.
+in the picture; nearness: how much nearer than stated the lens may be, of one over its distance; scale: what the fitted
+scale is off at the contact; boundary: how far outside the contact the curve runs, the sum of blur, film of air,
+sampling, codec and threshold; noise: of the frame. Every quantity has a distribution whose origin is said in words; one
+that is not centred corrects the value as well as widening it.
 
 References
 ----------
@@ -20,14 +21,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Finger = Literal["ridged", "smooth"]
-Role = Literal["print", "height", "scale", "boundary", "noise"]
+Role = Literal["print", "height", "nearness", "scale", "boundary", "noise"]
 
 COVERAGE = 0.95
 COVERAGE_FACTOR = 1.959963984540054
@@ -45,7 +46,7 @@ class Component:
         Where it enters the model; several may share a role, their effects add.
     low, high : float
         Limits of a rectangular distribution, or one standard deviation either side of the mean of a normal one; in the
-        unit of the role: relative length, mm, relative area, mm, mm^2.
+        unit of the role: relative length, mm, relative inverse length, relative area, mm, mm^2.
     shape : {"rectangular", "normal"}
     origin : str
         Why this size.
@@ -124,12 +125,13 @@ class Uncertain:
 
 def model(reading: Reading, values: Mapping[Role, Any]) -> Any:
     """Return the area sought [mm^2] for values of the inputs, each a number or an array of draws."""
-    scale = (1.0 + values["print"]) ** 2 * (1.0 - values["height"] / reading.distance_mm) ** 2 * (1.0 + values["scale"])
+    smaller = 1.0 - values["height"] * (1.0 + values["nearness"]) / reading.distance_mm
+    scale = (1.0 + values["print"]) ** 2 * smaller**2 * (1.0 + values["scale"])
     return reading.area_mm2 * scale - reading.perimeter_mm * values["boundary"] + values["noise"]
 
 
 def _sums(components: Sequence[Component], of: Mapping[str, Any]) -> dict[Role, Any]:
-    found: dict[Role, Any] = {"print": 0.0, "height": 0.0, "scale": 0.0, "boundary": 0.0, "noise": 0.0}
+    found: dict[Role, Any] = dict.fromkeys(get_args(Role), 0.0)
     for component in components:
         found[component.role] = found[component.role] + of[component.name]
     return found
@@ -212,6 +214,14 @@ FILM_LIMITS_MM = {"smooth": (0.0, 0.002), "ridged": (-0.003, 0.007)}
 """Limits of the same way where the frame does not show the edge's own width: saturated, or in silicone that glows."""
 
 
+UNSEEN_PX = {"top": 0.4, "modelled": 1.2}
+"""Limits of the way of an edge that saturation hides [px], by what it hides: the estimator study's greatest errors,
+rounded up; on another rig they may be larger."""
+
+TURNED_ROUND_PX = 0.4
+"""The same of an edge that was found after light's walk in the silicone was turned round."""
+
+
 def card_components(*, tolerance: float = PRINT_TOLERANCE, height_mm: float = CARD_HEIGHT_MM) -> list[Component]:
     """Return what every area owes to the card that set its scale."""
     return [
@@ -226,9 +236,38 @@ def card_components(*, tolerance: float = PRINT_TOLERANCE, height_mm: float = CA
     ]  # fmt: skip
 
 
+FOCAL_OF_DRAWING = 0.05
+"""Relative tolerance of a focal length that a drawing or a lens's label states."""
+
+FOCAL_ASSUMED = 0.6
+"""Relative tolerance of one over the distance where the focal length was taken as the longer side of the frame: true
+for fields of view of 23 to 77 degrees along that side."""
+
+
+def nearness_component(known: Literal["found", "drawing", "assumed"], found_error: float = 0.0) -> Component:
+    """Return how well the lens's distance is known, which only matters for the card's height.
+
+    Parameters
+    ----------
+    known : {"found", "drawing", "assumed"}
+        Where the focal length, and with the scale the distance, comes from: tilted boards tell it, one that lies on the
+        glass does not.
+    found_error : float
+        Relative standard error of a focal length that was found.
+    """
+    if known == "found":
+        return Component(
+            name="lens distance", role="nearness", low=-found_error, high=found_error, shape="normal",
+            origin="focal length, from tilted boards",
+        )  # fmt: skip
+    half = FOCAL_OF_DRAWING if known == "drawing" else FOCAL_ASSUMED
+    origin = "focal length by the rig's drawing" if known == "drawing" else "focal length not known: an ordinary lens"
+    return Component(name="lens distance", role="nearness", low=-half, high=half, shape="rectangular", origin=origin)
+
+
 def refined_components(
     pixel_mm: float, scale_standard: float, *, video: bool = False, finger: Finger = "ridged",
-    spread_mm: float | None = None,
+    spread_mm: float | None = None, unseen: str = "", glow: bool = False,
 ) -> list[Component]:  # fmt: skip
     """Return the budget of the refined estimator beyond the card.
 
@@ -242,8 +281,10 @@ def refined_components(
         Whether frames went through a lossy codec.
     finger : {"ridged", "smooth"}
         Counts where the edge's own width is not known.
-    spread_mm : float, optional
+    spread_mm, unseen : float, str, optional
         Of :class:`~evanesce.measurement.estimator.RefinedArea`.
+    glow : bool
+        Whether light's walk in the silicone was turned round.
     """
     found = [
         Component(
@@ -272,6 +313,22 @@ def refined_components(
                 origin="blur that is not symmetric, envelopes, sampling of the curve: a tenth of a pixel",
             ),
         ]  # fmt: skip
+    if glow:
+        half = TURNED_ROUND_PX * pixel_mm
+        found.append(
+            Component(
+                name="light's walk", role="boundary", low=-half, high=half, shape="rectangular",
+                origin="light's walk in the silicone, found from the frame and turned round",
+            )
+        )  # fmt: skip
+    if unseen:
+        half = UNSEEN_PX[unseen] * pixel_mm
+        found.append(
+            Component(
+                name="saturated edge", role="boundary", low=-half, high=half, shape="rectangular",
+                origin="the edge is read from light beside the part that is at full scale",
+            )
+        )  # fmt: skip
     if video:
         found.append(
             Component(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from skimage.measure import perimeter_crofton
@@ -20,6 +21,7 @@ from evanesce.measurement.uncertainty import (
     Uncertain,
     author_components,
     card_components,
+    nearness_component,
     propagate,
     refined_components,
 )
@@ -50,14 +52,16 @@ def refined_uncertainty(
     """
     side = math.sqrt(estimator.plate.middle_area)
     spread = estimator.plate.area_standard(found.contours) / found.area_mm2 if found.area_mm2 > 0 else 0.0
-    reading = Reading(
-        area_mm2=found.area_mm2, perimeter_mm=found.perimeter_mm,
-        distance_mm=float(estimator.plate.calibration.camera_matrix[0, 0]) * side,
-    )  # fmt: skip
+    distance, nearness = lens_distance(estimator.plate.calibration, side)
+    reading = Reading(area_mm2=found.area_mm2, perimeter_mm=found.perimeter_mm, distance_mm=distance)
     parts = [
         *(card_components() if cards is None else cards),
-        *refined_components(side, spread, video=video, finger=finger, spread_mm=None if video else found.spread_mm),
-    ]
+        nearness,
+        *refined_components(
+            side, spread, video=video, finger=finger, spread_mm=None if video else found.spread_mm,
+            unseen=found.unseen, glow=found.walk.length_px > 0,
+        ),
+    ]  # fmt: skip
     return propagate(reading, parts, rng)
 
 
@@ -84,7 +88,7 @@ def author_uncertainty(
     details = calibration.details if calibration else {}
     perimeter_px, away_px = author_boundary(measured, details.get("tone_curve", "bt709"))
     perimeter, away = perimeter_px * side, away_px * side
-    distance = float(calibration.camera_matrix[0, 0]) * side if calibration else UNKNOWN_DISTANCE_MM
+    distance, nearness = lens_distance(calibration, side)
     spread = details.get("scale_spread_undistorted")
     square = (calibration.square_side_mm if calibration else None) or 15.0
     parts = author_components(
@@ -92,7 +96,29 @@ def author_uncertainty(
         spread=float(spread) if isinstance(spread, float) and 0 <= spread < 1 else UNKNOWN_SPREAD,
     )  # fmt: skip
     reading = Reading(area_mm2=measured.estimate.area, perimeter_mm=perimeter, distance_mm=distance)
-    return propagate(reading, [*(card_components() if cards is None else cards), *parts], rng)
+    return propagate(reading, [*(card_components() if cards is None else cards), nearness, *parts], rng)
+
+
+def lens_distance(calibration: Calibration | None, pixel_mm: float) -> tuple[float, Component]:
+    """Return the distance of the contact plane from the lens, as it appears through the glass [mm], and how well known.
+
+    Focal length over scale. A board that lies flat on the glass does not tell the focal length, so that it counts for
+    what it is worth: found, taken from the rig's drawing, or assumed.
+
+    Parameters
+    ----------
+    calibration : Calibration, optional
+    pixel_mm : float
+        Side of a pixel on the plate, near the axis.
+    """
+    if calibration is None:
+        return UNKNOWN_DISTANCE_MM, nearness_component("assumed")
+    focal, details = float(calibration.camera_matrix[0, 0]), calibration.details
+    if details.get("focal_length_identified") is True:
+        error = (details.get("standard_errors") or {}).get("fx", 0.0)
+        return focal * pixel_mm, nearness_component("found", float(error) / focal)
+    known: Literal["drawing", "assumed"] = "drawing" if details.get("focal_length_given") is True else "assumed"
+    return focal * pixel_mm, nearness_component(known)
 
 
 def author_boundary(measured: Measured, curve: str | Sequence[float]) -> tuple[float, float]:

@@ -159,6 +159,35 @@ class FrameLog:
         )
 
 
+@dataclass
+class EdgeLog:
+    """Gathers the frames in which saturation hides the edge from the refined estimator."""
+
+    count: int = 0
+    modelled: int = 0
+    first: int = -1
+
+    def add(self, index: int, unseen: str) -> None:
+        """Take in one frame; see :class:`~evanesce.measurement.estimator.RefinedArea` for what is unseen."""
+        if not unseen:
+            return
+        if self.count == 0:
+            self.first = index
+        self.count += 1
+        self.modelled += unseen == "modelled"
+
+    def warnings(self, frames: int) -> list[Warning]:
+        """Return what there is to say of so many frames."""
+        if not self.count:
+            return []
+        glow = f", in {self.modelled} of them under glow as well, where a model puts it in" if self.modelled else ""
+        text = (
+            f"the contact's edge is at full scale in {self.count} of {frames} frame(s), first {self.first}{glow}: "
+            f"its interval is wider; expose less"
+        )
+        return [Warning("saturated_edge", text)]
+
+
 def frame_rate_warning(stated: float | None, given: float | None, where: str) -> Warning | None:
     """Compare the frame rate a file states with the one the user gives.
 

@@ -30,7 +30,8 @@ from evanesce.measurement.uncertainty import (
     card_components,
     propagate,
 )
-from evanesce.measurement.uncertainty_area import author_boundary, refined_uncertainty
+from evanesce.measurement.uncertainty_area import author_boundary, lens_distance, refined_uncertainty
+from evanesce.optics.projection import Projection
 from evanesce.rig import Scene
 from evanesce.validation.calibrated_rig import CardErrors, calibrated, drawn_corners
 from evanesce.validation.estimator_study import PLACES, REFERENCE_V, Lit, fingers_of, placed
@@ -233,15 +234,22 @@ def _block(
 ) -> dict[str, Any]:
     """Return some measurements, a row of one result a class; each draws from its own number."""
     rows = []
+    flat = Projection.of(scene.camera, scene.plate)
+    distance = flat.clearance + flat.thickness / flat.refractive_index  # of the contact plane, through the glass
     for number in numbers:
         draws = rng.generator(seed, "budget", number)
         errors, edge_px = draw_errors(draws)
         calibration = replace(nominal, details={**nominal.details, "corners": drawn_corners(scene, errors, draws)})
         estimator = Estimator.of(calibration)
+        # the square as printed and as it lies; the calibration without errors holds the scale of a perfect one
+        assert nominal.mm2_per_px is not None
+        assert nominal.square_side_mm is not None
+        square_px = nominal.square_side_mm / np.sqrt(nominal.mm2_per_px)
+        square = errors.square_scale / (1.0 + errors.height_mm / distance) + 2.0 * edge_px / square_px
         rows.append(
             [
                 _measure(
-                    some[int(draws.integers(len(some)))], estimator, calibration, (errors, edge_px), draws,
+                    some[int(draws.integers(len(some)))], estimator, calibration, square, draws,
                     "ridged" if "ridged" in finger else "smooth",
                 )
                 for (finger, _), some in shots.items()
@@ -251,8 +259,8 @@ def _block(
 
 
 def _measure(
-    shot: Shot, estimator: Estimator, calibration: Calibration, card: tuple[CardErrors, float],
-    draws: np.random.Generator, finger: Finger,
+    shot: Shot, estimator: Estimator, calibration: Calibration, square: float, draws: np.random.Generator,
+    finger: Finger,
 ) -> dict[str, Any]:  # fmt: skip
     plate = estimator.plate
     on_plate = [plate.to_plate(curve) for curve in shot.contours]
@@ -263,19 +271,18 @@ def _measure(
         spread_mm=shot.spread_mm,
     )  # fmt: skip
     refined = refined_uncertainty(found, estimator, draws, finger=finger)
-    errors, edge_px = card
     assert calibration.mm2_per_px is not None
     assert calibration.square_side_mm is not None
     side = float(np.sqrt(calibration.mm2_per_px))
-    distance, square_px = float(calibration.camera_matrix[0, 0]) * side, calibration.square_side_mm / side
-    # the square as printed and as it lies; the calibration without errors holds the scale of a perfect one
-    in_picture = errors.square_scale / (1.0 + errors.height_mm / distance) + 2.0 * edge_px / square_px
-    scale = calibration.mm2_per_px / in_picture**2
+    distance, nearness = lens_distance(calibration, side)
+    scale = calibration.mm2_per_px / square**2
     area = shot.pixels * scale
     reading = Reading(area_mm2=area, perimeter_mm=shot.perimeter_px * np.sqrt(scale), distance_mm=distance)
     spread = float(calibration.details["scale_spread_undistorted"])
-    parts = author_components(side, square_px=square_px, spread=spread, threshold_mm=shot.away_px * side)
-    author = propagate(reading, [*card_components(), *parts], draws)
+    parts = author_components(
+        side, square_px=calibration.square_side_mm / side, spread=spread, threshold_mm=shot.away_px * side
+    )
+    author = propagate(reading, [*card_components(), nearness, *parts], draws)
     true = shot.true_mm2
     intervals = (refined.interval_mm2, refined.linear_mm2, author.interval_mm2)
     return {

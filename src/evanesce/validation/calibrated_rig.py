@@ -65,7 +65,8 @@ def calibrated(
     errors = errors or CardErrors()
     projection = _above(scene, errors.height_mm)
     world, seen = _board(scene, errors, projection, rng, rotation_deg, shift_mm)
-    found = calibrate([BoardView("board", world, seen)], scene.camera.resolution_px)
+    focal_px = Projection.of(scene.camera, scene.plate).focal_px  # on the lens's label; a flat board does not tell it
+    found = calibrate([BoardView("board", world, seen)], scene.camera.resolution_px, expect_focal_px=focal_px)
     stated = scene.card.square_side_mm
     square = _square(stated * errors.square_scale, projection, rotation_deg, shift_mm)
     straight = undistort_points(square, found.calibration.camera_matrix, found.calibration.distortion)

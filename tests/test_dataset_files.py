@@ -204,7 +204,7 @@ def test_webdataset_reads_the_shards(whole):
 
 @pytest.mark.parametrize("workers", [0, pytest.param(2, marks=pytest.mark.slow)])
 def test_torch_loads_it(whole, workers):
-    torch = pytest.importorskip("torch")
+    torch = pytest.importorskip("torch", reason="torch is an extra of its own: pip install -e '.[torch]'")
     from torch.utils.data import DataLoader
 
     from evanesce.dataset.torch import FrameDataset, FrameStream

@@ -27,12 +27,12 @@ from evanesce.sensor.codec import write_png
 pytestmark = pytest.mark.whole_case
 
 
-def spec(group: str, cause: str = "", strength: float = 0.0, noise: str = "") -> CaseSpec:
-    """Return the first development case at pose 0 of that kind."""
+def spec(group: str, cause: str = "", strength: float = 0.0, noise: str = "", pose: int = 0) -> CaseSpec:
+    """Return the first development case at a pose of that kind."""
     return next(
         c
         for c in sorted(cases("dev"), key=lambda c: c.id)
-        if c.pose == 0
+        if c.pose == pose
         and c.group == group
         and (not cause or cause in c.causes)
         and (not strength or strength in c.strengths)
@@ -69,6 +69,16 @@ def test_what_is_not_in_the_library_is_called_unknown(cause: str, tmp_path: Path
     answer = judged(spec("unknown", cause), tmp_path)
     assert answer["verdict"] == "unknown"
     assert answer["unknown"]["where"]
+
+
+@pytest.mark.slow
+def test_specks_at_places_of_their_own_are_named_with_them(tmp_path: Path) -> None:
+    """Of the 25 to 60 points those that a bin shows are listed, and the list is about as bright as it was read."""
+    answer = judged(spec("single", "specks", 40.0, pose=2), tmp_path)
+    assert answer["verdict"] == "named"
+    assert [e["id"] for e in answer["effects"]] == ["specks"]
+    assert 3 <= answer["effects"][0]["places"] <= 60
+    assert answer["effects"][0]["parameters"]["marks"]["value"] == pytest.approx(1.0, abs=0.2)
 
 
 @pytest.mark.slow

@@ -21,6 +21,7 @@ from evanesce.criticism.score import ScoreTest
 from evanesce.criticism.signatures import Signature
 from evanesce.criticism.unknown import Flexible
 from evanesce.criticism.views import View
+from evanesce.effects import all_effects
 from evanesce.rig import Scene, dump_scene
 
 Array = NDArray[Any]
@@ -98,7 +99,7 @@ def answer(case: Any, signatures: Sequence[Signature], findings: Findings) -> tu
     """Return the result and what a report shows of it."""
     said = verdict(findings)
     named = findings.best if said != "none" else None
-    effects = [] if named is None else _effects(named)
+    effects = [] if named is None else _effects(named, case.problem.predictor.fixed)
     probabilities = findings.posterior.marginal() if findings.posterior else {}
     result: dict[str, Any] = {
         "global_p": findings.global_p,
@@ -136,12 +137,22 @@ def extended_scene(believed: Scene, named: Extension, fixed: Mapping[str, Mappin
     return scene_with(believed, point, fixed)
 
 
-def _effects(named: Extension) -> list[dict[str, Any]]:
+def _effects(named: Extension, fixed: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
     found: dict[str, dict[str, Any]] = {}
     for name, entry in intervals(named).items():
         effect, _, parameter = name.partition(":")
         found.setdefault(effect, {})[parameter] = entry
-    return [{"id": effect, "parameters": found[effect]} for effect in named.ids]
+    listed = {effect: _places(effect, fixed) for effect in named.ids}
+    return [
+        {"id": effect, "parameters": found[effect]} | ({"places": listed[effect]} if listed[effect] else {})
+        for effect in named.ids
+    ]
+
+
+def _places(effect: str, fixed: Mapping[str, Mapping[str, Any]]) -> int:
+    """Return how many places of an effect were taken from the data."""
+    marks = all_effects()[effect].marks
+    return 0 if marks is None else len(fixed.get(effect, {}).get(marks.x, ()))
 
 
 def _ranking(findings: Findings) -> list[Ranked]:

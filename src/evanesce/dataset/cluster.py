@@ -74,11 +74,11 @@ def cluster_client(workers: int, scheduler: str) -> Iterator[Any]:
             _ended_in_order(),
             tempfile.TemporaryDirectory(prefix="evanesce-dask-", ignore_cleanup_errors=True) as scratch,
             _started(workers, scratch) as cluster,
-            _kept_up(cluster, workers),
             Client(cluster, set_as_default=False) as client,
         ):
             try:
-                yield client
+                with _kept_up(cluster, workers):  # ends before workers are told to: none is to be replaced then
+                    yield client
             except BaseException:
                 _kill_workers(cluster)
                 raise

@@ -19,6 +19,7 @@ import uvicorn
 from fastapi import FastAPI
 from nicegui import background_tasks, ui
 from nicegui.client import Client
+from nicegui.element import Element
 
 from evanesce.errors import EvanesceError
 from evanesce.live.controls import Controls, controls_of, knobs_of
@@ -28,7 +29,7 @@ from evanesce.live.pictures import AGREE, FALSE, MISSED
 from evanesce.live.present import Presented, present, present_own
 from evanesce.live.saved import scene_text
 from evanesce.live.server import PictureStore, guard
-from evanesce.live.widgets import KnobRow, LedMap, Picture
+from evanesce.live.widgets import KnobRow, LedMap, Picture, Screen
 from evanesce.live.worker import Worker
 from evanesce.materials.tables import material_names
 from evanesce.measurement.calibration import Calibration
@@ -38,6 +39,9 @@ log = logging.getLogger(__name__)
 
 DRAWN_WITHIN_S = 1.0
 """How long a browser has to draw a picture before the next is sent all the same."""
+
+PLACES = ("figures", "own", "histogram", "profile")
+"""Parts of the page that are HTML or SVG, by their names in :class:`Presented`."""
 
 RIG_KNOBS = ("voltage_V", "force_N", "ridge_height_um", "defocus_um")
 CHAIN_KNOBS = ("threshold", "min_blob_px", "line_mm")
@@ -175,6 +179,8 @@ class Session:
                 self._publish(found, took)
         finally:
             self._busy = False
+        if not self.client.is_deleted:
+            self._settle()
 
     def _job(self) -> Callable[[], Presented]:
         """Return what is to be computed for the setting as it is now."""
@@ -201,19 +207,18 @@ class Session:
         self.serial += 1
         self._error.set_visibility(False)
         self._stage.classes(remove="stale")
+        self._own_row.set_visibility(self.own is not None)
+        self._times.append(time.monotonic())
+        self._status.text = "ready" + (f"; {found.note}" if found.note else "")
+        parts = {("#speed", "text"): f"{1e3 * took:.0f} ms{self._rate()}", ("#speed", "data-serial"): str(self.serial)}
         for name, picture in self._pictures.items():
             if name in found.images:
                 address = self.bench.pictures.put(f"{self.token}-{self.serial}-{name}.jpg", found.images[name])
-                picture.show(address, found.markup.get(name, "") if name in ("frame", "overlay") else "")
-        for name, place in self._places.items():
-            if name in found.markup:
-                place.set_content(found.markup[name])
-        self._own_row.set_visibility(self.own is not None)
-        self._settle()
-        self._times.append(time.monotonic())
-        self._status.text = "ready" + (f"; {found.note}" if found.note else "")
-        self._speed.text = f"{1e3 * took:.0f} ms{self._rate()}"
-        self._speed.props["data-serial"] = str(self.serial)
+                parts |= picture.part(address, found.markup.get(name, "") if name in ("frame", "overlay") else "")
+        parts |= {(f"#place-{name}", "html"): found.markup[name] for name in PLACES if name in found.markup}
+        for row in (*self._knobs.values(), self._leds.power):
+            parts |= row.part()
+        self._screen.show(parts)
 
     def _rate(self) -> str:
         """Return the updates per second of the last while, where there is a while."""
@@ -229,7 +234,8 @@ class Session:
         self._settle()
         if stale:
             self._stage.classes(add="stale")
-            self._status.text, self._speed.text = "not shown", ""
+            self._status.text = "not shown"
+            self._screen.show({("#speed", "text"): ""})
 
     def _settle(self) -> None:
         for row in (*self._knobs.values(), self._leds.power):
@@ -260,9 +266,10 @@ class Session:
                 ui.label(scene.title or "a rig without a title").classes("scene-title")
             with ui.element("div").classes("state"):
                 self._status = ui.label("preparing").props('role="status" id="status"')
-                self._speed = ui.label("").props('id="speed"')
+                ui.element("div").props('id="speed"')
             ui.button("Reset", on_click=self.reset).props("outline no-caps dense")
             ui.button("Save as scene", on_click=self.save).props("unelevated no-caps dense color=primary")
+        self._screen = Screen()
         self._preparing = ui.element("div").classes("preparing").props('aria-hidden="true"')
         self._error = ui.label("").classes("error").props('role="alert" id="error"')
         self._error.set_visibility(False)
@@ -300,7 +307,6 @@ class Session:
 
     def _build_stage(self) -> None:
         self._pictures: dict[str, Picture] = {}
-        self._places: dict[str, ui.html] = {}
         with ui.element("div").classes("pictures"):
             with _card("Frame", "as the camera takes it; dashed: enlarged beside"):
                 self._pictures["frame"] = Picture("frame", "frame of the camera")
@@ -309,21 +315,21 @@ class Session:
                 self._pictures["overlay"] = Picture("overlay", alt, self._drawn.set)
                 ui.html(_legend(), sanitize=False).classes("legend")
             with _card("Figures", ""):
-                self._places["figures"] = ui.html("", sanitize=False).classes("figures")
+                _place("figures").classes("figures")
         with ui.element("div").classes("pictures own") as self._own_row:
             with _card("Own frame", "undistorted" if self.bench.lab.calibration else "as it is"):
                 self._pictures["own"] = Picture("own", "own frame")
             with _card("Its mask", "blue, by the same threshold and least blob"):
                 self._pictures["own_mask"] = Picture("own-mask", "own frame with its mask in blue")
             with _card("Its figures", ""):
-                self._places["own"] = ui.html("", sanitize=False).classes("figures")
+                _place("own").classes("figures")
                 ui.button("Close", on_click=self.close_own).props('flat no-caps dense aria-label="Close the own frame"')
         self._own_row.set_visibility(False)
         with ui.element("div").classes("charts"):
             with _card("Histogram", "blue: truly in contact; grey: elsewhere; black line: own frame"):
-                self._places["histogram"] = ui.html("", sanitize=False).props('id="place-histogram"')
+                _place("histogram")
             with _card("Profile", "along the dashed line; blue: truly in contact"):
-                self._places["profile"] = ui.html("", sanitize=False).props('id="place-profile"')
+                _place("profile")
         self._build_own()
 
     def _build_own(self) -> None:
@@ -339,6 +345,11 @@ class Session:
             ui.button("Open a frame …", on_click=lambda: upload.run_method("pickFiles")).props("outline no-caps dense")
             ui.number("area of its pixel", value=self.own_scale, min=0.0, suffix="mm²", format="%.7g",
                       on_change=lambda e: self.set_own_scale(e.value)).props("dense outlined")  # fmt: skip
+
+
+def _place(name: str) -> Element:
+    """Make an empty place that :class:`Screen` fills."""
+    return ui.element("div").props(f'id="place-{name}"')
 
 
 def _heading(text: str) -> None:

@@ -15,8 +15,8 @@ from evanesce.live.charts import histogram_svg, profile_svg
 from evanesce.live.engine import Shown
 from evanesce.live.own import OwnMeasured
 
-FRAME_COLS = 1000
-"""Widest picture of a frame that is sent."""
+FRAME_COLS = 720
+"""Widest picture that is sent: on a page of 1680 px it is 560 px wide, and all pixels are coded and decoded."""
 
 
 @dataclass(frozen=True)

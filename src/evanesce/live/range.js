@@ -1,11 +1,19 @@
-// The browser's own slider: it has a role, takes focus, and knows arrows, Page, Home and End by itself.
+// The browser's own slider: it has a role, takes focus, and knows arrows, Page, Home and End by itself. It holds its
+// value itself and tells each new one as "moved": a model would have the whole page rendered anew at every step.
 export default {
-  template: `<input type="range" :min="min" :max="max" :step="step" :value="modelValue" @input="moved" />`,
-  props: { min: Number, max: Number, step: Number, modelValue: Number, loopback: Boolean },
-  emits: ["update:modelValue"],
+  template: `<input type="range" :min="min" :max="max" :step="step" :value="held" @input="moved" />`,
+  props: { min: Number, max: Number, step: Number, start: Number },
+  emits: ["moved"],
+  data() {
+    return { held: this.start };
+  },
   methods: {
     moved(event) {
-      this.$emit("update:modelValue", Number(event.target.value));
+      this.held = Number(event.target.value);
+      this.$emit("moved", this.held);
+    },
+    put(value) {
+      this.held = value;
     },
   },
 };

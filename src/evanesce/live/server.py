@@ -136,7 +136,7 @@ class PictureStore:
         """Hand the pictures out."""
 
         @app.get("/picture/{name}")
-        def picture(name: str) -> Response:
+        async def picture(name: str) -> Response:  # no thread of its own: there is nothing to wait for
             # A name is looked up, nothing else: it never becomes a path.
             data = self._pictures.get(name)
             if data is None:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from nicegui import ui
 from nicegui.element import Element
-from nicegui.elements.mixins.value_element import ValueElement
 
 from evanesce.live.controls import Knob, led_names
 from evanesce.optics.led import led_positions
@@ -29,7 +28,7 @@ MOVE_BY_ARROWS = """(e) => {
 """One stop of the Tab key for all LEDs; the arrow keys go from one to the next."""
 
 
-class Range(ValueElement[float], component="range.js"):
+class Range(Element, component="range.js"):
     """The browser's own slider; it moves at once, not when the server says so: a held key would lose steps on the way.
 
     Parameters
@@ -39,11 +38,36 @@ class Range(ValueElement[float], component="range.js"):
         Called with each new value, at most every ``THROTTLE_S``.
     """
 
-    LOOPBACK = False
-
     def __init__(self, *, low: float, high: float, step: float, value: float, changed: Callable[[float], None]) -> None:
-        super().__init__(value=value, on_value_change=lambda e: changed(e.value), throttle=THROTTLE_S)
-        self._props["min"], self._props["max"], self._props["step"] = low, high, step
+        super().__init__()
+        self._props["min"], self._props["max"], self._props["step"], self._props["start"] = low, high, step, value
+        self.on("moved", lambda event: changed(float(event.args)), throttle=THROTTLE_S)
+
+    def put(self, value: float) -> None:
+        """Move the slider from here, without an echo."""
+        self.run_method("put", value)
+
+
+class Screen(Element, component="screen.js"):
+    """What changes with every picture, put past the page's model of elements, which is compared whole each time."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._shown: dict[tuple[str, str], str] = {}
+
+    def show(self, parts: Mapping[tuple[str, str], str]) -> None:
+        """Send what is new.
+
+        Parameters
+        ----------
+        parts : mapping
+            (CSS selector, "html", "text", "value" or the name of an attribute) -> text. HTML is taken as it is: it has
+            to come from this package.
+        """
+        new = {key: text for key, text in parts.items() if key[1] == "value" or self._shown.get(key) != text}
+        self._shown |= new
+        if new:
+            self.run_method("show", [[selector, what, text] for (selector, what), text in new.items()])
 
 
 class KnobRow:
@@ -62,7 +86,7 @@ class KnobRow:
         spoken = f"{knob.label} [{knob.unit}]" if knob.unit else knob.label
         with ui.element("div").classes("knob").props(f'data-knob="{knob.name}"'):
             self.label = ui.label(knob.label).classes("knob-label").props(f'title="{knob.hint}"')
-            self.slider = Range(low=knob.low, high=knob.high, step=knob.step, value=value, changed=self._take)
+            self.slider = Range(low=knob.low, high=knob.high, step=knob.step, value=value, changed=self._slid)
             self.slider.props(f'aria-label="{spoken}"')
             self.number = (
                 ui.number(
@@ -73,8 +97,8 @@ class KnobRow:
                 .classes("knob-number")
             )  # fmt: skip
 
-    def _take(self, value: float | None) -> None:
-        """Take a value from the browser; the other of the two follows, and its echo is no news."""
+    def _take(self, value: float | None, *, moved: bool = False) -> None:
+        """Take a value from the number or, ``moved``, the slider; the other follows, and its echo is no news."""
         if value is None or float(value) == self._value:
             return
         value = float(value)
@@ -82,17 +106,26 @@ class KnobRow:
         if abs(value - self._value) < 0.5 * 10.0**-self._knob.digits and value == round(self._value, self._knob.digits):
             return
         self._value = value
-        self.slider.value = value
+        if not moved:
+            self.slider.put(value)
         self._changed(value)
 
+    def _slid(self, value: float) -> None:
+        self._take(value, moved=True)
+
+    def part(self) -> dict[tuple[str, str], str]:
+        """Return what the number's field is to show while the slider moves, for :class:`Screen`."""
+        selector = f'[data-knob="{self._knob.name}"] input[type="number"]'
+        return {(selector, "value"): f"{self._value:.{self._knob.digits}f}"}
+
     def settle(self) -> None:
-        """Let the number follow the slider: with the picture, not with each step, of which there are many more."""
+        """Let the number itself follow the slider: once it rests, since the whole page is compared for it."""
         self.number.value = self._value
 
     def show(self, value: float) -> None:
         """Show a value, without calling anybody."""
         self._value = value
-        self.slider.value = value
+        self.slider.put(value)
         self.number.value = value
 
 
@@ -206,14 +239,13 @@ class Picture:
     """
 
     def __init__(self, name: str, alt: str, drawn: Callable[[], None] | None = None) -> None:
+        self._place = f"#picture-{name}"
         with ui.element("div").classes("picture").props(f'id="picture-{name}"'):
-            self._image = ui.element("img").props(f'alt="{alt}" draggable="false"')
-            self._marks = ui.html("", sanitize=False).classes("marks")
+            image = ui.element("img").props(f'alt="{alt}" draggable="false"')
+            ui.element("div").classes("marks")
         if drawn is not None:
-            self._image.on("load", lambda _: drawn(), args=[])
+            image.on("load", lambda _: drawn(), args=[])
 
-    def show(self, address: str, marks: str = "") -> None:
-        """Show the picture of an address, with SVG over it."""
-        self._image.props["src"] = address
-        if self._marks.content != marks:
-            self._marks.set_content(marks)
+    def part(self, address: str, marks: str = "") -> dict[tuple[str, str], str]:
+        """Return a picture's address and the SVG over it, for :class:`Screen`."""
+        return {(f"{self._place} img", "src"): address, (f"{self._place} .marks", "html"): marks}

@@ -178,12 +178,19 @@ def _limits(chosen: Sequence[Chosen], found: Found) -> Section:
                     for s in own["sensitivity"]
                 ],
                 "Morris' elementary effects on the 95 % area error in a box of a tenth of each range about the winner:"
-                " mean absolute effect over the whole box (with its 95 % half-width), mean, spread.",
+                " mean absolute effect over the whole box (with its 95 % half-width), mean, spread."
+                + (SINGLE if math.isnan(own["sensitivity"][0]["sigma_percent"]) else ""),
             )
         )  # fmt: skip
     elif "sensitivity_reason" in own:
         paragraphs.append(f"No sensitivity: a rig in the box about it cannot be ({own['sensitivity_reason']}).")
     return Section("What limits the winner", paragraphs, tables=tables)
+
+
+SINGLE = (
+    " One trajectory: each key was moved once, at one place of the box. That is one effect each, not a mean; its noise"
+    " is that of two predicted errors, and how much it depends on the other keys is not known."
+)
 
 
 def _known(value: float | None) -> str:

@@ -105,7 +105,7 @@ def name_points(
     taken = [] if legend is None else [legend.get_window_extent(renderer)]
     room = panel.get_window_extent(renderer)
     for text, place in names:
-        tried = []
+        tried: list[tuple[int, int, Any, Any]] = []
         for reach in LABEL_REACH_PT:
             for k in range(LABEL_WAYS):
                 angle = np.pi / 4 + 2 * np.pi * k / LABEL_WAYS  # up and to the right first

@@ -12,9 +12,10 @@ from evanesce.errors import InputError
 from evanesce.measurement.calibration import Calibration
 from evanesce.measurement.estimator import Estimator, refined_measured
 from evanesce.measurement.refined_edge import Boundary, edge_spread, half_contours
-from evanesce.measurement.refined_glow import Walk, entered, profile_transform, spread
+from evanesce.measurement.refined_glow import Walk, entered, find_walk, profile_transform, spread
 from evanesce.measurement.refined_light import Radiometry, tone_table
 from evanesce.measurement.refined_plate import PlateMap
+from evanesce.measurement.uncertainty_area import refined_uncertainty
 from evanesce.optics.glow import profile_kernel, profile_scale
 from evanesce.sensor.tone import CURVES, undevelop
 from evanesce.states import Frame
@@ -139,6 +140,41 @@ def test_contact_is_parted_from_its_glow():
     assert 0.4 < found.walk.length_px / (profile_scale(albedo, length) / cell) < 2.5
     plain = Estimator.of(uniform_calibration(), walk=Walk()).area(frame)
     assert abs(plain.area_mm2 / true - 1) > 0.05
+
+
+def test_walk_that_is_found_is_the_least_across_the_valley():
+    """Length and return trade against each other: no pair of a grid leaves less light than that found."""
+    true, shape, radius = Walk(25.2, 0.08), (641, 667), 63.4  # so wide that the light has died away at the border
+    rng = np.random.default_rng(5)
+    y, x = np.mgrid[: shape[0], : shape[1]]
+    outside = np.hypot(x - 331.3, y - 318.8) - radius
+    light = 0.3 * spread(np.clip(0.5 - outside, 0.0, 1.0), true, BLUR_PX) + rng.normal(0.0, 0.0015, shape)
+    found = find_walk(light, outside < 0, reach_px=200.0)
+    around, within = (outside > 8) & (outside < 190), outside < -6
+
+    def left(walk: Walk) -> float:
+        source = entered(light, walk, 4.0)
+        return float(np.sqrt((source[around] ** 2).mean()) / source[within].mean())
+
+    least = min(left(Walk(length, back)) for length in (17.0, 20.0, 23.0, 26.0) for back in (0.0, 0.1, 0.2, 0.3, 0.4))
+    assert left(found) < 1.06 * least  # the search itself sees a reduced frame, whose noise weighs a little otherwise
+    assert left(found) < 0.2 * left(Walk())
+
+
+def test_area_under_glow_and_over_the_top_says_what_it_cannot_see():
+    """What saturation hides is told, and its interval is wider and holds the truth."""
+    share, walk = ellipse(93.4, 81.7, (171.3, 158.8), 0.4), Walk(6.2, 0.08)
+    light = spread(share, walk, BLUR_PX)
+    estimator = Estimator.of(uniform_calibration(), walk=walk)
+    true = np.pi * 93.4 * 81.7 / SCALE_PX_PER_MM**2
+    widths = {}
+    for over, unseen in ((0.5, ""), (4.0, "modelled")):
+        found = estimator.area(developed(over * light / light.max(), 3, noise=0.003))
+        assert found.unseen == unseen
+        low, high = refined_uncertainty(found, estimator, np.random.default_rng(1), finger="smooth").interval_mm2
+        assert low < true < high
+        widths[unseen] = high - low
+    assert widths["modelled"] > 1.3 * widths[""]
 
 
 @pytest.mark.parametrize("curve", ["linear", "bt709", "srgb"])

@@ -13,8 +13,16 @@ from evanesce.measurement.area import measure_frame
 from evanesce.measurement.calibration import Calibration
 from evanesce.measurement.refined_plate import PlateMap
 from evanesce.measurement.segment import Chain
-from evanesce.measurement.uncertainty import FILM, Component, Reading, card_components, propagate, refined_components
-from evanesce.measurement.uncertainty_area import author_uncertainty
+from evanesce.measurement.uncertainty import (
+    FILM,
+    Component,
+    Reading,
+    card_components,
+    nearness_component,
+    propagate,
+    refined_components,
+)
+from evanesce.measurement.uncertainty_area import author_uncertainty, lens_distance
 from evanesce.rig import load_scene
 from evanesce.states import Frame
 from evanesce.validation.calibrated_rig import CardErrors, calibrated
@@ -106,6 +114,66 @@ def test_card_errors_act_as_the_model_says():
     assert area(board_scale=1.004) / plain == pytest.approx(1.004**-2, rel=2e-4)
     distance = 6000 / 3.1 / 58.37
     assert area(height_mm=0.2) / plain == pytest.approx((1 - 0.2 / distance) ** -2, rel=1e-3)
+
+
+def traced_radius(angle: float, thicknesses_mm: tuple[float, ...], indices: tuple[float, ...]) -> float:
+    """Return how far from the axis a ray ends that leaves the lens at an angle in air, layer by layer after Snell."""
+    return sum(
+        t * math.tan(math.asin(math.sin(angle) / n)) for t, n in zip(thicknesses_mm, indices, strict=True)
+    )  # fmt: skip
+
+
+def test_lens_distance_is_the_one_that_rays_through_the_glass_give():
+    """Rationale: a card that lies higher looks smaller by height over distance. Two ray traces through air, glass and
+    the gap under the card, by Snell's law alone, give that distance; the calibration's, from the lens's label and the
+    scale, must agree. The lens is not the thesis's, so that the frame's longer side is far from its focal length."""
+    scene = load_scene("thesis")
+    lens = scene.camera.lens.model_copy(update={"focal_length_mm": 11.3})
+    scene = scene.model_copy(update={"camera": scene.camera.model_copy(update={"lens": lens})})
+    index, thickness = scene.plate.refractive_index, scene.plate.thickness_mm
+    pixels, pitch = scene.camera.scale_px_per_mm, scene.camera.pixel.pitch_um * 1e-3
+    clearance = 11.3 / pitch / pixels - thickness / index
+    angle, height = 1e-3, 0.2
+    flat = traced_radius(angle, (clearance, thickness), (1.0, index))
+    above = traced_radius(angle, (clearance, thickness, height), (1.0, index, 1.0))
+    traced = height / (above / flat - 1.0)
+    found = calibrated(scene, np.random.default_rng(3))
+    assert found.mm2_per_px is not None
+    distance, nearness = lens_distance(found, math.sqrt(found.mm2_per_px))
+    assert distance == pytest.approx(traced, rel=2e-3)  # the square's mean scale differs a little from the axis's
+    assert nearness.origin.endswith("drawing")
+    # the corners themselves: a board that lies higher gives a smaller scale in just that ratio
+    square = np.array([[1100.0, 700], [1290, 700], [1290, 880], [1100, 880], [1100, 700]])
+    areas = [
+        PlateMap.of(
+            calibrated(scene, np.random.default_rng(1), CardErrors(corner_noise_px=0.0, height_mm=h))
+        ).area([square])
+        for h in (0.0, height)
+    ]  # fmt: skip
+    assert areas[0] / areas[1] == pytest.approx((1 - height / distance) ** 2, rel=1e-4)
+
+
+def test_a_focal_length_that_a_flat_board_does_not_tell_is_not_believed():
+    """The distance counts for what it is worth: found to its standard error, by a label to 5 %, else by 60 %. Closed
+    form: twice the area by mean height over distance, times the standard deviation."""
+    plain = calibrated(load_scene("thesis"), np.random.default_rng(3))
+    assert plain.mm2_per_px is not None
+    side = math.sqrt(plain.mm2_per_px)
+    told = {
+        "found": {"focal_length_identified": True, "standard_errors": {"fx": 19.3548}},
+        "label": {"focal_length_identified": False, "focal_length_given": True},
+        "nothing": {},
+    }
+    parts = {name: lens_distance(replace(plain, details=details), side)[1] for name, details in told.items()}
+    assert parts["found"].standard == pytest.approx(0.01, rel=1e-3)
+    assert parts["label"].standard == pytest.approx(0.05 / math.sqrt(3))
+    assert parts["nothing"] == lens_distance(None, side)[1] == nearness_component("assumed")
+    budget = propagate(READING, [*card_components(), parts["nothing"]], np.random.default_rng(1), 4000)
+    expected = 2 * 11.7 * (1 - 0.05 / 33.1) * 0.05 / 33.1 * 0.6 / math.sqrt(3)
+    assert budget.contributions_mm2["lens distance"] == pytest.approx(expected, rel=1e-6)
+    # fields of view of 23 and 77 degrees along the longer side are its limits
+    for view_deg, limit in ((22.6, parts["nothing"].low), (77.3, parts["nothing"].high)):
+        assert 2 * math.tan(math.radians(view_deg / 2)) - 1 == pytest.approx(limit, abs=0.005)
 
 
 def test_interval_of_the_authors_chain_covers_a_blurred_disc():

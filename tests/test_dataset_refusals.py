@@ -196,4 +196,5 @@ def test_the_kernel_refuses(tmp_path, good):
             again = subprocess.run([sys.executable, "-c", code, folder], env=given, check=False, capture_output=True)
             assert again.returncode == 0, again.stderr
             assert contents(folder) == good
-    assert {"Input/output error", "disk I/O error"} <= seen
+    assert "Input/output error" in seen
+    assert seen & {"disk I/O error", "database or disk is full"}  # SQLite's own words

@@ -341,6 +341,8 @@ def test_scores_of_made_up_answers() -> None:
     assert found["confusion"]["vignetting"] == {"vignetting": 1, "defocus": 1, "none": 1}
     # Said 0.9 and right twice of four (named right, named wrong, two nulls: one right), said 0.8 and right once.
     assert 0 < found["calibration"]["error"] < 1
+    # It is written to disk at the end of a run that took hours.
+    assert json.loads(json.dumps(found))["calibration"]["cases"] == found["calibration"]["cases"]
 
 
 def test_truth_shuffled_among_answers_is_chance() -> None:

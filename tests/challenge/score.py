@@ -67,7 +67,7 @@ def wilson(hits: int, cases: int, z: float = 1.959963985) -> tuple[float, float]
 def rate(values: Iterable[bool]) -> Rate:
     """Return the share of True."""
     found = list(values)
-    return Rate(sum(found), len(found))
+    return Rate(int(sum(found)), len(found))
 
 
 # --- what an answer says ---------------------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -119,6 +119,26 @@ def served(name: str) -> Iterator[str]:
         server.wait()
 
 
+def processor_s() -> dict[str, float]:
+    """Return the processor time so far of the page's renderer, the rest of the browser, and the server [s] (Linux)."""
+    parents: dict[int, list[tuple[int, float]]] = {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):  # it has ended meanwhile
+            fields = stat.read_text().rsplit(")", 1)[1].split()
+            ticks = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+            parents.setdefault(int(fields[1]), []).append((int(stat.parent.name), ticks))
+    found = {"renderer": 0.0, "browser": 0.0, "server": 0.0}
+    below = list(parents.get(os.getpid(), []))
+    while below:
+        process, ticks = below.pop()
+        below += parents.get(process, [])
+        with suppress(OSError):
+            words = Path(f"/proc/{process}/cmdline").read_text()
+            kind = "renderer" if "--type=renderer" in words else "server" if "evanesce.cli" in words else "browser"
+            found[kind] += ticks
+    return found
+
+
 def browser_part(name: str, seconds: float) -> dict[str, Any]:
     """Move sliders in a browser; count the pictures that it has drawn, and time single moves."""
     from playwright.sync_api import sync_playwright
@@ -137,7 +157,9 @@ def browser_part(name: str, seconds: float) -> dict[str, Any]:
             low, high, step = (float(handle.get_attribute(k)) for k in ("min", "max", "step"))
             at = float(handle.input_value())
             page.evaluate(DRIVE, [slider, 2.0, 25])  # warm
+            before = processor_s()
             drawn = np.array(page.evaluate(DRIVE, [slider, seconds, 25])) / 1e3
+            spent = {kind: 1e3 * (t - before[kind]) / drawn.size for kind, t in processor_s().items()}
             time.sleep(1.0)
             trips = []
             for i in range(12):
@@ -155,11 +177,13 @@ def browser_part(name: str, seconds: float) -> dict[str, Any]:
                 "worst_second": min(per_second, default=0),
                 "round_trip_best_ms": float(min(trips)),
                 "round_trip_median_ms": float(np.median(trips)),
+                "processor_ms": spent,
             }
             r = rows[slider]
             print(f"{slider:16s} {r['updates_per_s']:5.1f} updates/s (best second {r['best_second']}, worst "
                   f"{r['worst_second']}), round trip best {r['round_trip_best_ms']:.0f}, median "
-                  f"{r['round_trip_median_ms']:.0f} ms")  # fmt: skip
+                  f"{r['round_trip_median_ms']:.0f} ms; processor "
+                  + ", ".join(f"{kind} {ms:.0f} ms" for kind, ms in spent.items()))  # fmt: skip
             page.get_by_role("button", name="Reset").click()
             time.sleep(0.5)
         browser.close()

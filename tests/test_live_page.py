@@ -193,6 +193,80 @@ def test_force_and_least_blob(page: Any) -> None:
     assert figure(page, "blobs") == (1 if empty.area_mm2 else 0)
 
 
+def test_ridge_height_changes_contact_and_area(page: Any) -> None:
+    slider(page, "ridge_height_um").focus()
+    for _ in range(9):
+        page.keyboard.press("ArrowLeft")
+    height = value_of(page, "ridge_height_um")
+    assert height == round(rig().finger.ridges.height_um) - 9  # the slider's own steps are whole micrometres
+    library = expected(2.0, **{"finger.ridges.height_um": height})
+    wait_for(page, "true_mm2", library.true_mm2)
+    wait_for(page, "area_mm2", library.area_mm2)
+    assert value_of(page, "ridge_height_um") == height
+    # Lower ridges: more of the skin between them touches.
+    assert library.true_mm2 > start().true_mm2
+    assert page.locator('[data-knob="ridge_height_um"] input[type="number"]').input_value() == f"{height:.1f}"
+
+
+def drawn_profile(page: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return distance from the tip [mm] and grey level of the drawn profile, read off by its own axes."""
+    lines, labels, path = page.evaluate(
+        """(() => {
+          const place = document.querySelector('#place-profile');
+          const all = selector => [...place.querySelectorAll(selector)];
+          return [all('path.grid').map(e => e.getAttribute('d')),
+                  all('text[text-anchor="middle"]:not(.title)').map(e => [e.textContent, e.getAttribute('x')]),
+                  place.querySelector('path.grey').getAttribute('d')];
+        })()"""
+    )
+
+    def numbers(text: str) -> list[float]:
+        return [float(n) for n in re.findall(r"-?[\d.]+", text)]
+
+    zero, one = numbers(lines[0])[1], numbers(lines[-1])[1]
+    ticks = {text: float(x) for text, x in labels}
+    x, y = np.array(numbers(path)).reshape(-1, 2).T
+    return (x - ticks["0"]) / (ticks["1"] - ticks["0"]), (y - zero) / (one - zero)
+
+
+@pytest.mark.parametrize("along", ["x", "y"])
+def test_the_profile_line_is_moved_and_read_where_it_lies(page: Any, along: str) -> None:
+    """The library's view, blurred by half a pixel, along the row or column that lies 1.05 mm from the tip."""
+    library, scene = start(), coarser_camera(rig(), 2)
+    view = PerfectView.of(scene)
+    row, col = view.to_view(*scene.finger.position_mm)
+    mm = view.mm2_per_px**0.5
+    grey = cv2.GaussianBlur(library.view.astype(float), (0, 0), 0.5) / 255
+    page.locator("[role=radio]").nth(0 if along == "x" else 1).click()
+    slider(page, "line_mm").focus()
+    for _ in range(21):
+        page.keyboard.press("ArrowRight")
+    wanted = grey[round(row + 1.05 / mm)] if along == "x" else grey[:, round(col + 1.05 / mm)]
+    place = (np.arange(wanted.size) - (col if along == "x" else row)) * mm
+    until = time.monotonic() + 60
+    while True:
+        at, level = drawn_profile(page)
+        off = np.abs(level - np.interp(at, place, wanted))
+        if off.max() < 0.02 or time.monotonic() > until:
+            break
+        time.sleep(0.1)
+    assert value_of(page, "line_mm") == pytest.approx(1.05)
+    # Coordinates of the drawing have one decimal, a pixel at half a thousandth; its rims are as steep as 0.2 a pixel.
+    assert off.max() < 0.02
+    assert np.ptp(level) > 0.3
+    neighbour = grey[round(row)] if along == "x" else grey[:, round(col)]
+    assert np.abs(level - np.interp(at, place, neighbour)).max() > 0.1
+    assert f"{along} from the finger's tip" in page.text_content("#place-profile")
+    # The dashed line in the picture lies 21 steps from the tip as well; a threshold's change leaves it there.
+    marks = page.locator("#picture-overlay .marks line")
+    assert marks.count() == 1
+    ends = [float(marks.get_attribute(k)) for k in ("x1", "y1", "x2", "y2")]
+    window = window_around(view, library.true_mm2)
+    middle = (row - window.r0 if along == "x" else col - window.c0) + 0.5 + 1.05 / mm
+    across = (ends[1], ends[3]) if along == "x" else (ends[0], ends[2])
+    assert across == (pytest.approx(middle, abs=1.0), pytest.approx(middle, abs=1.0))
+
+
 def test_leds_are_switched_by_keyboard_and_mouse(page: Any) -> None:
     names = led_names(rig())
     first = page.locator('[role="switch"]').first

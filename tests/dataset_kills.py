@@ -67,7 +67,7 @@ class Killed:
     idle : int
         Of the workers, those that had not begun a shard yet: killed while they started.
     statuses : list of int
-        Exit status of each driver.
+        Exit status of each driver; those of a start at which workers were killed again and again are followed by others.
     said : str
         What the last driver printed.
     redone : int
@@ -162,7 +162,8 @@ def campaign(
                     found.idle += victim not in _beginners(scratch / "log")
         found.said = run.communicate()[0]
         found.statuses.append(run.returncode)
-        if not hit_driver:
+        no_start = "no workers could be started" in found.said  # all of its tries were hit: the next run has others
+        if not hit_driver and not no_start:
             break
     _count(found, scratch / "log", dead)
     return found

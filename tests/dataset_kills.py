@@ -67,7 +67,7 @@ class Killed:
     idle : int
         Of the workers, those that had not begun a shard yet: killed while they started.
     statuses : list of int
-        Exit status of each driver; those of a start at which workers were killed again and again are followed by others.
+        Exit status of each driver; one whose workers were all killed as they started is followed by another.
     said : str
         What the last driver printed.
     redone : int

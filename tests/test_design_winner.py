@@ -182,9 +182,17 @@ def _pages(tmp_path, tolerances):
     }  # fmt: skip
     checked = {"case": "2.3 N", "true_mm2": 20.6, "samples_per_pixel": 8, "reference_percent": [1.4, 1.6],
                "reference_mean_percent": 1.5, "reference_standard_percent": 0.1, "fast_percent": 1.4375}  # fmt: skip
+    one_trajectory = {"key": "camera.exposure_ms", "unit": "ms", "low": 0.1, "high": 0.12, "mu_star_percent": 1.75,
+                      "half_width_percent": math.nan, "mu_percent": -1.75, "sigma_percent": math.nan}  # fmt: skip
     found = {
         "base": {"assessed": assessed | {"error_percent": 10.0}, "searched": {"figures": shown}},
-        "trial-1": {"assessed": assessed, "tolerances": tolerances, "without": [], "verified": [checked]},
+        "trial-1": {
+            "assessed": assessed,
+            "tolerances": tolerances,
+            "without": [],
+            "verified": [checked],
+            "sensitivity": [one_trajectory],
+        },
     }
     chosen = [
         Chosen(name="base", why="the scene as it was given", values={}),
@@ -230,6 +238,8 @@ def test_a_winners_page_holds_frame_errors_tolerances_and_parts(job, tolerances,
     assert page.count("<img src=") == 3
     overview = (out / "report.html").read_text()
     assert "no such &lt;glass&gt;" in overview
+    assert "One trajectory: each key was moved once" in overview
+    assert table_after(overview, "What limits the winner")[0][4:] == ["1.75", "–", "-1.75", "–"]
     assert "0.35 ± 0.05 of it, half or less" in overview  # 3.5/10; 0.5/3.5 and 0.5/10
     frame = np.asarray(Image.open(out / "trial-1.png"))
     assert frame.shape == (180, 220)

@@ -179,7 +179,7 @@ def _limits(chosen: Sequence[Chosen], found: Found) -> Section:
                 ],
                 "Morris' elementary effects on the 95 % area error in a box of a tenth of each range about the winner:"
                 " mean absolute effect over the whole box (with its 95 % half-width), mean, spread."
-                + (SINGLE if math.isnan(own["sensitivity"][0]["sigma_percent"]) else ""),
+                + (SINGLE if _known(own["sensitivity"][0]["sigma_percent"]) == "–" else ""),
             )
         )  # fmt: skip
     elif "sensitivity_reason" in own:

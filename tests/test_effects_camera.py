@@ -376,8 +376,8 @@ def test_skew_stretches_along_the_rows_and_grows() -> None:
 def test_a_soft_ceiling_is_the_p_norm_of_charge_and_ceiling(knee: float) -> None:
     scene = load_scene("thesis", {"camera.resolution_px": [40, 30]})
     camera = scene.camera
-    black, well_e = camera.pixel.black_level_DN, 0.45 * camera.pixel.full_well_capacity_e
-    ceiling = well_e * camera.analogue_gain / camera.pixel.conversion_gain_e_per_DN
+    black = camera.pixel.black_level_DN
+    ceiling = 0.45 * (4095 - 256)  # the converter is full a step before the well
     charge = np.linspace(0.05, 3.0, 17) * ceiling
     found = acted("saturation", (black + charge)[None, :], scene, well_loss=0.55, knee=knee)[0] - black
     # scipy's own p-norm of the two reciprocals.
@@ -387,13 +387,13 @@ def test_a_soft_ceiling_is_the_p_norm_of_charge_and_ceiling(knee: float) -> None
     assert (found < np.minimum(charge, ceiling) * (1 + 1e-12)).all()
 
 
-
 def test_a_smaller_well_is_that_of_a_camera_that_has_it() -> None:
     """The same shot noise, clipped where it is, bit by bit up to rounding."""
     scene = rig(**{"camera.pixel.read_noise_e": 0.0, "camera.analogue_gain": 1.7})
-    pixel = scene.camera.pixel.model_copy(update={"full_well_capacity_e": 8180.0 * 0.4})
+    # At this gain the converter is full first, at 3839 steps above black, or 4810 electrons.
+    pixel = scene.camera.pixel.model_copy(update={"full_well_capacity_e": 3839 * 2.13 / 1.7 * 0.4})
     small = scene.camera.model_copy(update={"pixel": pixel})
-    mean_e = np.random.default_rng(2).uniform(2500.0, 4000.0, (70, 90))
+    mean_e = np.random.default_rng(2).uniform(1200.0, 2600.0, (70, 90))
     signal, wanted = (signal_of(mean_e, camera, np.random.default_rng(8)) for camera in (scene.camera, small))
     found = acted("saturation", signal, scene, well_loss=0.6)
     np.testing.assert_allclose(found, wanted, rtol=1e-12)
@@ -402,7 +402,7 @@ def test_a_smaller_well_is_that_of_a_camera_that_has_it() -> None:
 
 def test_overflow_blooms_along_the_column_and_is_kept_where_there_is_room() -> None:
     scene = rig(**{"camera.pixel.pitch_um": 3.1})
-    level = 256.0 + 0.5 * 8180.0 / 2.13
+    level = 256.0 + 0.5 * 3839.0
     signal = np.full((81, 20), 300.0)
     signal[40, 7] = level + 400.0
     found = acted("saturation", signal, scene, well_loss=0.5, bloom=0.6, bloom_length_um=25.0)

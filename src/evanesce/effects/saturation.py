@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from evanesce.effects.protocol import Context, Effect, Stage
 from evanesce.quantities import Strict, field
+from evanesce.rig import Camera
 
 Array = NDArray[np.float64]
 
@@ -18,7 +19,11 @@ class Parameters(Strict):
     """How much less a pixel holds, and where the rest goes."""
 
     well_loss: float = field(
-        0.0, unit="1", bounds=(0.0, 0.99), null=0.0, doc="share of the believed full well that is missing"
+        0.0,
+        unit="1",
+        bounds=(0.0, 0.99),
+        null=0.0,
+        doc="share of the believed range (well or converter, what is full first) that is missing",
     )
     knee: float = field(
         0.0,
@@ -44,6 +49,13 @@ def overflow_kernel(length_px: float) -> Array:
     return np.asarray(kernel / kernel.sum())
 
 
+def believed_range_DN(camera: Camera) -> float:
+    """Return the signal above black at which a pixel is believed to be full: its well or the converter's last code."""
+    pixel = camera.pixel
+    well = pixel.full_well_capacity_e * camera.analogue_gain / pixel.conversion_gain_e_per_DN
+    return min(well, 2.0**pixel.bits - 1.0 - pixel.black_level_DN)
+
+
 def softened(signal: Array, ceiling: float, knee: float) -> Array:
     """Return a signal that approaches a ceiling smoothly: (signal^-p + ceiling^-p)^(-1/p) with p = 1/knee.
 
@@ -62,17 +74,16 @@ def softened(signal: Array, ceiling: float, knee: float) -> Array:
 
 
 def apply(signal_DN: Array, parameters: Parameters, context: Context) -> Array:
-    """Clip the signal at the real full well; it acts on the charge that came, shot noise included.
+    """Clip the signal at the real ceiling; it acts on the charge that came, shot noise included.
 
     Where a pixel fills over a knee it stays a little below either. The overflow known here is that up to the believed
-    full well. Read noise above the real one is clipped with it.
+    one. Read noise above the real one is clipped with it.
     """
     if parameters.well_loss == 0.0:
         return signal_DN
     camera = context.scene.camera
     pixel = camera.pixel
-    well_e = pixel.full_well_capacity_e * (1.0 - parameters.well_loss)
-    level = pixel.black_level_DN + well_e * camera.analogue_gain / pixel.conversion_gain_e_per_DN
+    level = pixel.black_level_DN + believed_range_DN(camera) * (1.0 - parameters.well_loss)
     kept = np.minimum(signal_DN, level)
     if parameters.knee > 0.0:
         black = pixel.black_level_DN

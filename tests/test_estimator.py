@@ -16,6 +16,7 @@ from evanesce.measurement.refined_glow import Walk, entered, find_walk, profile_
 from evanesce.measurement.refined_light import Radiometry, tone_table
 from evanesce.measurement.refined_plate import PlateMap
 from evanesce.measurement.uncertainty_area import refined_uncertainty
+from evanesce.measurement.warn import EdgeLog
 from evanesce.optics.glow import profile_kernel, profile_scale
 from evanesce.sensor.tone import CURVES, undevelop
 from evanesce.states import Frame
@@ -238,3 +239,14 @@ def test_width_of_an_edge_that_is_softer_on_one_side():
     assert (
         abs(edge_spread(Boundary(contours=half_contours(even), level=even, step=np.ones_like(even)))) < 0.05
     )  # of 3.3 px
+
+
+def test_frames_whose_edge_saturation_hides_are_named():
+    """Two of four frames, one of them under glow; none, nothing to say."""
+    log = EdgeLog()
+    for index, unseen in ((3, ""), (4, "top"), (5, "modelled"), (6, "")):
+        log.add(index, unseen)
+    (found,) = log.warnings(4)
+    assert found.code == "saturated_edge"
+    assert "2 of 4 frame(s), first 4, in 1 of them under glow" in found.text
+    assert EdgeLog().warnings(4) == []

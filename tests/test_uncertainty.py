@@ -159,6 +159,9 @@ def test_a_focal_length_that_a_flat_board_does_not_tell_is_not_believed():
     plain = calibrated(load_scene("thesis"), np.random.default_rng(3))
     assert plain.mm2_per_px is not None
     side = math.sqrt(plain.mm2_per_px)
+    for damaged in ([], {"fx": None}, {"fx": -1.0}, {"fx": 1e9}, None):
+        odd = replace(plain, details={"focal_length_identified": True, "standard_errors": damaged})
+        assert lens_distance(odd, side)[1] == nearness_component("drawing")
     told = {
         "found": {"focal_length_identified": True, "standard_errors": {"fx": 19.3548}},
         "label": {"focal_length_identified": False, "focal_length_given": True},

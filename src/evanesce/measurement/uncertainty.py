@@ -218,7 +218,7 @@ UNSEEN_PX = {"top": 0.4, "modelled": 1.2}
 """Limits of the way of an edge that saturation hides [px], by what it hides: the estimator study's greatest errors,
 rounded up; on another rig they may be larger."""
 
-TURNED_ROUND_PX = 0.4
+TURNED_ROUND_PX = 0.5
 """The same of an edge that was found after light's walk in the silicone was turned round."""
 
 

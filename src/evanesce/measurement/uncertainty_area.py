@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -115,8 +115,11 @@ def lens_distance(calibration: Calibration | None, pixel_mm: float) -> tuple[flo
         return UNKNOWN_DISTANCE_MM, nearness_component("assumed")
     focal, details = float(calibration.camera_matrix[0, 0]), calibration.details
     if details.get("focal_length_identified") is True:
-        error = (details.get("standard_errors") or {}).get("fx", 0.0)
-        return focal * pixel_mm, nearness_component("found", float(error) / focal)
+        errors = details.get("standard_errors")
+        error = errors.get("fx") if isinstance(errors, Mapping) else None
+        if isinstance(error, int | float) and 0 <= error < focal:
+            return focal * pixel_mm, nearness_component("found", float(error) / focal)
+        return focal * pixel_mm, nearness_component("drawing")  # found, but the file does not say how well
     known: Literal["drawing", "assumed"] = "drawing" if details.get("focal_length_given") is True else "assumed"
     return focal * pixel_mm, nearness_component(known)
 

@@ -16,11 +16,15 @@ from evanesce.validation.studies import Chart, Findings, Panel, Study
 WIDTH_PX = 1150
 COLOURS = ("#1f6feb", "#d1571b", "#2a8f4f", "#8250df", "#b8860b", "#c2255c", "#0b7285", "#57606a", "#000000")
 
+MOST_INSIDE = 9
+"""Entries of a legend that have room inside their panel; more stand below it."""
+
 
 def chart_figure(chart: Chart) -> Figure:
     """Return a chart's panels side by side."""
     count = len(chart.panels)
-    figure = Figure(figsize=(5.8 * count + 0.6, 4.6), layout="constrained")
+    crowded = any(len(panel.series) > MOST_INSIDE for panel in chart.panels)
+    figure = Figure(figsize=(5.8 * count + 0.6, 5.8 if crowded else 4.6), layout="constrained")
     for axis, panel in zip(np.atleast_1d(figure.subplots(1, count)), chart.panels, strict=True):
         _draw(axis, panel)
     return figure
@@ -55,7 +59,9 @@ def _draw(axis: Any, panel: Panel) -> None:
     if panel.y_range:
         axis.set_ylim(*panel.y_range)
     axis.grid(alpha=0.3)
-    if len(panel.series) > 1:
+    if len(panel.series) > MOST_INSIDE:
+        axis.legend(fontsize=7.5, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2, frameon=False)
+    elif len(panel.series) > 1:
         axis.legend(fontsize=7.5, framealpha=0.85)
 
 

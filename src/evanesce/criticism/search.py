@@ -83,7 +83,9 @@ def promising(scored: Sequence[Scored]) -> list[Scored]:
     """Return the candidates that are worth a fit: the best few, and all that come near the best."""
     ranked = sorted(scored, key=lambda s: -s.result.log_bayes)
     few, most = int(FROZEN.search["always"]), int(FROZEN.search["refine"])
-    near = [s for s in ranked if s.result.log_bayes > ranked[0].result.log_bayes - FROZEN.search["near_nats"]]
+    best = ranked[0].result.log_bayes if ranked else 0.0
+    reach = max(FROZEN.search["near_nats"], FROZEN.search["near_share"] * best)
+    near = [s for s in ranked if s.result.log_bayes > best - reach]
     return ranked[:few] if len(near) < few else near[:most]
 
 

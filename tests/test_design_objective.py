@@ -92,7 +92,8 @@ def test_effects_are_sorted_by_what_a_held_press_shows():
 @pytest.mark.parametrize(
     ("text", "says"),
     [("[led_bins]\noffset_V = 1", "unknown effect"), ("[led_bin]\noffset = 1", "unknown parameter"),
-     ("[led_bin]\noffset_V = -1", "above 0"), ("[led_bin]\noffset_V = true", "above 0"), ("led_bin = 3", "no")],
+     ("[led_bin]\noffset_V = -1", "above 0"), ("[led_bin]\noffset_V = true", "above 0"), ("led_bin = 3", "no"),
+     ("[lateral_glow]\nshare = 0.2", "lateral_glow: does nothing without length_mm")],
 )  # fmt: skip
 def test_bad_uncertainties_are_named(tmp_path, text, says):
     (tmp_path / "u.toml").write_text(text)

@@ -6,6 +6,7 @@ import html
 import io
 import math
 import re
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -24,10 +25,12 @@ from evanesce.design.picture import shot
 from evanesce.design.question import Design, on_case
 from evanesce.design.search import Plan, Trial
 from evanesce.design.secondary import OBJECTIVES
+from evanesce.design.uncertainty import Draw
 from evanesce.design.vary import design_at, parse
 from evanesce.design.verify import verified
 from evanesce.render.kept import forget
 from evanesce.report.html import image_png
+from evanesce.validation.calibrated_rig import CardErrors
 from rigs import need
 
 THRESHOLD = 0.35
@@ -105,6 +108,37 @@ def test_departures_move_the_area_as_light_does(tolerances):
     assert 0 < glow["low_percent"] < glow["high_percent"]
     # A higher forward voltage takes light away, a lower one adds.
     assert rows["led_bin.offset_V"]["high_percent"] < 0 < rows["led_bin.offset_V"]["low_percent"]
+
+
+def _at(base: Design, asked, tables) -> float:
+    """Return the error of the larger force with effects as their tables say [%]."""
+    one = replace(asked, forces_N=(asked.forces_N[-1],))
+    case, scene = one.cases[0], prepared(base.scene, one)
+    light_up(scene, one)
+    drawn = Draw(tables, CardErrors(corner_noise_px=0.0), 0.0)
+    return measured(Lab.of(base, one, scene), scene, drawn, 0, case)[0].error_percent
+
+
+def test_a_tolerance_is_of_the_rigs_that_are_drawn(tolerances):
+    """Nothing is said of the glow's share: it is whole, as in every drawn rig, not what the effect deems plausible."""
+    row = next(row for row in tolerances["rows"] if row["name"] == "lateral_glow.length_mm")
+    whole, part = (_at(design(), ASKED, {"lateral_glow": {"share": share, "length_mm": row["high"]}})
+                   for share in (1.0, 0.42))  # fmt: skip
+    assert row["high_percent"] == pytest.approx(whole - tolerances["error_percent"], abs=1e-9)
+    assert abs(part - whole) > 0.1 * abs(row["high_percent"])
+
+
+def test_figures_that_multiply_stand_at_the_users_own_deviations():
+    """Of two stated amplitudes each is tried with the other one of *its* standard deviations up."""
+    asked = replace(ASKED, sizes={"lateral_glow": {"length_mm": 0.1, "share": 0.2}})
+    found = winner.tolerances(plain_job(design(), asked, None), {})
+    rows = {row["name"]: row for row in found["rows"]}
+    # One standard deviation up within half a normal distribution: 84.13 % of it lie below 1.41 deviations.
+    share = 0.2 * stats.halfnorm.ppf(winner.HIGH_SHARE)
+    assert rows["lateral_glow.share"]["high"] == pytest.approx(share, rel=1e-4)
+    length = rows["lateral_glow.length_mm"]
+    wanted = _at(design(), asked, {"lateral_glow": {"share": share, "length_mm": length["high"]}})
+    assert length["high_percent"] == pytest.approx(wanted - found["error_percent"], abs=1e-3)
 
 
 def test_cards_move_the_area_by_their_own_area(tolerances):

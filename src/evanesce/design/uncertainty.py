@@ -157,7 +157,19 @@ def _stated(effect: Effect, sizes: Mapping[str, float]) -> tuple[Candidate, ...]
         if isinstance(size, bool) or not isinstance(size, int | float) or not 0 < size <= width:
             raise InputError(f"{size!r}", key=key, allowed=f"a standard deviation above 0 to {width:g} {c.unit}")
         found.append(Candidate(**{**vars(c), "deviation": float(size)}))
+    _acts_at_all(effect, found)
     return tuple(found)
+
+
+def _acts_at_all(effect: Effect, stated: list[Candidate]) -> None:
+    """Refuse figures of an effect that multiply with one which is not named and is nothing by default."""
+    named, start = {c.name for c in stated if c.amplitude}, effect.parameters()
+    if not named or effect.null_when != "any":
+        return
+    nulls = {name: quantity.null for name, quantity in effect.parameters.quantities()}
+    for name in effect.amplitudes:
+        if name not in named and getattr(start, name) == nulls[name]:
+            raise InputError(f"does nothing without {name}", key=effect.id, allowed=f"{name} stated, too")
 
 
 def _acts(scene: Scene, effect: Effect, wanted: tuple[Candidate, ...]) -> str:

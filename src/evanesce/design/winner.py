@@ -79,9 +79,10 @@ def tolerances(job: Mapping[str, Any], values: Mapping[str, float]) -> dict[str,
     question = replace(asked, forces_N=(case.force_N,), places_mm=(case.place_mm,), materials=(case.material,))
     bench = _Bench(design, question, case)
     nominal = bench.error(Draw({}, PERFECT, 0.0))
-    rows = [bench.departure(d, nominal, new_light=False) for d in _amplitudes(uncertainty.departures)]
+    stated = uncertainty.departures + uncertainty.new_light
+    rows = [bench.departure(d, stated, nominal, new_light=False) for d in _amplitudes(uncertainty.departures)]
     rows += [bench.card(name, nominal) for name in CARDS[1 if asked.estimator == "author" else 0 :]]
-    rows += [bench.departure(d, nominal, new_light=True) for d in _amplitudes(uncertainty.new_light)]
+    rows += [bench.departure(d, stated, nominal, new_light=True) for d in _amplitudes(uncertainty.new_light)]
     return {"case": case.name, "error_percent": nominal, "rows": rows}
 
 
@@ -103,17 +104,23 @@ class _Bench:
         """Return the error of one drawn rig [%]; all of them have the same noise."""
         return measured(self.lab, self.scene, drawn, 0, self.case)[0].error_percent
 
-    def departure(self, departure: Departure, nominal: float, *, new_light: bool) -> dict[str, Any]:
-        """Return the row of one departure; other amplitudes that it needs stand one standard deviation up."""
+    def departure(
+        self, departure: Departure, stated: tuple[Departure, ...], nominal: float, *, new_light: bool
+    ) -> dict[str, Any]:
+        """Return the row of one departure.
+
+        Other amplitudes that multiply it stand one standard deviation up if they are among the ``stated`` ones, else
+        at the effect's own default, as in the rigs that are drawn.
+        """
         effect, c = all_effects()[departure.effect], departure.candidate
         low, high = departure.value(LOW_SHARE), departure.value(HIGH_SHARE)
         row: dict[str, Any] = {"name": departure.name, "unit": c.unit, "low": low, "high": high}
         fellows = {}
         if effect.null_when == "any":
             fellows = {
-                Departure(effect.id, other): Departure(effect.id, other).value(HIGH_SHARE)
-                for other in effect.candidate_parameters()
-                if other.amplitude and other.name != c.name
+                other: other.value(HIGH_SHARE)
+                for other in _amplitudes(stated)
+                if other.effect == effect.id and other.candidate.name != c.name
             }
         try:
             for key, value in (("low", low), ("high", high)):

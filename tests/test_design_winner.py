@@ -30,6 +30,7 @@ from evanesce.design.vary import design_at, parse
 from evanesce.design.verify import verified
 from evanesce.render.kept import forget
 from evanesce.report.html import image_png
+from evanesce.rig import load_scene
 from evanesce.validation.calibrated_rig import CardErrors
 from rigs import need
 
@@ -275,6 +276,14 @@ def test_a_winners_page_holds_frame_errors_tolerances_and_parts(job, tolerances,
     assert "One trajectory: each key was moved once" in overview
     assert table_after(overview, "What limits the winner")[0][4:] == ["1.75", "–", "-1.75", "–"]
     assert "0.35 ± 0.05 of it, half or less" in overview  # 3.5/10; 0.5/3.5 and 0.5/10
+    # The scene's file says what no scene has a key for, and is a scene.
+    text = (out / "trial-1.toml").read_text()
+    command = "--threshold 0.42 --min-blob 20 --calibration CALIBRATION"
+    assert f"# evanesce compare FOLDER {command}\n" in text
+    assert f"# evanesce measure VIDEO {command}\n" in text
+    assert load_scene(out / "trial-1.toml").as_dict() == design_at(plan.base, values).scene.as_dict()
+    assert "--threshold 0.35 " in (out / "base.toml").read_text()
+    assert command in page
     frame = np.asarray(Image.open(out / "trial-1.png"))
     assert frame.shape == (180, 220)
     assert frame.max() > 100

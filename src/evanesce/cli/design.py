@@ -244,15 +244,13 @@ def _write(
     """Write the pages, the scenes and the pictures."""
     from evanesce.design.picture import shot
     from evanesce.design.uncertainty import uncertainty_of
-    from evanesce.design.vary import design_at
-    from evanesce.report.design_page import search_page, winner_page
+    from evanesce.report.design_page import scene_text, search_page, winner_page
     from evanesce.report.design_plots import pareto_figure
     from evanesce.report.html import image_png, write
-    from evanesce.rig import dump_scene
 
     job = plan.job
     for c in chosen:
-        write_text(folder / f"{c.name}.toml", dump_scene(design_at(plan.base, c.values).scene))
+        write_text(folder / f"{c.name}.toml", scene_text(plan, c))
         shots = [shot(job, c.values, k) for k in sorted({0, len(plan.question.cases) - 1})]
         _replace(folder / f"{c.name}.png", image_png(shots[-1].frame))
         write(folder / f"{c.name}.html", winner_page(plan, c, found, shots, origin))

@@ -227,6 +227,27 @@ def _uncertainty(u: Uncertainty) -> Section:
     return Section("How a built rig departs from its drawing", tables=tables)
 
 
+def scene_text(plan: Plan, chosen: Chosen) -> str:
+    """Return a chosen design as a scene's TOML text; what a scene has no key for stands above it as a comment."""
+    design = design_at(plan.base, chosen.values)
+    lines = [f"{chosen.name} of a design search: {chosen.why}."]
+    if plan.question.estimator == "author":
+        options = f"--threshold {design.threshold!r} --min-blob {design.min_blob_px} --calibration CALIBRATION"
+        lines += [
+            f"Its errors are those of the author's chain with threshold {design.threshold:.4g},"
+            f" least blob {design.min_blob_px} px:",
+            f"evanesce measure VIDEO {options}",
+            "evanesce render THIS --fast, then",
+            f"evanesce compare FOLDER {options}",
+        ]
+    else:
+        lines += [
+            "Its errors are those of the refined estimator, which has no threshold:",
+            "evanesce measure VIDEO --estimator refined --calibration CALIBRATION",
+        ]
+    return "".join(f"# {line}\n" for line in lines) + "\n" + dump_scene(design.scene)
+
+
 def winner_page(plan: Plan, chosen: Chosen, found: Found, shots: Sequence[Shot], provenance: Mapping[str, Any]) -> Page:
     """Return the page of one chosen design.
 
@@ -263,8 +284,8 @@ def winner_page(plan: Plan, chosen: Chosen, found: Found, shots: Sequence[Shot],
     sections.append(_figures(plan, chosen, own["assessed"], base))
     if plan.parts is not None:
         sections.append(_parts(plan, design))
-    text = Markup("<pre>{}</pre>").format(dump_scene(design.scene))
-    sections.append(Section("Scene", [f"Grey level of the author's chain: {design.threshold:g}."], widget=text))
+    text = Markup("<pre>{}</pre>").format(scene_text(plan, chosen))
+    sections.append(Section("Scene", widget=text))
     return Page(
         title=chosen.name,
         lead=f"{chosen.why[:1].upper()}{chosen.why[1:]}. 95 % area error on {own['assessed']['rigs']} rigs drawn anew:"

@@ -22,11 +22,12 @@ from typer.testing import CliRunner
 
 from evanesce.cli.app import app
 from evanesce.cli.design import _client
-from evanesce.design import finish, search, sensitivity
+from evanesce.design import evaluate, finish, objective, search, sensitivity
 from evanesce.design.question import Design, Question
 from evanesce.design.search import Limit, Plan, Trial, pareto, run
 from evanesce.design.vary import parse
 from evanesce.errors import InputError, WorkError
+from evanesce.provenance import code_digest, digest_of_files
 from evanesce.report.design_plots import pareto_figure
 from rigs import small_rig
 
@@ -115,6 +116,68 @@ def test_more_trials_go_on_and_another_question_is_refused(on_paper, tmp_path):
     assert more[:3] == first
     with pytest.raises(InputError, match="keeps another search"):
         run(plan(trials=5, objectives=("area_error", "deflection")), tmp_path)
+
+
+def test_results_of_other_code_are_not_reused(on_paper, tmp_path, monkeypatch):
+    """One file of the package differs: its search is refused in a clear line, and what was kept of winners is not read."""
+    kept = finish._Keeper(plan(), tmp_path)
+    kept.put("trial-1/tolerances", {"rows": []})
+    run(plan(trials=2), tmp_path)
+    assert finish._Keeper(plan(), tmp_path).get("trial-1/tolerances") == {"rows": []}
+    monkeypatch.setattr(search, "code_digest", lambda: "of another day")
+    assert finish._Keeper(plan(), tmp_path).get("trial-1/tolerances") is None
+    with pytest.raises(InputError, match=r"other code of evanesce \(allowed: a new folder\)"):
+        run(plan(trials=3), tmp_path)
+    monkeypatch.setattr(search, "code_digest", code_digest)
+    assert len(run(plan(trials=3), tmp_path)) == 3
+
+
+def test_the_codes_digest_is_of_names_and_contents(tmp_path):
+    (tmp_path / "a.py").write_text("x = 1\n")
+    (tmp_path / "deep").mkdir()
+    (tmp_path / "deep" / "b.py").write_text("y = 2\n")
+
+    def found() -> str:
+        return digest_of_files(tmp_path, sorted(tmp_path.rglob("*.py")))
+
+    before = found()
+    (tmp_path / "deep" / "b.py").write_text("y = 3\n")
+    after = found()
+    (tmp_path / "a.py").rename(tmp_path / "c.py")
+    assert len({before, after, found()}) == 3
+    assert code_digest() == code_digest()
+
+
+def test_a_full_disk_is_no_rig_that_cannot_be(monkeypatch):
+    """A failed work ends the command; a solver that fails with the rig as designed is a reason of that rig."""
+    job = plan().job
+
+    def full(*given, **options):
+        raise WorkError("disk full")
+
+    monkeypatch.setattr(objective, "calibrated", full)
+    values = {"plate.thickness_mm": 5.0, "camera.exposure_ms": 10.0}
+    assert "cannot be calibrated: disk full" in evaluate.evaluate(job, values)["reason"]
+    monkeypatch.setattr(evaluate, "samples", full)
+    with pytest.raises(WorkError, match="disk full"):
+        evaluate.evaluate(job, values)
+
+
+def test_effects_taken_out_are_kept_by_the_number_of_rigs(on_paper, monkeypatch, tmp_path):
+    """Asked for more rigs, the winner is measured anew without each effect; files of fewer are not shown."""
+    row = {"low_percent": 0.0, "high_percent": 1.0}
+    rows = [row | {"name": "led_bin.offset_V"}, row | {"name": "lateral_glow.length_mm"}]
+    monkeypatch.setattr(finish, "evaluate", paper)
+    monkeypatch.setattr(finish.winner, "tolerances", lambda job, values: {"rows": rows})
+    monkeypatch.setattr(finish.winner, "assessed", lambda job, values, rigs: {"rigs": rigs})
+    monkeypatch.setattr(finish.winner, "without", lambda job, values, effect, rigs: {"effect": effect, "rigs": rigs})
+    wanted = plan(trials=4)
+    chosen = finish.choose(wanted, run(wanted, tmp_path), 1)
+    for rigs in (8, 12, 8):
+        depth = finish.Depth(rigs=rigs, trajectories=0, renderings=0)
+        own = finish.study(wanted, chosen, tmp_path, depth)[chosen[1].name]
+        assert sorted((w["effect"], w["rigs"]) for w in own["without"]) == [("lateral_glow", rigs), ("led_bin", rigs)]
+    assert len(list(tmp_path.glob("trial-*/without-*.json"))) == 4
 
 
 @pytest.mark.parametrize("sampler", ["tpe", "nsga2"])

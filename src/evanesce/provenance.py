@@ -5,8 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any
 
 from evanesce import __version__
@@ -35,6 +37,20 @@ def digest(value: Any) -> str:
     """
     text = json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+@cache
+def code_digest() -> str:
+    """Return the SHA-256 of the package's own source files, names and contents, as they were when first asked."""
+    root = Path(__file__).resolve().parent
+    return digest_of_files(root, sorted(root.rglob("*.py")))
+
+
+def digest_of_files(root: Path, files: Iterable[Path]) -> str:
+    """Return the SHA-256 of files below a folder, by their names there and their contents."""
+    return digest(
+        [[file.relative_to(root).as_posix(), hashlib.sha256(file.read_bytes()).hexdigest()] for file in files]
+    )
 
 
 def record(*, seed: int | None = None, config: Any = None, **more: Any) -> Mapping[str, Any]:

@@ -14,7 +14,7 @@ from evanesce.design.question import Design, Question, on_case
 from evanesce.design.secondary import figures
 from evanesce.design.uncertainty import uncertainty_of
 from evanesce.design.vary import design_at
-from evanesce.errors import InputError, WorkError
+from evanesce.errors import InputError
 from evanesce.render.transport import render_fast
 from evanesce.rig import Scene
 from evanesce.rig.load import validate
@@ -62,12 +62,17 @@ def evaluate(job: Mapping[str, Any], values: Mapping[str, float]) -> dict[str, A
     -------
     dict
         ``figures`` and ``standard_percent`` of the area error, or ``reason``; ``seconds``.
+
+    Raises
+    ------
+    WorkError
+        If the work failed for what is no fault of the rig's, such as a full disk.
     """
     started = time.monotonic()
     base, question, parts = read_job(job)
     try:
         found = _evaluated(base, design_at(base, values), question, parts)
-    except (InputError, WorkError) as error:
+    except InputError as error:
         found = {"reason": str(error)}
     return found | {"seconds": time.monotonic() - started}
 

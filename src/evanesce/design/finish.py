@@ -155,7 +155,12 @@ def study(
         new = {d.effect for d in keeper.new_light}
         work(
             [
-                _Step(f"{best.name}/without-{effect}", winner.without, (plan.job, best.values, effect, depth.rigs), {})
+                _Step(
+                    f"{best.name}/without-{effect}-{depth.rigs}",
+                    winner.without,
+                    (plan.job, best.values, effect, depth.rigs),
+                    {},
+                )
                 for effect in [e for e in effects if e not in new][:SUSPECTS]
             ]
         )
@@ -227,7 +232,8 @@ def _gathered(keeper: _Keeper, plan: Plan, chosen: Chosen, depth: Depth, *, sens
     if chosen.trial is None:
         return found | {"searched": keeper.get(f"{name}/searched")}
     found["tolerances"] = keeper.get(f"{name}/tolerances")
-    found["without"] = [keeper.get(f"{name}/{p.stem}") for p in sorted((keeper.folder / name).glob("without-*.json"))]
+    kept = sorted((keeper.folder / name).glob(f"without-*-{depth.rigs}.json"))
+    found["without"] = [own for p in kept if (own := keeper.get(f"{name}/{p.stem}")) is not None]
     if depth.trajectories and sensitive:
         designs = sensitivity.sample(plan.vary, chosen.values, depth.trajectories, plan.question.seed)
         tried = [keeper.get(f"{name}/morris-{depth.trajectories}-{k}") for k in range(len(designs))]

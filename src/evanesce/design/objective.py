@@ -11,6 +11,7 @@ JCGM 101:2008, Propagation of distributions using a Monte Carlo method.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 from evanesce import rng
 from evanesce.design.question import Case, Design, Question, coarser_camera, fitted_grid, on_case
 from evanesce.design.uncertainty import Draw, Uncertainty, draw, real_scene, shares, uncertainty_of
-from evanesce.errors import InputError
+from evanesce.errors import InputError, WorkError
 from evanesce.measurement.area import measure_frame
 from evanesce.measurement.calibration import Calibration
 from evanesce.measurement.estimator import Estimator
@@ -172,7 +173,8 @@ class Lab:
     @classmethod
     def of(cls, design: Design, question: Question, camera: Scene) -> Lab:
         """Calibrate the camera of a scene (the design's, maybe coarser); once for all drawn rigs."""
-        found = calibrated(camera, rng.generator(question.seed, "nominal"), CardErrors(corner_noise_px=0.0))
+        with _as_reason("the camera cannot be calibrated"):
+            found = calibrated(camera, rng.generator(question.seed, "nominal"), CardErrors(corner_noise_px=0.0))
         return cls(design, question, found, rectification(found))
 
     def area(self, frame: Frame, camera: Scene, drawn: Draw, generator: np.random.Generator) -> float:
@@ -264,6 +266,15 @@ def author_scale(nominal: Calibration, drawn: Draw, distance_mm: float, factor: 
 # --- the simulation --------------------------------------------------------------------------------------------------
 
 
+@contextmanager
+def _as_reason(what: str) -> Iterator[None]:
+    """Tell of a solver that fails with a rig as designed as of a rig that cannot be; solvers write nothing."""
+    try:
+        yield
+    except WorkError as error:
+        raise InputError(f"{what}: {error}") from None
+
+
 def contact_radius(scene: Scene, case: Case, seed: int) -> float:
     """Return the radius of the disc that has the contact's area, as drawn [mm].
 
@@ -272,7 +283,8 @@ def contact_radius(scene: Scene, case: Case, seed: int) -> float:
     InputError
         If that disc reaches over the plate's edge: there is no glass to press on, and none to look through.
     """
-    state = touch(on_case(scene, case), case.force_N, seed=seed)[1]
+    with _as_reason(f"the finger cannot be pressed by {case.name}"):
+        state = touch(on_case(scene, case), case.force_N, seed=seed)[1]
     assert state is not None
     radius = float(np.sqrt(state.nominal_contact_area / np.pi))
     for at, length, axis in zip(case.place_mm, scene.plate.size_mm, "xy", strict=True):

@@ -26,7 +26,7 @@ from evanesce.design.question import Design, Question
 from evanesce.design.secondary import OBJECTIVES
 from evanesce.design.vary import Vary, value_of
 from evanesce.errors import InputError, WorkError
-from evanesce.provenance import digest
+from evanesce.provenance import code_digest, digest
 
 if TYPE_CHECKING:
     import optuna
@@ -93,10 +93,10 @@ class Plan:
 
     @property
     def signature(self) -> str:
-        """Digest of all but the number of trials: a search may go on with more of them."""
+        """Digest of all but the number of trials, and of the code: a search may go on with more, by the same code."""
         limits = [(limit.name, limit.value) for limit in self.limits]
         ranges = [vars(v) for v in self.vary]
-        return digest([self.job, ranges, list(self.objectives), limits, self.sampler])
+        return digest([self.job, ranges, list(self.objectives), limits, self.sampler, code_digest()])
 
     @property
     def job(self) -> dict[str, Any]:
@@ -231,7 +231,10 @@ def _signed(plan: Plan, folder: Path, storage: Any) -> optuna.Study:
     )  # fmt: skip
     kept = study.user_attrs.get("signature")
     if kept is None:
+        study.set_user_attr("code", code_digest())
         study.set_user_attr("signature", plan.signature)
+    elif study.user_attrs.get("code") != code_digest():
+        raise InputError("keeps a search by other code of evanesce", file=folder, key="--out", allowed="a new folder")
     elif kept != plan.signature:
         raise InputError("keeps another search", file=folder, key="--out", allowed="a new folder, or the same question")
     return study

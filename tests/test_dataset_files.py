@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
-import io
+import hashlib
 import json
 import logging
+import sqlite3
 import subprocess
 import tarfile
 import threading
@@ -29,10 +31,9 @@ from evanesce.dataset.export import FORMATS, export
 from evanesce.dataset.info import describe, effects
 from evanesce.dataset.labels import CHANNELS, LabelBox
 from evanesce.dataset.manifest import Manifest
-from evanesce.dataset.read import tar_members
 from evanesce.dataset.run import Deaths, Engine, make, resume
 from evanesce.dataset.trial import SCALARS
-from evanesce.dataset.verify import verify
+from evanesce.dataset.verify import checksums, verify
 from evanesce.errors import InputError, WorkError
 
 
@@ -555,32 +556,144 @@ def test_verify_names_the_bad_frame(whole, tmp_path):
     assert verify(folder).bad_frames == [f"{i:09d}" for i in range(12, 18)]
 
 
+def resealed(folder: Path, shard: int, data: bytes, **member: object) -> None:
+    """Put other bytes in the place of a shard and make every checksum fit them, as somebody with bad intent would;
+    ``member`` changes columns of the manifest for the first frame's picture."""
+    (folder / "SHA256SUMS").unlink()
+    layout.shard_path(folder, shard).write_bytes(data)
+    with contextlib.closing(sqlite3.connect(folder / "manifest.sqlite")) as db, db:
+        digest = hashlib.sha256(data).hexdigest()
+        db.execute("UPDATE shards SET size = ?, sha256 = ? WHERE shard = ?", (len(data), digest, shard))
+        for column, value in member.items():
+            db.execute(f"UPDATE members SET {column} = ? WHERE frame = 0 AND name = 'frame.png'", (value,))
+    sealed_anew(folder)
+
+
+def sealed_anew(folder: Path) -> None:
+    manifest = Manifest.open(folder / "manifest.sqlite")
+    content = manifest.content_digest()
+    manifest.close()
+    with contextlib.closing(sqlite3.connect(folder / "manifest.sqlite")) as db, db:
+        db.execute("UPDATE meta SET value = ? WHERE name = 'content_sha256'", (content,))
+    manifest = Manifest.open(folder / "manifest.sqlite")
+    (folder / "SHA256SUMS").write_bytes(checksums(folder, manifest))
+    manifest.close()
+
+
+def with_header(data: bytes, **changes: object) -> bytes:
+    """Return a shard whose first tar header is another, its own checksum included."""
+    header = tarfile.TarInfo.frombuf(data[:512], "utf-8", "strict")
+    for name, value in changes.items():
+        setattr(header, name, value)
+    return header.tobuf(tarfile.USTAR_FORMAT) + data[512:]
+
+
+def refused(folder: Path, tmp_path: Path, frame: int | None = 0) -> None:
+    """Assert that a dataset whose every checksum fits is refused by all that read it."""
+    report = verify(folder)
+    assert not report.good
+    assert report.bad_frames == ([] if frame is None else [f"{frame:09d}"])
+    assert all(fault.what.startswith("archive refused") for fault in report.faults), report.faults
+    if frame is None:
+        return
+    with dataset.open(folder, check=True) as opened:
+        assert opened[frame + 1].frame.shape == (12, 17)
+        with pytest.raises(InputError, match="refused"):
+            _ = opened[frame].frame
+    for to in ("hdf5", "coco", "lerobot"):
+        with pytest.raises(InputError, match="refused"):
+            export(folder, tmp_path / to, to)
+    assert [p.name for p in tmp_path.iterdir()] == [folder.name]
+
+
 @pytest.mark.parametrize(
     ("name", "kind"),
     [
-        ("../000000000.json", tarfile.REGTYPE),
-        ("/tmp/000000000.json", tarfile.REGTYPE),
+        ("../../../tmp/evil.png", tarfile.REGTYPE),
+        ("/tmp/000000000.frame.png", tarfile.REGTYPE),
+        ("000000000.pickle", tarfile.REGTYPE),
+        ("000000001.frame.png", tarfile.REGTYPE),
         ("000000000.frame.png", tarfile.SYMTYPE),
         ("000000000.frame.png", tarfile.LNKTYPE),
-        ("000000000.pickle", tarfile.REGTYPE),
         ("000000000.frame.png", tarfile.FIFOTYPE),
     ],
 )
-def test_a_hostile_archive_is_refused(tmp_path, name, kind):
-    path = tmp_path / "shard-000000.tar"
-    with tarfile.open(path, "w") as tar:
-        info = tarfile.TarInfo(name)
-        info.type, info.linkname = kind, "/etc/passwd"
-        info.size = 3 if kind == tarfile.REGTYPE else 0
-        tar.addfile(info, io.BytesIO(b"abc"))
-    with pytest.raises(InputError, match="refused"):
-        list(tar_members(path))
+def test_a_hostile_archive_is_refused(whole, tmp_path, name, kind):
+    """A member is renamed or turned into a link, and all checksums are made to fit: nothing but the name tells."""
+    folder = copy(whole, tmp_path / "d")
+    data = layout.shard_path(folder, 0).read_bytes()
+    resealed(folder, 0, data)
+    assert verify(folder).good
+    resealed(folder, 0, with_header(data, name=name, type=kind, linkname="/etc/passwd"))
+    refused(folder, tmp_path)
+
+
+def test_a_size_that_the_archive_does_not_know_is_refused(whole, tmp_path):
+    folder = copy(whole, tmp_path / "d")
+    data = layout.shard_path(folder, 0).read_bytes()
+    resealed(folder, 0, with_header(data, size=17))
+    refused(folder, tmp_path)
+
+
+def test_a_hostile_name_in_archive_and_manifest_is_refused(whole, tmp_path):
+    folder = copy(whole, tmp_path / "d")
+    data = layout.shard_path(folder, 0).read_bytes()
+    resealed(folder, 0, with_header(data, name="000000000./../evil.png"), name="/../evil.png")
+    assert verify(folder).bad_frames == ["000000000"]
+    with dataset.open(folder) as opened, pytest.raises(InputError, match="the manifest names the member"):
+        opened[0].bytes_of("/../evil.png")
+
+
+def test_members_that_nobody_entered_are_refused(whole, tmp_path):
+    """Behind the last member and between two: tar tools would unpack them, the manifest does not know them."""
+    folder = copy(whole, tmp_path / "d")
+    data = layout.shard_path(folder, 3).read_bytes()
+    evil = tarfile.TarInfo("../evil.png").tobuf(tarfile.USTAR_FORMAT)
+    manifest = Manifest.open(folder / "manifest.sqlite")
+    last = manifest.members_of_shard(3)[-1]
+    manifest.close()
+    end = last.offset + -(-last.size // 512) * 512
+    assert not any(data[end:])
+    resealed(folder, 3, data[:end] + evil + data[end + 512 :])
+    refused(folder, tmp_path, frame=None)
+    folder = copy(whole, tmp_path / "e")
+    data = layout.shard_path(folder, 0).read_bytes()
+    resealed(folder, 0, evil + data)
+    assert not verify(folder).good
+
+
+def test_a_link_in_the_place_of_a_shard_is_refused(whole, tmp_path):
+    folder, outside = copy(whole, tmp_path / "d"), tmp_path / "outside.tar"
+    layout.shard_path(folder, 1).rename(outside)
+    layout.shard_path(folder, 1).symlink_to(outside)
+    assert verify(folder).bad_frames == [f"{i:09d}" for i in range(6, 12)]
+    with dataset.open(folder) as opened:
+        assert opened[5].frame.shape == (12, 17)
+        with pytest.raises(InputError, match="a link, which is not followed"):
+            _ = opened[6].frame
+    with pytest.raises(InputError, match="not followed"):
+        export(folder, tmp_path / "x", "coco")
+    shards = copy(whole, tmp_path / "e") / "shards"
+    shards.rename(tmp_path / "moved")
+    shards.symlink_to(tmp_path / "moved")
+    assert len(verify(tmp_path / "e").bad_frames) == 24
+    with dataset.open(tmp_path / "e") as opened, pytest.raises(InputError, match="not followed"):
+        _ = opened[0].frame
+
+
+def test_a_frame_key_cannot_be_a_path(whole, tmp_path):
+    """Exporters name files after keys."""
+    folder = copy(whole, tmp_path / "d")
+    with contextlib.closing(sqlite3.connect(folder / "manifest.sqlite")) as db, db:
+        db.execute("UPDATE frames SET key = '../../evil' WHERE frame = 3")
+    sealed_anew(folder)
+    assert verify(folder).bad_frames == ["000000003"]
+    with pytest.raises(InputError, match="allowed: nine digits"):
+        dataset.open(folder)
 
 
 def test_a_manifest_cannot_point_outside(whole, tmp_path):
     folder = copy(whole, tmp_path / "d")
-    import sqlite3
-
     with sqlite3.connect(folder / "manifest.sqlite") as db:
         db.execute("UPDATE shards SET file = '../../secret.tar' WHERE shard = 0")
     db.close()
@@ -589,12 +702,13 @@ def test_a_manifest_cannot_point_outside(whole, tmp_path):
 
 
 def test_a_cut_shard_is_an_error(whole, tmp_path):
-    data = layout.shard_path(whole, 0).read_bytes()
-    path = tmp_path / "shard-000000.tar"
-    path.write_bytes(data[: len(data) // 2])
-    with pytest.raises(InputError):
-        list(tar_members(path))
-    assert len(list(tar_members(layout.shard_path(whole, 0)))) == 30
+    folder = copy(whole, tmp_path / "d")
+    data = layout.shard_path(folder, 0).read_bytes()
+    layout.shard_path(folder, 0).write_bytes(data[: len(data) // 2])
+    with dataset.open(folder) as opened:
+        assert opened[0].meta["index"] == 0
+        with pytest.raises(InputError, match="refused"):
+            _ = opened[5].meta
 
 
 # --- other formats ----------------------------------------------------------------------------------------------------

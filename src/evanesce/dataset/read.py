@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import builtins
 import hashlib
 import json
 import os
-import re
-import tarfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.dataset import layout
+from evanesce.dataset.archive import header_fault, open_shard
 from evanesce.dataset.encode import decode_exr, decode_png
 from evanesce.dataset.job import Job, load_job
 from evanesce.dataset.labels import LabelBox
@@ -26,7 +24,6 @@ from evanesce.dataset.shard import Member
 from evanesce.errors import InputError
 
 MAX_MEMBER_BYTES = 2_000_000_000
-_MEMBER_NAME = re.compile(r"[0-9]{9}\.(frame\.png|raw\.png|labels\.exr|plate\.exr|mask\.png|json)")
 
 
 class Sample:
@@ -138,6 +135,8 @@ class Dataset(Sequence[Sample]):
             members = manifest.all_members()
         finally:
             manifest.close()
+        if wrong := [row["key"] for row in rows if row["key"] != layout.frame_key(row["frame"])]:
+            raise InputError(f"names the frame {wrong[0]!r}", file=folder / layout.MANIFEST, allowed="nine digits")
         self._frames = [_Frame(row, members.get(row["frame"], {})) for row in rows]
         self._handles: dict[int, int] = {}
         self._owner = os.getpid()
@@ -173,9 +172,11 @@ class Dataset(Sequence[Sample]):
             self._handles, self._owner = {}, os.getpid()
         if shard not in self._handles:
             try:
-                self._handles[shard] = os.open(self._files[shard], os.O_RDONLY)
+                self._handles[shard] = open_shard(self.folder, self._files[shard].name)
             except OSError as error:
                 raise InputError(f"cannot read: {error.strerror}", file=self._files[shard]) from None
+        if fault := header_fault(self._handles[shard], member):
+            raise InputError(f"refused: {fault}", file=self._files[shard])
         data = os.pread(self._handles[shard], member.size, member.offset)
         broken = len(data) < member.size or (self.check and hashlib.sha256(data).hexdigest() != member.sha256)
         if broken:
@@ -208,30 +209,3 @@ def _shard_file(folder: Path, name: str) -> Path:
     if not layout.is_shard_name(name):
         raise InputError(f"names the shard {name!r}", file=folder / layout.MANIFEST, allowed="shard-NNNNNN.tar")
     return folder / layout.SHARDS / name
-
-
-def tar_members(path: Path) -> Iterator[tuple[str, bytes]]:
-    """Read a shard without its manifest: every member's name and bytes, in order.
-
-    Raises
-    ------
-    InputError
-        At the first member that is no plain file of a shard: a path with folders or ``..``, an absolute path, a link, a
-        device, an unknown name; or where the archive is broken.
-    """
-    try:
-        with builtins.open(path, "rb") as stream, tarfile.open(fileobj=stream, mode="r:") as tar:
-            for info in tar:
-                if not info.isreg() or info.issparse() or _MEMBER_NAME.fullmatch(info.name) is None:
-                    raise InputError(
-                        f"member {info.name[:80]!r} is refused", file=path, allowed="plain NNNNNNNNN.frame.png ..."
-                    )
-                if info.size > MAX_MEMBER_BYTES:
-                    raise InputError(f"member {info.name} of {info.size} bytes", file=path)
-                inner = tar.extractfile(info)
-                data = b"" if inner is None else inner.read()
-                if len(data) != info.size:
-                    raise InputError(f"member {info.name} is cut short", file=path)
-                yield info.name, data
-    except (tarfile.TarError, EOFError, OSError) as error:
-        raise InputError(f"not a readable shard: {error}", file=path) from None

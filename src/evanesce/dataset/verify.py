@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import mmap
+import os
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from evanesce.dataset import layout
+from evanesce.dataset.archive import archive_faults, open_shard
 from evanesce.dataset.job import Job, load_job
 from evanesce.dataset.manifest import Manifest
 from evanesce.dataset.shard import file_sha256
@@ -97,6 +99,7 @@ def verify(folder: Path, *, threads: int = 2, on_shard: Callable[[int], None] | 
                 report.size += row["size"]
                 if good is not None:
                     report.faults += _name_frames(folder, manifest, row, mine, good)
+                report.faults += _archive(folder, manifest, row)
                 if on_shard:
                     on_shard(row["size"])
         report.faults += _strays(folder, rows)
@@ -115,10 +118,10 @@ def _fits(folder: Path, row: dict[str, Any]) -> str | None:
     try:
         if not path.is_file() or path.is_symlink():
             return "missing"
-        if path.stat().st_size != row["size"]:
-            return f"{path.stat().st_size} bytes instead of {row['size']}"
         digest = hashlib.sha256()
-        with path.open("rb", buffering=0) as stream:
+        with os.fdopen(open_shard(folder, row["file"]), "rb", buffering=0) as stream:
+            if (size := os.fstat(stream.fileno()).st_size) != row["size"]:
+                return f"{size} bytes instead of {row['size']}"
             buffer = memoryview(bytearray(CHUNK))
             while count := stream.readinto(buffer):
                 digest.update(buffer[:count])
@@ -129,10 +132,13 @@ def _fits(folder: Path, row: dict[str, Any]) -> str | None:
 
 def _name_frames(folder: Path, manifest: Manifest, row: dict[str, Any], keys: list[str], what: str) -> Iterator[Fault]:
     """Yield the faults of a shard that does not fit: each bad frame where the file can be read, else all of them."""
-    path, name = folder / layout.SHARDS / row["file"], f"{layout.SHARDS}/{row['file']}"
+    name = f"{layout.SHARDS}/{row['file']}"
     bad = set()
     try:
-        with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        with (
+            os.fdopen(open_shard(folder, row["file"]), "rb") as stream,
+            mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data,
+        ):
             for member in manifest.members_of_shard(row["shard"]):
                 part = data[member.offset : member.offset + member.size]
                 if hashlib.sha256(part).hexdigest() != member.sha256:
@@ -140,6 +146,22 @@ def _name_frames(folder: Path, manifest: Manifest, row: dict[str, Any], keys: li
     except (OSError, ValueError):
         bad = set(keys)
     yield Fault(name, what if bad else f"{what}, but every member fits: the archive's own bytes", tuple(sorted(bad)))
+
+
+def _archive(folder: Path, manifest: Manifest, row: dict[str, Any]) -> Iterator[Fault]:
+    """Yield the members of a shard whose tar headers are not what the manifest says: checksums alone could be new."""
+    if not layout.is_shard_name(row["file"]):
+        return  # told already
+    try:
+        handle = open_shard(folder, row["file"])
+    except OSError:
+        return  # told already
+    try:
+        for member, what in archive_faults(handle, manifest.members_of_shard(row["shard"]), row["size"]):
+            key = () if member is None else (layout.frame_key(member.frame),)
+            yield Fault(f"{layout.SHARDS}/{row['file']}", f"archive refused: {what}", key)
+    finally:
+        os.close(handle)
 
 
 def _manifest_faults(folder: Path, job: Job, manifest: Manifest) -> Iterator[Fault]:
@@ -154,6 +176,9 @@ def _manifest_faults(folder: Path, job: Job, manifest: Manifest) -> Iterator[Fau
         return
     if meta.get("content_sha256") != manifest.content_digest():
         yield Fault(layout.MANIFEST, "its rows are not those that were sealed")
+    for row in manifest.frames():
+        if row["key"] != layout.frame_key(row["frame"]):
+            yield Fault(layout.MANIFEST, f"names the frame {row['key'][:80]!r}", (layout.frame_key(row["frame"]),))
     there = {row["frame"] for row in manifest.frames()} | {row["frame"] for row in manifest.quarantined()}
     missing = [layout.frame_key(frame) for frame in range(job.frames) if frame not in there]
     if missing or len(there) != job.frames:

@@ -52,14 +52,15 @@ def make(
 ) -> None:
     """Make a dataset: frames with per-pixel truth of presses and slides, in tar shards with a manifest."""
     check_json_target(json_file)
-    from evanesce.dataset.config import MAX_FRAMES, load_config
+    from evanesce.dataset.limits import require_possible
 
-    if not 1 <= frames <= MAX_FRAMES:  # before anything large is imported
-        raise InputError(f"{frames} frames", key="--n", allowed=f"1 to {MAX_FRAMES}")
+    overrides = parse_overrides(override)
+    require_possible(scene, config, overrides, frames)  # before anything large is imported
+    from evanesce.dataset.config import load_config
     from evanesce.dataset.job import new_job
     from evanesce.rig import load_scene
 
-    job = new_job(load_scene(scene, parse_overrides(override)), load_config(config), frames=frames, seed=seed)
+    job = new_job(load_scene(scene, overrides), load_config(config), frames=frames, seed=seed)
     from evanesce.dataset.estimate import estimate, require_disk
 
     engine = _engine(workers, scheduler, shard)

@@ -9,6 +9,7 @@ from typing import Any, Literal, Self
 from pydantic import Field, model_validator
 
 from evanesce.dataset.distributions import Distribution, choice, constant, log_uniform, uniform
+from evanesce.dataset.limits import MAX_CONFIG_BYTES, MAX_SHARD_FRAMES
 from evanesce.effects import all_effects
 from evanesce.errors import InputError
 from evanesce.materials import material_names
@@ -17,13 +18,6 @@ from evanesce.rig.load import validate
 
 KINDS = ("slide", "load_stop", "wiggle", "rotation", "ramp", "release", "change")
 """Kinds of trial; all but ``slide`` are negatives, in which the contact never slides as a whole."""
-
-MAX_FRAMES = 50_000_000
-"""Most frames of a dataset; a larger request is a slip of the keyboard."""
-MAX_FRAME_BYTES = 400_000_000
-"""Most bytes that one frame may take in memory with all its labels."""
-MAX_SHARD_FRAMES = 256
-MAX_CONFIG_BYTES = 200_000
 
 
 class Kinds(Strict):

@@ -6,7 +6,7 @@ import math
 from typing import Any, Self
 
 from pydantic import model_validator
-from scipy.stats import norm
+from scipy.special import ndtr, ndtri
 
 from evanesce.quantities import Strict
 
@@ -62,8 +62,8 @@ class Distribution(Strict):
             return low * (high / low) ** quantile
         if self.normal is not None:
             mean, deviation = self.normal
-            edge = float(norm.cdf(-NORMAL_REACH))
-            return mean + deviation * float(norm.ppf(edge + quantile * (1.0 - 2.0 * edge)))
+            edge = float(ndtr(-NORMAL_REACH))
+            return mean + deviation * float(ndtri(edge + quantile * (1.0 - 2.0 * edge)))
         assert self.choice is not None  # one form is always there
         return self.choice[min(int(quantile * len(self.choice)), len(self.choice) - 1)]
 

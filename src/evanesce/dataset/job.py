@@ -12,12 +12,10 @@ from typing import Any
 
 from evanesce import provenance
 from evanesce.dataset import layout
-from evanesce.dataset.config import MAX_FRAME_BYTES, MAX_FRAMES, MOVES_PIXELS, DatasetConfig
+from evanesce.dataset.config import MOVES_PIXELS, DatasetConfig
+from evanesce.dataset.limits import require_count, require_frame, resolution
 from evanesce.errors import InputError
 from evanesce.rig import Scene
-
-BYTES_PER_PIXEL = 70
-"""Memory that a pixel takes while its frame is made: charges, labels and their copies."""
 
 SOFTER = 1.1
 """Room for contacts that effects of the finger make larger than its table says."""
@@ -81,9 +79,7 @@ class Job:
     @property
     def resolution(self) -> tuple[int, int]:
         """(columns, rows) of a frame."""
-        scale = self.config.camera.scale
-        cols, rows = self.scene.camera.resolution_px
-        return max(8, round(cols * scale)), max(8, round(rows * scale))
+        return resolution(self.scene.camera.resolution_px, self.config.camera.scale)
 
     def describe(self) -> dict[str, Any]:
         """Return what stands in ``dataset.json``."""
@@ -118,21 +114,14 @@ def new_job(scene: Scene, config: DatasetConfig, *, frames: int, seed: int) -> J
     """
     if not 0 <= seed < 2**63:
         raise InputError(f"{seed}", key="--seed", allowed="0 to 2^63 - 1")
-    if not 1 <= frames <= MAX_FRAMES:
-        raise InputError(f"{frames} frames", key="--n", allowed=f"1 to {MAX_FRAMES}")
+    require_count(frames)
     if scene.finger.height_map is not None:
         raise InputError("a height map does not slide", key="finger.height_map", allowed="finger.ridges, or neither")
     for name in MOVES_PIXELS.keys() & scene.effects.keys():
         raise InputError(MOVES_PIXELS[name], key=f"effects.{name}", allowed="a scene without it")
     per = config.trial.frames
     job = Job(scene, config, seed, math.ceil(frames / per) * per)
-    cols, rows = job.resolution
-    need = cols * rows * BYTES_PER_PIXEL + config.labels.grid_samples**2 * 8 * 40
-    if need > MAX_FRAME_BYTES:
-        raise InputError(
-            f"a frame of {cols} x {rows} px and {config.labels.grid_samples}^2 plate samples needs {need / 1e9:.3g} GB",
-            key="camera.resolution_px, labels.grid_samples", allowed=f"at most {MAX_FRAME_BYTES / 1e9:g} GB a frame",
-        )  # fmt: skip
+    require_frame(*job.resolution, config.labels.grid_samples)
     _contact_fits(job)
     _rigs_are_possible(job)
     return job

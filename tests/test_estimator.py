@@ -250,3 +250,7 @@ def test_frames_whose_edge_saturation_hides_are_named():
     assert found.code == "saturated_edge"
     assert "2 of 4 frame(s), first 4, in 1 of them under glow" in found.text
     assert EdgeLog().warnings(4) == []
+    blind = EdgeLog(blur_known=False)
+    assert blind.warnings(4) == []
+    blind.add(7, "top")
+    assert [warning.code for warning in blind.warnings(4)] == ["saturated_edge", "blur_not_known"]

@@ -222,11 +222,16 @@ def _complete(
 
 
 def _blur(grid: Any) -> dict[str, float]:
-    """Return the spread of the blur over a picture [px]: it tells a board out of focus."""
+    """Return the spread of the blur over a picture [px], in grey levels, with the levels of the board's squares [DN].
+
+    It tells a board out of focus, and the refined estimator how wide an edge is.
+    """
     import numpy as np
 
     sigma = np.sqrt((grid.fit.sigma**2).mean(axis=1))
-    return {name: float(np.percentile(sigma, q)) for name, q in (("median", 50), ("p05", 5), ("p95", 95))}
+    found = {name: float(np.percentile(sigma, q)) for name, q in (("median", 50), ("p05", 5), ("p95", 95))}
+    level, half = float(np.median(grid.fit.level)), float(np.median(np.abs(grid.fit.contrast)))
+    return found | {"dark_DN": level - half, "bright_DN": level + half}
 
 
 def _draw(folder: Path, result: Calibrated, pictures: BoardPictures | None) -> None:

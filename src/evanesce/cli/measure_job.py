@@ -184,7 +184,8 @@ def run(job: Job) -> Result:
     """
     stream = job.stream
     rows: list[AreaRow] = []
-    log, edges = FrameLog(job.chain.threshold), EdgeLog()
+    known = job.estimator is None or job.estimator.settings.blur.origin != "believed"
+    log, edges = FrameLog(job.chain.threshold), EdgeLog(blur_known=known)
     peak: Measured | None = None
     with ExitStack() as stack:
         bar = stack.enter_context(progress())

@@ -19,6 +19,7 @@ from scipy import ndimage
 from evanesce.errors import InputError
 from evanesce.measurement.area import Measured
 from evanesce.measurement.calibration import Calibration
+from evanesce.measurement.refined_blur import Blur
 from evanesce.measurement.refined_edge import (
     Boundary,
     EdgeSettings,
@@ -30,7 +31,13 @@ from evanesce.measurement.refined_edge import (
 from evanesce.measurement.refined_glow import Walk, entered, find_walk
 from evanesce.measurement.refined_light import Radiometry
 from evanesce.measurement.refined_plate import PlateMap
-from evanesce.measurement.refined_saturation import contact_within, filled_by, lies_within, shift_of_edge
+from evanesce.measurement.refined_saturation import (
+    contact_within,
+    doubt_of_edge,
+    filled_by,
+    lies_within,
+    shift_of_edge,
+)
 from evanesce.measurement.segment import Crop, Segmentation
 from evanesce.states import Estimate, Frame
 
@@ -43,6 +50,8 @@ GLOW_MARGIN_PX = 260
 GLOW_REACH_PX = 200.0
 GLOW_SMOOTHING_PX = 1.5
 FILL_ROUNDS = 4
+BLURS_TRIED = 7
+"""Within the limits of the camera's blur, to see how far a saturated edge depends on it."""
 
 SATURATED_SHARE = 0.02
 """Of the contact's pixels: up to here noise takes single pixels to the top, which are read as they are."""
@@ -58,8 +67,8 @@ class Settings:
     Attributes
     ----------
     edge : EdgeSettings
-    blur_px : float
-        Standard deviation of the camera's blur [px]; only saturated frames need it.
+    blur : Blur
+        Of the camera; only saturated frames need it.
     least_step : float
         Light of contact over the background, of full scale, below which nothing touches.
     least_area_mm2 : float
@@ -71,7 +80,7 @@ class Settings:
     """
 
     edge: EdgeSettings = field(default_factory=EdgeSettings)
-    blur_px: float = 1.13
+    blur: Blur = field(default_factory=Blur)
     least_step: float = 0.01
     least_area_mm2: float = 0.1
     walk: Walk | None = None
@@ -102,6 +111,8 @@ class RefinedArea:
     unseen : {"", "top", "modelled"}
         What saturation hides of the edge: nothing; its top, so that its foot was read; more, under glow, so that the
         saturated part was put in by a model.
+    blur_doubt_px : float
+        How far the boundary would move by the limits of the camera's blur [px]; 0 where the edge does not need it.
     """
 
     area_mm2: float
@@ -115,6 +126,7 @@ class RefinedArea:
     step: float
     spread_mm: float | None = None
     unseen: Unseen = ""
+    blur_doubt_px: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,14 +148,21 @@ class Estimator:
     def of(cls, calibration: Calibration, radiometry: Radiometry | None = None, **settings: Any) -> Estimator:
         """Return the estimator of a calibration; keywords go to :class:`Settings`.
 
+        ``blur_px`` states the camera's blur; without it (or ``blur``) it is what the calibration's board shows.
+
         Raises
         ------
         InputError
-            If the calibration tells no scale, or its tone curve is not valid.
+            If the calibration tells no scale, or its tone curve or blur is not valid.
         """
         if radiometry is None:
             radiometry = Radiometry.of(calibration.details)
-        return cls(plate=PlateMap.of(calibration), radiometry=radiometry, settings=Settings(**settings))
+        plate = PlateMap.of(calibration)
+        if "blur_px" in settings:
+            settings["blur"] = Blur.stated(settings.pop("blur_px"))
+        elif "blur" not in settings:
+            settings["blur"] = Blur.of(calibration.details, radiometry.tone, plate.view)
+        return cls(plate=plate, radiometry=radiometry, settings=Settings(**settings))
 
     def taught(self, image: NDArray[np.uint8]) -> Estimator:
         """Return the estimator that has learnt from one unsaturated frame how far light walks in this finger."""
@@ -205,17 +224,20 @@ class Estimator:
             walk = Walk() if saturated else self._find_walk(light[wide], coarse[wide])
         window = _window(coarse, GLOW_MARGIN_PX if walk.length_px else PLAIN_MARGIN_PX)
         local, first = light[window], coarse[window]
-        inward = 0.0
+        inward = doubt = 0.0
         unseen: Unseen = ""
         if walk.length_px:
             boundary = self._under_glow(local, full[window] if saturated else None, first, walk)
-            unseen = "modelled" if saturated else ""
+            if saturated:
+                unseen, doubt = "modelled", 0.5 * (settings.blur.high_px - settings.blur.low_px)
         elif saturated:
-            inward, boundary = self._saturated_edge(local, full[window])
+            inward, doubt, boundary = self._saturated_edge(local, full[window])
             unseen = "top"
         else:
             boundary = find_boundary(local, first, settings.edge)
-        found = replace(self._measured(boundary, window, light.shape, full, walk, inward), unseen=unseen)
+        found = replace(
+            self._measured(boundary, window, light.shape, full, walk, inward), unseen=unseen, blur_doubt_px=doubt
+        )
         if walk.length_px or saturated or not found.contours:
             return found
         side = np.sqrt(self.plate.pixel_area(np.concatenate(found.contours)).mean())
@@ -239,18 +261,22 @@ class Estimator:
         start = coarse_mask(entered(light, walk, GLOW_SMOOTHING_PX), 0.0)
         mask = light > SATURATED_LEVEL if start is None else start
         for _ in range(FILL_ROUNDS):
-            filled = filled_by(light, full, mask, walk, self.settings.blur_px)
+            filled = filled_by(light, full, mask, walk, self.settings.blur.px)
             found = find_boundary(entered(filled, walk, GLOW_SMOOTHING_PX), mask, replace(edge, rounds=2))
             mask = found.level > 0.5
         if not lies_within(mask, full):
             return found
-        return contact_within(light, full, walk, self.settings.blur_px)
+        return contact_within(light, full, walk, self.settings.blur.px)
 
-    def _saturated_edge(self, light: Floats, full: Mask) -> tuple[float, Boundary]:
-        """Return how far inwards of a fixed level the half-way point lies [px], and the curve at that level."""
+    def _saturated_edge(self, light: Floats, full: Mask) -> tuple[float, float, Boundary]:
+        """Return how far inwards of a fixed level the half-way point lies, how far by the blur's limits it may lie
+        elsewhere [px], and the curve at that level."""
         level = cv2.GaussianBlur(light, (0, 0), self.settings.edge.smoothing_px) / (2 * SATURATED_LEVEL)
         boundary = Boundary(contours=half_contours(level), level=level, step=np.full(light.shape, 1.0))
-        return shift_of_edge(light, full, boundary, SATURATED_LEVEL, self.settings.blur_px), boundary
+        blur = self.settings.blur
+        blurs = [blur.px, *np.geomspace(blur.low_px, blur.high_px, BLURS_TRIED)]
+        tried = shift_of_edge(light, full, boundary, SATURATED_LEVEL, blurs)
+        return float(tried[0, 0]), doubt_of_edge(tried), boundary
 
     def _measured(
         self,

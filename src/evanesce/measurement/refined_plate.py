@@ -42,6 +42,8 @@ class PlateMap:
         [mm].
     covariance : ndarray (terms, terms)
         Of the coefficients along one axis, from the corners' own scatter [mm^2].
+    view : int, optional
+        Number of the calibration's view that lay on the glass; None without corners.
     """
 
     calibration: Calibration
@@ -50,6 +52,7 @@ class PlateMap:
     powers: NDArray[np.int64]
     coefficients: Floats
     covariance: Floats
+    view: int | None = None
 
     @classmethod
     def of(cls, calibration: Calibration) -> PlateMap:
@@ -65,7 +68,7 @@ class PlateMap:
         found = _flattest(calibration)
         if found is None:
             return cls._uniform(calibration)
-        world, at = found
+        view, world, at = found
         middle = (np.array(calibration.image_size, dtype=np.float64) - 1) / 2
         reach = float(max(calibration.image_size)) / 2
         powers = np.array([(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)])
@@ -74,7 +77,7 @@ class PlateMap:
         residual = world - terms @ coefficients
         variance = float((residual**2).sum() / (2 * (len(world) - len(powers))))
         covariance = np.asarray(variance * np.linalg.inv(terms.T @ terms), np.float64)
-        return cls(calibration, middle, reach, powers, np.asarray(coefficients, np.float64), covariance)
+        return cls(calibration, middle, reach, powers, np.asarray(coefficients, np.float64), covariance, view)
 
     @classmethod
     def _uniform(cls, calibration: Calibration) -> PlateMap:
@@ -137,11 +140,11 @@ def _terms(points: Floats, powers: NDArray[np.int64]) -> Floats:
     return np.asarray(points[:, :1] ** powers[:, 0] * points[:, 1:] ** powers[:, 1])
 
 
-def _flattest(calibration: Calibration) -> tuple[Floats, Floats] | None:
-    """Return board [mm] and undistorted picture [px] of the view whose scale changes least across it; None if none."""
-    best: tuple[Floats, Floats] | None = None
+def _flattest(calibration: Calibration) -> tuple[int, Floats, Floats] | None:
+    """Return number, board [mm] and straight picture [px] of the view whose scale changes least across it, if any."""
+    best: tuple[int, Floats, Floats] | None = None
     least = math.inf
-    for world, image in _views(calibration.details):
+    for number, world, image in _views(calibration.details):
         straight = undistort_points(image, calibration.camera_matrix, calibration.distortion)
         homography, _ = cv2.findHomography(world, straight)
         if homography is None:
@@ -149,12 +152,12 @@ def _flattest(calibration: Calibration) -> tuple[Floats, Floats] | None:
         depth = world @ homography[2, :2] + homography[2, 2]  # proportional to the corners' distance from the lens
         spread = float(depth.max() / depth.min()) if depth.min() > 0 else math.inf
         if spread < least:
-            best, least = (world, straight), spread
+            best, least = (number, world, straight), spread
     return best
 
 
-def _views(details: Mapping[str, Any]) -> list[tuple[Floats, Floats]]:
-    """Return board and picture positions of each view with enough corners."""
+def _views(details: Mapping[str, Any]) -> list[tuple[int, Floats, Floats]]:
+    """Return number, board and picture positions of each view with enough corners."""
     rows = details.get("corners")
     if not isinstance(rows, list):
         return []
@@ -166,4 +169,4 @@ def _views(details: Mapping[str, Any]) -> list[tuple[Floats, Floats]]:
     if not np.isfinite(table).all():
         raise InputError("holds numbers that are not finite", key="corners")
     views = [table[table[:, 0] == number] for number in np.unique(table[:, 0])]
-    return [(v[:, 1:3], v[:, 3:5]) for v in views if len(v) >= MIN_CORNERS]
+    return [(int(v[0, 0]), v[:, 1:3], v[:, 3:5]) for v in views if len(v) >= MIN_CORNERS]

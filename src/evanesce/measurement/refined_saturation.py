@@ -6,6 +6,8 @@ below full scale tells how high the step is and how far inside the half-way poin
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +22,13 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 REACH_PX = 6.0
+REACH_BLURS = 5.0
+"""How far out the foot is read, in standard deviations of the blur, but at least ``REACH_PX``."""
+
+FOOT_ALLOWS = 1.7
+"""A blur is ruled out whose residual is so many times the least one's: on ellipses 1.3 to 4 times over the top, blurred
+by 1.1 to 3 px, the true blur's is at most 1.4 times the least."""
+
 BIN_PX = 0.25
 BESIDE_PX = 40.0
 WIDEST_RIM_PX = 30.0
@@ -30,8 +39,10 @@ def edge_response(distance: Floats, blur_px: float) -> Floats:
     return np.asarray(0.5 * erfc(distance / (np.sqrt(2.0) * blur_px)))
 
 
-def shift_of_edge(light: Floats, full: Mask, boundary: Boundary, level: float, blur_px: float) -> float:
+def shift_of_edge(light: Floats, full: Mask, boundary: Boundary, level: float, blurs_px: Sequence[float]) -> Floats:
     """Return the distance from a curve of fixed light to the half-way point of its step [px], positive inwards.
+
+    One row a blur: the distance, and the RMS residual of the foot [of full scale].
 
     Parameters
     ----------
@@ -43,19 +54,38 @@ def shift_of_edge(light: Floats, full: Mask, boundary: Boundary, level: float, b
         At the fixed level: its map is 0.5 there.
     level : float
         That level, of full scale.
-    blur_px : float
-        Standard deviation of the camera's blur [px].
+    blurs_px : sequence of float
+        Standard deviations of the camera's blur [px]; the first says how far out the foot is read.
     """
     distance = _outside(boundary.level)
-    foot = (distance > 0) & (distance < REACH_PX) & ~full & (light < 1.1 * level)
-    edges = np.arange(0.0, REACH_PX + BIN_PX / 2, BIN_PX)
+    reach = max(REACH_PX, REACH_BLURS * min(blurs_px[0], 10.0))
+    foot = (distance > 0) & (distance < reach) & ~full & (light < 1.1 * level)
+    edges = np.arange(0.0, reach + BIN_PX / 2, BIN_PX)
     number = np.digitize(distance[foot], edges)
     count = np.bincount(number, minlength=len(edges))[1 : len(edges)]
     good = count > 0
     if good.sum() < 4:
-        return 0.0
+        return np.zeros((len(blurs_px), 2))
     middle = (0.5 * (edges[1:] + edges[:-1]))[good]
     profile = ndimage.mean(light[foot], number, np.arange(1, len(edges))[good])
+    return np.array([_shift(middle, np.asarray(profile), level, blur) for blur in blurs_px])
+
+
+def doubt_of_edge(tried: Floats) -> float:
+    """Return how far the half-way point may lie off the first blur's [px], over the blurs that the foot allows.
+
+    Parameters
+    ----------
+    tried : ndarray (n, 2)
+        Of :func:`shift_of_edge`.
+    """
+    shifts, residuals = tried.T
+    allowed = residuals <= FOOT_ALLOWS * residuals.min()
+    return float(np.abs(shifts[allowed] - shifts[0]).max())
+
+
+def _shift(middle: Floats, profile: Floats, level: float, blur_px: float) -> tuple[float, float]:
+    """Fit the foot of a blurred step of unknown height and place; return place [px], positive inwards, and residual."""
 
     def residual(x: Floats) -> Floats:
         # x0 height, x1 shift, x2 light far outside; its own level is no part: smoothing moved it
@@ -63,7 +93,7 @@ def shift_of_edge(light: Floats, full: Mask, boundary: Boundary, level: float, b
 
     start = [1.5, float(np.clip(blur_px * (0.5 - level / 1.5), -1.0, 1.0)), 0.0]
     solved = least_squares(residual, start, bounds=([level, -4.0, -0.2], [50.0, 6.0, 0.2]))
-    return float(solved.x[1])
+    return float(solved.x[1]), float(np.sqrt(np.mean(solved.fun**2)))
 
 
 def contact_within(light: Floats, full: Mask, walk: Walk, blur_px: float) -> Boundary:

@@ -267,7 +267,7 @@ def nearness_component(known: Literal["found", "drawing", "assumed"], found_erro
 
 def refined_components(
     pixel_mm: float, scale_standard: float, *, video: bool = False, finger: Finger = "ridged",
-    spread_mm: float | None = None, unseen: str = "", glow: bool = False,
+    spread_mm: float | None = None, unseen: str = "", glow: bool = False, blur_doubt_px: float = 0.0,
 ) -> list[Component]:  # fmt: skip
     """Return the budget of the refined estimator beyond the card.
 
@@ -281,7 +281,7 @@ def refined_components(
         Whether frames went through a lossy codec.
     finger : {"ridged", "smooth"}
         Counts where the edge's own width is not known.
-    spread_mm, unseen : float, str, optional
+    spread_mm, unseen, blur_doubt_px : float, str, float, optional
         Of :class:`~evanesce.measurement.estimator.RefinedArea`.
     glow : bool
         Whether light's walk in the silicone was turned round.
@@ -327,6 +327,14 @@ def refined_components(
             Component(
                 name="saturated edge", role="boundary", low=-half, high=half, shape="rectangular",
                 origin="the edge is read from light beside the part that is at full scale",
+            )
+        )  # fmt: skip
+    if blur_doubt_px > 0:
+        half = blur_doubt_px * pixel_mm
+        found.append(
+            Component(
+                name="camera's blur", role="boundary", low=-half, high=half, shape="rectangular",
+                origin="way of a saturated edge by the limits of the blur: the board's, or those of any camera",
             )
         )  # fmt: skip
     if video:

@@ -60,6 +60,7 @@ def refined_uncertainty(
         *refined_components(
             side, spread, video=video, finger=finger, spread_mm=None if video else found.spread_mm,
             unseen=found.unseen, glow=found.walk.length_px > 0,
+            blur_doubt_px=found.blur_doubt_px,
         ),
     ]  # fmt: skip
     return propagate(reading, parts, rng)

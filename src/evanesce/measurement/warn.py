@@ -161,8 +161,12 @@ class FrameLog:
 
 @dataclass
 class EdgeLog:
-    """Gathers the frames in which saturation hides the edge from the refined estimator."""
+    """Gathers the frames in which saturation hides the edge from the refined estimator.
 
+    ``blur_known`` tells whether the calibration holds the camera's blur.
+    """
+
+    blur_known: bool = True
     count: int = 0
     modelled: int = 0
     first: int = -1
@@ -185,7 +189,16 @@ class EdgeLog:
             f"the contact's edge is at full scale in {self.count} of {frames} frame(s), first {self.first}{glow}: "
             f"its interval is wider; expose less"
         )
-        return [Warning("saturated_edge", text)]
+        found = [Warning("saturated_edge", text)]
+        if not self.blur_known:
+            found.append(
+                Warning(
+                    "blur_not_known",
+                    "the calibration holds no blur of the camera, which a saturated edge needs: a believed one is used "
+                    "and intervals are wider; calibrate from pictures of the board, or state blur_px in the file",
+                )
+            )
+        return found
 
 
 def frame_rate_warning(stated: float | None, given: float | None, where: str) -> Warning | None:

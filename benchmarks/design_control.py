@@ -4,7 +4,7 @@ The thesis's rig is asked the same question as by `make design-demo`: thresholds
 own draws; then the best of each kind, and the best unsaturated design of the search, on the rigs drawn anew that the
 demo's base and winners were measured on, and by the reference.
 
-    python benchmarks/design_control.py --json outputs/design_control.json
+    python benchmarks/design_control.py --demo outputs/design-demo/result.json --json outputs/design_control.json
 """
 
 from __future__ import annotations
@@ -30,12 +30,15 @@ VOLTAGES = (9.0, 9.5, 10.0, 10.5)
 UNSATURATED = 1e-4
 """Largest share of the contact at full scale that counts as none: hot pixels and specks have some."""
 
-UNSATURATED_TRIAL = {
-    "plate.thickness_mm": 5.0, "leds.pitch_mm": 21.183999016022508, "leds.voltage_V": 8.804234353533879,
-    "camera.exposure_ms": 13.791382150928209, "camera.lens.f_number": 6.2566198230110714,
-    "measurement.threshold": 0.4153216331577351,
-}  # fmt: skip
-"""Trial 12 of the demo: least error of those without saturation."""
+
+def unsaturated_trial(path: Path) -> tuple[str, dict[str, float]]:
+    """Return name and values of the demo's design with the least error of those without saturation."""
+    if not path.is_file():
+        raise SystemExit(f"{path}: no such file; run `make design-demo` first, or name it with --demo")
+    trials = json.loads(path.read_text(encoding="utf-8"))["trials"]
+    able = [t for t in trials if t["feasible"] and t["figures"]["saturation"] <= UNSATURATED]
+    found = min(able, key=lambda t: t["figures"]["area_error"])
+    return f"all six, unsaturated (trial {found['number']})", found["values"]
 
 
 def demo_job() -> dict[str, Any]:
@@ -67,8 +70,11 @@ def grid(job: Mapping[str, Any]) -> list[dict[str, Any]]:
     return rows
 
 
-def named(rows: list[dict[str, Any]], base_voltage: float) -> dict[str, dict[str, float]]:
+def named(
+    rows: list[dict[str, Any]], base_voltage: float, unsaturated: tuple[str, dict[str, float]]
+) -> dict[str, dict[str, float]]:
     """Return the designs that are looked at closely."""
+    name, values = unsaturated
 
     def best(able: list[dict[str, Any]]) -> dict[str, float]:
         return dict(min(able, key=lambda row: row["error_percent"])["values"])
@@ -78,7 +84,7 @@ def named(rows: list[dict[str, Any]], base_voltage: float) -> dict[str, dict[str
         "threshold alone": best([r for r in rows if r["values"]["leds.voltage_V"] == base_voltage]),
         "threshold and voltage": best(rows),
         "threshold and voltage, unsaturated": best([r for r in rows if r["saturation"] <= UNSATURATED]),
-        "all six, unsaturated (trial 12)": UNSATURATED_TRIAL,
+        name: values,
     }
 
 
@@ -87,12 +93,14 @@ def main() -> None:
     parser.add_argument("--fresh-rigs", type=int, default=24)
     parser.add_argument("--renderings", type=int, default=2)
     parser.add_argument("--samples", type=int, default=8)
+    parser.add_argument("--demo", type=Path, default=Path("outputs/design-demo/result.json"))
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
+    unsaturated = unsaturated_trial(arguments.demo)
     job, began, load = demo_job(), time.process_time(), os.getloadavg()
     rows = grid(job)
     designs = {}
-    for name, values in named(rows, job["scene"]["leds"]["voltage_V"]).items():
+    for name, values in named(rows, job["scene"]["leds"]["voltage_V"], unsaturated).items():
         known = next((d for d in designs.values() if d["values"] == values), None)
         if known is not None:
             designs[name] = known

@@ -119,7 +119,7 @@ def test_more_trials_go_on_and_another_question_is_refused(on_paper, tmp_path):
 
 
 def test_results_of_other_code_are_not_reused(on_paper, tmp_path, monkeypatch):
-    """One file of the package differs: its search is refused in a clear line, and what was kept of winners is not read."""
+    """One file of the package differs: its search is refused in a line, and what was kept of winners is not read."""
     kept = finish._Keeper(plan(), tmp_path)
     kept.put("trial-1/tolerances", {"rows": []})
     run(plan(trials=2), tmp_path)
@@ -150,11 +150,14 @@ def test_the_codes_digest_is_of_names_and_contents(tmp_path):
 
 def test_a_full_disk_is_no_rig_that_cannot_be(monkeypatch):
     """A failed work ends the command; a solver that fails with the rig as designed is a reason of that rig."""
-    job = plan().job
+    asked = Question(forces_N=(1.0,), places_mm=((3.3, -2.1),), materials=("silskin_0",), coarser=1)
+    job = plan(question=asked).job
 
     def full(*given, **options):
         raise WorkError("disk full")
 
+    monkeypatch.setattr(evaluate, "contact_irradiance", lambda *given: 1.0)
+    monkeypatch.setattr(objective, "light_up", lambda *given: None)
     monkeypatch.setattr(objective, "calibrated", full)
     values = {"plate.thickness_mm": 5.0, "camera.exposure_ms": 10.0}
     assert "cannot be calibrated: disk full" in evaluate.evaluate(job, values)["reason"]
@@ -167,7 +170,7 @@ def test_effects_taken_out_are_kept_by_the_number_of_rigs(on_paper, monkeypatch,
     """Asked for more rigs, the winner is measured anew without each effect; files of fewer are not shown."""
     row = {"low_percent": 0.0, "high_percent": 1.0}
     rows = [row | {"name": "led_bin.offset_V"}, row | {"name": "lateral_glow.length_mm"}]
-    monkeypatch.setattr(finish, "evaluate", paper)
+    monkeypatch.setattr(finish, "evaluate", lambda job, values: {"figures": {}})
     monkeypatch.setattr(finish.winner, "tolerances", lambda job, values: {"rows": rows})
     monkeypatch.setattr(finish.winner, "assessed", lambda job, values, rigs: {"rigs": rigs})
     monkeypatch.setattr(finish.winner, "without", lambda job, values, effect, rigs: {"effect": effect, "rigs": rigs})

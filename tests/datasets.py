@@ -111,7 +111,7 @@ def paper_meta(job: Job, frame: int, trial: int) -> dict:
 def use_paper() -> None:
     """Let this process make paper frames."""
     worker.Producer = PaperProducer  # type: ignore[misc,assignment]
-    worker._producer.cache_clear()
+    worker.forget()
 
 
 def contents(folder: Path) -> dict[str, bytes]:

@@ -12,6 +12,7 @@ import subprocess
 import tarfile
 import threading
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import cv2
@@ -40,9 +41,9 @@ from evanesce.errors import InputError, WorkError
 @pytest.fixture(autouse=True)
 def paper(monkeypatch):
     monkeypatch.setattr(worker, "Producer", PaperProducer)
-    worker._producer.cache_clear()
+    worker.forget()
     yield
-    worker._producer.cache_clear()
+    worker.forget()
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +52,7 @@ def whole(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("whole") / "d"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(worker, "Producer", PaperProducer)
-        worker._producer.cache_clear()
+        worker.forget()
         outcome = make(folder, tiny_job())
     assert outcome.complete
     assert (outcome.frames, outcome.made) == (24, 24)
@@ -252,6 +253,27 @@ def test_a_running_scheduler_makes_the_same_bytes(whole, tmp_path):
         assert len(cluster.scheduler.workers) == 1
     assert outcome.complete
     assert contents(tmp_path / "d") == contents(whole)
+
+
+def test_threads_of_one_worker_share_no_producer(whole, tmp_path, monkeypatch):
+    """A worker of an external scheduler may have several threads; two make their frames at the same moment here."""
+    meet, used = threading.Barrier(2, timeout=30), set()
+
+    class Watched(PaperProducer):
+        def record(self, frame):
+            used.add((threading.get_ident(), id(self)))
+            meet.wait()
+            return super().record(frame)
+
+    make(tmp_path / "d", tiny_job(), Engine(part=(4, 4)))  # the folder and its last shard
+    monkeypatch.setattr(worker, "Producer", Watched)
+    with ThreadPoolExecutor(2) as pool:
+        done = list(pool.map(lambda shard: worker.make_shard(str(tmp_path / "d"), shard), (0, 1)))
+    assert [report["frames"] for report in done] == [6, 6]
+    assert len({thread for thread, _ in used}) == len({producer for _, producer in used}) == len(used) == 2
+    for shard in (0, 1):
+        name = f"shards/{layout.shard_name(shard)}"
+        assert (tmp_path / "d" / name).read_bytes() == (whole / name).read_bytes()
 
 
 def test_a_worker_with_other_versions_is_refused(tmp_path, monkeypatch):

@@ -29,9 +29,9 @@ FRAMES = 12
 @pytest.fixture(autouse=True)
 def paper(monkeypatch):
     monkeypatch.setattr(worker, "Producer", PaperProducer)
-    worker._producer.cache_clear()
+    worker.forget()
     yield
-    worker._producer.cache_clear()
+    worker.forget()
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def good(tmp_path_factory) -> dict[str, bytes]:
     folder = tmp_path_factory.mktemp("good") / "d"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(worker, "Producer", PaperProducer)
-        worker._producer.cache_clear()
+        worker.forget()
         make(folder, tiny_job(frames=FRAMES))
     return contents(folder)
 

@@ -63,7 +63,7 @@ class _Current:
 
 
 class Producer:
-    """Makes the frames of a job, one trial after the other.
+    """Makes the frames of a job, one trial after the other. It keeps the trial at hand: one thread a producer.
 
     Parameters
     ----------
@@ -129,7 +129,9 @@ class Producer:
                 tried = real_rig(scene, plan.rig.seed, touch)
                 if tried.left_out != rig.left_out:
                     rig, ready = tried, self._camera(plan, tried)
-            self._trial = _Current(number, plan, trial, ready, rig.left_out)
+            current = _Current(number, plan, trial, ready, rig.left_out)
+            self._trial = current
+            return current
         return self._trial
 
     def _camera(self, plan: TrialPlan, rig: RealRig) -> _Ready:

@@ -8,12 +8,12 @@ frame in a process of its own, to see with certainty whether it is the frame tha
 from __future__ import annotations
 
 import contextlib
-import functools
 import json
 import os
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -39,9 +39,26 @@ def single_threaded() -> None:
     fused.THREADS = 1  # its pool is made on first use
 
 
-@functools.lru_cache(maxsize=1)
+class _Kept(threading.local):
+    """What a thread keeps for its next shard: a producer works at one trial at a time."""
+
+    key: tuple[Any, ...] = ()
+    producer: Producer | None = None
+
+
+_kept = _Kept()
+
+
 def _producer(folder: str, digest: str) -> Producer:
-    return Producer(load_job(Path(folder)))
+    key = (Producer, folder, digest)
+    if _kept.producer is None or _kept.key != key:
+        _kept.producer, _kept.key = Producer(load_job(Path(folder))), key
+    return _kept.producer
+
+
+def forget() -> None:
+    """Let the next shard of this thread be made by a new producer."""
+    _kept.producer = None
 
 
 def make_shard(folder: str, shard: int, *, any_versions: bool = False) -> dict[str, Any]:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from evanesce.states import PlateLight
-from evanesce.validation.time_study import FINE_HZ, broken_line, onsets, smeared
+from evanesce.validation.time_area import FINE_HZ, averaged, broken_line, onsets, reading_errors, rolled, stamped
+from evanesce.validation.time_study import smeared
 
 
 def disc(radius: float, rows: int = 201, cols: int = 317) -> PlateLight:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from evanesce.report.study_page import maps_figure
 from evanesce.validation import budget_part, estimator_part, pressure_part
 from evanesce.validation.estimator_study import EstimatorStudy, Row
 
@@ -57,11 +58,35 @@ def pressed(saturated: float, rms: float) -> dict[str, float | None]:
 
 
 def test_pressures_verdict_keeps_saturated_frames_apart() -> None:
-    maps = np.stack([np.full((9, 7), level) for level in (0.2, 0.1, 0.0)])
-    found = pressure_part.findings([pressed(0.0, 2.0), pressed(0.0, 4.5), pressed(0.9, 44.0)], maps)
+    found = pressure_part.findings([pressed(0.0, 2.0), pressed(0.0, 4.5), pressed(0.9, 44.0)])
     assert "2.0 to 4.5 % of its peak" in found.verdict[0]
     assert "7.5 to 7.5 % of the force" in found.verdict[1]
     assert "(1 of 3 frames)" in found.verdict[2]
     assert "44 to 44 %" in found.verdict[2]
-    assert found.pictures[0].image.shape == (9, 3 * 7 + 16, 3)
+    assert not found.maps
     assert found.tables[0].rows[0][7] == "none"
+
+
+def test_error_maps_are_map_less_truth_and_hide_what_is_saturated() -> None:
+    y, x = np.mgrid[:31, :43]
+    true = 0.21 * np.sqrt(np.clip(1 - (x - 20.3) ** 2 / 180 - (y - 14.1) ** 2 / 120, 0, None))
+    full = (true > 0.17).astype(float)
+    clear, lost = (np.stack([true, 1.03 * true, 0.8 * true, hidden]) for hidden in (0 * true, full))
+    rows = [pressed(0.0, 2.0), pressed(0.9, 44.0)]
+    found = pressure_part.findings(rows, {"clear": clear, "lost": lost})
+    assert "-20 % over the tenth" in found.maps[0].caption
+    assert "grey, 90 % of the contact" in found.maps[1].caption.replace("90%", "90 %")
+    for maps, hidden in zip(found.maps, (0 * full, full), strict=True):
+        model, author = maps.rows[1]
+        np.testing.assert_allclose(model.values, 0.03 * true, atol=1e-15)
+        np.testing.assert_allclose(author.values, -0.2 * true, atol=1e-15)
+        np.testing.assert_array_equal(author.unknown, hidden > 0)
+        # one scale for both, symmetric, that ends near the greatest error shown
+        assert model.top == author.top == pytest.approx(0.2 * true[hidden == 0].max(), rel=0.03)
+        assert author.signed
+    figure = maps_figure(found.maps[1])
+    shown = [axis.images[0] for axis in figure.axes if axis.images]
+    assert [image.get_clim() for image in shown[3:5]] == [
+        (-found.maps[1].rows[1][0].top, found.maps[1].rows[1][0].top)
+    ] * 2
+    assert np.count_nonzero(np.ma.getmaskarray(shown[4].get_array())) == np.count_nonzero(full)

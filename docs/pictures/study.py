@@ -18,7 +18,10 @@ from PIL import Image
 HERE = Path(__file__).resolve().parent
 PICTURES = {
     "threshold-1": "study-threshold",
+    "pressure-1": "measurement-pressure",
+    "pressure-2": "measurement-pressure-lost",
     "time-1": "study-time",
+    "time-2": "study-time-area",
     "thesis-1": "study-area",
     "thesis-2": "study-depth",
     "thesis-3": "study-slide",

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 from markupsafe import Markup
+from matplotlib import colormaps
 from matplotlib.figure import Figure
 
 from evanesce.report.html import Page, Picture, Section, Table, figure_png, image_png
-from evanesce.validation.studies import Chart, Findings, Panel, Study
+from evanesce.validation.studies import Chart, Findings, Maps, Panel, Study
 
 WIDTH_PX = 1150
 COLOURS = ("#1f6feb", "#d1571b", "#2a8f4f", "#8250df", "#b8860b", "#c2255c", "#0b7285", "#57606a", "#000000")
@@ -65,6 +66,27 @@ def _draw(axis: Any, panel: Panel) -> None:
         axis.legend(fontsize=7.5, framealpha=0.85)
 
 
+def maps_figure(maps: Maps) -> Figure:
+    """Return rows of maps, each row with its scale; pixels that are not known are grey."""
+    count = max(len(row) for row in maps.rows)
+    figure = Figure(figsize=(3.4 * count + 1.2, 3.2 * len(maps.rows)), layout="constrained")
+    grid = figure.subplots(len(maps.rows), count, squeeze=False)
+    for axes, row, label in zip(grid, maps.rows, maps.labels, strict=True):
+        top = max(one.top for one in row)
+        for axis, one in zip(axes, row, strict=False):
+            colours = colormaps["RdBu_r" if one.signed else "viridis"].with_extremes(bad="0.6")
+            hidden = np.zeros(one.values.shape, bool) if one.unknown is None else one.unknown
+            drawn = axis.imshow(
+                np.ma.array(one.values, mask=hidden), vmin=-top if one.signed else 0.0, vmax=top, cmap=colours
+            )
+            axis.set_title(one.title, fontsize=10)
+            axis.set_xlabel("[px]")
+        for axis in axes[len(row) :]:
+            axis.set_visible(False)
+        figure.colorbar(drawn, ax=list(axes[: len(row)]), label=label, extend="both" if row[0].signed else "neither")
+    return figure
+
+
 def _array(values: Sequence[Any]) -> Any:
     return np.array([np.nan if value is None else value for value in values], float)
 
@@ -111,6 +133,7 @@ def pictures(parts: Sequence[tuple[Study, Findings]]) -> dict[str, bytes]:
 
 def _pictures(found: Findings) -> list[Picture]:
     charts = [Picture(figure_png(chart_figure(chart)), chart.caption) for chart in found.charts]
+    charts += [Picture(figure_png(maps_figure(maps)), maps.caption) for maps in found.maps]
     return charts + [Picture(image_png(shown.image, WIDTH_PX), shown.caption) for shown in found.pictures]
 
 

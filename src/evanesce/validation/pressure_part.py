@@ -8,44 +8,66 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.rig import Scene
-from evanesce.validation.pressure_study import FORCES, SLOPES, VOLTAGES, run_study
-from evanesce.validation.studies import Findings, Ledger, Listing, Part, Progress, Shown
+from evanesce.validation.pressure_study import FORCES, SLOPES, VOLTAGES, Row, run_study
+from evanesce.validation.studies import Findings, Ledger, Listing, Map, Maps, Part, Progress
 from evanesce.validation.study_scenes import Finger, check_studied
+
+Floats = NDArray[np.float64]
+
+KEPT = ("true", "model", "author", "full")
+"""Maps that a run puts away."""
+
+LOST = 0.5
+"""Share of the contact at full scale from which on its pressure counts as lost."""
 
 
 def run(scene: Scene, out: Path, progress: Progress, *, quick: bool = False, seed: int = 1) -> Findings:
     """Do the study; see :class:`evanesce.validation.studies.Study`."""
     check_studied(scene)
     smooth = Finger(scene.finger.material, ridged=False, glowing=False).on(scene)
-    ledger = Ledger(out / "pressure.jsonl", {"scene": scene.as_dict(), "seed": seed, "quick": quick})
-    path = out / "pressure-maps.npy"
-    if not len(ledger):  # the picture belongs to the rows
-        path.unlink(missing_ok=True)
+    ledger = Ledger(out / "pressure.jsonl", {"scene": scene.as_dict(), "seed": seed, "quick": quick, "maps": KEPT})
+    paths = {name: out / f"pressure-{name}.npy" for name in ("clear", "lost")}
+    if not len(ledger):  # the pictures belong to the rows
+        for path in paths.values():
+            path.unlink(missing_ok=True)
 
-    def show(maps: Mapping[str, NDArray[np.float64]]) -> None:
-        if not path.is_file():
-            temporary = path.with_name(f".{path.name}")
-            with temporary.open("wb") as stream:
-                np.save(stream, np.stack([maps[name] for name in ("true", "model", "author")]), allow_pickle=False)
-            temporary.replace(path)
+    def show(maps: Mapping[str, Floats], row: Row) -> None:
+        for name, path in paths.items():
+            if _wanted(name, row.saturated_share) and not path.is_file():
+                temporary = path.with_name(f".{path.name}")
+                with temporary.open("wb") as stream:
+                    np.save(stream, np.stack([maps[kind] for kind in KEPT]), allow_pickle=False)
+                temporary.replace(path)
 
     found = run_study(
         smooth, slopes=SLOPES[:1] if quick else SLOPES, forces=FORCES[:1] if quick else FORCES, voltages=VOLTAGES,
         seed=seed, tick=partial(progress, "pressure: frames"), keep=ledger.row, show=show,
     )  # fmt: skip
-    maps = np.load(path, allow_pickle=False) if path.is_file() else None
+    maps = {name: np.load(path, allow_pickle=False) for name, path in paths.items() if path.is_file()}
     return findings([asdict(row) for row in found.rows], maps)
 
 
-def findings(rows: Sequence[Mapping[str, Any]], maps: NDArray[np.float64] | None = None) -> Findings:
-    """Return table, picture and verdict from rows and the maps (true, model, author) of one frame [MPa]."""
+def _wanted(name: str, saturated_share: float) -> bool:
+    """Return whether a frame is one of those that "clear" or "lost" stands for."""
+    return saturated_share == 0 if name == "clear" else saturated_share > LOST
+
+
+def findings(rows: Sequence[Mapping[str, Any]], maps: Mapping[str, Floats] | None = None) -> Findings:
+    """Return table, maps and verdict.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+    maps : mapping of ndarray (4, rows, cols), optional
+        :data:`KEPT` [MPa] of the first frame without saturation (``clear``) and the first whose contact is mostly at
+        full scale (``lost``).
+    """
     clear = [r for r in rows if r["saturated_share"] == 0]
-    lost = [r for r in rows if r["saturated_share"] > 0.5]
+    lost = [r for r in rows if r["saturated_share"] > LOST]
     verdict = []
     if clear:
         ours, theirs = ([r[key] for r in clear] for key in ("rms_percent", "author_rms_percent"))
@@ -66,26 +88,53 @@ def findings(rows: Sequence[Mapping[str, Any]], maps: NDArray[np.float64] | None
             f" by {min(r['rms_percent'] for r in lost):.0f} to {max(r['rms_percent'] for r in lost):.0f} %: the"
             " pressure there is lost."
         )
-    pictures = [] if maps is None else [_picture(maps)]
+    shown, peaks = [], []
+    for name in ("clear", "lost"):
+        row = next((r for r in rows if _wanted(name, r["saturated_share"])), None)
+        if maps and name in maps and row is not None:
+            shown.append(_maps(name, maps[name], row))
+            peaks.append(_peaks(name, maps[name]))
     return Findings(
-        verdict=verdict or ["No frame."], pictures=pictures, tables=[_table(rows)], data={"rows": list(rows)}
+        verdict=verdict or ["No frame."],
+        maps=shown,
+        tables=[_table(rows)],
+        data={"rows": list(rows), "peaks": peaks},
     )
 
 
-def _picture(maps: NDArray[np.float64]) -> Shown:
-    top = float(maps[0].max())
-    panels = [
-        cv2.cvtColor(
-            cv2.applyColorMap(np.rint(255 * np.clip(m / top, 0, 1)).astype(np.uint8), cv2.COLORMAP_VIRIDIS),
-            cv2.COLOR_BGR2RGB,
+def _peaks(name: str, maps: Floats) -> dict[str, Any]:
+    """Return how far each map lies off over the tenth of the contact that is pressed hardest [% of the mean there]."""
+    true, model, author, _ = maps
+    hard = true >= np.quantile(true[true > 0], 0.9)
+    over = {kind: 100 * (float(m[hard].mean() / true[hard].mean()) - 1) for kind, m in
+            (("model_percent", model), ("author_percent", author))}  # fmt: skip
+    return {"frame": name} | over | {"author_greatest_pixel_percent": 100 * (float(author.max() / true.max()) - 1)}
+
+
+def _maps(name: str, maps: Floats, row: Mapping[str, Any]) -> Maps:
+    true, model, author, full = maps
+    top, off = float(true.max()), _peaks(name, maps)
+    hidden = full > 0
+    # three in a thousand pixels of the rim would hide the rest
+    least = float(np.quantile(np.abs(np.stack([model - true, author - true]))[:, ~hidden & (true > 0)], 0.997))
+    upper = [Map(title="true", values=true, top=top), Map(title="roughness model", values=model, top=top),
+             Map(title="author's map, scaled to the force", values=author, top=top)]  # fmt: skip
+    lower = [Map(title=f"{who} - true", values=m - true, top=least, signed=True, unknown=hidden)
+             for who, m in (("model", model), ("author", author))]  # fmt: skip
+    where = f"RMS slope {row['rms_slope']:g}, {row['force_N']:g} N, {row['voltage_V']:g} V"
+    if name == "clear":
+        caption = (
+            f"Where nothing saturates ({where}) the model errs by noise and at the rim only, {row['rms_percent']:.1f} %"
+            f" of the peak (RMS), while the author's map is too flat: {off['author_percent']:+.0f} % over the tenth of"
+            " the contact that is pressed hardest, and too much at the rim."
         )
-        for m in maps
-    ]
-    gap = np.full((panels[0].shape[0], 8, 3), 255, np.uint8)
-    return Shown(
-        image=np.concatenate([panels[0], gap, panels[1], gap, panels[2]], axis=1),
-        caption=f"Pressure of one frame, from 0 to {top:.2f} MPa: true, by the roughness model, and the author's map.",
-    )
+    else:
+        caption = (
+            f"Where light saturates (grey, {row['saturated_share']:.0%} of the contact; {where}) the pressure is lost"
+            f" to both maps: the model then errs by {row['rms_percent']:.0f} % of the peak, the author's by"
+            f" {row['author_rms_percent']:.0f} %."
+        )
+    return Maps(rows=[upper, lower], labels=["pressure [MPa]", "error [MPa]"], caption=caption)
 
 
 def _table(rows: Sequence[Mapping[str, Any]]) -> Listing:
@@ -106,7 +155,8 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> Listing:
             for r in rows
         ],
         caption="Errors over the true contact's pixels, in per cent of the true peak; halo: force that a map puts where"
-        " nothing touches.",
+        " nothing touches. What counts as background, whose median light is taken off, and the area of each pixel are"
+        " the true ones: neither map has to find them.",
     )  # fmt: skip
 
 

@@ -74,7 +74,8 @@ class PressureStudy:
     ----------
     rows : list of Row
     maps : dict of ndarray
-        ``true``, ``model`` and ``author`` pressure [MPa] of the first frame that does not saturate.
+        ``true``, ``model`` and ``author`` pressure [MPa] of the first frame that does not saturate, and ``full``, 1
+        where a pixel is at full scale.
     provenance : dict
     """
 
@@ -118,7 +119,7 @@ def run_study(
     seed: int = 1,
     tick: Callable[[int, int], None] = lambda done, total: None,
     keep: Keep = not_kept,
-    show: Callable[[dict[str, Floats]], None] = lambda maps: None,
+    show: Callable[[dict[str, Floats], Row], None] = lambda maps, row: None,
 ) -> PressureStudy:
     """Run the study.
 
@@ -136,19 +137,19 @@ def run_study(
     keep : callable
         Puts the rows of a press away, so that an interrupted run goes on; see :data:`~.studies.Keep`.
     show : callable
-        Gets the maps of the first frame that does not saturate, before the rows of its press are put away.
+        ``show(maps, row)`` gets every frame's maps, before the rows of its press are put away.
     """
     rows: list[Row] = []
     maps: dict[str, Floats] = {}
 
-    def first(found: dict[str, Floats]) -> None:
-        if not maps:
+    def each(found: dict[str, Floats], row: Row) -> None:
+        show(found, row)
+        if not maps and row.saturated_share == 0:
             maps.update(found)
-            show(found)
 
     for slope in slopes:
         for force in forces:
-            make = partial(_press, rough(scene, slope), slope, force, voltages, threshold, seed, first)
+            make = partial(_press, rough(scene, slope), slope, force, voltages, threshold, seed, each)
             rows += [Row(**row) for row in keep(f"slope {slope:g}, {force:g} N", make)["rows"]]
             tick(len(rows), len(slopes) * len(forces) * len(voltages))
     return PressureStudy(
@@ -158,7 +159,7 @@ def run_study(
 
 def _press(
     rig: Scene, slope: float, force: float, voltages: Sequence[float], threshold: float, seed: int,
-    show: Callable[[dict[str, Floats]], None],
+    show: Callable[[dict[str, Floats], Row], None],
 ) -> dict[str, Any]:  # fmt: skip
     """Return the rows of one press as plain data."""
     press, state = Lit.of(rig, force, seed), contact_state(rig, force)
@@ -169,8 +170,7 @@ def _press(
         frame = press.frame(voltage, rng.integer_seed(seed, "pressure", f"{slope:g} {force:g}"))
         row, maps = _compare(frame.data, truth, curve, threshold, (slope, force, voltage, rig.camera.tone_curve))
         rows.append(asdict(row))
-        if row.saturated_share == 0:
-            show(maps)
+        show(maps, row)
     return {"rows": rows}
 
 
@@ -203,4 +203,4 @@ def _compare(
         saturated_share=float((full & inside).sum() / inside.sum()), halo_percent=ours[2],
         author_halo_percent=other[2], factor=found.factor,
     )  # fmt: skip
-    return row, {"true": true, "model": found.pressure, "author": theirs}
+    return row, {"true": true, "model": found.pressure, "author": theirs, "full": (full & inside).astype(float)}

@@ -75,6 +75,29 @@ class Shown:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Map:
+    """A field over pixels in its own unit; ``unknown`` pixels are drawn grey.
+
+    A ``signed`` field gets a scale that is symmetric about 0, another starts at 0. ``top`` ends the scale.
+    """
+
+    title: str
+    values: NDArray[np.float64]
+    top: float
+    signed: bool = False
+    unknown: NDArray[np.bool_] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Maps:
+    """Rows of maps, each row with one scale, with the sentence that says what they mean; ``labels`` carry units."""
+
+    rows: Sequence[Sequence[Map]]
+    labels: Sequence[str]
+    caption: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class Listing:
     """A table of text under headings that carry their units."""
 
@@ -91,13 +114,14 @@ class Findings:
     ----------
     verdict : sequence of str
         Sentences, the first of them the answer.
-    charts, pictures, tables : sequence
+    charts, maps, pictures, tables : sequence
     data : mapping
         The numbers, JSON-able, units in the keys.
     """
 
     verdict: Sequence[str]
     charts: Sequence[Chart] = ()
+    maps: Sequence[Maps] = ()
     pictures: Sequence[Shown] = ()
     tables: Sequence[Listing] = ()
     data: Mapping[str, Any] = field(default_factory=dict)

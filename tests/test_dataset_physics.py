@@ -287,6 +287,8 @@ def test_a_lifted_finger_has_no_labels():
     trial = trial_of("release")
     truth = trial.truth(len(trial) - 1)
     assert truth.state is None
+    # Nothing touches, so nothing slips: a detector must not learn a lifted finger as a slip.
+    assert (truth.scalars["Fz_N"], truth.scalars["margin"], truth.scalars["stick_ratio"]) == (0.0, 0.0, 1.0)
     box = FrameLabeller(trial.scene, trial.grid).labels(truth, 0.5)
     assert box.channels["gap"].size == 0
     assert box.shape == (48, 64)

@@ -10,7 +10,7 @@ from evanesce.dataset.config import KINDS
 from evanesce.dataset.job import Job
 from evanesce.dataset.labels import CHANNELS
 from evanesce.dataset.manifest import Manifest
-from evanesce.dataset.trial import SCALARS
+from evanesce.dataset.trial import MEANINGS, SCALARS
 
 CROISSANT = "http://mlcommons.org/croissant/1.0"
 RESPONSIBLE = "http://mlcommons.org/croissant/RAI/1.0"
@@ -27,7 +27,7 @@ def schema() -> dict[str, Any]:
     number, text, whole = {"type": "number"}, {"type": "string"}, {"type": "integer", "minimum": 0}
     maybe = {"type": ["number", "null"]}
     table = {"type": "object"}
-    scalars = {name: {"type": "number", "description": f"[{unit}]"} for name, unit in SCALARS.items()}
+    scalars = {name: {"type": "number", "description": _told(name)} for name in SCALARS}
     properties = {
         "key": {"type": "string", "pattern": "^[0-9]{9}$"},
         "index": whole,
@@ -53,6 +53,11 @@ def schema() -> dict[str, Any]:
         "required": list(properties),
         "additionalProperties": False,
     }
+
+
+def _told(name: str) -> str:
+    """Return a number's unit and what its name does not tell."""
+    return f"[{SCALARS[name]}] {MEANINGS.get(name, '')}".rstrip()
 
 
 def croissant(job: Job, manifest: Manifest) -> dict[str, Any]:

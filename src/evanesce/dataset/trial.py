@@ -227,7 +227,7 @@ class Trial:
         frame, s = self._slide.frames[i], self._sampled
         if state is None:
             nothing = dict.fromkeys(SCALARS, 0.0)
-            return {**nothing, "time_s": float(s.time[i]), "drive_mm": float(s.drive[i])}
+            return {**nothing, "stick_ratio": 1.0, "time_s": float(s.time[i]), "drive_mm": float(s.drive[i])}
         contact = frame.contact
         limit = self._limit(contact)
         fx, fy = state.tangential_force
@@ -266,6 +266,13 @@ SCALARS: dict[str, str] = {
     "tip_displacement_mm": "mm",
 }
 """Numbers of each frame and their units. Forces are those of the finger on the glass."""
+
+MEANINGS = {
+    "Fz_N": "0: the finger is lifted, and forces, areas, friction coefficient and margin are 0",
+    "stick_ratio": "share of the contact that sticks; 1 where the finger is lifted (Fz_N = 0): nothing slips",
+    "margin": "|Ft| / (mu Fn), or the same of the torque; 0 where the finger is lifted",
+}
+"""What a number does not tell by its name."""
 
 
 def areas(state: ContactState) -> dict[str, float]:

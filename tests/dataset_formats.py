@@ -68,9 +68,11 @@ def _lerobot(data: dataset.Dataset, target: Path) -> bool:
 
     files = sorted((target / "data").rglob("*.parquet"))
     rows = [row for path in files for row in pq.read_table(path).to_pylist()]
+    names = ["train", "validation", "test"]  # the order of the episodes
+    samples = sorted(data, key=lambda s: names.index(s.row["split"]))
     return len(rows) == len(data) and all(
         np.array_equal(decode_png(row["observation.images.tactile"]["bytes"]), s.frame)
         and np.array_equal(decode_png(row["observation.images.surface_state"]["bytes"]), s.state)
         and np.float32(row["action"][0]) == np.float32(s.scalars["drive_mm"])
-        for row, s in zip(rows, data, strict=True)
+        for row, s in zip(rows, samples, strict=True)
     )

@@ -800,11 +800,14 @@ def test_lerobot_reads_back_equal(whole, tmp_path):
     assert list(tasks.index) == ["slide"]
     stats = json.loads((root / "meta" / "stats.json").read_text())
     with dataset.open(whole) as data:
+        assert info["splits"] == {"train": "0:3", "test": "3:4"}
+        assert [(e["trial"], e["split"]) for e in episodes] == [(0, "train"), (1, "train"), (3, "train"), (2, "test")]
         for e in episodes:
             path = info["data_path"].format(chunk_index=e["data/chunk_index"], file_index=e["data/file_index"])
             rows = pq.read_table(root / path).to_pylist()
             for i in range(e["dataset_from_index"], e["dataset_to_index"]):
-                row, sample = rows[i], data[i]
+                row, sample = rows[i], data[6 * e["trial"] + i % 6]
+                assert sample.row["split"] == e["split"]
                 assert (row["index"], row["episode_index"], row["frame_index"]) == (i, e["episode_index"], i % 6)
                 image = decode_png(row["observation.images.tactile"]["bytes"])
                 np.testing.assert_array_equal(image, sample.frame)

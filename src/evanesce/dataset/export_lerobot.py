@@ -23,6 +23,7 @@ DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 FILE_BYTES = 100_000_000
 CHUNK_FILES = 1000
+SPLITS = ("train", "validation", "test")
 STATE = tuple(name for name in SCALARS if name not in ("drive_mm", "time_s"))
 """Numbers that make up ``observation.state``; the drive is the action."""
 
@@ -48,7 +49,7 @@ def write(dataset: Dataset, folder: Path, advance: Advance) -> None:
     episodes, stats = [], _Stats()
     writer = _Files(folder)
     done = 0
-    for number, indices in enumerate(dataset.trials().values()):
+    for number, indices in enumerate(_by_split(dataset)):
         rows = []
         for place, i in enumerate(indices):
             sample = dataset[i]
@@ -69,6 +70,22 @@ def write(dataset: Dataset, folder: Path, advance: Advance) -> None:
         done += len(rows)
     writer.close()
     _meta(dataset, folder, tasks, episodes, stats, done)
+
+
+def _by_split(dataset: Dataset) -> list[list[int]]:
+    """Return the indices of each trial's frames, trials of a split after each other: LeRobot's splits are ranges."""
+    rows = dataset.rows()
+    return sorted(dataset.trials().values(), key=lambda indices: SPLITS.index(rows[indices[0]]["split"]))
+
+
+def _ranges(episodes: list[dict[str, Any]]) -> dict[str, str]:
+    """Return the episodes of each split that has some, ``first:end``."""
+    found = {}
+    for split in SPLITS:
+        numbers = [e["episode_index"] for e in episodes if e["split"] == split]
+        if numbers:
+            found[split] = f"{numbers[0]}:{numbers[-1] + 1}"
+    return found
 
 
 def _row(sample: Sample, episode: int, place: int, index: int, task: int) -> dict[str, Any]:
@@ -190,7 +207,7 @@ def _meta(
             "data_files_size_in_mb": FILE_BYTES // 1_000_000,
             "video_files_size_in_mb": 200,
             "fps": round(dataset.job.config.trial.frame_rate_hz),
-            "splits": {"train": f"0:{len(episodes)}"},
+            "splits": _ranges(episodes),
             "data_path": DATA,
             "video_path": None,
             "features": features,

@@ -174,7 +174,7 @@ MOVES_PIXELS = {
 NOT_DRAWN = {
     **MOVES_PIXELS,
     "card_offset": "without a trace: no card stands in a frame",
-    "frame_rate": "without a trace: time stamps of frames are not kept",
+    "frame_rate": "without a trace: it falsifies the time stamps of a camera; time_s is the true time",
     "square_size": "without a trace: no card stands in a frame",
 }
 """Effects that are never drawn, and why."""

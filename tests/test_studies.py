@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from evanesce import provenance
 from evanesce.cli.app import app
 from evanesce.measurement.segment import Chain, segment
 from evanesce.report.html import write
@@ -20,6 +21,7 @@ from evanesce.report.slider import slider
 from evanesce.report.study_page import page
 from evanesce.rig import Scene, load_scene
 from evanesce.simulate import touch
+from evanesce.validation import estimator_study
 from evanesce.validation.perfect import PerfectView
 from evanesce.validation.slider import SliderFrame
 from evanesce.validation.studies import Chart, Findings, Ledger, Listing, Panel, Part, Progress, Series, Shown, studies
@@ -64,6 +66,31 @@ def test_rows_of_another_scene_are_not_taken(tmp_path: Path) -> None:
     Ledger(path, {"scene": 1}).row("a", lambda: {"x": 1})
     assert "a" not in Ledger(path, {"scene": 2})
     assert "a" not in Ledger(path, {"scene": 1})
+
+
+def test_rows_of_other_source_code_are_not_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rows of a ledger and of the estimator's study go with the code that made them."""
+    path, study = tmp_path / "rows.jsonl", tmp_path / "study.jsonl"
+    row = estimator_study.Row(
+        finger="smooth", place="centre", force_N=1.0, voltage_V=8.5, true_mm2=3.1, author_mm2=3.2, refined_mm2=3.0,
+        saturated_share=0.0,
+    )  # fmt: skip
+    pressed: list[str] = []
+
+    def rows_of(name: str, place: str, *args: object, **options: object) -> list[estimator_study.Row]:
+        pressed.append(place)
+        return [replace(row, finger=name, place=place)]
+
+    monkeypatch.setattr(estimator_study, "rows_of", rows_of)
+    scene, counts = load_scene("thesis"), []
+    for digest in ("one", "one", "other"):
+        monkeypatch.setattr(provenance, "code_digest", lambda digest=digest: digest)
+        kept = "a" in Ledger(path, {"scene": 1})
+        Ledger(path, {"scene": 1}).row("a", lambda: {"x": 1})
+        options = {"voltages": (8.5,), "forces": (1.0,), "fingers": ("smooth",), "keep": study}
+        estimator_study.run_study(scene, scene, **options)
+        counts.append((kept, len(pressed)))
+    assert counts == [(False, 2), (True, 2), (False, 4)]
 
 
 def test_a_view_without_calibration_error_sees_the_true_area() -> None:

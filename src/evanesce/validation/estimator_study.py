@@ -233,7 +233,7 @@ def run_study(
     chosen = {n: s for n, s in fingers_of(smooth, ridged).items() if fingers is None or n in fingers}
     calibration = calibrated(smooth, rng.generator(seed, "corners"))
     origin = dict(provenance.record(seed=seed, config={"smooth": smooth.as_dict(), "ridged": ridged.as_dict()}))
-    digest = provenance.digest([smooth.as_dict(), ridged.as_dict(), threshold, seed])
+    digest = provenance.digest([provenance.code_digest(), smooth.as_dict(), ridged.as_dict(), threshold, seed])
     done = _kept(keep, digest)
     total = len(chosen) * len(PLACES) * len(voltages) * len(forces)
     rows: list[Row] = []

@@ -20,7 +20,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce import __version__, provenance
+from evanesce import provenance
 from evanesce import validation as here
 from evanesce.rig import Scene
 
@@ -188,14 +188,14 @@ class Ledger:
     Parameters
     ----------
     path : Path
-        Of the file. It is begun anew where it belongs to another scene, other settings or another version.
+        Of the file. It is begun anew where it belongs to another scene, other settings or other source code.
     belongs_to : object
         JSON-able: everything that the rows depend on.
     """
 
     def __init__(self, path: Path, belongs_to: Any) -> None:
         self.path = path
-        self._digest = provenance.digest({"version": __version__, "of": belongs_to})
+        self._digest = provenance.digest({"source": provenance.code_digest(), "of": belongs_to})
         self._rows: dict[str, dict[str, Any]] = {}
         lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
         if self._own(lines):

@@ -7,6 +7,8 @@ import json
 import numpy as np
 import pytest
 
+from evanesce.validation import thesis_study
+from evanesce.validation.studies import Shown
 from evanesce.validation.thesis_figures import (
     FORCES,
     Reproduced,
@@ -48,6 +50,32 @@ def test_an_entry_agrees_only_inside_its_interval() -> None:
     entry = spanning("area", "at 1 N", "mm²", 3.0, [2.0, 1.5, 3.1], "why")
     assert (entry.value, entry.low, entry.high, entry.agrees) == (2.0, 1.5, 3.1, True)
     assert not spanning("area", "at 1 N", "mm²", 3.2, [2.0, 1.5, 3.1], "why").agrees
+
+
+def test_what_was_not_simulated_is_counted_apart_and_wide_hulls_are_named() -> None:
+    entries: list[Reproduced] = [*area_figures(), *depth_figures(), *friction_figures()]
+    by_law = {(e.figure, e.what) for e in entries if not e.simulated}
+    assert by_law == {
+        ("area against force, Silskin 20 %", "measured over Hertz area"),
+        ("stiffness by indenter, eqs 3.4 and 3.7", "delta (E'/F)^(2/3), human"),
+        ("stiffness by indenter, eqs 3.4 and 3.7", "delta (E'/F)^(2/3), synthetic"),
+        ("static friction at 1 N, 1 mm/s", "Silskin 0 %"),
+        ("static friction at 1 N, 1 mm/s", "Silskin 20 %"),
+    }
+    law = spanning("law", "ratio", "1", 2.0, [1.9, 2.1], "why", simulated=False)
+    wide = spanning("area", "at 5 N", "mm²", 4.0, [5.0, 2.0], "why")
+    far = spanning("area", "at 1 N", "mm²", 9.0, [5.0, 4.9], "why")
+    seen = [{"material": name, "force_N": 1.0, "true_area_mm2": 30.0, "clear_mm2": 31.0, "glowing_mm2": 60.0}
+            for name in ("silskin_0", "silskin_20")]  # fmt: skip
+    volts = {"voltage_V": [8.0, 9.0]} | {key: {"area_mm2": [1.0, 2.0], "true_area_mm2": 2.0} for key in ("1 N", "5 N")}
+    empty = Shown(image=np.zeros((3, 3), np.uint8), caption="")
+    found = thesis_study.findings({}, [law, wide, far], seen, volts, empty)
+    assert found.verdict[0].startswith("1 of 2 of the thesis's figures that were simulated")
+    assert "without simulation, 1 of 1." in found.verdict[0]
+    cells = {row[0]: row for table in found.tables for row in table.rows if "ours over thesis" in table.columns}
+    assert cells["at 5 N [mm²]"][4:] == ("1.25", "2 to 5 (2.5 times)", "within a wide hull")
+    assert cells["at 1 N [mm²]"][4:6] == ("0.56", "4.9 to 5")
+    assert cells["ratio [1]"][1] == "the thesis's own laws"
 
 
 def test_every_entry_is_finite_and_has_a_reason() -> None:

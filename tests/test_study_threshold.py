@@ -102,6 +102,11 @@ def test_ranking_is_by_root_mean_square_and_names_the_best_rule() -> None:
     assert by_name["mean, whole frame"][1:] == pytest.approx((0.03, 0.03, 0.03))
     card = {"halfway_threshold": 0.42, "halfway": -0.003, "thresholds": [0.3, 0.4], "scale_error": [None, -0.004]}
     found = findings(rows(), card)
+    crop = next(table for table in found.tables if "Effect of the crop" in table.caption)
+    by_finger = {row[0]: row[1:] for row in crop.rows}
+    # crops find 1.1 of the truth less 2 t, the whole frame the truth: at 0.6, 1.2/7.5 - 0.1 (0.5 N) and 1.2/12 - 0.1
+    assert by_finger["smooth"][3] in ("+0.0 to +6.0", "-0.0 to +6.0")
+    assert by_finger["smooth"][0] == "-9.4 to -9.0"
     assert found.verdict[0].startswith("Of scikit-image's rules Otsu")
     assert any("not found" in cell for table in found.tables for row in table.rows for cell in row)
 

@@ -48,6 +48,13 @@ class Reproduced:
     low: float
     high: float
     reason: str
+    simulated: bool = True
+    """False where both sides are the thesis's own laws or closed forms."""
+
+    @property
+    def wide(self) -> bool:
+        """Whether the interval's ends are more than half as far apart again as its lower end."""
+        return self.low > 0 and self.high > 1.5 * self.low
 
     @property
     def agrees(self) -> bool:
@@ -55,11 +62,13 @@ class Reproduced:
         return self.low <= self.thesis <= self.high
 
 
-def spanning(figure: str, what: str, unit: str, thesis: float, values: Sequence[float], reason: str) -> Reproduced:
+def spanning(
+    figure: str, what: str, unit: str, thesis: float, values: Sequence[float], reason: str, *, simulated: bool = True
+) -> Reproduced:
     """Return an entry whose value is the first of several and whose interval holds them all."""
     low, high = float(min(values)), float(max(values))
     return Reproduced(figure=figure, what=what, unit=unit, thesis=thesis, value=float(values[0]), low=low, high=high,
-                      reason=reason)  # fmt: skip
+                      reason=reason, simulated=simulated)  # fmt: skip
 
 
 def area_laws(name: str) -> dict[str, Floats]:
@@ -109,7 +118,7 @@ def area_figures() -> Iterator[Reproduced]:
                        fe_interval("silskin_20", force, "area"), reason)  # fmt: skip
     hertz = laws["measured (power laws)"] / laws["Hertz, E* on glass"]
     yield spanning("area against force, Silskin 20 %", "measured over Hertz area", "1", 1.66,
-                   [float(hertz.mean()), *hertz.tolist()], "the ratio depends on force")  # fmt: skip
+                   [float(hertz.mean()), *hertz.tolist()], "the ratio depends on force", simulated=False)  # fmt: skip
     fe = np.concatenate([laws["measured (power laws)"] / laws[f"finite elements, {b}"] for b in ("no bone", "bone")])
     yield spanning("area against force, Silskin 20 %", "measured over finite-element area", "1", 1.8,
                    [float(fe[: len(FORCES)].mean()), *fe.tolist()], "the ratio depends on force and bone")  # fmt: skip
@@ -135,7 +144,8 @@ def depth_figures() -> Iterator[Reproduced]:
         # the thesis defines its modulus as twice the usual E*
         exact = float(elliptic_geometry(radius, 12.725).depth(1.0, 0.5))
         yield spanning("stiffness by indenter, eqs 3.4 and 3.7", f"delta (E'/F)^(2/3), {who}", "1", thesis, [exact],
-                       "Brewe and Hamrock's regressions stand for the elliptic integrals: 2 % of depth")  # fmt: skip
+                       "Brewe and Hamrock's regressions stand for the elliptic integrals: 2 % of depth",
+                       simulated=False)  # fmt: skip
 
 
 def friction_figures() -> Iterator[Reproduced]:
@@ -148,7 +158,8 @@ def friction_figures() -> Iterator[Reproduced]:
         mu = [silicone.friction.tau0_MPa * a + silicone.friction.alpha for a in areas]
         usual = silicone.friction.tau0_MPa * float(laws["Hertz, E* on glass"][1]) + silicone.friction.alpha
         yield spanning("static friction at 1 N, 1 mm/s", title, "1", silicone.friction.static_coefficient_smooth,
-                       [usual, *mu], "the law's fit over all forces does not pass through this point")  # fmt: skip
+                       [usual, *mu], "the law's fit over all forces does not pass through this point",
+                       simulated=False)  # fmt: skip
 
 
 def voltage_figures(volts: Mapping[str, Any]) -> Iterator[Reproduced]:

@@ -219,7 +219,7 @@ def findings(rows: Mapping[tuple[Finger, float], Mapping[str, Any]], card: Mappi
     return Findings(
         verdict=verdict,
         charts=[_threshold_chart(rows), _settings_chart(rows)],
-        tables=[_range_table(rows), _rule_table(rows), _ranking(table, clear), _card_table(card)],
+        tables=[_range_table(rows), _rule_table(rows), _crop_table(rows), _ranking(table, clear), _card_table(card)],
         data={
             "thresholds": THRESHOLDS,
             "frames": [
@@ -358,6 +358,27 @@ def _rule_table(rows: Mapping[tuple[Finger, float], Mapping[str, Any]]) -> Listi
         rows=lines,
         caption="Extremes of the area error over materials and forces; in brackets the median level. A rule that sees"
         " more dark plate sets another level.",
+    )
+
+
+def _crop_table(rows: Mapping[tuple[Finger, float], Mapping[str, Any]]) -> Listing:
+    """Return the effect of the crop at the thesis's levels, which no rule sets."""
+    lines = []
+    for name in sorted({f.name for f, _ in rows}):
+        some = [r for (f, _), r in rows.items() if f.name == name]
+        cells = []
+        for k, t in enumerate(AUTHORS):
+            change = [
+                (r["manual_whole_frame"][k] - r["manual"][THRESHOLDS.index(t)]) / r["true_area_mm2"] for r in some
+            ]
+            cells.append(f"{_signed(min(change))} to {_signed(max(change))}")
+        lines.append((name, *cells))
+    return Listing(
+        columns=("finger", *(f"whole frame less crop, at {t:g} [% of the true area]" for t in AUTHORS)),
+        rows=lines,
+        caption=f"Effect of the crop at fixed levels: the whole frame's area less that of a window of {2 * WINDOW_MM:g} mm"
+        " a side around the finger; extremes over materials and forces. What the whole frame adds is specks and glow"
+        " beyond the window.",
     )
 
 

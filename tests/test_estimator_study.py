@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from evanesce.cli.app import app
 from evanesce.measurement.calibration import save_calibration
+from evanesce.measurement.refined_glow import Walk, spread
 from evanesce.report.estimator_page import budget_page, estimator_page
 from evanesce.report.html import write
 from evanesce.report.pressure_page import page
@@ -68,9 +69,61 @@ def test_command_refined_prints_the_interval(tmp_path):
     assert frame["area_low_mm2"] < true < frame["area_high_mm2"]
 
 
+def glowing_frame(path, over: float, middle: tuple[float, float]):
+    """Write a frame of an ellipse in silicone in which light walks, so many times over full scale; return the area."""
+    y, x = np.mgrid[: 750 * 4, : 1000 * 4] / 4 - 0.375
+    share = (((x - middle[0]) / 71.2) ** 2 + ((y - middle[1]) / 57.7) ** 2 < 1).astype(np.float32)
+    light = spread(cv2.resize(share, (1000, 750), interpolation=cv2.INTER_AREA).astype(float), Walk(20.0, 0.1), 1.13)
+    light = np.clip(over * light / light.max(), 0, 1)
+    level = np.where(light < 0.018, 4.5 * light, 1.099 * np.maximum(light, 0.018) ** 0.45 - 0.099)
+    cv2.imwrite(str(path), np.floor(255 * level + 0.5).astype(np.uint8))
+    return np.pi * 71.2 * 57.7 / 29.2**2
+
+
+def test_command_learns_from_an_unsaturated_frame_how_far_light_walks(tmp_path):
+    """Rationale: what glows beside a saturated contact cannot be told from contact without the walk. Taught by another
+    press of the same finger the command is right to 1 %; untaught it errs by over 5 %."""
+    scene = load_scene("thesis", SMALL | {"camera.lens.distortion": {"k1": 0.0, "k2": 0.0}})
+    save_calibration(tmp_path / "calibration.json", calibrated(scene, np.random.default_rng(2)))
+    true = glowing_frame(tmp_path / "over.png", 1.8, (497.3, 383.9))
+    glowing_frame(tmp_path / "teach.png", 0.6, (531.6, 350.2))
+
+    def measured(name: str, *more: str):
+        target = tmp_path / "found.json"
+        arguments = [
+            "measure", str(tmp_path / name), "--calibration", str(tmp_path / "calibration.json"), "--fps", "30",
+            "--estimator", "refined", "--json", str(target), *more,
+        ]  # fmt: skip
+        done = CliRunner().invoke(app, arguments)
+        return done, json.loads(target.read_text()) if done.exit_code == 0 else {}
+
+    _, blind = measured("over.png")
+    done, taught = measured("over.png", "--teach", str(tmp_path / "teach.png"))
+    assert done.exit_code == 0, done.output
+    assert blind["frames"][0]["area_mm2"] > 1.05 * true
+    assert taught["frames"][0]["area_mm2"] == pytest.approx(true, rel=0.01)
+    assert taught["settings"]["teach"].endswith("teach.png")
+    assert taught["settings"]["walk"]["length_px"] > 5.0  # along a valley with its return, so no more is asked
+    assert blind["settings"]["teach"] is None
+    assert "blur_not_known" in [w["code"] for w in taught["warnings"]]
+    # the budget is in the file: its parts add in squares, and those of the conversion factor are some of them
+    budget = taught["budget"]
+    parts = {row["name"]: row for row in budget["components"]}
+    assert {"card print", "scale fit", "saturated edge", "light's walk", "camera's blur"} <= set(parts)
+    assert 0.01 * budget["together"]["area_percent"] * budget["area_mm2"] == pytest.approx(budget["standard_mm2"])
+    assert parts["card print"]["factor_percent"] == pytest.approx(100 * 2 * 0.002 / np.sqrt(3), rel=1e-2)
+    assert parts["light's walk"]["factor_percent"] is None
+    assert 0 < budget["together"]["factor_percent"] < budget["together"]["area_percent"]
+    # a frame that cannot teach is refused, by name
+    refused, _ = measured("over.png", "--teach", str(tmp_path / "over.png"))
+    assert refused.exit_code == 2
+    assert "--teach" in refused.output
+
+
 @pytest.mark.parametrize(
     ("arguments", "part"),
     [
+        (["measure", ".", "--teach", "t.png"], "--teach"),
         (["measure", ".", "--estimator", "best"], "--estimator"),
         (["measure", ".", "--dark", "d"], "--dark"),
         (["measure", ".", "--estimator", "refined"], "--calibration"),
@@ -110,7 +163,7 @@ def test_coverage_of_a_reduced_run(tmp_path):
         *scenes, measurements=200, forces=(1.7,), voltages=(9.0,), fingers=("smooth",), places=("centre",)
     )
     error = 4 * np.sqrt(0.05 * 0.95 / 200)
-    assert 0.93 - error < found.classes[0].refined_covered
+    assert 0.93 - error < found.classes[0].refined_covered < 0.97 + error
     assert "covered" in write(tmp_path / "b.html", budget_page(found)).read_text()
 
 

@@ -23,6 +23,7 @@ from evanesce.measurement.uncertainty import (
     refined_components,
 )
 from evanesce.measurement.uncertainty_area import author_uncertainty, lens_distance
+from evanesce.measurement.uncertainty_table import budget_table
 from evanesce.rig import load_scene
 from evanesce.states import Frame
 from evanesce.validation.calibrated_rig import CardErrors, calibrated
@@ -197,6 +198,13 @@ def test_interval_of_the_authors_chain_covers_a_blurred_disc():
     low, high = found.interval_mm2
     assert low < true < high
     assert max(found.contributions_mm2, key=found.contributions_mm2.get) == "threshold on the contact"
+    # a lossy video adds its line: a tenth of a pixel of boundary, rectangular, on some 2 pi r of it
+    coded = author_uncertainty(measured, 58.37**-2, calibration, np.random.default_rng(1), video=True)
+    added = 2 * np.pi * radius * 0.1 / np.sqrt(3) / 58.37**2
+    assert coded.contributions_mm2["codec"] == pytest.approx(added, rel=0.05)
+    assert coded.standard_mm2**2 == pytest.approx(found.standard_mm2**2 + coded.contributions_mm2["codec"] ** 2)
+    factor = {row["name"] for row in budget_table(coded)["components"] if row["factor_percent"] is not None}
+    assert factor == {"card print", "card height", "lens distance", "threshold on the card", "scale over the view"}
 
 
 def test_coverage_where_the_model_is_true():

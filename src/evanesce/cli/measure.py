@@ -54,6 +54,14 @@ def register(app: typer.Typer) -> None:
         flat: Annotated[
             Path | None, typer.Option("--flat", help="refined: video, image or folder of an evenly lit target.")
         ] = None,
+        teach: Annotated[
+            Path | None,
+            typer.Option(
+                "--teach",
+                metavar="IMAGE",
+                help="refined: a frame of the same finger that does not saturate; tells how far light walks in it.",
+            ),
+        ] = None,
         finger: Annotated[
             str, typer.Option("--finger", help="refined: ridged or smooth; smooth narrows the interval.")
         ] = "ridged",
@@ -71,7 +79,7 @@ def register(app: typer.Typer) -> None:
         chain = Chain(threshold=threshold, min_blob=min_blob, blur=blur, radius=radius, crop=Crop.parse(crop))
         job = measure_job.prepare(
             path, chain, calibration=calibration, fps=fps, mm2_per_px=mm2_per_px, undistort=undistort, out=out,
-            refined=measure_job.refined_options(estimator, dark, flat, finger),
+            refined=measure_job.refined_options(estimator, dark, flat, finger, teach),
         )  # fmt: skip
         result = measure_job.run(job)
         data = measure_job.record(job, result)

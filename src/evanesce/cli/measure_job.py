@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from evanesce.measurement.area import AreaRow, Measured, measure_frame, summary,
 from evanesce.measurement.calibration import Calibration, load_calibration
 from evanesce.measurement.estimator import Estimator, refined_measured
 from evanesce.measurement.frames import FrameStream, open_frames
+from evanesce.measurement.images import read_image
 from evanesce.measurement.plots import (
     OverlayVideo,
     area_figure,
@@ -31,8 +32,9 @@ from evanesce.measurement.plots import (
 from evanesce.measurement.rectify import Rectification, rectification
 from evanesce.measurement.refined_light import Radiometry
 from evanesce.measurement.segment import Chain
-from evanesce.measurement.uncertainty import Finger
+from evanesce.measurement.uncertainty import Finger, Uncertain
 from evanesce.measurement.uncertainty_area import author_uncertainty, refined_uncertainty
+from evanesce.measurement.uncertainty_table import budget_table
 from evanesce.measurement.warn import EdgeLog, FrameLog, Warning, scale_warning
 from evanesce.states import Frame
 
@@ -47,14 +49,17 @@ MOST_SHOTS = 64
 
 @dataclass(frozen=True)
 class Refined:
-    """Options of the refined estimator: where its dark and flat shots are."""
+    """Options of the refined estimator: where its dark and flat shots are, and the frame that teaches it."""
 
     dark: Path | None
     flat: Path | None
     finger: Finger
+    teach: Path | None = None
 
 
-def refined_options(estimator: str, dark: Path | None, flat: Path | None, finger: str) -> Refined | None:
+def refined_options(
+    estimator: str, dark: Path | None, flat: Path | None, finger: str, teach: Path | None = None
+) -> Refined | None:
     """Check the choice of an estimator; None is the author's chain.
 
     Raises
@@ -67,9 +72,9 @@ def refined_options(estimator: str, dark: Path | None, flat: Path | None, finger
     if estimator == "refined":
         kinds: dict[str, Finger] = {"ridged": "ridged", "smooth": "smooth"}
         if finger in kinds:
-            return Refined(dark, flat, kinds[finger])
+            return Refined(dark, flat, kinds[finger], teach)
         raise InputError(f"'{finger}'", key="--finger", allowed="ridged, smooth")
-    for key, path in (("--dark", dark), ("--flat", flat)):
+    for key, path in (("--dark", dark), ("--flat", flat), ("--teach", teach)):
         if path is not None:
             raise InputError("the author's chain does not use it", key=key, allowed="with --estimator refined")
     return None
@@ -90,15 +95,17 @@ class Job:
     estimator: Estimator | None = None
     stored: Calibration | None = None
     finger: Finger = "ridged"
+    teach: Path | None = None
 
 
 @dataclass(frozen=True)
 class Result:
-    """What came of it: the table, the frame of the largest area, the warnings."""
+    """What came of it: the table, the frame of the largest area with its budget, the warnings."""
 
     rows: list[AreaRow]
     peak: Measured
     warnings: list[Warning]
+    budget: Uncertain
 
 
 def prepare(
@@ -139,6 +146,7 @@ def prepare(
         estimator=estimator,
         stored=stored,
         finger="ridged" if refined is None else refined.finger,
+        teach=None if refined is None else refined.teach,
     )
 
 
@@ -152,7 +160,19 @@ def _estimator(refined: Refined, stored: Calibration | None, mm2_per_px: float |
         )
     shots = ([frame.data for frame in islice(open_frames(p), MOST_SHOTS)] if p else [] for p in _paths(refined))
     radiometry = Radiometry.of(stored.details, *shots)
-    return Estimator.of(stored, radiometry, crop=chain.crop)
+    estimator = Estimator.of(stored, radiometry, crop=chain.crop)
+    return estimator if refined.teach is None else _taught(estimator, refined.teach)
+
+
+def _taught(estimator: Estimator, path: Path) -> Estimator:
+    """Return the estimator that has learnt light's walk from a frame of the same finger."""
+    found = estimator.area(read_image(path).data)
+    allowed = "a frame of a contact that does not saturate"
+    if found.unseen:
+        raise InputError("the contact is at full scale", file=path, key="--teach", allowed=allowed)
+    if not found.contours:
+        raise InputError("nothing touches", file=path, key="--teach", allowed=allowed)
+    return replace(estimator, settings=replace(estimator.settings, walk=found.walk))
 
 
 def _paths(refined: Refined) -> tuple[Path | None, Path | None]:
@@ -186,41 +206,42 @@ def run(job: Job) -> Result:
     rows: list[AreaRow] = []
     known = job.estimator is None or job.estimator.settings.blur.origin != "believed"
     log, edges = FrameLog(job.chain.threshold), EdgeLog(blur_known=known)
-    peak: Measured | None = None
+    peak: tuple[Measured, Uncertain] | None = None
     with ExitStack() as stack:
         bar = stack.enter_context(progress())
         task = bar.add_task("measure", total=stream.count)
         video: OverlayVideo | None = None
         for frame in stream:
-            measured, interval = _measure(frame, job, edges)
+            measured, budget = _measure(frame, job, edges)
             if job.out is not None and stream.count != 1:
                 if video is None:  # only now is it known that the input is good, so that a folder may be made
                     folder = out_dir(job.out, "measure")
                     rate = stream.given_rate or stream.stated_rate or VIEWING_RATE
                     video = stack.enter_context(OverlayVideo(folder / "overlay.mp4", rate))
                 video.add(overlay(measured.view, measured.segmentation.mask))
-            rows.append(AreaRow.of(measured, interval))
+            rows.append(AreaRow.of(measured, budget.interval_mm2))
             log.add(measured.figures)
-            if peak is None or measured.estimate.pixels > peak.estimate.pixels:
-                peak = measured
+            if peak is None or measured.estimate.pixels > peak[0].estimate.pixels:
+                peak = measured, budget
             bar.advance(task)
     if peak is None:
         stream.finish()
         raise InputError("no readable frame", file=job.path)
-    return Result(rows, peak, [*job.warnings, *stream.warnings, *log.warnings(), *edges.warnings(len(rows))])
+    warnings = [*job.warnings, *stream.warnings, *log.warnings(), *edges.warnings(len(rows))]
+    return Result(rows, peak[0], warnings, peak[1])
 
 
-def _measure(frame: Frame, job: Job, edges: EdgeLog) -> tuple[Measured, tuple[float, float]]:
-    """Return one frame measured, and the 95 % interval of its area [mm^2]."""
+def _measure(frame: Frame, job: Job, edges: EdgeLog) -> tuple[Measured, Uncertain]:
+    """Return one frame measured, and its area with its uncertainty."""
     draws = rng.generator(0, "uncertainty", frame.index)
+    video = job.stream.stated_rate is not None
     if job.estimator is not None:
         found = job.estimator.area(frame.data)
         edges.add(frame.index, found.unseen)
-        video = job.stream.stated_rate is not None
-        interval = refined_uncertainty(found, job.estimator, draws, video=video, finger=job.finger).interval_mm2
-        return refined_measured(frame, found, job.estimator), interval
+        budget = refined_uncertainty(found, job.estimator, draws, video=video, finger=job.finger)
+        return refined_measured(frame, found, job.estimator), budget
     measured = measure_frame(frame, job.chain, job.mm2_per_px, job.rectified)
-    return measured, author_uncertainty(measured, job.mm2_per_px, job.stored, draws).interval_mm2
+    return measured, author_uncertainty(measured, job.mm2_per_px, job.stored, draws, video=video)
 
 
 def record(job: Job, result: Result) -> dict[str, Any]:
@@ -235,11 +256,19 @@ def record(job: Job, result: Result) -> dict[str, Any]:
         "undistort": job.rectified is not None,
         "estimator": "author" if job.estimator is None else "refined",
     }
+    if job.estimator is not None:
+        walk, blur = job.estimator.settings.walk, job.estimator.settings.blur
+        settings |= {
+            "teach": str(job.teach) if job.teach else None,
+            "walk": asdict(walk) if walk else None,
+            "camera_blur": asdict(blur),
+        }
     view = job.rectified
     return {
         "frames": to_plain(result.rows),
         "complete": job.stream.complete,
         "summary": summary(result.rows),
+        "budget": {"frame": result.peak.estimate.index, **budget_table(result.budget)},
         "warnings": [{"code": w.code, "text": w.text} for w in result.warnings],
         "settings": settings,
         "input": str(job.path),
@@ -278,6 +307,20 @@ def show(result: Result) -> None:
         f"{total['frames']} frames{thinned}, area {total['area_min_mm2']:.3f} to {total['area_max_mm2']:.3f} mm², "
         f"greatest in frame {total['area_max_index']}"
     )
+    if result.budget.area_mm2 > 0:
+        _show_budget(result)
     for warning in result.warnings:
         line = f"warning: {warning.code}: {warning.text}"
         messages.print(line, style="yellow", markup=False, highlight=False, soft_wrap=True)
+
+
+def _show_budget(result: Result) -> None:
+    plain = budget_table(result.budget)
+    title = f"standard uncertainty of the area in frame {result.peak.estimate.index}, and of the conversion factor"
+    table = Table(title=title, title_justify="left")
+    for name in ("component", "area [%]", "conversion factor [%]"):
+        table.add_column(escape(name), justify="left" if name == "component" else "right")
+    for row in [*plain["components"], {"name": "together", **plain["together"]}]:
+        factor = row["factor_percent"]
+        table.add_row(row["name"], f"{row['area_percent']:.3f}", "" if factor is None else f"{factor:.3f}")
+    console.print(table)

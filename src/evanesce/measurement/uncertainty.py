@@ -109,6 +109,8 @@ class Uncertain:
         95 % interval by linear propagation; by Monte Carlo, probabilistically symmetric.
     contributions_mm2 : mapping
         Standard uncertainty of the area from each component alone.
+    components : tuple of Component
+        The budget.
     """
 
     area_mm2: float
@@ -117,6 +119,7 @@ class Uncertain:
     linear_mm2: tuple[float, float]
     interval_mm2: tuple[float, float]
     contributions_mm2: Mapping[str, float]
+    components: tuple[Component, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data."""
@@ -171,6 +174,7 @@ def propagate(
         area_mm2=reading.area_mm2, corrected_mm2=centre, standard_mm2=standard,
         linear_mm2=(max(0.0, centre - wide), max(0.0, centre + wide)),
         interval_mm2=(max(0.0, float(low)), max(0.0, float(high))), contributions_mm2=contributions,
+        components=tuple(components),
     )  # fmt: skip
 
 
@@ -337,17 +341,23 @@ def refined_components(
                 origin="way of a saturated edge by the limits of the blur: the board's, or those of any camera",
             )
         )  # fmt: skip
-    if video:
-        found.append(
-            Component(
-                name="codec", role="boundary", low=-0.1 * pixel_mm, high=0.1 * pixel_mm, shape="rectangular",
-                origin="a lossy codec's ringing at an edge: a tenth of a pixel",
-            )
-        )  # fmt: skip
-    return found
+    return [*found, *_codec(pixel_mm, video)]
 
 
-def author_components(pixel_mm: float, *, square_px: float, spread: float, threshold_mm: float) -> list[Component]:
+def _codec(pixel_mm: float, video: bool) -> list[Component]:
+    if not video:
+        return []
+    return [
+        Component(
+            name="codec", role="boundary", low=-0.1 * pixel_mm, high=0.1 * pixel_mm, shape="rectangular",
+            origin="a lossy codec's ringing at an edge: a tenth of a pixel",
+        )
+    ]  # fmt: skip
+
+
+def author_components(
+    pixel_mm: float, *, square_px: float, spread: float, threshold_mm: float, video: bool = False
+) -> list[Component]:
     """Return the budget of the author's chain beyond the card.
 
     Parameters
@@ -359,6 +369,8 @@ def author_components(pixel_mm: float, *, square_px: float, spread: float, thres
         Half the relative spread of the local scale over the undistorted view.
     threshold_mm : float
         How far the threshold's boundary lies outside the half-way one.
+    video : bool
+        Whether frames went through a lossy codec.
     """
     edge = 2.0 * 2.0 * 0.5 / square_px  # both edges of both sides, half a pixel each
     # the half-way boundary is the better estimate: a known deviation corrects the value, by JCGM 100, 3.2.4
@@ -380,4 +392,5 @@ def author_components(pixel_mm: float, *, square_px: float, spread: float, thres
             name="counting", role="boundary", low=-0.1 * pixel_mm, high=0.1 * pixel_mm, shape="rectangular",
             origin="whole pixels, undistortion's interpolation",
         ),
+        *_codec(pixel_mm, video),
     ]  # fmt: skip

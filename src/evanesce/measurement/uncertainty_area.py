@@ -68,7 +68,7 @@ def refined_uncertainty(
 
 def author_uncertainty(
     measured: Measured, mm2_per_px: float, calibration: Calibration | None, rng: np.random.Generator,
-    cards: Sequence[Component] | None = None,
+    cards: Sequence[Component] | None = None, *, video: bool = False,
 ) -> Uncertain:  # fmt: skip
     """Return an area of the author's chain with its uncertainty.
 
@@ -84,6 +84,8 @@ def author_uncertainty(
     rng : numpy.random.Generator
     cards : sequence of Component, optional
         As for :func:`refined_uncertainty`.
+    video : bool
+        Whether the frame went through a lossy codec.
     """
     side = math.sqrt(mm2_per_px)
     details = calibration.details if calibration else {}
@@ -93,7 +95,7 @@ def author_uncertainty(
     spread = details.get("scale_spread_undistorted")
     square = (calibration.square_side_mm if calibration else None) or 15.0
     parts = author_components(
-        side, square_px=square / side, threshold_mm=away,
+        side, square_px=square / side, threshold_mm=away, video=video,
         spread=float(spread) if isinstance(spread, float) and 0 <= spread < 1 else UNKNOWN_SPREAD,
     )  # fmt: skip
     reading = Reading(area_mm2=measured.estimate.area, perimeter_mm=perimeter, distance_mm=distance)

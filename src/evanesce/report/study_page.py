@@ -73,7 +73,7 @@ def maps_figure(maps: Maps) -> Figure:
     grid = figure.subplots(len(maps.rows), count, squeeze=False)
     for axes, row, label in zip(grid, maps.rows, maps.labels, strict=True):
         top = max(one.top for one in row)
-        for axis, one in zip(axes, row, strict=False):
+        for axis, one in zip(axes[count - len(row) :], row, strict=True):
             colours = colormaps["RdBu_r" if one.signed else "viridis"].with_extremes(bad="0.6")
             hidden = np.zeros(one.values.shape, bool) if one.unknown is None else one.unknown
             drawn = axis.imshow(
@@ -81,9 +81,9 @@ def maps_figure(maps: Maps) -> Figure:
             )
             axis.set_title(one.title, fontsize=10)
             axis.set_xlabel("[px]")
-        for axis in axes[len(row) :]:
+        for axis in axes[: count - len(row)]:
             axis.set_visible(False)
-        figure.colorbar(drawn, ax=list(axes[: len(row)]), label=label, extend="both" if row[0].signed else "neither")
+        figure.colorbar(drawn, ax=list(axes), label=label, extend="both" if row[0].signed else "neither")
     return figure
 
 

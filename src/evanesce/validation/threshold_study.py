@@ -376,8 +376,8 @@ def _crop_table(rows: Mapping[tuple[Finger, float], Mapping[str, Any]]) -> Listi
     return Listing(
         columns=("finger", *(f"whole frame less crop, at {t:g} [% of the true area]" for t in AUTHORS)),
         rows=lines,
-        caption=f"Effect of the crop at fixed levels: the whole frame's area less that of a window of {2 * WINDOW_MM:g} mm"
-        " a side around the finger; extremes over materials and forces. What the whole frame adds is specks and glow"
+        caption="Effect of the crop at fixed levels: the whole frame's area less that of a window around the finger,"
+        f" {2 * WINDOW_MM:g} mm a side; extremes over materials and forces. What the whole frame adds is specks and glow"
         " beyond the window.",
     )
 

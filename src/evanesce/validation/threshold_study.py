@@ -377,7 +377,7 @@ def _crop_table(rows: Mapping[tuple[Finger, float], Mapping[str, Any]]) -> Listi
         columns=("finger", *(f"whole frame less crop, at {t:g} [% of the true area]" for t in AUTHORS)),
         rows=lines,
         caption="Effect of the crop at fixed levels: the whole frame's area less that of a window around the finger,"
-        f" {2 * WINDOW_MM:g} mm a side; extremes over materials and forces. What the whole frame adds is specks and glow"
+        f" {2 * WINDOW_MM:g} mm a side; extremes over materials and forces. The rest is specks and glow"
         " beyond the window.",
     )
 

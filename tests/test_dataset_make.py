@@ -13,6 +13,7 @@ import subprocess
 import sys
 import textwrap
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -26,7 +27,9 @@ import evanesce.dataset as dataset
 from dataset_kills import campaign, environment
 from datasets import contents, tiny_config, tiny_job
 from evanesce.cli.app import app
+from evanesce.dataset.estimate import estimate
 from evanesce.dataset.export import export
+from evanesce.dataset.produce import Producer
 from evanesce.dataset.run import make
 from evanesce.dataset.verify import verify
 from evanesce.rig import dump_scene
@@ -87,6 +90,21 @@ def test_frames_hold_what_was_asked_for(real):
     assert verify(real).good
 
 
+def test_the_estimate_is_of_the_size_that_is_written(real):
+    written = sum(path.stat().st_size for path in real.rglob("*") if path.is_file())
+    assert written / 3 < estimate(tiny_job(), 2).size < written * 3
+
+
+def test_effects_before_the_lens_are_estimated_to_take_longer():
+    def seconds(frames, *only):
+        drawn = {"probability": 1.0 if only else 0.0, "only": only}
+        return estimate(tiny_job(frames=frames, rig={"count": 2, "draw": {}}, randomisation=drawn), 1).seconds
+
+    made = {only: seconds(600, *only) - seconds(60, *only) for only in ((), ("led_warmup",), ("scratch",))}
+    assert made["led_warmup",] == made[()]  # a rig changed once; its frames are as quick
+    assert made["scratch",] > 5 * made[()]
+
+
 @pytest.mark.parametrize("per_shard", [3, 4])
 def test_members_do_not_depend_on_the_size_of_shards(real, tmp_path, per_shard):
     make(tmp_path / "d", tiny_job(trials_per_shard=per_shard))
@@ -97,6 +115,29 @@ def test_members_do_not_depend_on_the_size_of_shards(real, tmp_path, per_shard):
             assert a.members == b.members
             for name in a.members:
                 assert a.bytes_of(name) == b.bytes_of(name), (a.key, name)
+
+
+LATE = ("black_level", "compression", "hot_pixels", "saturation", "tone_curve")
+"""Effects that need no light fields of their own."""
+
+
+@pytest.mark.parametrize(("only", "least"), [(LATE, 1), pytest.param((), 4, marks=pytest.mark.slow)])
+def test_with_effects_members_do_not_depend_on_shards_and_order(tmp_path, only, least):
+    """Rigs with effects, some of which are drawn anew for each frame; the second time frames are made backwards, by a
+    new producer for each trial, as if each had a worker of its own."""
+    drawn = {"probability": 0.4, "only": only}
+    job = tiny_job(frames=12, randomisation=drawn, rig={"trials_in_a_row": 1})
+    make(tmp_path / "d", replace(job, config=job.config.model_copy(update={"trials_per_shard": 2})))
+    with dataset.open(tmp_path / "d", check=True) as data:
+        on = [set(data[i].meta["rig"]["effects"]) - set(data[i].meta["rig"]["left_out"]) for i in (0, 6)]
+        assert on[0] != on[1]
+        assert min(map(len, on)) >= least
+        for trial in (1, 0):
+            producer = Producer(job)
+            for frame in reversed(job.frames_of(trial)):
+                again = producer.record(frame).members
+                for name in data[frame].members:
+                    assert data[frame].bytes_of(name) == again[name], (frame, name)
 
 
 def test_raw_frames_are_twelve_bits_of_the_same_exposure(tmp_path):

@@ -7,7 +7,9 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
+from evanesce.dataset.design import finger_plan, rig_plan
 from evanesce.dataset.job import Job
+from evanesce.dataset.rigs import real_rig, rig_scene, way_of
 from evanesce.errors import InputError
 
 PNG_BYTES_PER_PX = 0.35
@@ -18,7 +20,11 @@ LABEL_BYTES_PER_PX = 4.0
 OTHER_BYTES = 12_000
 """JSON, headers, tar padding, manifest."""
 CORE_SECONDS_PER_MPX = 0.09
-"""Of one core and frame, with the fast camera; effects behind the lens take twice as long, others up to ten times."""
+"""Of one core and frame, with the fast camera."""
+TIMES = {"fast": 1.0, "charge": 2.0, "general": 10.0}
+"""How much longer the ways of :class:`~evanesce.dataset.rigs.RigCamera` take: upper guesses."""
+LOOKED_AT = 16
+"""Rigs whose effects are looked at."""
 CORE_SECONDS_PER_FRAME = 0.05
 RIG_SECONDS = 12.0
 """To compute the light fields of a rig, once in each process that meets it."""
@@ -56,8 +62,16 @@ def estimate(job: Job, workers: int) -> Estimate:
     frame += box_mm2 * (min(scale**2, cols * rows / box_mm2) + pitch**-2) * LABEL_BYTES_PER_PX * depth
     core = CORE_SECONDS_PER_FRAME + CORE_SECONDS_PER_MPX * (cols * rows / 1e6 + labels.grid_samples**2 / 1e6)
     rigs = min(job.config.rig.count, math.ceil(job.trials / job.config.rig.trials_in_a_row))
-    seconds = job.frames * core / max(workers, 1) + rigs * RIG_SECONDS
+    seconds = job.frames * core * _slower(job) / max(workers, 1) + rigs * RIG_SECONDS
     return Estimate(int(job.frames * frame), int(frame), seconds)
+
+
+def _slower(job: Job) -> float:
+    """Return how much longer frames take than by the fast camera, from the effects of the first rigs."""
+    finger = finger_plan(job.config, job.seed, 0)
+    plans = [rig_plan(job.config, job.seed, i) for i in range(min(job.config.rig.count, LOOKED_AT))]
+    rigs = [real_rig(rig_scene(job.scene, plan, finger, job.config), plan.seed) for plan in plans]
+    return sum(TIMES[way_of(rig.effects)] for rig in rigs) / len(rigs)
 
 
 def require_disk(folder: Path, need: int) -> int:

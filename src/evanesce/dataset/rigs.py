@@ -169,6 +169,14 @@ def as_seen(scene: Scene) -> Scene:
     return scene.model_copy(update={"finger": Finger(**seen)})
 
 
+def way_of(effects: tuple[Active, ...]) -> str:
+    """Return which way of :class:`RigCamera` effects ask for; a lens or a camera may ask for a slower one."""
+    acting = {e.effect.stage for e in effects if not e.effect.is_null(e.parameters)}
+    if acting & {Stage.PLATE_LIGHT, Stage.CONTACT}:
+        return "general"
+    return "charge" if acting & set(LATE) else "fast"
+
+
 class RigCamera:
     """Camera, light and plate of one rig.
 
@@ -193,12 +201,11 @@ class RigCamera:
         self._effects, self.seed = rig.effects, seed
         self.scene = as_seen(rig.scene)
         self._fast = FastCamera(self.scene.model_copy(update={"effects": {}}), backend)  # type: ignore[arg-type]
-        late = {e.effect.stage for e in self._effects if not e.effect.is_null(e.parameters)} & set(LATE)
-        moved = any(e.effect.stage is Stage.CONTACT and not e.effect.is_null(e.parameters) for e in self._effects)
-        if Stage.PLATE_LIGHT in late or moved or _needs_field_blur(self._fast):
+        self.way = way_of(self._effects)
+        if _needs_field_blur(self._fast):
             self.way = "general"
-        else:
-            self.way = "charge" if late or self._fast.falls_back else "fast"
+        elif self.way == "fast" and self._fast.falls_back:
+            self.way = "charge"
 
     def load(self, index: int, time_s: float, force_N: float) -> float:
         """Return what normal force really pressed [N]."""

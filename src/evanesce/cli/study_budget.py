@@ -34,7 +34,7 @@ def register(group: typer.Typer) -> None:
         json_file: JsonOption = None,
         out: OutOption = None,
     ) -> None:
-        """Uncertainty of an area, and its coverage over measurements with cards, corners and frames drawn anew.
+        """Uncertainty of an area, and its coverage over measurements with cards and corners drawn anew.
 
         An interrupted run goes on from what its output folder keeps.
         """

@@ -8,6 +8,11 @@ from evanesce.report.html import Page, Picture, Section, Table, figure_png
 from evanesce.validation.budget_study import BudgetStudy
 from evanesce.validation.estimator_study import EstimatorStudy
 
+FACTOR_PARTS = (
+    "card print", "card height", "lens distance", "scale fit", "threshold on the card", "scale over the view",
+)  # fmt: skip
+"""Components that the conversion factor owes its uncertainty to; the others are the contact's boundary."""
+
 
 def estimator_figure(study: EstimatorStudy) -> Figure:
     """Draw the error of both estimators against voltage, one panel a finger."""
@@ -115,7 +120,30 @@ def budget_page(study: BudgetStudy) -> Page:
     )  # fmt: skip
     return Page(
         title="Uncertainty of an area",
-        lead="Cards, corners and frames are drawn anew for each measurement; the interval must hold the truth.",
-        sections=[Section("Budget and coverage", pictures=[picture], tables=[table])],
+        lead="Cards and corners are drawn anew for each measurement, and one of each class's "
+        f"{study.classes[0].frames} frames; the interval must hold the truth. Print, height and edges of the cards are "
+        "drawn from the distributions that the budget assumes: this tests the propagation and the estimators, not what "
+        "is assumed of cards.",
+        sections=[Section("Budget and coverage", pictures=[picture], tables=[table, *_budgets(study)])],
         provenance=study.provenance,
     )
+
+
+def _budgets(study: BudgetStudy) -> list[Table]:
+    """Return the contributions of each class, a table for each chain; what enters the conversion factor is marked."""
+    heads = ("component", "in the conversion factor", *(f"{c.finger}, {c.place} [%]" for c in study.classes))
+    tables = []
+    for chain, shares in (
+        ("Refined", [c.contributions_percent for c in study.classes]),
+        ("Author's chain", [c.author_contributions_percent for c in study.classes]),
+    ):
+        names = list(dict.fromkeys(name for share in shares for name in share))
+        lines = [
+            (name, "yes" if name in FACTOR_PARTS else "", *(f"{share.get(name, 0.0):.3f}" for share in shares))
+            for name in names
+        ]
+        factor = [sum(share.get(n, 0.0) ** 2 for n in FACTOR_PARTS) ** 0.5 for share in shares]
+        lines.append(("conversion factor, together", "yes", *(f"{value:.3f}" for value in factor)))
+        if names:
+            tables.append(Table(heads, lines, f"{chain}: median standard uncertainty of the area by component."))
+    return tables

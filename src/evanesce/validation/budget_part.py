@@ -64,8 +64,9 @@ def _coverage_table(classes: Sequence[Mapping[str, Any]]) -> Listing:
             )
             for c in classes
         ],
-        caption="Share of simulated measurements whose 95 % interval holds the truth: cards, corners and frames drawn"
-        " anew. Intervals by Monte Carlo (JCGM 101); the linear ones (GUM) beside them.",
+        caption="Share of simulated measurements whose 95 % interval holds the truth: cards and corners drawn"
+        " anew, from the distributions that the budget assumes, and one of a class's frames. Intervals by Monte Carlo"
+        " (JCGM 101); the linear ones (GUM) beside them.",
     )  # fmt: skip
 
 

@@ -1,4 +1,5 @@
-"""Whether stated intervals hold the truth: cards, corners and frames drawn anew, per finger and place.
+"""Whether stated intervals hold the truth: cards and corners drawn anew, one of a class's frames drawn, per finger and
+place.
 
 Each measurement draws one calibration (print, height and square of the cards, scatter of the corners) and one frame of
 each class. What a frame's boundary is does not depend on the calibration, so that it is found once per frame.
@@ -102,6 +103,8 @@ class ClassCoverage:
         Mean error of the area as read [%].
     contributions_percent : dict
         Median standard uncertainty of the refined area from each component [%].
+    author_contributions_percent : dict
+        The same of the author's area.
     """
 
     finger: str
@@ -116,6 +119,7 @@ class ClassCoverage:
     refined_bias_percent: float
     author_bias_percent: float
     contributions_percent: dict[str, float]
+    author_contributions_percent: dict[str, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -290,17 +294,23 @@ def _measure(
         "widths": [50 * (u.interval_mm2[1] - u.interval_mm2[0]) / true for u in (refined, author)],
         "errors": [100 * (found.area_mm2 / true - 1), 100 * (area / true - 1)],
         "parts": {name: 100 * u / true for name, u in refined.contributions_mm2.items()},
+        "author_parts": {name: 100 * u / true for name, u in author.contributions_mm2.items()},
     }
 
 
 def _summed(key: tuple[str, str], tally: Sequence[Mapping[str, Any]], frames: int) -> ClassCoverage:
     refined, linear, author = np.mean([m["covered"] for m in tally], axis=0)
     widths = np.median([m["widths"] for m in tally], axis=0)
-    errors, parts = np.mean([m["errors"] for m in tally], axis=0), [m["parts"] for m in tally]
+    errors = np.mean([m["errors"] for m in tally], axis=0)
     return ClassCoverage(
         finger=key[0], place=key[1], measurements=len(tally), frames=frames,
         refined_covered=float(refined), refined_linear_covered=float(linear), author_covered=float(author),
         refined_half_width_percent=float(widths[0]), author_half_width_percent=float(widths[1]),
         refined_bias_percent=float(errors[0]), author_bias_percent=float(errors[1]),
-        contributions_percent={n: float(np.median([p[n] for p in parts])) for n in parts[0]},
+        contributions_percent=_medians([m["parts"] for m in tally]),
+        author_contributions_percent=_medians([m["author_parts"] for m in tally]),
     )  # fmt: skip
+
+
+def _medians(parts: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    return {name: float(np.median([part[name] for part in parts])) for name in parts[0]}

@@ -95,7 +95,7 @@ def slip_onsets(rows: Mapping[str, Mapping[str, Any]], speeds: Sequence[float], 
     cases = [(speed, name, rows[f"slide {speed:g}"], how) for speed in speeds for name, how in CAMERAS]
     exposed, plain = rows["exposed"], dict(CAMERAS)[RIGHT]
     for key, name in (("6 ms", SHORT), *SEEN.items()):
-        row = {**exposed, "x_mm": exposed["seen"][key]["x_mm"]}
+        row: Mapping[str, Any] = {**exposed, "x_mm": exposed["seen"][key]["x_mm"]}
         cases.append((EXPOSED_SPEED, name, row, plain))
     found = []
     for speed, name, row, how in cases:

@@ -268,7 +268,7 @@ def author_scale(nominal: Calibration, drawn: Draw, distance_mm: float, factor: 
 
 @contextmanager
 def _as_reason(what: str) -> Iterator[None]:
-    """Tell of a solver that fails with a rig as designed as of a rig that cannot be; solvers write nothing."""
+    """Tell of a solver that fails as of a rig that cannot be: solvers write nothing, so no disk is at fault."""
     try:
         yield
     except WorkError as error:
@@ -341,7 +341,8 @@ def measured(
         Of the renderer.
     """
     seed = rng.integer_seed(lab.question.seed, "rig", rig)
-    shot = simulate(on_case(real_scene(scene, drawn), case), case.force_N, seed=seed, render=render, **options)
+    with _as_reason(f"drawn rig {rig} cannot be pressed or seen by {case.name}"):
+        shot = simulate(on_case(real_scene(scene, drawn), case), case.force_N, seed=seed, render=render, **options)
     assert shot.state is not None
     true = shot.state.nominal_contact_area
     if not true > 0:

@@ -241,4 +241,11 @@ def test_pressure_part_goes_on_after_a_kill(tmp_path, monkeypatch):
     assert len(pressed) == 2
     assert again.data == whole.data
     assert len(whole.data["rows"]) == 12
-    assert np.array_equal(again.pictures[0].image, whole.pictures[0].image)
+    assert [len(part.rows) for part in whole.maps] == [2, 2]  # one clear frame and one that is lost: maps and errors
+    pairs = [
+        (mine, theirs)
+        for part, other in zip(again.maps, whole.maps, strict=True)
+        for row, its in zip(part.rows, other.rows, strict=True)
+        for mine, theirs in zip(row, its, strict=True)
+    ]
+    assert all(np.array_equal(mine.values, theirs.values) for mine, theirs in pairs)

@@ -41,15 +41,13 @@ class FoundLine:
     penalty: float
 
 
-def brightest_line(residual: Array, template: Array, share: float = 1.0) -> FoundLine | None:
+def brightest_line(residual: Array, template: Array) -> FoundLine | None:
     """Return the line of marks that explains most, None where that is not worth its choice.
 
     Parameters
     ----------
     residual, template : ndarray (views, rows, cols)
         Whitened; the template per unit of a mark in each bin.
-    share : float
-        Of the evidence that counts.
     """
     product = np.einsum("vrc,vrc->rc", residual, template)
     information = np.einsum("vrc,vrc->rc", template, template)
@@ -69,8 +67,8 @@ def brightest_line(residual: Array, template: Array, share: float = 1.0) -> Foun
     best = max((_refined(worth_of, start) for start in starts), key=lambda at: worth_of(at)[0])
     square, amount = worth_of(best)
     # A line among those that were tried, and four numbers refined within their steps.
-    penalty = float(np.log(rows * cols * DIRECTIONS * len(LENGTHS)) + 0.5 * np.log1p(share * square))
-    if 0.5 * share * square <= penalty or amount <= 0:
+    penalty = float(np.log(rows * cols * DIRECTIONS * len(LENGTHS)) + 0.5 * np.log1p(square))
+    if 0.5 * square <= penalty or amount <= 0:
         return None
     u, v, angle, length = best
     along = 0.5 * length * np.array([np.cos(angle), np.sin(angle)])

@@ -49,35 +49,27 @@ class Chosen:
     penalty: float
 
 
-def with_places(
-    problem: Problem, base: Fit, candidates: Sequence[Candidate], share: float = 1.0
-) -> tuple[Candidate, ...]:
+def with_places(problem: Problem, base: Fit, candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
     """Return the candidates; those that list places have them from what a fitted model leaves.
 
-    Their lists are handed to the predictor.
+    Their lists are handed to the predictor. What the believed rig has already is not looked for anew.
 
     Parameters
     ----------
     problem : Problem
     base : Fit
     candidates : sequence of Candidate
-    share : float
-        Of the evidence that counts; less than 1 where noise is not what it is believed to be.
     """
     believed = problem.predictor.scene.effects
-    known = {c.id: c.effect.marks for c in candidates if c.effect.marks is not None}
-    templates: dict[str, Array] = {}
+    searched = [c for c in candidates if not c.missing and c.id not in believed]
+    templates = {c.id: template_of(problem, base, c.id, c.effect.marks) for c in searched if c.effect.marks is not None}
     found = []
     for candidate in candidates:
-        marks, line = candidate.effect.marks, candidate.effect.line
-        searched = not candidate.missing and candidate.id not in believed
-        if searched and marks is not None:
-            templates[candidate.id] = template_of(problem, base, candidate.id, marks)
-            found.append(_placed(problem, base, candidate, templates[candidate.id], share))
-        elif searched and line is not None and line.like in known:
-            of, like = line.like, known[line.like]
-            template = templates[of] if of in templates else template_of(problem, base, of, like)
-            found.append(_lined(problem, base, candidate, template, like, share))
+        line = candidate.effect.line
+        if candidate.id in templates:
+            found.append(_placed(problem, base, candidate, templates[candidate.id]))
+        elif candidate in searched and line is not None and line.like in templates:
+            found.append(_lined(problem, base, candidate, templates[line.like]))
         else:
             found.append(candidate)
     return tuple(found)
@@ -87,15 +79,11 @@ def template_of(problem: Problem, base: Fit, effect: str, marks: Marks) -> Array
     """Return the whitened change (views, rows, cols) that one mark in the middle of each bin makes, per unit amount."""
     predictor = problem.predictor
     x, y, area = cells(predictor.scene, problem.data.shape[1:], marks.where)
-    kept = predictor.fixed.get(effect)
     unit = marks.unit(predictor.scene, area)
     predictor.fixed[effect] = listing(marks, x, y, np.full(x.size, unit))
     at = moved(predicted_part(base.point, base.parameters), {f"{effect}:{marks.scale}": 1.0})
     change = predictor.cube(at, problem.views) - base.predicted
-    if kept is None:
-        del predictor.fixed[effect]
-    else:
-        predictor.fixed[effect] = kept
+    del predictor.fixed[effect]
     return problem.unwhitened(problem.whitened(change)) / unit
 
 
@@ -105,11 +93,11 @@ def listing(marks: Marks, x: Array, y: Array, amounts: Array) -> dict[str, Any]:
     return {key: [float(v) for v in values] for key, values in found.items()} | dict(marks.fixed)
 
 
-def _placed(problem: Problem, base: Fit, candidate: Candidate, template: Array, share: float) -> Candidate:
+def _placed(problem: Problem, base: Fit, candidate: Candidate, template: Array) -> Candidate:
     marks = candidate.effect.marks
     assert marks is not None
     predictor, name = problem.predictor, f"{candidate.id}:{marks.scale}"
-    chosen = standing_out(problem.unwhitened(base.residual), template, share)
+    chosen = standing_out(problem.unwhitened(base.residual), template)
     if not chosen.bins.size:
         return replace(candidate, unseen="no place stands out")
     x, y, _ = cells(predictor.scene, problem.data.shape[1:], marks.where)
@@ -118,11 +106,11 @@ def _placed(problem: Problem, base: Fit, candidate: Candidate, template: Array, 
     return replace(candidate, parameters=(scale,), starts=({name: 1.0},), penalty=chosen.penalty)
 
 
-def _lined(problem: Problem, base: Fit, candidate: Candidate, template: Array, like: Marks, share: float) -> Candidate:
+def _lined(problem: Problem, base: Fit, candidate: Candidate, template: Array) -> Candidate:
     line = candidate.effect.line
     assert line is not None
     scene = problem.predictor.scene
-    found = brightest_line(problem.unwhitened(base.residual), template, share)
+    found = brightest_line(problem.unwhitened(base.residual), template)
     if found is None:
         return replace(candidate, unseen="no line stands out")
     (u0, v0), (u1, v1) = found.ends
@@ -155,21 +143,19 @@ def cells(scene: Scene, shape: tuple[int, ...], where: str) -> tuple[Array, Arra
     return np.asarray(x), np.asarray(y), (BIN_PX / camera.scale_px_per_mm) ** 2
 
 
-def standing_out(residual: Array, template: Array, share: float = 1.0) -> Chosen:
+def standing_out(residual: Array, template: Array) -> Chosen:
     """Return the bins that a mark explains better than nothing, its place and amount paid for.
 
     Parameters
     ----------
     residual, template : ndarray (views, rows, cols)
         Whitened.
-    share : float
-        Of the evidence that counts.
     """
     product = np.einsum("vrc,vrc->rc", residual, template).ravel()
     information = np.einsum("vrc,vrc->rc", template, template).ravel()
     seen = information > 0
     significance = np.where(seen, product / np.sqrt(np.where(seen, information, 1.0)), 0.0)
-    square = share * significance**2
+    square = significance**2
     # A place among all bins, and an amount that may as well have been another one of its size.
     cost = np.log(max(int(seen.sum()), 1)) + 0.5 * np.log1p(square)
     worth = np.where(significance > 0, 0.5 * square - cost, 0.0)

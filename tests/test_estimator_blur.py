@@ -5,14 +5,14 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 from boards import draw, warp
-from evanesce.cli.calibrate import _blur
 from evanesce.errors import InputError
 from evanesce.measurement.calibration import Calibration
 from evanesce.measurement.corners import find_corners
 from evanesce.measurement.estimator import Estimator
-from evanesce.measurement.refined_blur import BELIEVED_PX, Blur
+from evanesce.measurement.refined_blur import BELIEVED_PX, Blur, blur_of_board
 from evanesce.measurement.refined_light import tone_table
 from evanesce.measurement.uncertainty_area import refined_uncertainty
 from test_estimator import SCALE_PX_PER_MM, developed, ellipse, uniform_calibration
@@ -29,10 +29,75 @@ def board(blur_px: float, dark: float, bright: float) -> np.ndarray:
     return developed(dark + (bright - dark) * (sharp - low) / (high - low), 5, noise=0.004)
 
 
+def blur_entry(picture: np.ndarray) -> dict:
+    """Return what a calibration keeps of a picture's blur."""
+    return blur_of_board(picture, find_corners(picture))
+
+
+def with_tails(light: np.ndarray, core: float, tail: float, share: float) -> np.ndarray:
+    """Return light blurred by two Gaussians, of which the wide one has a share."""
+    narrow, wide = (cv2.GaussianBlur(light, (0, 0), sigma) for sigma in (core, tail))
+    return (1 - share) * narrow + share * wide
+
+
+def edge_with_tails(x: np.ndarray, core: float, tail: float, share: float) -> np.ndarray:
+    """Return a unit edge so blurred, and by a pixel's box, at places from dark to bright [px]."""
+    return sum(w * ndtr(x / np.hypot(s, np.sqrt(1 / 12))) for w, s in ((1 - share, core), (share, tail)))
+
+
+TAILS = {"core": 0.9, "tail": 2.6, "share": 0.22}
+
+
+def test_edge_of_a_board_shows_the_tails_of_the_blur():
+    """Half a per cent of the step everywhere; a Gaussian of the found width is off by over two in the foot."""
+    shape = (620, 800)
+    sharp = draw(shape, warp(shape, 61.7, 11.0), np.random.default_rng(2), blur=0.05, noise=0.0).astype(float)
+    low, high = np.percentile(sharp, [2, 98])
+    entry = blur_entry(developed(0.05 + 0.5 * with_tails((sharp - low) / (high - low), **TAILS), 5, noise=0.004))
+    found = Blur.of({"blur_px": [entry]}, tone_table("bt709"))
+    outside = np.array([-6.3, -3.1, -1.7, -0.6, 0.4, 1.2, 2.0, 2.9, 4.1, 5.2])
+    expected = edge_with_tails(-outside, **TAILS)
+    assert found.edge(outside) == pytest.approx(expected, abs=0.006)
+    assert np.abs(Blur.stated(found.px).edge(outside) - expected).max() > 0.02
+
+
+def test_saturated_contact_is_read_by_the_foot_that_the_board_shows():
+    """1.5 to 4 times over the top: with the board's profile at most 0.3 %, with its width alone up to 2 %."""
+    shape = (620, 800)
+    sharp = draw(shape, warp(shape, 61.7, 11.0), np.random.default_rng(2), blur=0.05, noise=0.0).astype(float)
+    low, high = np.percentile(sharp, [2, 98])
+    entry = blur_entry(developed(0.05 + 0.5 * with_tails((sharp - low) / (high - low), **TAILS), 5, noise=0.004))
+    plain = {name: value for name, value in entry.items() if name != "edge"}
+    worst = {"profile": 0.0, "width": 0.0}
+    for over in (1.5, 3.0, 4.0):
+        frame = developed(with_tails(over * ellipse(*AXES_PX, (187.3, 151.8), 0.4), **TAILS), 7, noise=0.003)
+        for name, of in (("profile", entry), ("width", plain)):
+            error = abs(Estimator.of(uniform_calibration(blur_px=[of])).area(frame).area_mm2 / TRUE_MM2 - 1)
+            worst[name] = max(worst[name], error)
+    assert worst["profile"] < 0.003
+    assert worst["width"] > 0.01
+
+
+@pytest.mark.parametrize(
+    "edge",
+    [
+        3,
+        {},
+        {"first_px": -5, "step_px": 0.25, "levels_DN": [1, 2]},
+        {"first_px": -5, "step_px": 0, "levels_DN": [1] * 41},
+        {"first_px": -5, "step_px": 0.25, "levels_DN": ["a"] * 41},
+        {"first_px": -5, "step_px": 0.25, "levels_DN": [9e9] * 41},
+    ],
+)
+def test_a_damaged_profile_names_its_key(edge):
+    with pytest.raises(InputError, match="blur_px"):
+        Estimator.of(uniform_calibration(blur_px=[{"median": 2.0, "edge": edge}]))
+
+
 @pytest.mark.parametrize(("blur_px", "dark", "bright"), [(1.4, 0.03, 0.33), (2.0, 0.05, 0.6), (2.9, 0.01, 0.45)])
 def test_blur_of_a_board_is_that_of_its_light(blur_px, dark, bright):
     """The width in grey levels is 5 to 13 % greater; drawn blur and the pixel's own box, 1/12 px^2, add in squares."""
-    entry = _blur(find_corners(board(blur_px, dark, bright)))
+    entry = blur_entry(board(blur_px, dark, bright))
     true = float(np.hypot(blur_px, np.sqrt(1 / 12)))
     found = Blur.of({"blur_px": [entry]}, tone_table("bt709"))
     assert entry["median"] > 1.04 * true
@@ -46,7 +111,7 @@ def test_saturated_contact_of_a_camera_with_its_own_blur(blur_px):
     """Rationale: read with the believed 1.13 px a contact 2.3 times over the top was 4 and 6 % too large and its
     interval missed the truth. With the board's it is right to 1 %; with none its interval must hold."""
     frame = developed(cv2.GaussianBlur(2.3 * ellipse(*AXES_PX, (187.3, 151.8), 0.4), (0, 0), blur_px), 7, noise=0.003)
-    entry = _blur(find_corners(board(blur_px, 0.05, 0.6)))
+    entry = blur_entry(board(blur_px, 0.05, 0.6))
     half = {}
     for details in ({"blur_px": [entry]}, {}):
         estimator = Estimator.of(uniform_calibration(**details))

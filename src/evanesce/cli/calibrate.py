@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -210,7 +210,7 @@ def _complete(
             "threshold": card.threshold,
         }
     if pictures is not None:
-        details["blur_px"] = [_blur(grid) for grid in pictures.grids]
+        details["blur_px"] = pictures.blurs
     return Calibration(
         image_size=result.calibration.image_size,
         camera_matrix=result.fit.camera_matrix,
@@ -219,19 +219,6 @@ def _complete(
         square_side_mm=None if card is None else side_mm,
         details=details,
     )
-
-
-def _blur(grid: Any) -> dict[str, float]:
-    """Return the spread of the blur over a picture [px], in grey levels, with the levels of the board's squares [DN].
-
-    It tells a board out of focus, and the refined estimator how wide an edge is.
-    """
-    import numpy as np
-
-    sigma = np.sqrt((grid.fit.sigma**2).mean(axis=1))
-    found = {name: float(np.percentile(sigma, q)) for name, q in (("median", 50), ("p05", 5), ("p95", 95))}
-    level, half = float(np.median(grid.fit.level)), float(np.median(np.abs(grid.fit.contrast)))
-    return found | {"dark_DN": level - half, "bright_DN": level + half}
 
 
 def _draw(folder: Path, result: Calibrated, pictures: BoardPictures | None) -> None:

@@ -15,6 +15,7 @@ from evanesce.errors import WorkError
 from evanesce.measurement.corners import CornerGrid, find_corners
 from evanesce.measurement.images import read_image
 from evanesce.measurement.points import BoardView
+from evanesce.measurement.refined_blur import blur_of_board
 from evanesce.measurement.warn import SATURATED_SHARE, Warning
 
 
@@ -28,6 +29,8 @@ class BoardPictures:
         Named by file.
     grids : list of CornerGrid
         With blur and contrast of each corner, in the same order.
+    blurs : list of dict
+        Of :func:`~evanesce.measurement.refined_blur.blur_of_board`, in the same order.
     image_size : tuple of int
         (cols, rows) [px].
     first : ndarray (rows, cols[, 3])
@@ -39,6 +42,7 @@ class BoardPictures:
 
     views: list[BoardView]
     grids: list[CornerGrid]
+    blurs: list[dict[str, Any]]
     image_size: tuple[int, int]
     first: NDArray[np.uint8]
     first_name: str
@@ -69,7 +73,9 @@ def find_boards(paths: Sequence[Path], square_mm: float, *, done: Callable[[], A
     grids: list[CornerGrid] = []
     warnings: list[Warning] = []
     first: NDArray[np.uint8] | None = None
-    known: dict[bytes, CornerGrid] = {}  # a video of a still card, split into files, repeats its pictures
+    blurs: list[dict[str, Any]] = []
+    # a video of a still card, split into files, repeats its pictures
+    known: dict[bytes, tuple[CornerGrid, dict[str, Any]]] = {}
     reason = ""
     for path in paths:
         loaded = read_image(path)
@@ -84,17 +90,21 @@ def find_boards(paths: Sequence[Path], square_mm: float, *, done: Callable[[], A
             warnings += saturation(picture, path.name)
             digest = hashlib.sha256(picture.tobytes()).digest()
             try:
-                grid = known[digest] = known[digest] if digest in known else find_corners(picture)
+                if digest not in known:
+                    grid = find_corners(picture)
+                    known[digest] = grid, blur_of_board(picture, grid)
+                grid, blur = known[digest]
             except WorkError as error:
                 reason = f"{path.name}: {error}"
                 warnings.append(Warning("no_board", f"{reason}: left out"))
             else:
                 views.append(grid.view(path.name, square_mm))
                 grids.append(grid)
+                blurs.append(blur)
         done()
     if first is None or not views:
         raise WorkError(reason or "no picture of a board")
-    return BoardPictures(views, grids, (first.shape[1], first.shape[0]), first, paths[0].name, warnings)
+    return BoardPictures(views, grids, blurs, (first.shape[1], first.shape[0]), first, paths[0].name, warnings)
 
 
 def saturation(picture: NDArray[np.uint8], name: str) -> list[Warning]:

@@ -275,7 +275,7 @@ class Estimator:
         boundary = Boundary(contours=half_contours(level), level=level, step=np.full(light.shape, 1.0))
         blur = self.settings.blur
         blurs = [blur.px, *np.geomspace(blur.low_px, blur.high_px, BLURS_TRIED)]
-        tried = shift_of_edge(light, full, boundary, SATURATED_LEVEL, blurs)
+        tried = shift_of_edge(light, full, boundary, SATURATED_LEVEL, blur, blurs)
         return float(tried[0, 0]), doubt_of_edge(tried), boundary
 
     def _measured(

@@ -14,9 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import curve_fit
-from scipy.special import ndtr
+from scipy.special import erfc, ndtr
 
 from evanesce.errors import InputError
+from evanesce.measurement.board_edge import END_PX, edge_profile
+from evanesce.measurement.corners import CornerGrid
 
 Floats = NDArray[np.float64]
 
@@ -47,12 +49,24 @@ class Blur:
         Limits.
     origin : {"board", "stated", "believed"}
         The calibration's board; a number in its file or of a caller; nothing.
+    response : tuple of ndarray, optional
+        Places from dark to bright [px] and the light there of a unit step, where the board's edges show it; else the
+        edge is a Gaussian's.
     """
 
     px: float = BELIEVED_PX
     low_px: float = BELIEVED_LIMITS_PX[0]
     high_px: float = BELIEVED_LIMITS_PX[1]
     origin: str = "believed"
+    response: tuple[Floats, Floats] | None = None
+
+    def edge(self, distance: Floats, px: float | None = None) -> Floats:
+        """Return the light of a unit step at distances outside it [px], as if the blur were ``px`` wide."""
+        width = self.px if px is None else px
+        if self.response is None:
+            return edge_response(distance, width)
+        places, shares = self.response
+        return np.asarray(np.interp(-np.asarray(distance) * self.px / width, places, shares))
 
     @classmethod
     def stated(cls, px: float) -> Blur:
@@ -95,10 +109,37 @@ class Blur:
             least, most = LEVELS_NOT_KNOWN
         middle = 0.5 * (least + most)
         return cls(
-            px=median * middle, origin="board",
+            px=median * middle, origin="board", response=_response(entry.get("edge"), tone),
             low_px=min(spread[0] * least, median * middle * (1 - LEAST_DOUBT)),
             high_px=max(spread[2] * most, median * middle * (1 + LEAST_DOUBT)),
         )  # fmt: skip
+
+
+def edge_response(distance: Floats, blur_px: float) -> Floats:
+    """Return the light of a unit step at distances outside it [px], blurred by a Gaussian."""
+    return np.asarray(0.5 * erfc(distance / (np.sqrt(2.0) * blur_px)))
+
+
+def blur_of_board(image: NDArray[np.uint8], grid: CornerGrid) -> dict[str, Any]:
+    """Return the spread of the blur over a picture of a board, as a calibration keeps it.
+
+    Parameters
+    ----------
+    image : ndarray (rows, cols[, 3])
+    grid : CornerGrid
+        Of that picture.
+
+    Returns
+    -------
+    dict
+        ``median``, ``p05`` and ``p95`` [px] of the corners, in grey levels; ``dark_DN`` and ``bright_DN`` of the
+        squares; ``edge``, of :func:`~evanesce.measurement.board_edge.edge_profile`, where there is one.
+    """
+    sigma = np.sqrt((grid.fit.sigma**2).mean(axis=1))
+    found = {name: float(np.percentile(sigma, q)) for name, q in (("median", 50), ("p05", 5), ("p95", 95))}
+    level, half = float(np.median(grid.fit.level)), float(np.median(np.abs(grid.fit.contrast)))
+    profile = edge_profile(image, grid)
+    return found | {"dark_DN": level - half, "bright_DN": level + half} | ({"edge": profile} if profile else {})
 
 
 def widened(dark_DN: float, bright_DN: float, tone: Floats) -> float:
@@ -122,6 +163,31 @@ def widened(dark_DN: float, bright_DN: float, tone: Floats) -> float:
     grey = np.interp(edge(at, dark, bright - dark, 0.0, 1.0), tone, levels)
     solved, _ = curve_fit(edge, at, grey, [grey[0], grey[-1] - grey[0], 0.0, 1.0])
     return float(abs(solved[3]))
+
+
+def _response(edge: Any, tone: Floats) -> tuple[Floats, Floats] | None:
+    """Return a kept profile as places and shares of light, made even about its half-way point."""
+    if edge is None:
+        return None
+    try:
+        first, step = float(edge["first_px"]), float(edge["step_px"])
+        levels = np.array(edge["levels_DN"], np.float64)
+    except (KeyError, TypeError, ValueError):
+        raise InputError("not a profile", key="blur_px: edge", allowed=ALLOWED) from None
+    places = first + step * np.arange(levels.size)
+    sound = levels.ndim == 1 and levels.size > 8 and step > 0 and abs(places[0] + places[-1]) < 1e-6
+    if not (sound and np.isfinite(levels).all() and ((levels >= -64) & (levels <= 320)).all()):
+        raise InputError("not a profile", key="blur_px: edge", allowed=ALLOWED)
+    light = np.interp(levels, np.arange(len(tone), dtype=np.float64), tone)
+    count = max(1, min(round(END_PX / step), levels.size // 4))
+    dark, bright = light[:count].mean(), light[-count:].mean()
+    if not bright - dark > 1e-3:
+        return None
+    share = (light - dark) / (bright - dark)
+    # a tone curve moves the half-way point of grey levels off that of light
+    share = np.interp(places + np.interp(0.5, np.maximum.accumulate(share), places), places, share)
+    even = np.maximum.accumulate(0.5 * (share + 1.0 - share[::-1]))
+    return np.asarray(places, np.float64), np.asarray(even, np.float64)
 
 
 def _positive(value: Any) -> float:

@@ -46,7 +46,11 @@ def findings(classes: Sequence[Mapping[str, Any]]) -> Findings:
             f" ±{max(c['refined_half_width_percent'] for c in classes):.2f} %.",
         ],
         charts=[_chart(classes)],
-        tables=[_coverage_table(classes), _parts_table(classes)],
+        tables=[
+            _coverage_table(classes),
+            _parts_table(classes, "contributions_percent", "refined area"),
+            _parts_table(classes, "author_contributions_percent", "area of the author's chain"),
+        ],
         data={"classes": list(classes)},
     )
 
@@ -70,12 +74,12 @@ def _coverage_table(classes: Sequence[Mapping[str, Any]]) -> Listing:
     )  # fmt: skip
 
 
-def _parts_table(classes: Sequence[Mapping[str, Any]]) -> Listing:
-    names = list(dict.fromkeys(name for c in classes for name in c["contributions_percent"]))
+def _parts_table(classes: Sequence[Mapping[str, Any]], key: str, what: str) -> Listing:
+    names = list(dict.fromkeys(name for c in classes for name in c[key]))
     return Listing(
         columns=("component", *(f"{c['finger']}, {c['place']} [%]" for c in classes)),
-        rows=[(name, *(f"{c['contributions_percent'].get(name, 0.0):.3f}" for c in classes)) for name in names],
-        caption="Standard uncertainty of the refined area from each component, median.",
+        rows=[(name, *(f"{c[key].get(name, 0.0):.3f}" for c in classes)) for name in names],
+        caption=f"Standard uncertainty of the {what} from each component, median.",
     )
 
 

@@ -34,7 +34,7 @@ from evanesce.measurement.uncertainty import (
 from evanesce.measurement.uncertainty_area import author_boundary, lens_distance, refined_uncertainty
 from evanesce.optics.projection import Projection
 from evanesce.rig import Scene
-from evanesce.validation.calibrated_rig import CardErrors, calibrated, drawn_corners
+from evanesce.validation.calibrated_rig import CardErrors, calibrated, drawn_corners, with_board_blur
 from evanesce.validation.estimator_study import PLACES, REFERENCE_V, Lit, fingers_of, placed
 from evanesce.validation.studies import Keep, not_kept
 
@@ -206,7 +206,8 @@ def run_study(
         Puts the frames of a class and each block of measurements away, so that an interrupted run goes on; see
         :data:`~.studies.Keep`.
     """
-    nominal = calibrated(smooth, rng.generator(seed, "nominal"), CardErrors(corner_noise_px=0.0))
+    perfect = calibrated(smooth, rng.generator(seed, "nominal"), CardErrors(corner_noise_px=0.0))
+    nominal = with_board_blur(perfect, smooth, seed)
     scenes = fingers_of(smooth, ridged)
     keys = [(finger, place) for place in places for finger in fingers]
     shots: dict[tuple[str, str], list[Shot]] = {}

@@ -7,10 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.bundle.write import Rig
 from evanesce.measurement.calibrate import calibrate, report
 from evanesce.measurement.calibration import Calibration
+from evanesce.measurement.corners import find_corners
 from evanesce.measurement.points import BoardView
 from evanesce.measurement.rectify import undistort_points
+from evanesce.measurement.refined_blur import blur_of_board
 from evanesce.measurement.refined_plate import shoelace
 from evanesce.optics.projection import Projection
 from evanesce.rig import Scene
@@ -80,6 +83,19 @@ def calibrated(
         square_side_mm=stated,
         details=report(found) | {"tone_curve": scene.camera.tone_curve},
     )
+
+
+def with_board_blur(calibration: Calibration, scene: Scene, seed: int) -> Calibration:
+    """Return a calibration with the blur of a photograph of the scene's board, as ``evanesce calibrate`` finds it.
+
+    Raises
+    ------
+    WorkError
+        If no board is found in the photograph.
+    """
+    picture = Rig(scene, seed).card("checkerboard", 0)
+    blur = blur_of_board(picture, find_corners(picture))
+    return replace(calibration, details={**calibration.details, "blur_px": [blur]})
 
 
 def drawn_corners(

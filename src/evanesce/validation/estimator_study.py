@@ -23,7 +23,7 @@ from evanesce.sensor.expose import charge_of, frame_of, signal_of
 from evanesce.sensor.lens import form_image
 from evanesce.simulate import touch
 from evanesce.states import Frame, SensorLight
-from evanesce.validation.calibrated_rig import calibrated
+from evanesce.validation.calibrated_rig import calibrated, with_board_blur
 from evanesce.validation.voltage import power_ratio
 
 VOLTAGES = (8.0, 8.5, 9.0, 10.0, 11.0, 12.0)
@@ -231,7 +231,7 @@ def run_study(
         ``tick(done, total)``.
     """
     chosen = {n: s for n, s in fingers_of(smooth, ridged).items() if fingers is None or n in fingers}
-    calibration = calibrated(smooth, rng.generator(seed, "corners"))
+    calibration = with_board_blur(calibrated(smooth, rng.generator(seed, "corners")), smooth, seed)
     origin = dict(provenance.record(seed=seed, config={"smooth": smooth.as_dict(), "ridged": ridged.as_dict()}))
     digest = provenance.digest([provenance.code_digest(), smooth.as_dict(), ridged.as_dict(), threshold, seed])
     done = _kept(keep, digest)

@@ -38,6 +38,7 @@ def coverage(finger: str, refined: float) -> dict[str, object]:
         "refined_linear_covered": refined, "author_covered": 0.88, "refined_half_width_percent": 0.9,
         "author_half_width_percent": 4.0, "refined_bias_percent": 0.1, "author_bias_percent": 3.0,
         "contributions_percent": {"print": 0.2, "noise": 0.01},
+        "author_contributions_percent": {"print": 0.3, "threshold on the contact": 1.9, "noise": 0.02},
     }  # fmt: skip
 
 
@@ -46,6 +47,7 @@ def test_budgets_verdict_counts_classes_inside_the_wanted_share(shares: tuple[fl
     found = budget_part.findings([coverage("smooth", shares[0]), coverage("ridged", shares[1])])
     assert f"{kept} of 2 classes lie within 93 to 97 %" in found.verdict[0]
     assert [line[0] for line in found.tables[1].rows] == ["print", "noise"]
+    assert [line[1] for line in found.tables[2].rows] == ["0.300", "1.900", "0.020"]
 
 
 def pressed(saturated: float, rms: float) -> dict[str, float | None]:

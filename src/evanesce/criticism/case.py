@@ -93,7 +93,7 @@ def prepare(observation: Observation, seed: int, exclude: Collection[str] = ()) 
         fitted_problem = fitted_problem.louder(noise_by_bins(fitted_problem, fitted))
         fitted = fit(fitted_problem, every, own, rounds=ROUNDS)
     library = candidates_of(observation.scene, observation.available, exclude)
-    candidates = with_places(fitted_problem, fitted, library)
+    candidates = with_places(fitted_problem, fitted, library, codec=size.codec)
     case = Case(observation, fitted_problem, fitted, candidates, seed, size.codec)
     if not noise.measured:
         case.notes.append("no replicates: the noise is the camera's own model, false alarms are not controlled")

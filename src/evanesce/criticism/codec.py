@@ -23,6 +23,8 @@ Array = NDArray[Any]
 DARK_DN = (3.0, 12.0)
 """Levels that noise can bring down to nothing, and that a codec's least step does."""
 
+CLIPPED = 2.0
+
 CHECKED = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]]) / 6.0
 """Second differences both ways, of unit variance for white noise: no smooth cause is seen by it."""
 
@@ -80,18 +82,42 @@ def codec_variance(level: Array) -> Array:
 def noise_by_bins(problem: Problem, fitted: Fit) -> Array:
     """Return by how much the variance of each view exceeds what it is believed to be, at least 1 (views,).
 
-    From second differences between neighbouring bins.
+    From second differences between neighbouring bins: their size, times the number of views that share them. What a
+    codec once made of a place it hands on for as long as little changes there, so that many views are no more than one.
     """
     cube = problem.unwhitened(fitted.residual)
     found = np.ones(len(problem.predictor.views))
+    rough = {}
     for k, view in enumerate(problem.views):
-        valid = problem.valid[view]
-        inner = ndimage.binary_erosion(valid, np.ones((3, 3)))
-        rough = ndimage.convolve(cube[k], CHECKED)[inner]
-        if rough.size > 50:
-            found[view] = max(1.0, float(np.mean(rough**2)))
-    # Views that were kept from the fit are as loud as the others of their kind.
+        inner = ndimage.binary_erosion(problem.valid[view], np.ones((3, 3)))
+        second = np.where(inner, ndimage.convolve(cube[k], CHECKED), np.nan)
+        if inner.sum() > 50:
+            found[view] = max(1.0, float(np.nanmean(second**2)))
+            rough[view] = second
     pressed = [v for v in problem.views if problem.predictor.views[v].touches]
+    for members in (pressed, [v for v in problem.views if v not in pressed]):
+        alike = shared([rough[v] for v in members if v in rough])
+        for view in members:
+            found[view] *= 1.0 + (len(members) - 1) * alike
+    # Views that were kept from the fit are as loud as the others of their kind.
     for view in set(range(len(found))) - set(problem.views):
         found[view] = float(np.mean(found[pressed])) if pressed else 1.0
     return found
+
+
+def shared(fields: Sequence[Array]) -> float:
+    """Return the mean correlation between fields (rows, cols), at least 0; NaN where they are not known.
+
+    Values beyond ``CLIPPED`` standard deviations count as so many: a few bright marks are no codec.
+    """
+    clipped = []
+    for one in fields:
+        size = 1.4826 * float(np.nanmedian(np.abs(one - np.nanmedian(one)))) or 1.0
+        clipped.append(np.clip(one / size, -CLIPPED, CLIPPED))
+    found = []
+    for k, one in enumerate(clipped):
+        for other in clipped[:k]:
+            known = np.isfinite(one) & np.isfinite(other)
+            if known.sum() > 50:
+                found.append(float(np.corrcoef(one[known], other[known])[0, 1]))
+    return max(0.0, float(np.mean(found))) if found else 0.0

@@ -29,6 +29,9 @@ Array = NDArray[Any]
 MOST = 300
 """Places in a list; the strongest."""
 
+FALSE_PLACES = 0.05
+"""Of the places on a list, where a codec made some of what stands out."""
+
 
 @dataclass(frozen=True)
 class Chosen:
@@ -49,7 +52,9 @@ class Chosen:
     penalty: float
 
 
-def with_places(problem: Problem, base: Fit, candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
+def with_places(
+    problem: Problem, base: Fit, candidates: Sequence[Candidate], *, codec: bool = False
+) -> tuple[Candidate, ...]:
     """Return the candidates; those that list places have them from what a fitted model leaves.
 
     Their lists are handed to the predictor. What the believed rig has already is not looked for anew.
@@ -59,6 +64,8 @@ def with_places(problem: Problem, base: Fit, candidates: Sequence[Candidate]) ->
     problem : Problem
     base : Fit
     candidates : sequence of Candidate
+    codec : bool
+        Whether the frames went through one.
     """
     believed = problem.predictor.scene.effects
     searched = [c for c in candidates if not c.missing and c.id not in believed]
@@ -67,7 +74,7 @@ def with_places(problem: Problem, base: Fit, candidates: Sequence[Candidate]) ->
     for candidate in candidates:
         line = candidate.effect.line
         if candidate.id in templates:
-            found.append(_placed(problem, base, candidate, templates[candidate.id]))
+            found.append(_placed(problem, base, candidate, templates[candidate.id], codec))
         elif candidate in searched and line is not None and line.like in templates:
             found.append(_lined(problem, base, candidate, templates[line.like]))
         else:
@@ -93,11 +100,11 @@ def listing(marks: Marks, x: Array, y: Array, amounts: Array) -> dict[str, Any]:
     return {key: [float(v) for v in values] for key, values in found.items()} | dict(marks.fixed)
 
 
-def _placed(problem: Problem, base: Fit, candidate: Candidate, template: Array) -> Candidate:
+def _placed(problem: Problem, base: Fit, candidate: Candidate, template: Array, codec: bool) -> Candidate:
     marks = candidate.effect.marks
     assert marks is not None
     predictor, name = problem.predictor, f"{candidate.id}:{marks.scale}"
-    chosen = standing_out(problem.unwhitened(base.residual), template)
+    chosen = standing_out(problem.unwhitened(base.residual), template, codec=codec)
     if not chosen.bins.size:
         return replace(candidate, unseen="no place stands out")
     x, y, _ = cells(predictor.scene, problem.data.shape[1:], marks.where)
@@ -143,13 +150,16 @@ def cells(scene: Scene, shape: tuple[int, ...], where: str) -> tuple[Array, Arra
     return np.asarray(x), np.asarray(y), (BIN_PX / camera.scale_px_per_mm) ** 2
 
 
-def standing_out(residual: Array, template: Array) -> Chosen:
+def standing_out(residual: Array, template: Array, *, codec: bool = False) -> Chosen:
     """Return the bins that a mark explains better than nothing, its place and amount paid for.
 
     Parameters
     ----------
     residual, template : ndarray (views, rows, cols)
         Whitened.
+    codec : bool
+        Of frames from a codec, whose errors stand out to both sides: only bins beyond what stands out to the wrong
+        side, of which no mark is capable.
     """
     product = np.einsum("vrc,vrc->rc", residual, template).ravel()
     information = np.einsum("vrc,vrc->rc", template, template).ravel()
@@ -158,7 +168,17 @@ def standing_out(residual: Array, template: Array) -> Chosen:
     square = significance**2
     # A place among all bins, and an amount that may as well have been another one of its size.
     cost = np.log(max(int(seen.sum()), 1)) + 0.5 * np.log1p(square)
-    worth = np.where(significance > 0, 0.5 * square - cost, 0.0)
+    least = beyond_the_other_side(significance[seen]) if codec else 0.0
+    worth = np.where(significance > least, 0.5 * square - cost, 0.0)
     bins = np.flatnonzero(worth > 0)
     bins = bins[np.argsort(-worth[bins])][:MOST]
     return Chosen(bins, product[bins] / information[bins], float(cost[bins].sum()))
+
+
+def beyond_the_other_side(significance: Array) -> float:
+    """Return the least value that at most ``FALSE_PLACES`` as many values exceed to the other side as to this one."""
+    up, down = np.sort(significance[significance > 0])[::-1], np.sort(-significance[significance < 0])[::-1]
+    above = np.arange(1, up.size + 1)
+    below = np.searchsorted(-down, -up, side="right")
+    kept = np.flatnonzero(below <= FALSE_PLACES * above)
+    return float(up[kept[-1]]) * (1 - 1e-12) if kept.size else np.inf

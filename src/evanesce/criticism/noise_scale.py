@@ -68,6 +68,8 @@ def noise_scale_of(camera: Camera, scatter: Mapping[str, tuple[Array, Array]]) -
     """
     spread = _by_scatter(camera, scatter)
     dark = _by_level(camera, scatter)
+    if spread == LOW:  # hardly any scatter is left: no camera is so quiet, a codec makes it so
+        return NoiseScale(1.0 if dark is None else dark, LOOSE, codec=True)
     if dark is None:
         return NoiseScale(1.0, LOOSE) if spread is None else NoiseScale(spread, 2 * CLOSE)
     if spread is None:
@@ -93,7 +95,7 @@ def _of_displaced_black(camera: Camera, scatter: Mapping[str, tuple[Array, Array
 
 
 def _by_scatter(camera: Camera, scatter: Mapping[str, tuple[Array, Array]], least_DN: float = -np.inf) -> float | None:
-    """Return the scale whose variance, over all bins of some level at least, is the measured one."""
+    """Return the scale whose variance, over all bins of some level at least, is the measured one; at least ``LOW``."""
     if not scatter:
         return None
     level = np.concatenate([np.ravel(part[0]) for part in scatter.values()])
@@ -102,7 +104,11 @@ def _by_scatter(camera: Camera, scatter: Mapping[str, tuple[Array, Array]], leas
         return None
     level = level[chosen]
     variance = float(np.concatenate([np.ravel(part[1]) for part in scatter.values()])[chosen].mean())
-    return _root(lambda scale: float(expected_tone(camera, scale).variance_at(level).mean()) - variance)
+
+    def surplus(scale: float) -> float:
+        return float(expected_tone(camera, scale).variance_at(level).mean()) - variance
+
+    return LOW if surplus(LOW) >= 0 else _root(surplus)
 
 
 def _by_level(camera: Camera, scatter: Mapping[str, tuple[Array, Array]]) -> float | None:

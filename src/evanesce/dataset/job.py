@@ -221,11 +221,7 @@ def load_job(folder: Path, *, check_versions: bool = False) -> Job:
     path = folder / layout.DESCRIPTION
     data = layout.read_json(path)
     try:
-        if data["format"] != layout.FORMAT or data["format_version"] != layout.FORMAT_VERSION:
-            raise InputError(
-                f"{data['format']!r} version {data['format_version']}", file=path,
-                allowed=f"{layout.FORMAT} version {layout.FORMAT_VERSION}",
-            )  # fmt: skip
+        _require_format(path, data["format"], data["format_version"])
         scene = Scene.model_validate_json(json.dumps(data["scene"]))
         config = DatasetConfig.model_validate_json(json.dumps(data["config"]))
         recorded = _frames_digest(data["scene"], data["config"], data["seed"])
@@ -240,6 +236,21 @@ def load_job(folder: Path, *, check_versions: bool = False) -> Job:
     if check_versions:
         _require_versions(path, data.get("provenance", {}))
     return job
+
+
+def _require_format(path: Path, name: object, version: object) -> None:
+    if name == layout.FORMAT and version == layout.FORMAT_VERSION:
+        return
+    allowed = f"{layout.FORMAT} version {layout.FORMAT_VERSION}"
+    told = f"{name!r} version {version!r}"
+    if name == layout.FORMAT and isinstance(version, int):
+        if version in layout.EARLIER:
+            told += f", of an earlier evanesce: {layout.EARLIER[version]}"
+            allowed += "; make it anew into another folder: scene, config and seed stand in this file"
+        elif version > layout.FORMAT_VERSION:
+            told += ", of a later evanesce"
+            allowed += "; install that one to read it"
+    raise InputError(told, file=path, allowed=allowed)
 
 
 def _require_versions(path: Path, recorded: dict[str, Any]) -> None:

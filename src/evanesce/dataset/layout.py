@@ -15,7 +15,13 @@ from typing import Any
 from evanesce.errors import InputError, WorkError
 
 FORMAT = "evanesce-dataset"
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
+"""Raised when the same member or number means something else than before; :data:`EARLIER` tells what."""
+EARLIER = {
+    1: "its stick_ratio is 0, as under full slip, where the finger is lifted",
+    2: "its stick_ratio may be 0, as under full slip, where the finger is lifted",
+}
+"""What earlier versions of the format held that this one does not."""
 DESCRIPTION = "dataset.json"
 MANIFEST = "manifest.sqlite"
 SCHEMA = "schema.json"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -111,6 +112,15 @@ def paper_meta(job: Job, frame: int, trial: int) -> dict:
 def use_paper() -> None:
     """Let this process make paper frames."""
     worker.Producer = PaperProducer  # type: ignore[misc,assignment]
+    worker.forget()
+
+
+def paper_frames() -> Iterator[None]:
+    """Let this process make paper frames until the end of a test: the body of a fixture."""
+    real = worker.Producer
+    use_paper()
+    yield
+    worker.Producer = real  # type: ignore[misc]
     worker.forget()
 
 

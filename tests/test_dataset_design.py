@@ -15,6 +15,7 @@ import tomli_w
 from pydantic import ValidationError
 from scipy.stats import kstest
 
+import evanesce.dataset as dataset
 from datasets import tiny_config, tiny_job
 from evanesce.dataset.config import KINDS, NOT_DRAWN, DatasetConfig, load_config
 from evanesce.dataset.design import draw_effect, friction_plan, rig_plan, split_of, trial_plan
@@ -228,6 +229,30 @@ def test_a_job_comes_back_from_its_description(tmp_path: Path):
     (tmp_path / "dataset.json").write_text(text.replace('"seed": 11', '"seed": 12'))
     with pytest.raises(InputError, match="config_sha256"):
         load_job(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("version", "says"),
+    [
+        (
+            "2",
+            r"version 2, of an earlier evanesce: its stick_ratio may be 0.* version 3; make it anew",
+        ),
+        ("1", r"version 1, of an earlier evanesce: .*; make it anew"),
+        ("4", r"version 4, of a later evanesce .*install that one"),
+        ('"3"', r"version '3' \(allowed: evanesce-dataset version 3\)"),
+        ("null", r"version None \(allowed: evanesce-dataset version 3\)"),
+    ],
+)
+def test_another_version_of_the_format_says_what_to_do(tmp_path: Path, version, says):
+    """A lifted finger's stick_ratio was 0 before version 3: frames of both must not be read as one."""
+    save_job(tmp_path, tiny_job())
+    path = tmp_path / "dataset.json"
+    path.write_text(path.read_text().replace('"format_version": 3', f'"format_version": {version}'))
+    for refused in (lambda: load_job(tmp_path), lambda: save_job(tmp_path, tiny_job()), lambda: dataset.open(tmp_path)):
+        with pytest.raises(InputError, match=says) as caught:
+            refused()
+        assert "\n" not in str(caught.value)
 
 
 def test_other_versions_are_not_mixed_in(tmp_path: Path):

@@ -22,7 +22,7 @@ import pytest
 from distributed import LocalCluster
 
 import evanesce.dataset as dataset
-from datasets import PaperProducer, contents, paper_meta, tiny_job
+from datasets import PaperProducer, contents, paper_frames, paper_meta, tiny_job
 from evanesce import provenance
 from evanesce.dataset import baselines, layout, run, worker
 from evanesce.dataset.card import _effects, schema
@@ -37,22 +37,14 @@ from evanesce.dataset.trial import SCALARS
 from evanesce.dataset.verify import checksums, verify
 from evanesce.errors import InputError, WorkError
 
-
-@pytest.fixture(autouse=True)
-def paper(monkeypatch):
-    monkeypatch.setattr(worker, "Producer", PaperProducer)
-    worker.forget()
-    yield
-    worker.forget()
+paper = pytest.fixture(autouse=True)(paper_frames)
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory) -> Path:
     """A finished dataset of 24 frames; not to be changed."""
     folder = tmp_path_factory.mktemp("whole") / "d"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(worker, "Producer", PaperProducer)
-        worker.forget()
+    with contextlib.contextmanager(paper_frames)():
         outcome = make(folder, tiny_job())
     assert outcome.complete
     assert (outcome.frames, outcome.made) == (24, 24)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import re
@@ -15,8 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from datasets import PaperProducer, contents, tiny_job
-from evanesce.dataset import worker
+from datasets import contents, paper_frames, tiny_job
 from evanesce.dataset.manifest import Manifest
 from evanesce.dataset.run import make, resume
 from evanesce.errors import WorkError
@@ -26,21 +26,14 @@ FRAMES = 12
 """Two shards."""
 
 
-@pytest.fixture(autouse=True)
-def paper(monkeypatch):
-    monkeypatch.setattr(worker, "Producer", PaperProducer)
-    worker.forget()
-    yield
-    worker.forget()
+paper = pytest.fixture(autouse=True)(paper_frames)
 
 
 @pytest.fixture(scope="module")
 def good(tmp_path_factory) -> dict[str, bytes]:
     """Every file of a dataset that nobody disturbed."""
     folder = tmp_path_factory.mktemp("good") / "d"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(worker, "Producer", PaperProducer)
-        worker.forget()
+    with contextlib.contextmanager(paper_frames)():
         make(folder, tiny_job(frames=FRAMES))
     return contents(folder)
 

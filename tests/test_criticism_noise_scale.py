@@ -90,6 +90,22 @@ def test_noise_smoothed_after_the_curve_is_told_by_the_dark_level() -> None:
     assert found.value == pytest.approx(1.0, abs=0.02)
 
 
+@pytest.mark.parametrize("covered", [True, False])
+def test_next_to_no_scatter_is_a_codecs_work(covered: bool) -> None:
+    """Rationale: frames from H.264 at a low rate repeat themselves to the bit; they passed for a camera's own."""
+    camera = dim_camera()
+    rng = np.random.default_rng(12)
+    lit = np.linspace(0.0, 300.0, SHAPE[1])[None, :] * np.ones((SHAPE[0], 1))
+    made = {}
+    for kind, (charge, count) in {"replicate": (lit, 12), "lens_cap": (np.zeros(SHAPE), 4)}.items():
+        if kind == "replicate" or covered:
+            mean = frames(camera, charge, 40, 0.0, rng).mean(axis=0)
+            made[kind] = mean, np.full_like(mean, 1e-4)
+    found = noise_scale_of(camera, made)
+    assert found.codec
+    assert found.value == pytest.approx(1.0, abs=0.05)
+
+
 def test_without_held_states_nothing_is_claimed() -> None:
     found = noise_scale_of(dim_camera(), {})
     assert (found.value, found.codec) == (1.0, False)

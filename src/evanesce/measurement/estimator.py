@@ -32,6 +32,7 @@ from evanesce.measurement.refined_glow import Walk, entered, find_walk
 from evanesce.measurement.refined_light import Radiometry
 from evanesce.measurement.refined_plate import PlateMap
 from evanesce.measurement.refined_saturation import (
+    contact_edge,
     contact_within,
     doubt_of_edge,
     filled_by,
@@ -165,8 +166,23 @@ class Estimator:
         return cls(plate=plate, radiometry=radiometry, settings=Settings(**settings))
 
     def taught(self, image: NDArray[np.uint8]) -> Estimator:
-        """Return the estimator that has learnt from one unsaturated frame how far light walks in this finger."""
-        return replace(self, settings=replace(self.settings, walk=self.area(image).walk))
+        """Return the estimator that has learnt how far light walks in this finger, and how it rises across the edge.
+
+        The edge is learnt where light does not walk: a film of air beside the contact widens it beyond the blur.
+
+        Parameters
+        ----------
+        image : ndarray of uint8, (rows, cols) or (rows, cols, 3)
+            Unsaturated [DN].
+        """
+        found = self.area(image)
+        blur = self.settings.blur
+        if found.contours and not found.unseen and not found.walk.length_px:
+            light = self.settings.crop.apply(self.radiometry.light(image)[0])
+            window = _window(found.mask, PLAIN_MARGIN_PX)
+            boundary = find_boundary(light[window], found.mask[window], self.settings.edge)
+            blur = replace(blur, response=contact_edge(light[window], boundary, self.settings.edge) or blur.response)
+        return replace(self, settings=replace(self.settings, walk=found.walk, blur=blur))
 
     def area(self, image: NDArray[np.uint8]) -> RefinedArea:
         """Measure one frame.

@@ -68,6 +68,22 @@ def test_marks_of_eight_deviations_are_listed_with_their_amounts() -> None:
     assert found.penalty == pytest.approx(np.sum(math.log(ROWS * COLS) + 0.5 * np.log1p(square)), rel=1e-9)
 
 
+def test_a_codecs_errors_which_stand_out_to_both_sides_are_no_marks() -> None:
+    """The same heavy-tailed field in every view. Marks beyond it are still listed, and little else."""
+    rng = np.random.default_rng(23)
+    residual, template, _ = planted(rng, 0.0, 0)
+    residual = residual + 2.0 * rng.standard_t(3.0, residual.shape[1:])[None]
+    assert standing_out(residual, template).bins.size > 20
+    assert standing_out(residual, template, codec=True).bins.size <= 2
+    marked = rng.choice(template[0].size, 30, replace=False)
+    size = 60.0 / np.sqrt((template**2).sum(axis=0)).ravel()[marked]
+    extra = np.zeros(template[0].size)
+    extra[marked] = size
+    found = standing_out(residual + template * extra.reshape(template[0].shape), template, codec=True)
+    assert np.isin(marked, found.bins).sum() >= 26
+    assert (~np.isin(found.bins, marked)).sum() <= 4
+
+
 def test_a_mark_of_another_kind_explains_less() -> None:
     """Rationale: what tells marks apart is how they go from view to view."""
     rng = np.random.default_rng(17)

@@ -1,7 +1,8 @@
 """Is the dataset any good? Two baselines from frames alone, against a force threshold; what randomisation is worth.
 
 Stick ratio by gradient boosting on plain features of the last frames, and slip onset from it, on trials with unseen
-friction, unseen ridge pitch and unseen rigs. Frames are 200 x 150.
+friction, unseen ridge pitch and unseen rigs. The same trials train thrice: on rigs with effects, on the same rigs
+without, on one plain rig. Frames are 200 x 150.
 
     python benchmarks/baseline.py [--trials N] [--out DIR] [--workers W] [--json FILE]
 """
@@ -49,10 +50,10 @@ def settings(
     *,
     friction: tuple[float, float] = FRICTION,
     pitch: tuple[float, float] = PITCH,
-    rigs: int = 4,
-    randomised: bool = True,
+    drawn: bool = True,
+    effects: bool = True,
 ) -> DatasetConfig:
-    """Return the declaration of one set."""
+    """Return the declaration of one set; rigs are drawn or one is as the scene says, and have effects or none."""
     return DatasetConfig.model_validate(
         {
             "trial": {"frames": FRAMES},
@@ -74,18 +75,23 @@ def settings(
                 "ridge_pitch_um": {"uniform": pitch},
                 "shaft_stiffness_N_per_mm": {"log_uniform": (2.5, 8.0)},
             },
-            "rig": {"count": rigs if randomised else 1, "trials_in_a_row": 4} | ({} if randomised else {"draw": {}}),
-            "randomisation": {"probability": 0.35 if randomised else 0.0, "only": EFFECTS},
+            "rig": {"count": 4 if drawn else 1, "trials_in_a_row": 4} | ({} if drawn else {"draw": {}}),
+            "randomisation": {"probability": 0.35 if effects else 0.0, "only": EFFECTS},
         }
     )
 
 
 def sets(trials: int) -> dict[str, tuple[DatasetConfig, int, int]]:
-    """Return configuration, count of trials and seed of each set; tests share their rigs, paired."""
+    """Return configuration, count of trials and seed of each set.
+
+    Training sets share their seed, and with it fingers, friction and programmes, trial by trial; the first two share
+    the rigs' draws too. Tests share theirs.
+    """
     few = max(8, trials // 2)
     return {
         "train": (settings(), trials, 101),
-        "train_plain": (settings(randomised=False), trials, 202),
+        "train_rigs": (settings(effects=False), trials, 101),
+        "train_plain": (settings(drawn=False, effects=False), trials, 101),
         "seen": (settings(), few, 303),
         "unseen_friction": (settings(friction=UNSEEN_FRICTION), few, 303),
         "unseen_pitch": (settings(pitch=UNSEEN_PITCH), few, 303),
@@ -100,6 +106,7 @@ class Table:
     stick: np.ndarray
     force_ratio: np.ndarray
     trial: np.ndarray
+    rig: np.ndarray
     time: np.ndarray
     onsets: dict[int, tuple[float, float]]
 
@@ -108,7 +115,7 @@ class Table:
         keep = self.trial < count
         return dataclasses.replace(
             self, features=self.features[keep], stick=self.stick[keep], force_ratio=self.force_ratio[keep],
-            trial=self.trial[keep], time=self.time[keep],
+            trial=self.trial[keep], rig=self.rig[keep], time=self.time[keep],
         )  # fmt: skip
 
     def series(self, evidence: np.ndarray) -> list[Series]:
@@ -185,9 +192,9 @@ def table_of(folder: Path, workers: int) -> Table:
             for found, onset, trial in some:
                 rows += found
                 onsets[trial] = onset
-    rows.sort(key=lambda row: (row[3], row[4]))
-    features, stick, ratio, numbers, times = (np.array(column) for column in zip(*rows, strict=True))
-    return Table(features, stick, ratio, numbers, times, onsets)
+    rows.sort(key=lambda row: (row[3], row[5]))
+    features, stick, ratio, numbers, rigs, times = (np.array(column) for column in zip(*rows, strict=True))
+    return Table(features, stick, ratio, numbers, rigs, times, onsets)
 
 
 def _rows_of(folder: Path, trials: list[int]) -> list[tuple[list[Any], tuple[float, float], int]]:
@@ -205,8 +212,7 @@ def _rows_of(folder: Path, trials: list[int]) -> list[tuple[list[Any], tuple[flo
             for s, f in zip(samples, features_of([s.frame for s in samples]), strict=True):
                 v = s.scalars
                 ratio = float(np.hypot(v["Fx_N"], v["Fy_N"]) / v["Fz_N"]) if v["Fz_N"] > 0 else 0.0
-                stick = v["stick_ratio"] if v["Fz_N"] > 0 else 1.0  # nothing slips where nothing touches
-                rows.append((f, stick, ratio, trial, v["time_s"]))
+                rows.append((f, v["stick_ratio"], ratio, trial, meta["rig"]["index"], v["time_s"]))
             made.append((rows, (first, gross), trial))
     return made
 
@@ -276,29 +282,38 @@ def generate(out: Path, trials: int, workers: int) -> dict[str, float]:
 
 
 TESTS = ("seen", "unseen_friction", "unseen_pitch")
+TRAINING = {"train": "frames", "train_rigs": "frames, rigs without effects", "train_plain": "frames, one plain rig"}
+"""Training sets, and what the detector from each is called."""
+WORTH = {
+    "effects": ("train_rigs", "train"),
+    "rigs": ("train_plain", "train_rigs"),
+    "both": ("train_plain", "train"),
+}
+"""What randomising something is worth: the error without it less the error with it."""
 
 
-def judged(tables: dict[str, Table]) -> dict[str, dict[str, dict[str, float]]]:
-    """Return figures by detector and test."""
-    detectors = {
-        "frames": Detector(tables["train"], "frames"),
-        "frames, plain training": Detector(tables["train_plain"], "frames"),
-        "force threshold": Detector(tables["train"], "force"),
-    }
+def judged(tables: dict[str, Table]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return figures by detector and test, and by what is randomised and test what that is worth."""
+    frames = {training: Detector(tables[training], "frames") for training in TRAINING}
+    detectors = {TRAINING[t]: frames[t] for t in TRAINING} | {"force threshold": Detector(tables["train"], "force")}
     found = {name: {test: detector.judge(tables[test]) for test in TESTS} for name, detector in detectors.items()}
+    worth: dict[str, dict[str, Any]] = {name: {} for name in WORTH}
     for test in TESTS:
-        # Paired: the same frames by both, so that what makes a trial hard falls out.
         table = tables[test]
-        worse = [np.abs(detectors[n].stick(table) - table.stick) for n in ("frames, plain training", "frames")]
-        cost = over_trials(worse[0] - worse[1], table.trial)
-        found["frames, plain training"][test] |= dict(zip(("cost", "cost_standard"), cost, strict=True))
-    return found
+        errors = {training: np.abs(detector.stick(table) - table.stick) for training, detector in frames.items()}
+        for name, (without, given) in WORTH.items():
+            # Paired: the same frames by both, so that what makes a trial hard falls out.
+            less = errors[without] - errors[given]
+            mean, standard = over_trials(less, table.trial)
+            by_rig = [float(less[table.rig == rig].mean()) for rig in np.unique(table.rig)]
+            worth[name][test] = {"mean": mean, "standard": standard, "by_rig": by_rig}
+    return found, worth
 
 
 def learning_curves(tables: dict[str, Table], trials: int) -> dict[str, dict[int, dict[str, float]]]:
     """Return the error of the stick ratio by training set, count of its trials and test."""
     curves: dict[str, dict[int, dict[str, float]]] = {}
-    for name in ("train", "train_plain"):
+    for name in TRAINING:
         curves[name] = {}
         for share in (16, 8, 4, 2, 1):
             part = tables[name].part(max(5, trials // share))
@@ -320,8 +335,11 @@ def show(result: dict[str, Any]) -> None:
                 f" | {100 * r['detected']:.0f} % | {r['latency_s']:.3f} | {r['lead_s']:.3f}"
                 f" | {r['false_per_minute']:.1f} | {r['slides']:.0f} |"
             )
-    for test, r in result["results"]["frames, plain training"].items():
-        print(f"not randomising costs {r['cost']:.3f} +- {r['cost_standard']:.3f} on {test.replace('_', ' ')}")
+    for name, by_test in result["worth"].items():
+        for test, w in by_test.items():
+            rigs = ", ".join(f"{v:+.3f}" for v in w["by_rig"])
+            told = test.replace("_", " ")
+            print(f"randomising {name} is worth {w['mean']:.3f} +- {w['standard']:.3f} on {told} (by rig: {rigs})")
     for name, curve in result["curves"].items():
         print(f"\n| trials of {name} | " + " | ".join(f"MAE {t.replace('_', ' ')}" for t in TESTS) + " |")
         print("|" + "---|" * 4)
@@ -344,11 +362,13 @@ def main() -> None:
     }
     print(f"features in {time.perf_counter() - seen:.0f} s", flush=True)
     mean = float(tables["train"].stick.mean())
+    results, worth = judged(tables)
     result = {
         "trials": given.trials,
         "test_trials": {t: len(np.unique(tables[t].trial)) for t in TESTS},
         "frames": sum(len(table.stick) for table in tables.values()),
-        "results": judged(tables),
+        "results": results,
+        "worth": worth,
         "curves": learning_curves(tables, given.trials),
         "constant_mae": {t: float(np.abs(tables[t].stick - mean).mean()) for t in TESTS},
         "generated_s": spent,

@@ -28,7 +28,7 @@ import numpy as np
 
 import evanesce.dataset as dataset
 from dataset_formats import exported_equal
-from dataset_kills import campaign, made_again
+from dataset_kills import Killed, campaign, made_again
 from datasets import contents, tiny_job, use_paper
 from evanesce.dataset.run import make, resume
 from evanesce.dataset.verify import verify
@@ -94,15 +94,38 @@ def _published(target: Path) -> int:
 
 
 def worker_kills(folder: Path, count: int, mean_s: float, seed: int) -> dict[str, Any]:
-    """Kill workers of the embedded cluster, and sometimes its driver, at random times; count what was made again."""
-    scratch = folder / "kills"
-    scratch.mkdir()
-    found = campaign(scratch, frames=FRAMES, kills=count, mean_s=mean_s, seed=seed, pause_s=0.2, driver_share=0.15)
+    """Kill workers of the embedded cluster, and sometimes its driver, at random times; count what was made again.
+
+    One dataset after another until there are as many kills: each has as many as fall into its making.
+    """
+    found: list[Killed] = []
+    targets = []
+    while (left := count - sum(one.workers + one.drivers for one in found)) > 0:
+        scratch = folder / f"kills-{len(found)}"
+        scratch.mkdir()
+        one = campaign(
+            scratch, frames=FRAMES, kills=left, mean_s=mean_s, seed=seed + len(found), pause_s=0.2, driver_share=0.15
+        )
+        found.append(one)
+        targets.append(scratch / "d")
+        print(f"dataset {len(found)}: {one}", flush=True)
     use_paper()
     os.environ["PAPER_PAUSE_S"] = "0"
     reference = folder / "reference-w"
     make(reference, tiny_job(frames=FRAMES))
-    return {**vars(found), "byte_identical": contents(scratch / "d") == contents(reference)}
+    good = contents(reference)
+    return {
+        "datasets": len(found),
+        "byte_identical": sum(contents(target) == good for target in targets),
+        "verified": sum(verify(target).good for target in targets),
+        "kills_of_workers": sum(one.workers for one in found),
+        "of_them_while_they_started": sum(one.idle for one in found),
+        "kills_of_drivers": sum(one.drivers for one in found),
+        "shards_made_again": sum(one.redone for one in found),
+        "most_for_one_kill": max(one.worst for one in found),
+        "made_again_for_nothing": sum(one.for_nothing for one in found),
+        "statuses": [one.statuses for one in found],
+    }
 
 
 def damages(folder: Path, count: int, seed: int) -> dict[str, Any]:

@@ -28,7 +28,7 @@ import numpy as np
 
 import evanesce.dataset as dataset
 from dataset_formats import exported_equal
-from dataset_kills import Killed, campaign, made_again
+from dataset_kills import Killed, campaign, environment, made_again
 from datasets import contents, tiny_job, use_paper
 from evanesce.dataset.run import make, resume
 from evanesce.dataset.verify import verify
@@ -54,7 +54,12 @@ def killed(action: Any, delay: float) -> bool:
 
 def driver_kills(folder: Path, count: int, seed: int) -> dict[str, Any]:
     """Kill the making process at random points, again and again; compare each finished dataset with the reference."""
-    os.environ["PAPER_PAUSE_S"] = "0.004"
+    scratch = folder / "drivers"
+    scratch.mkdir()
+    # Longer in all than a probe, which is a process of its own: or kills would only ever hit the same probe.
+    os.environ |= environment(scratch, PAPER_PAUSE_S="0.02")
+    log = scratch / "log"
+    del os.environ["PAPER_LOG"]
     use_paper()
     job = tiny_job(frames=FRAMES)
     reference = folder / "reference"
@@ -63,7 +68,7 @@ def driver_kills(folder: Path, count: int, seed: int) -> dict[str, Any]:
     whole = time.perf_counter() - start
     good, draw = contents(reference), random.Random(seed)
     kills = finished = equal = lost = again = worst = 0
-    target, log = folder / "target", folder / "log"
+    target = folder / "target"
     os.environ["PAPER_LOG"] = str(log)
     while kills < count:
         shutil.rmtree(target, ignore_errors=True)

@@ -29,6 +29,7 @@ from datasets import contents, tiny_config, tiny_job
 from evanesce.cli.app import app
 from evanesce.dataset.estimate import estimate
 from evanesce.dataset.export import export
+from evanesce.dataset.job import save_job
 from evanesce.dataset.produce import Producer
 from evanesce.dataset.run import make
 from evanesce.dataset.verify import verify
@@ -222,6 +223,29 @@ def test_a_poison_frame_is_found_by_dying_of_it(tmp_path):
     assert report.good
     assert [(q["frame"], "SIGABRT" in q["reason"]) for q in report.quarantined] == [(8, True)]
     assert report.frames == 23
+
+
+@pytest.mark.slow
+@pytest.mark.system
+def test_a_probe_ends_with_its_driver(tmp_path):
+    """Killed drivers leave no processes behind: a probe whose frame takes ten minutes is gone within seconds."""
+    folder, (given, code) = tmp_path / "d", (environment(tmp_path, PAPER_PAUSE_S="600"), "probe(Path({!r}), 3)")
+    folder.mkdir()
+    save_job(folder, tiny_job(frames=6))
+    script = "from pathlib import Path; from evanesce.dataset.worker import probe; " + code.format(str(folder))
+    driver = subprocess.Popen([sys.executable, "-c", script], env=given)
+    children = Path(f"/proc/{driver.pid}/task/{driver.pid}/children")
+    until = time.monotonic() + 60.0
+    while not (those := children.read_text().split()):
+        assert time.monotonic() < until, "no probe was started"
+        time.sleep(0.05)
+    time.sleep(1.0)
+    assert driver.poll() is None
+    driver.kill()
+    driver.wait()
+    while Path(f"/proc/{those[0]}").exists():
+        assert time.monotonic() < until + 60.0, "the probe outlives its driver"
+        time.sleep(0.1)
 
 
 @pytest.mark.slow

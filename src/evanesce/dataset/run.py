@@ -350,7 +350,7 @@ def _from_cluster(client: Any, folder: Path, shards: list[int], task: Task, leas
             if deaths.count(shard, place) < MAX_DEATHS:
                 submit(shard)
                 continue
-            where = f"at frame {place}" if place else "before its first frame"
+            where = f"at frame {place}" if place else "before its first frame or after its last"
             report = failed(shard, f"its worker died {MAX_DEATHS} times in a row {where}")
         future.release()
         keep_busy()

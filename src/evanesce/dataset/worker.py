@@ -132,6 +132,7 @@ def _write(folder: Path, job: Job, producer: Producer, shard: int) -> ShardIndex
             if not writer.index.frames:
                 trace.doubt()
                 raise ShardFailed(f"no frame could be made: {writer.index.quarantined[0]['reason']}")
+            trace.leave()  # a death from here on is not a frame's
             index = writer.publish()
         trace.clear()
     finally:
@@ -211,19 +212,32 @@ def probe(folder: Path, frame: int) -> str:
     """Make one frame in a process of its own; return what signal it dies of, empty if it lives."""
     code = f"from evanesce.dataset.worker import probe_main; probe_main({str(folder)!r}, {frame:d})"
     for _ in range(PROBES_KILLED):
-        status = subprocess.run(
-            [sys.executable, "-c", code], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False
-        )
-        if status.returncode >= 0:
+        with subprocess.Popen(
+            [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        ) as process:  # its input stays open while this process lives, which is how it knows
+            try:
+                status = process.wait()
+            except BaseException:
+                process.kill()
+                raise
+        if status >= 0:
             return ""
-        name = signal.Signals(-status.returncode).name
-        if -status.returncode not in (signal.SIGKILL, signal.SIGTERM):
+        name = signal.Signals(-status).name
+        if -status not in (signal.SIGKILL, signal.SIGTERM):
             return f"the process that makes it dies of {name}"
     return f"the process that makes it is killed ({name}): perhaps it needs more memory than there is"
 
 
 def probe_main(folder: str, frame: int) -> None:
-    """Make one frame and throw it away; an exception is not what a probe looks for."""
+    """Make one frame and throw it away; an exception is not what a probe looks for. Ends with who asked for it."""
+    threading.Thread(target=_end_with_input, daemon=True).start()
     single_threaded()
     with contextlib.suppress(Exception):
         Producer(load_job(Path(folder))).record(frame)
+
+
+def _end_with_input() -> None:
+    """End this process when its standard input closes: whoever held the other end is dead."""
+    while os.read(0, 64):
+        pass
+    os._exit(0)

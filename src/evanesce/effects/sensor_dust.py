@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -98,6 +99,14 @@ def _transmitted(shape: tuple[int, int], size_mm: tuple[float, float], grains: A
     return left
 
 
+@functools.lru_cache(maxsize=4)
+def _of_grains(shape: tuple[int, int], size_mm: tuple[float, float], grains: bytes, cone_mm: float) -> Array:
+    """Return :func:`_transmitted`; the frames of a camera all have the same dust."""
+    left = _transmitted(shape, size_mm, np.frombuffer(grains, np.float64).reshape(-1, 3), cone_mm)
+    left.setflags(write=False)
+    return left
+
+
 def apply(light: SensorLight, parameters: Parameters, context: Context) -> SensorLight:
     """Take off what the grains stop; a higher density keeps those of a lower one.
 
@@ -112,7 +121,7 @@ def apply(light: SensorLight, parameters: Parameters, context: Context) -> Senso
     m = magnification(camera.scale_px_per_mm, camera.pixel.pitch_um)
     cone = max(parameters.height_mm / working_f_number(camera.lens.f_number, m), SMALLEST_CONE_MM)
     rows, cols = light.irradiance.shape
-    left = _transmitted((rows, cols), (width, height), grains, cone)
+    left = _of_grains((rows, cols), (width, height), np.ascontiguousarray(grains, np.float64).tobytes(), cone)
     return SensorLight(irradiance=light.irradiance * (1.0 - parameters.opacity * (1.0 - left)))
 
 

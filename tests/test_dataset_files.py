@@ -463,6 +463,26 @@ def test_only_deaths_in_a_row_at_one_frame_are_the_shards_own():
     assert [deaths.count(4, ""), deaths.count(3, "000000008")] == [1, 2]
 
 
+def test_a_death_while_a_shard_is_published_is_no_frames(tmp_path, monkeypatch):
+    """What a killed process leaves names the frame it made, and none once all are made."""
+    folder, record, publish = tmp_path / "d", PaperProducer.record, worker.ShardWriter.publish
+    made, published = [], []
+
+    def seen_record(self, frame):
+        made.append((frame, worker.Trace(folder, frame // 6).place()))
+        return record(self, frame)
+
+    def seen_publish(self):
+        published.append(worker.Trace(folder, len(published)).place())
+        return publish(self)
+
+    monkeypatch.setattr(PaperProducer, "record", seen_record)
+    monkeypatch.setattr(worker.ShardWriter, "publish", seen_publish)
+    make(folder, tiny_job())
+    assert made == [(frame, layout.frame_key(frame)) for frame in range(24)]
+    assert published == ["", "", "", ""]
+
+
 def test_frames_that_killed_are_doubted_where_none_is_left(tmp_path, monkeypatch, whole):
     """A shard all of whose frames kill their process is not made; `resume` tries each again, alone."""
     folder, deadly, probed = tmp_path / "d", set(range(6, 12)), []

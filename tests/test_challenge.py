@@ -23,8 +23,9 @@ from challenge.library import NAMED, NOT_IN_LIBRARY, NOT_INJECTED, make_cause
 from challenge.make import pictures, prepare, write_case
 from challenge.rig import believed
 from challenge.run import run, strip_pixels
-from challenge.score import Rate, summary, top, wilson
+from challenge.score import Rate, covered, summary, top, wilson
 from challenge.strength import means, ruler
+from challenge.told import told
 from evanesce.bundle import read_bundle
 from evanesce.effects import all_effects
 from evanesce.effects.tone_curve import departed
@@ -307,6 +308,33 @@ def record(cause: str, answer: dict, group: str = "single", strength: float = 20
 
 def named(cause: str, p: float = 0.9, **more: object) -> dict:
     return {"verdict": "named", "probabilities": {cause: p, "none": 1 - p}, "effects": [{"id": cause}]} | more
+
+
+def test_an_interval_is_scored_where_form_and_library_share_a_number() -> None:
+    """A square whose drawn logarithm of the side is 0.01 must be called exp(+-0.01) - 1, by the sign that was drawn."""
+    scored = [c for c in cases("scored") if c.group == "single" and c.causes == ("square_size",)]
+    signs, held = set(), []
+    for spec in scored:
+        truth = spec.as_dict() | {"amplitudes": [0.01], "oracle_gain": 1.0}
+        known = told(truth)
+        assert known is not None
+        assert known[0] == "square"
+        assert np.log1p(known[1]) == pytest.approx(0.01 * np.sign(known[1]))
+        cause = make_cause("square_size", None, spec.seed, 1)  # type: ignore[arg-type]
+        assert np.sign(known[1]) == cause.sign
+        signs.add(cause.sign)
+        for centre in (known[1], -known[1]):
+            answer = named("square_size")
+            answer["effects"][0]["parameters"] = {
+                "square": {"value": centre, "lo": centre - 0.008, "hi": centre + 0.008}
+            }
+            found = covered({"truth": truth, "answer": answer})
+            assert found is not None
+            held.append(found[0])
+    assert signs == {-1.0, 1.0}
+    assert held == [True, False] * len(scored)
+    assert covered(record("specks", named("specks"))) is None
+    assert told(record("vignetting", {})["truth"]) is None
 
 
 def test_scores_of_made_up_answers() -> None:

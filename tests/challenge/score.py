@@ -159,6 +159,23 @@ def confusion(records: Sequence[Record]) -> dict[str, dict[str, int]]:
     return {name: dict(counts.most_common()) for name, counts in sorted(table.items())}
 
 
+def covered(record: Record) -> tuple[bool, float] | None:
+    """Return whether the interval of the named cause's parameter holds the true value, and its error in half-widths.
+
+    None where the cause was not named or its form has no such number (:mod:`told`).
+    """
+    from .told import told
+
+    known = told(record["truth"])
+    named = {effect["id"]: effect["parameters"] for effect in record["answer"].get("effects", [])}
+    cause = record["truth"]["causes"][0] if record["truth"]["causes"] else ""
+    if known is None or known[0] not in named.get(cause, {}):
+        return None
+    said, true = named[cause][known[0]], known[1]
+    half = max(0.5 * (said["hi"] - said["lo"]), 1e-300)
+    return bool(said["lo"] <= true <= said["hi"]), float((said["value"] - true) / half)
+
+
 def gain_share(record: Record) -> float | None:
     """Return the critic's gain on held-back frames over what the truth would; None where that is next to nothing."""
     oracle = record["truth"]["oracle_gain"]
@@ -219,6 +236,7 @@ def summary(records: Sequence[Record], known: Mapping[str, Any] | None = None) -
         },
         "calibration": calibration(good),
         "gain": _gain(good),
+        "intervals": _intervals(good),
         "seconds": _spread([r["seconds"] for r in good]),
         "confusion": confusion(good),
     }
@@ -245,6 +263,20 @@ def _decoys(records: Sequence[Record]) -> dict[str, Any]:
         "answered_as_set_without_the_shot": rate(both(r) for r in lacking).as_dict(),
         "right_shot_advised": rate(advised(r) for r in lacking).as_dict(),
         "separated_with_the_shot": rate(reported_set(r) == {r["truth"]["causes"][0]} for r in whole).as_dict(),
+    }
+
+
+def _intervals(records: Sequence[Record]) -> dict[str, Any]:
+    found: dict[str, list[tuple[bool, float]]] = defaultdict(list)
+    for record in records:
+        one = covered(record)
+        if one is not None:
+            found[record["truth"]["causes"][0]].append(one)
+    every = [one for group in found.values() for one in group]
+    return {"all": rate(held for held, _ in every).as_dict()} | {
+        cause: rate(held for held, _ in group).as_dict()
+        | {"median_error_half_widths": float(np.median([abs(error) for _, error in group]))}
+        for cause, group in sorted(found.items())
     }
 
 
@@ -284,5 +316,6 @@ def lines(found: Mapping[str, Any]) -> list[str]:
     out.append(
         f"expected calibration error {found['calibration']['error']:.3f} ({found['calibration']['cases']} cases)"
     )
+    out += [f"90 % intervals that hold the truth, {k}: {show(v)}" for k, v in found["intervals"].items()]
     out += [f"gain over the oracle's or rate, {k}: {v}" for k, v in found["gain"].items()]
     return [*out, f"seconds a case: {found['seconds']}"]

@@ -167,7 +167,7 @@ def covered(record: Record) -> tuple[bool, float] | None:
     from .told import told
 
     known = told(record["truth"])
-    named = {effect["id"]: effect["parameters"] for effect in record["answer"].get("effects", [])}
+    named = {effect["id"]: effect.get("parameters", {}) for effect in record["answer"].get("effects", [])}
     cause = record["truth"]["causes"][0] if record["truth"]["causes"] else ""
     if known is None or known[0] not in named.get(cause, {}):
         return None

@@ -290,9 +290,9 @@ def test_a_poison_frame_among_the_clusters_workers(tmp_path):
 @pytest.mark.slow
 @pytest.mark.system
 def test_poison_and_random_kills_together_end_with_all_other_frames(tmp_path):
-    """A frame that kills its workers while others kill them at random: more deaths than a shard is allowed in a row,
-    some of them while a worker starts, and no kill costs more than one shard."""
-    found = campaign(tmp_path, frames=36, kills=10, mean_s=4.0, seed=5, pause_s=0.15, poison="8", most=4)
+    """A frame that kills its workers while others kill them at random, on a busy machine mostly while they start: more
+    deaths than a shard is allowed in a row, though not in a row, and no kill costs more than one shard."""
+    found = campaign(tmp_path, frames=36, kills=10, mean_s=4.0, seed=5, pause_s=0.15, poison="8", most=11)
     assert found.statuses[-1] == 0, found
     assert found.workers == 10
     assert found.worst <= 1

@@ -208,9 +208,20 @@ class Trace:
         layout.write_json(self._deaths, state)
 
 
+_UNTIL_ORPHANED = """
+import os, threading
+def end_with_input():
+    while os.read(0, 64):
+        pass
+    os._exit(0)
+threading.Thread(target=end_with_input, daemon=True).start()
+"""
+"""Begins a probe, before imports that take seconds: it ends when its standard input closes, whose other end died."""
+
+
 def probe(folder: Path, frame: int) -> str:
     """Make one frame in a process of its own; return what signal it dies of, empty if it lives."""
-    code = f"from evanesce.dataset.worker import probe_main; probe_main({str(folder)!r}, {frame:d})"
+    code = _UNTIL_ORPHANED + f"from evanesce.dataset.worker import probe_main; probe_main({str(folder)!r}, {frame:d})"
     for _ in range(PROBES_KILLED):
         with subprocess.Popen(
             [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
@@ -229,15 +240,7 @@ def probe(folder: Path, frame: int) -> str:
 
 
 def probe_main(folder: str, frame: int) -> None:
-    """Make one frame and throw it away; an exception is not what a probe looks for. Ends with who asked for it."""
-    threading.Thread(target=_end_with_input, daemon=True).start()
+    """Make one frame and throw it away; an exception is not what a probe looks for."""
     single_threaded()
     with contextlib.suppress(Exception):
         Producer(load_job(Path(folder))).record(frame)
-
-
-def _end_with_input() -> None:
-    """End this process when its standard input closes: whoever held the other end is dead."""
-    while os.read(0, 64):
-        pass
-    os._exit(0)

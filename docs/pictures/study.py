@@ -18,6 +18,8 @@ from PIL import Image
 HERE = Path(__file__).resolve().parent
 PICTURES = {
     "threshold-1": "study-threshold",
+    "estimator-1": "measurement-estimator",
+    "budget-1": "measurement-budget",
     "pressure-1": "measurement-pressure",
     "pressure-2": "measurement-pressure-lost",
     "time-1": "study-time",

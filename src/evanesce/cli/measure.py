@@ -59,7 +59,8 @@ def register(app: typer.Typer) -> None:
             typer.Option(
                 "--teach",
                 metavar="IMAGE",
-                help="refined: a frame of the same finger that does not saturate; tells how far light walks in it.",
+                help="refined: a frame of the same finger that does not saturate; tells how far light walks in it and"
+                " how it rises across the contact's edge.",
             ),
         ] = None,
         finger: Annotated[

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -165,14 +165,15 @@ def _estimator(refined: Refined, stored: Calibration | None, mm2_per_px: float |
 
 
 def _taught(estimator: Estimator, path: Path) -> Estimator:
-    """Return the estimator that has learnt light's walk from a frame of the same finger."""
-    found = estimator.area(read_image(path).data)
+    """Return the estimator that has learnt light's walk and the contact's edge from a frame of the same finger."""
+    image = read_image(path).data
+    found = estimator.area(image)
     allowed = "a frame of a contact that does not saturate"
     if found.unseen:
         raise InputError("the contact is at full scale", file=path, key="--teach", allowed=allowed)
     if not found.contours:
         raise InputError("nothing touches", file=path, key="--teach", allowed=allowed)
-    return replace(estimator, settings=replace(estimator.settings, walk=found.walk))
+    return estimator.taught(image)
 
 
 def _paths(refined: Refined) -> tuple[Path | None, Path | None]:
@@ -261,7 +262,7 @@ def record(job: Job, result: Result) -> dict[str, Any]:
         settings |= {
             "teach": str(job.teach) if job.teach else None,
             "walk": asdict(walk) if walk else None,
-            "camera_blur": asdict(blur),
+            "camera_blur": blur.as_dict(),
         }
     view = job.rectified
     return {

@@ -116,7 +116,10 @@ def _run(
             widget = slider(slider_frames(loaded, seed=seed))
             seconds["slider"] = time.monotonic() - started
             bar.advance(whole)
-    origin = dict(provenance.record(seed=seed, config=loaded.as_dict(), quick=quick, seconds=seconds))
+    source = provenance.code_digest()
+    origin = dict(
+        provenance.record(seed=seed, config=loaded.as_dict(), quick=quick, seconds=seconds, source_sha256=source)
+    )
     result = {study.name: {"verdict": list(f.verdict)} | dict(f.data) for study, f in parts} | {"provenance": origin}
     lead = f"{loaded.title or scene}{'; quick: fewer forces and speeds' if quick else ''}."
     heading = "The measurement under test" if title == "all" else parts[0][0].title

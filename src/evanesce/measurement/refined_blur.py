@@ -60,6 +60,13 @@ class Blur:
     origin: str = "believed"
     response: tuple[Floats, Floats] | None = None
 
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain data: widths and origin, and where the edge's profile is known its places [px] and light [1]."""
+        found: dict[str, Any] = {"px": self.px, "low_px": self.low_px, "high_px": self.high_px, "origin": self.origin}
+        if self.response is not None:
+            found["edge"] = {"places_px": self.response[0].tolist(), "light": self.response[1].tolist()}
+        return found
+
     def edge(self, distance: Floats, px: float | None = None) -> Floats:
         """Return the light of a unit step at distances outside it [px], as if the blur were ``px`` wide."""
         width = self.px if px is None else px

@@ -57,6 +57,8 @@ def _draw(axis: Any, panel: Panel) -> None:
         axis.set_xscale("log")
     if panel.log_y:
         axis.set_yscale("log")
+    if panel.x_names:
+        axis.set_xticks(range(1, len(panel.x_names) + 1), list(panel.x_names), rotation=20, ha="right", fontsize=8)
     if panel.y_range:
         axis.set_ylim(*panel.y_range)
     axis.grid(alpha=0.3)

@@ -84,19 +84,25 @@ def _parts_table(classes: Sequence[Mapping[str, Any]], key: str, what: str) -> L
 
 
 def _chart(classes: Sequence[Mapping[str, Any]]) -> Chart:
-    names = list(dict.fromkeys(name for c in classes for name in c["contributions_percent"]))
-    at = list(range(1, len(names) + 1))
-    series = [
-        Series(
-            label=f"{c['finger']}, {c['place']}", x=at,
-            y=[max(c["contributions_percent"].get(name, 0.0), 1e-4) for name in names], points=True,
-        )
-        for c in classes
-    ]  # fmt: skip
-    key = "; ".join(f"{k} {name}" for k, name in zip(at, names, strict=True))
-    panel = Panel(title="budget of a refined area", x_label="component", y_label="standard uncertainty [%]",
-                  series=series, log_y=True)  # fmt: skip
-    return Chart(panels=[panel], caption=f"Components: {key}.")
+    panels = []
+    for title, key in (("refined", "contributions_percent"), ("author's chain", "author_contributions_percent")):
+        names = list(dict.fromkeys(name for c in classes for name in c[key]))
+        series = [
+            Series(
+                # side by side, since most components are the same in every class
+                label=f"{c['finger']}, {c['place']}",
+                x=[1 + i + 0.12 * (k - (len(classes) - 1) / 2) for i in range(len(names))],
+                y=[max(c[key].get(name, 0.0), 1e-4) for name in names], points=True,
+            )
+            for k, c in enumerate(classes)
+        ]  # fmt: skip
+        panels.append(
+            Panel(title=title, x_label="", y_label="standard uncertainty of the area [%]", series=series, log_y=True,
+                  x_names=names)
+        )  # fmt: skip
+    return Chart(
+        panels=panels, caption="What an area's uncertainty is made of, median over the measurements of a class."
+    )
 
 
 STUDY = Part("budget", "How well is an area known?", 30, run)

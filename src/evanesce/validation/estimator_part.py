@@ -63,7 +63,8 @@ def _table(worst: Sequence[Mapping[str, Any]]) -> Listing:
             )
             for w in worst
         ],
-        caption="Area error over voltages and forces; the calibration comes from cards with their usual scatter.",
+        caption="Area error over voltages and forces. Cards without error of print and height, corners with their usual"
+        " scatter: what is left is the boundary's error; the budget's part draws the cards' errors as well.",
     )  # fmt: skip
 
 

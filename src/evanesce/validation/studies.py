@@ -47,7 +47,10 @@ class Series:
 
 @dataclass(frozen=True, kw_only=True)
 class Panel:
-    """Axes of a chart; labels carry units. ``y_range`` cuts what lies outside; (low, high)."""
+    """Axes of a chart; labels carry units. ``y_range`` cuts what lies outside; (low, high).
+
+    ``x_names`` stand at 1, 2, ... where the x axis is a list.
+    """
 
     title: str
     x_label: str
@@ -56,6 +59,7 @@ class Panel:
     log_x: bool = False
     log_y: bool = False
     y_range: tuple[float, float] | None = None
+    x_names: Sequence[str] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -173,6 +173,8 @@ def test_command_learns_from_an_unsaturated_frame_how_far_light_walks(tmp_path):
         (["study", "estimator", "--volts", "two"], "--volts"),
         (["study", "estimator", "--threshold", "1.5"], "--threshold"),
         (["study", "budget", "--measurements", "3"], "--measurements"),
+        (["study", "budget", "--fingers", "smooth; rough"], "--fingers"),
+        (["study", "budget", "--volts", "9,nine"], "--volts"),
         (["study", "pressure", "--forces", "-1"], "--forces"),
     ],
 )

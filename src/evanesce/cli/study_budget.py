@@ -17,6 +17,7 @@ from evanesce.cli.common import (
     progress,
     write_json,
 )
+from evanesce.cli.study_estimator import parse_volts
 from evanesce.errors import InputError
 
 
@@ -29,6 +30,13 @@ def register(group: typer.Typer) -> None:
         smooth: Annotated[str, typer.Argument(help="Scene with a smooth finger.")] = "thesis",
         ridged: Annotated[str, typer.Argument(help="Scene with a ridged finger on the same rig.")] = "thesis_ridged",
         measurements: Annotated[int, typer.Option("--measurements", help="Simulated measurements a class.")] = 1000,
+        volts: Annotated[
+            str, typer.Option("--volts", help="LED voltages of the frames [V], separated by commas.")
+        ] = "8.4,9.7",
+        fingers: Annotated[
+            str,
+            typer.Option("--fingers", help="Names, separated by semicolons: smooth; ridged; smooth, glow ..."),
+        ] = "smooth; ridged",
         threshold: Annotated[float, typer.Option("--threshold", help="Of the author's chain, 0 to 1.")] = 0.15,
         seed: Annotated[int, typer.Option("--seed", min=0)] = 1,
         json_file: JsonOption = None,
@@ -43,15 +51,21 @@ def register(group: typer.Typer) -> None:
             raise InputError(f"{measurements}", key="--measurements", allowed="10 to 1000000")
         if not 0 < threshold < 1:
             raise InputError(f"{threshold:g}", key="--threshold", allowed="above 0, below 1")
+        voltages = parse_volts(volts)
         from evanesce.report.estimator_page import budget_page
         from evanesce.report.html import write
         from evanesce.rig import load_scene
         from evanesce.validation.budget_study import run_study
+        from evanesce.validation.estimator_study import fingers_of
         from evanesce.validation.studies import Ledger
 
         scenes = load_scene(smooth), load_scene(ridged)
+        known = fingers_of(*scenes)
+        names = [" ".join(name.split()) for name in fingers.split(";")]
+        if unknown := [name for name in names if name not in known]:
+            raise InputError(f"{unknown[0]!r}", key="--fingers", allowed="; ".join(known))
         folder = out_dir(out, "study-budget")
-        settings = [[scene.as_dict() for scene in scenes], measurements, threshold, seed]
+        settings = [[scene.as_dict() for scene in scenes], measurements, threshold, seed, voltages, names]
         ledger = Ledger(folder / "budget.jsonl", settings)
         with progress() as bar:
             tasks = {}
@@ -62,8 +76,9 @@ def register(group: typer.Typer) -> None:
                 bar.update(tasks[what], completed=done)
 
             found = run_study(
-                *scenes, measurements=measurements, threshold=threshold, seed=seed, tick=tick, keep=ledger.row
-            )
+                *scenes, measurements=measurements, voltages=voltages, fingers=names, threshold=threshold, seed=seed,
+                tick=tick, keep=ledger.row,
+            )  # fmt: skip
         report = write(folder / "report.html", budget_page(found))
         write_json(folder / "result.json", found.as_dict())
         write_json(json_file, found.as_dict())

@@ -44,7 +44,7 @@ def register(group: typer.Typer) -> None:
         An interrupted run goes on from the rows that its output folder keeps.
         """
         check_json_target(json_file)
-        voltages, loads = _volts(volts), parse_forces(forces)
+        voltages, loads = parse_volts(volts), parse_forces(forces)
         if not 0 < threshold < 1:
             raise InputError(f"{threshold:g}", key="--threshold", allowed="above 0, below 1")
         from evanesce.report.estimator_page import estimator_page
@@ -67,7 +67,8 @@ def register(group: typer.Typer) -> None:
         console.print(f"Report: {report}", highlight=False, soft_wrap=True)
 
 
-def _volts(text: str) -> tuple[float, ...]:
+def parse_volts(text: str) -> tuple[float, ...]:
+    """Return voltages [V] of a list separated by commas."""
     allowed = "1 to 50 different voltages from 5 to 24 V, e.g. 8,9,12"
     try:
         found = tuple(float(part) for part in text.split(","))

@@ -8,7 +8,7 @@ each class. What a frame's boundary is does not depend on the calibration, so th
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from evanesce import provenance, rng
 from evanesce.measurement.area import measure_frame
 from evanesce.measurement.calibration import Calibration
-from evanesce.measurement.estimator import Estimator, RefinedArea
+from evanesce.measurement.estimator import Estimator, RefinedArea, Unseen
 from evanesce.measurement.rectify import rectification
 from evanesce.measurement.refined_glow import Walk
 from evanesce.measurement.segment import Chain
@@ -66,6 +66,10 @@ class Shot:
     pixels : int
     perimeter_px, away_px : float
         Of the author's chain (:func:`~evanesce.measurement.uncertainty_area.author_boundary`).
+    unseen : str
+    walk : Walk
+    blur_doubt_px : float
+        Of the refined estimator: what of the edge the frame does not show.
     """
 
     true_mm2: float
@@ -74,15 +78,20 @@ class Shot:
     pixels: int
     perimeter_px: float
     away_px: float
+    unseen: Unseen = ""
+    walk: Walk = field(default_factory=Walk)
+    blur_doubt_px: float = 0.0
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data, from which :meth:`of` makes the same shot to the last bit."""
-        return {**vars(self), "contours": [contour.tolist() for contour in self.contours]}
+        contours = [contour.tolist() for contour in self.contours]
+        return {**vars(self), "contours": contours, "walk": asdict(self.walk)}
 
     @classmethod
     def of(cls, data: Mapping[str, Any]) -> Shot:
         """Return a shot of plain data."""
-        return cls(**{**data, "contours": [np.array(contour, np.float64) for contour in data["contours"]]})
+        contours = [np.array(contour, np.float64) for contour in data["contours"]]
+        return cls(**{**data, "contours": contours, "walk": Walk(**data["walk"])})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,6 +167,7 @@ def shots_of(
                 Shot(
                     true_mm2=press.true_mm2, contours=found.contours, spread_mm=found.spread_mm,
                     pixels=author.segmentation.pixels, perimeter_px=perimeter, away_px=away,
+                    unseen=found.unseen, walk=found.walk, blur_doubt_px=found.blur_doubt_px,
                 )
             )  # fmt: skip
     return shots
@@ -272,8 +282,8 @@ def _measure(
     perimeter = sum(float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum()) for curve in on_plate)
     found = RefinedArea(
         area_mm2=plate.area(shot.contours), perimeter_mm=perimeter, contours=shot.contours,
-        mask=np.zeros((0, 0), np.bool_), walk=Walk(), saturated_pixels=0, islands=1, dropped=0, step=0.0,
-        spread_mm=shot.spread_mm,
+        mask=np.zeros((0, 0), np.bool_), walk=shot.walk, saturated_pixels=0, islands=1, dropped=0, step=0.0,
+        spread_mm=shot.spread_mm, unseen=shot.unseen, blur_doubt_px=shot.blur_doubt_px,
     )  # fmt: skip
     refined = refined_uncertainty(found, estimator, draws, finger=finger)
     assert calibration.mm2_per_px is not None

@@ -184,6 +184,18 @@ def test_bad_input_ends_with_2_and_names_its_key(arguments, part):
     assert part in done.output
 
 
+@pytest.mark.system
+@pytest.mark.parametrize(("finger", "goal"), [("smooth", 0.5), ("smooth, glow", 1.0)])
+def test_rendered_frames_are_read_blind(finger, goal):
+    """One press on the small rig at 9 V, off the middle; the author's chain at 0.15 errs by several times as much."""
+    scenes = [load_scene(name, SMALL) for name in ("thesis", "thesis_ridged")]
+    scene = estimator_study.placed(estimator_study.fingers_of(*scenes)[finger], (1.7, -1.1))
+    calibration = calibrated(scenes[0], np.random.default_rng(5))
+    (row,) = estimator_study.rows_of(finger, "near", scene, calibration, (9.0,), (2.3,), threshold=0.15, seed=4)
+    assert abs(row.refined_percent) < goal
+    assert abs(row.author_percent) > 3 * goal
+
+
 @pytest.mark.slow
 def test_blind_error_of_both_estimators(tmp_path):
     """The goal: under 0.5 % smooth, under 2 % ridged, at the frame's centre, where the author errs by 2 % and more."""

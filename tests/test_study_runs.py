@@ -36,8 +36,8 @@ def check_threshold(data: dict, *, best: float) -> None:
         else:
             assert abs(np.interp(0.5 * 0.67, levels, ratio) - 1) < best
             assert ratio[0] > 1.0
-    named = {row["setting"] for row in data["ranking"]}
-    assert all(any(rule.lower() in setting.lower() for setting in named) for rule in RULES)
+    named = {row["setting"].partition(",")[0].lower() for row in data["ranking"]}
+    assert {rule.lower() for rule in RULES} <= named
     assert abs(data["card"]["halfway"]) < best
 
 
@@ -96,20 +96,23 @@ def test_every_part_at_full_size(tmp_path: Path) -> None:
     check_threshold(result["threshold"], best=0.03)
     check_time(result["time"], load_scene("thesis").camera, late_ms=20.0, rows=2e-3)
     for row in result["estimator"]["rows"]:
-        if "glow" not in row["finger"]:
-            assert abs(row["refined_percent"]) < (0.5 if row["finger"] == "smooth" else 2.0)
+        goal = 0.5 if row["finger"].startswith("smooth") else 2.0
+        if "glow" in row["finger"]:  # at 12 V nearly all of it is at full scale
+            goal = 6.0 if row["voltage_V"] > 11 else goal
+        assert abs(row["refined_percent"]) < goal
+        assert abs(row["author_percent"]) > abs(row["refined_percent"])
     for one in result["budget"]["classes"]:
         error = 4 * np.sqrt(0.05 * 0.95 / one["measurements"])
         assert 0.93 - error < one["refined_covered"] <= 0.97 + error
-        assert set(one["author_contributions_percent"])
+        assert 0.4 < one["refined_half_width_percent"] < 0.8
+        assert one["author_half_width_percent"] > 2 * one["refined_half_width_percent"]
     for row in result["pressure"]["rows"]:
         assert row["rms_percent"] < row["author_rms_percent"]
         assert row["saturated_share"] > 0.5 or row["rms_percent"] < 2.0
     for figure in result["thesis"]["figures"]:
         if figure["simulated"]:
             assert figure["low"] <= figure["value"] <= figure["high"]
-            assert figure["agrees"] == (figure["low"] <= figure["thesis"] <= figure["high"])
-            assert figure["agrees"] or figure["reason"]
+            assert figure["low"] <= figure["thesis"] <= figure["high"] or figure["reason"]
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert text.count("data:image/png") >= len(list(tmp_path.glob("*.png")))
     assert not re.search(r'(src|href)="(?!data:|#)', text)

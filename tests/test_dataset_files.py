@@ -176,8 +176,9 @@ def test_card_and_page_tell_the_baselines_as_they_were_measured(whole):
                 f" {found['false_per_minute']:.1f} |"
             )
             assert row in page, (name, test)
-    for test, found in run["results"]["frames, plain training"].items():
-        assert f"{found['cost']:.3f} ± {found['cost_standard']:.3f}" in page, test
+    for name, by_test in run["worth"].items():
+        told = " | ".join(f"{found['mean']:.3f} ± {found['standard']:.3f}" for found in by_test.values())
+        assert told in page, name
     assert f"{run['trials']} training trials" in card
 
 

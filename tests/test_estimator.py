@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from scipy.special import j0, ndtr
 from evanesce.errors import InputError
 from evanesce.measurement.calibration import Calibration
 from evanesce.measurement.estimator import Estimator, refined_measured
+from evanesce.measurement.frames import open_frames
 from evanesce.measurement.refined_edge import Boundary, edge_spread, half_contours
 from evanesce.measurement.refined_glow import Walk, entered, find_walk, profile_transform, spread
 from evanesce.measurement.refined_light import Radiometry, tone_table
@@ -18,6 +21,7 @@ from evanesce.measurement.refined_plate import PlateMap
 from evanesce.measurement.uncertainty_area import refined_uncertainty
 from evanesce.measurement.warn import EdgeLog
 from evanesce.optics.glow import profile_kernel, profile_scale
+from evanesce.sensor.codec import VideoWriter
 from evanesce.sensor.tone import CURVES, undevelop
 from evanesce.states import Frame
 
@@ -254,3 +258,23 @@ def test_frames_whose_edge_saturation_hides_are_named():
     assert blind.warnings(4) == []
     blind.add(7, "top")
     assert [warning.code for warning in blind.warnings(4)] == ["saturated_edge", "blur_not_known"]
+
+
+@pytest.mark.parametrize("quality", [18, 28, 33])
+def test_a_codec_moves_the_boundary_by_less_than_the_budget_allows(quality, tmp_path):
+    """H.264 of six frames with noise of their own, 0.1 px allowed: the mean over the frames, to a few thousandths."""
+    shape = (332, 412)  # H.264 takes even sizes only
+    share = np.vstack([ellipse(93.4, 71.7, (187.3, 151.8), 0.4), np.zeros((1, 412))])
+    light = cv2.GaussianBlur(0.03 + 0.5 * share, (0, 0), BLUR_PX)
+    frames = [developed(light, seed, noise=0.01) for seed in range(6)]
+    with VideoWriter(tmp_path / "film.mp4", codec="h264", quality=quality) as film:
+        for k, frame in enumerate(frames):
+            film.add(Frame(data=frame, time=k / 30.0, index=k))
+    decoded = [frame.data for frame in open_frames(tmp_path / "film.mp4")]
+    assert len(decoded) == 6
+    calibration = replace(uniform_calibration(), image_size=shape[::-1])
+    estimator = Estimator.of(calibration)
+    found = [[estimator.area(image) for image in images] for images in (frames, decoded)]
+    before, after = (np.mean([f.area_mm2 for f in some]) for some in found)
+    perimeter = np.mean([f.perimeter_mm for f in found[0]])
+    assert abs(after - before) / perimeter * SCALE_PX_PER_MM < 0.1

@@ -16,7 +16,11 @@ from evanesce.dataset.baselines import RECORD, TESTS
 from evanesce.report.html import figure_png
 
 HERE = Path(__file__).resolve().parent
-LOOKS = {"train": ("#0072B2", "o-", "effects randomised"), "train_plain": ("#D55E00", "s--", "one plain rig")}
+LOOKS = {
+    "train": ("#0072B2", "o-", "rigs with effects", "frames"),
+    "train_rigs": ("#009E73", "^-.", "the same without effects", "frames, rigs without effects"),
+    "train_plain": ("#D55E00", "s--", "one plain rig", "frames, one plain rig"),
+}
 
 
 def draw(found: dict[str, Any]) -> Figure:
@@ -24,11 +28,10 @@ def draw(found: dict[str, Any]) -> Figure:
     figure = Figure(figsize=(10, 3.4), layout="constrained")
     axes = figure.subplots(1, len(TESTS), sharey=True)
     for axis, (test, title) in zip(axes, TESTS.items(), strict=True):
-        for name, (colour, style, label) in LOOKS.items():
+        for name, (colour, style, label, detector) in LOOKS.items():
             curve = found["curves"][name]
             counts = sorted(curve, key=int)
             axis.plot([int(n) for n in counts], [curve[n][test] for n in counts], style, color=colour, label=label)
-            detector = "frames" if name == "train" else "frames, plain training"
             whole = found["results"][detector][test]
             axis.errorbar(int(counts[-1]), whole["mae"], whole["mae_standard"], color=colour, capsize=3)
         force = found["results"]["force threshold"][test]["mae"]

@@ -17,6 +17,7 @@ from evanesce.cli.common import (
     progress,
     write_json,
 )
+from evanesce.cli.render import SetOption, parse_overrides
 from evanesce.cli.study_voltage import parse_forces
 
 
@@ -29,18 +30,19 @@ def register(group: typer.Typer) -> None:
         scene: Annotated[str, typer.Argument(help="Scene with a smooth finger; its skin gets a roughness.")] = "thesis",
         forces: Annotated[str, typer.Option("--forces", help="Normal forces [N], separated by commas.")] = "1,3",
         seed: Annotated[int, typer.Option("--seed", min=0)] = 1,
+        settings: SetOption = None,
         json_file: JsonOption = None,
         out: OutOption = None,
     ) -> None:
         """Pressure by the roughness model turned round and by the author's map: errors, halo, saturation."""
         check_json_target(json_file)
-        loads = parse_forces(forces)
+        loads, changes = parse_forces(forces), parse_overrides(settings)
         from evanesce.report.html import write
         from evanesce.report.pressure_page import number, page
         from evanesce.rig import load_scene
         from evanesce.validation.pressure_study import run_study
 
-        loaded = load_scene(scene)
+        loaded = load_scene(scene, changes)
         folder = out_dir(out, "study-pressure")
         with progress() as bar:
             task = bar.add_task("frames", total=None)

@@ -8,10 +8,7 @@ from pathlib import Path
 from typing import Any
 
 RECORD = Path(__file__).with_name("baseline.json")
-"""Written by ``python benchmarks/baseline.py --json``.
-
-The run went on after a stop: its seconds of generation are those that each part printed.
-"""
+"""Written by ``python benchmarks/baseline.py --json``."""
 
 TESTS = {
     "seen": "friction and ridge pitch as in training",
@@ -30,18 +27,22 @@ def record() -> dict[str, Any]:
 def told() -> str:
     """Return in a few sentences what the baselines reached, for a reader who asks whether the data is of use."""
     run = record()
-    learned, plain, force = (run["results"][n] for n in ("frames", "frames, plain training", "force threshold"))
+    learned, rigs, plain, force = (
+        run["results"][name]
+        for name in ("frames", "frames, rigs without effects", "frames, one plain rig", "force threshold")
+    )
     sentences = [
         f"Baselines (not of this set: `make baseline`, {run['trials']} training trials of 200 x 150 px, rigs unseen"
         " in training): mean absolute error of the stick ratio by gradient boosting on frames alone; in brackets:"
-        " effects not randomised in training, isotonic fit of a perfect force sensor's |Ft|/Fn, a constant."
+        " trained on the same rigs without effects, on one plain rig, isotonic fit of a perfect force sensor's"
+        " |Ft|/Fn, a constant."
     ]
     for test, name in TESTS.items():
         r = learned[test]
         sentences.append(
-            f"{name.capitalize()}: {r['mae']:.3f} +- {r['mae_standard']:.3f} ({plain[test]['mae']:.3f},"
-            f" {force[test]['mae']:.3f}, {run['constant_mae'][test]:.3f}); gross slip told in time in"
-            f" {100 * r['detected']:.0f} % of {r['slides']} slides, {r['false_per_minute']:.1f} false alarms a minute"
-            f" (force threshold: {100 * force[test]['detected']:.0f} %, {force[test]['false_per_minute']:.1f})."
+            f"{name.capitalize()}: {r['mae']:.3f} +- {r['mae_standard']:.3f} ({rigs[test]['mae']:.3f},"
+            f" {plain[test]['mae']:.3f}, {force[test]['mae']:.3f}, {run['constant_mae'][test]:.3f}); gross slip told in"
+            f" time in {100 * r['detected']:.0f} % of {r['slides']} slides, {r['false_per_minute']:.1f} false alarms a"
+            f" minute (force threshold: {100 * force[test]['detected']:.0f} %, {force[test]['false_per_minute']:.1f})."
         )
     return " ".join(sentences)

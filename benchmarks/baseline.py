@@ -333,7 +333,7 @@ def learning_curves(tables: dict[str, Table], trials: int) -> dict[str, dict[int
     curves: dict[str, dict[int, dict[str, float]]] = {}
     for name in TRAINING:
         curves[name] = {}
-        for share in (16, 8, 4, 2, 1):
+        for share in (8, 4, 2, 1):
             part = tables[name].part(max(5, trials // share))
             fit = model().fit(part.features, part.stick)
             curves[name][len(np.unique(part.trial))] = {

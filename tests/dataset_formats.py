@@ -11,6 +11,7 @@ import numpy as np
 import evanesce.dataset as dataset
 from evanesce.dataset.encode import decode_png
 from evanesce.dataset.export import export
+from evanesce.dataset.export_lerobot import STATE
 from evanesce.dataset.labels import CHANNELS
 from evanesce.dataset.trial import SCALARS
 
@@ -42,7 +43,12 @@ def _parquet(data: dataset.Dataset, target: Path) -> bool:
 
     rows = pq.read_table(target / "frames.parquet").to_pylist()
     return len(rows) == len(data) and all(
-        {name: row[name] for name in SCALARS} == sample.scalars and row["key"] == sample.key
+        {name: row[name] for name in SCALARS} == sample.scalars
+        and row["key"] == sample.key
+        and all(row[f"finger.{name}"] == value for name, value in sample.meta["finger"].items())
+        and all(
+            json.loads(row[f"rig.{name}"]) == sample.meta["rig"][name] for name in ("changes", "effects", "left_out")
+        )
         for row, sample in zip(rows, data, strict=True)
     )
 
@@ -74,5 +80,6 @@ def _lerobot(data: dataset.Dataset, target: Path) -> bool:
         np.array_equal(decode_png(row["observation.images.tactile"]["bytes"]), s.frame)
         and np.array_equal(decode_png(row["observation.images.surface_state"]["bytes"]), s.state)
         and np.float32(row["action"][0]) == np.float32(s.scalars["drive_mm"])
+        and row["observation.state"] == [float(np.float32(s.scalars[name])) for name in STATE]
         for row, s in zip(rows, samples, strict=True)
     )

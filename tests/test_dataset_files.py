@@ -7,6 +7,7 @@ import gc
 import hashlib
 import json
 import logging
+import shutil
 import sqlite3
 import subprocess
 import tarfile
@@ -20,10 +21,12 @@ import jsonschema
 import numpy as np
 import pytest
 from distributed import LocalCluster
+from typer.testing import CliRunner
 
 import evanesce.dataset as dataset
 from datasets import PaperProducer, contents, paper_frames, paper_meta, tiny_job
 from evanesce import provenance
+from evanesce.cli.app import app
 from evanesce.dataset import baselines, layout, run, worker
 from evanesce.dataset.card import _effects, schema
 from evanesce.dataset.config import NOT_DRAWN
@@ -831,6 +834,52 @@ def test_lerobot_reads_back_equal(whole, tmp_path):
         np.testing.assert_allclose(stats["observation.state"]["mean"], every.mean(0), rtol=1e-9)
         np.testing.assert_allclose(stats["observation.state"]["std"], every.std(0), rtol=1e-6)
     assert set(info["features"]) <= set(rows[0])
+
+
+def test_a_damaged_member_is_not_exported(whole, tmp_path):
+    """Rationale: one digit of a number changed on disk went into a format that has no checksums."""
+    copy = tmp_path / "d"
+    shutil.copytree(whole, copy)
+    with dataset.open(copy) as data:
+        entry = data._frames[7]
+        path, member = data._files[entry.row["shard"]], entry.members["json"]
+    content = bytearray(path.read_bytes())
+    at = content.index(b"Fz_N", member.offset) + 7
+    assert at < member.offset + member.size
+    content[at] = ord("9") if content[at] != ord("9") else ord("8")
+    path.write_bytes(content)
+    for to in ("parquet", "hdf5", "lerobot"):
+        with pytest.raises(InputError, match="does not hold what the manifest says"):
+            export(copy, tmp_path / "x", to)
+        assert not (tmp_path / "x").exists()
+
+
+def test_an_unfinished_dataset_is_exported_only_on_demand(tmp_path):
+    pq = pytest.importorskip("pyarrow.parquet")
+
+    class Stop(Exception):
+        pass
+
+    seen = []
+
+    def stop(report):
+        seen.append(report)
+        if len(seen) == 3:
+            raise Stop
+
+    with pytest.raises(Stop):
+        make(tmp_path / "d", tiny_job(), on_shard=stop)
+    with dataset.open(tmp_path / "d") as data:
+        there = len(data)
+        assert not data.complete
+    assert 0 < there < 24
+    with pytest.raises(InputError, match=f"not finished, {there} of 24 frames"):
+        export(tmp_path / "d", tmp_path / "x", "parquet")
+    assert export(tmp_path / "d", tmp_path / "x", "parquet", partial=True) == there
+    assert pq.read_table(tmp_path / "x" / "frames.parquet").num_rows == there
+    shown = CliRunner().invoke(app, ["dataset", "export", str(tmp_path / "d"), "--to", "hdf5"])
+    assert shown.exit_code == 2
+    assert "--partial" in shown.output + shown.stderr
 
 
 def test_exports_refuse_what_they_cannot_do(whole, tmp_path):

@@ -17,8 +17,11 @@ from pathlib import Path
 import pytest
 
 from datasets import contents, paper_frames, tiny_job
+from evanesce.dataset.info import describe
 from evanesce.dataset.manifest import Manifest
+from evanesce.dataset.read import Dataset
 from evanesce.dataset.run import make, resume
+from evanesce.dataset.verify import verify
 from evanesce.errors import WorkError
 
 TESTS = Path(__file__).resolve().parent
@@ -109,6 +112,41 @@ def test_a_disk_that_is_full_at_any_place(small_disk, good):
         break
     assert room > whole // 2
     assert {"/dataset.json", "/shards/shard-000000.tar", "/shards/shard-000001.tar", "/manifest.sqlite"} <= refused
+
+
+def test_a_read_only_folder_is_one_line_and_can_still_be_read(small_disk, good):
+    """Made and resumed on a file system that was mounted anew, read-only: exit by one line, not a byte changed; what
+    only reads goes on."""
+    resize(small_disk, 16 * 1024)
+    whole, half = small_disk / "whole", small_disk / "half"
+    make(whole, tiny_job(frames=FRAMES))
+
+    class Stop(Exception):
+        pass
+
+    def stop(report):
+        raise Stop
+
+    with pytest.raises(Stop):
+        make(half, tiny_job(frames=FRAMES), on_shard=stop)
+    before = contents(half)
+    subprocess.run(["mount", "-o", "remount,ro", small_disk], check=True)
+    try:
+        for attempt in (lambda: make(small_disk / "new", tiny_job(frames=FRAMES)), lambda: resume(half)):
+            with pytest.raises(WorkError, match=r"Read-only file system|readonly database") as caught:
+                attempt()
+            assert "\n" not in str(caught.value)
+        assert contents(half) == before
+        assert contents(whole) == good
+        assert verify(whole).good
+        with Dataset(whole, check=True) as data:
+            assert len(data) == FRAMES
+            assert data[3].frame.size
+        assert describe(whole)["complete"]
+    finally:
+        subprocess.run(["mount", "-o", "remount,rw", small_disk], check=True)
+    assert resume(half).complete
+    assert contents(half) == good
 
 
 @pytest.mark.parametrize("call", ["fsync", "replace"])

@@ -11,7 +11,7 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from evanesce.cli.common import JsonOption, check_json_target, console, handles_errors, messages, write_json
+from evanesce.cli.common import JsonOption, check_json_target, console, handles_errors, messages, progress, write_json
 from evanesce.cli.render import SetOption, parse_overrides
 from evanesce.errors import InputError, WorkError
 
@@ -25,7 +25,7 @@ WorkersOption = Annotated[
 ]
 SchedulerOption = Annotated[str, typer.Option("--scheduler", help="Dask scheduler to use instead, tcp://HOST:PORT.")]
 ShardOption = Annotated[
-    str, typer.Option("--shard", help="i/n: only every n-th shard, for job arrays; `resume` gathers them.")
+    str, typer.Option("--shard", help="i/n, i from 1: only every n-th shard, for job arrays; `resume` gathers them.")
 ]
 
 
@@ -106,7 +106,10 @@ def verify(folder: FolderArgument, json_file: JsonOption = None) -> None:
     check_json_target(json_file)
     from evanesce.dataset.verify import verify as check
 
-    report = check(folder)
+    tars = list((folder / "shards").glob("*.tar")) if (folder / "shards").is_dir() else []
+    with progress() as bar:
+        task = bar.add_task("verify [MB]", total=sum(tar.stat().st_size for tar in tars) / 1e6)
+        report = check(folder, on_shard=lambda size: bar.advance(task, size / 1e6))
     rate = report.size / max(report.seconds, 1e-9) / 1e6
     result = {
         "good": report.good,
@@ -135,18 +138,24 @@ def export(
     to: Annotated[str, typer.Option("--to", help="hdf5, lerobot, coco or parquet.", show_default=False)],
     out: Annotated[Path | None, typer.Option("--out", help="New folder; `FOLDER/../NAME-FORMAT` by default.")] = None,
     split: Annotated[str | None, typer.Option("--split", help="Only train, validation or test.")] = None,
+    partial: Annotated[bool, typer.Option("--partial", help="What there is of an unfinished dataset.")] = False,
     json_file: JsonOption = None,
 ) -> None:
-    """Write a dataset in another format."""
+    """Write a dataset in another format; each member is checked on the way."""
     check_json_target(json_file)
     from evanesce.dataset.export import export as write
     from evanesce.dataset.job import load_job
+    from evanesce.dataset.read import Dataset
 
     target = out or folder.resolve().with_name(f"{folder.resolve().name}-{to}")
     with _Bar(load_job(folder).frames) as bar:
-        count = write(folder, target, to, split=split, advance=bar.advance)
-    write_json(json_file, {"frames": count, "format": to, "folder": str(target)})
-    console.print(f"{count} frames as {to} in {target}")
+        count = write(folder, target, to, split=split, advance=bar.advance, partial=partial)
+    with Dataset(folder) as whole:
+        asked, bad = whole.job.frames, whole.quarantined
+    write_json(json_file, {"frames": count, "of": asked, "quarantined": bad, "format": to, "folder": str(target)})
+    lost = f"; {bad} are quarantined" if bad else ""
+    part = f" ({split})" if split else ""
+    console.print(f"{count} of {asked} frames{part} as {to} in {target}{lost}", highlight=False)
 
 
 def info(folder: FolderArgument, json_file: JsonOption = None) -> None:
@@ -187,7 +196,7 @@ def _engine(workers: int | None, scheduler: str, shard: str) -> Engine:
     if shard:
         found = re.fullmatch(r"(\d{1,7})/(\d{1,7})", shard)
         if found is None:
-            raise InputError(repr(shard), key="--shard", allowed="i/n, e.g. 3/8")
+            raise InputError(repr(shard), key="--shard", allowed="i/n with i from 1, e.g. 3/8")
         part = int(found.group(1)), int(found.group(2))
     if scheduler and re.match(r"(tcp|tls|ucx|ws|wss)://[^\s/]+", scheduler) is None:
         raise InputError(repr(scheduler), key="--scheduler", allowed="tcp://HOST:PORT")
@@ -208,8 +217,8 @@ class _Bar:
             TextColumn("ETA"),
             TimeRemainingColumn(),
         )
-        still = not messages.is_terminal
-        self._progress = Progress(*columns, console=messages, transient=still, speed_estimate_period=600)
+        self._still = not messages.is_terminal
+        self._progress = Progress(*columns, console=messages, transient=self._still, speed_estimate_period=600)
         self._total, self._made = frames, 0
 
     def __enter__(self) -> _Bar:
@@ -227,6 +236,12 @@ class _Bar:
         elapsed = self._progress.tasks[0].elapsed or 0.0
         rate = f"{self._made / elapsed:.2f} frames/s" if self._made and elapsed else ""
         self._progress.update(self._task, advance=done, rate=rate)
+        if self._still and report["shard"] is not None:  # a log has no bar: a line a shard
+            there = int(self._progress.tasks[0].completed)
+            left = (self._total - there) * elapsed / self._made if self._made else 0.0
+            messages.print(
+                f"frames {there}/{self._total}  {rate}  about {_duration(left)} left", highlight=False, markup=False
+            )
 
     def advance(self, count: int) -> None:
         """Count frames."""

@@ -16,8 +16,13 @@ FORMATS = ("hdf5", "lerobot", "coco", "parquet")
 Advance = Callable[[int], None]
 
 
-def export(folder: Path, target: Path, to: str, *, split: str | None = None, advance: Advance | None = None) -> int:
+def export(
+    folder: Path, target: Path, to: str, *, split: str | None = None, advance: Advance | None = None,
+    partial: bool = False,
+) -> int:  # fmt: skip
     """Write a dataset in another format; return the count of frames.
+
+    Every member is compared with its SHA-256 on the way, since most formats carry none.
 
     Parameters
     ----------
@@ -29,11 +34,14 @@ def export(folder: Path, target: Path, to: str, *, split: str | None = None, adv
     split : str, optional
     advance : callable, optional
         Called with the count of frames that were written since the last call.
+    partial : bool
+        Write what there is of a dataset that is not finished.
 
     Raises
     ------
     InputError
-        If the format is unknown, its library is missing, or the target exists.
+        If the format is unknown, its library is missing, the target exists, the dataset is not finished, or a member
+        is not what the manifest says.
     WorkError
         If the system refuses to write.
     """
@@ -50,7 +58,12 @@ def export(folder: Path, target: Path, to: str, *, split: str | None = None, adv
     part = target.with_name(f".{target.name}.{os.getpid()}.part")
     try:
         part.mkdir(parents=True)
-        with Dataset(folder, split=split) as dataset:
+        with Dataset(folder, split=split, check=True) as dataset:
+            if not (dataset.complete or partial):
+                raise InputError(
+                    f"not finished, {len(dataset)} of {dataset.job.frames} frames", file=folder, key="--partial",
+                    allowed="a finished dataset (`resume` finishes it), or --partial",
+                )  # fmt: skip
             if not len(dataset):
                 raise InputError("no frames", file=folder, key="--split", allowed="a split that has some")
             module.write(dataset, part, advance or (lambda count: None))

@@ -17,6 +17,7 @@ from evanesce.dataset import layout
 from evanesce.dataset.export import Advance
 from evanesce.dataset.read import Dataset, Sample
 from evanesce.dataset.trial import SCALARS
+from evanesce.errors import InputError
 
 VERSION = "v3.0"
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
@@ -44,7 +45,16 @@ _SCHEMA = pa.schema(
 
 
 def write(dataset: Dataset, folder: Path, advance: Advance) -> None:
-    """Write ``meta/``, ``data/`` in LeRobot's layout."""
+    """Write ``meta/``, ``data/`` in LeRobot's layout.
+
+    Raises
+    ------
+    InputError
+        If the frame rate is no whole number, as LeRobot's are.
+    """
+    rate = dataset.job.config.trial.frame_rate_hz
+    if rate != round(rate):
+        raise InputError(f"{rate:g} frames a second", file=dataset.folder, key="--to lerobot", allowed="whole numbers")
     tasks: dict[str, int] = {}
     episodes, stats = [], _Stats()
     writer = _Files(folder)
@@ -73,9 +83,18 @@ def write(dataset: Dataset, folder: Path, advance: Advance) -> None:
 
 
 def _by_split(dataset: Dataset) -> list[list[int]]:
-    """Return the indices of each trial's frames, trials of a split after each other: LeRobot's splits are ranges."""
+    """Return the indices of each episode's frames, those of a split after each other: LeRobot's splits are ranges.
+
+    An episode is a trial; where a frame of it could not be made it ends, since time stamps within one are even.
+    """
     rows = dataset.rows()
-    return sorted(dataset.trials().values(), key=lambda indices: SPLITS.index(rows[indices[0]]["split"]))
+    episodes: list[list[int]] = []
+    for indices in dataset.trials().values():
+        for place, i in enumerate(indices):
+            if place == 0 or rows[i]["frame"] != rows[indices[place - 1]]["frame"] + 1:
+                episodes.append([])
+            episodes[-1].append(i)
+    return sorted(episodes, key=lambda indices: SPLITS.index(rows[indices[0]]["split"]))
 
 
 def _ranges(episodes: list[dict[str, Any]]) -> dict[str, str]:

@@ -25,7 +25,7 @@ def flat(meta: dict[str, Any]) -> dict[str, Any]:
         row |= {f"{table}.{name}": value for name, value in meta[table].items()}
     row |= {f"programme.{name}": value for name, value in meta["programme"].items()}
     row |= {"rig.index": meta["rig"]["index"], "rig.seed": meta["rig"]["seed"]}
-    row |= {f"rig.{name}": json.dumps(meta["rig"][name], sort_keys=True) for name in ("changes", "effects")}
+    row |= {f"rig.{name}": json.dumps(meta["rig"][name], sort_keys=True) for name in ("changes", "effects", "left_out")}
     return row
 
 

@@ -116,7 +116,7 @@ def preview(folder: Path, out: Path, *, trial: int | None = None) -> tuple[Path,
     InputError
         If there is no such trial, or no frame.
     """
-    with Dataset(folder) as dataset:
+    with Dataset(folder, check=True) as dataset:
         if not len(dataset):
             raise InputError("no frames", file=folder)
         trials = dataset.trials()

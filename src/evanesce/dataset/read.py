@@ -117,6 +117,13 @@ class Dataset(Sequence[Sample]):
     check : bool
         Compare each member with its SHA-256 as it is read.
 
+    Attributes
+    ----------
+    complete : bool
+        Whether all shards are there and the manifest is sealed.
+    quarantined : int
+        Frames of the whole dataset that could not be made.
+
     Raises
     ------
     InputError
@@ -133,6 +140,8 @@ class Dataset(Sequence[Sample]):
             self._files = {shard: _shard_file(folder, row["file"]) for shard, row in manifest.shards().items()}
             rows = [row for row in manifest.frames() if split is None or row["split"] == split]
             members = manifest.all_members()
+            self.complete = manifest.meta().get("sealed") == "1"
+            self.quarantined = len(manifest.quarantined())
         finally:
             manifest.close()
         if wrong := [row["key"] for row in rows if row["key"] != layout.frame_key(row["frame"])]:

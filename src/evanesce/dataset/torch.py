@@ -50,10 +50,14 @@ class FrameDataset(TorchDataset):
     split : str, optional
     transform : callable, optional
         ``transform(Sample) -> anything``; :func:`tensors` by default.
+    check : bool
+        Compare each member with its SHA-256 as it is read.
     """
 
-    def __init__(self, folder: str | Path, *, split: str | None = None, transform: Transform = tensors) -> None:
-        self.dataset, self.transform = Dataset(Path(folder), split=split), transform
+    def __init__(
+        self, folder: str | Path, *, split: str | None = None, transform: Transform = tensors, check: bool = False
+    ) -> None:
+        self.dataset, self.transform = Dataset(Path(folder), split=split, check=check), transform
 
     def __len__(self) -> int:
         return len(self.dataset)
@@ -65,8 +69,10 @@ class FrameDataset(TorchDataset):
 class FrameStream(IterableDataset):
     """Frames in the order of the shards, each worker of a DataLoader with shards of its own; parameters as above."""
 
-    def __init__(self, folder: str | Path, *, split: str | None = None, transform: Transform = tensors) -> None:
-        self.dataset, self.transform = Dataset(Path(folder), split=split), transform
+    def __init__(
+        self, folder: str | Path, *, split: str | None = None, transform: Transform = tensors, check: bool = False
+    ) -> None:
+        self.dataset, self.transform = Dataset(Path(folder), split=split, check=check), transform
 
     def __iter__(self) -> Iterator[Any]:
         worker = get_worker_info()

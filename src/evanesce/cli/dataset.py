@@ -65,7 +65,7 @@ def make(
 
     engine = _engine(workers, scheduler, shard)
     guess = estimate(job, engine.workers)
-    free = require_disk(out, guess.size)
+    free = require_disk(out, guess.size // (engine.part[1] if engine.part else 1))
     messages.print(
         f"{job.frames} frames in {job.trials} trials, {job.shards} shards; about {guess.size / 1e9:.3g} GB"
         f" ({guess.frame_size / 1e6:.2g} MB a frame) of {free / 1e9:.3g} GB free, about {_duration(guess.seconds)}"
@@ -92,11 +92,17 @@ def resume(
 ) -> None:
     """Finish a dataset whose making ended early, or gather the shards of a job array."""
     check_json_target(json_file)
+    from evanesce.dataset.estimate import estimate, require_disk
     from evanesce.dataset.job import load_job
     from evanesce.dataset.run import resume as run
 
     engine = _engine(workers, scheduler, shard)
-    with _Bar(load_job(folder).frames) as bar:
+    job = load_job(folder)
+    there = sum(tar.stat().st_size for tar in (folder / "shards").glob("*.tar"))
+    left = max(estimate(job, engine.workers).size - there, 0) // (engine.part[1] if engine.part else 1)
+    free = require_disk(folder, left)
+    messages.print(f"about {left / 1e9:.3g} GB left to make, {free / 1e9:.3g} GB free")
+    with _Bar(job.frames) as bar:
         outcome = run(folder, engine, bar, any_versions=any_versions)
     _report(folder, outcome, json_file)
 

@@ -854,6 +854,24 @@ def test_a_damaged_member_is_not_exported(whole, tmp_path):
         assert not (tmp_path / "x").exists()
 
 
+def test_commands_look_at_shards_without_following_links(whole, tmp_path, monkeypatch):
+    """Rationale: a bar's total followed a link that points nowhere, and `resume` of a finished dataset asked for the
+    room that a guess of its size leaves over."""
+    copy = tmp_path / "d"
+    shutil.copytree(whole, copy)
+    usage = shutil.disk_usage(tmp_path)._replace(free=0)
+    monkeypatch.setattr(shutil, "disk_usage", lambda place: usage)
+    done = CliRunner().invoke(app, ["dataset", "resume", str(copy), "--workers", "0"])
+    assert done.exit_code == 0, done.output + done.stderr
+    shard = min((copy / "shards").glob("*.tar"))
+    shard.unlink()
+    shard.symlink_to(tmp_path / "nowhere")
+    told = CliRunner().invoke(app, ["dataset", "verify", str(copy)])
+    assert told.exit_code == 1
+    assert shard.name in told.output
+    assert isinstance(told.exception, SystemExit)
+
+
 def test_an_unfinished_dataset_is_exported_only_on_demand(tmp_path):
     pq = pytest.importorskip("pyarrow.parquet")
 

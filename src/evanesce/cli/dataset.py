@@ -98,8 +98,10 @@ def resume(
 
     engine = _engine(workers, scheduler, shard)
     job = load_job(folder)
-    there = sum(tar.stat().st_size for tar in (folder / "shards").glob("*.tar"))
-    left = max(estimate(job, engine.workers).size - there, 0) // (engine.part[1] if engine.part else 1)
+    # by count: an estimate less what is there would ask for room where nothing is left to make
+    missing = max(job.shards - len(list((folder / "shards").glob("*.tar"))), 0)
+    parts = engine.part[1] if engine.part else 1
+    left = estimate(job, engine.workers).size * missing // (job.shards * parts)
     free = require_disk(folder, left)
     messages.print(f"about {left / 1e9:.3g} GB left to make, {free / 1e9:.3g} GB free")
     with _Bar(job.frames) as bar:
@@ -112,9 +114,10 @@ def verify(folder: FolderArgument, json_file: JsonOption = None) -> None:
     check_json_target(json_file)
     from evanesce.dataset.verify import verify as check
 
-    tars = list((folder / "shards").glob("*.tar")) if (folder / "shards").is_dir() else []
+    # the size of a link itself: it may point nowhere, which `check` will tell
+    size = sum(tar.lstat().st_size for tar in (folder / "shards").glob("*.tar"))
     with progress() as bar:
-        task = bar.add_task("verify [MB]", total=sum(tar.stat().st_size for tar in tars) / 1e6)
+        task = bar.add_task("verify [MB]", total=size / 1e6)
         report = check(folder, on_shard=lambda size: bar.advance(task, size / 1e6))
     rate = report.size / max(report.seconds, 1e-9) / 1e6
     result = {

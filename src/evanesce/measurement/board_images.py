@@ -27,8 +27,6 @@ class BoardPictures:
     ----------
     views : list of BoardView
         Named by file.
-    grids : list of CornerGrid
-        With blur and contrast of each corner, in the same order.
     blurs : list of dict
         Of :func:`~evanesce.measurement.refined_blur.blur_of_board`, in the same order.
     image_size : tuple of int
@@ -41,7 +39,6 @@ class BoardPictures:
     """
 
     views: list[BoardView]
-    grids: list[CornerGrid]
     blurs: list[dict[str, Any]]
     image_size: tuple[int, int]
     first: NDArray[np.uint8]
@@ -70,7 +67,6 @@ def find_boards(paths: Sequence[Path], square_mm: float, *, done: Callable[[], A
         If there is a board in none of them.
     """
     views: list[BoardView] = []
-    grids: list[CornerGrid] = []
     warnings: list[Warning] = []
     first: NDArray[np.uint8] | None = None
     blurs: list[dict[str, Any]] = []
@@ -99,12 +95,11 @@ def find_boards(paths: Sequence[Path], square_mm: float, *, done: Callable[[], A
                 warnings.append(Warning("no_board", f"{reason}: left out"))
             else:
                 views.append(grid.view(path.name, square_mm))
-                grids.append(grid)
                 blurs.append(blur)
         done()
     if first is None or not views:
         raise WorkError(reason or "no picture of a board")
-    return BoardPictures(views, grids, blurs, (first.shape[1], first.shape[0]), first, paths[0].name, warnings)
+    return BoardPictures(views, blurs, (first.shape[1], first.shape[0]), first, paths[0].name, warnings)
 
 
 def saturation(picture: NDArray[np.uint8], name: str) -> list[Warning]:

@@ -134,8 +134,8 @@ def specs_of(name: str) -> list[CaseSpec]:
 
 def run(
     name: str, out: Path, *, judge: str = CRITIC, workers: int = 2, budget_s: float = 1e9, groups: Iterable[str] = (),
-    causes: Iterable[str] = (), strengths: Iterable[float] = (), strip: str = "", keep: Path | None = None,
-    show: Callable[[str], None] = print,
+    causes: Iterable[str] = (), strengths: Iterable[float] = (), spent: Iterable[str] = (), strip: str = "",
+    keep: Path | None = None, show: Callable[[str], None] = print,
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Run what is not done yet, within a budget, and return all outcomes.
 
@@ -152,12 +152,14 @@ def run(
         Only these groups; all by default.
     causes, strengths : iterable
         Only cases that hide one of these, or one as strong as that; all by default.
+    spent : iterable of str
+        Cases left out, by id: those whose outcome somebody has looked at before the critic was frozen.
     show : callable
     """
     wanted = [(set(groups), lambda s: {s.group}), (set(causes), lambda s: set(s.causes))]
     wanted.append((set(strengths), lambda s: set(s.strengths)))
     specs = [spec for spec in specs_of(name) if all(not chosen or chosen & of(spec) for chosen, of in wanted)]
-    done = {record["truth"]["id"] for record in read_records(out) if "error" not in record}
+    done = {record["truth"]["id"] for record in read_records(out) if "error" not in record} | set(spent)
     todo = [spec for spec in specs if spec.id not in done]
     out.parent.mkdir(parents=True, exist_ok=True)
     start, origin = time.monotonic(), commit()
@@ -221,6 +223,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--groups", nargs="*", default=())
     parser.add_argument("--causes", nargs="*", default=(), help="only cases that hide one of these")
     parser.add_argument("--strengths", nargs="*", type=float, default=(), help="only cases as strong as that")
+    parser.add_argument("--spent", nargs="*", type=Path, default=(), help="earlier runs whose cases are left out")
     parser.add_argument("--strip", choices=("", "shuffle", "flat"), default="")
     parser.add_argument("--keep", type=Path, default=None, help="folder in which bundles are left")
     parser.add_argument("--score-only", action="store_true")
@@ -229,10 +232,11 @@ def main(arguments: list[str] | None = None) -> int:
     run_name = given.run or f"{given.set}-{judge_name}" + (f"-{given.strip}" if given.strip else "")
     out = CACHE / f"{run_name}.jsonl"
     records = read_records(out)
+    spent = {record["truth"]["id"] for path in given.spent for record in read_records(path)}
     if not given.score_only:
         records = run(
             given.set, out, judge=given.judge, workers=given.workers, budget_s=given.budget_s, groups=given.groups,
-            causes=given.causes, strengths=given.strengths, strip=given.strip, keep=given.keep,
+            causes=given.causes, strengths=given.strengths, spent=spent, strip=given.strip, keep=given.keep,
             show=lambda text: print(text, file=sys.stderr, flush=True),
         )  # fmt: skip
     latest = {record["truth"]["id"]: record for record in records}

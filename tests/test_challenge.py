@@ -409,6 +409,11 @@ def test_a_run_keeps_every_outcome_and_does_none_twice(tmp_path: Path, monkeypat
     assert len(begun) == count + 2
     assert len({record["truth"]["id"] for record in again if "answer" in record}) == count
     assert sum("error" in record for record in again) == 1
+    # Cases that somebody has looked at are left out of another run.
+    spent = {record["truth"]["id"] for record in first[:5]}
+    fresh = run("slice", tmp_path / "fresh.jsonl", workers=0, spent=spent, show=lambda text: None)
+    assert len(fresh) == count - 5
+    assert not spent & {record["truth"]["id"] for record in fresh}
 
 
 @pytest.mark.slow

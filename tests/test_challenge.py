@@ -392,7 +392,7 @@ def test_a_run_keeps_every_outcome_and_does_none_twice(tmp_path: Path, monkeypat
 
     begun: list[str] = []
 
-    def outcome(spec: CaseSpec, judge: str, strip: str, keep: Path | None) -> dict:
+    def outcome(spec: CaseSpec, judge: str, strip: str, keep: Path | None, beside: tuple) -> dict:
         begun.append(spec.id)
         record = {"truth": spec.as_dict()}
         return record | ({"error": "broke"} if len(begun) == 2 else {"answer": {"verdict": "none"}, "seconds": 0.1})

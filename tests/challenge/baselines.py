@@ -84,8 +84,8 @@ def nearest_signature(path: Path, exclude: tuple[str, ...] = ()) -> Answer:
         size = measure.norm(own)
         cosine[cause] = abs(measure.inner(own, residual)) / size if size > 0 else 0.0
     best = max(cosine, key=lambda k: cosine[k])
-    total = sum(np.exp(np.minimum(v, 50.0)) for v in cosine.values())
-    shares = {k: float(np.exp(min(v, 50.0)) / total) for k, v in cosine.items()}
+    weights = {k: float(np.exp(v - cosine[best])) for k, v in cosine.items()}
+    shares = {k: weight / sum(weights.values()) for k, weight in weights.items()}
     return {"verdict": "named", "probabilities": shares, "effects": [{"id": best}]}
 
 

@@ -58,7 +58,9 @@ def judge_of(name: str) -> Judge:
     return judge
 
 
-def one_case(spec: CaseSpec, judge: str, strip: str = "", keep: Path | None = None) -> dict[str, Any]:
+def one_case(
+    spec: CaseSpec, judge: str, strip: str = "", keep: Path | None = None, beside: tuple[str, ...] = ()
+) -> dict[str, Any]:
     """Make, judge and delete one case.
 
     Parameters
@@ -69,6 +71,8 @@ def one_case(spec: CaseSpec, judge: str, strip: str = "", keep: Path | None = No
         Take the pixels' information away: every frame's pixels in another order, or all at their mean.
     keep : Path, optional
         Folder in which the bundle is left.
+    beside : tuple of str
+        Other judges of the same bundle, baselines for example; their answers stand under ``beside``.
     """
     with tempfile.TemporaryDirectory(prefix="challenge-") as folder:
         try:
@@ -85,7 +89,8 @@ def one_case(spec: CaseSpec, judge: str, strip: str = "", keep: Path | None = No
         except Exception as error:  # a critic that breaks has failed this case, not the run
             return {"truth": truth, "error": f"{type(error).__name__}: {error}", "load": os.getloadavg()[0]}
         seconds = time.perf_counter() - start
-    return {"truth": truth, "answer": _plain(answer), "seconds": seconds, "load": os.getloadavg()[0]}
+        found = {"truth": truth, "answer": _plain(answer), "seconds": seconds, "load": os.getloadavg()[0]}
+        return found | {"beside": {name: _plain(judge_of(name)(path)) for name in beside}} if beside else found
 
 
 def strip_pixels(path: Path, how: str) -> None:
@@ -135,7 +140,7 @@ def specs_of(name: str) -> list[CaseSpec]:
 def run(
     name: str, out: Path, *, judge: str = CRITIC, workers: int = 2, budget_s: float = 1e9, groups: Iterable[str] = (),
     causes: Iterable[str] = (), strengths: Iterable[float] = (), spent: Iterable[str] = (), strip: str = "",
-    keep: Path | None = None, show: Callable[[str], None] = print,
+    keep: Path | None = None, beside: tuple[str, ...] = (), show: Callable[[str], None] = print,
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Run what is not done yet, within a budget, and return all outcomes.
 
@@ -145,7 +150,7 @@ def run(
         ``dev``, ``scored`` or ``slice``.
     out : Path
         JSONL; appended to.
-    judge, budget_s, strip, keep
+    judge, budget_s, strip, keep, beside
     workers : int
         Processes; 0 works in this one.
     groups : iterable of str
@@ -180,7 +185,7 @@ def run(
     cut = out.is_file() and not out.read_bytes().endswith(b"\n")  # the last run was killed while it wrote
     with out.open("a", encoding="utf-8") as stream:
         stream.write("\n" if cut else "")
-        for record in _results(todo, (judge, strip, keep), workers, start + budget_s):
+        for record in _results(todo, (judge, strip, keep, beside), workers, start + budget_s):
             put(record, stream)
     return read_records(out)
 
@@ -226,6 +231,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--spent", nargs="*", type=Path, default=(), help="earlier runs whose cases are left out")
     parser.add_argument("--strip", choices=("", "shuffle", "flat"), default="")
     parser.add_argument("--keep", type=Path, default=None, help="folder in which bundles are left")
+    parser.add_argument(
+        "--beside", nargs="*", choices=BASELINES, default=(), help="baselines asked about each bundle, too"
+    )
     parser.add_argument("--score-only", action="store_true")
     given = parser.parse_args(arguments)
     judge_name = "critic" if given.judge == CRITIC else given.judge.replace(":", "-")
@@ -237,7 +245,7 @@ def main(arguments: list[str] | None = None) -> int:
         records = run(
             given.set, out, judge=given.judge, workers=given.workers, budget_s=given.budget_s, groups=given.groups,
             causes=given.causes, strengths=given.strengths, spent=spent, strip=given.strip, keep=given.keep,
-            show=lambda text: print(text, file=sys.stderr, flush=True),
+            beside=tuple(given.beside), show=lambda text: print(text, file=sys.stderr, flush=True),
         )  # fmt: skip
     latest = {record["truth"]["id"]: record for record in records}
     judged = [record for record in latest.values() if "skipped" not in record]

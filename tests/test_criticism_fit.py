@@ -1,7 +1,7 @@
 """Fits and score tests of the critic on a linear toy whose truth is known, and effects as candidates."""
 
 import textwrap
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,12 +10,13 @@ from scipy import ndimage
 
 import evanesce.effects
 from evanesce.criticism.candidates import Candidate, candidates_of
+from evanesce.criticism.case import settled
 from evanesce.criticism.noise import noise_of
 from evanesce.criticism.parameters import Parameter, derivative
 from evanesce.criticism.predict import scene_with
 from evanesce.criticism.problem import Problem, fit
 from evanesce.criticism.score import score_test
-from evanesce.criticism.signatures import Signature
+from evanesce.criticism.signatures import Signature, signature_of
 from evanesce.criticism.views import View
 from evanesce.rig import load_scene
 
@@ -119,6 +120,50 @@ def test_the_right_candidate_scores_highest(toy):
     found = score_test(problem, base, signatures(problem, toy), draws=499, rng=rng)
     assert found.scored[0].id == "b"
     assert found.p <= 0.01
+
+
+def test_a_fit_that_stopped_short_lends_no_candidate_what_it_left(toy):
+    """Rationale: nulls were called unknown. Nuisances take all but 1/300 of some candidates; 0.3 deviations left of the
+    nuisance were worth 60 nats to them. Scores have to be those of the settled fit, within the bend's own size."""
+    rng = np.random.default_rng(5)
+    toy.maps["a:x"] = 300.0 * toy.maps["@n"] + toy.maps["a:x"]
+    data = toy.cube({"@n": 0.7}) + rng.standard_normal((4, *SHAPE)) * 4
+    problem = problem_of(toy, data, noise_fields(rng, 0))
+    best = fit(problem, [parameter("@n", deviation=50.0)], {})
+    point = {"@n": best.point["@n"] + 0.3 * float(np.sqrt(best.covariance()[0, 0]))}
+    short = replace(best, point=point, residual=problem.residual(toy.cube(point)))
+    found = [score_test(problem, f, signatures(problem, toy), draws=99, rng=rng).of("a").result for f in (best, short)]
+    assert found[1].statistic == pytest.approx(found[0].statistic, abs=0.01)
+    # What the residual itself, projected or not, would have said of the shorter fit.
+    row = problem.whitened(toy.maps["a:x"])
+    information = best.metric(best.parameters).project(row) @ row
+    assert (row @ short.residual) ** 2 / information > 100 * max(found[0].statistic, 1.0)
+
+
+def test_derivatives_are_made_anew_where_a_fit_ended(toy):
+    toy.bend = 0.2
+    rng = np.random.default_rng(6)
+    data = toy.cube({"@n": 1.5}) + rng.standard_normal((4, *SHAPE)) * 4
+    problem = problem_of(toy, data, noise_fields(rng, 0))
+    first = fit(problem, [parameter("@n", deviation=50.0)], {})
+    found = settled(problem, first)
+    slope = (1 + 2 * toy.bend * first.point["@n"]) * toy.maps["@n"]
+    np.testing.assert_allclose(found.rows[0], problem.whitened(slope), rtol=1e-3, atol=1e-4)
+    assert not np.allclose(first.rows[0], found.rows[0], rtol=0.05)
+    assert found.misfit <= first.misfit
+
+
+def test_a_departure_that_nuisances_take_is_seen_where_it_is_straight(toy):
+    """The whole step bends; what bending leaves is no signature. Another departure is taken as it is."""
+    toy.bend = 0.2
+    toy.maps["a:x"] = 300.0 * toy.maps["@n"] + toy.maps["a:x"]
+    problem = problem_of(toy, toy.cube({}), np.zeros((2, *SHAPE)))
+    base = fit(problem, [parameter("@n", deviation=1e4)], {})
+    for name, share in (("a:x", 0.1), ("b:y", 1.0)):
+        effect = SimpleNamespace(id=name[0], amplitudes=(name[2],))
+        found = signature_of(problem, base, Candidate(effect, (parameter(name),), ({name: 0.5},)))
+        straight = 0.5 + toy.bend * 0.25 * share
+        np.testing.assert_allclose(found.rows[0], problem.whitened(straight * toy.maps[name]), rtol=1e-4, atol=1e-4)
 
 
 def test_an_effect_file_is_a_candidate_with_no_other_change(tmp_path, monkeypatch):

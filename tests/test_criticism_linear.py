@@ -8,7 +8,7 @@ from evanesce.criticism.gain import bootstrap_sum, leave_one_out, log_scores
 from evanesce.criticism.isolability import Cause, absorbed, confusion, group_of
 from evanesce.criticism.linear import Metric, distance2, score
 from evanesce.criticism.parameters import Parameter
-from evanesce.criticism.posterior import UNKNOWN, log_bayes_of_p, posterior
+from evanesce.criticism.posterior import UNKNOWN, log_bayes_of_p, posterior, tempering
 
 BINS = 400
 
@@ -140,6 +140,18 @@ def test_posterior_keeps_weight_on_nothing_and_follows_the_evidence():
     assert loud.best == ("a",)
     assert loud.marginal()["a"] > 0.95
     assert sum(loud.models.values()) == pytest.approx(1.0)
+
+
+def test_evidence_says_no_more_than_the_drawn_noise_bears_out():
+    """Mean odds over the library are brought down to 1 / (-e p ln p); evidence that is less is left alone."""
+    evidence = [12.5, 12.3, 11.9, 8.5, *[-1.0] * 36]
+    power = tempering(0.0038, evidence)
+    bound = 1 / (-np.e * 0.0038 * np.log(0.0038))
+    assert 0 < power < 0.6
+    assert np.mean(np.exp(power * np.array(evidence))) == pytest.approx(bound, rel=1e-6)
+    assert tempering(0.0038, [5.0, *[-1.0] * 39]) == 1.0
+    assert tempering(0.9, [9.0, 1.0]) == 0.0
+    assert tempering(0.5, []) == 1.0
 
 
 def test_bayes_factor_of_a_p_value():

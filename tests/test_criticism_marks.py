@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from evanesce.criticism.candidates import candidates_of
 from evanesce.criticism.lines import brightest_line
-from evanesce.criticism.marks import cells, standing_out
+from evanesce.criticism.marks import cells, standing_out, without_places
 from evanesce.criticism.predict import Predictor
 from evanesce.criticism.views import BIN_PX, View, binned
 from evanesce.effects import Context, active_effects, all_effects
@@ -82,6 +83,13 @@ def test_a_codecs_errors_which_stand_out_to_both_sides_are_no_marks() -> None:
     found = standing_out(residual + template * extra.reshape(template[0].shape), template, codec=True)
     assert np.isin(marked, found.bins).sum() >= 26
     assert (~np.isin(found.bins, marked)).sum() <= 4
+
+
+def test_where_a_codec_left_no_noise_places_are_not_judged() -> None:
+    """Rationale: blots that H.264 at a low rate makes stay; nulls were named ``sensor_dust`` with 33 nats."""
+    found = without_places(candidates_of(load_scene("thesis"), {"press", "replicates", "led_off", "lens_cap"}))
+    told = {c.id for c in found if "no noise" in c.unseen}
+    assert told == {"specks", "hot_pixels", "sensor_dust", "scratch"}
 
 
 def test_a_mark_of_another_kind_explains_less() -> None:

@@ -103,6 +103,7 @@ def test_next_to_no_scatter_is_a_codecs_work(covered: bool) -> None:
             made[kind] = mean, np.full_like(mean, 1e-4)
     found = noise_scale_of(camera, made)
     assert found.codec
+    assert found.silent
     assert found.value == pytest.approx(1.0, abs=0.05)
 
 

@@ -13,7 +13,7 @@ from evanesce.criticism.candidates import Candidate, candidates_of
 from evanesce.criticism.codec import codec_parameters, codec_variance, noise_by_bins
 from evanesce.criticism.fine import fine_cube
 from evanesce.criticism.frozen import FROZEN
-from evanesce.criticism.marks import with_places
+from evanesce.criticism.marks import with_places, without_places
 from evanesce.criticism.noise import noise_of
 from evanesce.criticism.noise_scale import noise_scale_of
 from evanesce.criticism.nuisance import nuisance_parameters
@@ -21,7 +21,7 @@ from evanesce.criticism.numerics import edge_template, leftover_variance, numeri
 from evanesce.criticism.observe import Observation, model_factor
 from evanesce.criticism.parameters import Parameter, derivative
 from evanesce.criticism.predict import Predictor
-from evanesce.criticism.problem import Fit, Problem, fit, predicted_part
+from evanesce.criticism.problem import Fit, Problem, derivatives, fit, predicted_part
 from evanesce.criticism.tone import expected_tone
 from evanesce.rng import generator
 
@@ -92,8 +92,11 @@ def prepare(observation: Observation, seed: int, exclude: Collection[str] = ()) 
         # A codec hands noise from frame to frame, so that replicates show too little of it; single bins tell.
         fitted_problem = fitted_problem.louder(noise_by_bins(fitted_problem, fitted))
         fitted = fit(fitted_problem, every, own, rounds=ROUNDS)
+    fitted = settled(fitted_problem, fitted)
     library = candidates_of(observation.scene, observation.available, exclude)
-    candidates = with_places(fitted_problem, fitted, library, codec=size.codec)
+    candidates = (
+        without_places(library) if size.silent else with_places(fitted_problem, fitted, library, codec=size.codec)
+    )
     case = Case(observation, fitted_problem, fitted, candidates, seed, size.codec)
     if not noise.measured:
         case.notes.append("no replicates: the noise is the camera's own model, false alarms are not controlled")
@@ -105,6 +108,17 @@ def prepare(observation: Observation, seed: int, exclude: Collection[str] = ()) 
     if size.codec:
         case.notes.append("noise was smoothed after the tone curve (a codec?): faint departures are not sought")
     return case
+
+
+def settled(problem: Problem, fitted: Fit) -> Fit:
+    """Return a fit with its derivatives made anew where it ended, and settled by them.
+
+    Some hundredths of a deviation are enough for candidates of which the nuisances take all but a hundredth: what old
+    derivatives miss along a nuisance would be theirs.
+    """
+    at = predicted_part(fitted.point, fitted.parameters)
+    rows = derivatives(problem, at, fitted.parameters, fitted.predicted)
+    return fit(problem, fitted.parameters, fitted.point, rows=rows, predicted=fitted.predicted, rounds=ROUNDS)
 
 
 def displaced(point: Mapping[str, float], since: Mapping[str, float]) -> bool:

@@ -22,7 +22,7 @@ from evanesce.criticism.isolability import absorbed
 from evanesce.criticism.locked import locked_gain
 from evanesce.criticism.next_shot import next_measurement
 from evanesce.criticism.observe import observe
-from evanesce.criticism.posterior import UNKNOWN, log_bayes_of_p, posterior
+from evanesce.criticism.posterior import UNKNOWN, log_bayes_of_p, posterior, tempering
 from evanesce.criticism.problem import Fit
 from evanesce.criticism.score import metric_of
 from evanesce.criticism.search import joint_p, ring, rivals, rivals_without_best, search, test
@@ -87,6 +87,11 @@ def weigh(case: Case, findings: Findings, left: Residuals, signatures: Sequence[
     for extensions in findings.rounds:
         for extension in extensions:
             log_bayes[tuple(sorted(extension.ids))] = extension.log_bayes
+    if findings.first.p > 1.5 / (findings.first.draws + 1):  # else it is as small as draws can tell
+        # Under a codec the drawn law is too narrow by what its stricter level makes up for.
+        p = findings.first.p * FROZEN.levels["false_alarm"] / findings.level
+        power = tempering(p, [scored.result.log_bayes for scored in findings.first.scored])
+        log_bayes = {ids: power * value for ids, value in log_bayes.items()}
     fitted = case.base if findings.best is None else findings.best.fitted
     remains, battery = (left, findings.battery) if findings.left is None else (findings.left, findings.after)
     sd = case.problem.sd[list(case.problem.views)]

@@ -82,6 +82,19 @@ def with_places(
     return tuple(found)
 
 
+def without_places(candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """Return the candidates; those whose places only the data know cannot be judged.
+
+    For frames whose codec has left next to no noise: the blots that it makes stay from frame to frame, and nothing is
+    left by which a real one could be told from them.
+    """
+    why = "a codec left no noise by which real marks are told from those that it makes"
+    return tuple(
+        replace(c, unseen=why) if not c.missing and (c.effect.marks is not None or c.effect.line is not None) else c
+        for c in candidates
+    )
+
+
 def template_of(problem: Problem, base: Fit, effect: str, marks: Marks) -> Array:
     """Return the whitened change (views, rows, cols) that one mark in the middle of each bin makes, per unit amount."""
     predictor = problem.predictor

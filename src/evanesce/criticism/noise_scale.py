@@ -48,12 +48,15 @@ class NoiseScale:
         Whether the noise was smoothed after the tone curve.
     black_DN : float
         Where a fit of the black level may start, less the believed one [raw DN].
+    silent : bool
+        Whether next to no noise outlived the codec, so that nothing tells what it made of the frames from what it kept.
     """
 
     value: float = 1.0
     deviation: float = LOOSE
     codec: bool = False
     black_DN: float = 0.0
+    silent: bool = False
 
 
 def noise_scale_of(camera: Camera, scatter: Mapping[str, tuple[Array, Array]]) -> NoiseScale:
@@ -69,7 +72,7 @@ def noise_scale_of(camera: Camera, scatter: Mapping[str, tuple[Array, Array]]) -
     spread = _by_scatter(camera, scatter)
     dark = _by_level(camera, scatter)
     if spread == LOW:  # hardly any scatter is left: no camera is so quiet, a codec makes it so
-        return NoiseScale(1.0 if dark is None else dark, LOOSE, codec=True)
+        return NoiseScale(1.0 if dark is None else dark, LOOSE, codec=True, silent=True)
     if dark is None:
         return NoiseScale(1.0, LOOSE) if spread is None else NoiseScale(spread, 2 * CLOSE)
     if spread is None:

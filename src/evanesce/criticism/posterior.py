@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.special import logsumexp
 
 from evanesce.criticism.frozen import FROZEN
@@ -68,6 +69,35 @@ def posterior(log_bayes: Mapping[tuple[str, ...], float], library: int) -> Poste
         weights[effects] = float(prior + value)
     total = float(logsumexp(list(weights.values())))
     return Posterior({effects: float(np.exp(w - total)) for effects, w in weights.items()})
+
+
+def tempering(p: float, log_bayes: Sequence[float]) -> float:
+    """Return the power, at most 1, by which evidence for single causes agrees with the probability of their best score.
+
+    Whatever the alternative, a test of probability ``p`` bears out odds of at most 1 / (-e p ln p). Evidence that says
+    more rests on a likelihood with thinner tails than the noise that was drawn, as that of a codec has.
+
+    Parameters
+    ----------
+    p : float
+        That noise makes any cause score as well.
+    log_bayes : sequence of float
+        Of all causes, each alone against none [nats].
+
+    References
+    ----------
+    Sellke, Bayarri and Berger, "Calibration of p values for testing precise null hypotheses", The American
+    Statistician 55 (2001) 62.
+    """
+    if not len(log_bayes) or p <= 0.0:
+        return 1.0
+    most = -float(np.log(-np.e * p * np.log(p))) if p < 1.0 / np.e else 0.0
+    values = np.asarray(log_bayes, float)
+
+    def surplus(power: float) -> float:
+        return float(logsumexp(power * values) - np.log(values.size)) - most
+
+    return 1.0 if surplus(1.0) <= 0.0 else float(brentq(surplus, 0.0, 1.0)) if surplus(0.0) < 0.0 else 0.0
 
 
 P_SHAPE = 0.2

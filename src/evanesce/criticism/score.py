@@ -17,6 +17,7 @@ from scipy import stats
 
 from evanesce.criticism.linear import Metric, Score, score
 from evanesce.criticism.noise import SHIFT_BINS, Noise
+from evanesce.criticism.parameters import value_of
 from evanesce.criticism.problem import Fit, Problem
 from evanesce.criticism.signatures import Signature, visible
 
@@ -103,7 +104,7 @@ def score_test(
     rows = np.concatenate([s.rows for s in seen])
     projected = metric.project(rows)
     parts = np.split(np.arange(len(rows)), np.cumsum([len(s.rows) for s in seen])[:-1])
-    gradients = np.concatenate([rows @ base.residual[:, None]], axis=1)[:, 0]
+    gradients = projected @ from_belief(base)
     null = null_scores(problem, problem.noise, projected, draws, rng)
     found, of_draws = [], np.ones(draws)
     for signature, part in zip(seen, parts, strict=True):
@@ -199,6 +200,17 @@ def null_scores(problem: Problem, noise: Noise, projected: Array, draws: int, rn
             mine = shift == k
             found[mine] += weights[mine] @ table[k].T
     return found
+
+
+def from_belief(base: Fit) -> Array:
+    """Return the whitened residual (bins,) against the nuisances' prior means, by the fit's derivatives.
+
+    At the most probable nuisances its inner products in the metric are those of the fit's own residual. A fit that
+    stops a hundredth of a deviation before them leaves a residual along them that a candidate of their shape, all but
+    a hundredth of which they take, would claim; these inner products know of no such rest.
+    """
+    away = np.array([value_of(base.point, p) - p.null for p in base.parameters])
+    return np.asarray(base.residual + away @ base.rows)
 
 
 def metric_of(base: Fit) -> Metric:

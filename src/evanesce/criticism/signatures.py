@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from evanesce.criticism.candidates import Candidate
 from evanesce.criticism.parameters import moved
+from evanesce.criticism.predict import Point
 from evanesce.criticism.problem import Fit, Problem, derivatives, predicted_part
 from evanesce.errors import InputError
 
@@ -18,6 +19,9 @@ Array = NDArray[Any]
 
 INVISIBLE = 0.1
 """A direction whose prior departure moves the whitened data by less than this cannot be seen [1]."""
+
+TAKEN, SHORT = 100.0, 0.1
+"""A departure so many times longer than what nuisances leave of it is taken at this share, where it is straight."""
 
 
 @dataclass(frozen=True)
@@ -64,20 +68,34 @@ def signature_of(problem: Problem, base: Fit, candidate: Candidate) -> Signature
     at = predicted_part(base.point, base.parameters)
     try:
         if candidate.starts:
-            rows = np.array(
-                [
-                    problem.whitened(problem.predictor.cube(moved(at, start), problem.views) - base.predicted).astype(
-                        np.float32
-                    )
-                    for start in candidate.starts
-                ]
-            )
+            rows = np.array([_departure(problem, base, candidate, start) for start in candidate.starts])
             return Signature(candidate, rows, np.ones(len(rows)), False)
         rows = derivatives(problem, at, candidate.parameters, base.predicted)
     except (InputError, ValueError) as error:
         return Signature(candidate, nothing, np.zeros(0), True, f"cannot be predicted here: {error}")
     deviations = np.array([p.deviation for p in candidate.parameters])
     return Signature(candidate, rows, deviations, True)
+
+
+def _departure(problem: Problem, base: Fit, candidate: Candidate, start: Point) -> Array:
+    """Return the whitened change from nothing to a start; taken shorter where nuisances take nearly all of it."""
+    at = predicted_part(base.point, base.parameters)
+
+    def change(share: float) -> Array:
+        point = moved(at, shortened(candidate, start, share))
+        return problem.whitened(problem.predictor.cube(point, problem.views) - base.predicted) / share
+
+    whole = change(1.0)
+    left = float(base.metric(base.parameters).project(whole) @ whole)
+    # What is left of so large a step is how the prediction bends along the nuisances, which is no cause.
+    return (change(SHORT) if left < float(whole @ whole) / TAKEN**2 else whole).astype(np.float32)
+
+
+def shortened(candidate: Candidate, start: Point, share: float) -> dict[str, float]:
+    """Return a start at a share of its amplitudes, its other parameters as they are."""
+    amplitudes = {f"{candidate.id}:{name}" for name in candidate.effect.amplitudes}
+    null = {p.name: p.null for p in candidate.parameters if p.name in amplitudes}
+    return {name: null[name] + share * (value - null[name]) if name in null else value for name, value in start.items()}
 
 
 def visible(signature: Signature) -> bool:

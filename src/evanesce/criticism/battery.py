@@ -65,6 +65,14 @@ class BatteryResult:
         """The test with the smallest tail probability."""
         return self.outcomes[0]
 
+    @property
+    def beyond_draws(self) -> float:
+        """Probability of the loudest test by its tail law, times the tests; no more than ``global_p``.
+
+        Draws count no further than 1 / (1 + B): what is much louder than all of them still has a size.
+        """
+        return min(self.global_p, len(self.outcomes) * max(self.loudest.tail_p, 1e-300))
+
 
 def run_battery(
     residuals: Residuals, draws: Iterable[Draws], extra: Mapping[str, Statistic] | None = None

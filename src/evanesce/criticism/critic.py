@@ -100,11 +100,16 @@ def weigh(case: Case, findings: Findings, left: Residuals, signatures: Sequence[
     loud = log_bayes_of_p(battery.global_p) if battery is not None and not case.codec else 0.0
     extra = max(findings.flexible.evidence, loud) if rings else loud
     ids = () if findings.best is None else tuple(sorted(findings.best.ids))
-    log_bayes[(*ids, UNKNOWN)] = (log_bayes[ids] if ids else 0.0) + extra
+    explained = log_bayes[ids] if ids else 0.0
+    log_bayes[(*ids, UNKNOWN)] = explained + extra
+    if rings and battery is not None:
+        findings.left_evidence = max(extra, log_bayes_of_p(battery.beyond_draws))
+        if ids and findings.unexplained > FROZEN.levels["unknown_share"]:
+            # A cause that leaves so much is one of the unknown's shapes: what it explains is the unknown's as well.
+            log_bayes[(UNKNOWN,)] = explained + findings.left_evidence
     findings.posterior = posterior(log_bayes, library)
     findings.rings = rings
     if rings:
-        findings.left_evidence = extra
         findings.unknown = describe_unknown(remains, _whitened_maps(case, signatures), findings.flexible)
     else:
         findings.flexible = None

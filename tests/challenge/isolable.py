@@ -17,7 +17,7 @@ from .cases import FORM
 from .chain import rig_of
 from .library import NAMED, make_cause
 from .rig import CACHE
-from .strength import OutOfReach, Ruler, amplitude_for, means, ruler
+from .strength import OutOfReach, Ruler, amplitude_for, departure, ruler
 
 DRAWS = (11, 12, 13, 14)
 LEAST = 9.0
@@ -37,7 +37,7 @@ def table(name: str) -> dict[str, Any]:
                 a = amplitude_for(rig, measure, hidden, 10.0, tolerance=0.05)
             except OutOfReach:
                 continue
-            changes[cause, draw] = (means(rig, [(hidden, a)]) - measure.base).astype(np.float32)
+            changes[cause, draw] = departure(rig, measure, [(hidden, a)]).astype(np.float32)
     found = nearest_others(measure, changes)
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_suffix(f".{os.getpid()}")

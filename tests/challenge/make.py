@@ -21,7 +21,7 @@ from .codec import FILMED, by_jpeg, by_video
 from .hidden import Hidden, Rig
 from .library import make_cause
 from .rig import View
-from .strength import Ruler, amplitude_for, means, ruler, variances
+from .strength import Ruler, amplitude_for, departure, ruler, variances
 
 CORRELATED = {"lowpass": 0.6}
 VIDEO = {"h264": 18, "h264-strong": 26}
@@ -64,14 +64,14 @@ def prepare(spec: CaseSpec) -> Made:
         for attempt in range(TRIES):
             cause = make_cause(name, rig, spec.seed + 1000 * attempt + k, FORM[spec.set], spec.group == "decoy")
             a = amplitude_for(rig, lacking, cause, strength)
-            change = means(rig, [(cause, a)]) - measure.base
+            change = departure(rig, lacking, [(cause, a)])
             if not (spec.cancelling and k) or lacking.inner(change, changes[0]) < 0:
                 break
         causes.append((cause, a))
         changes.append(change)
     rng = np.random.default_rng([spec.seed, 1])
     nuisances = draw_nuisances(rng, [view.shot.index for view in rig.views if view.touches])
-    together = means(rig, causes) - measure.base if causes else np.zeros_like(measure.base)
+    together = departure(rig, lacking, causes) if causes else np.zeros_like(measure.base)
     truth = spec.as_dict() | {
         "pose": spec.pose,
         "amplitudes": [a for _, a in causes],

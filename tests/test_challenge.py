@@ -19,12 +19,13 @@ from challenge.camera import Developed, Electronics, binned, noisy_frame, true_c
 from challenge.cases import CaseSpec, cases, slice_of
 from challenge.chain import curve_of, expose, rig_of
 from challenge.codec import by_video
+from challenge.hidden import Hidden
 from challenge.library import NAMED, NOT_IN_LIBRARY, NOT_INJECTED, make_cause
 from challenge.make import pictures, prepare, write_case
-from challenge.rig import believed
+from challenge.rig import View, believed
 from challenge.run import run, strip_pixels
 from challenge.score import Rate, covered, summary, top, wilson
-from challenge.strength import means, ruler
+from challenge.strength import departure, means, ruler
 from challenge.told import told
 from evanesce.bundle import read_bundle
 from evanesce.effects import all_effects
@@ -385,6 +386,29 @@ def test_truth_shuffled_among_answers_is_chance() -> None:
     assert np.mean([top(r) == r["truth"]["causes"][0] for r in answers]) == 1.0
     chance = 1 / len(names)
     assert abs(right - chance) < 4 * np.sqrt(chance / len(answers))
+
+
+def test_what_an_exposure_hides_is_no_strength() -> None:
+    """Rationale: a plate that takes a fifth of the light had a strength of 20 by the tone curve's bend along exposure.
+
+    Light that is less by two fifths is nothing once the exposure is fitted; taken as a straight line it is a great deal.
+    """
+
+    class Dimmer(Hidden):
+        id, unit, start, limit = "dimmer", "1", 0.01, 1.0
+
+        def light(self, fine: np.ndarray, view: View, a: float) -> np.ndarray:
+            return fine * (1.0 - a) if view.touches else fine
+
+    rig, measure = rig_of("dev", 0), ruler("dev", 0)
+    dimmer = Dimmer(np.random.default_rng(1), rig, 0)
+    straight = measure.norm(means(rig, [(dimmer, 0.4)]) - measure.base)
+    assert straight > 10.0
+    assert measure.norm(departure(rig, measure, [(dimmer, 0.4)])) < 0.05 * straight
+    # What is not nearly all exposure is left alone.
+    level = make_cause("black_level", rig, 3, 0)
+    plain = means(rig, [(level, 0.5)]) - measure.base
+    np.testing.assert_array_equal(departure(rig, measure, [(level, 0.5)]), plain)
 
 
 def test_a_run_keeps_every_outcome_and_does_none_twice(tmp_path: Path, monkeypatch) -> None:

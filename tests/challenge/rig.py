@@ -213,7 +213,7 @@ def pose_of_case(name: str, pose: int) -> tuple[tuple[float, float], Pose]:
     return (finger[0], finger[1]), Pose(shift=(float(x), float(y)), rotation_deg=float(turn))
 
 
-@functools.lru_cache(maxsize=2)
+@functools.lru_cache(maxsize=3)
 def base_light(name: str, pose: int) -> BaseLight:
     """Return a rig's light at one of its poses; rendered on first use (about a minute), then read from disk."""
     scene = believed(name)

@@ -81,6 +81,17 @@ def test_structure_rings_and_the_test_made_for_it_is_among_the_loudest(name: str
     assert any(word in test for word in expected for test in loudest), loudest
 
 
+def test_what_is_louder_than_all_draws_still_has_a_size() -> None:
+    """Draws count to 1 in 300; a structure three times as large is louder by much, and noise alone is not."""
+    structure = STRUCTURES["fixed rows"][0].astype(float)
+    unit = structure * 9.0 / np.sqrt((geometry(structure).cube ** 2).sum())
+    faint, loud = (run_battery(geometry(noise(11, 1)[0] + k * unit), null(5)) for k in (1.0, 3.0))
+    assert faint.global_p == loud.global_p
+    assert loud.beyond_draws < 1e-6 * faint.beyond_draws
+    nothing = run_battery(geometry(noise(11, 1)[0]), null(5))
+    assert nothing.beyond_draws == nothing.global_p
+
+
 def test_wider_or_stiffer_contact_rings_beside_its_edge() -> None:
     base = geometry(np.zeros((len(KINDS), ROWS, COLS)))
     ring = np.where(np.isfinite(base.distance_mm), np.exp(-((base.distance_mm / 0.5) ** 2)), 0.0)

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from evanesce.criticism.answer import Findings, verdict
+from evanesce.criticism.battery import BatteryResult
+from evanesce.criticism.posterior import Posterior
+from evanesce.criticism.score import ScoreTest
 from evanesce.criticism.unknown import covariate_ranges, describe_unknown, fit_flexible, nearest_candidate
 from test_criticism_battery import COL, COLS, KINDS, PRESS, RADIUS, ROW, ROWS, TIME, VOLTAGE, geometry, noise
 
@@ -117,3 +122,23 @@ def test_ranges_are_those_of_the_press_frames() -> None:
     ranges = covariate_ranges(geometry(noise(1, 1)[0]))
     assert ranges["time"] == (np.nanmin(TIME), np.nanmax(TIME))
     assert set(ranges) == {"voltage", "force", "time"}
+
+
+def findings(**more: object) -> Findings:
+    tested = {"global_p": 0.0003, "first": ScoreTest((), 0.0002, 4999), "battery": BatteryResult(0.4, (), 999)}
+    held = {"posterior": Posterior({(): 0.6, ("defocus",): 0.4})}
+    return Findings(**(tested | held | more))  # type: ignore[arg-type]
+
+
+def test_what_rings_at_first_sight_and_is_nothing_once_fitted_is_nothing() -> None:
+    """Rationale: plain nulls were called unknown where a straight line promised 58 nats and the fit took them back."""
+    assert verdict(findings()) == "none"
+    assert verdict(findings(group=[object()])) == "ambiguous"
+    assert verdict(findings(rings=True)) == "unknown"
+    assert verdict(findings(global_p=0.3, rings=True)) == "none"
+
+
+@pytest.mark.parametrize(("left", "said"), [(3.0, "named"), (6.0, "unknown")])
+def test_a_cause_that_leaves_more_than_half_of_what_it_explains_is_not_named(left: float, said: str) -> None:
+    best = SimpleNamespace(log_bayes=10.0, ids=("defocus",))
+    assert verdict(findings(best=best, rings=True, left_evidence=left)) == said

@@ -1,0 +1,95 @@
+"""The table of targets: what it says of rates, and that the one in the docs is that of the kept outcomes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from challenge.report import judged, main, markdown, picture, read
+from challenge.score import Rate
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+RUNS = DOCS / "challenge-runs"
+
+
+def record(number: int, group: str, causes: list[str], strengths: list[float], answer: dict, **more: object) -> dict:
+    truth = {
+        "id": f"{number:04d}", "group": group, "causes": causes, "strengths": strengths, "noise": "plain", "drop": [],
+        "decoy": "", "exclude": [], "cancelling": False, "oracle_gain": 8.0, "amplitudes": [0.1], "set": "scored",
+        "number": number,
+    }  # fmt: skip
+    effects = [{"id": name, "parameters": {}} for name in answer.pop("named", [])]
+    said = {"verdict": "none", "probabilities": {"none": 1.0}, "ambiguous_with": [], "effects": effects} | answer
+    return {"truth": truth | more, "answer": said, "seconds": 100.0}
+
+
+def some() -> list[dict]:
+    named = {"verdict": "named", "named": ["vignetting"], "probabilities": {"vignetting": 0.9, "none": 0.1}}
+    wrong = {"verdict": "named", "named": ["defocus"], "probabilities": {"defocus": 0.95, "unknown": 0.05}}
+    beside = {"beside": {"chi-square": {"verdict": "unknown", "probabilities": {"unknown": 1.0}}}}
+    return [
+        record(1, "null", [], [], {}) | beside,
+        record(2, "null", [], [], dict(wrong), noise="h264") | beside,
+        record(3, "single", ["vignetting"], [7.0], dict(named)) | beside,
+        record(4, "single", ["vignetting"], [20.0], dict(wrong)) | beside,
+        record(5, "removed", ["defocus"], [15.0], {"verdict": "unknown", "probabilities": {"unknown": 0.9}}),
+        {"truth": {"id": "0006", "group": "single"}, "skipped": "out of reach"},
+    ]
+
+
+@pytest.mark.parametrize(
+    ("hits", "cases", "least", "most", "said"),
+    [
+        (200, 200, 0.95, None, "yes"),
+        (10, 10, 0.95, None, "open, inside"),
+        (9, 10, 0.95, None, "open, outside"),
+        (1, 10, 0.95, None, "no"),
+        (0, 10, None, 0.02, "open, inside"),
+        (9, 10, None, 0.02, "no"),
+        (0, 0, 0.5, None, "no case"),
+    ],
+)
+def test_a_target_is_met_only_where_the_whole_interval_lies_within(hits, cases, least, most, said) -> None:
+    assert judged(Rate(hits, cases), least=least, most=most) == said
+
+
+def test_table_counts_what_was_judged_and_keeps_codecs_apart(tmp_path: Path) -> None:
+    path = tmp_path / "run.jsonl"
+    path.write_text("".join(json.dumps(r) + "\n" for r in some()))
+    records = read([path])
+    assert len(records) == 5  # what is out of reach was not judged
+    lines = {line.split("|")[1].strip(): line for line in markdown(records, None).splitlines() if line.startswith("|")}
+    assert "50.0 %" in lines["false alarms"]
+    assert "(1/2)" in lines["false alarms"]
+    assert "(0/1)" in lines["false alarms"].split("|")[-2]
+    assert "(1/1)" in lines["detection, SNR 7"]
+    assert "(0/1)" in lines["first answer right, isolable causes, SNR 20"]
+    assert lines["first answer right, isolable causes, SNR 20"].split("|")[4].strip() == "no"
+    assert "(1/1)" in lines["taken out of the library, SNR 15: `unknown`"]
+    assert "50.0 %" in lines["the critic"]
+    assert "(2/2)" in lines["chi-square"].split("|")[3]
+    assert "**vignetting** 1" in lines["vignetting"]
+    assert "defocus 1" in lines["vignetting"]
+
+
+def test_picture_is_drawn(tmp_path: Path) -> None:
+    picture(read_some(tmp_path), None, tmp_path / "run.png")
+    assert (tmp_path / "run.png").stat().st_size > 20_000
+
+
+def read_some(folder: Path) -> list[dict]:
+    path = folder / "run.jsonl"
+    path.write_text("".join(json.dumps(r) + "\n" for r in some()))
+    return read([path])
+
+
+def test_the_docs_hold_the_table_of_the_kept_outcomes(tmp_path: Path) -> None:
+    text = (DOCS / "criticism-challenge.md").read_text(encoding="utf-8")
+    begin, end = "<!-- table: begin -->\n", "<!-- table: end -->"
+    shown = text[text.index(begin) + len(begin) : text.index(end)]
+    made = tmp_path / "table.md"
+    scored = str(RUNS / "scored-e.jsonl"), "--isolable", str(RUNS / "isolable-scored.json")
+    assert main([*scored, "--markdown", str(made)]) == 0
+    assert shown.strip() == made.read_text(encoding="utf-8").strip()

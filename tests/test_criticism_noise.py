@@ -66,6 +66,22 @@ def test_draws_have_unit_variance_and_the_correlation_of_the_replicates(camera, 
     assert neighbour == pytest.approx(expected, abs=0.06)
 
 
+@pytest.mark.parametrize("blur", [0.0, 0.8])
+def test_means_of_whole_views_are_drawn_as_loud_as_they_are(camera, level, blur):
+    """Rationale: a null was called unknown by its view means: the fit of each replicate's light takes their noise.
+
+    A sum over a view, from 2000 fields of the same noise; 24 replicates know a variance to 30 %.
+    """
+    rng, tone = np.random.default_rng(8), expected_tone(camera)
+    light = 0.002 * rng.standard_normal(24)[:, None, None] * tone.slope_by_light(level)
+    held = {"replicate": frames(rng, 24, blur, 0.0, level) + light}
+    found = noise_of(held, tone, level.shape, floor_DN=1e-3, flicker=0.0)
+    drawn = np.concatenate([found.draws((20, *level.shape), 20, rng).reshape(400, -1) for _ in range(3)])
+    even = np.full_like(level, 100.0)
+    real = (frames(rng, 2000, blur, 0.0, even) - even).reshape(2000, -1) / 0.4
+    assert drawn.sum(1).std() == pytest.approx(real.sum(1).std(), rel=0.3)
+
+
 def test_size_of_noise_is_found_beside_flicker(camera, level):
     rng = np.random.default_rng(3)
     stack = frames(rng, 24, 0.0, 0.004, level)

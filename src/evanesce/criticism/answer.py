@@ -164,12 +164,22 @@ def _ranking(findings: Findings) -> list[Ranked]:
             e.gain,
             e.gain_error,
             models.get(tuple(sorted(e.ids)), 0.0),
-            "" if e.within_bounds else "a parameter is at its bound",
+            _set_aside(e),
         )
         for extensions in findings.rounds
         for e in extensions
     ]
     return sorted(found, key=lambda r: -r.probability)
+
+
+def _set_aside(extension: Extension) -> str:
+    """Return why an extension cannot be accepted; empty if it can."""
+    if not extension.within_bounds:
+        return "a parameter is at its bound"
+    if not extension.goes_as_its_marks_do:
+        kind, z = max(extension.at_places.items(), key=lambda item: abs(item[1]))
+        return f"its places show other marks in the {kind.replace('_', ' ')} shots ({z:+.1f} standard deviations)"
+    return ""
 
 
 def _shown(case: Any, findings: Findings) -> list[Shown]:

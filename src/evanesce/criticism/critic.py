@@ -84,9 +84,14 @@ def weigh(case: Case, findings: Findings, left: Residuals, signatures: Sequence[
     log_bayes: dict[tuple[str, ...], float] = {}
     for scored in findings.first.scored:
         log_bayes[(scored.id,)] = scored.result.log_bayes
+    other_marks = 0.0
     for extensions in findings.rounds:
         for extension in extensions:
             log_bayes[tuple(sorted(extension.ids))] = extension.log_bayes
+            if not extension.goes_as_its_marks_do:
+                # Places there are, but of other marks: what their list explains is evidence of something unknown.
+                other_marks = max(other_marks, extension.log_bayes)
+                log_bayes[tuple(sorted(extension.ids))] = 0.0
     if findings.first.p > 1.5 / (findings.first.draws + 1):  # else it is as small as draws can tell
         # Under a codec the drawn law is too narrow by what its stricter level makes up for.
         p = findings.first.p * FROZEN.levels["false_alarm"] / findings.level
@@ -99,6 +104,8 @@ def weigh(case: Case, findings: Findings, left: Residuals, signatures: Sequence[
     rings = battery is not None and not case.codec and battery.global_p < FROZEN.levels["false_alarm"]
     loud = log_bayes_of_p(battery.global_p) if battery is not None and not case.codec else 0.0
     extra = max(findings.flexible.evidence, loud) if rings else loud
+    if findings.best is None:
+        extra = max(extra, other_marks)
     ids = () if findings.best is None else tuple(sorted(findings.best.ids))
     explained = log_bayes[ids] if ids else 0.0
     log_bayes[(*ids, UNKNOWN)] = explained + extra

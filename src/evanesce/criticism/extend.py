@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.criticism.candidates import Candidate
+from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.gain import leave_one_out
 from evanesce.criticism.isolability import Cause
+from evanesce.criticism.marks import left_at_places
 from evanesce.criticism.parameters import Parameter, moved, value_of
 from evanesce.criticism.predict import scene_with
 from evanesce.criticism.problem import Fit, Problem, derivatives, fit, predicted_part
@@ -46,6 +48,8 @@ class Extension:
         Of the candidates' scores under drawn noise.
     cause : Cause
         Of the last candidate, for distances.
+    at_places : mapping of str to float
+        For places taken from the data: what is left there in each kind of shot [standard deviations].
     """
 
     ids: tuple[str, ...]
@@ -56,6 +60,17 @@ class Extension:
     gain_error: float
     inflation: float
     cause: Cause
+    at_places: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def possible(self) -> bool:
+        """Whether the fit is off its bounds and its marks go from shot to shot as such marks do."""
+        return self.within_bounds and self.goes_as_its_marks_do
+
+    @property
+    def goes_as_its_marks_do(self) -> bool:
+        """Whether no kind of shot tells at the listed places that they are other marks than named."""
+        return all(abs(z) < FROZEN.levels["places_left"] for z in self.at_places.values())
 
     @property
     def within_bounds(self) -> bool:
@@ -98,6 +113,7 @@ def extend(problem: Problem, base: Fit, known: Extension | None, scored: Scored)
     improved = 0.5 * (base.misfit - fitted.misfit) / scored.inflation
     gain, error = held_out_gain(problem, base, fitted, len(own_parameters), scored.inflation)
     signal = _signal(problem, fitted, own_parameters)
+    listed = candidate.effect.marks is not None or candidate.effect.line is not None
     return Extension(
         ids=(*(known.ids if known else ()), candidate.id),
         fitted=fitted,
@@ -107,6 +123,7 @@ def extend(problem: Problem, base: Fit, known: Extension | None, scored: Scored)
         gain_error=error,
         inflation=scored.inflation,
         cause=Cause(candidate.id, signal, own, deviations),
+        at_places=left_at_places(problem, signal, fitted.residual / np.sqrt(scored.inflation)) if listed else {},
     )
 
 

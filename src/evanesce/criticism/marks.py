@@ -29,6 +29,9 @@ Array = NDArray[Any]
 MOST = 300
 """Places in a list; the strongest."""
 
+FOOTPRINT = 0.05
+"""Share of a list's largest change from which on a bin is one of its places."""
+
 FALSE_PLACES = 0.05
 """Of the places on a list, where a codec made some of what stands out."""
 
@@ -148,6 +151,33 @@ def _lined(problem: Problem, base: Fit, candidate: Candidate, template: Array) -
     own = next(p for p in candidate.parameters if p.name == name)
     amount = float(np.clip(found.amount / length / line.per_mm(1.0), *own.bounds))
     return replace(candidate, parameters=(own,), starts=({name: amount},), penalty=found.penalty)
+
+
+def left_at_places(problem: Problem, row: Array, residual: Array) -> dict[str, float]:
+    """Return what a fitted list of places leaves there in each kind of shot, over its standard deviation.
+
+    A mark is told by how it goes from kind to kind: light of hot pixels, taken for specks, is still there where no LED
+    is on. All shots count at all places, those too in which the named mark would not be seen.
+
+    Parameters
+    ----------
+    problem : Problem
+    row : ndarray (bins,)
+        Whitened change that the list makes.
+    residual : ndarray (bins,)
+        Whitened, of the fit with it.
+    """
+    change, left = problem.unwhitened(row), problem.unwhitened(residual)
+    weight = np.sqrt((change**2).sum(axis=0))
+    weight = np.where(weight > FOOTPRINT * weight.max(), weight, 0.0)
+    seen = problem.valid[list(problem.views)] * weight
+    found = {}
+    for kind in dict.fromkeys(view.kind for view in problem.kinds):
+        mine = [k for k, view in enumerate(problem.kinds) if view.kind == kind]
+        size = float(np.sqrt((seen[mine] ** 2).sum()))
+        if size > 0:
+            found[kind] = float((seen[mine] * left[mine]).sum()) / size
+    return found
 
 
 def cells(scene: Scene, shape: tuple[int, ...], where: str) -> tuple[Array, Array, float]:

@@ -26,6 +26,8 @@ SHIFT_BINS = 8 // BIN_PX
 LEVEL_GROUPS = 8
 REACH_BINS = 6
 LEAST_FRAMES = 3
+LOW_WAVES = 4
+"""Cosines each way that tell how loud noise is at low frequencies."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +118,7 @@ def noise_of(
     found = Noise(tone, levels, ratio, jitter_of(light), np.zeros((0, *shape)), True, floor_DN)
     sd = np.sqrt(found.variance(mean))
     lit = tone.variance_at(mean) / BIN_PX**2 > 4 * floor_DN**2
-    fields = _filled(contrasts / sd, lit, rng)
+    fields = _filled(_with_light(contrasts / sd, tone.slope_by_light(mean) / sd, lit, rng), lit, rng)
     return Noise(tone, levels, ratio, found.flicker, fields, True, floor_DN)
 
 
@@ -140,6 +142,39 @@ def _departures(stack: Array, tone: ExpectedTone) -> tuple[Array, Array, Array]:
     left = stack - mean - light[:, None, None] * slope
     helmert = linalg.helmert(len(stack))
     return mean, light, np.tensordot(helmert, left, 1)
+
+
+def _with_light(fields: Array, light: Array, lit: NDArray[np.bool_], rng: np.random.Generator) -> Array:
+    """Return whitened contrasts (n, rows, cols), noise of a frame's light and mean put back.
+
+    The fit of each frame's light takes its jitter and with it the noise of that shape, so that views seem to be known
+    better than they are. The mean is the one pattern that shifts of the fields leave as it is: as few fields as there
+    are replicates would say how loud it is, with an error of a third. So both get what the lowest frequencies beside
+    them show, which are many.
+
+    Parameters
+    ----------
+    fields : ndarray (n, rows, cols)
+    light : ndarray (rows, cols)
+        Whitened change by the light.
+    lit : ndarray of bool (rows, cols)
+    rng : numpy.random.Generator
+    """
+    shapes = np.array([np.where(lit, light, 0.0), lit.astype(float)]).reshape(2, -1)
+    if not lit.any() or not shapes[0].any():
+        return fields
+    basis, upper = linalg.qr(shapes.T, mode="economic")
+    basis = basis.T[np.abs(np.diag(upper)) > 1e-6 * np.abs(upper).max()].reshape(-1, *lit.shape)
+    waves = [np.cos(np.pi * k * (np.arange(n) + 0.5) / n) for n in lit.shape for k in range(LOW_WAVES)]
+    down, right = waves[:LOW_WAVES], waves[LOW_WAVES:]
+    low = [np.outer(d, r) * lit for i, d in enumerate(down) for j, r in enumerate(right) if i + j > 0]
+    seen = [np.tensordot(fields, wave, 2) ** 2 / max(float((wave**2).sum()), 1e-12) for wave in low]
+    white = float((fields**2)[:, lit].mean()) if lit.any() else 1.0
+    louder = max(float(np.mean(seen)) / max(white, 1e-12), 1.0)
+    mixed = rng.standard_normal((len(fields), len(basis)))
+    mixed *= np.sqrt(louder / (mixed**2).mean(axis=0))
+    taken = np.tensordot(fields, basis, ([1, 2], [1, 2]))
+    return np.asarray(fields + np.tensordot(mixed - taken, basis, 1))
 
 
 def _by_level(parts: list[tuple[Array, Array, Array]], tone: ExpectedTone, floor_DN: float) -> tuple[Array, Array]:

@@ -90,7 +90,7 @@ def promising(scored: Sequence[Scored]) -> list[Scored]:
 
 
 def acceptable(extension: Extension, known: Extension | None, library: int) -> bool:
-    """Tell whether an extension may be built upon: it predicts the unseen, is worth its prior, and is off its bounds.
+    """Tell whether an extension may be built upon: it predicts the unseen, is worth its prior, and is possible.
 
     A further cause has to bring a share of what the first ones did (``second_share``).
 
@@ -109,7 +109,7 @@ def acceptable(extension: Extension, known: Extension | None, library: int) -> b
     # What a cause named already leaves is first of all its own form, which no library knows to a few per cent.
     over = 0.0 if known is None else FROZEN.levels["second_share"] * known.log_bayes
     worth = extension.log_bayes - (0.0 if known is None else known.log_bayes) > over
-    return gained and worth and odds > FROZEN.levels["accept_nats"] and extension.within_bounds
+    return gained and worth and odds > FROZEN.levels["accept_nats"] and extension.possible
 
 
 def log_odds(found: Posterior, ids: tuple[str, ...], against: tuple[tuple[str, ...], ...]) -> float:
@@ -126,15 +126,13 @@ def rivals(fitted: Sequence[Extension], ids: tuple[str, ...], metric: Any) -> li
     return [
         e
         for k, e in enumerate(fitted)
-        if k != number
-        and e.within_bounds
-        and e.log_bayes > best - levels["ambiguous_nats" if k in near else "rival_nats"]
+        if k != number and e.possible and e.log_bayes > best - levels["ambiguous_nats" if k in near else "rival_nats"]
     ]
 
 
 def rivals_without_best(findings: Findings) -> list[Extension]:
     """Return the causes that come nearest where none was worth its prior."""
     least = FROZEN.levels["least_nats"]
-    fitted = [e for e in (findings.rounds[0] if findings.rounds else []) if e.within_bounds and e.log_bayes > least]
+    fitted = [e for e in (findings.rounds[0] if findings.rounds else []) if e.possible and e.log_bayes > least]
     best = max((e.log_bayes for e in fitted), default=0.0)
     return sorted((e for e in fitted if e.log_bayes > best - FROZEN.levels["rival_nats"]), key=lambda e: -e.log_bayes)

@@ -391,7 +391,7 @@ def test_truth_shuffled_among_answers_is_chance() -> None:
 def test_what_an_exposure_hides_is_no_strength() -> None:
     """Rationale: a plate that takes a fifth of the light had a strength of 20 by the tone curve's bend along exposure.
 
-    Light that is less by two fifths is nothing once the exposure is fitted; taken as a straight line it is a great deal.
+    Two fifths less light is nothing once the exposure is fitted; taken as a straight line it is a great deal.
     """
 
     class Dimmer(Hidden):

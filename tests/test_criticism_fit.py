@@ -15,6 +15,7 @@ from evanesce.criticism.noise import noise_of
 from evanesce.criticism.parameters import Parameter, derivative
 from evanesce.criticism.predict import scene_with
 from evanesce.criticism.problem import Problem, fit
+from evanesce.criticism.residuals import noise_draws
 from evanesce.criticism.score import score_test
 from evanesce.criticism.signatures import Signature, signature_of
 from evanesce.criticism.views import View
@@ -207,3 +208,17 @@ def test_believed_effects_are_where_a_candidate_starts():
     found = {c.id: c for c in candidates_of(scene, {"press"})}["vignetting"]
     assert {p.name: p.null for p in found.parameters}["vignetting:k"] == 0.2
     assert scene_with(scene, {"vignetting:k": 0.25}).effects["vignetting"]["k"] == 0.25
+
+
+@pytest.mark.parametrize("reach", [0.5, 2.0, 30.0])
+def test_draws_hold_nuisances_by_their_priors(toy, reach):
+    """Closed form: of a nuisance that moves the data by ``reach`` a prior deviation, noise and it together leave
+    1 / sqrt(1 + reach^2) along it; noise alone would leave 1 / (1 + reach^2). 600 draws know that to 3 %."""
+    rng = np.random.default_rng(3)
+    problem = problem_of(toy, toy.cube({}), noise_fields(rng, 0))
+    row = problem.whitened(toy.maps["@n"])
+    size = float(np.sqrt(row @ row))
+    base = fit(problem, [parameter("@n", deviation=reach / size)], {})
+    left = np.concatenate([draws.cube for draws in noise_draws(problem, base, 600, rng)])
+    along = np.tensordot(left, problem.unwhitened(row / size), 3)
+    assert along.std() == pytest.approx(1 / np.hypot(1, reach), rel=0.12)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from evanesce.criticism.candidates import candidates_of
 from evanesce.criticism.lines import brightest_line
-from evanesce.criticism.marks import cells, standing_out, without_places
+from evanesce.criticism.marks import cells, left_at_places, standing_out, without_places
 from evanesce.criticism.predict import Predictor
 from evanesce.criticism.views import BIN_PX, View, binned
 from evanesce.effects import Context, active_effects, all_effects
@@ -246,3 +247,28 @@ def test_a_list_alone_switches_the_effect_on_and_draws_nothing(name: str) -> Non
     assert effect.is_null(effect.parameters(**lists))
     assert not effect.is_null(effect.parameters(marks=1.0, **lists))
     assert effect.marks.scale == "marks"
+
+
+def test_places_tell_hot_pixels_from_specks_where_no_light_is_on() -> None:
+    """Rationale: hot pixels that the library lacked were named specks, three times of three.
+
+    Marks of another kind leave their light at the same places of the dark shots: 40 places of 1 deviation each in two
+    shots are sqrt(40 * 2) there, and what the fit has explained leaves noise.
+    """
+    rng = np.random.default_rng(4)
+    kinds = [View(kind=k) for k in ("press", "press", "lens_cap", "lens_cap", "checkerboard")]
+    shape = (len(kinds), ROWS, COLS)
+    problem = SimpleNamespace(
+        kinds=kinds, views=tuple(range(5)), valid=np.ones(shape, bool), unwhitened=lambda row: row.reshape(shape)
+    )
+    footprint = np.zeros((ROWS, COLS))
+    footprint.flat[rng.choice(ROWS * COLS, 40, replace=False)] = 1.0
+    lit = np.array([1.0, 1.0, 0.0, 0.0, 0.0])[:, None, None] * footprint
+    noise = rng.standard_normal(shape)
+    specks = left_at_places(problem, lit.ravel(), noise.ravel())
+    assert set(specks) == {"press", "lens_cap", "checkerboard"}
+    assert max(abs(z) for z in specks.values()) < 4.0
+    dark = np.array([0.0, 0.0, 1.0, 1.0, 0.0])[:, None, None] * footprint
+    hot = left_at_places(problem, lit.ravel(), (noise + dark).ravel())
+    assert hot["lens_cap"] - specks["lens_cap"] == pytest.approx(np.sqrt(80), rel=1e-6)
+    assert hot["press"] == pytest.approx(specks["press"])

@@ -127,8 +127,8 @@ def _plain(met: bool) -> str:
 
 def beside(records: Sequence[Record]) -> Iterator[Row]:
     """Yield lines that compare the critic with the baselines that saw the same bundles."""
-    names = sorted({name for record in records for name in record.get("beside", {})})
     same = [r for r in records if r.get("beside") and "error" not in r]
+    names = sorted(set.intersection(*(set(r["beside"]) for r in same))) if same else []
     loud = [r for r in same if r["truth"]["group"] == "single" and r["truth"]["strengths"][0] >= 7]
     nulls = [r for r in same if r["truth"]["group"] == "null"]
     for name in ("the critic", *names):

@@ -155,6 +155,7 @@ def confusion(records: Sequence[Record]) -> dict[str, dict[str, int]]:
         truth = record["truth"]
         if truth["group"] != "double":
             name = truth["causes"][0] if truth["causes"] else "none"
+            name += " (taken out)" if truth["group"] == "removed" else ""
             table[name][top(record)] += 1
     return {name: dict(counts.most_common()) for name, counts in sorted(table.items())}
 

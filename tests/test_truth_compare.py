@@ -127,6 +127,6 @@ def test_any_disc(row: float, col: float, radius: float, outwards: float) -> Non
     estimate = radius_from(row, col) < radius + outwards
     displacement, _ = boundary_displacement(estimate, coverage(radius, (row, col)), np.ones(SHAPE))
     # A small disc about a pixel's middle is eight times the same steps, so that it is larger or smaller than drawn by a
-    # quarter of a pixel: its own area tells by how much. Few points (25 at radius 4), and the worst of many tries counts.
+    # quarter of a pixel; its own area tells by how much. Few points (25 at radius 4), the worst of many tries counts.
     outwards = np.sqrt(estimate.sum() / np.pi) - radius
     assert displacement.mean() == pytest.approx(outwards, abs=0.05 + 1.0 / np.sqrt(displacement.size))

@@ -102,6 +102,8 @@ def weigh(case: Case, findings: Findings, left: Residuals, signatures: Sequence[
     sd = case.problem.sd[list(case.problem.views)]
     findings.flexible = fit_flexible(remains, sd, _projection(case, fitted))
     rings = battery is not None and not case.codec and battery.global_p < FROZEN.levels["false_alarm"]
+    # Marks of a kind that the library lacks are structure, whether or not the battery may be listened to.
+    rings = rings or (findings.best is None and other_marks > FROZEN.levels["accept_nats"])
     loud = log_bayes_of_p(battery.global_p) if battery is not None and not case.codec else 0.0
     extra = max(findings.flexible.evidence, loud) if rings else loud
     if findings.best is None:

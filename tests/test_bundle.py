@@ -103,6 +103,18 @@ def test_a_bundle_filled_by_hand_is_read(hand: Path) -> None:
     assert scene_at(bundle.scene, bundle.press[3]).leds.voltage_V == 9.4
 
 
+def test_a_finger_on_its_way_is_seen_by_frames_that_follow_at_once(hand: Path) -> None:
+    """Of a hold a steady velocity would make nonsense; what needs motion is not judged there."""
+    table = hand / "press.csv"
+    lines = table.read_text().splitlines()
+    assert "rolling_skew" in contents(read_bundle(hand))["cannot_be_named"]
+    first, second = (line.split(",") for line in lines[1:3])
+    assert first[2] != second[2]
+    second[1] = str(float(first[1]) + 0.25)
+    table.write_text("\n".join([*lines[:2], ",".join(second), *lines[3:]]) + "\n")
+    assert "motion" in read_bundle(hand).available
+
+
 def test_without_voltage_and_displacement_the_scene_speaks_and_they_are_not_available(hand: Path) -> None:
     rows = list(csv.reader((hand / "press.csv").read_text().splitlines()))
     (hand / "press.csv").write_text("".join(",".join(row[:3]) + "\n" for row in rows))

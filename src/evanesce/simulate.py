@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from evanesce import rng
-from evanesce.effects import Context, Stage, active_effects, apply_stage
+from evanesce.effects import Context, Stage, active_effects, all_effects, apply_stage
 from evanesce.effects.protocol import ANY_SCENE
 from evanesce.rig import Scene
 from evanesce.sensor.expose import charge_of, frame_of, signal_of
@@ -147,6 +147,9 @@ def simulate_card(
     """
     from evanesce.render.cards import checkerboard_of, pose_of, render_card, square_of
 
+    # What makes the LEDs' light ripple has no light to do so.
+    ripples = {name for name in scene.effects if all_effects()[name].bands}
+    scene = scene.model_copy(update={"effects": {n: table for n, table in scene.effects.items() if n not in ripples}})
     rig, _ = touch(scene, None, seed=seed, time_s=time_s, index=index, file=file)
     card = checkerboard_of(rig.card) if which == "checkerboard" else square_of(rig.card)
     light_seed = rng.integer_seed(seed, "card", which, index)

@@ -13,6 +13,7 @@ MISSING = {
     "voltage": "press frames at two LED voltages or more",
     "force": "press frames at two forces or more",
     "time": "a hold of at least 10 s",
+    "motion": "press frames at most 0.5 s apart while the force changes",
     "displacement": "displacement_mm in press.csv",
     "replicates": "two frames or more of a held state: without them the false-alarm rate is not controlled",
     "led_off": "frames with the LEDs off",

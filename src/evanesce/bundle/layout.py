@@ -23,17 +23,21 @@ AUXILIARY = ("led_off", "lens_cap", "checkerboard", "square")
 """Folders of shots that need no table."""
 
 OBSERVABLES = (
-    "press", "voltage", "force", "time", "displacement", "replicates", "led_off", "lens_cap", "checkerboard", "square",
-    "series",
+    "press", "voltage", "force", "time", "motion", "displacement", "replicates", "led_off", "lens_cap", "checkerboard",
+    "square", "series",
 )  # fmt: skip
 """What a bundle may hold; effects name what they need in these words.
 
 ``press``: frames of presses; ``voltage``, ``force``: at least two of them; ``time``: frames of one held state that lie
-at least :data:`LEAST_DWELL_S` apart; ``displacement``: given for each frame; the rest: folders of that name.
+at least :data:`LEAST_DWELL_S` apart; ``motion``: frames of a finger on its way, :data:`MOST_STEP_S` apart at most, or a
+rig that slides it; ``displacement``: given for each frame; the rest: folders of that name.
 """
 
 LEAST_DWELL_S = 10.0
 """Shortest hold of one state from which anything slow can be seen [s]."""
+
+MOST_STEP_S = 0.5
+"""Longest time between two frames of unlike forces in which the finger was surely on its way [s]."""
 
 SAME_FORCE = (0.01, 0.02)
 """Absolute [N] and relative difference of forces that count as one condition: a load cell never repeats a figure."""

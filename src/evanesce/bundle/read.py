@@ -20,6 +20,7 @@ from evanesce.bundle.layout import (
     HELD,
     LEAST_DWELL_S,
     MEASUREMENT_FILE,
+    MOST_STEP_S,
     PRESS_FOLDER,
     PRESS_TABLE,
     REPLICATES_FOLDER,
@@ -162,6 +163,8 @@ class Bundle:
                 found.add("force")
             if any(s.held_s >= LEAST_DWELL_S for s in self.press):
                 found.add("time")
+            if self.scene.slide is not None or any(map(_moving, self.press, self.press[1:])):
+                found.add("motion")
             if not any(np.isnan(s.displacement_mm) for s in self.press):
                 found.add("displacement")
         if len(self.replicates) > 1:
@@ -371,3 +374,9 @@ def _read_series(root: Path, described: _Measurement) -> Mapping[str, Series]:
         inside(root, f"{SERIES_FOLDER}/{path.name}", None)
         found[path.stem] = read_series(path, {k: float(v) for k, v in described.series.get(path.stem, {}).items()})
     return MappingProxyType(found)
+
+
+def _moving(one: Shot, following: Shot) -> bool:
+    """Tell whether the finger was on its way between two frames."""
+    close = one.session == following.session and following.time_s - one.time_s <= MOST_STEP_S
+    return close and not same_force(one.force_N, following.force_N)

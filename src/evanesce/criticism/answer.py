@@ -15,6 +15,7 @@ from evanesce.criticism.evidence import Evidence, Ranked, Shown
 from evanesce.criticism.extend import Extension, intervals
 from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.locked import LockedGain
+from evanesce.criticism.marks import BESIDE
 from evanesce.criticism.posterior import Posterior
 from evanesce.criticism.predict import scene_with
 from evanesce.criticism.score import ScoreTest
@@ -178,6 +179,8 @@ def _set_aside(extension: Extension) -> str:
         return "a parameter is at its bound"
     if not extension.goes_as_its_marks_do:
         kind, z = max(extension.at_places.items(), key=lambda item: abs(item[1]))
+        if kind.startswith(BESIDE):
+            return f"its places are the middle of something larger: {z:+.1f} standard deviations {kind}"
         return f"its places show other marks in the {kind.replace('_', ' ')} shots ({z:+.1f} standard deviations)"
     return ""
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
+from scipy import fft, ndimage
 from scipy.sparse import csr_matrix, vstack
 
 from evanesce.criticism.battery_data import Draws, Residuals, Statistic
@@ -26,6 +26,12 @@ Array = NDArray[Any]
 
 SCALES_BINS = (0.0, 1.0, 2.5, 6.0)
 """Widths over which local maxima are sought [bins]."""
+
+RINGS, RINGS_TO = 16, 1.5
+"""Rings of equal area in a contact, and as far out as this many times its area."""
+
+FAINT = 1e-3
+"""Share of a pattern's largest value below which it is left out."""
 
 
 class _Linear:
@@ -74,11 +80,13 @@ def battery_tests(residuals: Residuals) -> dict[str, Statistic]:
     tests: dict[str, Statistic] = {}
     found = contrasts(residuals.kinds, residuals.covariates, residuals.valid)
     for k, name in enumerate(found.names):
-        tests |= _map_tests(name, k, found)
+        light = np.sqrt(np.tensordot(found.weights[k] ** 2, np.where(residuals.valid, residuals.level, 0.0) ** 2, 1))
+        tests |= _map_tests(name, k, found, light.astype(np.float32))
     if "mean" in found.names:
         tests |= _line_tests(found, residuals)
         linear = _Linear(residuals)
         tests |= _profile_tests(residuals, linear)
+        tests |= _edge_tests(residuals, found, linear)
         tests |= _view_tests(residuals, linear)
     for name, values in residuals.series.items():
         if np.asarray(values).size >= 4:
@@ -86,8 +94,8 @@ def battery_tests(residuals: Residuals) -> dict[str, Statistic]:
     return tests
 
 
-def _map_tests(name: str, k: int, found: Contrasts) -> dict[str, Statistic]:
-    """Return the tests of one contrast's map: smooth, local at several scales, neighbours alike."""
+def _map_tests(name: str, k: int, found: Contrasts, light: Array) -> dict[str, Statistic]:
+    """Return the tests of one contrast's map: smooth, local at several scales, neighbours alike, waves of its light."""
     basis_y, basis_x = (b.astype(np.float32) for b in cosine_features(found.seen.shape[1:]))
 
     def m(draws: Draws) -> Array:
@@ -111,10 +119,17 @@ def _map_tests(name: str, k: int, found: Contrasts) -> dict[str, Statistic]:
 
         return of
 
+    def waves(draws: Draws) -> Array:
+        # Fringes multiply the light: where there is none they add but noise. Slow waves are for the other tests.
+        power = np.abs(fft.rfft2(m(draws) * light, axes=(1, 2))) ** 2
+        power[:, :3, :3] = power[:, -2:, :3] = 0.0
+        return np.asarray(power.max(axis=(1, 2)))
+
     tests = {
         f"{name}: cosine power": Statistic(lambda d: (cosines(d) ** 2).sum(axis=(1, 2)), "sum"),
         f"{name}: largest cosine": Statistic(lambda d: np.abs(cosines(d)).max(axis=(1, 2)), "largest"),
         f"{name}: neighbours alike (Moran)": Statistic(neighbours, "normal"),
+        f"{name}: periodogram of the map": Statistic(waves, "largest"),
     }
     for scale in SCALES_BINS:
         tests[f"{name}: local maximum, {scale:g} bins"] = Statistic(peak(scale), "largest")
@@ -185,6 +200,70 @@ def _profile_tests(residuals: Residuals, linear: _Linear) -> dict[str, Statistic
         waves = np.stack([np.cos(phase), np.sin(phase)])[None] * inside[:, None]
         tests["ridge band"] = _squares(linear.templates(_one_view_each(waves, press)))
     return tests
+
+
+def _edge_tests(residuals: Residuals, found: Contrasts, linear: _Linear) -> dict[str, Statistic]:
+    """Return the tests of the contact's outline: where it lies and how soft it is, by direction, and rings within.
+
+    An outline that moves changes the frame by the level's gradient, one that softens by its curvature; either as
+    force, voltage or time go, alike all around or as two or four sectors.
+    """
+    contacts = [_contact(residuals, k) for k in range(len(residuals.kinds))]
+    if not any(c is not None for c in contacts):
+        return {}
+    down = np.gradient(residuals.gradient[:, 1], axis=1)
+    right = np.gradient(residuals.gradient[:, 0], axis=2)
+    shapes = {"moves": np.hypot(residuals.gradient[:, 0], residuals.gradient[:, 1]), "softens": down + right}
+    tests: dict[str, Statistic] = {}
+    for name, shape in shapes.items():
+        templates = []
+        for k, contrast in enumerate(found.names):
+            if contrast in ("mean", "voltage", "force", "time", "displacement"):
+                templates += _sectors(shape * found.weights[k][:, None, None], contacts, linear.pressed)
+        of = linear.templates(np.array(templates))
+        tests[f"outline {name}: sum"] = _squares(of)
+        tests[f"outline {name}: largest"] = Statistic(_largest(of), "largest")
+    rings = np.full(linear.pressed.shape, -1)
+    for k, contact in enumerate(contacts):
+        if contact is not None:
+            share = contact[0] ** 2
+            rings[k] = np.where(share < RINGS_TO, np.floor(share * RINGS), -1)
+    of_rings = linear.means(rings)
+    # Rings that alternate are a wave along the shares of the area, whatever their phase.
+    return tests | {
+        "radius over the contact's: sum": _squares(of_rings),
+        "radius over the contact's: periodogram": Statistic(lambda d: _periodogram(of_rings(d)), "largest"),
+    }
+
+
+def _periodogram(series: Array) -> Array:
+    """Return the largest power of series (points, draws) at any but the lowest frequency."""
+    power = np.abs(np.fft.rfft(series - series.mean(axis=0), axis=0)) ** 2
+    return np.asarray(power[1:].max(axis=0))
+
+
+def _contact(residuals: Residuals, view: int) -> tuple[Array, Array] | None:
+    """Return distance (rows, cols) from the contact's middle over its radius, and direction [rad]; None without one."""
+    distance = residuals.distance_mm[view]
+    inside = distance < 0
+    if residuals.kinds[view] != "press" or not inside.any():
+        return None
+    x, y = (place - place[inside].mean() for place in (residuals.x_mm, residuals.y_mm))
+    radius = float(np.hypot(x, y)[inside].mean()) * 1.5  # of a disc, whose points are at two thirds on average
+    return np.hypot(x, y) / radius, np.arctan2(y, x)
+
+
+def _sectors(shape: Array, contacts: Sequence[tuple[Array, Array] | None], pressed: NDArray[np.bool_]) -> list[Array]:
+    """Return a pattern (views, rows, cols) times 1, cosine and sine of the direction and of twice it."""
+    found = []
+    for wave in (lambda a: np.ones_like(a), np.cos, np.sin, lambda a: np.cos(2 * a), lambda a: np.sin(2 * a)):
+        template = np.zeros(shape.shape, np.float32)
+        for k, contact in enumerate(contacts):
+            if contact is not None:
+                template[k] = np.where(pressed[k], shape[k] * wave(contact[1]), 0.0)
+        template[np.abs(template) < FAINT * np.abs(template).max(initial=0.0)] = 0.0
+        found.append(template)
+    return found
 
 
 def _places(order: Array, views: int) -> Array:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.criticism.bands import with_bands
 from evanesce.criticism.candidates import Candidate, candidates_of
 from evanesce.criticism.codec import codec_parameters, codec_variance, noise_by_bins
 from evanesce.criticism.fine import fine_cube
@@ -97,6 +98,7 @@ def prepare(observation: Observation, seed: int, exclude: Collection[str] = ()) 
     candidates = (
         without_places(library) if size.silent else with_places(fitted_problem, fitted, library, codec=size.codec)
     )
+    candidates = with_bands(fitted_problem, fitted, candidates)
     case = Case(observation, fitted_problem, fitted, candidates, seed, size.codec)
     if not noise.measured:
         case.notes.append("no replicates: the noise is the camera's own model, false alarms are not controlled")

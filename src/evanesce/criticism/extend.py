@@ -13,7 +13,7 @@ from evanesce.criticism.candidates import Candidate
 from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.gain import leave_one_out
 from evanesce.criticism.isolability import Cause
-from evanesce.criticism.marks import left_at_places
+from evanesce.criticism.marks import left_at_places, left_beside
 from evanesce.criticism.parameters import Parameter, moved, value_of
 from evanesce.criticism.predict import scene_with
 from evanesce.criticism.problem import Fit, Problem, derivatives, fit, predicted_part
@@ -49,7 +49,7 @@ class Extension:
     cause : Cause
         Of the last candidate, for distances.
     at_places : mapping of str to float
-        For places taken from the data: what is left there in each kind of shot [standard deviations].
+        For places taken from the data: what is left there in each kind of shot, and about them [standard deviations].
     """
 
     ids: tuple[str, ...]
@@ -69,7 +69,7 @@ class Extension:
 
     @property
     def goes_as_its_marks_do(self) -> bool:
-        """Whether no kind of shot tells at the listed places that they are other marks than named."""
+        """Whether nothing at the listed places or about them tells that they are other marks than named."""
         return all(abs(z) < FROZEN.levels["places_left"] for z in self.at_places.values())
 
     @property
@@ -113,7 +113,10 @@ def extend(problem: Problem, base: Fit, known: Extension | None, scored: Scored)
     improved = 0.5 * (base.misfit - fitted.misfit) / scored.inflation
     gain, error = held_out_gain(problem, base, fitted, len(own_parameters), scored.inflation)
     signal = _signal(problem, fitted, own_parameters)
-    listed = candidate.effect.marks is not None or candidate.effect.line is not None
+    at_places: dict[str, float] = {}
+    if candidate.effect.marks is not None or candidate.effect.line is not None:
+        left = fitted.residual / np.sqrt(scored.inflation)
+        at_places = left_at_places(problem, signal, left) | left_beside(problem, signal, left)
     return Extension(
         ids=(*(known.ids if known else ()), candidate.id),
         fitted=fitted,
@@ -123,7 +126,7 @@ def extend(problem: Problem, base: Fit, known: Extension | None, scored: Scored)
         gain_error=error,
         inflation=scored.inflation,
         cause=Cause(candidate.id, signal, own, deviations),
-        at_places=left_at_places(problem, signal, fitted.residual / np.sqrt(scored.inflation)) if listed else {},
+        at_places=at_places,
     )
 
 

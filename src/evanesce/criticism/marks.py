@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.criticism.candidates import Candidate
+from evanesce.criticism.features import smoothed
 from evanesce.criticism.lines import brightest_line
 from evanesce.criticism.parameters import Parameter, moved
 from evanesce.criticism.problem import Fit, Problem, predicted_part
@@ -34,6 +35,9 @@ FOOTPRINT = 0.05
 
 FALSE_PLACES = 0.05
 """Of the places on a list, where a codec made some of what stands out."""
+
+BESIDE = "beside them, over"
+"""Begins the names of what is left about places."""
 
 
 @dataclass(frozen=True)
@@ -177,6 +181,33 @@ def left_at_places(problem: Problem, row: Array, residual: Array) -> dict[str, f
         size = float(np.sqrt((seen[mine] ** 2).sum()))
         if size > 0:
             found[kind] = float((seen[mine] * left[mine]).sum()) / size
+    return found
+
+
+BESIDE_BINS = (2.0, 4.0, 8.0)
+"""How far about a list's places what it explains is looked for [bins, standard deviation]."""
+
+
+def left_beside(problem: Problem, row: Array, residual: Array) -> dict[str, float]:
+    """Return what a fitted list of places leaves about them, along its own change made wider, over its deviation.
+
+    A mark is as small as the lens draws it. Of a larger bright spot the marks that stand out most are only the middle.
+
+    Parameters
+    ----------
+    problem, row, residual
+        As for :func:`left_at_places`.
+    """
+    change, left = (problem.unwhitened(part).astype(np.float32) for part in (row, residual))
+    valid = problem.valid[list(problem.views)]
+    found = {}
+    for wide in BESIDE_BINS:
+        wider = np.array([smoothed(np.ascontiguousarray(one), wide) for one in change]) * valid
+        # What is alike at the places themselves is for the list's own amplitude.
+        wider -= float((wider * change).sum()) / max(float((change**2).sum()), 1e-30) * change
+        size = float(np.sqrt((wider**2).sum()))
+        if size > 0:
+            found[f"{BESIDE} {wide:g} bins"] = float((wider * left).sum()) / size
     return found
 
 

@@ -203,7 +203,8 @@ class Predictor:
         active = {name for name in scene.effects}
         timeless = active <= self._known - self._timed and scene.slide is None
         moment = () if timeless else (view.time_s, view.index)
-        state = (view.kind if view.is_card or not view.touches else "touch", view.force_N, view.voltage_V)
+        averaged = view.frames > 1 and any(all_effects()[name].bands for name in active)
+        state = (view.kind if view.is_card or not view.touches else "touch", view.force_N, view.voltage_V, averaged)
         key = (repr(scene.effects), nuisances, state, moment)
         found = self._bins.get(key, lambda: self._bins_of(self.picture(scene, view, nuisances)))
         return found
@@ -226,7 +227,7 @@ class Predictor:
     def picture(self, scene: Scene, view: View, nuisances: Nuisances) -> Array:
         """Return the mean frame of a view of a scene, effects in it [DN]."""
         lit = scene.model_copy(update={"leds": scene.leds.model_copy(update={"voltage_V": view.voltage_V})})
-        effects = tuple(e for e in active_effects(lit) if not e.effect.is_null(e.parameters))
+        effects = tuple(e for e in active_effects(lit) if not e.effect.is_null(e.parameters) and _shows(e, view))
         context = Context(lit, SEED, view.time_s, view.index)
         rig = self._apply(Stage.RIG, lit, effects, context)
         context = Context(rig, SEED, view.time_s, view.index)
@@ -362,6 +363,11 @@ def finer_view(rig: Scene, finer: int) -> IdealView:
     (rows, cols), (px, py) = view.shape, view.principal_point
     middle = (finer - 1) / 2
     return IdealView((rows * finer, cols * finer), view.focal_px * finer, (px * finer + middle, py * finer + middle))
+
+
+def _shows(entry: Active, view: View) -> bool:
+    """Tell whether a view shows an effect: bands average out in many frames, and cards are lit by the room."""
+    return entry.effect.bands is None or (view.frames == 1 and not view.is_card)
 
 
 def _dark(rig: Scene) -> PlateLight:

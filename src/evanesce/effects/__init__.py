@@ -14,6 +14,7 @@ from evanesce.effects.protocol import (
     ANY_SCENE,
     OBSERVABLES,
     Active,
+    Bands,
     Candidate,
     Context,
     Effect,
@@ -30,6 +31,7 @@ from evanesce.rig.load import validate
 __all__ = [
     "OBSERVABLES",
     "Active",
+    "Bands",
     "Candidate",
     "Context",
     "Effect",

@@ -80,6 +80,7 @@ Observable = Literal[
     "voltage",
     "force",
     "time",
+    "motion",
     "displacement",
     "replicates",
     "led_off",
@@ -88,9 +89,9 @@ Observable = Literal[
     "square",
     "series",
 ]
-"""What a measurement may hold: frames of presses; at two or more voltages; at two or more forces; with times; with
-displacements; repeated frames of a held state; frames with LEDs off or lens capped; shots of the cards; scalar
-series."""
+"""What a measurement may hold: frames of presses; at two or more voltages; at two or more forces; of a held state over
+time; of a finger on its way; with displacements; repeated frames of a held state; frames with LEDs off or lens capped;
+shots of the cards; scalar series."""
 
 OBSERVABLES: tuple[str, ...] = get_args(Observable)
 
@@ -181,6 +182,31 @@ class Line:
     per_mm: Callable[[float], float]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Bands:
+    """How an effect that modulates the light of the LEDs from row to row takes frequency and phase from data.
+
+    Frames whose phase nobody notes have none in their mean, and a card that no LED lights has none.
+
+    Attributes
+    ----------
+    amount : str
+        Amplitude: of the light, over its mean.
+    frequency, phase : str
+        Parameters: [Hz]; of the crest at time 0 [deg].
+    readout : str
+        Parameter: from the first row's exposure to the last row's [ms].
+    share : callable
+        ``share(frequency_hz, exposure_s)``: what an exposure leaves of the amplitude, with its sign.
+    """
+
+    amount: str
+    frequency: str
+    phase: str
+    readout: str
+    share: Callable[[float, float], float]
+
+
 def listed(lists: Mapping[str, tuple[float, ...]]) -> None:
     """Refuse lists of different lengths.
 
@@ -225,6 +251,8 @@ class Effect:
         Of an effect with places of its own, which data may show.
     line : Line, optional
         Of an effect that is a line, whose place data may show.
+    bands : Bands, optional
+        Of an effect that modulates the LEDs' light from row to row, whose frequency data may show.
     """
 
     id: str
@@ -239,6 +267,7 @@ class Effect:
     start: Mapping[str, float | tuple[float, ...]] = field(default_factory=dict)
     marks: Marks | None = None
     line: Line | None = None
+    bands: Bands | None = None
 
     def __post_init__(self) -> None:
         nulls = self._nulls()

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from evanesce.effects.protocol import Context, Effect, Stage
+from evanesce.effects.protocol import Bands, Context, Effect, Stage
 from evanesce.quantities import Strict, field
 from evanesce.states import SensorLight
 
@@ -100,4 +100,11 @@ EFFECT = Effect(
     scaling="follows LED power; horizontal bands whose phase moves with time, or stands where the rates are locked",
     # Without ripple neither frequency nor phase has a derivative.
     start={"ripple": (0.05,), "frequency_hz": (100.0, 120.0), "phase_deg": (0.0, 90.0)},
+    bands=Bands(
+        amount="ripple",
+        frequency="frequency_hz",
+        phase="phase_deg",
+        readout="readout_ms",
+        share=lambda frequency_hz, exposure_s: float(np.sinc(frequency_hz * exposure_s)),
+    ),
 )

@@ -91,6 +91,7 @@ EFFECT = Effect(
     null_when="all",
     # The thesis slides at 1 to 25 mm/s and presses within some seconds.
     fitted={"velocity_x_mm_per_s": 5.0, "velocity_y_mm_per_s": 5.0, "growth_per_s": 0.3},
-    needs=("press", "time"),
+    # A steady velocity in frames of a finger that stands would carry it out of view.
+    needs=("press", "motion"),
     scaling="shear and stretch of the patch that go with its speed; none at rest, none of what lies on the glass",
 )

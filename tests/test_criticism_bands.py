@@ -1,0 +1,86 @@
+"""Bands of a rippling light: frequency and phase that the data choose, and what views show them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from evanesce.criticism.bands import brightest_bands, row_times
+from evanesce.criticism.predict import Predictor
+from evanesce.criticism.views import View
+from evanesce.rig import load_scene
+from evanesce.simulate import simulate_card
+
+ROWS, COLS, READOUT_S = 61, 17, 0.0211
+TIMES_S = np.array([0.31, 4.7, 5.9, 17.3, 30.1, 55.2, 91.7, 140.4])
+
+
+def planted(seed: int, amplitude: float, frequency_hz: float, phase_deg: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return unit noise with a triangle wave's bands in it, and what light changes; other weights everywhere."""
+    rng = np.random.default_rng(seed)
+    light = rng.uniform(2.0, 9.0, (TIMES_S.size, 1, 1)) * rng.uniform(0.1, 1.0, (1, ROWS, COLS))
+    late = row_times(ROWS, 4 * ROWS, READOUT_S)
+    cycles = frequency_hz * (TIMES_S[:, None] + late) + phase_deg / 360.0
+    wave = 4 * np.abs(np.mod(cycles, 1.0) - 0.5) - 1
+    return rng.standard_normal(light.shape) + amplitude * wave[:, :, None] * light, light
+
+
+def test_a_ripple_of_eight_deviations_has_its_frequency_and_phase() -> None:
+    """A triangle's fundamental has 8/pi^2 of its height. In frames that show little a phase is nobody's to know."""
+    frequency, phase = 131.3177, 77.0
+    _, light = planted(3, 0.0, frequency, phase)
+    amplitude = 8.0 / np.sqrt((light**2).sum() / 3)
+    residual, light = planted(3, amplitude, frequency, phase)
+    late = row_times(ROWS, 4 * ROWS, READOUT_S)
+    found = brightest_bands(residual, light, TIMES_S, late)
+    assert found is not None
+    assert found.amplitude == pytest.approx(8 / np.pi**2 * amplitude, rel=4 / 8)
+    apart = (found.frequency_hz - frequency) * TIMES_S + (found.phase_deg - phase) / 360
+    weight = (light**2).sum(axis=(1, 2))
+    # The best of many frequencies may have two deviations of 8 from noise; one by chance agrees by 1/sqrt(8).
+    assert abs(weight @ np.exp(2j * np.pi * apart)) / weight.sum() > 1 - 2 / 8
+
+
+def test_noise_has_hardly_ever_bands() -> None:
+    late = row_times(ROWS, 4 * ROWS, READOUT_S)
+    found = [brightest_bands(*planted(seed, 0.0, 100.0, 0.0), TIMES_S, late) for seed in range(40)]
+    # A choice that costs its odds is worth it in some per cent of all cases.
+    assert sum(f is not None for f in found) <= 4
+
+
+def test_a_mean_light_that_is_off_is_no_band() -> None:
+    """Light of each frame is a nuisance."""
+    residual, light = planted(5, 0.0, 100.0, 0.0)
+    residual = residual + 0.3 * np.sin(np.arange(TIMES_S.size))[:, None, None] * light
+    assert brightest_bands(residual, light, TIMES_S, row_times(ROWS, 4 * ROWS, READOUT_S)) is None
+
+
+def test_frequencies_that_cannot_be_seen_are_not_tried() -> None:
+    _, light = planted(3, 0.0, 120.0, 0.0)
+    residual, light = planted(3, 30.0 / np.sqrt((light**2).sum() / 3), 120.0, 0.0)
+    late = row_times(ROWS, 4 * ROWS, READOUT_S)
+    found = brightest_bands(residual, light, TIMES_S, late, lambda f: f > 160.0)
+    assert found is None or found.frequency_hz > 160.0
+
+
+def test_bands_average_out_and_cards_have_none() -> None:
+    scene = load_scene("thesis", {"camera.resolution_px": [48, 36], "camera.scale_px_per_mm": 1.7})
+    views = (
+        View(kind="press", force_N=2.3, voltage_V=9.0, time_s=1.003),
+        View(kind="replicate", force_N=2.3, voltage_V=9.0, time_s=1.003, frames=7),
+        View(kind="checkerboard"),
+    )
+    predictor = Predictor(scene, views)
+    change = predictor.cube({"rolling_shutter:ripple": 0.8}) - predictor.cube({})
+    assert np.abs(change[0]).max() > 0.5
+    assert not change[1].any()
+    assert not change[2].any()
+
+
+@pytest.mark.slow
+def test_a_card_is_lit_by_the_room_which_does_not_ripple_with_the_leds() -> None:
+    shown = {"camera.resolution_px": [96, 72], "camera.scale_px_per_mm": 3.4}
+    calm = load_scene("thesis", shown)
+    rippling = load_scene("thesis", shown | {"effects.rolling_shutter.ripple": 0.5})
+    frames = [simulate_card(s, "square", seed=4, samples_per_pixel=2, passes=1).data for s in (calm, rippling)]
+    assert np.array_equal(*frames)

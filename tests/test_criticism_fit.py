@@ -11,6 +11,7 @@ from scipy import ndimage
 import evanesce.effects
 from evanesce.criticism.candidates import Candidate, candidates_of
 from evanesce.criticism.case import settled
+from evanesce.criticism.extend import condition_of_bins
 from evanesce.criticism.noise import noise_of
 from evanesce.criticism.parameters import Parameter, derivative
 from evanesce.criticism.predict import scene_with
@@ -222,3 +223,13 @@ def test_draws_hold_nuisances_by_their_priors(toy, reach):
     left = np.concatenate([draws.cube for draws in noise_draws(problem, base, 600, rng)])
     along = np.tensordot(left, problem.unwhitened(row / size), 3)
     assert along.std() == pytest.approx(1 / np.hypot(1, reach), rel=0.12)
+
+
+def test_a_hold_is_left_out_in_thirds_and_other_conditions_whole() -> None:
+    """Creep is told by its hold alone: left out as a whole, nothing would speak of it, and its gain would be none."""
+    views = [View(kind="press", condition=k) for k in (0, 1, 1, 1, 1, 1, 1, 1, 2)] + [
+        View(kind="replicate", condition=1), View(kind="square"), View(kind="square"),
+    ]  # fmt: skip
+    problem = SimpleNamespace(kinds=views, views=range(len(views)), valid=np.ones((len(views), 1, 2), bool))
+    groups = condition_of_bins(problem)[::2]
+    assert list(groups) == [0, 1, 2, 3, 1, 2, 3, 1, 4, 2, 5, 5]

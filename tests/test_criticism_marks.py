@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from evanesce.criticism.blots import brightest_blot
 from evanesce.criticism.candidates import candidates_of
+from evanesce.criticism.extend import Extension
 from evanesce.criticism.lines import brightest_line
-from evanesce.criticism.marks import cells, left_at_places, standing_out, without_places
+from evanesce.criticism.marks import BESIDE, cells, left_at_places, left_beside, standing_out, without_places
 from evanesce.criticism.predict import Predictor
 from evanesce.criticism.views import BIN_PX, View, binned
 from evanesce.effects import Context, active_effects, all_effects
@@ -256,7 +259,8 @@ def test_places_tell_hot_pixels_from_specks_where_no_light_is_on() -> None:
     shots are sqrt(40 * 2) there, and what the fit has explained leaves noise.
     """
     rng = np.random.default_rng(4)
-    kinds = [View(kind=k) for k in ("press", "press", "lens_cap", "lens_cap", "checkerboard")]
+    kinds = [View(kind=k, force_N=2.0) for k in ("press", "press", "lens_cap", "lens_cap", "checkerboard")]
+    kinds[1] = View(kind="press", force_N=0.7, voltage_V=8.5)
     shape = (len(kinds), ROWS, COLS)
     problem = SimpleNamespace(
         kinds=kinds, views=tuple(range(5)), valid=np.ones(shape, bool), unwhitened=lambda row: row.reshape(shape)
@@ -266,9 +270,67 @@ def test_places_tell_hot_pixels_from_specks_where_no_light_is_on() -> None:
     lit = np.array([1.0, 1.0, 0.0, 0.0, 0.0])[:, None, None] * footprint
     noise = rng.standard_normal(shape)
     specks = left_at_places(problem, lit.ravel(), noise.ravel())
-    assert set(specks) == {"press", "lens_cap", "checkerboard"}
+    assert set(specks) == {"press at 2 N, 0 V", "press at 0.7 N, 8.5 V", "lens_cap", "checkerboard"}
     assert max(abs(z) for z in specks.values()) < 4.0
     dark = np.array([0.0, 0.0, 1.0, 1.0, 0.0])[:, None, None] * footprint
     hot = left_at_places(problem, lit.ravel(), (noise + dark).ravel())
     assert hot["lens_cap"] - specks["lens_cap"] == pytest.approx(np.sqrt(80), rel=1e-6)
-    assert hot["press"] == pytest.approx(specks["press"])
+    assert hot["press at 2 N, 0 V"] == pytest.approx(specks["press at 2 N, 0 V"])
+
+
+def test_what_goes_on_beside_a_list_makes_it_the_middle_of_something_larger() -> None:
+    """A spot of 5 bins about a line that was fitted leaves its rim; a line as the lens draws it leaves noise."""
+    rng = np.random.default_rng(14)
+    shape = (3, ROWS, COLS)
+    problem = SimpleNamespace(views=(0, 1, 2), valid=np.ones(shape, bool), unwhitened=lambda row: row.reshape(shape))
+    row, col = np.mgrid[0:ROWS, 0:COLS]
+    line = np.where((np.abs(row - 19) < 0.5) & (np.abs(col - 23) < 9), 1.0, 0.0) * np.ones((3, 1, 1))
+    spot = np.exp(-((row - 19.3) ** 2 + (col - 22.1) ** 2) / 50.0) * np.ones((3, 1, 1))
+    spot *= 12.0 / np.linalg.norm(spot)
+    noise = rng.standard_normal(shape)
+    rim = spot - (spot * line).sum() / (line**2).sum() * line
+    alone = left_beside(problem, line.ravel(), noise.ravel())
+    assert max(abs(z) for z in alone.values()) < 4.0
+    assert max(left_beside(problem, line.ravel(), (noise + rim).ravel()).values()) > 7.0
+
+
+@pytest.mark.parametrize(
+    ("at_places", "log_bayes", "alike"),
+    [
+        ({"press": 1.1, "led_off": -0.7, "lens_cap": 2.0}, 20.0, True),
+        ({"press": 1.1, "led_off": 4.3, "lens_cap": 3.1}, 20.0, False),  # 29.3: 2e-6 of chi-square with 3 degrees
+        ({"press": 1.1, "led_off": 4.3, "lens_cap": 3.1}, 600.0, True),  # 2.4 % of what the list explains
+        ({"press": 0.1, f"{BESIDE} 4 bins": 6.4}, 20.0, False),
+        ({"press": 0.1, f"{BESIDE} 4 bins": -6.4}, 900.0, True),
+    ],
+)
+def test_a_list_goes_as_its_marks_do(at_places: dict[str, float], log_bayes: float, alike: bool) -> None:
+    known = {f.name: None for f in fields(Extension)} | {"at_places": at_places, "log_bayes": log_bayes}
+    assert Extension(**known).goes_as_its_marks_do is alike
+
+
+# --- a spot ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_spot_has_its_place_size_and_amount() -> None:
+    """Of 12 deviations: the place to its radius over 12, here twice that."""
+    rng = np.random.default_rng(8)
+    template = rng.uniform(0.2, 1.0, VIEWS)[:, None, None] * rng.uniform(0.5, 2.0, (1, ROWS, COLS))
+    row, col = np.mgrid[0:ROWS, 0:COLS]
+    shape = np.exp(-((row - 24.2) ** 2 + (col - 17.7) ** 2) / (2 * 6.0**2)) * template
+    amount = 12.0 / np.linalg.norm(shape)
+    found = brightest_blot(rng.standard_normal(template.shape) + amount * shape, template)
+    assert found is not None
+    assert np.hypot(found.middle[0] - 17.7, found.middle[1] - 24.2) < 2 * 2**0.5 * 6.0 / 12 + 0.5
+    assert 4.2 <= found.radius <= 8.5
+    assert found.amount == pytest.approx(amount, rel=0.35)
+
+
+def test_noise_and_what_takes_light_are_no_spots() -> None:
+    rng = np.random.default_rng(9)
+    template = rng.uniform(0.2, 1.0, VIEWS)[:, None, None] * rng.uniform(0.5, 2.0, (1, ROWS, COLS))
+    named = sum(brightest_blot(rng.standard_normal(template.shape), template) is not None for _ in range(60))
+    assert named <= 3
+    row, col = np.mgrid[0:ROWS, 0:COLS]
+    shade = np.exp(-((row - 24.2) ** 2 + (col - 17.7) ** 2) / (2 * 6.0**2)) * template
+    assert brightest_blot(-12.0 / np.linalg.norm(shade) * shade, template) is None

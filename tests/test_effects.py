@@ -270,7 +270,7 @@ def test_tables_come_from_toml(tmp_path: Path) -> None:
     path = tmp_path / "dull.toml"
     path.write_text(text + "\n[effects.vignetting]\nk = 0.25\ncentre_offset_px = [31.0, -12]\n", encoding="utf-8")
     (entry,) = active_effects(load_scene(path), path)
-    assert entry.parameters.model_dump() == {"k": 0.25, "centre_offset_px": (31.0, -12.0)}
+    assert entry.parameters.model_dump() == {"k": 0.25, "exponent": 2.0, "centre_offset_px": (31.0, -12.0)}
 
 
 # --- what each does --------------------------------------------------------------------------------------------------
@@ -288,6 +288,9 @@ def test_vignetting_about_a_moved_centre() -> None:
     assert got[19, 37] == pytest.approx(1.0, abs=1e-12)
     assert got[46, 0] == pytest.approx(0.69, abs=1e-12)
     assert got[19, 37 + 10] == pytest.approx(1 - 0.31 * 100 / (37**2 + 27**2))
+    steep = run("vignetting", k=0.31, centre_offset_px=(7.0, -4.0), exponent=3.4).irradiance / light.irradiance  # type: ignore[attr-defined]
+    assert steep[46, 0] == pytest.approx(0.69, abs=1e-12)
+    assert steep[19, 37 + 10] == pytest.approx(1 - 0.31 * (10 / np.hypot(37, 27)) ** 3.4)
 
 
 def test_ambient_light_adds_a_plane() -> None:

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from evanesce.criticism.candidates import Candidate
 from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.gain import leave_one_out
 from evanesce.criticism.isolability import Cause
-from evanesce.criticism.marks import left_at_places, left_beside
+from evanesce.criticism.marks import BESIDE, left_at_places, left_beside
+from evanesce.criticism.observe import DWELL_FRAMES
 from evanesce.criticism.parameters import Parameter, moved, value_of
 from evanesce.criticism.predict import scene_with
 from evanesce.criticism.problem import Fit, Problem, derivatives, fit, predicted_part
@@ -25,6 +28,8 @@ from evanesce.rig import Scene
 Array = NDArray[Any]
 
 ROUNDS = 4
+HOLD_PARTS = 3
+"""In which a hold is left out."""
 NEAR_BOUND = 1e-3
 """Of the bounds' width."""
 
@@ -70,7 +75,13 @@ class Extension:
     @property
     def goes_as_its_marks_do(self) -> bool:
         """Whether nothing at the listed places or about them tells that they are other marks than named."""
-        return all(abs(z) < FROZEN.levels["places_left"] for z in self.at_places.values())
+        beside = [z for name, z in self.at_places.items() if name.startswith(BESIDE)]
+        at = [z for name, z in self.at_places.items() if not name.startswith(BESIDE)]
+        left = float(np.square(at).sum())
+        # Of loud marks the form alone, which no library knows to a few per cent, leaves that much.
+        form = FROZEN.levels["places_form"] * 2.0 * max(self.log_bayes, 0.0)
+        alike = left < form or float(stats.chi2.sf(left, max(len(at), 1))) > FROZEN.levels["places_p"]
+        return alike and all(abs(z) < max(FROZEN.levels["beside_left"], np.sqrt(form)) for z in beside)
 
     @property
     def within_bounds(self) -> bool:
@@ -114,9 +125,11 @@ def extend(problem: Problem, base: Fit, known: Extension | None, scored: Scored)
     gain, error = held_out_gain(problem, base, fitted, len(own_parameters), scored.inflation)
     signal = _signal(problem, fitted, own_parameters)
     at_places: dict[str, float] = {}
-    if candidate.effect.marks is not None or candidate.effect.line is not None:
-        left = fitted.residual / np.sqrt(scored.inflation)
-        at_places = left_at_places(problem, signal, left) | left_beside(problem, signal, left)
+    effect, left = candidate.effect, fitted.residual / np.sqrt(scored.inflation)
+    if effect.marks is not None or effect.line is not None or effect.blot is not None:
+        at_places = left_at_places(problem, signal, left)
+    if effect.marks is not None or effect.line is not None:
+        at_places |= left_beside(problem, signal, left)
     return Extension(
         ids=(*(known.ids if known else ()), candidate.id),
         fitted=fitted,
@@ -212,11 +225,20 @@ def held_out_gain(problem: Problem, base: Fit, extended: Fit, own: int, inflatio
 
 
 def condition_of_bins(problem: Problem) -> NDArray[np.int_]:
-    """Return the number of each whitened bin's condition; auxiliary shots are conditions of their own."""
+    """Return the number of each whitened bin's condition; auxiliary shots are conditions of their own.
+
+    A long hold is all that tells of time: it is left out in thirds, frame by frame in turn, so that what has been seen
+    of it speaks of the rest.
+    """
+    press = [view.condition for view in problem.kinds if view.kind in ("press", "replicate")]
     labels: dict[tuple[object, ...], int] = {}
-    numbers = []
+    numbers, seen = [], Counter[int]()
     for view in problem.kinds:
-        key = ("press", view.condition) if view.kind in ("press", "replicate") else (view.kind,)
+        key: tuple[object, ...] = (view.kind,)
+        if view.kind in ("press", "replicate"):
+            hold = press.count(view.condition) >= 2 * DWELL_FRAMES
+            key = ("press", view.condition, seen[view.condition] % HOLD_PARTS if hold else 0)
+            seen[view.condition] += 1
         numbers.append(labels.setdefault(key, len(labels)))
     counts = problem.valid[list(problem.views)].sum(axis=(1, 2))
     return np.repeat(numbers, counts)
@@ -224,8 +246,6 @@ def condition_of_bins(problem: Problem) -> NDArray[np.int_]:
 
 def intervals(extension: Extension, level: float = 0.90) -> dict[str, dict[str, object]]:
     """Return each effect parameter's value with its interval, by its name."""
-    from scipy import stats
-
     sd = np.sqrt(np.diag(extension.fitted.covariance(extension.inflation)))
     names = [p.name for p in extension.fitted.parameters]
     reach = float(stats.norm.ppf(0.5 + level / 2))

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.criticism.blots import brightest_blot
 from evanesce.criticism.candidates import Candidate
 from evanesce.criticism.features import smoothed
 from evanesce.criticism.lines import brightest_line
@@ -79,11 +80,13 @@ def with_places(
     templates = {c.id: template_of(problem, base, c.id, c.effect.marks) for c in searched if c.effect.marks is not None}
     found = []
     for candidate in candidates:
-        line = candidate.effect.line
+        line, blot = candidate.effect.line, candidate.effect.blot
         if candidate.id in templates:
             found.append(_placed(problem, base, candidate, templates[candidate.id], codec))
         elif candidate in searched and line is not None and line.like in templates:
             found.append(_lined(problem, base, candidate, templates[line.like]))
+        elif candidate in searched and blot is not None and blot.like in templates:
+            found.append(_blotted(problem, base, candidate, templates[blot.like]))
         else:
             found.append(candidate)
     return tuple(found)
@@ -158,10 +161,11 @@ def _lined(problem: Problem, base: Fit, candidate: Candidate, template: Array) -
 
 
 def left_at_places(problem: Problem, row: Array, residual: Array) -> dict[str, float]:
-    """Return what a fitted list of places leaves there in each kind of shot, over its standard deviation.
+    """Return what a fitted list of places leaves there in each kind or state of shots, over its standard deviation.
 
-    A mark is told by how it goes from kind to kind: light of hot pixels, taken for specks, is still there where no LED
-    is on. All shots count at all places, those too in which the named mark would not be seen.
+    A mark is told by how it goes from shot to shot: light of hot pixels, taken for specks, is still there where no LED
+    is on, and a spot that grows with the load is no film. All shots count at all places, those too in which the named
+    mark would not be seen.
 
     Parameters
     ----------
@@ -176,12 +180,33 @@ def left_at_places(problem: Problem, row: Array, residual: Array) -> dict[str, f
     weight = np.where(weight > FOOTPRINT * weight.max(), weight, 0.0)
     seen = problem.valid[list(problem.views)] * weight
     found = {}
-    for kind in dict.fromkeys(view.kind for view in problem.kinds):
-        mine = [k for k, view in enumerate(problem.kinds) if view.kind == kind]
+    names = [f"press at {v.force_N:g} N, {v.voltage_V:g} V" if v.kind == "press" else v.kind for v in problem.kinds]
+    for kind in dict.fromkeys(names):
+        mine = [k for k, name in enumerate(names) if name == kind]
         size = float(np.sqrt((seen[mine] ** 2).sum()))
         if size > 0:
             found[kind] = float((seen[mine] * left[mine]).sum()) / size
     return found
+
+
+def _blotted(problem: Problem, base: Fit, candidate: Candidate, template: Array) -> Candidate:
+    blot, scene = candidate.effect.blot, problem.predictor.scene
+    assert blot is not None
+    found = brightest_blot(problem.unwhitened(base.residual), template)
+    if found is None:
+        return replace(candidate, unseen="no spot stands out")
+    (u, v), middle = found.middle, (BIN_PX - 1) / 2
+    x, y = Projection.of(scene.camera, scene.plate).to_plate(
+        np.array([u * BIN_PX + middle]), np.array([v * BIN_PX + middle])
+    )
+    side = BIN_PX / scene.camera.scale_px_per_mm
+    problem.predictor.fixed[candidate.id] = {
+        blot.middle: [float(x[0]), float(y[0])],
+        blot.radius: found.radius * side,
+    }
+    own = next(p for p in candidate.parameters if p.name == f"{candidate.id}:{blot.amount}")
+    start = {own.name: float(np.clip(found.amount / side**2, *own.bounds))}
+    return replace(candidate, parameters=(own,), starts=(start,), penalty=found.penalty)
 
 
 BESIDE_BINS = (2.0, 4.0, 8.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -68,13 +68,32 @@ def signature_of(problem: Problem, base: Fit, candidate: Candidate) -> Signature
     at = predicted_part(base.point, base.parameters)
     try:
         if candidate.starts:
-            rows = np.array([_departure(problem, base, candidate, start) for start in candidate.starts])
-            return Signature(candidate, rows, np.ones(len(rows)), False)
+            return _rivals(problem, base, candidate)
         rows = derivatives(problem, at, candidate.parameters, base.predicted)
     except (InputError, ValueError) as error:
         return Signature(candidate, nothing, np.zeros(0), True, f"cannot be predicted here: {error}")
     deviations = np.array([p.deviation for p in candidate.parameters])
     return Signature(candidate, rows, deviations, True)
+
+
+def _rivals(problem: Problem, base: Fit, candidate: Candidate) -> Signature:
+    """Return the signature of a candidate with starts; those that this rig cannot have are left out.
+
+    Raises
+    ------
+    InputError
+        If it can have none of them.
+    """
+    rows, starts, refused = [], [], None
+    for start in candidate.starts:
+        try:
+            rows.append(_departure(problem, base, candidate, start))
+            starts.append(start)
+        except InputError as error:
+            refused = error
+    if refused is not None and not starts:
+        raise refused
+    return Signature(replace(candidate, starts=tuple(starts)), np.array(rows), np.ones(len(rows)), False)
 
 
 def _departure(problem: Problem, base: Fit, candidate: Candidate, start: Point) -> Array:

@@ -55,6 +55,6 @@ EFFECT = Effect(
     # A failed segment is off or dim; which one, nothing tells before.
     fitted={"loss": 0.5, "first": 8.0},
     scaling="follows LED power: a smooth loss towards one place at the edge, and holes in the reflections there",
-    # Which LED it is has no derivative. Numbers beyond the rig's last LED are an InputError.
-    start={"loss": (0.8,), "first": tuple(float(i) for i in range(0, 27, 3))},
+    # Which LED it is has no derivative. Numbers beyond the rig's last LED are an InputError and no start.
+    start={"loss": (0.8,), "first": tuple(float(i) for i in range(0, 48, 2))},
 )

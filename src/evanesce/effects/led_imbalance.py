@@ -51,6 +51,6 @@ EFFECT = Effect(
     # Assumed: twice the width of a flux bin.
     fitted={"contrast": 0.2, "direction_deg": 60.0},
     scaling="follows LED power: a slope over the contact, the same share at every voltage",
-    # Directions have no derivative without a contrast; it may be negative, so two span all.
-    start={"contrast": (0.2,), "direction_deg": (0.0, 90.0)},
+    # Directions have no derivative without a contrast. A start is entered forwards only, so all sides are tried.
+    start={"contrast": (0.2,), "direction_deg": (0.0, 45.0, 90.0, 135.0, 180.0, -135.0, -90.0, -45.0)},
 )

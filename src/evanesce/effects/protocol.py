@@ -183,6 +183,26 @@ class Line:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Blot:
+    """How an effect that is one soft spot on the plate takes place and size from data.
+
+    Attributes
+    ----------
+    amount : str
+        Amplitude: in the spot's middle.
+    middle, radius : str
+        Parameters: a pair [mm]; where it has fallen to exp(-1/2) [mm].
+    like : str
+        Id of an effect whose marks scatter as the spot does, in its amount times mm^2.
+    """
+
+    amount: str
+    middle: str
+    radius: str
+    like: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class Bands:
     """How an effect that modulates the light of the LEDs from row to row takes frequency and phase from data.
 
@@ -251,6 +271,8 @@ class Effect:
         Of an effect with places of its own, which data may show.
     line : Line, optional
         Of an effect that is a line, whose place data may show.
+    blot : Blot, optional
+        Of an effect that is a soft spot on the plate.
     bands : Bands, optional
         Of an effect that modulates the LEDs' light from row to row, whose frequency data may show.
     """
@@ -267,6 +289,7 @@ class Effect:
     start: Mapping[str, float | tuple[float, ...]] = field(default_factory=dict)
     marks: Marks | None = None
     line: Line | None = None
+    blot: Blot | None = None
     bands: Bands | None = None
 
     def __post_init__(self) -> None:

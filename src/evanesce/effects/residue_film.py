@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from evanesce.effects.protocol import Context, Effect, Stage
+from evanesce.effects.protocol import Blot, Context, Effect, Stage
 from evanesce.quantities import Strict, field
 from evanesce.render.marks import contact_radiance, plate_points
 from evanesce.states import PlateLight
@@ -45,4 +45,5 @@ EFFECT = Effect(
     # Assumed: some per cent of what a contact scatters, where fingers were pressed.
     fitted={"relative_radiance": 0.05, "middle_mm[0]": 3.0, "middle_mm[1]": 3.0, "radius_mm": 2.0},
     scaling="a haze at a fixed place: follows LED power, does not grow with force; there before the finger touches",
+    blot=Blot(amount="relative_radiance", middle="middle_mm", radius="radius_mm", like="specks"),
 )

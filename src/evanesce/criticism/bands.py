@@ -30,6 +30,10 @@ LEAST_SHARE = 0.02
 """Of a ripple that an exposure must leave: a light that is averaged out cannot be seen, whatever it does."""
 
 
+MOVING = 0.3
+"""Least share of the bands' power that moves from frame to frame: with less they are a pattern that stands."""
+
+
 @dataclass(frozen=True)
 class FoundBands:
     """A ripple.
@@ -113,32 +117,38 @@ def brightest_bands(
     possible : callable
         Whether a ripple of a frequency [Hz] could be seen at all.
     """
-    product = np.einsum("vrc,vrc->vr", residual, light)
-    weight = np.einsum("vrc,vrc->vr", light, light)
+    product, weight = (np.einsum("vrc,vrc->vr", a, light, dtype=float) for a in (residual, light))
+    # Rows that are brighter in all frames alike are no ripple's, or of one whose rate nobody could tell from that.
+    product = product - weight * (product.sum(axis=0) / np.maximum(weight.sum(axis=0), 1e-300))
     readout, span = float(np.ptp(late_s)), float(np.ptp(times_s))
     coarse = np.arange(RANGE_HZ[0], RANGE_HZ[1], 1.0 / (FINER * readout))
     # No finer than a frame's rows tell where there is no other frame.
     step = 1.0 / (FINER * max(span, readout))
     offsets = np.arange(0.0, coarse[1] - coarse[0], step)
+
+    def along(tried: Array, sums: Array, size: Array) -> tuple[Array, Array]:
+        """Return complex sums over all frames, and how large what moves from frame to frame can make them."""
+        turn = np.exp(-2j * np.pi * np.outer(tried, times_s))
+        moving = size.sum() - np.abs(turn @ size) ** 2 / max(float(size.sum()), 1e-300)
+        return turn @ sums, np.where(moving > MOVING * size.sum(), moving, np.inf)
+
     best, at = 0.0, 0.0
     for start in coarse:
         tried = start + offsets
-        sums, size = _sums(product, weight, late_s, start + 0.5 * offsets[-1])
-        together = np.abs(np.exp(-2j * np.pi * np.outer(tried, times_s)) @ sums)
-        k = int(np.argmax(together))
-        square = 2.0 * together[k] ** 2 / max(float(size.sum()), 1e-300)
-        if square > best and possible(float(tried[k])):
-            best, at = float(square), float(tried[k])
-    sums, size = _sums(product, weight, late_s, at)
-    whole = complex(np.exp(-2j * np.pi * at * times_s) @ sums)
-    square = 2.0 * abs(whole) ** 2 / max(float(size.sum()), 1e-300)
+        sums, moving = along(tried, *_sums(product, weight, late_s, start + 0.5 * offsets[-1]))
+        squares = 2.0 * np.abs(sums) ** 2 / moving
+        k = int(np.argmax(squares))
+        if squares[k] > best and possible(float(tried[k])):
+            best, at = float(squares[k]), float(tried[k])
+    (whole,), (size,) = along(np.array([at]), *_sums(product, weight, late_s, at))
+    square = float(2.0 * abs(whole) ** 2 / size)
     # One frequency among those that can be told apart, and a phase that may as well have been another one.
     number = (RANGE_HZ[1] - RANGE_HZ[0]) * max(span, readout)
     penalty = float(np.log(number) + 0.5 * np.log1p(square))
     if 0.5 * square <= penalty:
         return None
     # The sums hold exp(-i phase) of a crest: cos(2 pi f t + phase) has the sum's own angle.
-    return FoundBands(at, float(np.degrees(np.angle(whole))), 2.0 * abs(whole) / float(size.sum()), penalty)
+    return FoundBands(at, float(np.degrees(np.angle(whole))), float(2.0 * abs(whole) / size), penalty)
 
 
 def _sums(product: Array, weight: Array, late_s: Array, frequency_hz: float) -> tuple[Array, Array]:

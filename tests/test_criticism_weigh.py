@@ -1,0 +1,107 @@
+"""How evidence becomes probabilities: what tests, fits and lists of places say, weighed against each other."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from evanesce.criticism import critic
+from evanesce.criticism.answer import Findings, verdict
+from evanesce.criticism.battery import BatteryResult, Outcome
+from evanesce.criticism.extend import Extension
+from evanesce.criticism.frozen import FROZEN
+from evanesce.criticism.linear import Score
+from evanesce.criticism.score import Scored, ScoreTest
+
+
+@pytest.fixture(autouse=True)
+def no_flexible_term(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The flexible term has tests of its own; here it finds nothing."""
+    monkeypatch.setattr(critic, "fit_flexible", lambda *a: SimpleNamespace(evidence=0.0))
+    monkeypatch.setattr(critic, "describe_unknown", lambda *a: {"where": "somewhere"})
+    monkeypatch.setattr(critic, "_projection", lambda *a: None)
+    monkeypatch.setattr(critic, "_whitened_maps", lambda *a: {})
+
+
+def battery(p: float, tail_p: float = 0.2) -> BatteryResult:
+    return BatteryResult(p, (Outcome("rows: periodogram", 3.0, p, tail_p),), 999)
+
+
+def scored(name: str, log_bayes: float) -> Scored:
+    result = Score(2 * log_bayes, 1, np.zeros(1), np.eye(1), log_bayes)
+    return Scored(SimpleNamespace(id=name), result, -1, 1.0, 0.1, np.eye(1))  # type: ignore[arg-type]
+
+
+def extension(name: str, log_bayes: float, **more: Any) -> Extension:
+    known = {f.name: None for f in fields(Extension)}
+    cause = SimpleNamespace(id=name)
+    return Extension(**(known | {"ids": (name,), "log_bayes": log_bayes, "at_places": {}, "cause": cause} | more))
+
+
+def weighed(
+    *, p: float, after: float | None = None, tail: float = 0.2, first: dict[str, float], rounds: list[Extension],
+    best: Extension | None = None, codec: bool = False,
+) -> Findings:  # fmt: skip
+    """Return findings of two candidates, weighed."""
+    test = ScoreTest(tuple(scored(k, v) for k, v in first.items()), p, 4999)
+    before = battery(0.5 if after is not None else p, tail)
+    found = Findings(global_p=p, first=test, battery=before, rounds=[rounds], best=best)
+    if after is not None:
+        found.after, found.left = battery(after, tail), SimpleNamespace()  # type: ignore[assignment]
+    case = SimpleNamespace(base=None, problem=SimpleNamespace(sd=np.ones((1, 2, 2)), views=(0,)), codec=codec)
+    signatures = [SimpleNamespace(note="") for _ in range(40)]
+    critic.weigh(case, found, SimpleNamespace(), signatures)  # type: ignore[arg-type]
+    return found
+
+
+def share(found: Findings, name: str) -> float:
+    assert found.posterior is not None
+    return found.posterior.marginal().get(name, 0.0)
+
+
+def test_a_cause_that_leaves_nothing_is_named() -> None:
+    best = extension("vignetting", 20.0, fitted=None)
+    found = weighed(p=0.0002, after=0.6, first={"vignetting": 22.0, "modulus": 1.0}, rounds=[best], best=best)
+    assert share(found, "vignetting") > 0.99
+    assert share(found, "unknown") < 0.1
+    assert verdict(found) == "named"
+
+
+def test_evidence_of_a_score_that_noise_often_makes_is_tempered() -> None:
+    """Odds of a p of 0.2 are 1.1 at most; 8 nats of a likelihood with thin tails are not believed."""
+    found = weighed(p=0.2, first={"sensor_dust": 8.0, "modulus": -1.0}, rounds=[])
+    assert share(found, "none") > 0.5
+    assert share(found, "sensor_dust") < share(found, "none")
+    assert verdict(found) == "none"
+
+
+def test_what_rings_and_has_no_cause_is_unknown() -> None:
+    found = weighed(p=0.002, tail=1e-9, first={"vignetting": 0.5, "modulus": -1.0}, rounds=[])
+    assert found.rings
+    assert verdict(found) == "unknown"
+    assert share(found, "unknown") > 0.9
+
+
+def test_a_cause_that_leaves_more_than_half_of_what_it_explains_is_unknown() -> None:
+    """The loudest test's tail law stands for what is left: 1e-17 is 30 nats beside 25."""
+    best = extension("distortion_drift", 25.0, fitted=None)
+    arguments: dict[str, Any] = {"p": 0.0002, "first": {"distortion_drift": 26.0}, "rounds": [best], "best": best}
+    much, little = (weighed(after=0.001, tail=tail, **arguments) for tail in (1e-17, 1e-5))
+    assert much.unexplained > FROZEN.levels["unknown_share"] > little.unexplained
+    assert verdict(much) == "unknown"
+    assert verdict(little) == "named"
+    assert share(much, "unknown") > 0.9
+
+
+def test_a_list_of_other_marks_is_evidence_of_the_unknown_and_of_no_name() -> None:
+    other = extension("specks", 30.0, at_places={"led_off": 6.3, "lens_cap": 5.9})
+    for codec in (False, True):
+        found = weighed(p=0.0002, first={"specks": 31.0}, rounds=[other], codec=codec)
+        assert found.rings
+        assert verdict(found) == "unknown"
+        assert share(found, "unknown") > 0.99
+        assert share(found, "specks") < 0.01

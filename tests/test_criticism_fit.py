@@ -20,6 +20,7 @@ from evanesce.criticism.residuals import noise_draws
 from evanesce.criticism.score import score_test
 from evanesce.criticism.signatures import Signature, signature_of
 from evanesce.criticism.views import View
+from evanesce.errors import InputError
 from evanesce.rig import load_scene
 
 SHAPE = (24, 32)
@@ -233,3 +234,31 @@ def test_a_hold_is_left_out_in_thirds_and_other_conditions_whole() -> None:
     problem = SimpleNamespace(kinds=views, views=range(len(views)), valid=np.ones((len(views), 1, 2), bool))
     groups = condition_of_bins(problem)[::2]
     assert list(groups) == [0, 1, 2, 3, 1, 2, 3, 1, 4, 2, 5, 5]
+
+
+def test_starts_that_a_rig_cannot_have_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rationale: one LED number beyond the rig's last once cost the whole candidate."""
+    candidate = {c.id: c for c in candidates_of(load_scene("thesis"), {"press"})}["led_dead"]
+
+    def departure(problem: object, base: object, candidate: Candidate, start: dict[str, float]) -> np.ndarray:
+        if start["led_dead:first"] > last:
+            raise InputError("no such LED")
+        return np.full(3, start["led_dead:first"], np.float32)
+
+    monkeypatch.setattr("evanesce.criticism.signatures._departure", departure)
+    base = SimpleNamespace(residual=np.zeros(3), point={}, parameters=())
+    last = 7.0
+    found = signature_of(None, base, candidate)  # type: ignore[arg-type]
+    assert [start["led_dead:first"] for start in found.candidate.starts] == [0.0, 2.0, 4.0, 6.0]
+    assert list(found.rows[:, 0]) == [0.0, 2.0, 4.0, 6.0]
+    last = -1.0
+    assert "no such LED" in signature_of(None, base, candidate).note  # type: ignore[arg-type]
+
+
+def test_no_side_of_an_imbalance_is_far_from_where_a_fit_enters_it() -> None:
+    """Rationale: entered forwards only, from two directions, half of all sides were never tried."""
+    candidate = {c.id: c for c in candidates_of(load_scene("thesis"), {"press"})}["led_imbalance"]
+    tried = np.radians([start["led_imbalance:direction_deg"] for start in candidate.starts])
+    assert all(start["led_imbalance:contrast"] > 0 for start in candidate.starts)
+    sides = np.radians(np.arange(-180.0, 180.0, 7.0))
+    assert np.cos(sides[:, None] - tried).max(axis=1).min() > 0.92

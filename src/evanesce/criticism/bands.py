@@ -20,15 +20,13 @@ from evanesce.criticism.views import BIN_PX
 Array = NDArray[Any]
 
 RANGE_HZ = (40.0, 440.0)
-"""Of frequencies that are tried: one and a half periods of the mains' flicker either side of a frame's rows, to dimmers
-whose bands are as narrow as a few bins."""
+"""Of frequencies that are tried: one period over a frame's rows to ten; wider bands are slopes, narrower ones bins."""
 
 FINER = 4
 """Trial frequencies for each that rows, and that the whole time, tell apart."""
 
 LEAST_SHARE = 0.02
 """Of a ripple that an exposure must leave: a light that is averaged out cannot be seen, whatever it does."""
-
 
 MOVING = 0.3
 """Least share of the bands' power that moves from frame to frame: with less they are a pattern that stands."""

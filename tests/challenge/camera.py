@@ -82,15 +82,27 @@ def true_curve(curve: str, black_DN: float, top_DN: int) -> np.ndarray:
     return np.asarray(CURVES[curve](light))
 
 
-Knee = tuple[float, float]
-"""Raw number above black at which pixels are full [DN], and how sharp the knee is."""
+Knee = tuple[float, float, int]
+"""Raw number above black at which pixels are full [DN], how soft the knee is [1 of that], and the form."""
 
 
 def filled(above_DN: np.ndarray, knee: Knee) -> np.ndarray:
-    """Return raw numbers above black of pixels that fill up softly: x / (1 + (x/w)^p)^(1/p)."""
-    well, sharp = knee
+    """Return raw numbers above black of pixels that fill up softly.
+
+    Form 0 sums exponentials, w - s ln(1 + exp((w - x)/s)) with its value at nothing taken off; form 1 takes in less and
+    less from (1 - h) w on, linearly, and nothing beyond (1 + h) w.
+    """
+    well, soft, form = knee
     x = np.maximum(above_DN, 0.0)
-    return np.where(above_DN > 0, x / (1 + (x / well) ** sharp) ** (1 / sharp), above_DN)
+    if form == 0:
+        scale = soft * well
+        kept = well - scale * np.logaddexp(0.0, (well - x) / scale)
+        kept = kept - (well - scale * np.logaddexp(0.0, well / scale))
+    else:
+        along = np.clip((x / well - (1 - soft)) / (2 * soft), 0.0, 1.0)
+        # The integral of 1 - along.
+        kept = well * (np.minimum(x / well, 1 - soft) + 2 * soft * (along - 0.5 * along**2))
+    return np.where(above_DN > 0, kept, above_DN)
 
 
 @functools.lru_cache(maxsize=4)

@@ -78,9 +78,7 @@ def fine_light(rig: Rig, view: View, causes: Causes, nuisances: Nuisances) -> np
     else:
         k = rig.base.force_index(view.shot.force_N)
         pressed = nuisances.log_force.get(index, 0.0) + sum(c.log_force(view, a) for c, a in causes)
-        fine = rig.base.press[k].astype(np.float64)
-        if pressed:
-            fine = np.maximum(fine + pressed * rig.base.by_log_force[k], 0.0)
+        fine = rig.base.pressed(k, pressed)
         shift = np.sum([c.shift_mm(view, a) for c, a in causes] or [(0.0, 0.0)], axis=0)
         if np.any(shift):
             fine = moved(fine, *(np.full(shape, s / rig.at.mm_per_px) for s in shift))

@@ -170,7 +170,7 @@ class Saturation(Hidden):
 
     def knee(self, a: float) -> Knee | None:
         whole = self.rig.electronics.top_DN - self.rig.electronics.black_DN
-        return None if a <= 0 else (whole * (1 - a), 14.0 if self.form == 0 else 22.0)
+        return None if a <= 0 else (whole * (1 - a), 0.05 if self.form == 0 else 0.15, self.form)
 
 
 class SensorDust(Hidden):

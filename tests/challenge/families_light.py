@@ -210,7 +210,7 @@ class Scratch(Marked):
             angle = turn + bend * s
             step = s[1] - s[0]
             u, v = x + np.cumsum(np.cos(angle)) * step, y + np.cumsum(np.sin(angle)) * step
-            total += blurred_points(shape, u, v, np.cos(np.pi * s / length) ** 0.5 * step, 0.8)
+            total += blurred_points(shape, u, v, np.maximum(np.cos(np.pi * s / length), 0.0) ** 0.5 * step, 0.8)
         return total
 
 
@@ -289,7 +289,7 @@ class Adhesion(Pressing):
 
 
 class Creep(Pressing):
-    """The contact grows as a power of the time that the load has been held (form 1: with its logarithm)."""
+    """The contact grows as a power of the time that the load has been held (form 1: a stretched exponential)."""
 
     id, start, limit = "creep", 0.005, 0.5
     still = False
@@ -301,7 +301,8 @@ class Creep(Pressing):
         if not view.touches:
             return 0.0
         t = view.shot.held_s / self.tau
-        return a * ((1 + t) ** self.exponent - 1 if self.form == 0 else 0.4 * np.log1p(t))
+        # By the logarithm of time it goes nearly as a line, then as one that bends down; a logarithm is the library's.
+        return a * ((1 + t) ** self.exponent - 1 if self.form == 0 else 1.2 * (1 - np.exp(-((t / 4) ** 0.6))))
 
 
 class BoneStiffening(Pressing):

@@ -1,4 +1,4 @@
-"""Figures of docs/criticism-challenge.md: ``python -m tests.challenge.figures decoys`` or ``resolution``."""
+"""Figures of docs/criticism-challenge.md: ``python -m tests.challenge.figures`` decoys, resolution or forces."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .camera import binned
 from .cases import DECOYS, SEPARATES, cause_shot
 from .chain import development, rig_of
 from .library import make_cause
-from .rig import believed, fine_scene, power
+from .rig import KNOT, believed, fine_scene, pose_of_case, power, presser
 from .strength import Ruler, amplitude_for, means, ruler
 
 DRAWS = range(21, 26)
@@ -75,5 +75,22 @@ def resolution(name: str = "dev") -> None:
         )
 
 
+def forces(name: str = "dev") -> None:
+    """Print what light at other forces gets wrong, over what the force changes (root mean square).
+
+    By interpolation between pictures, as cases are made, and by a straight line about one, as they were until run f.
+    """
+    base = rig_of(name, 0).base
+    press = presser(believed(name), pose_of_case(name, 0)[0])
+    for k in (0, len(base.forces) - 1):
+        for log_force in (0.5 * KNOT, 3.5 * KNOT, 6.5 * KNOT):
+            true = press(base.forces[k] * float(np.exp(log_force))).astype(float)
+            change = np.sqrt(np.mean((true - base.press[k]) ** 2))
+            line = np.maximum(base.press[k] + log_force * base.by_log_force[k], 0.0)
+            wrong = [float(np.sqrt(np.mean((x - true) ** 2)) / change) for x in (base.pressed(k, log_force), line)]
+            print(f"{base.forces[k]:g} N, {100 * np.expm1(log_force):+.1f} %: "
+                  f"between pictures {100 * wrong[0]:.1f} %, by a line {100 * wrong[1]:.0f} %", flush=True)  # fmt: skip
+
+
 if __name__ == "__main__":
-    {"decoys": decoys, "resolution": resolution}[sys.argv[1]]()
+    {"decoys": decoys, "resolution": resolution, "forces": forces}[sys.argv[1]]()

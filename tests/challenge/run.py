@@ -254,7 +254,24 @@ def main(arguments: list[str] | None = None) -> int:
     found["skipped"] = {r["truth"]["id"]: r["skipped"] for r in latest.values() if "skipped" in r}
     (CACHE / f"{run_name}.summary.json").write_text(json.dumps(found, indent=1), encoding="utf-8")
     print("\n".join([*lines(found), f"out of reach: {len(found['skipped'])}"]))
-    return 1 if found["failed"] else 0
+    below = below_floors(found) if given.set == "slice" and given.judge == CRITIC and not given.strip else []
+    print("".join(f"below what a slice has to reach: {line}\n" for line in below), end="")
+    return 1 if found["failed"] or below else 0
+
+
+def below_floors(found: dict[str, Any]) -> list[str]:
+    """Return what of a slice is worse than chance lets a critic be that works: all of few cases, or most of them."""
+    alarms, strong = found["false_alarms"]["all"], found["in_set"]
+    checks = (
+        ("false alarms", alarms["hits"] <= 1, alarms),
+        ("truth in the set, strong causes", 2 * strong["hits"] >= strong["cases"], strong),
+        *(
+            (f"called unknown, {group}", entry["called_unknown"]["hits"] >= 1, entry["called_unknown"])
+            for group, entry in found["unknown"].items()
+            if entry["called_unknown"]["cases"] > 1
+        ),
+    )
+    return [f"{what} {entry['hits']} of {entry['cases']}" for what, good, entry in checks if not good]
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ import numpy as np
 Record = Mapping[str, Any]
 
 LEVEL = 0.01
+BROKEN = "error"
 BINS = 10
 LEAST_ORACLE_NAT = 2.0
 """Below, the truth itself gains too little on the frames held back to take a share of it."""
@@ -78,6 +79,8 @@ def alarmed(record: Record) -> bool:
     answer, truth = record["answer"], record["truth"]
     if answer.get("verdict") == "none":
         return False
+    if answer.get("verdict") == BROKEN:
+        return bool(truth["group"] == "null")
     named = {effect["id"] for effect in answer.get("effects", [])}
     return not (truth["noise"] not in ("plain", "lowpass") and named == {"compression"})
 
@@ -93,15 +96,15 @@ def ranking(record: Record) -> list[str]:
 def reported_set(record: Record) -> set[str]:
     """Return all that the answer leaves possible."""
     answer = record["answer"]
-    if answer.get("verdict") in ("none", "unknown"):
+    if answer.get("verdict") in ("none", "unknown", BROKEN):
         return {answer["verdict"]}
     return {effect["id"] for effect in answer.get("effects", [])} | set(answer.get("ambiguous_with") or [])
 
 
 def top(record: Record) -> str:
     """Return the first of the ranking, ``none`` where nothing was found."""
-    if not alarmed(record) and record["answer"].get("verdict") == "none":
-        return "none"
+    if record["answer"].get("verdict") in ("none", BROKEN):
+        return str(record["answer"]["verdict"])
     order = ranking(record)
     return order[0] if order else "none"
 
@@ -192,7 +195,8 @@ def summary(records: Sequence[Record], known: Mapping[str, Any] | None = None) -
     Parameters
     ----------
     records : sequence of mapping
-        ``truth``, ``answer``, ``seconds``; failed ones hold ``error`` and count as answered wrongly where it matters.
+        ``truth``, ``answer``, ``seconds``; failed ones hold ``error`` and count as answered wrongly: a false alarm
+        where nothing is hidden, a miss where something is. They have no part in calibration, intervals, gain, seconds.
     known : mapping, optional
         Of :func:`isolable.table`.
     """
@@ -200,7 +204,8 @@ def summary(records: Sequence[Record], known: Mapping[str, Any] | None = None) -
 
     failed = [r for r in records if "error" in r]
     good = [r for r in records if "error" not in r]
-    group = {g: [r for r in good if r["truth"]["group"] == g] for g in
+    every = good + [{**r, "answer": {"verdict": BROKEN}} for r in failed]
+    group = {g: [r for r in every if r["truth"]["group"] == g] for g in
              ("null", "single", "decoy", "double", "unknown", "removed")}  # fmt: skip
     singles = group["single"]
     told = [r for r in singles if known is None or isolable(dict(known), r["truth"]["causes"][0],
@@ -218,7 +223,8 @@ def summary(records: Sequence[Record], known: Mapping[str, Any] | None = None) -
         "top1_all": by_strength(singles, lambda r: top(r) == r["truth"]["causes"][0]),
         "top1_isolable": by_strength(told, lambda r: top(r) == r["truth"]["causes"][0]),
         "in_set": rate(r["truth"]["causes"][0] in reported_set(r) for r in strong).as_dict(),
-        "set_size": float(np.mean([len(reported_set(r)) for r in strong])) if strong else math.nan,
+        "set_size": _mean_size(strong),
+        "set_size_found": _mean_size([r for r in strong if r["answer"].get("verdict") in ("named", "ambiguous")]),
         "decoys": _decoys(group["decoy"]),
         "doubles": {
             str(c): rate(
@@ -239,9 +245,15 @@ def summary(records: Sequence[Record], known: Mapping[str, Any] | None = None) -
         "gain": _gain(good),
         "intervals": _intervals(good),
         "seconds": _spread([r["seconds"] for r in good]),
-        "confusion": confusion(good),
+        "confusion": confusion(every),
+        "null_p": rate(r["answer"].get("global_p", 0.0) < LEVEL for r in group["null"]).as_dict(),
+        "within_60_s": rate(r["seconds"] <= 60.0 for r in good).as_dict(),
     }
     return found
+
+
+def _mean_size(records: Sequence[Record]) -> float:
+    return float(np.mean([len(reported_set(r)) for r in records])) if records else math.nan
 
 
 def _sure_of_a_name(record: Record) -> bool:

@@ -23,6 +23,7 @@ PRIOR = {
     "card_y": 1.0, "turn": 0.035, "card_light": 1.0, "slope_x": 0.1, "slope_y": 0.1,
 }  # fmt: skip
 GLOBAL = ("light", "black", "pose_x", "pose_y")
+JITTER = ("flicker", "force")
 LEAST_VARIANCE = 1e-4
 BENT, ROUNDS = 20.0, 3
 """A change so many times larger than what is left of it is looked at with the exposure refitted, so often."""
@@ -71,7 +72,7 @@ class Ruler:
     def _onto(self, signal: np.ndarray) -> np.ndarray:
         onto = np.zeros(len(self.names))
         for k, (places, columns) in enumerate(self.columns):
-            np.add.at(onto, list(places), np.tensordot(columns, self.weight[k] * signal[k], 2))
+            np.add.at(onto, np.array(places, int), np.tensordot(columns, self.weight[k] * signal[k], 2))
         return onto
 
     def inner(self, one: np.ndarray, other: np.ndarray) -> float:
@@ -86,6 +87,12 @@ class Ruler:
         """Return a nuisance's most probable value [its unit], given a change."""
         return float(self.hat[self.names.index(name)] @ self._onto(signal))
 
+    def left(self, signal: np.ndarray) -> np.ndarray:
+        """Return what a change leaves of itself once all nuisances are fitted to the frames that count."""
+        values = self.hat @ self._onto(signal)
+        own = [np.tensordot(values[list(places)], columns, 1) for places, columns in self.columns]
+        return np.asarray(signal - np.array(own))
+
     def without(self, kinds: Sequence[str], views: Sequence[View]) -> Ruler:
         """Return the ruler of a bundle that lacks some auxiliary shots."""
         weight = self.weight.copy()
@@ -94,10 +101,15 @@ class Ruler:
                 weight[k] = 0.0
         return _ruler(self.base, weight, self.columns, self.names)
 
-    def only(self, spare: bool, views: Sequence[View], variance: np.ndarray) -> Ruler:
-        """Return the ruler of the press frames that are held back (or of those that are not)."""
-        keep = np.array([view.kind == "press" and view.spare == spare for view in views])
-        return _ruler(self.base, keep[:, None, None] / variance, self.columns, self.names)
+    def held_back(self, views: Sequence[View], variance: np.ndarray) -> Ruler:
+        """Return the ruler of the press frames that are held back, of whose nuisances their own jitter alone is new."""
+        keep = np.array([view.kind == "press" and view.spare for view in views])
+        names = tuple(n for n in self.names if n.partition("[")[0] in JITTER)
+        columns = []
+        for places, own in self.columns:
+            chosen = [k for k, place in enumerate(places) if self.names[place] in names]
+            columns.append((tuple(names.index(self.names[places[k]]) for k in chosen), own[chosen]))
+        return _ruler(self.base, keep[:, None, None] / variance, columns, names)
 
 
 def _ruler(
@@ -105,7 +117,7 @@ def _ruler(
 ) -> Ruler:
     information = np.diag([1.0 / PRIOR[name.partition("[")[0]] ** 2 for name in names])
     for k, (places, own) in enumerate(columns):
-        flat = own.reshape(len(places), -1)
+        flat = own.reshape(len(places), weight[k].size)
         information[np.ix_(places, places)] += (flat * weight[k].ravel()) @ flat.T
     return Ruler(base, weight, columns, names, np.linalg.inv(information))
 

@@ -27,6 +27,7 @@ from evanesce.criticism.photograph_tails import (
     core_share,
     fit_tail,
     law_of,
+    local_level,
     log_density,
     seen_of,
 )
@@ -43,6 +44,8 @@ DAMPINGS = (1e-6, 0.03, 0.3, 3.0)
 ENOUGH_NATS = 3.0
 EVEN_SLOPE_DN = 3.0
 NOISE_WINDOW = 5
+BLUR_FORM = 0.05
+"""Share of a step by which the edge of a disc of the same spread departs from a Gaussian's: 0.040 at most."""
 
 
 @dataclass(frozen=True)
@@ -219,25 +222,39 @@ class Bench:
         return Fit(ids, free, values, tails, scale, score, held)
 
     def add_tail(self, fit: Fit, name: str) -> Fit:
-        """Add an effect without places to a fit and predict each fold by the tail fitted without it."""
+        """Add an effect without places to a fit and predict each fold by the tail fitted without it.
+
+        With and without it are compared on what stands out of its own neighbourhood: what a model of smooth light still
+        gets wrong is no point, and a tail would take it up as long as it is there.
+        """
         laws = self.laws(fit.tails, fit.values, name)
-        seen = self.seen(fit.values, fit.scale)
+        seen = self.standing_out(fit)
         tail = fit_tail(name, seen, fit.tails, laws)
-        held = np.zeros(self.blocks)
+        gained = np.zeros(self.blocks)
         for k in range(FOLDS):
             inside = self.fold == k
             part = fit_tail(name, seen.some(~inside), fit.tails, laws, start=tail)
-            density = log_density(seen.some(inside), (*fit.tails, part), laws)
-            held += np.bincount(self.block[inside], weights=density, minlength=self.blocks)
-        score = float(log_density(seen, (*fit.tails, tail), laws).sum())
+            left = seen.some(inside)
+            density = log_density(left, (*fit.tails, part), laws) - log_density(left, fit.tails, laws)
+            gained += np.bincount(self.block[inside], weights=density, minlength=self.blocks)
+        score = float(log_density(self.seen(fit.values, fit.scale), (*fit.tails, tail), laws).sum())
+        held = fit.held_out + gained
         return replace(fit, ids=(*fit.ids, name), tails=(*fit.tails, tail), score=score, held_out=held)
+
+    def standing_out(self, fit: Fit) -> Seen:
+        """Return the open bins against their own neighbourhood's level, with a core of its own scale."""
+        one, mean = self.photograph, self.model(fit.values)
+        mean = mean + local_level(one.data - mean, one.opened)
+        plain = ((one.data - mean) / self.deviation).ravel()[self.opened]
+        scale = core_scale(plain, np.ones(plain.shape))
+        return seen_of(one.data, mean, scale * self.deviation, self.inverse, self.opened)
 
     def refit(self, fit: Fit) -> Fit:
         """Fit mean and tails in turn once more, all together."""
         for tail in fit.tails:
             others = tuple(t for t in fit.tails if t.id != tail.id)
             laws = self.laws(fit.tails, fit.values)
-            new = fit_tail(tail.id, self.seen(fit.values, fit.scale), others, laws, start=tail)
+            new = fit_tail(tail.id, self.standing_out(fit), others, laws, start=tail)
             fit = replace(fit, tails=tuple(new if t.id == tail.id else t for t in fit.tails))
         return self.fit(fit.ids, fit.free, fit.values, fit.tails)
 
@@ -252,18 +269,16 @@ class Bench:
         """Return the scale, the weights of the squared residuals and the log likelihood of the open bins."""
         mean = self.model(values)
         plain = ((self.photograph.data - mean) / self.deviation).ravel()[self.opened]
-        scale, share = max(1.4826 * float(np.median(np.abs(plain))), 0.2), np.ones(plain.shape)
-        for _ in range(8):
-            weight = share * (FREEDOM + 1) / (FREEDOM + (plain / scale) ** 2)
-            scale = float(np.sqrt((weight * plain**2).sum() / share.sum()))
+        share = np.ones(plain.shape)
+        scale = core_scale(plain, share)
+        weight = _t_weight(plain, scale, share)
         deviation = self.deviation.ravel()[self.opened]
         if not tails:
             score = core_log_density(plain * deviation, scale * deviation).sum()
             return scale, weight / (scale * deviation) ** 2, float(score)
         share = core_share(self.seen(values, scale), tails, laws)
-        for _ in range(8):
-            weight = share * (FREEDOM + 1) / (FREEDOM + (plain / scale) ** 2)
-            scale = float(np.sqrt((weight * plain**2).sum() / share.sum()))
+        scale = core_scale(plain, share, scale)
+        weight = _t_weight(plain, scale, share)
         score = log_density(self.seen(values, scale), tails, laws).sum()
         return scale, weight / (scale * deviation) ** 2, float(score)
 
@@ -301,6 +316,18 @@ class Bench:
         return total
 
 
+def core_scale(plain: Array, share: Array, start: float | None = None) -> float:
+    """Return the scale of the core's t law for residuals over the noise, each counted by its share in the core."""
+    scale = max(1.4826 * float(np.median(np.abs(plain))), 0.2) if start is None else start
+    for _ in range(8):
+        scale = float(np.sqrt((_t_weight(plain, scale, share) * plain**2).sum() / share.sum()))
+    return scale
+
+
+def _t_weight(plain: Array, scale: float, share: Array) -> Array:
+    return np.asarray(share * (FREEDOM + 1) / (FREEDOM + (plain / scale) ** 2))
+
+
 def _solve(
     slopes: Array, weight: Array, residual: Array, values: Mapping[str, float], free: tuple[Free, ...], damping: float
 ) -> Array:
@@ -330,7 +357,8 @@ def _noise(photograph: Photograph, mean: Array) -> tuple[dict[str, float], Array
 
     Even print is where neither neighbour's share of bright differs; its noise is the median absolute difference from a
     local median, of dark and of bright squares, variance linear in the level between. At edges the error of the fitted
-    corners, times the believed picture's slope, adds.
+    corners, times the believed picture's slope, adds, and a share of the step, because no lens draws it as the model's
+    Gaussian does.
     """
     data = photograph.data
     local = ndimage.median_filter(data, size=NOISE_WINDOW)
@@ -350,4 +378,4 @@ def _noise(photograph: Photograph, mean: Array) -> tuple[dict[str, float], Array
     level = np.clip(local, levels[0], levels[1])
     variance = np.maximum(variances[0] + slope * (level - levels[0]), min(variances))
     figures = {"dark": float(np.sqrt(variances[0])), "bright": float(np.sqrt(variances[1]))}
-    return figures, np.sqrt(variance + (photograph.corner_error_px * rise) ** 2)
+    return figures, np.sqrt(variance + (photograph.corner_error_px * rise) ** 2 + (BLUR_FORM * spread) ** 2)

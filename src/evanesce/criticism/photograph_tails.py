@@ -7,6 +7,7 @@ effect's own: its code is run once and the pixels that it changes are counted.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -31,6 +32,12 @@ CUT = 3.0
 """Departures below this many deviations are the core's: there the tail counts as nothing, against the candidate."""
 
 NEIGHBOUR_CUT = 4.0
+LOCAL_BINS, ROWS_AT_ONCE = 3, 16
+"""Half the window of a local level; how many rows of windows are looked at together."""
+
+RUN_BINS = 8.0
+"""Longest run of pixels along a row that one speck or grain covers."""
+
 TAILS = ("hot_pixels", "sensor_dust", "specks")
 SPECK_QUANTILES = 12
 FAINTEST = 0.03  # of a speck's peak: what is fainter is not counted as covered by it
@@ -131,8 +138,9 @@ def law_of(name: str, model: LightModel, values: Values) -> Law:
 START = {"hot_pixels": (-5.0, -5.0, -3.0), "sensor_dust": (-5.0, -1.0), "specks": (-5.0, -1.0, -8.6, 0.4)}
 """Logits, then: log of the mean extra light; nothing; log of the median's mm^2 and log of its spread."""
 
-LOW = {"hot_pixels": (-14.0, -14.0, -9.0), "sensor_dust": (-14.0, -14.0), "specks": (-14.0, -14.0, -14.0, -1.5)}
-HIGH = {"hot_pixels": (-1.0, -1.0, 2.0), "sensor_dust": (-1.0, 3.0), "specks": (-1.0, 3.0, -4.0, 1.0)}
+# A speck as bright as 0.4 mm^2 of paper is a blot; one law of sizes spreads by a tenth at least.
+LOW = {"hot_pixels": (-14.0, -14.0, -9.0), "sensor_dust": (-14.0, -14.0), "specks": (-14.0, -14.0, -14.0, -2.5)}
+HIGH = {"hot_pixels": (-1.0, -1.0, 2.0), "sensor_dust": (-1.0, 3.0), "specks": (-1.0, 3.0, -1.0, 1.0)}
 
 
 def fit_tail(name: str, seen: Seen, others: tuple[Tail, ...], laws: dict[str, Law], start: Tail | None = None) -> Tail:
@@ -160,9 +168,15 @@ def fit_tail(name: str, seen: Seen, others: tuple[Tail, ...], laws: dict[str, La
         (float(np.mean(other[~out][beside == b])) if (beside == b).any() else 0.0, (beside == b).sum()) for b in (0, 1)
     ]
 
+    followed = float(np.mean(seen.neighbour_low if name == "sensor_dust" else seen.neighbour_high))
+
     def tied(theta: Array) -> Array:
         theta = np.clip(theta, low, high)
-        return np.array([theta[0], theta[0], *theta[2:]]) if name == "hot_pixels" else theta
+        if name == "hot_pixels":
+            return np.array([theta[0], theta[0], *theta[2:]])
+        # Each run of departed pixels begins somewhere: one in so many has a neighbour that has not departed.
+        least = followed / (RUN_BINS * (1.0 + np.exp(-theta[1])))
+        return np.array([max(theta[0], np.log(max(least, 1e-6))), *theta[1:]])
 
     def miss(theta: Array) -> float:
         tail = replace(inner, theta=tied(theta))
@@ -210,6 +224,31 @@ class Inverse:
     def __call__(self, grey: Array) -> Array:
         """Return the light of grey values."""
         return self.table[np.clip(np.rint(grey * ((TABLE - 1) / 255.0)), 0, TABLE - 1).astype(np.int64)]
+
+
+def local_level(residual: Array, which: Mask, half: int = LOCAL_BINS) -> Array:
+    """Return the median of a residual's neighbourhood (rows, cols), of the bins that count; 0 where there are none.
+
+    What a smooth model of light gets wrong is alike over some bins, and is no point.
+
+    Parameters
+    ----------
+    residual : ndarray (rows, cols)
+    which : ndarray of bool (rows, cols)
+        Bins that may be looked at.
+    half : int
+        Bins to each side.
+    """
+    size = 2 * half + 1
+    padded = np.pad(np.where(which, residual, np.nan), half, constant_values=np.nan)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (size, size))
+    found = np.zeros(residual.shape)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "All-NaN slice")
+        for row in range(0, len(residual), ROWS_AT_ONCE):
+            part = windows[row : row + ROWS_AT_ONCE]
+            found[row : row + ROWS_AT_ONCE] = np.nanmedian(part.reshape(*part.shape[:2], -1), axis=2)
+    return np.nan_to_num(found)
 
 
 def seen_of(data: Array, mean: Array, deviation: Array, inverse: Inverse, which: NDArray[np.int64]) -> Seen:

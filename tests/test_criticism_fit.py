@@ -11,7 +11,7 @@ from scipy import ndimage
 import evanesce.effects
 from evanesce.criticism.candidates import Candidate, candidates_of
 from evanesce.criticism.case import settled
-from evanesce.criticism.extend import condition_of_bins
+from evanesce.criticism.extend import condition_of_bins, extend, held_out_gain
 from evanesce.criticism.noise import noise_of
 from evanesce.criticism.parameters import Parameter, derivative
 from evanesce.criticism.predict import scene_with
@@ -262,3 +262,45 @@ def test_no_side_of_an_imbalance_is_far_from_where_a_fit_enters_it() -> None:
     assert all(start["led_imbalance:contrast"] > 0 for start in candidate.starts)
     sides = np.radians(np.arange(-180.0, 180.0, 7.0))
     assert np.cos(sides[:, None] - tried).max(axis=1).min() > 0.92
+
+
+def test_a_nuisance_far_from_what_is_known_of_it_predicts_no_better_than_the_cause_it_stands_for(toy):
+    """Frames left out are told as well by a nuisance of eight deviations; what was known of it is data, too."""
+    toy.maps["a:x"] = toy.maps["@n"] = 30.0 * toy.maps["a:x"]
+    rng = np.random.default_rng(5)
+    problem = problem_of(toy, toy.cube({"a:x": 0.8}) + rng.standard_normal((4, *SHAPE)), noise_fields(rng, 0))
+    nuisance, cause = parameter("@n", deviation=0.1), parameter("a:x")
+    base, extended = fit(problem, [nuisance], {}), fit(problem, [cause, nuisance], {})
+    assert base.point["@n"] > 6 * nuisance.deviation
+    gain, error = held_out_gain(problem, base, extended, 1, 1.0)
+    known = 0.5 * (base.point["@n"] / nuisance.deviation) ** 2
+    assert gain == pytest.approx(known, rel=0.25)
+    assert error < gain / 2
+    # What the nuisance may well be is no gain of the cause's.
+    nothing = problem_of(toy, toy.cube({"@n": 0.1}) + rng.standard_normal((4, *SHAPE)), noise_fields(rng, 0))
+    base, extended = fit(nothing, [nuisance], {}), fit(nothing, [cause, nuisance], {})
+    gain, error = held_out_gain(nothing, base, extended, 1, 1.0)
+    assert gain < 2 * max(error, 1.0)
+
+
+def test_a_fit_enters_an_effect_beyond_its_threshold(monkeypatch: pytest.MonkeyPatch, toy) -> None:
+    """A straight line to the start would enter it where nothing happens, and a fit would never leave that place."""
+    plain = toy.cube
+
+    def cube(point, only=None):
+        share = max(point.get("saturation:well_loss", 0.0) - 0.25, 0.0) * 120.0
+        return plain({"a:x": share, "@n": point.get("@n", 0.0)}, only)
+
+    toy.scene = load_scene("thesis")
+    monkeypatch.setattr(toy, "cube", cube)
+    rng = np.random.default_rng(9)
+    problem = problem_of(
+        toy, cube({"saturation:well_loss": 0.28}) + rng.standard_normal((4, *SHAPE)), noise_fields(rng, 0)
+    )
+    (candidate,) = (c for c in candidates_of(toy.scene, {"press", "voltage"}) if c.id == "saturation")
+    base = fit(problem, [parameter("@n")], {})
+    signature = signature_of(problem, base, candidate)
+    (scored,) = score_test(problem, base, [signature], draws=99, rng=rng).scored
+    found = extend(problem, base, None, scored)
+    sd = 1.0 / (120.0 * np.sqrt(float(np.sum((toy.maps["a:x"] / problem.sd) ** 2))))
+    assert found.fitted.point["saturation:well_loss"] == pytest.approx(0.28, abs=4 * sd)

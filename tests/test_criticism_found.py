@@ -6,6 +6,7 @@ A stratified slice of the development cases, all at one pose so that one light s
 from __future__ import annotations
 
 import json
+import shutil
 import textwrap
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from challenge.run import strip_pixels
 from evanesce.bundle import read_bundle
 from evanesce.cli.app import app
 from evanesce.criticism.critic import criticise
+from evanesce.criticism.observe import observe
 from evanesce.rig import load_scene
 from evanesce.sensor.codec import write_png
 
@@ -64,6 +66,31 @@ def test_a_loud_single_cause_is_in_the_answer(cause: str, strength: float, tmp_p
     assert answer["global_p"] < 0.001
 
 
+def test_two_causes_that_partly_cancel_are_both_in_the_answer(tmp_path: Path) -> None:
+    case = next(
+        c for c in cases("dev") if c.group == "double" and c.pose == 0 and c.causes == ("defocus", "lateral_glow")
+    )
+    assert case.cancelling
+    answer = judged(case, tmp_path)
+    assert said(answer) == set(case.causes)
+
+
+def test_a_cause_taken_out_of_the_library_is_called_unknown(tmp_path: Path) -> None:
+    case = next(c for c in cases("dev") if c.group == "removed" and c.pose == 0 and c.causes == ("rolling_shutter",))
+    answer = judged(case, tmp_path)
+    assert answer["verdict"] == "unknown"
+    assert "rolling_shutter" not in answer["probabilities"]
+
+
+def test_a_decoy_is_told_from_its_cause_by_the_shot_that_separates_them(tmp_path: Path) -> None:
+    case = next(
+        c for c in cases("dev") if c.group == "decoy" and c.pose == 0 and c.causes == ("black_level",) and not c.drop
+    )
+    answer = judged(case, tmp_path)
+    assert case.decoy == "ambient_light"
+    assert said(answer) == {"black_level"}
+
+
 @pytest.mark.parametrize("cause", ["row_banding", pytest.param("ghost_image", marks=pytest.mark.slow)])
 def test_what_is_not_in_the_library_is_called_unknown(cause: str, tmp_path: Path) -> None:
     answer = judged(spec("unknown", cause), tmp_path)
@@ -79,6 +106,22 @@ def test_specks_at_places_of_their_own_are_named_with_them(tmp_path: Path) -> No
     assert [e["id"] for e in answer["effects"]] == ["specks"]
     assert 3 <= answer["effects"][0]["places"] <= 60
     assert answer["effects"][0]["parameters"]["marks"]["value"] == pytest.approx(1.0, abs=0.2)
+
+
+def test_a_bundle_by_another_name_is_the_same_to_the_critic(tmp_path: Path) -> None:
+    """All that the critic ever sees of a bundle, whatever the folder is called: nothing can be learnt from names."""
+    path, _ = write_case(spec("single", "modulus", 20.0), tmp_path / "case")
+    other = tmp_path / "vignetting" / "black_level-40"
+    shutil.copytree(path, other)
+    one, two = (observe(read_bundle(p)) for p in (path, other))
+    assert one.views == two.views
+    assert (one.believed, one.scene, one.available) == (two.believed, two.scene, two.available)
+    np.testing.assert_array_equal(one.images, two.images)
+    for mine, others in ((one.held, two.held), (one.scatter, two.scatter)):
+        assert mine.keys() == others.keys()
+        assert len(mine) >= 3
+        for kind in mine:
+            np.testing.assert_array_equal(mine[kind], others[kind])
 
 
 @pytest.mark.slow

@@ -6,10 +6,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
 from evanesce.criticism.features import cosine_features
-from evanesce.criticism.locked import flexible_part
+from evanesce.criticism.locked import flexible_part, locked_gain, without_numerics
 from evanesce.criticism.noise import noise_of
+from evanesce.criticism.numerics import EDGE
 from evanesce.criticism.parameters import Parameter
 from evanesce.criticism.problem import Problem, fit
 from evanesce.criticism.residuals import residuals_of
@@ -74,3 +76,55 @@ def test_a_flexible_term_predicts_locked_views_and_nuisances_make_way() -> None:
     # Some eighty coefficients from 5 x 768 bins of unit noise, shrunk: a tenth of a grey value each bin.
     assert after < 0.25
     assert np.isnan(better[OPEN]).all()
+
+
+class Effect(Toy):
+    """A second map, that a rig the user believes in does not have."""
+
+    def __init__(self, effect: np.ndarray) -> None:
+        super().__init__(np.zeros(SHAPE))
+        self.effect = effect
+
+    def cube(self, point: Any, only: Any = None) -> np.ndarray:
+        chosen = list(range(len(VIEWS)) if only is None else only)
+        return super().cube(point, only) + np.where(
+            np.isin(np.arange(len(VIEWS)), chosen)[:, None, None], point.get("e:a", 0.0) * self.effect, np.nan
+        )
+
+    def image(self, point: Any, view: int) -> np.ndarray:
+        return self.cube(point, [view])[view]
+
+
+def test_a_gain_is_not_hidden_behind_nuisances_of_computation() -> None:
+    """A wrong model that takes 20 deviations of a nuisance of computation is no rig that anybody can render."""
+    rng = np.random.default_rng(8)
+    basis_y, basis_x = cosine_features(SHAPE)
+    effect = np.outer(basis_y[1], basis_x[2])
+    effect *= 2.0 / np.abs(effect).max()
+    other = np.outer(basis_y[2], basis_x[1])
+    # Half of the effect's power looks as an edge would that is in the wrong place.
+    alike = 1.0 * effect + other * np.linalg.norm(effect) / np.linalg.norm(other)
+    toy = Effect(effect)
+    truth = np.broadcast_to(50.0 + effect, (len(VIEWS), *SHAPE))
+    data = truth + rng.standard_normal(truth.shape)
+    tone: Any = SimpleNamespace(variance_at=lambda level: np.ones_like(level))
+    noise = noise_of({}, tone, SHAPE, floor_DN=1e-3, flicker=0.0)
+    problem = Problem.of(toy, data, noise, np.zeros_like(data), OPEN, toy.cube({}))  # type: ignore[arg-type]
+    template = np.broadcast_to(alike, truth.shape)
+    edge = Parameter(name=EDGE, deviation=0.025, step=0.1, linear=True, views=tuple(range(7)), template=template)
+    cause = Parameter(name="e:a", deviation=3.0, step=0.1)
+    base, named = fit(problem, [edge], {}), fit(problem, [cause, edge], {})
+    assert base.point[EDGE] > 10 * edge.deviation
+    observation: Any = SimpleNamespace(locked=LOCKED, images=list(data))
+    best: Any = SimpleNamespace(fitted=named)
+    found = locked_gain(observation, problem, base, best, None)
+    assert found is not None
+    # The residual of the believed rig is the whole effect, its mean square over two, in bins whose noise is
+    # one; what the fitted cause is off by costs next to nothing. Spread: that of a projection of the noise.
+    sd = problem.sd[LOCKED]
+    expected = 0.5 * float(np.sum((effect / sd) ** 2))
+    assert found.log_score[0] == pytest.approx(expected, abs=4 * np.sqrt(2 * expected))
+    assert EDGE not in without_numerics(problem, base).point
+    nothing = locked_gain(observation, problem, base, None, None)
+    assert nothing is not None
+    assert nothing.log_score == (0.0, 0.0, 0.0)

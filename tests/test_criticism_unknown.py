@@ -130,12 +130,16 @@ def findings(**more: object) -> Findings:
     return Findings(**(tested | held | more))  # type: ignore[arg-type]
 
 
-def test_what_rings_at_first_sight_and_is_nothing_once_fitted_is_nothing() -> None:
-    """Rationale: plain nulls were called unknown where a straight line promised 58 nats and the fit took them back."""
-    assert verdict(findings()) == "none"
+def test_what_rings_is_never_none_even_where_no_fit_confirms_it() -> None:
+    assert verdict(findings()) == "unknown"
     assert verdict(findings(group=[object()])) == "ambiguous"
     assert verdict(findings(rings=True)) == "unknown"
-    assert verdict(findings(global_p=0.3, rings=True)) == "none"
+    assert verdict(findings(rings=True, group=[object()])) == "unknown"
+
+
+@pytest.mark.parametrize("more", [{}, {"rings": True}, {"group": [object()]}])
+def test_what_does_not_ring_is_none(more: dict[str, object]) -> None:
+    assert verdict(findings(global_p=0.3, **more)) == "none"
 
 
 @pytest.mark.parametrize(("left", "said"), [(3.0, "named"), (6.0, "unknown")])

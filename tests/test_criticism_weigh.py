@@ -105,3 +105,22 @@ def test_a_list_of_other_marks_is_evidence_of_the_unknown_and_of_no_name() -> No
         assert verdict(found) == "unknown"
         assert share(found, "unknown") > 0.99
         assert share(found, "specks") < 0.01
+
+
+@pytest.mark.parametrize(("left", "asked"), [(("modulus", "creep"), ("modulus", ["creep"])), (("modulus",), None)])
+def test_a_picture_is_advised_where_causes_come_near_and_none_is_worth_its_prior(
+    monkeypatch: pytest.MonkeyPatch, left: tuple[str, ...], asked: Any
+) -> None:
+    """What could be told apart is asked of two or more; with one alone there is nothing to tell it from."""
+    monkeypatch.setattr(critic, "metric_of", lambda base: None)
+    monkeypatch.setattr(critic, "absorbed", lambda *a: [])
+    monkeypatch.setattr(
+        critic, "next_measurement", lambda o, p, best, group: {"what": (best.cause.id, [e.cause.id for e in group])}
+    )
+    inside = {"parameters": (), "fitted": None}
+    near = [extension(name, 6.0 - k, **inside) for k, name in enumerate(left)]
+    found = weighed(p=0.0002, first={"modulus": 6.0, "creep": 5.0}, rounds=near)
+    case = SimpleNamespace(base=SimpleNamespace(parameters=()), observation=None, problem=None)
+    critic.isolate(case, [], found)  # type: ignore[arg-type]
+    assert [e.cause.id for e in found.group] == list(left)
+    assert (found.next_shot or {}).get("what") == asked

@@ -86,14 +86,11 @@ def verdict(findings: Findings) -> str:
     """Return ``none``, ``named``, ``ambiguous`` or ``unknown``."""
     if findings.global_p >= findings.level:
         return "none"
-    sure = findings.posterior is not None and findings.posterior.models.get((), 0.0) > FROZEN.levels["none_sure"]
-    # What rings at first sight, and is nothing once it is fitted, is no structure either.
-    if findings.best is None and not findings.rings and (sure or not findings.group):
-        return "none"
     if findings.rings and (findings.best is None or findings.unexplained > FROZEN.levels["unknown_share"]):
         return "unknown"
     if findings.best is None:
-        return "ambiguous"
+        # Something rings. Causes that come near are the answer even where none is worth its prior.
+        return "ambiguous" if findings.group else "unknown"
     return "ambiguous" if findings.group else "named"
 
 

@@ -152,6 +152,18 @@ def _line_tests(found: Contrasts, residuals: Residuals) -> dict[str, Statistic]:
         power = np.abs(np.fft.rfft(profile - profile.mean(axis=2, keepdims=True), axis=2)) ** 2
         return np.asarray(power.sum(axis=1)[:, 2:].max(axis=1))
 
+    light = np.where(residuals.valid, residuals.level, 0.0)[press].astype(np.float32)
+    size = (light**2).sum(axis=2)
+    size /= np.maximum(size.sum(axis=1, keepdims=True), 1e-30)
+
+    def lit_rows(draws: Draws) -> Array:
+        # Most of a frame is dark, and bands of the LEDs are where their light is; all of it up or down is none.
+        profile = np.einsum("nvrc,vrc->nvr", draws.cube[:, press], light)
+        profile = profile - profile.sum(axis=2, keepdims=True) * size
+        power = np.abs(np.fft.rfft(profile, 2 * profile.shape[2], axis=2)) ** 2
+        power /= np.maximum((light**2).sum(axis=(1, 2)), 1e-30)[:, None]
+        return np.asarray(power.sum(axis=1)[:, 4:].max(axis=1))
+
     def fixed(along: int) -> Callable[[Draws], Array]:
         # A pattern that stays in all shots, dark ones too.
         count = np.sqrt(np.maximum(residuals.valid.sum(axis=(0, along)), 1)).astype(np.float32)
@@ -165,6 +177,7 @@ def _line_tests(found: Contrasts, residuals: Residuals) -> dict[str, Statistic]:
     return {
         "mean: Radon maximum": Statistic(radon, "largest"),
         "rows: periodogram": Statistic(rows, "largest"),
+        "rows in the light: periodogram": Statistic(lit_rows, "largest"),
         "rows: fixed pattern": Statistic(fixed(2), "sum"),
         "columns: fixed pattern": Statistic(fixed(1), "sum"),
     }

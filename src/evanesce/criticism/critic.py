@@ -118,7 +118,8 @@ def weigh(case: Case, findings: Findings, left: Residuals, signatures: Sequence[
             log_bayes[(UNKNOWN,)] = explained + findings.left_evidence
     findings.posterior = posterior(log_bayes, library)
     findings.rings = rings
-    if rings:
+    # What the score tests alone hear, and no fit confirms, has to be described as well: it may be called unknown.
+    if rings or (findings.best is None and findings.global_p < findings.level):
         findings.unknown = describe_unknown(remains, _whitened_maps(case, signatures), findings.flexible)
     else:
         findings.flexible = None
@@ -161,6 +162,9 @@ def isolate(case: Case, signatures: Sequence[Signature], findings: Findings) -> 
     findings.absorbed = absorbed(plausible, metric, case.base.parameters, limit)
     if findings.best is None:
         findings.group = rivals_without_best(findings)
+        if len(findings.group) > 1:
+            first, *others = findings.group
+            findings.next_shot = next_measurement(case.observation, case.problem, first, others)
         return
     group: dict[str, Extension] = {}
     for number in range(len(findings.best.ids)):

@@ -20,16 +20,20 @@ from evanesce.criticism.observe import DWELL_FRAMES
 from evanesce.criticism.parameters import Parameter, moved, value_of
 from evanesce.criticism.predict import scene_with
 from evanesce.criticism.problem import Fit, Problem, derivatives, fit, predicted_part
-from evanesce.criticism.score import Scored, metric_of
+from evanesce.criticism.score import Scored, from_belief, metric_of
 from evanesce.effects import Context, Stage, active_effects, apply_stage
 from evanesce.errors import InputError
 from evanesce.rig import Scene
 
 Array = NDArray[Any]
 
-ROUNDS = 4
+ROUNDS = 6
 HOLD_PARTS = 3
 """In which a hold is left out."""
+AMPLITUDES = (0.02, 5.0)
+"""Of a start, within which a fit enters."""
+MOST_STARTS, NEAR_START = 4, 0.3
+"""Starts from which a fit is tried, and the share of the best one's statistic that they need."""
 NEAR_BOUND = 1e-3
 """Of the bounds' width."""
 
@@ -166,17 +170,49 @@ def _entry(problem: Problem, base: Fit, scored: Scored) -> tuple[tuple[Parameter
             for p, e in zip(candidate.parameters, scored.result.estimate, strict=True)
         }
         return parameters, moved(base.point, values), scored.signature.rows
-    start = dict(candidate.starts[scored.start])
     names = {f"{candidate.id}:{n}" for n in candidate.effect.amplitudes}
-    grown = next(p for p in candidate.parameters if p.name in names and p.name in start)
-    reach = start[grown.name] - grown.null
-    amplitude = float(np.clip(scored.result.estimate[0], 0.02, 5.0))
-    start[grown.name] = float(np.clip(grown.null + amplitude * reach, *grown.bounds))
-    point = moved(base.point, start)
+    first = candidate.starts[scored.start]
+    grown = next(p for p in candidate.parameters if p.name in names and p.name in first)
+
+    def entered(number: int, share: float) -> dict[str, float]:
+        start = candidate.starts[number]
+        value = float(np.clip(grown.null + share * (start[grown.name] - grown.null), *grown.bounds))
+        return moved(base.point, {**start, grown.name: value})
+
+    amplitude = float(np.clip(scored.result.estimate[0], *AMPLITUDES))
     if costly:
-        return (replace(grown, linear=True),), point, scored.signature.rows[[scored.start]] / reach
+        rows = scored.signature.rows[[scored.start]] / (first[grown.name] - grown.null)
+        return (replace(grown, linear=True),), entered(scored.start, amplitude), rows
+    # What begins beyond a threshold is silent where a straight line would have it.
+    points = [
+        entered(number, share)
+        for number, along in _promising_starts(base, scored).items()
+        for share in (along, 0.5 * (along + 1.0), 1.0)
+    ]
+    point = _least_left(problem, base, points)
     at = predicted_part(point, base.parameters)
     return candidate.parameters, point, derivatives(problem, at, candidate.parameters)
+
+
+def _promising_starts(base: Fit, scored: Scored) -> dict[int, float]:
+    """Return the starts whose straight line says nearly as much as the best one's, with their amplitudes."""
+    size = np.maximum(np.diag(scored.information), 1e-300)
+    gradient = metric_of(base).project(scored.signature.rows) @ from_belief(base)
+    told = np.maximum(gradient, 0.0) ** 2 / size
+    amplitude = np.clip(gradient / (size + 1.0), *AMPLITUDES)
+    ranked = np.argsort(-told)[:MOST_STARTS]
+    return {int(k): float(amplitude[k]) for k in ranked if told[k] >= NEAR_START * told.max()}
+
+
+def _least_left(problem: Problem, base: Fit, points: Sequence[dict[str, float]]) -> dict[str, float]:
+    """Return the point that leaves least once the base model's nuisances have taken what they may."""
+    metric = metric_of(base)
+    left = []
+    for point in points:
+        cube = problem.predictor.cube(predicted_part(point, base.parameters), problem.views)
+        residual = base.residual - problem.whitened(cube - base.predicted)
+        left.append(float(metric.project(residual) @ residual))
+    return points[int(np.argmin(left))]
 
 
 def changes_plate_light(problem: Problem, candidate: Candidate) -> bool:
@@ -204,6 +240,9 @@ def held_out_gain(problem: Problem, base: Fit, extended: Fit, own: int, inflatio
     The difference of two squared residuals is linear in the noise, with the distance of the two predictions as its
     standard deviation. A scatter over conditions would call a gain uncertain because it is larger in some of them.
 
+    What is known of the nuisances beforehand is data as well, and counts with what either model leaves of it: a black
+    level of eight deviations predicts the frames left out as well as the effect would that it stands in for.
+
     Parameters
     ----------
     problem : Problem
@@ -221,7 +260,14 @@ def held_out_gain(problem: Problem, base: Fit, extended: Fit, own: int, inflatio
         away = np.array([value_of(one.point, p) - p.null for p in one.parameters])
         scores.append(leave_one_out(rows, one.residual, deviations, away, groups))
     apart = float(np.sum((extended.residual - base.residual) ** 2, dtype=float))
-    return float((scores[0] - scores[1]).sum()) / inflation, float(np.sqrt(apart / inflation))
+    known = [_of_priors(one, extended.parameters[own:]) for one in (base, extended)]
+    gain = float((scores[0] - scores[1]).sum()) / inflation + 0.5 * float((known[0] ** 2 - known[1] ** 2).sum())
+    return gain, float(np.sqrt(apart / inflation + ((known[0] - known[1]) ** 2).sum()))
+
+
+def _of_priors(fitted: Fit, nuisances: Sequence[Parameter]) -> Array:
+    """Return how far a fit's nuisances are from their prior means (k,) [deviations]."""
+    return np.array([(value_of(fitted.point, p) - p.null) / p.deviation for p in nuisances])
 
 
 def condition_of_bins(problem: Problem) -> NDArray[np.int_]:

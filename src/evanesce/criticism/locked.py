@@ -13,9 +13,10 @@ from evanesce.criticism.extend import Extension
 from evanesce.criticism.gain import area_error_percent, bootstrap_sum, log_scores, rmse
 from evanesce.criticism.linear import Metric
 from evanesce.criticism.nuisance import nuisance_parameters
+from evanesce.criticism.numerics import is_numerics
 from evanesce.criticism.observe import Observation
 from evanesce.criticism.parameters import derivative
-from evanesce.criticism.problem import Fit, Problem, predicted_part
+from evanesce.criticism.problem import Fit, Problem, fit, predicted_part
 from evanesce.criticism.residuals import with_places
 from evanesce.criticism.unknown import Flexible
 from evanesce.measurement.segment import Chain, segment
@@ -24,6 +25,8 @@ from evanesce.rng import generator
 Array = NDArray[Any]
 
 BOOTSTRAPS = 2000
+REFITS = 3
+"""Predictions by which a fit settles without the nuisances of computation."""
 THRESHOLD = 0.15
 LEAST_BLOB_SHARE = 2000 / 3.0e6
 """The author's smallest blob, 2000 of 2000 x 1500 pixels."""
@@ -62,13 +65,19 @@ def locked_gain(
 ) -> LockedGain | None:
     """Return the gain on the locked views; None where none is locked.
 
-    Each view's own jitter of light and load cell is marginalised, for both models alike. With a flexible term, what it
-    predicts there is added, and the nuisances that made way for it in the open part make way here, too.
+    Each view's own jitter of light and load cell is marginalised, for both models alike. Two rigs that a user can
+    render are compared: both are fitted without the nuisances of computation first, behind which a wrong model hides
+    farther than computation is ever wrong. With a flexible term, which was fitted beside those nuisances, both models
+    keep them; what the term predicts is added, and what made way for it in the open part makes way here, too.
     """
     views = [int(v) for v in observation.locked]
     if not views:
         return None
-    extended = base if best is None else best.fitted
+    extended = None if best is None else best.fitted
+    if flexible is None:
+        base = without_numerics(problem, base)
+        extended = None if extended is None else without_numerics(problem, extended)
+    extended = extended or base
     cubes, points = [], []
     for one in (base, extended):
         points.append(shared_part(one))
@@ -111,9 +120,23 @@ def flexible_part(problem: Problem, fitted: Fit, flexible: Flexible, predicted: 
     at = predicted_part(fitted.point, fitted.parameters)
     moved_by = -metric.nuisances_of(problem.whitened(seen))
     for p, way in zip(fitted.parameters, moved_by, strict=True):
-        if not p.linear and (p.views is None or set(p.views) & set(views)):
+        if p.template is not None:
+            found[views] += way * p.deviation * p.template[views]
+        elif not p.linear and (p.views is None or set(p.views) & set(views)):
             found[views] += way * p.deviation * derivative(problem.predictor, at, p, views)[views]
     return found
+
+
+def without_numerics(problem: Problem, fitted: Fit) -> Fit:
+    """Return a model fitted again without the nuisances of computation (:mod:`evanesce.criticism.numerics`)."""
+    kept = [k for k, p in enumerate(fitted.parameters) if not is_numerics(p)]
+    if len(kept) == len(fitted.parameters):
+        return fitted
+    left = {p.name for p in fitted.parameters if is_numerics(p)}
+    start = {name: value for name, value in fitted.point.items() if name not in left}
+    # What a template adds is no part of the prediction, which is the same without it.
+    parameters = [fitted.parameters[k] for k in kept]
+    return fit(problem, parameters, start, rows=fitted.rows[kept], predicted=fitted.predicted, rounds=REFITS)
 
 
 def shared_part(fitted: Fit) -> dict[str, float]:

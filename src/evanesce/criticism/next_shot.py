@@ -106,6 +106,7 @@ def _listed(options: Sequence[tuple[Shot, list[float]]], group: Sequence[Extensi
 def _distances(problem: Problem, view: View, best: Extension, group: Sequence[Extension]) -> list[float]:
     """Return squared whitened distances between what the best and each of the group predict of a view."""
     predictor = Predictor(problem.predictor.scene, [view], noise_scale=problem.predictor.noise_scale)
+    predictor.fixed = problem.predictor.fixed
     nuisances = nuisance_parameters([view], problem.noise.flicker)
     # Light, black level and pose are known from the data; only what is new with this shot is free.
     new = [p for p in nuisances if p.linear or view.is_card]

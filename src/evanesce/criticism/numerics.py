@@ -26,6 +26,9 @@ Array = NDArray[Any]
 QUICK = 0.1
 """Share of the step from bin to bin that the quick prediction may be off by."""
 
+RESOLUTION, EDGE = "@resolution", "@edge"
+"""Names of the nuisances."""
+
 LEFT = 0.1
 """Share of what finer pixels change that stays as a variance."""
 
@@ -67,10 +70,15 @@ def numerics_parameters(views: Sequence[View], change: Array, edge: Array) -> tu
         if name:
             template = np.zeros_like(change)
             template[members] = change[members]
-            found.append(_template(f"@resolution[{name}]", "1", known["resolution"], template, members))
+            found.append(_template(f"{RESOLUTION}[{name}]", "1", known["resolution"], template, members))
     if "contact" in groups:
-        found.append(_template("@edge", "mm", known["edge_mm"], edge, groups["contact"]))
+        found.append(_template(EDGE, "mm", known["edge_mm"], edge, groups["contact"]))
     return tuple(p for p in found if p.template is not None and np.any(p.template))
+
+
+def is_numerics(parameter: Parameter) -> bool:
+    """Tell whether a nuisance stands for computation."""
+    return parameter.name.startswith((RESOLUTION, EDGE))
 
 
 def _template(name: str, unit: str, deviation: float, template: Array, views: Sequence[int]) -> Parameter:

@@ -176,7 +176,7 @@ def fit(
     predictor = problem.predictor
     cube = predictor.cube(predicted_part(point, parameters), problem.views) if predicted is None else predicted
     jacobian = derivatives(problem, point, parameters, cube) if rows is None else np.array(rows)
-    linear = np.array([p.linear for p in parameters])
+    linear = np.array([p.linear for p in parameters], bool)
 
     def left_by(at: Point, predicted: Array) -> Array:
         values = np.array([value_of(at, p) for p in parameters])

@@ -90,6 +90,6 @@ def test_the_docs_hold_the_table_of_the_kept_outcomes(tmp_path: Path) -> None:
     begin, end = "<!-- table: begin -->\n", "<!-- table: end -->"
     shown = text[text.index(begin) + len(begin) : text.index(end)]
     made = tmp_path / "table.md"
-    scored = str(RUNS / "scored-f.jsonl"), "--isolable", str(RUNS / "isolable-scored.json")
+    scored = str(RUNS / "scored-h.jsonl"), "--isolable", str(RUNS / "isolable-scored.json")
     assert main([*scored, "--markdown", str(made)]) == 0
     assert shown.strip() == made.read_text(encoding="utf-8").strip()

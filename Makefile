@@ -31,8 +31,9 @@ design-demo: install
 	  --trials 24 --workers 2 --winners 2 --fresh-rigs 24 --trajectories 1 --renderings 2 --samples 8 \
 	  --out outputs/design-demo
 
+# Two workers of one thread each: linear algebra that takes both cores in both of them waits for itself.
 test: install
-	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow"
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow"
 
 test-all: install
 	$(BIN)/python -m pytest

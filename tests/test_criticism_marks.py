@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import fields
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from evanesce.criticism.blots import brightest_blot
+from evanesce.criticism.blots import MOVES, STRIPED, brightest_blot, left_of_spot
 from evanesce.criticism.candidates import candidates_of
 from evanesce.criticism.extend import Extension
+from evanesce.criticism.linear import Metric
 from evanesce.criticism.lines import brightest_line
 from evanesce.criticism.marks import BESIDE, cells, left_at_places, left_beside, standing_out, without_places
 from evanesce.criticism.predict import Predictor
@@ -302,6 +306,12 @@ def test_what_goes_on_beside_a_list_makes_it_the_middle_of_something_larger() ->
         ({"press": 1.1, "led_off": 4.3, "lens_cap": 3.1}, 600.0, True),  # 2.4 % of what the list explains
         ({"press": 0.1, f"{BESIDE} 4 bins": 6.4}, 20.0, False),
         ({"press": 0.1, f"{BESIDE} 4 bins": -6.4}, 900.0, True),
+        ({"press": 0.1, f"{MOVES} right with force": -6.4}, 20.0, False),
+        ({"press": 0.1, f"{MOVES} right with force": -6.4}, 900.0, True),
+        ({"press": 0.1, STRIPED: 6.4}, 20.0, False),
+        # 12.3: 0.002 of chi-square with 2 degrees, too much for a spot and not for a list.
+        ({"press": 3.1, "led_off": -1.63}, 20.0, True),
+        ({"press": 3.1, "led_off": -1.63, f"{MOVES} right with force": 0.1}, 20.0, False),
     ],
 )
 def test_a_list_goes_as_its_marks_do(at_places: dict[str, float], log_bayes: float, alike: bool) -> None:
@@ -324,6 +334,79 @@ def test_a_spot_has_its_place_size_and_amount() -> None:
     assert np.hypot(found.middle[0] - 17.7, found.middle[1] - 24.2) < 2 * 2**0.5 * 6.0 / 12 + 0.5
     assert 4.2 <= found.radius <= 8.5
     assert found.amount == pytest.approx(amount, rel=0.35)
+
+
+def _spot_case(rng: np.random.Generator) -> tuple[Any, Any, NDArray[Any], NDArray[Any], Callable[..., NDArray[Any]]]:
+    """Return a problem of 24 frames whose power, force and time differ, two nuisances, a spot, noise, and any spot."""
+    views, rows, cols = 24, 60, 70
+    force, power = rng.uniform(0.4, 5.0, views), rng.uniform(0.4, 1.0, views)
+    kinds = [
+        View(kind="press", force_N=float(f), voltage_V=8.0 + 4.0 * float(p), time_s=3.0 * k)
+        for k, (f, p) in enumerate(zip(force, power, strict=True))
+    ]
+    shape = (views, rows, cols)
+    noise = rng.standard_normal(shape)
+    row, col = np.mgrid[0:rows, 0:cols]
+
+    def spot(row0: Any = 24.2, col0: Any = 40.7, wide: Any = 6.0) -> NDArray[Any]:
+        at = [np.broadcast_to(value, views)[:, None, None] for value in (row0, col0, wide)]
+        return np.asarray(np.exp(-((row - at[0]) ** 2 + (col - at[1]) ** 2) / (2 * at[2] ** 2)) * power[:, None, None])
+
+    problem = SimpleNamespace(
+        kinds=kinds,
+        views=tuple(range(views)),
+        valid=np.ones(shape, bool),
+        sd=rng.uniform(0.8, 1.2, shape),
+        unwhitened=lambda flat: flat.reshape(shape),
+        noise=SimpleNamespace(fields=rng.standard_normal((12, rows, cols))),
+    )
+    nuisances = rng.standard_normal((2, noise.size))
+    return problem, Metric.of(nuisances, np.ones(2)), 60.0 / np.linalg.norm(spot()) * spot(), noise, spot
+
+
+def test_a_film_stays_where_it_is_and_has_no_stripes() -> None:
+    """Rationale: a reflection that walked with the load, and a smear that crept, were named a film, three times of
+    three. A film of another form, twice as long as wide, leaves the same in each frame, which is no motion."""
+    rng = np.random.default_rng(21)
+    problem, metric, film, noise, _ = _spot_case(rng)
+    of_noise = left_of_spot(problem, metric, film.ravel(), noise.ravel())
+    assert sum(name.startswith(MOVES) for name in of_noise) == 12
+    assert max(abs(z) for z in of_noise.values()) < 4.0
+    row, col = np.mgrid[0:60, 0:70]
+    oval = np.exp(-((row - 24.2) ** 2 / 32.0 + (col - 40.7) ** 2 / 128.0))
+    form = film.max(axis=(1, 2), keepdims=True) * oval - film
+    left = left_of_spot(problem, metric, film.ravel(), (noise + form).ravel())
+    assert np.linalg.norm(form) > 15.0
+    assert max(abs(z) for z in left.values()) < 4.0
+
+
+@pytest.mark.parametrize(
+    ("what", "named"),
+    [
+        ("walks", f"{MOVES} right with force"),
+        ("widens", "with time"),
+        ("brightens", f"{MOVES} brighter with force"),
+        ("striped", STRIPED),
+    ],
+)
+def test_a_spot_that_is_no_film_is_found_out(what: str, named: str) -> None:
+    rng = np.random.default_rng(22)
+    problem, metric, film, noise, spot = _spot_case(rng)
+    amount = film.max() / spot().max()
+    force = np.array([v.force_N for v in problem.kinds])
+    time = np.log1p([v.time_s for v in problem.kinds])
+    col = np.arange(70)
+    other = {
+        "walks": lambda: amount * spot(col0=40.7 + 1.2 * (force - force.mean())),
+        "widens": lambda: amount * spot(wide=6.0 + 0.9 * (time - time.mean())),
+        "brightens": lambda: film * (1 + 0.14 * (force - force.mean()))[:, None, None],
+        # Of which no frame shows the phase of another.
+        "striped": lambda: film * (1 + 0.5 * np.sin(1.3 * col[None, None, :] + 2.1 * np.arange(24)[:, None, None])),
+    }[what]()
+    left = left_of_spot(problem, metric, film.ravel(), (noise + other - film).ravel())
+    loudest = max(left, key=lambda name: abs(left[name]))
+    assert loudest.endswith(named)
+    assert abs(left[loudest]) > 6.0
 
 
 def test_noise_and_what_takes_light_are_no_spots() -> None:

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evanesce.criticism import critic
-from evanesce.criticism.answer import Findings, verdict
+from evanesce.criticism import critic, search
+from evanesce.criticism.answer import Findings, verdict, warnings
 from evanesce.criticism.battery import BatteryResult, Outcome
 from evanesce.criticism.extend import Extension
 from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.linear import Score
+from evanesce.criticism.locked import LockedGain
 from evanesce.criticism.score import Scored, ScoreTest
 
 
@@ -124,3 +125,32 @@ def test_a_picture_is_advised_where_causes_come_near_and_none_is_worth_its_prior
     critic.isolate(case, [], found)  # type: ignore[arg-type]
     assert [e.cause.id for e in found.group] == list(left)
     assert (found.next_shot or {}).get("what") == asked
+
+
+@pytest.mark.parametrize(
+    ("improved", "near", "kept"),
+    [
+        (27.0, True, True),  # draws the same picture with more parameters, which cost 9 nats
+        (24.0, True, False),  # 6 nats less of it
+        (27.0, False, False),
+    ],
+)
+def test_what_draws_the_same_picture_stays_in_the_answer_whatever_its_parameters_cost(
+    monkeypatch: pytest.MonkeyPatch, improved: float, near: bool, kept: bool
+) -> None:
+    """Rationale: of a black level of 10 without dark shots ambient light was left out, whose slope costs 9 nats."""
+    distances = np.full((2, 2), 4.0 if near else 40.0)
+    monkeypatch.setattr(search, "confusion", lambda causes, metric: distances)
+    inside = {"parameters": (), "fitted": None}
+    level = extension("black_level", 28.0, improved=30.0, **inside)
+    light = extension("ambient_light", 19.0, improved=improved, **inside)
+    found = search.rivals([level, light], ("black_level",), None)
+    assert [e.cause.id for e in found] == (["ambient_light"] if kept else [])
+
+
+@pytest.mark.parametrize(("highest", "warned"), [(-0.4, True), (0.4, False)])
+def test_a_name_that_predicts_the_locked_part_worse_carries_a_warning(highest: float, warned: bool) -> None:
+    best = extension("residue_film", 20.0, fitted=None)
+    found = weighed(p=0.0002, after=0.6, first={"residue_film": 22.0}, rounds=[best], best=best)
+    found.gain = LockedGain((-4.0, -9.0, highest), (1.0, 1.0), (0.1, 0.1), 3)
+    assert len(warnings(found)) == warned

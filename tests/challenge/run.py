@@ -201,6 +201,10 @@ def _results(
             yield one_case(spec, *options)
         return
     fresh = multiprocessing.get_context("spawn")  # what has threads must not be forked
+    if workers > 1:
+        # One thread for each: linear algebra that takes all cores in every worker made a case six times as slow.
+        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+            os.environ.setdefault(name, "1")
     queue = iter(todo)
     waiting: set[Future[dict[str, Any]]] = set()
     with ProcessPoolExecutor(max_workers=workers, mp_context=fresh) as pool:

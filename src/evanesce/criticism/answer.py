@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from evanesce.criticism.battery import BatteryResult
 from evanesce.criticism.battery_data import Residuals
+from evanesce.criticism.blots import MOVES, STRIPED
 from evanesce.criticism.evidence import Evidence, Ranked, Shown
 from evanesce.criticism.extend import Extension, intervals
 from evanesce.criticism.frozen import FROZEN
@@ -100,6 +101,7 @@ def answer(case: Any, signatures: Sequence[Signature], findings: Findings) -> tu
     named = findings.best if said != "none" else None
     effects = [] if named is None else _effects(named, case.problem.predictor.fixed)
     probabilities = findings.posterior.marginal() if findings.posterior else {}
+    notes = (*case.notes, *warnings(findings))
     result: dict[str, Any] = {
         "global_p": findings.global_p,
         "verdict": said,
@@ -113,7 +115,7 @@ def answer(case: Any, signatures: Sequence[Signature], findings: Findings) -> tu
         "gain": None if findings.gain is None else findings.gain.as_dict(),
         "extended_scene": None,
         "false_alarm_control": case.problem.noise.measured,
-        "notes": list(case.notes),
+        "notes": list(notes),
         "frozen_sha256": FROZEN.digest,
         "seed": case.seed,
     }
@@ -125,9 +127,17 @@ def answer(case: Any, signatures: Sequence[Signature], findings: Findings) -> tu
         ranking=_ranking(findings),
         scene_before=dump_scene(believed),
         scene_after=dump_scene(after),
-        notes=tuple(case.notes),
+        notes=notes,
     )
     return result, evidence
+
+
+def warnings(findings: Findings) -> tuple[str, ...]:
+    """Return what speaks against a named cause though it was accepted: the locked part, which chose nothing."""
+    named = verdict(findings) in ("named", "ambiguous") and findings.best is not None
+    if not named or findings.gain is None or findings.gain.log_score[2] >= 0.0:
+        return ()
+    return ("what is named predicts the locked part worse than the believed rig does: something else may be at work",)
 
 
 def extended_scene(believed: Scene, named: Extension, fixed: Mapping[str, Mapping[str, Any]] | None = None) -> Scene:
@@ -178,6 +188,8 @@ def _set_aside(extension: Extension) -> str:
         kind, z = max(extension.at_places.items(), key=lambda item: abs(item[1]))
         if kind.startswith(BESIDE):
             return f"its places are the middle of something larger: {z:+.1f} standard deviations {kind}"
+        if kind.startswith((MOVES, STRIPED)):
+            return f"no film, but something {kind} ({z:+.1f} standard deviations)"
         return f"its places show other marks in the {kind.replace('_', ' ')} shots ({z:+.1f} standard deviations)"
     return ""
 

@@ -48,6 +48,7 @@ class Case:
     candidates: tuple[Candidate, ...]
     seed: int
     codec: bool = False
+    silent: bool = False
     notes: list[str] = field(default_factory=list)
 
     def rng(self, name: str, number: int = 0) -> np.random.Generator:
@@ -99,7 +100,7 @@ def prepare(observation: Observation, seed: int, exclude: Collection[str] = ()) 
         without_places(library) if size.silent else with_places(fitted_problem, fitted, library, codec=size.codec)
     )
     candidates = with_bands(fitted_problem, fitted, candidates)
-    case = Case(observation, fitted_problem, fitted, candidates, seed, size.codec)
+    case = Case(observation, fitted_problem, fitted, candidates, seed, size.codec, size.silent)
     if not noise.measured:
         case.notes.append("no replicates: the noise is the camera's own model, false alarms are not controlled")
     if observation.series:

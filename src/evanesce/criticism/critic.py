@@ -64,7 +64,7 @@ def criticise(
     tick("battery")
     battery, left = ring(case, case.base, 0)
     global_p = joint_p(first.p, battery.global_p, codec=case.codec)
-    level = FROZEN.levels["false_alarm_codec" if case.codec else "false_alarm"]
+    level = FROZEN.levels["false_alarm_codec" if case.silent else "false_alarm"]
     findings = Findings(global_p=global_p, first=first, battery=battery, level=level)
     if global_p < level:
         tick("nested fits")
@@ -75,6 +75,10 @@ def criticise(
     tick("locked part")
     flexible = findings.flexible if verdict(findings) == "unknown" else None
     findings.gain = locked_gain(case.observation, case.problem, case.base, findings.best, flexible)
+    if findings.best is not None and findings.gain is not None and findings.gain.log_score[2] < 0.0:
+        case.notes.append(
+            "what is named predicts the locked part worse than the believed rig does: do not trust it yet"
+        )
     return answer(case, signatures, findings)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from evanesce.criticism.blots import MOVES, STRIPED, left_of_spot
 from evanesce.criticism.candidates import Candidate
 from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.gain import leave_one_out
@@ -59,6 +60,9 @@ class Extension:
         Of the last candidate, for distances.
     at_places : mapping of str to float
         For places taken from the data: what is left there in each kind of shot, and about them [standard deviations].
+    improved : float
+        Log likelihood, priors of what was fitted included, over that of the base model: what it explains, whatever its
+        own parameters cost.
     """
 
     ids: tuple[str, ...]
@@ -70,6 +74,7 @@ class Extension:
     inflation: float
     cause: Cause
     at_places: Mapping[str, float] = field(default_factory=dict)
+    improved: float = 0.0
 
     @property
     def possible(self) -> bool:
@@ -80,12 +85,22 @@ class Extension:
     def goes_as_its_marks_do(self) -> bool:
         """Whether nothing at the listed places or about them tells that they are other marks than named."""
         beside = [z for name, z in self.at_places.items() if name.startswith(BESIDE)]
-        at = [z for name, z in self.at_places.items() if not name.startswith(BESIDE)]
-        left = float(np.square(at).sum())
+        moves = [z for name, z in self.at_places.items() if name.startswith(MOVES)]
+        striped = [z for name, z in self.at_places.items() if name == STRIPED]
+        at = [z for name, z in self.at_places.items() if not name.startswith((BESIDE, STRIPED, MOVES))]
         # Of loud marks the form alone, which no library knows to a few per cent, leaves that much.
         form = FROZEN.levels["places_form"] * 2.0 * max(self.log_bayes, 0.0)
-        alike = left < form or float(stats.chi2.sf(left, max(len(at), 1))) > FROZEN.levels["places_p"]
-        return alike and all(abs(z) < max(FROZEN.levels["beside_left"], np.sqrt(form)) for z in beside)
+
+        # One spot of any size is a shape that much else has, where a list of places is its marks' own.
+        least = FROZEN.levels["spot_p" if moves else "places_p"]
+
+        def alike(values: Sequence[float]) -> bool:
+            left = float(np.square(values).sum())
+            return left < form or float(stats.chi2.sf(left, max(len(values), 1))) > least
+
+        within = [(FROZEN.levels["beside_left"], beside), (FROZEN.levels["spot_striped"], striped)]
+        still = all(abs(z) < max(most, np.sqrt(form)) for most, values in within for z in values)
+        return alike(at) and alike(moves) and still
 
     @property
     def within_bounds(self) -> bool:
@@ -134,6 +149,8 @@ def extend(problem: Problem, base: Fit, known: Extension | None, scored: Scored)
         at_places = left_at_places(problem, signal, left)
     if effect.marks is not None or effect.line is not None:
         at_places |= left_beside(problem, signal, left)
+    if effect.blot is not None:
+        at_places |= left_of_spot(problem, metric_of(fitted), signal, left)
     return Extension(
         ids=(*(known.ids if known else ()), candidate.id),
         fitted=fitted,
@@ -144,6 +161,7 @@ def extend(problem: Problem, base: Fit, known: Extension | None, scored: Scored)
         inflation=scored.inflation,
         cause=Cause(candidate.id, signal, own, deviations),
         at_places=at_places,
+        improved=improved,
     )
 
 

@@ -121,13 +121,15 @@ def log_odds(found: Posterior, ids: tuple[str, ...], against: tuple[tuple[str, .
 def rivals(fitted: Sequence[Extension], ids: tuple[str, ...], metric: Any) -> list[Extension]:
     """Return what a cause that was accepted could be mistaken for, of those that were fitted in the same step."""
     number = next(k for k, e in enumerate(fitted) if e.ids == ids)
-    levels, best = FROZEN.levels, fitted[number].log_bayes
+    levels, best = FROZEN.levels, fitted[number]
     near = set(group_of(number, confusion([e.cause for e in fitted], metric), levels["ambiguous_lambda"]))
-    return [
-        e
-        for k, e in enumerate(fitted)
-        if k != number and e.possible and e.log_bayes > best - levels["ambiguous_nats" if k in near else "rival_nats"]
-    ]
+
+    def comes_near(k: int, other: Extension) -> bool:
+        # Of two that draw the same picture, one that has more parameters to do so is no less likely to have drawn it.
+        alike = k in near and other.improved > best.improved - levels["ambiguous_nats"]
+        return alike or other.log_bayes > best.log_bayes - levels["ambiguous_nats" if k in near else "rival_nats"]
+
+    return [e for k, e in enumerate(fitted) if k != number and e.possible and comes_near(k, e)]
 
 
 def rivals_without_best(findings: Findings) -> list[Extension]:

@@ -421,7 +421,7 @@ def test_scores_of_made_up_answers() -> None:
 
 
 def test_the_score_itself_gives_chance_where_truths_are_shuffled() -> None:
-    """Of the score alone: what the critic makes of shuffled pixels is a kept run, ``docs/challenge-runs``."""
+    """Of the score alone."""
     rng, names = np.random.default_rng(1), list(NAMED)
     answers = [record(c, named(c), number=k) for k, c in enumerate(names * 20)]
     order = rng.permutation(len(answers))
@@ -500,6 +500,10 @@ def test_a_run_keeps_every_outcome_and_does_none_twice(tmp_path: Path, monkeypat
     assert len(begun) == count + 2
     assert len({record["truth"]["id"] for record in again if "answer" in record}) == count
     assert sum("error" in record for record in again) == 1
+    # A scored run is one critic's.
+    monkeypatch.setattr(runner, "commit", lambda: "other")
+    with pytest.raises(runner.MixedRun, match="begun by the code of"):
+        run("scored", out, workers=0, show=lambda text: None)
     # Cases that somebody has looked at are left out of another run.
     spent = {record["truth"]["id"] for record in first[:5]}
     fresh = run("slice", tmp_path / "fresh.jsonl", workers=0, spent=spent, show=lambda text: None)

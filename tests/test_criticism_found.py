@@ -23,6 +23,7 @@ from evanesce.bundle import read_bundle
 from evanesce.cli.app import app
 from evanesce.criticism.critic import criticise
 from evanesce.criticism.observe import observe
+from evanesce.criticism.scalar_critic import criticise_series
 from evanesce.rig import load_scene
 from evanesce.sensor.codec import write_png
 
@@ -89,6 +90,24 @@ def test_a_decoy_is_told_from_its_cause_by_the_shot_that_separates_them(tmp_path
     answer = judged(case, tmp_path)
     assert case.decoy == "ambient_light"
     assert said(answer) == {"black_level"}
+
+
+def test_a_decoy_without_its_shot_is_answered_as_a_set_and_the_shot_is_advised(tmp_path: Path) -> None:
+    case = next(
+        c
+        for c in cases("dev")
+        if c.group == "decoy" and c.causes == ("black_level",) and c.drop and c.strengths == (10.0,)
+    )
+    answer = judged(case, tmp_path)
+    assert said(answer) == {"black_level", "ambient_light"}
+    assert answer["next_measurement"]["what"] == "lens_cap"
+    assert set(answer["next_measurement"]["separates"]) == {"ambient_light"}
+
+
+def test_a_film_is_named_through_a_codec(tmp_path: Path) -> None:
+    """JPEG leaves noise, by which the level of other bundles holds; place and size of the film come from the data."""
+    answer = judged(spec("single", "residue_film", 10.0, "jpeg"), tmp_path)
+    assert said(answer) == {"residue_film"}
 
 
 @pytest.mark.parametrize("cause", ["row_banding", pytest.param("ghost_image", marks=pytest.mark.slow)])
@@ -199,3 +218,18 @@ def test_the_command_writes_answer_page_and_a_scene_that_loads(tmp_path: Path) -
     extended = load_scene(answer["extended_scene"])
     assert extended.effects["vignetting"]["k"] > 0
     assert "vignetting" in report.read_text()
+
+
+@pytest.mark.slow
+def test_the_thesis_areas_are_explained_by_light_and_not_by_mechanics() -> None:
+    """Real data (c): 1.66 times Hertz, as the thesis gives it; which is which must not hang on the assumed 5 %."""
+    bundle = Path(__file__).resolve().parents[1] / "bundles" / "thesis_silskin_20"
+    answer, _ = criticise_series(read_bundle(bundle))
+    assert answer["verdict"] in ("named", "ambiguous")
+    assert said(answer) >= {"lateral_glow"}
+    glow = next(e for e in answer["effects"] if e["id"] == "lateral_glow")["parameters"]["length_mm"]
+    assert 0.4 < glow["value"] < 0.6
+    mechanical = {name for name, kind in answer["kinds"].items() if kind == "mechanical"}
+    assert {"modulus", "adhesion", "creep"} <= mechanical
+    assert not mechanical & {"lateral_glow", "tone_curve"}
+    assert sum(answer["probabilities"].get(name, 0.0) for name in mechanical) < 0.5

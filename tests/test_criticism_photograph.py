@@ -7,6 +7,7 @@ critic blurs by a Gaussian, shades by r^2 or by a plane, and knows neither light
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,13 +16,15 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from scipy.special import erf
 
 from evanesce.criticism.photograph import criticise_photograph
-from evanesce.criticism.photograph_light import LightModel, Photograph, binned_mean, prepare
+from evanesce.criticism.photograph_light import LightModel, Photograph, binned_mean, prepare, read_photograph
 from evanesce.criticism.photograph_tails import Inverse, Seen, fit_tail, law_of, local_level, log_density, seen_of
-from evanesce.criticism.photograph_views import corner_noise, judge_views
+from evanesce.criticism.photograph_views import corner_noise, judge_views, photographed_views
 from evanesce.measurement.board_lines import BoardLines
 from evanesce.measurement.corners import CornerGrid
-from evanesce.measurement.points import BoardView
+from evanesce.measurement.images import read_image
+from evanesce.measurement.points import BoardView, read_points
 from evanesce.measurement.saddle import SaddleFit
+from evanesce.report.photograph_page import views_words
 from evanesce.rig import Camera, load_scene
 from evanesce.simulate import photograph as take
 from evanesce.validation.twin import Light, _Studio
@@ -93,6 +96,23 @@ SHARP_EDGES = pytest.mark.xfail(
     reason="the twin's edges are drawn by a small disc; what the critic's Gaussian leaves there a tone curve takes up",
     strict=True,
 )
+
+
+@pytest.mark.slow
+def test_the_real_photograph_shows_its_four_known_departures(rig_photo: Path) -> None:
+    """Specks, focus that falls off, uneven light and the edge LEDs' reflections, each of them worth its name there."""
+    picture = read_image(rig_photo / "checkerboard_1mm.png")
+    photograph = read_photograph(picture.data, load_scene("thesis"), CURVE)
+    found, bench = criticise_photograph(photograph)
+    answer = found.answer
+    names = {effect["id"] for effect in answer["effects"]}
+    assert {"specks", "defocus", "led_edge_reflections"} <= names
+    assert names & {"ambient_light", "vignetting", "uneven_light"}
+    for cause in ("specks", "defocus", "led_edge_reflections"):
+        assert answer["dropped"][cause]["loss"][1] > 0, cause
+    assert answer["gain"]["log_score"][1] > 0
+    views = photographed_views(photograph, read_points(rig_photo / "corners.csv"), bench.pixel_noise_DN)
+    assert "12 views are 1" in views_words(views)
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,13 +11,16 @@ import numpy as np
 import pytest
 
 from evanesce.criticism import critic, search
-from evanesce.criticism.answer import Findings, verdict, warnings
+from evanesce.criticism.answer import Findings, extended_scene, verdict, warnings
 from evanesce.criticism.battery import BatteryResult, Outcome
 from evanesce.criticism.extend import Extension
 from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.linear import Score
 from evanesce.criticism.locked import LockedGain
 from evanesce.criticism.score import Scored, ScoreTest
+from evanesce.render.transport import render_fast
+from evanesce.rig import dump_scene, load_scene
+from evanesce.simulate import simulate
 
 
 @pytest.fixture(autouse=True)
@@ -146,6 +150,28 @@ def test_what_draws_the_same_picture_stays_in_the_answer_whatever_its_parameters
     light = extension("ambient_light", 19.0, improved=improved, **inside)
     found = search.rivals([level, light], ("black_level",), None)
     assert [e.cause.id for e in found] == (["ambient_light"] if kept else [])
+
+
+def test_an_extended_scene_renders_as_any_other_with_the_places_that_the_data_listed(tmp_path: Path) -> None:
+    believed = load_scene("thesis", {"camera.resolution_px": [208, 164], "camera.scale_px_per_mm": 7.3})
+    point = {"vignetting:k": 0.2, "specks:marks": 1.5, "@light": 0.1, "@pose_x[0]": 0.2}
+    named = extension("specks", 9.0, fitted=SimpleNamespace(point=point))
+    fixed = {"specks": {"mark_x_mm": [1.1, -6.2], "mark_y_mm": [7.4, 5.0], "mark_light_mm2": [0.2, 0.5]}}
+    path = tmp_path / "extended.toml"
+    path.write_text(dump_scene(extended_scene(believed, named, fixed)))
+    again = load_scene(path)
+    assert again.effects["vignetting"]["k"] == 0.2
+    assert len(again.effects["specks"]["mark_x_mm"]) == 2
+    frames = [simulate(scene, 1.2, seed=3, render=render_fast).frame.data.astype(float) for scene in (believed, again)]
+    assert np.abs(frames[1] - frames[0]).max() > 10
+
+
+def test_codecs_have_stricter_levels_the_strictest_where_no_noise_is_left() -> None:
+    kinds = ((False, False), (True, False), (True, True))
+    levels = [critic.level_of(SimpleNamespace(codec=codec, silent=silent)) for codec, silent in kinds]  # type: ignore[arg-type]
+    assert levels[0] == FROZEN.levels["false_alarm"]
+    assert levels == sorted(levels, reverse=True)
+    assert len(set(levels)) == 3
 
 
 @pytest.mark.parametrize(("highest", "warned"), [(-0.4, True), (0.4, False)])

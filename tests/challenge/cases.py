@@ -185,4 +185,4 @@ def slice_of(name: str = "dev", count: int = 14) -> list[CaseSpec]:
     chosen = clear[: max(4, count - 10)]
     chosen += pick("null", 2, noise="plain") + pick("null", 2, noise="h264")
     chosen += [c for c in pick("decoy", 100) if c.drop][:1] + [c for c in pick("decoy", 100) if not c.drop][:1]
-    return chosen + pick("double", 1, cancelling=False) + pick("unknown", 2) + pick("removed", 1)
+    return chosen + pick("double", 1, cancelling=False) + pick("unknown", 2) + pick("removed", 2)

@@ -35,6 +35,11 @@ from .rig import CACHE, base_light
 from .score import lines, summary
 from .strength import OutOfReach
 
+
+class MixedRun(Exception):
+    """A run goes on by the code that began it, so that one critic is judged."""
+
+
 CRITIC = "evanesce.criticism.critic:criticise"
 Judge = Callable[..., dict[str, Any]]
 
@@ -160,6 +165,11 @@ def run(
     spent : iterable of str
         Cases left out, by id: those whose outcome somebody has looked at before the critic was frozen.
     show : callable
+
+    Raises
+    ------
+    MixedRun
+        Where a scored run was begun by other code.
     """
     wanted = [(set(groups), lambda s: {s.group}), (set(causes), lambda s: set(s.causes))]
     wanted.append((set(strengths), lambda s: set(s.strengths)))
@@ -168,6 +178,11 @@ def run(
     todo = [spec for spec in specs if spec.id not in done]
     out.parent.mkdir(parents=True, exist_ok=True)
     start, origin = time.monotonic(), commit()
+    begun = {record["commit"] for record in read_records(out) if "commit" in record}
+    if name == "scored" and begun - {origin}:
+        raise MixedRun(
+            f"{out} was begun by the code of {', '.join(sorted(begun))}, this is {origin}: name another --run"
+        )
     for set_name in sorted({spec.set for spec in todo}) if workers > 1 else ():
         for pose in sorted({spec.pose for spec in todo if spec.set == set_name}):
             base_light(set_name, pose)  # once, before workers would make it side by side
@@ -246,11 +261,15 @@ def main(arguments: list[str] | None = None) -> int:
     records = read_records(out)
     spent = {record["truth"]["id"] for path in given.spent for record in read_records(path)}
     if not given.score_only:
-        records = run(
-            given.set, out, judge=given.judge, workers=given.workers, budget_s=given.budget_s, groups=given.groups,
-            causes=given.causes, strengths=given.strengths, spent=spent, strip=given.strip, keep=given.keep,
-            beside=tuple(given.beside), show=lambda text: print(text, file=sys.stderr, flush=True),
-        )  # fmt: skip
+        try:
+            records = run(
+                given.set, out, judge=given.judge, workers=given.workers, budget_s=given.budget_s, groups=given.groups,
+                causes=given.causes, strengths=given.strengths, spent=spent, strip=given.strip, keep=given.keep,
+                beside=tuple(given.beside), show=lambda text: print(text, file=sys.stderr, flush=True),
+            )  # fmt: skip
+        except MixedRun as error:
+            print(error, file=sys.stderr)
+            return 2
     latest = {record["truth"]["id"]: record for record in records}
     judged = [record for record in latest.values() if "skipped" not in record]
     # A slice is too small for a rate over what is isolable, and the table takes minutes to make.

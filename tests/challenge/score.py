@@ -272,10 +272,14 @@ def _decoys(records: Sequence[Record]) -> dict[str, Any]:
         advice = str((record["answer"].get("next_measurement") or {}).get("what", ""))
         return any(shot.replace("_", " ") in advice.replace("_", " ") for shot in record["truth"]["drop"])
 
+    def named_alone(record: Record) -> bool:
+        names = [effect["id"] for effect in record["answer"].get("effects", [])]
+        return reported_set(record) == set(names) == {record["truth"]["causes"][0]}
+
     return {
         "answered_as_set_without_the_shot": rate(both(r) for r in lacking).as_dict(),
         "right_shot_advised": rate(advised(r) for r in lacking).as_dict(),
-        "separated_with_the_shot": rate(reported_set(r) == {r["truth"]["causes"][0]} for r in whole).as_dict(),
+        "separated_with_the_shot": rate(named_alone(r) for r in whole).as_dict(),
     }
 
 

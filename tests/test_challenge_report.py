@@ -9,9 +9,11 @@ import pytest
 
 from challenge.report import judged, main, markdown, picture, read
 from challenge.score import Rate
+from evanesce.criticism.frozen import FROZEN
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 RUNS = DOCS / "challenge-runs"
+RUN = RUNS / "scored-j.jsonl"
 
 
 def record(number: int, group: str, causes: list[str], strengths: list[float], answer: dict, **more: object) -> dict:
@@ -85,11 +87,27 @@ def read_some(folder: Path) -> list[dict]:
     return read([path])
 
 
+def test_the_run_of_the_table_is_one_critics_with_the_thresholds_of_today() -> None:
+    """Frozen: one commit, and one digest, which is that of the thresholds that users get; nothing stripped or spent."""
+    records = [json.loads(line) for line in RUN.read_text(encoding="utf-8").splitlines()]
+    assert len({r["commit"] for r in records}) == 1
+    assert not records[0]["commit"].endswith("+changes")
+    assert {r["strip"] for r in records} == {""}
+    assert {r["answer"]["frozen_sha256"] for r in records if "answer" in r} == {FROZEN.digest}
+    before = {
+        json.loads(line)["truth"]["id"]
+        for path in RUNS.glob("scored-*.jsonl")
+        if path.name < RUN.name
+        for line in path.read_text(encoding="utf-8").splitlines()
+    }
+    assert not before & {r["truth"]["id"] for r in records}
+
+
 def test_the_docs_hold_the_table_of_the_kept_outcomes(tmp_path: Path) -> None:
     text = (DOCS / "criticism-challenge.md").read_text(encoding="utf-8")
     begin, end = "<!-- table: begin -->\n", "<!-- table: end -->"
     shown = text[text.index(begin) + len(begin) : text.index(end)]
     made = tmp_path / "table.md"
-    scored = str(RUNS / "scored-h.jsonl"), "--isolable", str(RUNS / "isolable-scored.json")
+    scored = str(RUN), "--isolable", str(RUNS / "isolable-scored.json")
     assert main([*scored, "--markdown", str(made)]) == 0
     assert shown.strip() == made.read_text(encoding="utf-8").strip()

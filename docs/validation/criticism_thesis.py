@@ -18,8 +18,13 @@ from evanesce.bundle import read_bundle
 from evanesce.criticism.candidates import candidates_of
 from evanesce.criticism.scalar import SeriesPredictor, Table, fit_series
 
-SHOWN = {"lateral_glow": "light", "led_edge_reflections": "light", "modulus": "mechanics", "creep": "mechanics"}
-MOST_PARAMETERS = 1
+SHOWN = {
+    "lateral_glow": ("light", "length_mm"),
+    "led_edge_reflections": ("light", "relative_radiance"),
+    "modulus": ("mechanics", "relative"),
+    "creep": ("mechanics", "per_decade"),
+}
+"""Kind of each cause, and its one parameter that is fitted here."""
 
 
 def main() -> None:
@@ -37,9 +42,11 @@ def main() -> None:
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
     left.errorbar(series.x, series.y, yerr=table.sigma * series.y, fmt="ko", ms=4, label="thesis")
     left.plot(series.x, np.exp(base.predicted), "k--", label="believed rig")
-    for (name, kind), colour in zip(SHOWN.items(), ("tab:blue", "tab:cyan", "tab:red", "tab:orange"), strict=True):
+    for (name, (kind, parameter)), colour in zip(
+        SHOWN.items(), ("tab:blue", "tab:cyan", "tab:red", "tab:orange"), strict=True
+    ):
         candidate = next(c for c in candidates_of(bundle.scene, {"press", "force", "time"}) if c.id == name)
-        chosen = candidate.parameters[:MOST_PARAMETERS]
+        chosen = tuple(p for p in candidate.parameters if p.name == f"{name}:{parameter}")
         start = {p.name: float(np.clip(p.null + p.deviation, *p.bounds)) for p in chosen}
         found = fit_series(predict, table, (name,), chosen, start)
         values = ", ".join(f"{p.name} {found.point[p.name]:.3g} {p.unit}" for p in chosen)

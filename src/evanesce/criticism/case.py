@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -12,17 +12,18 @@ from numpy.typing import NDArray
 from evanesce.criticism.bands import with_bands
 from evanesce.criticism.candidates import Candidate, candidates_of
 from evanesce.criticism.codec import codec_parameters, codec_variance, noise_by_bins
-from evanesce.criticism.fine import fine_cube
+from evanesce.criticism.fine import FineFrames
 from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.marks import with_places, without_places
 from evanesce.criticism.noise import noise_of
-from evanesce.criticism.noise_scale import noise_scale_of
+from evanesce.criticism.noise_scale import LOOSE, noise_scale_of
 from evanesce.criticism.nuisance import nuisance_parameters
 from evanesce.criticism.numerics import edge_template, leftover_variance, numerics_parameters, quick_variance
 from evanesce.criticism.observe import Observation, model_factor
 from evanesce.criticism.parameters import Parameter, derivative
 from evanesce.criticism.predict import Predictor
 from evanesce.criticism.problem import Fit, Problem, derivatives, fit, predicted_part
+from evanesce.criticism.recoded import Codec, Shooting, codec_of, recoded
 from evanesce.criticism.tone import expected_tone
 from evanesce.rng import generator
 
@@ -59,6 +60,9 @@ class Case:
 def prepare(observation: Observation, seed: int, exclude: Collection[str] = ()) -> Case:
     """Measure the noise and fit the believed rig with its nuisances."""
     size = noise_scale_of(observation.believed.camera, observation.scatter)
+    codec = codec_before(observation, seed) if size.codec else None
+    if codec is not None:
+        size = replace(size, value=codec[1], deviation=LOOSE)
     predictor = Predictor(observation.scene, observation.views, noise_scale=size.value)
     known = FROZEN.noise
     data = observation.cube
@@ -91,6 +95,10 @@ def prepare(observation: Observation, seed: int, exclude: Collection[str] = ()) 
         if not displaced(own, point):
             break
     if size.codec:
+        if codec is not None:
+            fitted_problem, every = through_codec(fitted_problem, every, at[2], codec[0], seed)
+            fitted = fit(fitted_problem, every, own, rounds=ROUNDS)
+            own = predicted_part(fitted.point, every)
         # A codec hands noise from frame to frame, so that replicates show too little of it; single bins tell.
         fitted_problem = fitted_problem.louder(noise_by_bins(fitted_problem, fitted))
         fitted = fit(fitted_problem, every, own, rounds=ROUNDS)
@@ -109,7 +117,8 @@ def prepare(observation: Observation, seed: int, exclude: Collection[str] = ()) 
             " alone is judged by them"
         )
     if size.codec:
-        case.notes.append("noise was smoothed after the tone curve (a codec?): faint departures are not sought")
+        like = f"as by {codec[0]}" if codec else "by a codec?"
+        case.notes.append(f"noise was smoothed after the tone curve, {like}: structure of no known kind is not sought")
     return case
 
 
@@ -136,8 +145,8 @@ def displaced(point: Mapping[str, float], since: Mapping[str, float]) -> bool:
 
 def at_place(
     observation: Observation, problem: Problem, point: Mapping[str, float], codec: bool = False
-) -> tuple[Problem, tuple[Parameter, ...]]:
-    """Return the problem about the fitted place of the finger, and the nuisances of computation there.
+) -> tuple[Problem, tuple[Parameter, ...], FineFrames]:
+    """Return the problem about the fitted place of the finger, the nuisances of computation there, and its frames.
 
     From now on predictions carry the plate's light at that very place, as fine pixels gather it, and weights follow
     the level there.
@@ -146,7 +155,8 @@ def at_place(
     predictor.correction = None
     quick = predictor.cube(point)
     factor, scale = model_factor(observation.believed), predictor.noise_scale
-    fine = fine_cube(observation.believed, predictor.views, factor, point, noise_scale=scale)
+    frames = FineFrames(observation.believed, predictor.views, factor, point, noise_scale=scale)
+    fine = frames.cube()
     predictor.correction = np.nan_to_num(fine - quick, nan=0.0)
     lit = [k for k, view in enumerate(predictor.views) if view.touches]
     change = np.zeros_like(fine)
@@ -162,4 +172,42 @@ def at_place(
     ]
     edge = edge_template(predictor.scene, predictor.views, by_force)
     found = numerics_parameters(predictor.views, change, edge)
-    return renewed, (*found, *codec_parameters(predictor.views, fine)) if codec else found
+    return renewed, (*found, *codec_parameters(predictor.views, fine)) if codec else found, frames
+
+
+def codec_before(observation: Observation, seed: int) -> tuple[Codec, float] | None:
+    """Return the codec that the replicates went through, and the scale of the noise before it; None: not to be told."""
+    views, believed = observation.views, observation.believed
+    place = next((k for k, v in enumerate(views) if v.kind == "replicate"), None)
+    if place is None or "replicate" not in observation.scatter:
+        return None
+    factor = model_factor(believed)
+    quick = Predictor(observation.scene, views)
+
+    def picture(number: int) -> Array:
+        return quick.image({}, number).repeat(factor, 0).repeat(factor, 1)
+
+    before = [picture(k) for k, view in enumerate(views) if view.kind == "press"]
+    held, scatter = observation.held["replicate"], observation.scatter["replicate"]
+    shooting = Shooting(believed.camera, 1.0, factor)
+    return codec_of(shooting, picture(place), before, held, scatter, generator(seed, "criticism", "codec", 0))
+
+
+def through_codec(
+    problem: Problem, parameters: Sequence[Parameter], frames: FineFrames, codec: Codec, seed: int
+) -> tuple[Problem, list[Parameter]]:
+    """Return the problem with what a codec makes of its frames, and the nuisances that are left.
+
+    The change of the mean goes into the prediction, its scatter into the weights and the draws. Of the shapes that
+    stood for a codec's changes before, a share remains, for it may have been another codec.
+    """
+    predictor = problem.predictor
+    shooting = Shooting(frames.believed.camera, predictor.noise_scale, frames.factor)
+    level, share = frames.cube(), FROZEN.nuisances["codec_known"]
+    rng = generator(seed, "criticism", "codec", 1)
+    made = recoded(shooting, frames.picture, predictor.views, codec, level, rng)
+    predictor.correction = made.bias if predictor.correction is None else predictor.correction + made.bias
+    known = (1.0 - share**2) * codec_variance(level) - problem.noise.floor_DN**2
+    kept = [p for p in parameters if not p.name.startswith("@codec")]
+    shapes = codec_parameters(predictor.views, level, share, made.bias)
+    return problem.recoded(made, problem.numerics - known), [*kept, *shapes]

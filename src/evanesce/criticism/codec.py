@@ -29,7 +29,9 @@ CHECKED = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]]) / 6.
 """Second differences both ways, of unit variance for white noise: no smooth cause is seen by it."""
 
 
-def codec_parameters(views: Sequence[View], level: Array) -> tuple[Parameter, ...]:
+def codec_parameters(
+    views: Sequence[View], level: Array, share: float = 1.0, bias: Array | None = None
+) -> tuple[Parameter, ...]:
     """Return a codec's nuisances.
 
     Parameters
@@ -37,11 +39,15 @@ def codec_parameters(views: Sequence[View], level: Array) -> tuple[Parameter, ..
     views : sequence of View
     level : ndarray (views, rows, cols)
         Predicted [DN].
+    share : float
+        Of what these shapes may amount to: less where a codec's changes are known from frames sent through one.
+    bias : ndarray (views, rows, cols), optional
+        Those known changes [DN]; they may be off by as large a share.
     """
     known = FROZEN.nuisances
     darkest, dark = (np.exp(-level / scale) for scale in DARK_DN)
     soft = np.stack([ndimage.laplace(one, mode="nearest") for one in level])
-    share = np.where(level > DARK_DN[1], level, 0.0) / 100.0
+    part = np.where(level > DARK_DN[1], level, 0.0) / 100.0
     every = tuple(range(len(views)))
     groups = {
         "lit": tuple(k for k in every if views[k].touches),
@@ -51,11 +57,14 @@ def codec_parameters(views: Sequence[View], level: Array) -> tuple[Parameter, ..
     found = []
     for name, members in groups.items():
         for kind, shape, deviation, unit in (
-            ("darkest", darkest, known["codec_dark_DN"], "DN"),
-            ("dark", dark, known["codec_dark_DN"], "DN"),
-            ("soft", soft, known["codec_soft"], "bin^2"),
-            ("share", share, known["codec_share_DN"], "DN"),
+            ("darkest", darkest, share * known["codec_dark_DN"], "DN"),
+            ("dark", dark, share * known["codec_dark_DN"], "DN"),
+            ("soft", soft, share * known["codec_soft"], "bin^2"),
+            ("share", part, share * known["codec_share_DN"], "DN"),
+            ("bias", bias, share, "1"),
         ):
+            if shape is None:
+                continue
             template = np.zeros_like(level)
             template[list(members)] = shape[list(members)]
             if members and np.any(template):

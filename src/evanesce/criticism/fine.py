@@ -99,24 +99,51 @@ def placed(scene: Scene, shift_mm: tuple[float, float]) -> Scene:
     return scene.model_copy(update={"finger": scene.finger.model_copy(update={"position_mm": there})})
 
 
-def fine_cube(believed: Scene, views: Sequence[View], factor: int, point: Point, *, noise_scale: float = 1.0) -> Array:
-    """Return the fine prediction at a point (views, rows, cols) [DN].
+class FineFrames:
+    """The fine prediction at a point: bins of all views, and their whole frames.
 
     The plate's light is that of the finger's fitted place, of each session its own, to :data:`PLACE_MM`: it takes
     seconds, and another bundle of the same rig may find it on disk.
+
+    Parameters
+    ----------
+    believed, views, factor, noise_scale
+        See :class:`FinePredictor`.
+    point : mapping
     """
-    found: Array | None = None
-    for session in sorted({v.session for v in views}):
-        chosen = [k for k, v in enumerate(views) if v.session == session]
-        names = [f"@pose_{axis}[{session}]" for axis in "xy"]
-        shift = [point.get(name, 0.0) for name in names]
-        near = tuple(PLACE_MM * round(s / PLACE_MM) for s in shift)
-        rest = {**point, **{name: s - n for name, s, n in zip(names, shift, near, strict=True)}}
-        fine = FinePredictor(placed(believed, (near[0], near[1])), views, factor, noise_scale=noise_scale)
-        part = fine.cube(rest, chosen)
-        if found is None:
-            found = np.full_like(part, np.nan)
-        found[chosen] = part[chosen]
-    if found is None:
-        raise ValueError("no view to predict")
-    return found
+
+    def __init__(
+        self, believed: Scene, views: Sequence[View], factor: int, point: Point, *, noise_scale: float = 1.0
+    ) -> None:
+        if not views:
+            raise ValueError("no view to predict")
+        self.believed, self.views, self.factor = believed, tuple(views), factor
+        self._sessions: dict[int, tuple[FinePredictor, dict[str, float]]] = {}
+        for session in sorted({v.session for v in views}):
+            names = [f"@pose_{axis}[{session}]" for axis in "xy"]
+            shift = [point.get(name, 0.0) for name in names]
+            near = tuple(PLACE_MM * round(s / PLACE_MM) for s in shift)
+            rest = {**point, **{name: s - n for name, s, n in zip(names, shift, near, strict=True)}}
+            fine = FinePredictor(placed(believed, (near[0], near[1])), views, factor, noise_scale=noise_scale)
+            self._sessions[session] = fine, rest
+
+    def cube(self) -> Array:
+        """Return the bins (views, rows, cols) [DN]."""
+        found: Array | None = None
+        for session, (fine, rest) in self._sessions.items():
+            chosen = [k for k, v in enumerate(self.views) if v.session == session]
+            part = fine.cube(rest, chosen)
+            found = np.full_like(part, np.nan) if found is None else found
+            found[chosen] = part[chosen]
+        assert found is not None
+        return found
+
+    def picture(self, number: int) -> Array:
+        """Return the mean frame (real rows, real cols) of a view [DN]."""
+        fine, rest = self._sessions[self.views[number].session]
+        return fine.image(rest, number)
+
+
+def fine_cube(believed: Scene, views: Sequence[View], factor: int, point: Point, *, noise_scale: float = 1.0) -> Array:
+    """Return the fine prediction at a point (views, rows, cols) [DN]; see :class:`FineFrames`."""
+    return FineFrames(believed, views, factor, point, noise_scale=noise_scale).cube()

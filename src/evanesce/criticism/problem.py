@@ -13,6 +13,7 @@ from evanesce.criticism.linear import Metric
 from evanesce.criticism.noise import Noise
 from evanesce.criticism.parameters import Parameter, derivative, moved, value_of
 from evanesce.criticism.predict import Point, Predictor
+from evanesce.criticism.recoded import Recoded
 from evanesce.criticism.views import View
 
 Array = NDArray[Any]
@@ -43,6 +44,8 @@ class Problem:
     sd : ndarray (views, rows, cols)
         Standard deviation of each bin [DN].
     valid : ndarray of bool (views, rows, cols)
+    coded : Recoded, optional
+        What a codec makes of the frames: noise is drawn from it, not from the replicates.
     """
 
     predictor: Predictor
@@ -52,6 +55,7 @@ class Problem:
     views: tuple[int, ...]
     sd: Array
     valid: NDArray[np.bool_]
+    coded: Recoded | None = None
 
     @classmethod
     def of(
@@ -65,6 +69,10 @@ class Problem:
     def louder(self, factor: Array) -> Problem:
         """Return the problem with the variance of each view (views,) multiplied."""
         return replace(self, sd=self.sd * np.sqrt(factor)[:, None, None])
+
+    def recoded(self, coded: Recoded, numerics: Array) -> Problem:
+        """Return the problem with noise as it comes out of a codec, and what else there is beside it [DN^2]."""
+        return replace(self, coded=coded, numerics=numerics, sd=np.sqrt(coded.variance + numerics))
 
     def whitened(self, cube: Array, views: Sequence[int] | None = None) -> Array:
         """Return the valid bins of some views (the fit's own by default) over their standard deviation, in a row."""

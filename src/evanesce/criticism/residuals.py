@@ -130,7 +130,7 @@ def noise_draws(problem: Problem, fitted: Fit, count: int, rng: np.random.Genera
     shape = (len(problem.views), *problem.data.shape[1:])
     mask = problem.valid[list(problem.views)]
     for size in chunks(count, CHUNK):
-        cubes = problem.noise.draws(shape, size, rng)
+        cubes = _drawn(problem, shape, size, rng)
         basis = metric.rows.astype(np.float32)
         rows = cubes[:, mask] + rng.standard_normal((size, len(basis)), np.float32) @ basis
         taken = np.linalg.solve(np.eye(len(basis)) + metric.rows @ metric.rows.T, (basis @ rows.T).astype(float))
@@ -138,3 +138,14 @@ def noise_draws(problem: Problem, fitted: Fit, count: int, rng: np.random.Genera
         cubes[:] = 0.0
         cubes[:, mask] = rows
         yield Draws(cubes)
+
+
+def _drawn(problem: Problem, shape: tuple[int, int, int], count: int, rng: np.random.Generator) -> Array:
+    """Return cubes (count, views, rows, cols) of whitened noise."""
+    if problem.coded is None:
+        return problem.noise.draws(shape, count, rng)
+    chosen = list(problem.views)
+    fields = problem.coded.fields[:, chosen] / problem.sd[chosen].astype(np.float32)
+    cubes = np.tensordot(problem.coded.drawn(count, rng).astype(np.float32), fields, 1)
+    beside = (np.sqrt(problem.numerics) / problem.sd)[chosen].astype(np.float32)
+    return np.asarray(cubes + beside * rng.standard_normal(cubes.shape, np.float32))

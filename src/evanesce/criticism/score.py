@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from evanesce.criticism.linear import Metric, Score, score
-from evanesce.criticism.noise import SHIFT_BINS, Noise
+from evanesce.criticism.noise import SHIFT_BINS
 from evanesce.criticism.parameters import value_of
 from evanesce.criticism.problem import Fit, Problem
+from evanesce.criticism.recoded import Recoded
 from evanesce.criticism.signatures import Signature, visible
 
 Array = NDArray[Any]
@@ -105,7 +106,7 @@ def score_test(
     projected = metric.project(rows)
     parts = np.split(np.arange(len(rows)), np.cumsum([len(s.rows) for s in seen])[:-1])
     gradients = projected @ from_belief(base)
-    null = null_scores(problem, problem.noise, projected, draws, rng)
+    null = null_scores(problem, projected, draws, rng)
     found, of_draws = [], np.ones(draws)
     for signature, part in zip(seen, parts, strict=True):
         information = projected[part] @ rows[part].T
@@ -174,12 +175,15 @@ def effective_number(information: Array) -> float:
     return float(1 + (count - 1) * (1 - np.var(values, ddof=1) / count)) if count > 1 else 1.0
 
 
-def null_scores(problem: Problem, noise: Noise, projected: Array, draws: int, rng: np.random.Generator) -> Array:
+def null_scores(problem: Problem, projected: Array, draws: int, rng: np.random.Generator) -> Array:
     """Return scores (draws, k) of projected rows (k, bins) with drawn noise.
 
     Each view's noise is a random mixture of the measured fields at a random shift, so all inner products of rows and
     shifted fields are made once and mixed.
     """
+    if problem.coded is not None:
+        return _coded_scores(problem, problem.coded, projected, draws, rng)
+    noise = problem.noise
     kept = noise.fields.shape[0]
     fields = (noise.fields / np.sqrt(kept)).astype(np.float32)
     rows, cols = fields.shape[1:]
@@ -200,6 +204,16 @@ def null_scores(problem: Problem, noise: Noise, projected: Array, draws: int, rn
             mine = shift == k
             found[mine] += weights[mine] @ table[k].T
     return found
+
+
+def _coded_scores(problem: Problem, coded: Recoded, projected: Array, draws: int, rng: np.random.Generator) -> Array:
+    """Return scores (draws, k) with noise that went through a codec, and what numerics leave beside it."""
+    fields = np.array([problem.whitened(field) for field in coded.fields])
+    found = coded.drawn(draws, rng) @ (fields @ projected.T)
+    beside = problem.whitened(np.sqrt(problem.numerics)) ** 2
+    values, turn = np.linalg.eigh((projected * beside) @ projected.T)
+    more = rng.standard_normal((draws, len(values))) * np.sqrt(np.maximum(values, 0.0))
+    return np.asarray(found + more @ turn.T)
 
 
 def from_belief(base: Fit) -> Array:

@@ -90,6 +90,14 @@ def expected_tone(camera: Camera, noise_scale: float = 1.0) -> ExpectedTone:
     )
 
 
+def signal_sd(camera: Camera, signal_DN: Array, noise_scale: float = 1.0) -> Array:
+    """Return the standard deviation of single signals before quantisation [raw DN] about their means [raw DN]."""
+    pixel = camera.pixel
+    e_per_DN = pixel.conversion_gain_e_per_DN / camera.analogue_gain
+    charge = np.clip((signal_DN - pixel.black_level_DN) * e_per_DN, 0.0, pixel.full_well_capacity_e)
+    return np.asarray(noise_scale * np.sqrt(charge + pixel.read_noise_e**2) / e_per_DN)
+
+
 @functools.lru_cache(maxsize=32)
 def _tabulate(
     bits: int, black_DN: float, e_per_DN: float, read_noise_e: float, full_well_e: float, curve: str, scale: float

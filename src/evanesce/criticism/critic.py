@@ -79,7 +79,7 @@ def criticise(
 
 
 def level_of(case: Case) -> float:
-    """Return the level of false alarms: a stricter one where a codec's own changes are missing in the draws."""
+    """Return the level of false alarms: a stricter one where a codec left too little noise to be known well."""
     return float(FROZEN.levels["false_alarm" + ("_silent" if case.silent else "_codec" if case.codec else "")])
 
 

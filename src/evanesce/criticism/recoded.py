@@ -31,7 +31,7 @@ from evanesce.states import Frame
 Array = NDArray[Any]
 Kind = Literal["h264", "jpeg"]
 
-DRAWS = 32
+DRAWS = 24
 """Of all frames; fewer where they are large (:data:`MOST_PIXELS`)."""
 
 LEAST_DRAWS = 8
@@ -39,14 +39,14 @@ LEAST_DRAWS = 8
 MOST_PIXELS = 1.2e9
 """Of all draws together, filmed frames included: some minutes."""
 
+MOST_KEPT = 1e8
+"""Pixels of predicted frames that are kept while they are drawn; more are made anew for each draw."""
+
 QUALITIES: Mapping[Kind, tuple[int, ...]] = {"h264": tuple(range(14, 35, 4)), "jpeg": (60, 75, 85, 90, 95)}
 """Tried first: constant rate factors (lower is better), and JPEG's own figures (higher is better)."""
 
-FINER = 2
-"""Rounds about the best."""
-
-SCALES = (0.85, 0.93, 1.08, 1.18)
-"""Noise before the codec that is tried there, over what the best has."""
+REFINED = (((-2, -1, 1, 2), (0.85, 1.18)), ((-1, 1), (0.93, 1.08)))
+"""Rounds about the best: steps of quality, and noise before the codec over what the best has."""
 
 SCALE_SD = 0.1
 """To what the logarithm of a camera's noise is known beforehand."""
@@ -200,6 +200,9 @@ def recoded(
     """
     size = float(np.prod(shooting.camera.resolution_px)) * codec.filmed * sum(v.frames for v in views)
     draws = int(np.clip(MOST_PIXELS / size, LEAST_DRAWS, DRAWS))
+    if np.prod(shooting.camera.resolution_px) * len(views) < MOST_KEPT:
+        kept = [pictures(k).astype(np.float32) for k in range(len(views))]
+        pictures = kept.__getitem__
     plain = np.empty((draws, *expected.shape), np.float32)
     coded = np.empty_like(plain)
     for k in range(draws):
@@ -304,13 +307,13 @@ def codec_of(
     for kind, qualities in QUALITIES.items():
         for quality in qualities:
             attempt(Codec(kind, quality, FILMED if kind == "h264" else 1), shooting.scale)
-    for _ in range(FINER):
+    for steps, louder in REFINED:
         # How much noise came in and how much was kept back take each other's place.
         best, scale = min(tried, key=lambda t: tried[t])
-        for step in (-2, -1, 1, 2):
+        for step in steps:
             attempt(replace(best, quality=best.quality + step), scale)
-        for louder in SCALES:
-            attempt(best, scale * louder)
+        for times in louder:
+            attempt(best, scale * times)
         if best.kind == "h264":
             attempt(replace(best, filmed=1), scale)
     return min(tried, key=lambda t: tried[t])

@@ -97,6 +97,7 @@ WORDS = {
     "@codec_darkest": "what the codec makes of the dark",
     "@codec_soft": "the codec's softening",
     "@codec_share": "what the codec makes of the light",
+    "@codec_bias": "what the codec, if it is the one that was found, changes",
     "@flicker": "the light's jitter",
     "@force": "the load cell's error",
     "@turn": "the card's turn",

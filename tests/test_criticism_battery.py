@@ -144,6 +144,14 @@ def test_white_draws_for_correlated_data_give_false_alarms() -> None:
     assert np.mean(np.array(ps) <= 0.05) > 0.6
 
 
+def test_residuals_quieter_than_noise_may_be_are_no_structure() -> None:
+    """A twelfth of the noise allowed, neighbours much alike and frames in a row too: what a floor of noise covers."""
+    slow = ndimage.gaussian_filter(noise(37, 1)[0], (1.5, 2.0, 2.0))
+    quiet = geometry(0.08 * slow / slow.std())
+    assert run_battery(quiet, null(19)).global_p > 0.5
+    assert run_battery(geometry(quiet.cube / 0.08), null(19)).global_p <= 2 / 300
+
+
 def test_contrasts_are_orthogonal_and_their_maps_have_unit_variance() -> None:
     base = geometry(noise(1, 1)[0])
     found = contrasts(base.kinds, base.covariates, base.valid)

@@ -66,6 +66,20 @@ def test_draws_have_unit_variance_and_the_correlation_of_the_replicates(camera, 
     assert neighbour == pytest.approx(expected, abs=0.06)
 
 
+def test_where_noise_is_nowhere_above_the_floor_draws_are_white_and_of_unit_variance(camera, level):
+    """Rationale: frames of 2000 x 1500 pixels leave bins quieter than the floor; their draws were all zero.
+
+    Any residual was then louder than each of them, and a rig with nothing wrong was called unknown.
+    """
+    rng = np.random.default_rng(5)
+    found = noise_of(
+        {"replicate": frames(rng, 12, 0.8, 0.0, level)}, expected_tone(camera), level.shape, floor_DN=3.0, flicker=0.0
+    )
+    cubes = found.draws((3, 75, 100), 60, rng)
+    assert cubes.var() == pytest.approx(1.0, abs=0.1)
+    assert abs(float((cubes[..., 1:] * cubes[..., :-1]).mean())) < 0.06
+
+
 @pytest.mark.parametrize("blur", [0.0, 0.8])
 def test_means_of_whole_views_are_drawn_as_loud_as_they_are(camera, level, blur):
     """Rationale: a null was called unknown by its view means: the fit of each replicate's light takes their noise.

@@ -207,7 +207,10 @@ def _filled(fields: Array, lit: NDArray[np.bool_], rng: np.random.Generator) -> 
 
 
 def correlation_spectrum(fields: Array, lit: NDArray[np.bool_]) -> Array:
-    """Return the power spectrum of stationary noise seen only where ``lit``: pairs within a few bins, mean power 1."""
+    """Return the power spectrum of stationary noise seen only where ``lit``: pairs within a few bins, mean power 1.
+
+    Where no noise is seen, as of a camera that is quieter than what is believed of any, it is white.
+    """
     rows, cols = lit.shape
     padded = (2 * rows, 2 * cols)
     power = (np.abs(np.fft.fft2(np.where(lit, fields, 0.0), padded)) ** 2).sum(axis=0)
@@ -215,6 +218,8 @@ def correlation_spectrum(fields: Array, lit: NDArray[np.bool_]) -> Array:
     lag_y, lag_x = (np.minimum(np.arange(n), n - np.arange(n)) for n in padded)
     products = np.fft.ifft2(power).real
     known = pairs > 50
+    if not (known[0, 0] and products[0, 0] > 0.0):
+        return np.ones((rows, cols))
     found = np.where(known, products / np.maximum(pairs, 1.0), 0.0)
     taper_y, taper_x = (np.clip(2 * (1 - lag / (REACH_BINS + 1)), 0, 1) for lag in (lag_y, lag_x))
     window = taper_y[:, None] * taper_x

@@ -51,7 +51,6 @@ def search(case: Case, signatures: Sequence[Signature], findings: Findings) -> N
     base, known, scores = case.base, None, findings.first
     for number in range(int(FROZEN.search["rounds"])):
         tried = [s for s in scores.scored if known is None or s.id not in known.ids]
-        tried = promising(tried)
         extensions = fitted_for_good(case, base, known, tried)
         findings.rounds.append(extensions)
         better = max(extensions, key=lambda e: e.log_bayes, default=None)
@@ -69,9 +68,20 @@ def search(case: Case, signatures: Sequence[Signature], findings: Findings) -> N
 
 
 def fitted_for_good(case: Case, base: Fit, known: Extension | None, tried: Sequence[Scored]) -> list[Extension]:
-    """Return the fits of candidates; one whose fit leaves what its effect allows is left out, with a note."""
-    found = []
-    for scored in tried:
+    """Return the fits of the candidates that are worth one: the best few, and all that come near the best.
+
+    By linear evidence one comes near, and by what the best fit so far has kept of it where that is less: a cause that
+    bends away from its straight line must not keep those from being tried that do not. One whose fit leaves what its
+    effect allows is left out, with a note.
+    """
+    few, most = int(FROZEN.search["always"]), int(FROZEN.search["refine"])
+    before = 0.0 if known is None else known.log_bayes
+    found: list[Extension] = []
+    ranked = sorted(tried, key=lambda s: -s.result.log_bayes)[:most]
+    for number, scored in enumerate(ranked):
+        kept = max((e.log_bayes - before for e in found), default=np.inf)
+        if number >= few and scored.result.log_bayes <= least_near(min(ranked[0].result.log_bayes, kept)):
+            break
         try:
             found.append(extend(case.problem, base, known, scored))
         except InputError as error:
@@ -79,14 +89,9 @@ def fitted_for_good(case: Case, base: Fit, known: Extension | None, tried: Seque
     return found
 
 
-def promising(scored: Sequence[Scored]) -> list[Scored]:
-    """Return the candidates that are worth a fit: the best few, and all that come near the best."""
-    ranked = sorted(scored, key=lambda s: -s.result.log_bayes)
-    few, most = int(FROZEN.search["always"]), int(FROZEN.search["refine"])
-    best = ranked[0].result.log_bayes if ranked else 0.0
-    reach = max(FROZEN.search["near_nats"], FROZEN.search["near_share"] * best)
-    near = [s for s in ranked if s.result.log_bayes > best - reach]
-    return ranked[:few] if len(near) < few else near[:most]
+def least_near(best: float) -> float:
+    """Return the evidence from which on a candidate comes near the best one's [nats]."""
+    return best - max(FROZEN.search["near_nats"], FROZEN.search["near_share"] * best)
 
 
 def acceptable(extension: Extension, known: Extension | None, library: int) -> bool:

@@ -116,7 +116,7 @@ def test_a_gain_is_not_hidden_behind_nuisances_of_computation() -> None:
     base, named = fit(problem, [edge], {}), fit(problem, [cause, edge], {})
     assert base.point[EDGE] > 10 * edge.deviation
     observation: Any = SimpleNamespace(locked=LOCKED, images=list(data))
-    best: Any = SimpleNamespace(fitted=named)
+    best: Any = SimpleNamespace(fitted=named, problem=problem)
     found = locked_gain(observation, problem, base, best, None)
     assert found is not None
     # The residual of the believed rig is the whole effect, its mean square over two, in bins whose noise is

@@ -105,16 +105,21 @@ def test_a_cause_that_leaves_more_than_half_of_what_it_explains_is_unknown() -> 
 def test_a_cause_that_bends_away_from_its_straight_line_keeps_no_other_from_being_tried(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A line promises 168 nats of which a fit keeps 26: those that promised 95 are tried, those far below are not."""
-    kept = {"saturation": 26.0, "led_bin": 114.0, "led_droop": 116.0, "tone_curve": 20.0, "vignetting": 1.0}
-    line = {"saturation": 168.0, "led_bin": 125.0, "led_warmup": 118.0, "led_droop": 95.0, "tone_curve": 60.0}
-    monkeypatch.setattr(search, "extend", lambda p, b, k, s: extension(s.id, kept.get(s.id, 110.0)))
-    case = SimpleNamespace(problem=None, notes=[])
+    """A line promises 88 nats of which a fit keeps 16: those that promised 50 are tried, those far below are not."""
+    kept = {"saturation": 16.0, "led_bin": 64.0, "led_droop": 66.0, "tone_curve": 12.0, "vignetting": 1.0}
+    line = {"saturation": 88.0, "led_bin": 70.0, "led_warmup": 68.0, "led_droop": 50.0, "tone_curve": 30.0}
+    monkeypatch.setattr(search, "extend", lambda p, b, k, s: extension(s.id, kept.get(s.id, 62.0)))
     tried = [scored(name, value) for name, value in line.items()]
-    found = search.fitted_for_good(case, None, None, tried)  # type: ignore[arg-type]
-    assert [e.ids[0] for e in found] == ["saturation", "led_bin", "led_warmup", "led_droop"]
-    few = search.fitted_for_good(case, None, None, [scored("saturation", 168.0), *tried[3:]])  # type: ignore[arg-type]
-    assert [e.ids[0] for e in few] == ["saturation", "led_droop", "tone_curve"]
+
+    def fitted(*candidates: Scored) -> list[str]:
+        case: Any = SimpleNamespace(notes=[])
+        found = search.fitted_for_good(case, None, None, None, candidates)  # type: ignore[arg-type]
+        assert all(s.id == e.ids[0] for s, e in found)
+        return [e.ids[0] for _, e in found]
+
+    assert fitted(*tried) == ["saturation", "led_bin", "led_warmup", "led_droop"]
+    # Where nothing keeps what was promised, all that is left comes near.
+    assert fitted(tried[0], *tried[3:]) == ["saturation", "led_droop", "tone_curve"]
 
 
 def test_a_list_of_other_marks_is_evidence_of_the_unknown_and_of_no_name() -> None:

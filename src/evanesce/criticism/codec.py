@@ -6,7 +6,7 @@ the nuisances, and faint departures of their shape are given up.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -42,7 +42,7 @@ def codec_parameters(
     share : float
         Of what these shapes may amount to: less where a codec's changes are known from frames sent through one.
     bias : ndarray (views, rows, cols), optional
-        Those known changes [DN]; they may be off by as large a share.
+        Those known changes [DN], which may be off by a share (:func:`_off`).
     """
     known = FROZEN.nuisances
     darkest, dark = (np.exp(-level / scale) for scale in DARK_DN)
@@ -61,25 +61,44 @@ def codec_parameters(
             ("dark", dark, share * known["codec_dark_DN"], "DN"),
             ("soft", soft, share * known["codec_soft"], "bin^2"),
             ("share", part, share * known["codec_share_DN"], "DN"),
-            ("bias", bias, share, "1"),
         ):
-            if shape is None:
-                continue
-            template = np.zeros_like(level)
-            template[list(members)] = shape[list(members)]
-            if members and np.any(template):
-                found.append(
-                    Parameter(
-                        name=f"@codec_{kind}[{name}]",
-                        unit=unit,
-                        deviation=deviation,
-                        step=deviation,
-                        views=members,
-                        linear=True,
-                        template=template,
-                    )
-                )
-    return tuple(found)
+            found.append(_shape(f"@codec_{kind}[{name}]", shape, members, deviation, unit))
+    if bias is not None:
+        found += _off(views, bias, groups)
+    return tuple(p for p in found if p.template is not None and np.any(p.template))
+
+
+def _off(views: Sequence[View], bias: Array, groups: Mapping[str, Sequence[int]]) -> list[Parameter]:
+    """Return the nuisances of changes that are known but for a share.
+
+    Dark shots are known worse, and each kind by itself: a codec leaves next to nothing of them but one level, and that
+    hangs on what was filmed before. A tenth of a step between two such levels would be light that leaks in.
+    """
+    known = FROZEN.nuisances
+    found = []
+    for name, members in groups.items():
+        share = known["codec_known_dark" if name == "dark" else "codec_known"]
+        parts = {name: list(members)}
+        if name == "dark":
+            parts = {kind: [k for k in members if views[k].kind == kind] for kind in {views[k].kind for k in members}}
+        for part, mine in sorted(parts.items()):
+            found.append(_shape(f"@codec_bias[{part}]", bias, mine, share, "1"))
+    return found
+
+
+def _shape(name: str, shape: Array, members: Sequence[int], deviation: float, unit: str) -> Parameter:
+    """Return a linear nuisance of some views by its shape (views, rows, cols)."""
+    template = np.zeros_like(shape)
+    template[list(members)] = shape[list(members)]
+    return Parameter(
+        name=name,
+        unit=unit,
+        deviation=deviation,
+        step=deviation,
+        views=tuple(members),
+        linear=True,
+        template=template,
+    )
 
 
 def codec_variance(level: Array) -> Array:

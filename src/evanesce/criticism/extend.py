@@ -47,6 +47,8 @@ class Extension:
     ----------
     ids : tuple of str
         Effects beyond the believed rig.
+    problem : Problem
+        Whose predictor it was fitted by: that of all, or one put right where this very fit ended.
     fitted : Fit
     parameters : tuple of Parameter
         Of those effects.
@@ -66,6 +68,7 @@ class Extension:
     """
 
     ids: tuple[str, ...]
+    problem: Problem
     fitted: Fit
     parameters: tuple[Parameter, ...]
     log_bayes: float
@@ -128,20 +131,33 @@ def extend(problem: Problem, base: Fit, known: Extension | None, scored: Scored)
     candidate = scored.signature.candidate
     nuisances = tuple(p for p in base.parameters if p.name not in candidate.names)
     own_parameters, start, rows = _entry(problem, base, scored)
-    parameters = (*own_parameters, *nuisances)
     kept = [k for k, p in enumerate(base.parameters) if p.name not in candidate.names]
     whole = np.concatenate([rows, base.rows[kept]])
-    fitted = fit(problem, parameters, start, rows=whole, rounds=ROUNDS, secant=True)
-    of_effects = tuple(p for p in parameters if not p.name.startswith("@"))
+    fitted = fit(problem, (*own_parameters, *nuisances), start, rows=whole, rounds=ROUNDS, secant=True)
+    return _judged(problem, base, known, scored, fitted, len(own_parameters))
+
+
+def extend_again(problem: Problem, base: Fit, known: Extension | None, scored: Scored, found: Extension) -> Extension:
+    """Fit an extension again from where it ended, by another predictor of the same data."""
+    fitted = fit(
+        problem, found.fitted.parameters, found.fitted.point, rows=found.fitted.rows, rounds=ROUNDS, secant=True
+    )
+    return _judged(problem, base, known, scored, fitted, len(found.cause.deviations))
+
+
+def _judged(problem: Problem, base: Fit, known: Extension | None, scored: Scored, fitted: Fit, count: int) -> Extension:
+    """Return what a fit says of a candidate, whose ``count`` parameters are its first."""
+    candidate = scored.signature.candidate
+    own_parameters, nuisances = fitted.parameters[:count], fitted.parameters[count:]
     deviations = np.array([p.deviation for p in own_parameters])
-    own = fitted.rows[: len(own_parameters)]
+    own = fitted.rows[:count]
     metric = fitted.metric(nuisances)
     information = metric.gram(own) / scored.inflation
-    occam = -0.5 * float(np.linalg.slogdet(np.eye(len(deviations)) + information * np.outer(deviations, deviations))[1])
+    occam = -0.5 * float(np.linalg.slogdet(np.eye(count) + information * np.outer(deviations, deviations))[1])
     if scored.start >= 0:
         occam -= float(np.log(len(candidate.starts))) + candidate.penalty
     improved = 0.5 * (base.misfit - fitted.misfit) / scored.inflation
-    gain, error = held_out_gain(problem, base, fitted, len(own_parameters), scored.inflation)
+    gain, error = held_out_gain(problem, base, fitted, count, scored.inflation)
     signal = _signal(problem, fitted, own_parameters)
     at_places: dict[str, float] = {}
     effect, left = candidate.effect, fitted.residual / np.sqrt(scored.inflation)
@@ -153,8 +169,9 @@ def extend(problem: Problem, base: Fit, known: Extension | None, scored: Scored)
         at_places |= left_of_spot(problem, metric_of(fitted), signal, left)
     return Extension(
         ids=(*(known.ids if known else ()), candidate.id),
+        problem=problem,
         fitted=fitted,
-        parameters=of_effects,
+        parameters=tuple(p for p in fitted.parameters if not p.name.startswith("@")),
         log_bayes=(known.log_bayes if known else 0.0) + improved + occam,
         gain=gain,
         gain_error=error,

@@ -9,7 +9,7 @@ added up to the real pixels before charge and tone, and to the model's only afte
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -110,10 +110,19 @@ class FineFrames:
     believed, views, factor, noise_scale
         See :class:`FinePredictor`.
     point : mapping
+    fixed : mapping, optional
+        Settings of effects that the scene does not have: :attr:`evanesce.criticism.predict.Predictor.fixed`.
     """
 
     def __init__(
-        self, believed: Scene, views: Sequence[View], factor: int, point: Point, *, noise_scale: float = 1.0
+        self,
+        believed: Scene,
+        views: Sequence[View],
+        factor: int,
+        point: Point,
+        *,
+        noise_scale: float = 1.0,
+        fixed: Mapping[str, Mapping[str, Any]] | None = None,
     ) -> None:
         if not views:
             raise ValueError("no view to predict")
@@ -125,6 +134,7 @@ class FineFrames:
             near = tuple(PLACE_MM * round(s / PLACE_MM) for s in shift)
             rest = {**point, **{name: s - n for name, s, n in zip(names, shift, near, strict=True)}}
             fine = FinePredictor(placed(believed, (near[0], near[1])), views, factor, noise_scale=noise_scale)
+            fine.fixed = dict(fixed or {})
             self._sessions[session] = fine, rest
 
     def cube(self) -> Array:

@@ -73,20 +73,20 @@ def locked_gain(
     views = [int(v) for v in observation.locked]
     if not views:
         return None
-    extended = None if best is None else best.fitted
+    extended, own = (None, problem) if best is None else (best.fitted, best.problem)
     if flexible is None:
         base = without_numerics(problem, base)
-        extended = None if extended is None else without_numerics(problem, extended)
+        extended = None if extended is None else without_numerics(own, extended)
     extended = extended or base
     cubes, points = [], []
-    for one in (base, extended):
+    for one, of in ((base, problem), (extended, own)):
         points.append(shared_part(one))
-        cubes.append(problem.predictor.cube(points[-1], views))
+        cubes.append(of.predictor.cube(points[-1], views))
         for p in one.parameters:
             if p.template is not None:
                 cubes[-1] = cubes[-1] + one.point.get(p.name, 0.0) * p.template
     if flexible is not None:
-        cubes[1] = cubes[1] + flexible_part(problem, extended, flexible, cubes[1], views)
+        cubes[1] = cubes[1] + flexible_part(own, extended, flexible, cubes[1], views)
     left = [_residual(problem, cube, point, views) for cube, point in zip(cubes, points, strict=True)]
     valid = problem.valid[views]
     difference = log_scores(left[1], valid) - log_scores(left[0], valid)

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.observe import pixel_scatter
 from evanesce.criticism.tone import expected_tone, signal_sd
 from evanesce.criticism.views import BIN_PX, View, binned
@@ -62,6 +63,9 @@ WINDOW_PX = (480, 640)
 
 LEVELS_DN = (8.0, 40.0)
 """Borders of the groups of level in which scatter is compared."""
+
+MAPS, MAP_BINS = 40, 1.5
+"""Of places at which a mean change may be off, and how far each reaches: a macroblock or so."""
 
 SMOOTH_BINS = 5
 """Variances of so few draws are averaged over so many bins a side."""
@@ -125,24 +129,33 @@ class Recoded:
         Mean change of the bins [DN].
     fields : ndarray of float32 (draws, views, rows, cols)
         Departures of single draws from their mean [DN].
+    uneven : ndarray of float32 (maps, views, rows, cols)
+        What its mean change may be off by from place to place, each map as likely as it is large [DN].
     variance : ndarray (views, rows, cols)
-        Of the bins, their mean's own included [DN^2].
+        Of the bins, their mean's own and what it may be off by included [DN^2].
     """
 
     codec: Codec
     bias: Array
     fields: Array
+    uneven: Array
     variance: Array
 
+    @property
+    def every(self) -> Array:
+        """Fields and uneven maps: (draws + maps, views, rows, cols) [DN]."""
+        return np.concatenate([self.fields, self.uneven])
+
     def drawn(self, count: int, rng: np.random.Generator) -> Array:
-        """Return amplitudes (count, draws) of the fields whose sums scatter as frames do.
+        """Return amplitudes (count, draws + maps) of :attr:`every` whose sums scatter as frames do.
 
         All views of a draw go together, since a codec hands on what it made of a place. So few fields know their own
         size badly: amplitudes are Student's, not normal.
         """
         free = len(self.fields) - 1
         normal = rng.standard_normal((count, len(self.fields))) / np.sqrt(free)
-        return np.asarray(normal * np.sqrt(free / rng.chisquare(free, (count, 1))))
+        normal *= np.sqrt(free / rng.chisquare(free, (count, 1)))
+        return np.concatenate([normal, rng.standard_normal((count, len(self.uneven)))], axis=1)
 
 
 @dataclass(frozen=True)
@@ -216,7 +229,21 @@ def recoded(
     variance = (fields.astype(float) ** 2).sum(axis=0) / (draws - 1)
     variance = _smooth(variance)
     left = _smooth(((fields - passed[:, None, None] * before) ** 2).sum(axis=0, dtype=float)) / (draws - 1) / draws
-    return Recoded(codec, _settled(mean - surplus - expected, left), fields, variance + left)
+    bias = _settled(mean - surplus - expected, left)
+    uneven = _uneven(bias, rng)
+    return Recoded(codec, bias, fields, uneven, variance + left + _smooth((uneven.astype(float) ** 2).sum(axis=0)))
+
+
+def _uneven(bias: Array, rng: np.random.Generator) -> Array:
+    """Return maps (maps, views, rows, cols) whose sum, each times a normal number, is what a mean change is off by.
+
+    Which codec it was is known roughly, so that its changes may be off by a share (``codec_known``): as a whole, for
+    which a nuisance stands, and from one macroblock to the next, alike in all frames. That is no noise, which would
+    average out over frames, and looks like an edge in another place.
+    """
+    maps = ndimage.gaussian_filter(rng.standard_normal((MAPS, *bias.shape[1:])), (0, MAP_BINS, MAP_BINS), mode="wrap")
+    maps *= FROZEN.nuisances["codec_known"] / np.sqrt((maps**2).sum(axis=0).mean())
+    return (maps[:, None] * bias).astype(np.float32)
 
 
 def _smooth(cube: Array) -> Array:

@@ -145,7 +145,7 @@ def _drawn(problem: Problem, shape: tuple[int, int, int], count: int, rng: np.ra
     if problem.coded is None:
         return problem.noise.draws(shape, count, rng)
     chosen = list(problem.views)
-    fields = problem.coded.fields[:, chosen] / problem.sd[chosen].astype(np.float32)
+    fields = problem.coded.every[:, chosen] / problem.sd[chosen].astype(np.float32)
     cubes = np.tensordot(problem.coded.drawn(count, rng).astype(np.float32), fields, 1)
     beside = (np.sqrt(problem.numerics) / problem.sd)[chosen].astype(np.float32)
     return np.asarray(cubes + beside * rng.standard_normal(cubes.shape, np.float32))

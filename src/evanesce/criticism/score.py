@@ -208,7 +208,7 @@ def null_scores(problem: Problem, projected: Array, draws: int, rng: np.random.G
 
 def _coded_scores(problem: Problem, coded: Recoded, projected: Array, draws: int, rng: np.random.Generator) -> Array:
     """Return scores (draws, k) with noise that went through a codec, and what numerics leave beside it."""
-    fields = np.array([problem.whitened(field) for field in coded.fields])
+    fields = np.array([problem.whitened(field) for field in coded.every])
     found = coded.drawn(draws, rng) @ (fields @ projected.T)
     beside = problem.whitened(np.sqrt(problem.numerics)) ** 2
     values, turn = np.linalg.eigh((projected * beside) @ projected.T)

@@ -15,7 +15,8 @@ from evanesce.criticism.extend import Extension, extend
 from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.isolability import confusion, group_of
 from evanesce.criticism.posterior import Posterior, posterior
-from evanesce.criticism.problem import Fit
+from evanesce.criticism.problem import Fit, Problem
+from evanesce.criticism.renew import change_of, is_loud, renewed, undecided
 from evanesce.criticism.residuals import noise_draws, residuals_of
 from evanesce.criticism.score import Scored, ScoreTest, score_test
 from evanesce.criticism.signatures import Signature
@@ -49,14 +50,15 @@ def joint_p(score_p: float, battery_p: float, *, codec: bool = False) -> float:
 def search(case: Case, signatures: Sequence[Signature], findings: Findings) -> None:
     """Extend the model step by step, each step by the best of the candidates that were fitted for good."""
     base, known, scores = case.base, None, findings.first
+    problem = case.problem
     for number in range(int(FROZEN.search["rounds"])):
         tried = [s for s in scores.scored if known is None or s.id not in known.ids]
-        extensions = fitted_for_good(case, base, known, tried)
+        extensions = renewed(case, problem, base, known, fitted_for_good(case, problem, base, known, tried))
         findings.rounds.append(extensions)
         better = max(extensions, key=lambda e: e.log_bayes, default=None)
         if better is None or not acceptable(better, known, len(scores.scored)):
             break
-        known, base = better, better.fitted
+        known, base, problem = better, better.fitted, better.problem
         findings.best = known
         left_scores = test(case, [s for s in signatures if s.id not in known.ids], base, number + 1)
         battery, left = ring(case, base, number + 1)
@@ -67,23 +69,28 @@ def search(case: Case, signatures: Sequence[Signature], findings: Findings) -> N
         scores = left_scores
 
 
-def fitted_for_good(case: Case, base: Fit, known: Extension | None, tried: Sequence[Scored]) -> list[Extension]:
+def fitted_for_good(
+    case: Case, problem: Problem, base: Fit, known: Extension | None, tried: Sequence[Scored]
+) -> list[tuple[Scored, Extension]]:
     """Return the fits of the candidates that are worth one: the best few, and all that come near the best.
 
     By linear evidence one comes near, and by what the best fit so far has kept of it where that is less: a cause that
-    bends away from its straight line must not keep those from being tried that do not. One whose fit leaves what its
-    effect allows is left out, with a note.
+    bends away from its straight line must not keep those from being tried that do not. Where it is loud, one also comes
+    near that the quick prediction may have misjudged. One whose fit leaves what its effect allows is left out, with a
+    note.
     """
     few, most = int(FROZEN.search["always"]), int(FROZEN.search["refine"])
     before = 0.0 if known is None else known.log_bayes
-    found: list[Extension] = []
+    found: list[tuple[Scored, Extension]] = []
     ranked = sorted(tried, key=lambda s: -s.result.log_bayes)[:most]
     for number, scored in enumerate(ranked):
-        kept = max((e.log_bayes - before for e in found), default=np.inf)
-        if number >= few and scored.result.log_bayes <= least_near(min(ranked[0].result.log_bayes, kept)):
-            break
+        kept = max((e.log_bayes - before for _, e in found), default=np.inf)
+        best, own = min(ranked[0].result.log_bayes, kept), scored.result.log_bayes
+        near = own > least_near(best) or (is_loud(best) and own + undecided(change_of(scored)) > best)
+        if number >= few and not near:
+            continue
         try:
-            found.append(extend(case.problem, base, known, scored))
+            found.append((scored, extend(problem, base, known, scored)))
         except InputError as error:
             case.notes.append(f"{scored.id} could not be fitted: {error}")
     return found

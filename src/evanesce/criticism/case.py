@@ -171,7 +171,7 @@ def at_place(
         derivative(predictor, point, force[k], [k])[k] if k in force else None for k in range(len(predictor.views))
     ]
     edge = edge_template(predictor.scene, predictor.views, by_force)
-    found = numerics_parameters(predictor.views, change, edge)
+    found = numerics_parameters(predictor.views, change, edge, codec=codec)
     return renewed, (*found, *codec_parameters(predictor.views, fine)) if codec else found, frames
 
 

@@ -50,7 +50,9 @@ def quick_variance(level: Array) -> Array:
     return np.asarray((QUICK * steps) ** 2)
 
 
-def numerics_parameters(views: Sequence[View], change: Array, edge: Array) -> tuple[Parameter, ...]:
+def numerics_parameters(
+    views: Sequence[View], change: Array, edge: Array, *, codec: bool = False
+) -> tuple[Parameter, ...]:
     """Return the nuisances of computation.
 
     Parameters
@@ -60,6 +62,8 @@ def numerics_parameters(views: Sequence[View], change: Array, edge: Array) -> tu
         What finer pixels change [DN].
     edge : ndarray (views, rows, cols)
         :func:`edge_template`.
+    codec : bool
+        Whether frames came through one, which moves an edge by more than computation does.
     """
     known = FROZEN.nuisances
     found = []
@@ -72,7 +76,7 @@ def numerics_parameters(views: Sequence[View], change: Array, edge: Array) -> tu
             template[members] = change[members]
             found.append(_template(f"{RESOLUTION}[{name}]", "1", known["resolution"], template, members))
     if "contact" in groups:
-        found.append(_template(EDGE, "mm", known["edge_mm"], edge, groups["contact"]))
+        found.append(_template(EDGE, "mm", known["codec_edge_mm" if codec else "edge_mm"], edge, groups["contact"]))
     return tuple(p for p in found if p.template is not None and np.any(p.template))
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import ndimage, stats
@@ -142,6 +144,26 @@ def test_white_draws_for_correlated_data_give_false_alarms() -> None:
     samples = null_samples(tests, null(31, 199))
     ps = [judge(tests, geometry(one), samples).global_p for one in noise(29, 12, 0.8)]
     assert np.mean(np.array(ps) <= 0.05) > 0.6
+
+
+@pytest.mark.parametrize("inside", [0, 1, 2])
+def test_a_contact_of_no_bin_or_two_is_judged(inside: int) -> None:
+    """Rationale: loads near nothing are legal; its rings and outlines had no rows to take a maximum of."""
+    base = geometry(noise(3, 1)[0])
+    distance = np.full(base.distance_mm.shape, 5.0 if inside else np.inf)
+    distance[:9, 14, 20 : 20 + inside] = -0.1
+    residuals = replace(base, distance_mm=distance)
+    assert run_battery(residuals, null(5, 99)).outcomes
+
+
+def test_a_frame_with_no_valid_bin_is_left_out_of_the_views_means() -> None:
+    """Rationale: one press frame that is all white had no mean, but a time of its own."""
+    base = geometry(noise(3, 1)[0])
+    valid = base.valid.copy()
+    valid[4] = False
+    whole = replace(base, valid=valid, cube=np.where(valid, base.cube, 0.0))
+    found = run_battery(whole, [Draws(null(5, 99)[0].cube * valid)])
+    assert any(o.name == "view means: slope against log time" for o in found.outcomes)
 
 
 def test_residuals_quieter_than_noise_may_be_are_no_structure() -> None:

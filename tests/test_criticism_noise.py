@@ -80,6 +80,20 @@ def test_where_noise_is_nowhere_above_the_floor_draws_are_white_and_of_unit_vari
     assert abs(float((cubes[..., 1:] * cubes[..., :-1]).mean())) < 0.06
 
 
+@pytest.mark.parametrize("lit", ["a small disc", "all of a few bins", "of one level"])
+def test_few_bins_that_are_bright_enough_are_one_group(camera, lit):
+    """Rationale: eight groups of 97 bins were all too small, and nothing was left to interpolate between."""
+    rng = np.random.default_rng(6)
+    y, x = np.mgrid[0:75, 0:100]
+    level = np.where(np.hypot(y - 30, x - 57) < 5.5, 110.0 + 0.3 * x, 0.0)
+    if lit != "a small disc":
+        level = np.full((10, 12), 90.0) + (0.2 * x[:10, :12] if lit == "all of a few bins" else 0.0)
+    stack = level + 0.4 * rng.standard_normal((12, *level.shape)) * (level > 50)
+    found = noise_of({"replicate": stack}, expected_tone(camera), level.shape, floor_DN=0.05, flicker=0.0)
+    expected = stack.var(axis=0, ddof=1)[level > 50].mean()
+    assert found.variance(level)[level > 50].mean() == pytest.approx(expected, rel=0.2)
+
+
 @pytest.mark.parametrize("blur", [0.0, 0.8])
 def test_means_of_whole_views_are_drawn_as_loud_as_they_are(camera, level, blur):
     """Rationale: a null was called unknown by its view means: the fit of each replicate's light takes their noise.

@@ -254,6 +254,8 @@ def _edge_tests(residuals: Residuals, found: Contrasts, linear: _Linear) -> dict
 
 def _periodogram(series: Array) -> Array:
     """Return the largest power of series (points, draws) at any but the lowest frequency."""
+    if len(series) < 2:
+        return np.zeros(series.shape[1])
     power = np.abs(np.fft.rfft(series - series.mean(axis=0), axis=0)) ** 2
     return np.asarray(power[1:].max(axis=0))
 
@@ -266,6 +268,8 @@ def _contact(residuals: Residuals, view: int) -> tuple[Array, Array] | None:
         return None
     x, y = (place - place[inside].mean() for place in (residuals.x_mm, residuals.y_mm))
     radius = float(np.hypot(x, y)[inside].mean()) * 1.5  # of a disc, whose points are at two thirds on average
+    if radius == 0.0:  # one bin has no direction
+        return None
     return np.hypot(x, y) / radius, np.arctan2(y, x)
 
 
@@ -294,7 +298,7 @@ def _squares(of: Callable[[Draws], Array]) -> Statistic:
 
 
 def _largest(of: Callable[[Draws], Array]) -> Callable[[Draws], Array]:
-    return lambda draws: np.abs(of(draws)).max(axis=0)
+    return lambda draws: np.abs(of(draws)).max(axis=0, initial=0.0)
 
 
 def _one_view_each(patterns: Array, press: Array) -> Array:
@@ -310,7 +314,7 @@ def _one_view_each(patterns: Array, press: Array) -> Array:
 
 def _view_tests(residuals: Residuals, linear: _Linear) -> dict[str, Statistic]:
     """Return the tests of whole views: their scatter, their means in the order of time."""
-    press = np.flatnonzero(linear.press)
+    press = np.flatnonzero(linear.pressed.any(axis=(1, 2)))
     # Less scatter than was allowed for is no structure: cameras may be quieter than any is believed to be.
     tests = {"all bins: chi-square": Statistic(lambda d: np.einsum("nvyx,nvyx->n", d.cube, d.cube), "sum")}
     if press.size < 4:

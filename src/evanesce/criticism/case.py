@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,9 @@ Array = NDArray[Any]
 
 ROUNDS = 20
 """Of the believed rig's fits: where the light is far off, the tone curve's bend leaves only short steps."""
+
+QUIET = 0.9
+"""Real over modelled noise below which a codec is possible where no dark level speaks for or against it."""
 
 PLACES = 2
 """The fine prediction is made at so many points at most."""
@@ -88,7 +92,7 @@ def prepare(observation: Observation, seed: int, exclude: Collection[str] = ()) 
     seen = None if start else base
     own = predicted_part(fit(problem, parameters, start, predicted=seen, rounds=ROUNDS).point, parameters)
     for _ in range(PLACES):
-        at, point = at_place(observation, problem, own, size.codec), own
+        at, point = at_place(observation, problem, own, size.codec, size.silent), own
         fitted_problem, every = at[0], [*parameters, *at[1]]
         fitted = fit(fitted_problem, every, point, rounds=ROUNDS)
         own = predicted_part(fitted.point, every)
@@ -96,11 +100,11 @@ def prepare(observation: Observation, seed: int, exclude: Collection[str] = ()) 
             break
     if size.codec:
         if codec is not None:
-            fitted_problem, every = through_codec(fitted_problem, every, at[2], codec[0], seed)
+            fitted_problem, every = through_codec(fitted_problem, every, at[2], codec[0], seed, size.silent)
             fitted = fit(fitted_problem, every, own, rounds=ROUNDS)
             own = predicted_part(fitted.point, every)
         # A codec hands noise from frame to frame, so that replicates show too little of it; single bins tell.
-        fitted_problem = fitted_problem.louder(noise_by_bins(fitted_problem, fitted))
+        fitted_problem = fitted_problem.louder(*noise_by_bins(fitted_problem, fitted))
         fitted = fit(fitted_problem, every, own, rounds=ROUNDS)
     fitted = settled(fitted_problem, fitted)
     library = candidates_of(observation.scene, observation.available, exclude)
@@ -111,6 +115,11 @@ def prepare(observation: Observation, seed: int, exclude: Collection[str] = ()) 
     case = Case(observation, fitted_problem, fitted, candidates, seed, size.codec, size.silent)
     if not noise.measured:
         case.notes.append("no replicates: the noise is the camera's own model, false alarms are not controlled")
+    if not size.codec and size.value < QUIET and "lens_cap" not in observation.scatter:
+        case.notes.append(
+            "the camera is quieter than its data sheet says, or a codec smoothed its noise: frames of a covered lens"
+            " would tell, and a codec may be taken for a cause"
+        )
     if observation.series:
         case.notes.append(
             "scalar series take no part beside frames (" + ", ".join(sorted(observation.series)) + "): a bundle of them"
@@ -144,7 +153,11 @@ def displaced(point: Mapping[str, float], since: Mapping[str, float]) -> bool:
 
 
 def at_place(
-    observation: Observation, problem: Problem, point: Mapping[str, float], codec: bool = False
+    observation: Observation,
+    problem: Problem,
+    point: Mapping[str, float],
+    codec: bool = False,
+    silent: bool = False,
 ) -> tuple[Problem, tuple[Parameter, ...], FineFrames]:
     """Return the problem about the fitted place of the finger, the nuisances of computation there, and its frames.
 
@@ -171,7 +184,7 @@ def at_place(
         derivative(predictor, point, force[k], [k])[k] if k in force else None for k in range(len(predictor.views))
     ]
     edge = edge_template(predictor.scene, predictor.views, by_force)
-    found = numerics_parameters(predictor.views, change, edge, codec=codec)
+    found = numerics_parameters(predictor.views, change, edge, silent=silent)
     return renewed, (*found, *codec_parameters(predictor.views, fine)) if codec else found, frames
 
 
@@ -187,25 +200,26 @@ def codec_before(observation: Observation, seed: int) -> tuple[Codec, float] | N
     def picture(number: int) -> Array:
         return quick.image({}, number).repeat(factor, 0).repeat(factor, 1)
 
-    before = [picture(k) for k, view in enumerate(views) if view.kind == "press"]
+    before = [partial(picture, k) for k, view in enumerate(views) if view.kind == "press"]
     held, scatter = observation.held["replicate"], observation.scatter["replicate"]
     shooting = Shooting(believed.camera, 1.0, factor)
     return codec_of(shooting, picture(place), before, held, scatter, generator(seed, "criticism", "codec", 0))
 
 
 def through_codec(
-    problem: Problem, parameters: Sequence[Parameter], frames: FineFrames, codec: Codec, seed: int
+    problem: Problem, parameters: Sequence[Parameter], frames: FineFrames, codec: Codec, seed: int, silent: bool
 ) -> tuple[Problem, list[Parameter]]:
     """Return the problem with what a codec makes of its frames, and the nuisances that are left.
 
     The change of the mean goes into the prediction, its scatter into the weights and the draws. Of the shapes that
-    stood for a codec's changes before, a share remains, for it may have been another codec.
+    stood for a codec's changes before, a share remains, for it may have been another codec: a larger one where no noise
+    outlived it, which would have spread its steps over all levels.
     """
     predictor = problem.predictor
     shooting = Shooting(frames.believed.camera, predictor.noise_scale, frames.factor)
-    level, share = frames.cube(), FROZEN.nuisances["codec_known"]
+    level, share = frames.cube(), FROZEN.nuisances["codec_known_silent" if silent else "codec_known"]
     rng = generator(seed, "criticism", "codec", 1)
-    made = recoded(shooting, frames.picture, predictor.views, codec, level, rng)
+    made = recoded(shooting, frames.picture, predictor.views, codec, level, rng, share)
     predictor.correction = made.bias if predictor.correction is None else predictor.correction + made.bias
     known = (1.0 - share**2) * codec_variance(level) - problem.noise.floor_DN**2
     kept = [p for p in parameters if not p.name.startswith("@codec")]

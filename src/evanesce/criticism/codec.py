@@ -64,25 +64,24 @@ def codec_parameters(
         ):
             found.append(_shape(f"@codec_{kind}[{name}]", shape, members, deviation, unit))
     if bias is not None:
-        found += _off(views, bias, groups)
+        found += _off(views, bias, groups, share)
     return tuple(p for p in found if p.template is not None and np.any(p.template))
 
 
-def _off(views: Sequence[View], bias: Array, groups: Mapping[str, Sequence[int]]) -> list[Parameter]:
+def _off(views: Sequence[View], bias: Array, groups: Mapping[str, Sequence[int]], share: float) -> list[Parameter]:
     """Return the nuisances of changes that are known but for a share.
 
     Dark shots are known worse, and each kind by itself: a codec leaves next to nothing of them but one level, and that
     hangs on what was filmed before. A tenth of a step between two such levels would be light that leaks in.
     """
-    known = FROZEN.nuisances
     found = []
     for name, members in groups.items():
-        share = known["codec_known_dark" if name == "dark" else "codec_known"]
+        known = max(share, FROZEN.nuisances["codec_known_dark"]) if name == "dark" else share
         parts = {name: list(members)}
         if name == "dark":
             parts = {kind: [k for k in members if views[k].kind == kind] for kind in {views[k].kind for k in members}}
         for part, mine in sorted(parts.items()):
-            found.append(_shape(f"@codec_bias[{part}]", bias, mine, share, "1"))
+            found.append(_shape(f"@codec_bias[{part}]", bias, mine, known, "1"))
     return found
 
 
@@ -107,14 +106,14 @@ def codec_variance(level: Array) -> Array:
     return np.asarray((FROZEN.nuisances["codec_edge"] * steps) ** 2 + FROZEN.noise["codec_floor_DN"] ** 2)
 
 
-def noise_by_bins(problem: Problem, fitted: Fit) -> Array:
-    """Return by how much the variance of each view exceeds what it is believed to be, at least 1 (views,).
+def noise_by_bins(problem: Problem, fitted: Fit) -> tuple[Array, Array]:
+    """Return by how much the variance of each view exceeds what it is believed to be, at least 1: two of (views,).
 
-    From second differences between neighbouring bins: their size, times the number of views that share them. What a
+    From second differences between neighbouring bins: their size, and the number of views that share them. What a
     codec once made of a place it hands on for as long as little changes there, so that many views are no more than one.
     """
     cube = problem.unwhitened(fitted.residual)
-    found = np.ones(len(problem.predictor.views))
+    found, of_all = np.ones(len(problem.predictor.views)), np.ones(len(problem.predictor.views))
     rough = {}
     for k, view in enumerate(problem.views):
         inner = ndimage.binary_erosion(problem.valid[view], np.ones((3, 3)))
@@ -126,11 +125,12 @@ def noise_by_bins(problem: Problem, fitted: Fit) -> Array:
     for members in (pressed, [v for v in problem.views if v not in pressed]):
         alike = shared([rough[v] for v in members if v in rough])
         for view in members:
-            found[view] *= 1.0 + (len(members) - 1) * alike
+            of_all[view] = 1.0 + (len(members) - 1) * alike
     # Views that were kept from the fit are as loud as the others of their kind.
     for view in set(range(len(found))) - set(problem.views):
         found[view] = float(np.mean(found[pressed])) if pressed else 1.0
-    return found
+        of_all[view] = float(np.mean(of_all[pressed])) if pressed else 1.0
+    return found, of_all
 
 
 def shared(fields: Sequence[Array]) -> float:

@@ -24,6 +24,8 @@ SHIFT_BINS = 8 // BIN_PX
 """Fields of noise are shifted by whole macroblocks, so that a codec's grid stays where it is."""
 
 LEVEL_GROUPS = 8
+LEAST_BINS = 20
+"""Of a group of like level."""
 REACH_BINS = 6
 LEAST_FRAMES = 3
 LOW_WAVES = 4
@@ -186,10 +188,12 @@ def _by_level(parts: list[tuple[Array, Array, Array]], tone: ExpectedTone, floor
     if use.sum() < 50:
         return np.array([0.0, 255.0]), np.ones(2)
     level, measured, modelled = level[use], measured[use], modelled[use]
-    borders = np.unique(np.quantile(level, np.linspace(0, 1, LEVEL_GROUPS + 1)))
-    group = np.clip(np.searchsorted(borders, level, side="right") - 1, 0, borders.size - 2)
-    count = np.bincount(group, minlength=borders.size - 1)
-    kept = count >= 20
+    groups = min(LEVEL_GROUPS, level.size // LEAST_BINS)
+    borders = np.unique(np.quantile(level, np.linspace(0, 1, groups + 1)))
+    group = np.clip(np.searchsorted(borders, level, side="right") - 1, 0, max(borders.size - 2, 0))
+    count = np.bincount(group)
+    # Levels that many bins share leave other groups nearly empty; the largest of all has what it needs.
+    kept = count >= min(LEAST_BINS, count.max())
     centre = np.bincount(group, level)[kept] / count[kept]
     ratio = np.bincount(group, measured)[kept] / np.maximum(np.bincount(group, modelled)[kept], 1e-12)
     return centre, np.maximum(ratio, 0.05)

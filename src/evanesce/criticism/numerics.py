@@ -51,7 +51,7 @@ def quick_variance(level: Array) -> Array:
 
 
 def numerics_parameters(
-    views: Sequence[View], change: Array, edge: Array, *, codec: bool = False
+    views: Sequence[View], change: Array, edge: Array, *, silent: bool = False
 ) -> tuple[Parameter, ...]:
     """Return the nuisances of computation.
 
@@ -62,8 +62,8 @@ def numerics_parameters(
         What finer pixels change [DN].
     edge : ndarray (views, rows, cols)
         :func:`edge_template`.
-    codec : bool
-        Whether frames came through one, which moves an edge by more than computation does.
+    silent : bool
+        Whether frames came through a codec that left no noise: it moves an edge by more than computation does.
     """
     known = FROZEN.nuisances
     found = []
@@ -76,7 +76,7 @@ def numerics_parameters(
             template[members] = change[members]
             found.append(_template(f"{RESOLUTION}[{name}]", "1", known["resolution"], template, members))
     if "contact" in groups:
-        found.append(_template(EDGE, "mm", known["codec_edge_mm" if codec else "edge_mm"], edge, groups["contact"]))
+        found.append(_template(EDGE, "mm", known["codec_edge_mm" if silent else "edge_mm"], edge, groups["contact"]))
     return tuple(p for p in found if p.template is not None and np.any(p.template))
 
 

@@ -66,9 +66,21 @@ class Problem:
         sd = np.sqrt(noise.variance(level, frames) + numerics)
         return cls(predictor, data, noise, numerics, tuple(int(v) for v in views), sd, level < SATURATED_DN)
 
-    def louder(self, factor: Array) -> Problem:
-        """Return the problem with the variance of each view (views,) multiplied."""
-        return replace(self, sd=self.sd * np.sqrt(factor)[:, None, None])
+    def louder(self, excess: Array, shared: Array) -> Problem:
+        """Return the problem with the variance of each view (views,) multiplied.
+
+        Parameters
+        ----------
+        excess : ndarray (views,)
+            Of real noise over what was believed: what is drawn through a codec is as much louder.
+        shared : ndarray (views,)
+            Of views that share their noise over as many that do not: draws through a codec share it already.
+        """
+        wider = replace(self, sd=self.sd * np.sqrt(excess * shared)[:, None, None])
+        if self.coded is None:
+            return wider
+        by = excess[:, None, None]
+        return replace(wider, coded=self.coded.louder(by), numerics=self.numerics * by)
 
     def recoded(self, coded: Recoded, numerics: Array) -> Problem:
         """Return the problem with noise as it comes out of a codec, and what else there is beside it [DN^2]."""

@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.observe import pixel_scatter
 from evanesce.criticism.tone import expected_tone, signal_sd
 from evanesce.criticism.views import BIN_PX, View, binned
@@ -43,7 +42,7 @@ MOST_PIXELS = 1.2e9
 MOST_KEPT = 1e8
 """Pixels of predicted frames that are kept while they are drawn; more are made anew for each draw."""
 
-QUALITIES: Mapping[Kind, tuple[int, ...]] = {"h264": tuple(range(14, 35, 4)), "jpeg": (60, 75, 85, 90, 95)}
+QUALITIES: Mapping[Kind, tuple[int, ...]] = {"h264": tuple(range(14, 35, 4)), "jpeg": (50, 60, 67, 75, 80, 85, 90, 95)}
 """Tried first: constant rate factors (lower is better), and JPEG's own figures (higher is better)."""
 
 REFINED = (((-2, -1, 1, 2), (0.85, 1.18)), ((-1, 1), (0.93, 1.08)))
@@ -146,6 +145,11 @@ class Recoded:
         """Fields and uneven maps: (draws + maps, views, rows, cols) [DN]."""
         return np.concatenate([self.fields, self.uneven])
 
+    def louder(self, excess: Array) -> Recoded:
+        """Return it with the variance of each view (views, 1, 1) multiplied."""
+        size = np.sqrt(excess).astype(np.float32)
+        return replace(self, fields=self.fields * size, uneven=self.uneven * size, variance=self.variance * excess)
+
     def drawn(self, count: int, rng: np.random.Generator) -> Array:
         """Return amplitudes (count, draws + maps) of :attr:`every` whose sums scatter as frames do.
 
@@ -197,6 +201,7 @@ def recoded(
     codec: Codec,
     expected: Array,
     rng: np.random.Generator,
+    share: float = 0.25,
 ) -> Recoded:
     """Return what a codec makes of predicted frames, which are filmed in the order of the views.
 
@@ -210,6 +215,8 @@ def recoded(
     expected : ndarray (views, rows, cols)
         Bins of the mean frames without a codec [DN].
     rng : numpy.random.Generator
+    share : float
+        Of the mean change by which it may be off, since it may have been another codec.
     """
     size = float(np.prod(shooting.camera.resolution_px)) * codec.filmed * sum(v.frames for v in views)
     draws = int(np.clip(MOST_PIXELS / size, LEAST_DRAWS, DRAWS))
@@ -230,19 +237,19 @@ def recoded(
     variance = _smooth(variance)
     left = _smooth(((fields - passed[:, None, None] * before) ** 2).sum(axis=0, dtype=float)) / (draws - 1) / draws
     bias = _settled(mean - surplus - expected, left)
-    uneven = _uneven(bias, rng)
+    uneven = _uneven(bias, share, rng)
     return Recoded(codec, bias, fields, uneven, variance + left + _smooth((uneven.astype(float) ** 2).sum(axis=0)))
 
 
-def _uneven(bias: Array, rng: np.random.Generator) -> Array:
+def _uneven(bias: Array, share: float, rng: np.random.Generator) -> Array:
     """Return maps (maps, views, rows, cols) whose sum, each times a normal number, is what a mean change is off by.
 
-    Which codec it was is known roughly, so that its changes may be off by a share (``codec_known``): as a whole, for
+    Which codec it was is known roughly, so that its changes may be off by a share: as a whole, for
     which a nuisance stands, and from one macroblock to the next, alike in all frames. That is no noise, which would
     average out over frames, and looks like an edge in another place.
     """
     maps = ndimage.gaussian_filter(rng.standard_normal((MAPS, *bias.shape[1:])), (0, MAP_BINS, MAP_BINS), mode="wrap")
-    maps *= FROZEN.nuisances["codec_known"] / np.sqrt((maps**2).sum(axis=0).mean())
+    maps *= share / np.sqrt((maps**2).sum(axis=0).mean())
     return (maps[:, None] * bias).astype(np.float32)
 
 
@@ -288,7 +295,7 @@ def _one_draw(
 def codec_of(
     shooting: Shooting,
     picture: Array,
-    before: Sequence[Array],
+    before: Sequence[Callable[[], Array]],
     held: Array,
     scatter: tuple[Array, Array],
     rng: np.random.Generator,
@@ -301,8 +308,9 @@ def codec_of(
         Its scale is what is believed.
     picture : ndarray (real rows, real cols)
         Predicted mean frame of the replicates [DN].
-    before : sequence of ndarray (real rows, real cols)
-        Those of the states that were filmed before them: what a video made of them it hands on.
+    before : sequence of callable
+        Those of the states that were filmed before them, each made when it is asked for and cut at once: what a video
+        made of them it hands on.
     held, scatter
         Binned replicates, and scatter of their pixels: :class:`evanesce.criticism.observe.Observation`.
     rng : numpy.random.Generator
@@ -311,6 +319,7 @@ def codec_of(
     part = _brightest(shooting.binned(picture), tuple(n // side for n in WINDOW_PX))
     real = tuple(slice(s.start * side, s.stop * side) for s in part)
     seen, seen_sd = _traits(held[(slice(None), *part)], (scatter[0][part], scatter[1][part]))
+    states = [np.array(state()[real], np.float32) for state in before]
     seed = int(rng.integers(2**32))
     tried: dict[tuple[Codec, float], float] = {}
 
@@ -320,9 +329,8 @@ def codec_of(
         taking, noise = replace(shooting, scale=scale), np.random.default_rng(seed)
 
         def film() -> Iterator[Array]:
-            states = [*(before if codec.kind == "h264" else ()), *[picture] * len(held)]
-            for state in states:
-                frames = taking.frames(state[real], noise)
+            for state in [*(states if codec.kind == "h264" else ()), *[picture[real]] * len(held)]:
+                frames = taking.frames(state, noise)
                 for _ in range(codec.filmed):
                     yield next(frames)
 

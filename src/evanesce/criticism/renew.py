@@ -27,6 +27,12 @@ from evanesce.errors import InputError
 
 Array = NDArray[Any]
 
+MORE = 3
+"""Times that the best cause is predicted anew beyond the first."""
+
+SETTLED_NATS = 0.5
+"""Evidence that such a time has to bring for another one."""
+
 
 def is_loud(gained: float) -> bool:
     """Tell whether evidence [nats] is so large that the quick prediction may decide between its causes."""
@@ -76,13 +82,24 @@ def renewed(
         again = extension
         if may_win and not scaled:
             try:
-                own = at_fitted(case, problem, extension.fitted)
-                again = extend_again(own, base, known, scored, extension)
+                again = anew(case, problem, base, known, scored, extension)
+                for _ in range(MORE):
+                    # One that is well ahead has to end where it was predicted, or its values are those of its start.
+                    if again.log_bayes < best or again.log_bayes - extension.log_bayes < SETTLED_NATS:
+                        break
+                    extension, again = again, anew(case, problem, base, known, scored, again)
             except InputError as error:
                 case.notes.append(f"{extension.cause.id} could not be predicted anew: {error}")
         found.append(again)
         best = max(best, again.log_bayes)
     return found
+
+
+def anew(
+    case: Case, problem: Problem, base: Fit, known: Extension | None, scored: Scored, extension: Extension
+) -> Extension:
+    """Return an extension fitted again by what is predicted where it ended."""
+    return extend_again(at_fitted(case, problem, extension.fitted), base, known, scored, extension)
 
 
 def at_fitted(case: Case, problem: Problem, fitted: Fit) -> Problem:

@@ -21,7 +21,7 @@ from evanesce.criticism.views import BIN_PX
 Array = NDArray[Any]
 
 SHIFT_BINS = 8 // BIN_PX
-"""Fields of noise are shifted by whole macroblocks, so that a codec's grid stays where it is."""
+"""Fields of noise are shifted by whole blocks of 8 px, so that JPEG's grid stays where it is, borders aside."""
 
 LEVEL_GROUPS = 8
 LEAST_BINS = 20
@@ -127,7 +127,8 @@ def noise_of(
 def jitter_of(light: Array) -> float:
     """Return the standard deviation to expect of the next state's light, from those of some frames.
 
-    A few frames know it badly: Student's law is wider than the scatter they show by sqrt((n - 1)/(n - 3)).
+    A few frames know it badly: Student's law is wider than the scatter they show by sqrt((n - 1)/(n - 3)); of
+    three, where that has no variance, twice as wide is a choice.
     """
     count = len(light)
     wider = np.sqrt((count - 1) / (count - 3)) if count > 3 else 2.0

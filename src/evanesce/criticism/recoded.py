@@ -154,7 +154,7 @@ class Recoded:
         """Return amplitudes (count, draws + maps) of :attr:`every` whose sums scatter as frames do.
 
         All views of a draw go together, since a codec hands on what it made of a place. So few fields know their own
-        size badly: amplitudes are Student's, not normal.
+        size badly: their amplitudes are Student's, those of the maps normal.
         """
         free = len(self.fields) - 1
         normal = rng.standard_normal((count, len(self.fields))) / np.sqrt(free)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 Array = NDArray[Any]
 
 BIN_PX = 4
-"""Side of a bin in pixels of the model camera; two bins are a macroblock's 8 px."""
+"""Side of a bin in pixels of the model camera; two bins are a JPEG block's 8 px, four a macroblock."""
 
 CARDS = ("checkerboard", "square")
 DARK = ("led_off", "lens_cap")

@@ -11,7 +11,7 @@ import pytest
 
 from evanesce.criticism import renew, search
 from evanesce.criticism.extend import Extension
-from evanesce.criticism.fine import fine_cube
+from evanesce.criticism.fine import fine_cube, in_pixels
 from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.linear import Score
 from evanesce.criticism.observe import model_factor, model_scene
@@ -62,6 +62,29 @@ def test_where_a_fit_ended_the_prediction_is_the_fine_one_and_the_believed_rigs_
     beside = {**point, "modulus:relative": -0.345}
     off = np.abs(anew.predictor.cube(beside) - fine_cube(believed, VIEWS, factor, beside)).max()
     assert off < 0.5 * left
+
+
+def test_a_centre_in_pixels_stays_where_it_is_on_finer_ones() -> None:
+    """Rationale: a vignette's centre, in pixels of the model camera, lay at a third of its offset in the fine picture.
+
+    A fall of light has little that finer pixels could change: the fine picture is the quick one, edges aside.
+    """
+    believed = load_scene(
+        "thesis",
+        {"camera.resolution_px": [160, 120], "camera.scale_px_per_mm": 58.37 / 12.5, "camera.pixel.pitch_um": 38.75},
+    )
+    views, point = VIEWS[:1], {"vignetting:k": 0.6, "vignetting:centre_offset_px[0]": 31.0}
+    predictor = Predictor(model_scene(believed), views)
+    changed = predictor.cube(point) - predictor.cube({})
+    factor = model_factor(believed)
+    none = fine_cube(believed, views, factor, {})
+    off = np.abs(fine_cube(believed, views, factor, point) - none - changed).mean()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("evanesce.criticism.fine.in_pixels", lambda point, smaller: dict(point))
+        wrong = np.abs(fine_cube(believed, views, factor, point) - none - changed).mean()
+    assert off < 0.5 * wrong, (off, wrong)
+    real = in_pixels({"vignetting:centre_offset_px[0]": 31.0, "vignetting:k": 0.6, "@pose_x[0]": 1.0}, 5.0)
+    assert real == {"vignetting:centre_offset_px[0]": 155.0, "vignetting:k": 0.6, "@pose_x[0]": 1.0}
 
 
 def scored(name: str, log_bayes: float, change: float = 0.0) -> Scored:

@@ -14,9 +14,11 @@ from evanesce.criticism.battery_data import Residuals
 from evanesce.criticism.blots import MOVES, STRIPED
 from evanesce.criticism.evidence import Evidence, Ranked, Shown
 from evanesce.criticism.extend import Extension, intervals
+from evanesce.criticism.fine import in_pixels
 from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.locked import LockedGain
 from evanesce.criticism.marks import BESIDE
+from evanesce.criticism.observe import model_factor
 from evanesce.criticism.posterior import Posterior
 from evanesce.criticism.predict import scene_with
 from evanesce.criticism.score import ScoreTest
@@ -99,7 +101,9 @@ def answer(case: Any, signatures: Sequence[Signature], findings: Findings) -> tu
     """Return the result and what a report shows of it."""
     said = verdict(findings)
     named = findings.best if said != "none" else None
-    effects = [] if named is None else _effects(named, case.problem.predictor.fixed)
+    effects = (
+        [] if named is None else _effects(named, case.problem.predictor.fixed, model_factor(case.observation.believed))
+    )
     probabilities = findings.posterior.marginal() if findings.posterior else {}
     notes = (*case.notes, *warnings(findings))
     result: dict[str, Any] = {
@@ -143,14 +147,16 @@ def warnings(findings: Findings) -> tuple[str, ...]:
 def extended_scene(believed: Scene, named: Extension, fixed: Mapping[str, Mapping[str, Any]] | None = None) -> Scene:
     """Return the believed scene with the named effects switched on at their fitted values and chosen places."""
     point = {name: value for name, value in named.fitted.point.items() if ":" in name}
-    return scene_with(believed, point, fixed)
+    return scene_with(believed, in_pixels(point, model_factor(believed)), fixed)
 
 
-def _effects(named: Extension, fixed: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
+def _effects(named: Extension, fixed: Mapping[str, Mapping[str, Any]], factor: int) -> list[dict[str, Any]]:
+    """Return effects with their values, lengths in pixels as the real camera counts them."""
     found: dict[str, dict[str, Any]] = {}
     for name, entry in intervals(named).items():
         effect, _, parameter = name.partition(":")
-        found.setdefault(effect, {})[parameter] = entry
+        real = {k: in_pixels({name: v}, factor)[name] if isinstance(v, float) else v for k, v in entry.items()}
+        found.setdefault(effect, {})[parameter] = real
     listed = {effect: _places(effect, fixed) for effect in named.ids}
     return [
         {"id": effect, "parameters": found[effect]} | ({"places": listed[effect]} if listed[effect] else {})

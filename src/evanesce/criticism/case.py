@@ -219,7 +219,7 @@ def through_codec(
     shooting = Shooting(frames.believed.camera, predictor.noise_scale, frames.factor)
     level, share = frames.cube(), FROZEN.nuisances["codec_known_silent" if silent else "codec_known"]
     rng = generator(seed, "criticism", "codec", 1)
-    made = recoded(shooting, frames.picture, predictor.views, codec, level, rng, share)
+    made = recoded(shooting, frames.picture, predictor.views, codec, level, rng, share if silent else 0.0)
     predictor.correction = made.bias if predictor.correction is None else predictor.correction + made.bias
     known = (1.0 - share**2) * codec_variance(level) - problem.noise.floor_DN**2
     kept = [p for p in parameters if not p.name.startswith("@codec")]

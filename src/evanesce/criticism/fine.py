@@ -92,6 +92,14 @@ class FinePredictor(Predictor):
         return binned(picture, BIN_PX * self.factor)
 
 
+def in_pixels(point: Point, smaller: float) -> dict[str, float]:
+    """Return a point with the effects' lengths in pixels counted in pixels so many times smaller."""
+    return {
+        name: value * smaller if ":" in name and "_px" in name.partition(":")[2] else value
+        for name, value in point.items()
+    }
+
+
 def placed(scene: Scene, shift_mm: tuple[float, float]) -> Scene:
     """Return a scene with the finger beside its believed place."""
     x, y = scene.finger.position_mm
@@ -110,6 +118,7 @@ class FineFrames:
     believed, views, factor, noise_scale
         See :class:`FinePredictor`.
     point : mapping
+        Lengths in pixels are the model camera's.
     fixed : mapping, optional
         Settings of effects that the scene does not have: :attr:`evanesce.criticism.predict.Predictor.fixed`.
     """
@@ -135,7 +144,7 @@ class FineFrames:
             rest = {**point, **{name: s - n for name, s, n in zip(names, shift, near, strict=True)}}
             fine = FinePredictor(placed(believed, (near[0], near[1])), views, factor, noise_scale=noise_scale)
             fine.fixed = dict(fixed or {})
-            self._sessions[session] = fine, rest
+            self._sessions[session] = fine, in_pixels(rest, factor * fine.before)
 
     def cube(self) -> Array:
         """Return the bins (views, rows, cols) [DN]."""

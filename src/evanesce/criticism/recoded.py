@@ -216,7 +216,8 @@ def recoded(
         Bins of the mean frames without a codec [DN].
     rng : numpy.random.Generator
     share : float
-        Of the mean change by which it may be off, since it may have been another codec.
+        Of the mean change by which it may be off from place to place. It looks like any soft spot, so that a film is
+        lost where it is allowed for without need: with noise that outlives the codec there is none.
     """
     size = float(np.prod(shooting.camera.resolution_px)) * codec.filmed * sum(v.frames for v in views)
     draws = int(np.clip(MOST_PIXELS / size, LEAST_DRAWS, DRAWS))

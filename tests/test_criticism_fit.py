@@ -304,3 +304,33 @@ def test_a_fit_enters_an_effect_beyond_its_threshold(monkeypatch: pytest.MonkeyP
     found = extend(problem, base, None, scored)
     sd = 1.0 / (120.0 * np.sqrt(float(np.sum((toy.maps["a:x"] / problem.sd) ** 2))))
     assert found.fitted.point["saturation:well_loss"] == pytest.approx(0.28, abs=4 * sd)
+
+
+def test_a_shape_that_is_silent_at_nothing_is_fitted_where_its_amplitude_is(
+    monkeypatch: pytest.MonkeyPatch, toy: Toy
+) -> None:
+    """Rationale: room light was fitted as even, whatever its slope and bow, whose derivatives at no light are none."""
+    plain = toy.cube
+
+    def cube(point, only=None):
+        light = point.get("ambient_light:radiance_W_per_mm2_sr", 0.0) * 1e8
+        at = {"a:x": light, "b:y": light * point.get("ambient_light:bow", 0.0), "@n": point.get("@n", 0.0)}
+        return plain(at, only)
+
+    toy.scene = load_scene("thesis")
+    monkeypatch.setattr(toy, "cube", cube)
+    rng = np.random.default_rng(9)
+    truth = {"ambient_light:radiance_W_per_mm2_sr": 1.3e-7, "ambient_light:bow": -0.4}
+    problem = problem_of(toy, cube(truth) + rng.standard_normal((4, *SHAPE)), noise_fields(rng, 0))
+    (candidate,) = (c for c in candidates_of(toy.scene, {"press"}) if c.id == "ambient_light")
+    base = fit(problem, [parameter("@n")], {})
+    signature = signature_of(problem, base, candidate)
+    assert not np.any(signature.rows[candidate.names.index("ambient_light:bow")])
+    (scored,) = score_test(problem, base, [signature], draws=99, rng=rng).scored
+    found = extend(problem, base, None, scored)
+    sd = dict(zip((p.name for p in found.fitted.parameters), np.sqrt(np.diag(found.fitted.covariance())), strict=True))
+    for name, value in truth.items():
+        assert found.fitted.point[name] == pytest.approx(value, abs=4 * sd[name])
+    assert sd["ambient_light:bow"] < 0.1 * 0.5
+    # Nothing was ever told of its slope, which stays where it is known to be.
+    assert found.fitted.point["ambient_light:gradient[0]"] == 0.0

@@ -19,6 +19,7 @@ from evanesce.criticism.parameters import Parameter
 from evanesce.criticism.predict import Predictor
 from evanesce.criticism.score import Scored
 from evanesce.criticism.views import View
+from evanesce.errors import InputError
 from evanesce.rig import load_scene
 
 VIEWS = (
@@ -138,6 +139,42 @@ def test_a_loud_cause_is_judged_by_the_fine_prediction_where_it_ended(anew: dict
     assert found["bone_stiffening"] == (4777.0, "new")
     assert found["vignetting"] == (500.0, "old")
     assert found["residue_film"] == (3000.0, "old")
+
+
+def test_what_only_a_line_knows_is_no_bar_for_what_can_be_predicted_anew(anew: dict[str, float]) -> None:
+    """A film in the glass, 9000 nats by a straight line, kept both others from being put right."""
+    loud = np.sqrt(2 * 3000.0 / FROZEN.search["quick_share"])
+    anew.update(bone_stiffening=4777.0, modulus=4896.0)
+    found = told(
+        [
+            (scored("glass_absorption", 9000.0), extension("glass_absorption", 9000.0, loud, linear=True)),
+            (scored("bone_stiffening", 4040.0), extension("bone_stiffening", 3737.0, loud)),
+            (scored("modulus", 520.0), extension("modulus", 2400.0, loud)),
+        ]
+    )
+    assert found["modulus"] == (4896.0, "new")
+    assert found["bone_stiffening"] == (4777.0, "new")
+
+
+def test_the_best_is_predicted_anew_until_it_settles_and_a_point_that_none_can_render_ends_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    gains = {"modulus": iter([4896.0, 4990.0, 4990.3, 9999.0]), "adhesion": iter([4000.0])}
+    monkeypatch.setattr(renew, "at_fitted", lambda case, problem, fitted: "new")
+
+    def again(problem: Any, base: Any, known: Any, scored: Scored, before: Extension) -> Extension:
+        if scored.id == "ridge_height":
+            raise InputError("the finger has no ridges")
+        return extension(scored.id, next(gains[scored.id]), problem=problem)
+
+    monkeypatch.setattr(renew, "extend_again", again)
+    loud = np.sqrt(2 * 3000.0 / FROZEN.search["quick_share"])
+    case: Any = SimpleNamespace(notes=[])
+    names = {"modulus": 4800.0, "adhesion": 4500.0, "ridge_height": 4400.0}
+    tried = [(scored(k, v), extension(k, v, loud)) for k, v in names.items()]
+    found = {e.ids[0]: (e.log_bayes, e.problem) for e in renew.renewed(case, None, None, None, tried)}  # type: ignore[arg-type]
+    assert found == {"modulus": (4990.3, "new"), "adhesion": (4000.0, "new"), "ridge_height": (4400.0, "old")}
+    assert case.notes == ["ridge_height could not be predicted anew: the finger has no ridges"]
 
 
 def test_a_faint_cause_is_not_predicted_anew(anew: dict[str, float]) -> None:

@@ -13,6 +13,8 @@ from evanesce.errors import InputError
 from evanesce.quantities import Strict, field
 from evanesce.resources import resource
 from evanesce.rig import Scene, dump_scene, load_scene
+from evanesce.rig.camera import Distortion
+from evanesce.sensor.lens import Projection, form_image
 from evanesce.states import ContactState, Frame, PlateGrid, PlateLight, SensorLight
 
 SHAPE = (47, 61)
@@ -301,8 +303,28 @@ def test_ambient_light_adds_a_plane() -> None:
     # Subtraction of numbers up to 900 leaves 2e-13.
     assert added[9, 40] == pytest.approx(0.02 * (1 + 1.3 * x - 0.7 * y), abs=1e-12)
     assert got.variance is light.variance or np.array_equal(got.variance, light.variance)  # type: ignore[attr-defined]
+    bowed = run("ambient_light", radiance_W_per_mm2_sr=0.02, gradient=(1.3, -0.7), bow=-2.6)
+    more = bowed.radiance - got.radiance  # type: ignore[attr-defined]
+    assert more[9, 40] == pytest.approx(-0.02 * 2.6 * (x**2 + y**2), abs=1e-12)
     steep = run("ambient_light", radiance_W_per_mm2_sr=0.02, gradient=(-5.0, 0.0))
     assert (steep.radiance - light.radiance).min() >= -1e-12  # type: ignore[attr-defined]
+
+
+def test_room_light_may_be_even_on_the_sensor() -> None:
+    """The lens leaves cos^4 of an even radiance; bowed by 2 it is 1 - tan^4: as even as a black level."""
+    rig = scene()
+    lens = rig.camera.lens.model_copy(update={"distortion": Distortion(), "vignetting_k": 0.0})
+    camera = rig.camera.model_copy(update={"lens": lens})
+    view = Projection.of(camera, rig.plate).ideal_view()
+    nothing = np.zeros(view.shape, np.float32)
+    dark = PlateLight(radiance=nothing, variance=nothing, focal_px=view.focal_px, principal_point=view.principal_point)
+    effect = all_effects()["ambient_light"]
+    veils = (effect.parameters(radiance_W_per_mm2_sr=1e-3, bow=bow) for bow in (0.0, 2.0))
+    even, bowed = (form_image(effect.apply(dark, veil, context()), camera, rig.plate) for veil in veils)
+    tangent2 = np.sqrt(even.irradiance.max() / even.irradiance) - 1.0
+    assert tangent2.max() > 0.05
+    expected = 1.0 - (tangent2 / (1 + tangent2)) ** 2
+    np.testing.assert_allclose(bowed.irradiance / bowed.irradiance.max(), expected, atol=3e-3)
 
 
 def test_black_level_moves_every_number() -> None:

@@ -91,6 +91,19 @@ def test_sag_darkens_the_far_end_and_the_brighter_strip_more() -> None:
     assert (bright > 3 * faint).all()
 
 
+def test_sag_of_a_loose_joint_is_that_of_the_resistance_which_the_current_leaves() -> None:
+    for volts in (7.6, 9.3):
+        scene = rig(**{"leds.voltage_V": volts})
+        now, rated = (float(segment_current(scene.leds.circuit, v)) for v in (volts, 12.0))
+        grown = changed(scene, "supply_sag", resistance_ohm_per_mm=0.01, growth=0.7)
+        plain = changed(scene, "supply_sag", resistance_ohm_per_mm=0.01 * (now / rated) ** 0.7)
+        assert now < 0.5 * rated
+        left = plain.leds.strip_resistance_ohm_per_mm
+        assert grown.leds.strip_resistance_ohm_per_mm == pytest.approx(left, rel=1e-12)
+    off = changed(rig(**{"leds.voltage_V": 0.0}), "supply_sag", resistance_ohm_per_mm=0.01, growth=-2.0)
+    assert np.isfinite(off.leds.strip_resistance_ohm_per_mm)
+
+
 def test_warming_goes_as_one_thermal_mass() -> None:
     scene = rig()
 

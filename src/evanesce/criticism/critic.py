@@ -27,7 +27,7 @@ from evanesce.criticism.problem import Fit
 from evanesce.criticism.score import metric_of
 from evanesce.criticism.search import joint_p, ring, rivals, rivals_without_best, search, test
 from evanesce.criticism.signatures import Signature, signatures_of
-from evanesce.criticism.unknown import describe_unknown, fit_flexible
+from evanesce.criticism.unknown import Flexible, describe_unknown, fit_flexible
 
 Array = NDArray[Any]
 Tick = Callable[[str], None]
@@ -73,9 +73,16 @@ def criticise(
     tick("what can be told from what")
     isolate(case, signatures, findings)
     tick("locked part")
-    flexible = findings.flexible if verdict(findings) == "unknown" else None
-    findings.gain = locked_gain(case.observation, case.problem, case.base, findings.best, flexible)
+    findings.gain = locked_gain(case.observation, case.problem, case.base, findings.best, confirmed_term(findings))
     return answer(case, signatures, findings)
+
+
+def confirmed_term(findings: Findings) -> Flexible | None:
+    """Return the flexible term of something unknown.
+
+    None where only the score tests rang: nothing confirms its shape then, and through a codec it would be the codec's.
+    """
+    return findings.flexible if findings.rings and verdict(findings) == "unknown" else None
 
 
 def level_of(case: Case) -> float:
@@ -116,11 +123,15 @@ def weigh(case: Case, findings: Findings, left: Residuals, signatures: Sequence[
     ids = () if findings.best is None else tuple(sorted(findings.best.ids))
     explained = log_bayes[ids] if ids else 0.0
     log_bayes[(*ids, UNKNOWN)] = explained + extra
+    if findings.best is not None:
+        # Something outside the library may draw what its last cause draws, as well as that does.
+        log_bayes[(*sorted(findings.best.ids[:-1]), UNKNOWN)] = explained + float(np.log(FROZEN.priors["mimic"]))
     if rings and battery is not None:
         findings.left_evidence = max(extra, log_bayes_of_p(battery.beyond_draws))
         if ids and findings.unexplained > FROZEN.levels["unknown_share"]:
             # A cause that leaves so much is one of the unknown's shapes: what it explains is the unknown's as well.
-            log_bayes[(UNKNOWN,)] = explained + findings.left_evidence
+            alone = explained + findings.left_evidence
+            log_bayes[(UNKNOWN,)] = max(log_bayes.get((UNKNOWN,), -np.inf), alone)
     findings.posterior = posterior(log_bayes, library)
     findings.rings = rings
     # What the score tests alone hear, and no fit confirms, has to be described as well: it may be called unknown.

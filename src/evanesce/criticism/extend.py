@@ -134,7 +134,22 @@ def extend(problem: Problem, base: Fit, known: Extension | None, scored: Scored)
     kept = [k for k, p in enumerate(base.parameters) if p.name not in candidate.names]
     whole = np.concatenate([rows, base.rows[kept]])
     fitted = fit(problem, (*own_parameters, *nuisances), start, rows=whole, rounds=ROUNDS, secant=True)
+    if any(not p.linear and not np.any(row) for p, row in zip(own_parameters, rows, strict=True)):
+        fitted = _with_shapes(problem, fitted, len(own_parameters))
     return _judged(problem, base, known, scored, fitted, len(own_parameters))
+
+
+def _with_shapes(problem: Problem, fitted: Fit, count: int) -> Fit:
+    """Return a fit with those of its first parameters freed of which nothing could be said: shapes of what is nothing.
+
+    Only where the amplitude has been fitted do they change anything. It goes with some of them, so that its own
+    derivative has to be as exact as theirs.
+    """
+    rows, at = np.array(fitted.rows), predicted_part(fitted.point, fitted.parameters)
+    rows[:count] = derivatives(problem, at, fitted.parameters[:count], fitted.predicted)
+    return fit(
+        problem, fitted.parameters, fitted.point, rows=rows, predicted=fitted.predicted, rounds=ROUNDS, secant=True
+    )
 
 
 def extend_again(problem: Problem, base: Fit, known: Extension | None, scored: Scored, found: Extension) -> Extension:

@@ -32,7 +32,8 @@ class Posterior:
         for effects, probability in self.models.items():
             for name in effects:
                 found[name] = found.get(name, 0.0) + probability
-        return found
+        # Sums of what normalised to one may exceed it by rounding.
+        return {name: min(value, 1.0) for name, value in found.items()}
 
     @property
     def best(self) -> tuple[str, ...]:

@@ -79,7 +79,7 @@ def renewed(
         may_win = extension.log_bayes + undecided(extension.cause.signal) > best
         # What enters by a straight line only has no point at which it could be predicted anew.
         scaled = any(p.linear and p.template is None for p in extension.fitted.parameters if _is_effects(p.name))
-        again = extension
+        again = quick = extension
         if may_win and not scaled:
             try:
                 again = anew(case, problem, base, known, scored, extension)
@@ -91,7 +91,8 @@ def renewed(
             except InputError as error:
                 case.notes.append(f"{extension.cause.id} could not be predicted anew: {error}")
         found.append(again)
-        best = max(best, again.log_bayes)
+        # What was predicted quickly only is no bar for what would be predicted well.
+        best = best if again is quick else max(best, again.log_bayes)
     return found
 
 

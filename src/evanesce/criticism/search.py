@@ -82,12 +82,15 @@ def fitted_for_good(
     few, most = int(FROZEN.search["always"]), int(FROZEN.search["refine"])
     before = 0.0 if known is None else known.log_bayes
     found: list[tuple[Scored, Extension]] = []
-    ranked = sorted(tried, key=lambda s: -s.result.log_bayes)[:most]
-    for number, scored in enumerate(ranked):
-        kept = max((e.log_bayes - before for _, e in found), default=np.inf)
-        best, own = min(ranked[0].result.log_bayes, kept), scored.result.log_bayes
+    ahead = sorted(tried, key=lambda s: -s.result.log_bayes)[:most]
+    while ahead:
+        # Of those that can be fitted: one that cannot sets no bar.
+        best = max(s.result.log_bayes for s in [*(s for s, _ in found), *ahead])
+        best = min(best, max((e.log_bayes - before for _, e in found), default=np.inf))
+        scored = ahead.pop(0)
+        own = scored.result.log_bayes
         near = own > least_near(best) or (is_loud(best) and own + undecided(change_of(scored)) > best)
-        if number >= few and not near:
+        if len(found) >= few and not near:
             continue
         try:
             found.append((scored, extend(problem, base, known, scored)))

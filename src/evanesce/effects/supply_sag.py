@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from evanesce.effects.protocol import Context, Effect, Stage
+from evanesce.optics.led import segment_current
 from evanesce.quantities import Strict, field
 from evanesce.rig import Scene
 
+LEAST_CURRENT = 1e-6
+"""Of the rated one: less lights nothing that could be seen."""
+
 
 class Parameters(Strict):
-    """The copper's resistance."""
+    """The copper's and its joints' resistance."""
 
     resistance_ohm_per_mm: float = field(
         0.0,
@@ -17,11 +21,22 @@ class Parameters(Strict):
         null=0.0,
         doc="added, both rails and the joints between segments together; two 3 mm rails of 35 um copper have 0.0003",
     )
+    growth: float = field(
+        0.0,
+        unit="1",
+        bounds=(-3.0, 3.0),
+        doc="power of the segments' current, over the rated one, by which it grows: clipped joints warm and loosen",
+    )
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     """Add the resistance to that of the strips; :func:`evanesce.optics.led.strip_voltages` solves the ladder."""
-    total = scene.leds.strip_resistance_ohm_per_mm + parameters.resistance_ohm_per_mm
+    circuit = scene.leds.circuit
+    added = parameters.resistance_ohm_per_mm
+    if added and parameters.growth:
+        now, rated = segment_current(circuit, [scene.leds.voltage_V, circuit.rated_voltage_V])
+        added *= float(max(now / rated, LEAST_CURRENT) ** parameters.growth)
+    total = scene.leds.strip_resistance_ohm_per_mm + added
     leds = scene.leds.model_copy(update={"strip_resistance_ohm_per_mm": total})
     return scene.model_copy(update={"leds": leds})
 
@@ -33,7 +48,8 @@ EFFECT = Effect(
     amplitudes=("resistance_ohm_per_mm",),
     apply=apply,
     # Copper rails (0.0003) do not show. What shows is a joint of some ohms between segments that were cut and clipped.
-    fitted={"resistance_ohm_per_mm": 0.3},
+    # A wire's resistance is the same at any current, one of a loose joint is not: to the square root of it, assumed.
+    fitted={"resistance_ohm_per_mm": 0.3, "growth": 0.5},
     needs=("press", "voltage"),
     scaling="grows with LED current: far ends of the strips fainter, the more so at high voltage",
 )

@@ -153,7 +153,9 @@ def test_a_contact_of_no_bin_or_two_is_judged(inside: int) -> None:
     distance = np.full(base.distance_mm.shape, 5.0 if inside else np.inf)
     distance[:9, 14, 20 : 20 + inside] = -0.1
     residuals = replace(base, distance_mm=distance)
-    assert run_battery(residuals, null(5, 99)).outcomes
+    found = run_battery(residuals, null(5, 99))
+    assert 0.0 < found.global_p <= 1.0
+    assert all(np.isfinite(o.statistic) and 0.0 < o.p <= 1.0 for o in found.outcomes)
 
 
 def test_a_frame_with_no_valid_bin_is_left_out_of_the_views_means() -> None:

@@ -128,3 +128,31 @@ def test_a_gain_is_not_hidden_behind_nuisances_of_computation() -> None:
     nothing = locked_gain(observation, problem, base, None, None)
     assert nothing is not None
     assert nothing.log_score == (0.0, 0.0, 0.0)
+
+
+def test_an_extension_predicts_locked_views_by_what_it_was_fitted_by() -> None:
+    """A loud cause is fitted by pictures made anew where it ended; with the quick ones its gain would be another."""
+    rng = np.random.default_rng(11)
+    basis_y, basis_x = cosine_features(SHAPE)
+    quick = np.outer(basis_y[1], basis_x[2])
+    quick *= 3.0 / np.abs(quick).max()
+    bent = np.outer(basis_y[2], basis_x[3])
+    bent *= 1.5 / np.abs(bent).max()
+    toys = [Effect(quick), Effect(quick + bent)]
+    truth = np.broadcast_to(50.0 + quick + bent, (len(VIEWS), *SHAPE))
+    data = truth + 0.25 * rng.standard_normal(truth.shape)  # a bin is the mean of 16 pixels
+    tone: Any = SimpleNamespace(variance_at=lambda level: np.ones_like(level))
+    noise = noise_of({}, tone, SHAPE, floor_DN=1e-3, flicker=0.0)
+    problems = [Problem.of(t, data, noise, np.zeros_like(data), OPEN, t.cube({})) for t in toys]  # type: ignore[arg-type]
+    cause = Parameter(name="e:a", deviation=3.0, step=0.1)
+    base = fit(problems[0], [Parameter(name="@n", deviation=1.0, step=0.1)], {})
+    observation: Any = SimpleNamespace(locked=LOCKED, images=list(data))
+    gains = []
+    for own in problems:
+        best: Any = SimpleNamespace(fitted=fit(own, [cause], {}), problem=own)
+        found = locked_gain(observation, problems[0], base, best, None)
+        assert found is not None
+        gains.append(found.log_score[0])
+    sd = problems[0].sd[LOCKED]
+    more = 0.5 * float(np.sum((bent / sd) ** 2))
+    assert gains[1] - gains[0] == pytest.approx(more, abs=4 * np.sqrt(2 * more))

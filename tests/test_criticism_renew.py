@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 
 from evanesce.criticism import renew, search
+from evanesce.criticism.answer import Findings
 from evanesce.criticism.extend import Extension
-from evanesce.criticism.fine import fine_cube, in_pixels
+from evanesce.criticism.fine import FineFrames, fine_cube, in_pixels
 from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.linear import Score
 from evanesce.criticism.observe import model_factor, model_scene
 from evanesce.criticism.parameters import Parameter
 from evanesce.criticism.predict import Predictor
-from evanesce.criticism.score import Scored
+from evanesce.criticism.score import Scored, ScoreTest
 from evanesce.criticism.views import View
 from evanesce.errors import InputError
 from evanesce.rig import load_scene
@@ -63,6 +64,61 @@ def test_where_a_fit_ended_the_prediction_is_the_fine_one_and_the_believed_rigs_
     beside = {**point, "modulus:relative": -0.345}
     off = np.abs(anew.predictor.cube(beside) - fine_cube(believed, VIEWS, factor, beside)).max()
     assert off < 0.5 * left
+
+
+def test_marks_at_places_from_the_data_and_a_codecs_change_are_in_what_is_predicted_anew() -> None:
+    believed = load_scene(
+        "thesis",
+        {"camera.resolution_px": [160, 120], "camera.scale_px_per_mm": 58.37 / 12.5, "camera.pixel.pitch_um": 38.75},
+    )
+    views, point = VIEWS[:1], {"specks:marks": 1.4}
+    predictor = Predictor(model_scene(believed), views)
+    places = {"mark_x_mm": (1.1, -6.2), "mark_y_mm": (7.4, 5.0), "mark_light_mm2": (0.2, 0.5)}
+    predictor.fixed = {"specks": places}
+    predictor.correction = np.zeros_like(predictor.cube({}))
+    bias = np.random.default_rng(3).normal(0.0, 2.0, predictor.correction.shape)
+    case: Any = SimpleNamespace(observation=SimpleNamespace(believed=believed))
+    fitted: Any = SimpleNamespace(point=point, parameters=())
+    found = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(renew, "replace", lambda of, predictor: SimpleNamespace(predictor=predictor))
+        for name, coded in (("plain", None), ("coded", SimpleNamespace(bias=bias))):
+            problem: Any = SimpleNamespace(predictor=predictor, coded=coded)
+            found[name] = renew.at_fitted(case, problem, fitted).predictor.cube(point)
+    factor = model_factor(believed)
+    exact = FineFrames(believed, views, factor, point, fixed=predictor.fixed).cube()
+    np.testing.assert_allclose(found["plain"], exact, atol=1e-9)
+    np.testing.assert_allclose(found["coded"], exact + bias, atol=1e-9)
+    # The marks themselves are there: without them the frame is another one.
+    assert np.abs(exact - fine_cube(believed, views, factor, {})).max() > 3.0
+
+
+def test_a_second_cause_is_sought_by_the_prediction_that_named_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And the first one's evidence is what the second one's is counted from."""
+    asked: list[tuple[Any, Any, Any]] = []
+    names = iter(["modulus", "vignetting"])
+
+    def for_good(case: Any, problem: Any, base: Any, known: Any, tried: Any) -> list[tuple[Any, Any]]:
+        asked.append((problem, base, known and known.ids))
+        return [(None, next(names))]
+
+    def again(case: Any, problem: Any, base: Any, known: Any, tried: Any) -> list[Extension]:
+        ((_, name),) = tried
+        ids = (*(known.ids if known else ()), name)
+        return [extension(name, 500.0 * len(ids), ids=ids, problem=f"anew for {name}", fitted=f"fit of {name}")]
+
+    monkeypatch.setattr(search, "fitted_for_good", for_good)
+    monkeypatch.setattr(search, "renewed", again)
+    monkeypatch.setattr(search, "acceptable", lambda better, known, library: True)
+    found = Findings(global_p=1e-4, first=ScoreTest((), 1e-4, 4999), battery=None)  # type: ignore[arg-type]
+    ps = iter([1e-4, 0.9])
+    monkeypatch.setattr(search, "test", lambda case, signatures, base, number: ScoreTest((), next(ps), 4999))
+    monkeypatch.setattr(search, "ring", lambda case, base, number: (SimpleNamespace(global_p=0.5), None))
+    case: Any = SimpleNamespace(problem="believed", base="base", codec=False)
+    search.search(case, [], found)
+    assert asked == [("believed", "base", None), ("anew for modulus", "fit of modulus", ("modulus",))]
+    assert found.best is not None
+    assert (found.best.ids, found.best.problem) == (("modulus", "vignetting"), "anew for vignetting")
 
 
 def test_a_centre_in_pixels_stays_where_it_is_on_finer_ones() -> None:

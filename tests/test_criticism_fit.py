@@ -306,6 +306,34 @@ def test_a_fit_enters_an_effect_beyond_its_threshold(monkeypatch: pytest.MonkeyP
     assert found.fitted.point["saturation:well_loss"] == pytest.approx(0.28, abs=4 * sd)
 
 
+def test_a_fit_that_ends_worse_than_nothing_is_entered_nearer(monkeypatch: pytest.MonkeyPatch, toy: Toy) -> None:
+    """Rationale: LEDs that warm, on top of a droop, were entered where they bend and stayed at -3000 nats."""
+    plain = toy.cube
+
+    def cube(point, only=None):
+        # Straight for small amounts, which is what its derivative knows; beyond 0.3 it runs away and wiggles.
+        amount = point.get("modulus:relative", 0.0)
+        beyond = max(abs(amount) - 0.3, 0.0)
+        return plain(
+            {"a:x": 4.0 * amount, "b:y": 300.0 * beyond * np.cos(40.0 * amount), "@n": point.get("@n", 0.0)}, only
+        )
+
+    toy.scene = load_scene("thesis")
+    monkeypatch.setattr(toy, "cube", cube)
+    rng = np.random.default_rng(9)
+    data = plain({"a:x": 2.4, "b:y": 0.0, "@n": 0.1}) + rng.standard_normal((4, *SHAPE))
+    problem = problem_of(toy, data, noise_fields(rng, 0))
+    (candidate,) = (c for c in candidates_of(toy.scene, {"press"}) if c.id == "modulus")
+    base = fit(problem, [parameter("@n")], {"@n": 0.0})
+    (scored,) = score_test(problem, base, [signature_of(problem, base, candidate)], draws=99, rng=rng).scored
+    assert scored.result.estimate[0] > 0.5
+    found = extend(problem, base, None, scored)
+    assert found.improved > 0.0
+    assert found.fitted.point["modulus:relative"] > 0.1
+    monkeypatch.setattr("evanesce.criticism.extend.NEARER", 1.0)
+    assert extend(problem, base, None, scored).improved < 0.0
+
+
 def test_a_shape_that_is_silent_at_nothing_is_fitted_where_its_amplitude_is(
     monkeypatch: pytest.MonkeyPatch, toy: Toy
 ) -> None:

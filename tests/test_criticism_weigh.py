@@ -152,7 +152,7 @@ def test_a_cause_that_cannot_be_fitted_sets_no_bar_and_takes_no_place(monkeypatc
 
 @pytest.mark.parametrize(("rings", "used"), [(True, True), (False, False)])
 def test_a_flexible_term_that_no_test_confirms_predicts_nothing(rings: bool, used: bool) -> None:
-    """Rationale: under strong H.264, where the battery is silent, it was fitted to the codec: -175 nats on the locked."""
+    """Rationale: under strong H.264, where the battery is silent, it was the codec: -175 nats on the locked part."""
     found = weighed(p=0.002, tail=1e-9, first={"vignetting": 0.5}, rounds=[])
     found.rings = rings
     assert verdict(found) == "unknown"

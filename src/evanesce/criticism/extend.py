@@ -35,6 +35,8 @@ AMPLITUDES = (0.02, 5.0)
 """Of a start, within which a fit enters."""
 MOST_STARTS, NEAR_START = 4, 0.3
 """Starts from which a fit is tried, and the share of the best one's statistic that they need."""
+NEARER = 0.2
+"""Share of the way from null to where a fit enters, for a second try."""
 NEAR_BOUND = 1e-3
 """Of the bounds' width."""
 
@@ -133,7 +135,13 @@ def extend(problem: Problem, base: Fit, known: Extension | None, scored: Scored)
     own_parameters, start, rows = _entry(problem, base, scored)
     kept = [k for k, p in enumerate(base.parameters) if p.name not in candidate.names]
     whole = np.concatenate([rows, base.rows[kept]])
-    fitted = fit(problem, (*own_parameters, *nuisances), start, rows=whole, rounds=ROUNDS, secant=True)
+    every = (*own_parameters, *nuisances)
+    fitted = fit(problem, every, start, rows=whole, rounds=ROUNDS, secant=True)
+    if fitted.misfit > base.misfit:
+        # Worse than nothing: a straight line has put it where it bends too much to find back.
+        near = {p.name: p.null + NEARER * (value_of(start, p) - p.null) for p in own_parameters}
+        again = fit(problem, every, moved(start, near), rows=whole, rounds=ROUNDS, secant=True)
+        fitted = min(fitted, again, key=lambda f: f.misfit)
     if any(not p.linear and not np.any(row) for p, row in zip(own_parameters, rows, strict=True)):
         fitted = _with_shapes(problem, fitted, len(own_parameters))
     return _judged(problem, base, known, scored, fitted, len(own_parameters))

@@ -13,7 +13,7 @@ from evanesce.criticism.frozen import FROZEN
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 RUNS = DOCS / "challenge-runs"
-RUN = RUNS / "scored-l.jsonl"
+RUN = RUNS / "scored-m.jsonl"
 
 
 def record(number: int, group: str, causes: list[str], strengths: list[float], answer: dict, **more: object) -> dict:

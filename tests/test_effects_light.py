@@ -7,7 +7,7 @@ import pytest
 
 from evanesce.effects import Context, all_effects
 from evanesce.errors import InputError
-from evanesce.optics.led import led_positions, led_radiances, segment_current
+from evanesce.optics.led import edge_resistance, led_positions, led_radiances, segment_current
 from evanesce.render.transport import edge_light
 from evanesce.rig import Scene, load_scene
 
@@ -91,17 +91,27 @@ def test_sag_darkens_the_far_end_and_the_brighter_strip_more() -> None:
     assert (bright > 3 * faint).all()
 
 
-def test_sag_of_a_loose_joint_is_that_of_the_resistance_which_the_current_leaves() -> None:
-    for volts in (7.6, 9.3):
-        scene = rig(**{"leds.voltage_V": volts})
-        now, rated = (float(segment_current(scene.leds.circuit, v)) for v in (volts, 12.0))
-        grown = changed(scene, "supply_sag", resistance_ohm_per_mm=0.01, growth=0.7)
-        plain = changed(scene, "supply_sag", resistance_ohm_per_mm=0.01 * (now / rated) ** 0.7)
-        assert now < 0.5 * rated
-        left = plain.leds.strip_resistance_ohm_per_mm
-        assert grown.leds.strip_resistance_ohm_per_mm == pytest.approx(left, rel=1e-12)
-    off = changed(rig(**{"leds.voltage_V": 0.0}), "supply_sag", resistance_ohm_per_mm=0.01, growth=-2.0)
-    assert np.isfinite(off.leds.strip_resistance_ohm_per_mm)
+def test_the_resistance_of_a_loose_joint_goes_with_the_current_of_its_own_strip() -> None:
+    """The top strip has a supply of its own, and the common one may be off."""
+    for common, volts in ((7.6, {"right": 7.6, "top": 10.4}), (0.0, {"top": 10.4})):
+        scene = rig(**{"leds.voltage_V": common})
+        grown = changed(scene, "supply_sag", resistance_ohm_per_mm=0.3, growth=0.7)
+        for edge, own in volts.items():
+            now, rated = (float(segment_current(scene.leds.circuit, v)) for v in (own, 12.0))
+            left = changed(scene, "supply_sag", resistance_ohm_per_mm=0.3 * (now / rated) ** 0.7)
+            assert edge_resistance(grown.leds, edge) == pytest.approx(edge_resistance(left.leds, edge), rel=1e-12)
+            assert now < 0.7 * rated
+    after, before = (led_radiances(s.plate, s.leds)["top"] for s in (grown, scene))
+    assert after[-1] / before[-1] < after[0] / before[0] < 1
+    off = changed(scene, "supply_sag", resistance_ohm_per_mm=0.01, growth=-2.0)
+    assert np.isfinite(edge_resistance(off.leds, "right"))
+
+
+def test_a_strips_own_rails_count_in_place_of_those_of_all() -> None:
+    bad = rig(**{"leds.strip_resistance_ohm_per_mm": 0.02, "leds.edge.top.strip_resistance_ohm_per_mm": 0.0})
+    found = ratio(bad, rig())
+    assert (found["top"] == 1).all()
+    assert found["right"][-1] < 1
 
 
 def test_warming_goes_as_one_thermal_mass() -> None:

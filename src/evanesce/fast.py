@@ -362,6 +362,7 @@ def _lasting(scene: Scene) -> dict[str, Any]:
     for edge in leds["edge"].values():
         # A shift along the edge moves LEDs, and stays.
         edge.pop("voltage_V", None)
+        edge.pop("strip_resistance_ohm_per_mm", None)
         edge.pop("relative_power", None)
     leds["edge"] = {name: edge for name, edge in leds["edge"].items() if edge != {"offset_mm": 0.0}}
     lens.pop("defocus_um")

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from evanesce.effects.protocol import Context, Effect, Stage
-from evanesce.optics.led import segment_current
+from evanesce.optics.led import edge_resistance, edge_supply, segment_current
 from evanesce.quantities import Strict, field
 from evanesce.rig import Scene
+from evanesce.rig.leds import StripEdge
 
 LEAST_CURRENT = 1e-6
 """Of the rated one: less lights nothing that could be seen."""
@@ -31,14 +32,16 @@ class Parameters(Strict):
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     """Add the resistance to that of the strips; :func:`evanesce.optics.led.strip_voltages` solves the ladder."""
-    circuit = scene.leds.circuit
-    added = parameters.resistance_ohm_per_mm
-    if added and parameters.growth:
-        now, rated = segment_current(circuit, [scene.leds.voltage_V, circuit.rated_voltage_V])
-        added *= float(max(now / rated, LEAST_CURRENT) ** parameters.growth)
-    total = scene.leds.strip_resistance_ohm_per_mm + added
-    leds = scene.leds.model_copy(update={"strip_resistance_ohm_per_mm": total})
-    return scene.model_copy(update={"leds": leds})
+    if parameters.resistance_ohm_per_mm == 0.0:
+        return scene
+    leds, edges = scene.leds, dict(scene.leds.edge)
+    for edge in leds.edges:
+        # Each joint by its own strip's current: a strip may have a supply of its own.
+        now, rated = segment_current(leds.circuit, [edge_supply(leds, edge), leds.circuit.rated_voltage_V])
+        added = parameters.resistance_ohm_per_mm * float(max(now / rated, LEAST_CURRENT) ** parameters.growth)
+        total = {"strip_resistance_ohm_per_mm": edge_resistance(leds, edge) + added}
+        edges[edge] = edges.get(edge, StripEdge()).model_copy(update=total)
+    return scene.model_copy(update={"leds": leds.model_copy(update={"edge": edges})})
 
 
 EFFECT = Effect(

@@ -243,15 +243,22 @@ def strip_voltages(circuit: LedCircuit, supply: float, distance: ArrayLike, resi
     return voltage
 
 
-def _supply(leds: Leds, edge: str) -> float:
+def edge_supply(leds: Leds, edge: str) -> float:
     """Return the voltage that feeds an edge's strip [V]."""
     own = leds.edge.get(cast(Edge, edge))
     return leds.voltage_V if own is None or own.voltage_V is None else own.voltage_V
 
 
+def edge_resistance(leds: Leds, edge: str) -> float:
+    """Return the resistance of the rails of an edge's strip [ohm/mm]."""
+    own = leds.edge.get(cast(Edge, edge))
+    every = leds.strip_resistance_ohm_per_mm
+    return every if own is None or own.strip_resistance_ohm_per_mm is None else own.strip_resistance_ohm_per_mm
+
+
 def led_powers(leds: Leds) -> dict[str, float]:
     """Return the radiant power [W] of one LED at the fed end of each lit edge, at that edge's own voltage."""
-    return {str(edge): float(radiant_power(leds.circuit, _supply(leds, edge))) for edge in leds.edges}
+    return {str(edge): float(radiant_power(leds.circuit, edge_supply(leds, edge))) for edge in leds.edges}
 
 
 def each_led_power(plate: Plate, leds: Leds) -> dict[str, Array]:
@@ -268,7 +275,7 @@ def each_led_power(plate: Plate, leds: Leds) -> dict[str, Array]:
     for edge, centres in led_positions(plate, leds).items():
         length = plate.size_mm[1] if edge in ("left", "right") else plate.size_mm[0]
         voltage = strip_voltages(
-            leds.circuit, _supply(leds, edge), centres + length / 2, leds.strip_resistance_ohm_per_mm
+            leds.circuit, edge_supply(leds, edge), centres + length / 2, edge_resistance(leds, edge)
         )
         found[edge] = radiant_power(leds.circuit, voltage) * _relative_power(leds, edge, centres.size)
     return found

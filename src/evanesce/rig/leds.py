@@ -57,6 +57,9 @@ class StripEdge(Strict):
 
     offset_mm: float = field(0.0, unit="mm", bounds=(-500.0, 500.0), doc="shift of the strip along its edge")
     voltage_V: float | None = field(None, unit="V", bounds=(0.0, 60.0), doc="own supply voltage")
+    strip_resistance_ohm_per_mm: float | None = field(
+        None, unit="ohm/mm", bounds=(0.0, 10.0), doc="own resistance of both rails together"
+    )
     relative_power: tuple[float, ...] = field(
         (),
         unit="1",

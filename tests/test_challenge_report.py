@@ -41,6 +41,23 @@ def some() -> list[dict]:
     ]
 
 
+def test_odds_against_a_loud_name_are_those_of_the_kept_runs() -> None:
+    """What ``mimic`` rests on: names of a probability above 0.8, and how many of them were right."""
+    right = wrong = 0
+    for run in "hijklm":
+        for line in (RUNS / f"scored-{run}.jsonl").read_text().splitlines():
+            kept = json.loads(line)
+            truth, answer = kept["truth"], kept.get("answer") or {}
+            probabilities = answer.get("probabilities") or {"none": 1.0}
+            first = max(probabilities, key=lambda name: probabilities[name])
+            loud = first not in ("none", "unknown") and probabilities[first] > 0.8 and answer["verdict"] != "none"
+            if loud and truth["group"] != "double":
+                known = truth["group"] in ("single", "decoy") and first in truth["causes"]
+                right, wrong = right + known, wrong + (not known)
+    assert (right, wrong) == (55, 14)
+    assert FROZEN.priors["mimic"] == pytest.approx(wrong / right, abs=0.01)
+
+
 @pytest.mark.parametrize(
     ("hits", "cases", "least", "most", "said"),
     [

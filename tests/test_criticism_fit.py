@@ -1,8 +1,9 @@
 """Fits and score tests of the critic on a linear toy whose truth is known, and effects as candidates."""
 
 import textwrap
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from scipy import ndimage
 import evanesce.effects
 from evanesce.criticism.candidates import Candidate, candidates_of
 from evanesce.criticism.case import settled
-from evanesce.criticism.extend import condition_of_bins, extend, held_out_gain
+from evanesce.criticism.extend import NEARER, Extension, _nearer, at_bound, condition_of_bins, extend, held_out_gain
 from evanesce.criticism.noise import noise_of
 from evanesce.criticism.parameters import Parameter, derivative
 from evanesce.criticism.predict import scene_with
@@ -330,6 +331,46 @@ def test_a_fit_that_ends_worse_than_nothing_is_entered_nearer(monkeypatch: pytes
     assert found.fitted.point["modulus:relative"] > 0.1
     monkeypatch.setattr("evanesce.criticism.extend.NEARER", 1.0)
     assert extend(problem, base, None, scored).improved < 0.0
+
+
+def test_the_nearer_entry_leaves_places_and_shapes_where_a_start_has_them() -> None:
+    """Rows are those of the start: at a share of its direction an imbalance is another candidate."""
+    scene = load_scene("thesis")
+    candidates = {c.id: c for c in candidates_of(scene, {"press", "voltage"})}
+    for name, shapes in (("led_imbalance", {"led_imbalance:direction_deg"}), ("vignetting", {"vignetting:exponent"})):
+        candidate = candidates[name]
+        number = next(k for k, s in enumerate(candidate.starts) if all(s.get(p, 0.0) for p in shapes))
+        start = dict(candidate.starts[number])
+        at: Any = SimpleNamespace(start=number)
+        near = _nearer(candidate, at, candidate.parameters, start)
+        assert near
+        assert not set(near) & shapes
+        for key, value in near.items():
+            null = next(p.null for p in candidate.parameters if p.name == key)
+            assert value - null == pytest.approx(NEARER * (start[key] - null))
+    modulus = candidates["modulus"]
+    near = _nearer(modulus, SimpleNamespace(start=-1), modulus.parameters, {"modulus:relative": 0.5})  # type: ignore[arg-type]
+    assert near == {"modulus:relative": pytest.approx(0.5 * NEARER)}
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "ended"),
+    [
+        ("led_warmup:time_constant_s", 5.0, False),  # a thousandth of the bounds' width is 10 s
+        ("led_warmup:time_constant_s", 0.1, True),
+        ("led_droop:peak_current_mA", 0.5, False),
+        ("led_droop:peak_current_mA", 1000.0, True),
+        ("vignetting:k", 0.0, False),  # its null
+    ],
+)
+def test_a_plausible_value_is_no_bound(name: str, value: float, ended: bool) -> None:
+    effect = name.partition(":")[0]
+    (candidate,) = (c for c in candidates_of(load_scene("thesis"), {"press", "voltage", "time"}) if c.id == effect)
+    (own,) = (p for p in candidate.parameters if p.name == name)
+    fitted = SimpleNamespace(point={name: value})
+    known: dict[str, Any] = {f.name: None for f in fields(Extension)}
+    assert at_bound(own, value) == ended
+    assert Extension(**(known | {"parameters": (own,), "fitted": fitted})).within_bounds == (not ended)
 
 
 def test_a_shape_that_is_silent_at_nothing_is_fitted_where_its_amplitude_is(

@@ -54,6 +54,8 @@ class Findings:
         What it could be mistaken for.
     rings : bool
         Whether structure is left that no candidate explains.
+    heard : bool
+        Whether the battery rings with it, which is not listened to under a codec.
     level : float
         Of false alarms, below which ``global_p`` counts.
     left_evidence : float
@@ -75,6 +77,7 @@ class Findings:
     flexible: Flexible | None = None
     unknown: dict[str, Any] | None = None
     rings: bool = False
+    heard: bool = False
     left_evidence: float = 0.0
     level: float = FROZEN.levels["false_alarm"]
     gain: LockedGain | None = None

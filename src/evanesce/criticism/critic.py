@@ -22,7 +22,7 @@ from evanesce.criticism.isolability import absorbed
 from evanesce.criticism.locked import locked_gain
 from evanesce.criticism.next_shot import next_measurement
 from evanesce.criticism.observe import observe
-from evanesce.criticism.posterior import UNKNOWN, log_bayes_of_p, posterior, tempering
+from evanesce.criticism.posterior import UNKNOWN, log_bayes_of_p, posterior, tempering, with_mimics
 from evanesce.criticism.problem import Fit
 from evanesce.criticism.score import metric_of
 from evanesce.criticism.search import joint_p, ring, rivals, rivals_without_best, search, test
@@ -78,11 +78,12 @@ def criticise(
 
 
 def confirmed_term(findings: Findings) -> Flexible | None:
-    """Return the flexible term of something unknown.
+    """Return the flexible term of something unknown, if the battery rings with it.
 
-    None where only the score tests rang: nothing confirms its shape then, and through a codec it would be the codec's.
+    None where only score tests or marks of another kind rang: nothing confirms the term's shape then, and through a
+    codec, where the battery is not listened to, it would be the codec's.
     """
-    return findings.flexible if findings.rings and verdict(findings) == "unknown" else None
+    return findings.flexible if findings.heard and verdict(findings) == "unknown" else None
 
 
 def level_of(case: Case) -> float:
@@ -113,9 +114,9 @@ def weigh(case: Case, findings: Findings, left: Residuals, signatures: Sequence[
     remains, battery = (left, findings.battery) if findings.left is None else (findings.left, findings.after)
     sd = case.problem.sd[list(case.problem.views)]
     findings.flexible = fit_flexible(remains, sd, _projection(case, fitted))
-    rings = battery is not None and not case.codec and battery.global_p < FROZEN.levels["false_alarm"]
+    heard = battery is not None and not case.codec and battery.global_p < FROZEN.levels["false_alarm"]
     # Marks of a kind that the library lacks are structure, whether or not the battery may be listened to.
-    rings = rings or (findings.best is None and other_marks > FROZEN.levels["accept_nats"])
+    rings = heard or (findings.best is None and other_marks > FROZEN.levels["accept_nats"])
     loud = log_bayes_of_p(battery.global_p) if battery is not None and not case.codec else 0.0
     extra = max(findings.flexible.evidence, loud) if rings else loud
     if findings.best is None:
@@ -123,17 +124,14 @@ def weigh(case: Case, findings: Findings, left: Residuals, signatures: Sequence[
     ids = () if findings.best is None else tuple(sorted(findings.best.ids))
     explained = log_bayes[ids] if ids else 0.0
     log_bayes[(*ids, UNKNOWN)] = explained + extra
-    if findings.best is not None:
-        # Something outside the library may draw what its last cause draws, as well as that does.
-        log_bayes[(*sorted(findings.best.ids[:-1]), UNKNOWN)] = explained + float(np.log(FROZEN.priors["mimic"]))
     if rings and battery is not None:
         findings.left_evidence = max(extra, log_bayes_of_p(battery.beyond_draws))
         if ids and findings.unexplained > FROZEN.levels["unknown_share"]:
             # A cause that leaves so much is one of the unknown's shapes: what it explains is the unknown's as well.
             alone = explained + findings.left_evidence
             log_bayes[(UNKNOWN,)] = max(log_bayes.get((UNKNOWN,), -np.inf), alone)
-    findings.posterior = posterior(log_bayes, library)
-    findings.rings = rings
+    findings.posterior = with_mimics(posterior(log_bayes, library), ids)
+    findings.rings, findings.heard = rings, heard
     # What the score tests alone hear, and no fit confirms, has to be described as well: it may be called unknown.
     if rings or (findings.best is None and findings.global_p < findings.level):
         findings.unknown = describe_unknown(remains, _whitened_maps(case, signatures), findings.flexible)

@@ -37,8 +37,10 @@ MOST_STARTS, NEAR_START = 4, 0.3
 """Starts from which a fit is tried, and the share of the best one's statistic that they need."""
 NEARER = 0.2
 """Share of the way from null to where a fit enters, for a second try."""
-NEAR_BOUND = 1e-3
-"""Of the bounds' width."""
+NEAR_BOUND, NEAR_BOUND_DEVIATIONS = 1e-3, 0.01
+"""How near a bound a fit counts as ended there: of the bounds' width, and of the prior's standard deviation, whichever
+is less. Bounds are set where nothing makes sense beyond, decades from what is plausible: a thousandth of the width of a
+warm-up's time constant is 10 s."""
 
 
 @dataclass(frozen=True)
@@ -110,12 +112,14 @@ class Extension:
     @property
     def within_bounds(self) -> bool:
         """Whether no parameter lies at a bound that is not its null."""
-        for p in self.parameters:
-            value, (low, high) = value_of(self.fitted.point, p), p.bounds
-            margin = NEAR_BOUND * (high - low)
-            if min(value - low, high - value) < margin and abs(value - p.null) > margin:
-                return False
-        return True
+        return not any(at_bound(p, value_of(self.fitted.point, p)) for p in self.parameters)
+
+
+def at_bound(parameter: Parameter, value: float) -> bool:
+    """Tell whether a value lies at a bound that is not the parameter's null."""
+    low, high = parameter.bounds
+    margin = min(NEAR_BOUND * (high - low), NEAR_BOUND_DEVIATIONS * parameter.deviation)
+    return min(value - low, high - value) < margin and abs(value - parameter.null) > margin
 
 
 def extend(problem: Problem, base: Fit, known: Extension | None, scored: Scored) -> Extension:
@@ -139,12 +143,30 @@ def extend(problem: Problem, base: Fit, known: Extension | None, scored: Scored)
     fitted = fit(problem, every, start, rows=whole, rounds=ROUNDS, secant=True)
     if fitted.misfit > base.misfit:
         # Worse than nothing: a straight line has put it where it bends too much to find back.
-        near = {p.name: p.null + NEARER * (value_of(start, p) - p.null) for p in own_parameters}
+        near = _nearer(candidate, scored, own_parameters, start)
         again = fit(problem, every, moved(start, near), rows=whole, rounds=ROUNDS, secant=True)
         fitted = min(fitted, again, key=lambda f: f.misfit)
     if any(not p.linear and not np.any(row) for p, row in zip(own_parameters, rows, strict=True)):
-        fitted = _with_shapes(problem, fitted, len(own_parameters))
+        freed = _with_shapes(problem, fitted, len(own_parameters))
+        # What they cannot say within their bounds is left unsaid.
+        if not any(at_bound(p, value_of(freed.point, p)) for p in own_parameters):
+            fitted = freed
     return _judged(problem, base, known, scored, fitted, len(own_parameters))
+
+
+def _nearer(
+    candidate: Candidate, scored: Scored, own_parameters: Sequence[Parameter], start: Mapping[str, float]
+) -> dict[str, float]:
+    """Return a candidate's values at a share of the way from null to where a fit entered.
+
+    Of one with starts the amplitudes alone: its rows are those of the start's own place and shape.
+    """
+    names = {f"{candidate.id}:{name}" for name in candidate.effect.amplitudes}
+    return {
+        p.name: p.null + NEARER * (value_of(start, p) - p.null)
+        for p in own_parameters
+        if scored.start < 0 or p.name in names
+    }
 
 
 def _with_shapes(problem: Problem, fitted: Fit, count: int) -> Fit:

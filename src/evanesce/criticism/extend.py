@@ -21,7 +21,7 @@ from evanesce.criticism.observe import DWELL_FRAMES
 from evanesce.criticism.parameters import Parameter, moved, value_of
 from evanesce.criticism.predict import scene_with
 from evanesce.criticism.problem import Fit, Problem, derivatives, fit, predicted_part
-from evanesce.criticism.score import Scored, from_belief, metric_of
+from evanesce.criticism.score import Scored, from_belief, inflation_along, metric_of
 from evanesce.effects import Context, Stage, active_effects, apply_stage
 from evanesce.errors import InputError
 from evanesce.rig import Scene
@@ -61,7 +61,7 @@ class Extension:
     gain, gain_error : float
         Log predictive score of conditions left out over the base model, and its standard error.
     inflation : float
-        Of the candidates' scores under drawn noise.
+        Variance of drawn noise along the fitted change over what white noise would have there.
     cause : Cause
         Of the last candidate, for distances.
     at_places : mapping of str to float
@@ -197,15 +197,16 @@ def _judged(problem: Problem, base: Fit, known: Extension | None, scored: Scored
     deviations = np.array([p.deviation for p in own_parameters])
     own = fitted.rows[:count]
     metric = fitted.metric(nuisances)
-    information = metric.gram(own) / scored.inflation
+    signal = _signal(problem, fitted, own_parameters)
+    inflation = inflation_along(problem, base, signal)
+    information = metric.gram(own) / inflation
     occam = -0.5 * float(np.linalg.slogdet(np.eye(count) + information * np.outer(deviations, deviations))[1])
     if scored.start >= 0:
         occam -= float(np.log(len(candidate.starts))) + candidate.penalty
-    improved = 0.5 * (base.misfit - fitted.misfit) / scored.inflation
-    gain, error = held_out_gain(problem, base, fitted, count, scored.inflation)
-    signal = _signal(problem, fitted, own_parameters)
+    improved = 0.5 * (base.misfit - fitted.misfit) / inflation
+    gain, error = held_out_gain(problem, base, fitted, count, inflation)
     at_places: dict[str, float] = {}
-    effect, left = candidate.effect, fitted.residual / np.sqrt(scored.inflation)
+    effect, left = candidate.effect, fitted.residual / np.sqrt(inflation)
     if effect.marks is not None or effect.line is not None or effect.blot is not None:
         at_places = left_at_places(problem, signal, left)
     if effect.marks is not None or effect.line is not None:
@@ -220,7 +221,7 @@ def _judged(problem: Problem, base: Fit, known: Extension | None, scored: Scored
         log_bayes=(known.log_bayes if known else 0.0) + improved + occam,
         gain=gain,
         gain_error=error,
-        inflation=scored.inflation,
+        inflation=inflation,
         cause=Cause(candidate.id, signal, own, deviations),
         at_places=at_places,
         improved=improved,

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.linear import Metric, Score, score
 from evanesce.criticism.noise import SHIFT_BINS
 from evanesce.criticism.parameters import value_of
@@ -165,6 +166,21 @@ def inflation_of(information: Array, gradients: Array) -> float:
     values = np.linalg.eigvalsh(information)
     degrees = int((values > 1e-9 * max(values.max(), 1e-300)).sum())
     return max(1.0, float(whitened_power(information, gradients).mean()) / max(degrees, 1))
+
+
+def inflation_along(problem: Problem, base: Fit, change: Array) -> float:
+    """Return the variance of drawn noise along a whitened change (bins,) over what white noise would give, at least 1.
+
+    Two causes that draw the same picture have the same one, whatever else either could draw: by the mean over
+    all that each may draw, one of six parameters had a third more evidence for the very same change than one of two.
+    The draws are the same for all.
+    """
+    projected = metric_of(base).project(change[None])
+    size = float(projected[0] @ change)
+    if size <= 0.0:
+        return 1.0
+    null = null_scores(problem, projected, int(FROZEN.levels["draws_score"]), np.random.default_rng(0))
+    return max(1.0, float(np.mean(null**2)) / size)
 
 
 def effective_number(information: Array) -> float:

@@ -21,8 +21,11 @@ from evanesce.cli.app import app
 from evanesce.errors import InputError
 from evanesce.optics.led import led_radiances
 from evanesce.optics.projection import Projection
+from evanesce.render.transport import render_fast
 from evanesce.rig import Scene, dump_scene, load_scene
+from evanesce.rig.coarser import coarser_camera, finer_pixels
 from evanesce.sensor.codec import VideoWriter, write_png
+from evanesce.simulate import photograph, touch
 from evanesce.states import Frame
 
 COLS, ROWS = 96, 70
@@ -291,6 +294,22 @@ def test_written_bundle_is_what_was_simulated(tmp_path: Path, scene: Scene) -> N
         "press", "voltage", "force", "displacement", "replicates", "led_off", "lens_cap", "checkerboard", "square",
         "series",
     }  # fmt: skip
+
+
+def test_larger_pixels_add_up_the_light_of_smaller_ones() -> None:
+    """A disc of blur smaller than a pixel: on the coarse pixels themselves an edge comes out another one."""
+    fine = load_scene("thesis", {"camera.resolution_px": [300, 240], "camera.principal_point_offset_px": [7.0, -4.0]})
+    coarse = coarser_camera(fine, 5)
+    assert finer_pixels(coarse, 5).camera.resolution_px == (300, 240)
+    shot = Shot(index=0, time_s=0.0, force_N=1.3, voltage_V=9.0)
+    rig, state = touch(scene_at(fine, shot), shot.force_N, seed=1)
+    whole = photograph(rig, render_fast(rig, state, seed=1), seed=1)[0].irradiance
+    expected = whole.reshape(48, 5, 60, 5).mean(axis=(1, 3))
+    rig = touch(scene_at(coarse, shot), shot.force_N, seed=1)[0]
+    found = photograph(rig, render_fast(finer_pixels(rig, 5), state, seed=1), seed=1, finer=5)[0].irradiance
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    on_its_own = photograph(rig, render_fast(rig, state, seed=1), seed=1)[0].irradiance
+    assert np.abs(on_its_own - expected).max() > 0.01 * expected.max()
 
 
 def test_area_of_a_drawn_disc_is_its_area(scene: Scene) -> None:

@@ -18,10 +18,10 @@ from evanesce.rig import dump_scene, load_scene
 pytestmark = pytest.mark.whole_case
 
 
-def criticised(folder: Path, seed: int, *settings: str) -> dict:
+def criticised(folder: Path, seed: int, *settings: str, coarser: int = 1) -> dict:
     """Return the answer to a simulated bundle whose believed rig lacks what was set."""
     bundle, found, runner = folder / "bundle", folder / "found.json", CliRunner()
-    more = [part for setting in settings for part in ("--set", setting)]
+    more = [part for setting in settings for part in ("--set", setting)] + ["--camera-coarser", str(coarser)]
     done = runner.invoke(app, ["simulate", "thesis", "--bundle", str(bundle), "--seed", str(seed), *more])
     assert done.exit_code == 0, done.output
     if settings:
@@ -37,6 +37,14 @@ def test_a_bright_bundle_with_nothing_hidden_is_none(tmp_path: Path) -> None:
     answer = criticised(tmp_path, 3)
     assert answer["verdict"] == "none", (answer["global_p"], answer["unknown"])
     assert answer["false_alarm_control"]
+
+
+def test_a_bundle_of_larger_pixels_with_nothing_hidden_is_none(tmp_path: Path) -> None:
+    """Rationale: the lens was blurred on the large pixels, and frames without noise passed for JPEG: `tone_curve`."""
+    answer = criticised(tmp_path, 1, coarser=5)
+    assert answer["verdict"] == "none", (answer["global_p"], answer["effects"], answer["notes"])
+    assert not any("smoothed" in note for note in answer["notes"])
+    assert "frame_rate" in {entry["id"] for entry in answer["not_judged"]}
 
 
 @pytest.mark.slow

@@ -374,6 +374,20 @@ def test_of_two_causes_of_one_picture_the_one_that_could_draw_more_has_no_more_e
     assert one.log_bayes > more.log_bayes, (one.inflation, more.inflation, by_mean)
 
 
+def test_what_shows_in_no_picture_is_not_judged(monkeypatch: pytest.MonkeyPatch, toy: Toy) -> None:
+    """A camera's clock stamps frames; pictures of a rig in which nothing believed moves do not depend on it."""
+    toy.scene = load_scene("thesis")
+    plain = toy.cube
+    monkeypatch.setattr(toy, "cube", lambda point, only=None: plain({"@n": point.get("@n", 0.0)}, only))
+    rng = np.random.default_rng(3)
+    problem = problem_of(toy, plain({"@n": 0.1}) + rng.standard_normal((4, *SHAPE)), noise_fields(rng, 0))
+    base = fit(problem, [parameter("@n")], {"@n": 0.0})
+    (candidate,) = (c for c in candidates_of(toy.scene, {"press", "time"}) if c.id == "frame_rate")
+    signature = signature_of(problem, base, candidate)
+    assert "shows in these data" in signature.note
+    assert score_test(problem, base, [signature], draws=99, rng=rng).scored == ()
+
+
 def test_the_nearer_entry_leaves_places_and_shapes_where_a_start_has_them() -> None:
     """Rows are those of the start: at a share of its direction an imbalance is another candidate."""
     scene = load_scene("thesis")

@@ -9,6 +9,7 @@ from scipy import ndimage
 from evanesce.criticism.noise_scale import noise_scale_of
 from evanesce.criticism.observe import pixel_scatter
 from evanesce.rig import Camera, load_scene
+from evanesce.rig.coarser import coarser_camera
 from evanesce.sensor.tone import CURVES
 
 SHAPE = (96, 128)
@@ -111,3 +112,14 @@ def test_without_held_states_nothing_is_claimed() -> None:
     found = noise_scale_of(dim_camera(), {})
     assert (found.value, found.codec) == (1.0, False)
     assert found.deviation > 0.05
+
+
+@pytest.mark.parametrize("factor", [5, 10])
+def test_a_camera_quieter_than_its_rounding_is_no_codec(factor: int) -> None:
+    """Frames of `simulate --camera-coarser` repeat themselves to the bit; they passed for JPEG of quality 97."""
+    camera = coarser_camera(load_scene("thesis"), factor).camera
+    lit = np.linspace(0.0, 200.0, SHAPE[1])[None, :] * np.ones((SHAPE[0], 1))
+    made = {"replicate": (lit, np.zeros(SHAPE)), "lens_cap": (np.zeros(SHAPE), np.zeros(SHAPE))}
+    found = noise_scale_of(camera, made)
+    assert (found.value, found.codec, found.silent) == (1.0, False, False)
+    assert noise_scale_of(load_scene("thesis").camera, made).codec

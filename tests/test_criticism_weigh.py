@@ -96,6 +96,16 @@ def test_each_named_cause_may_be_something_that_draws_the_same_at_the_same_odds(
     assert verdict(found) == "named"
 
 
+def test_a_pair_that_was_not_accepted_lends_no_name_more_than_its_share() -> None:
+    """Rationale: of a coarse camera `tone_curve` had 0.9997, by a pair with `square_size` that was not accepted."""
+    best = extension("tone_curve", 60.0, fitted=None)
+    pair = extension("square_size", 72.0, ids=("tone_curve", "square_size"), fitted=None)
+    found = weighed(p=0.0002, after=0.6, first={"tone_curve": 60.0}, rounds=[best, pair], best=best)
+    odds = FROZEN.priors["mimic"]
+    assert share(found, "tone_curve") < (1 + odds) / (1 + 2 * odds) + 1e-3
+    assert share(found, "unknown") > 0.15
+
+
 def test_evidence_of_a_score_that_noise_often_makes_is_tempered() -> None:
     """Odds of a p of 0.2 are 1.1 at most; 8 nats of a likelihood with thin tails are not believed."""
     found = weighed(p=0.2, first={"sensor_dust": 8.0, "modulus": -1.0}, rounds=[])

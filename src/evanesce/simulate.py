@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -11,6 +11,7 @@ from evanesce import rng
 from evanesce.effects import Context, Stage, active_effects, all_effects, apply_stage
 from evanesce.effects.protocol import ANY_SCENE
 from evanesce.rig import Scene
+from evanesce.rig.coarser import finer_pixels
 from evanesce.sensor.expose import charge_of, frame_of, signal_of
 from evanesce.sensor.lens import form_image
 from evanesce.sensor.pixel import fixed_pattern
@@ -165,11 +166,14 @@ def photograph(
     time_s: float = 0.0,
     index: int = 0,
     without: Collection[Omission] = (),
+    finer: int = 1,
     file: Path | str = ANY_SCENE,
 ) -> tuple[SensorLight, Frame]:
     """Take the picture: the half of the chain behind the plate, so that one rendered light serves many cameras.
 
-    ``without`` leaves parts of the camera out (:data:`Omission`); quantisation and tone curve always stay.
+    ``without`` leaves parts of the camera out (:data:`Omission`); quantisation and tone curve always stay. The light
+    comes on the view of a camera with ``finer`` times finer pixels (:func:`evanesce.rig.coarser.finer_pixels`) and
+    is added up behind the lens.
     """
     if unknown := set(without) - set(get_args(Omission)):
         raise ValueError(f"a camera cannot do without {sorted(unknown)}; known: {get_args(Omission)}")
@@ -177,11 +181,19 @@ def photograph(
     camera, noisy = scene.camera, "noise" not in without
     cols, rows = camera.resolution_px
 
-    plate_light = apply_stage(Stage.PLATE_LIGHT, plate_light, effects, context)
+    gathering = finer_pixels(scene, finer)
+    plate_light = apply_stage(Stage.PLATE_LIGHT, plate_light, effects, replace(context, scene=gathering))
 
     sensor_light = form_image(
-        plate_light, camera, scene.plate, distortion="distortion" not in without, blurred="blur" not in without
+        plate_light,
+        gathering.camera,
+        scene.plate,
+        distortion="distortion" not in without,
+        blurred="blur" not in without,
     )
+    if finer > 1:
+        parts = sensor_light.irradiance.reshape(rows, finer, cols, finer)
+        sensor_light = SensorLight(irradiance=parts.mean(axis=(1, 3)))
     sensor_light = apply_stage(Stage.SENSOR_LIGHT, sensor_light, effects, context)
 
     pixel = camera.pixel

@@ -31,6 +31,7 @@ from evanesce.effects import Context, Stage, active_effects, all_effects, apply_
 from evanesce.render.cards import Card, Pose, checkerboard_of, pose_of, square_of
 from evanesce.render.transport import render_fast
 from evanesce.rig import Scene, copy_height_map, dump_scene
+from evanesce.rig.coarser import finer_pixels
 from evanesce.simulate import Render, photograph, touch
 from evanesce.states import ContactState, PlateLight
 
@@ -57,12 +58,14 @@ class Rig:
         The fast renderer by default.
     card : callable, optional
         ``card(scene, card, pose) -> PlateLight``.
+    finer : int
+        Pixels at which light is gathered, along each of the camera's: where those are coarser than what the lens draws.
     """
 
     def __init__(
-        self, scene: Scene, seed: int, *, render: Render | None = None, card: CardRender | None = None
+        self, scene: Scene, seed: int, *, render: Render | None = None, card: CardRender | None = None, finer: int = 1
     ) -> None:
-        self.scene, self.seed = scene, seed
+        self.scene, self.seed, self.finer = scene, seed, finer
         self._render, self._card = render or render_fast, card or card_light
         self._kept: tuple[str, PlateLight] | None = None
 
@@ -85,24 +88,25 @@ class Rig:
             }
         )
         scene, _ = touch(self.scene.model_copy(update={"leds": dark}), None, seed=self.seed, index=index)
-        return self._photograph(scene, no_light(scene), 0.0, index)
+        return self._photograph(scene, no_light(finer_pixels(scene, self.finer)), 0.0, index)
 
     def lens_cap(self, index: int) -> Grey:
         """Return a frame with the lens covered [DN]: only what happens behind the lens is left."""
         known = all_effects()
         behind = {name: table for name, table in self.scene.effects.items() if known[name].stage in BEHIND_THE_LENS}
         scene = self.scene.model_copy(update={"effects": behind})
-        return self._photograph(scene, no_light(scene), 0.0, index)
+        return self._photograph(scene, no_light(finer_pixels(scene, self.finer)), 0.0, index)
 
     def card(self, kind: str, index: int) -> Grey:
         """Return the shot of ``checkerboard`` or ``square`` lying on the glass [DN]."""
         context = Context(self.scene, self.seed, 0.0, index)
         scene = apply_stage(Stage.RIG, self.scene, active_effects(self.scene), context)
         card = checkerboard_of(scene.card) if kind == "checkerboard" else square_of(scene.card)
-        return self._photograph(scene, self._card(scene, card, pose_of(scene.card)), 0.0, index)
+        light = self._card(finer_pixels(scene, self.finer), card, pose_of(scene.card))
+        return self._photograph(scene, light, 0.0, index)
 
     def _photograph(self, scene: Scene, light: PlateLight, time_s: float, index: int) -> Grey:
-        frame = photograph(scene, light, seed=self.seed, time_s=time_s, index=index)[1]
+        frame = photograph(scene, light, seed=self.seed, time_s=time_s, index=index, finer=self.finer)[1]
         return np.asarray(frame.data, np.uint8)
 
     def _light(self, scene: Scene, state: ContactState) -> PlateLight:
@@ -113,7 +117,7 @@ class Rig:
         key = digest.hexdigest()
         if self._kept is None or self._kept[0] != key:
             light_seed = rng.integer_seed(self.seed, "render", key)
-            self._kept = (key, self._render(scene, state, seed=light_seed))
+            self._kept = (key, self._render(finer_pixels(scene, self.finer), state, seed=light_seed))
         return self._kept[1]
 
 
@@ -138,6 +142,7 @@ def write_bundle(
     render: Render | None = None,
     card: CardRender | None = None,
     provenance: Mapping[str, Any] | None = None,
+    finer: int = 1,
     tick: Tick = lambda done, total: None,
 ) -> None:
     """Simulate a protocol and write it as a bundle; the folder appears when all of it is there.
@@ -156,6 +161,8 @@ def write_bundle(
         Renderers of contacts and cards; the fast ones by default.
     provenance : Mapping, optional
         Goes to ``provenance.json``.
+    finer : int
+        See :class:`Rig`.
     tick : callable
         ``tick(done, total)`` after every frame.
 
@@ -168,7 +175,7 @@ def write_bundle(
     """
     protocol = protocol or default_protocol(scene)
     active_effects(scene)
-    rig = Rig(scene, seed, render=render, card=card)
+    rig = Rig(scene, seed, render=render, card=card, finer=finer)
     counts = {kind: getattr(protocol, kind) for kind in (REPLICATES_FOLDER, *AUXILIARY)}
     total, done = len(protocol.press) + sum(counts.values()), 0
 

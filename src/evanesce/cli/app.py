@@ -36,6 +36,7 @@ COMMANDS = (
     "dataset",
     "doctor",
     "criticise",
+    "photograph",
     "serve",
 )
 

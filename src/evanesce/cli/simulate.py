@@ -46,7 +46,7 @@ def register(app: typer.Typer) -> None:
         with progress() as bar:
             task = bar.add_task("frames", total=None)
             write_bundle(
-                bundle, loaded, seed=seed, render=render, card=card, provenance=origin,
+                bundle, loaded, seed=seed, render=render, card=card, provenance=origin, finer=coarser if fast else 1,
                 tick=lambda done, total: bar.update(task, completed=done, total=total),
             )  # fmt: skip
         console.print(f"Written: {bundle}  (evanesce bundle check {bundle})", highlight=False)

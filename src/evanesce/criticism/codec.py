@@ -146,6 +146,7 @@ def shared(fields: Sequence[Array]) -> float:
     for k, one in enumerate(clipped):
         for other in clipped[:k]:
             known = np.isfinite(one) & np.isfinite(other)
-            if known.sum() > 50:
+            # What is the same in every bin is like nothing.
+            if known.sum() > 50 and np.ptp(one[known]) > 0 and np.ptp(other[known]) > 0:
                 found.append(float(np.corrcoef(one[known], other[known])[0, 1]))
     return max(0.0, float(np.mean(found))) if found else 0.0

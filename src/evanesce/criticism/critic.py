@@ -130,7 +130,8 @@ def weigh(case: Case, findings: Findings, left: Residuals, signatures: Sequence[
             # A cause that leaves so much is one of the unknown's shapes: what it explains is the unknown's as well.
             alone = explained + findings.left_evidence
             log_bayes[(UNKNOWN,)] = max(log_bayes.get((UNKNOWN,), -np.inf), alone)
-    findings.posterior = with_mimics(posterior(log_bayes, library), ids)
+    found = posterior(log_bayes, library)
+    findings.posterior = found if findings.best is None else with_mimics(found)
     findings.rings, findings.heard = rings, heard
     # What the score tests alone hear, and no fit confirms, has to be described as well: it may be called unknown.
     if rings or (findings.best is None and findings.global_p < findings.level):

@@ -20,6 +20,7 @@ from evanesce.criticism.predict import Kept, Nuisances, Point, Predictor
 from evanesce.criticism.views import BIN_PX, View, binned
 from evanesce.effects import Active, Context
 from evanesce.rig import Scene
+from evanesce.rig.coarser import finer_pixels
 from evanesce.states import PlateLight, SensorLight
 
 Array = NDArray[Any]
@@ -67,19 +68,7 @@ class FinePredictor(Predictor):
 
     def lens_rig(self, rig: Scene) -> Scene:
         """Return the rig with the pixels at which light is gathered: only the lens sees them."""
-        if self.before == 1:
-            return rig
-        camera, k = rig.camera, self.before
-        (cols, rows), (px, py) = camera.resolution_px, camera.principal_point_offset_px
-        finer = camera.model_copy(
-            update={
-                "resolution_px": (cols * k, rows * k),
-                "scale_px_per_mm": camera.scale_px_per_mm * k,
-                "principal_point_offset_px": (px * k, py * k),
-                "pixel": camera.pixel.model_copy(update={"pitch_um": camera.pixel.pitch_um / k}),
-            }
-        )
-        return rig.model_copy(update={"camera": finer})
+        return finer_pixels(rig, self.before)
 
     def _gathered(
         self, rig: Scene, light: PlateLight, nuisances: Nuisances, effects: tuple[Active, ...], context: Context

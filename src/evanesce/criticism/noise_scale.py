@@ -31,6 +31,9 @@ TOLD_DN = 0.2
 LIT_DN = 40.0
 """Level from which on the place of black makes no difference to the scatter."""
 
+QUIET_DN2 = 3.0 / 12.0
+"""Variance in the light, three times that of rounding itself, below which noise seldom reaches the next value [DN^2]."""
+
 CLOSE, LOOSE = 0.01, 0.1
 """Prior standard deviations of the logarithm: both figures agree, or one alone is there."""
 
@@ -69,6 +72,8 @@ def noise_scale_of(camera: Camera, scatter: Mapping[str, tuple[Array, Array]]) -
     scatter : mapping of str to tuple of ndarray
         By kind of shot, level [DN] and variance of single pixels [DN^2] in bins.
     """
+    if _too_quiet(camera, scatter):
+        return NoiseScale()
     spread = _by_scatter(camera, scatter)
     dark = _by_level(camera, scatter)
     if spread == LOW:  # hardly any scatter is left: no camera is so quiet, a codec makes it so
@@ -80,6 +85,13 @@ def noise_scale_of(camera: Camera, scatter: Mapping[str, tuple[Array, Array]]) -
     if abs(np.log(spread / dark)) < AGREE:
         return NoiseScale(spread, CLOSE)
     return _of_displaced_black(camera, scatter) or NoiseScale(dark, LOOSE, codec=spread < dark)
+
+
+def _too_quiet(camera: Camera, scatter: Mapping[str, tuple[Array, Array]]) -> bool:
+    """Tell whether the believed camera's noise is lost in its rounding: its scatter tells of no codec then."""
+    levels = np.concatenate([np.ravel(part[0]) for part in scatter.values()] or [np.zeros(0)])
+    lit = levels[levels > LIT_DN]
+    return bool(lit.size and np.mean(expected_tone(camera, 1.0).variance_at(lit)) < QUIET_DN2)
 
 
 def _of_displaced_black(camera: Camera, scatter: Mapping[str, tuple[Array, Array]]) -> NoiseScale | None:

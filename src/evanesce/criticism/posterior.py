@@ -72,25 +72,20 @@ def posterior(log_bayes: Mapping[tuple[str, ...], float], library: int) -> Poste
     return Posterior({effects: float(np.exp(w - total)) for effects, w in weights.items()})
 
 
-def with_mimics(found: Posterior, named: tuple[str, ...]) -> Posterior:
-    """Return probabilities once something unknown may draw what each cause of a named model draws, as well as it does.
+def with_mimics(found: Posterior) -> Posterior:
+    """Return probabilities once something unknown may draw what each named cause draws, as well as it does.
 
     Evidence cannot tell a cause from another one of the same picture, however loud it is. How often that happens is not
-    in the data either: the odds are those by which loud names were wrong before (``mimic``).
-
-    Parameters
-    ----------
-    found : Posterior
-    named : tuple of str
-        Effects of the model that is named; the odds are the same however many they are.
+    in the data either: the odds are those by which loud names were wrong before (``mimic``), for each cause of each
+    model, however many they are.
     """
     odds = FROZEN.priors["mimic"]
     models = dict(found.models)
     for effects, probability in found.models.items():
-        if named and tuple(e for e in effects if e != UNKNOWN) == named:
-            for cause in named:
-                others = (*(e for e in named if e != cause), UNKNOWN)
-                models[others] = models.get(others, 0.0) + odds * probability
+        named = tuple(e for e in effects if e != UNKNOWN)
+        for cause in named:
+            others = (*(e for e in named if e != cause), UNKNOWN)
+            models[others] = models.get(others, 0.0) + odds * probability
     total = sum(models.values())
     return Posterior({effects: value / total for effects, value in models.items()})
 

@@ -68,12 +68,17 @@ def signature_of(problem: Problem, base: Fit, candidate: Candidate) -> Signature
     at = predicted_part(base.point, base.parameters)
     try:
         if candidate.starts:
-            return _rivals(problem, base, candidate)
+            return _seen(_rivals(problem, base, candidate))
         rows = derivatives(problem, at, candidate.parameters, base.predicted)
     except (InputError, ValueError) as error:
         return Signature(candidate, nothing, np.zeros(0), True, f"cannot be predicted here: {error}")
     deviations = np.array([p.deviation for p in candidate.parameters])
-    return Signature(candidate, rows, deviations, True)
+    return _seen(Signature(candidate, rows, deviations, True))
+
+
+def _seen(signature: Signature) -> Signature:
+    """Return a signature, with a note where no plausible departure would show: it is not judged then."""
+    return signature if visible(signature) else replace(signature, note="no plausible amount of it shows in these data")
 
 
 def _rivals(problem: Problem, base: Fit, candidate: Candidate) -> Signature:

@@ -1,4 +1,4 @@
-"""A camera of the same field with fewer, larger pixels."""
+"""A camera of the same field with larger pixels, or with smaller ones at which light is gathered."""
 
 from __future__ import annotations
 
@@ -46,3 +46,22 @@ def coarser_camera(scene: Scene, factor: int, *, key: str = "--camera-coarser") 
     }
     changed = scene.model_copy(update={"camera": camera.model_copy(update=update)})
     return validate(Scene, changed.as_dict(), key)
+
+
+def finer_pixels(scene: Scene, factor: int) -> Scene:
+    """Return the scene with the smaller pixels at which its lens gathers light, ``factor`` along each of the camera's.
+
+    Added up again they are the camera's own: wells and gain stay those of the whole pixel. A lens that is sharper than
+    a pixel cannot be blurred on it.
+    """
+    if factor == 1:
+        return scene
+    camera = scene.camera
+    (cols, rows), (dx, dy) = camera.resolution_px, camera.principal_point_offset_px
+    update = {
+        "resolution_px": (cols * factor, rows * factor),
+        "scale_px_per_mm": camera.scale_px_per_mm * factor,
+        "principal_point_offset_px": (dx * factor, dy * factor),
+        "pixel": camera.pixel.model_copy(update={"pitch_um": camera.pixel.pitch_um / factor}),
+    }
+    return scene.model_copy(update={"camera": camera.model_copy(update=update)})

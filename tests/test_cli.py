@@ -26,7 +26,7 @@ runner = CliRunner()
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_explains_itself(command: str) -> None:
-    done = runner.invoke(app, [command, "--help"])
+    done = runner.invoke(app, [command.replace("_", "-"), "--help"])
     assert done.exit_code == 0
     assert "Usage" in done.output
 
@@ -48,6 +48,8 @@ def test_every_command_explains_itself(command: str) -> None:
         (["render", "thesis", "--json", "no/such/folder/x.json"], ["--json", "no/such/folder"]),
         (["compare", "no_folder", "--mm2-per-px", "1e-4"], ["no_folder", "evanesce render"]),
         (["compare", "no_folder"], ["--mm2-per-px"]),
+        (["criticise-photo", "no_photo.png"], ["no_photo.png", "no such file"]),
+        (["criticise-photo", "no_photo.png", "--curve", "log"], ["--curve", "log", "libcamera"]),
         (["compare", "no_folder", "--mm2-per-px", "nan"], ["--mm2-per-px", "nan"]),
         (["compare", "no_folder", "--mm2-per-px", "1e-4", "--threshold", "2"], ["threshold", "2"]),
     ],

@@ -52,6 +52,26 @@ def test_every_verdict_has_words_with_its_probability(verdict: str) -> None:
     assert ("black_level" in words) == (verdict in ("named", "ambiguous"))
 
 
+def test_the_batterys_own_probability_is_told_and_whether_it_counts() -> None:
+    """The global probability is not the battery's: of 999 draws none is below 0.001."""
+    outcomes = [Outcome("lens_cap: cosine power", 91.2, 0.001, 3e-12)]
+    plain = page(RESULT, Evidence(outcomes=outcomes, score_p=0.0007, battery_p=0.41), "b", {}).render()
+    assert "0.0007" in plain
+    assert "any of these 1 tests with 0.41" in plain
+    assert "do not count" not in plain
+    coded = Evidence(outcomes=outcomes, score_p=0.0007, battery_p=0.41, listened=False)
+    assert "do not count" in page(RESULT, coded, "b", {}).render()
+
+
+@pytest.mark.parametrize(
+    ("verdict", "words"),
+    [("none", "no shot is asked for"), ("unknown", "No cause of the library"), ("named", "draws the same")],
+)
+def test_without_advice_the_page_claims_no_more_than_the_verdict(verdict: str, words: str) -> None:
+    text = page(RESULT | {"verdict": verdict, "next_measurement": None}, Evidence(), "b", {}).render()
+    assert words in text
+
+
 def test_page_without_frames_or_gain_says_so() -> None:
     bare = RESULT | {"gain": {}, "unknown": {"where": "corners", "scaling": {"words": "grows with force"}}}
     text = page(bare, Evidence(), "series only", {}).render()

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from evanesce.cli.app import app
+
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 CONSOLE = [
@@ -55,3 +57,18 @@ def test_readme_links_lead_somewhere() -> None:
     assert links
     for link in links:
         assert (ROOT / link).exists(), link
+
+
+def test_every_command_that_a_page_names_exists() -> None:
+    """`evanesce WORD` in the README, the changelog and all pages: one was written and never registered."""
+    known = {command.name or command.callback.__name__ for command in app.registered_commands}
+    known |= {group.name for group in app.registered_groups}
+    pages = [ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").rglob("*.md")]
+    pattern = re.compile(r"(?:`|^ {4}|^\$ )evanesce ([a-z][a-z-]+)", re.MULTILINE)
+    named = {
+        (page.relative_to(ROOT).as_posix(), word)
+        for page in pages
+        for word in pattern.findall(page.read_text(encoding="utf-8"))
+    }
+    assert len(named) > 20
+    assert {entry for entry in named if entry[1] not in known} == set()

@@ -37,13 +37,13 @@ DOUBLES = (
     ("vignetting", "black_level"), ("defocus", "supply_sag"), ("ambient_light", "led_imbalance"),
     ("hot_pixels", "force_offset"), ("scratch", "led_warmup"), ("off_axis_load", "tone_curve"),
     ("residue_film", "plate_tilt"), ("square_size", "creep"), ("specks", "distortion_drift"),
-    ("rolling_shutter", "adhesion"),
+    ("rolling_shutter", "adhesion"), ("defocus", "lateral_glow"),
 )  # fmt: skip
 CANCELLING = (
-    ("black_level", "ambient_light"), ("vignetting", "glass_absorption"), ("modulus", "adhesion"),
-    ("led_imbalance", "led_dead"), ("defocus", "lateral_glow"), ("creep", "led_warmup"),
+    ("led_dead", "led_imbalance"), ("adhesion", "modulus"), ("card_offset", "distortion_drift"),
+    ("glass_absorption", "tone_curve"), ("ambient_light", "black_level"), ("bone_stiffening", "force_offset"),
 )  # fmt: skip
-"""Pairs whose signatures overlap: the second is drawn until it takes from the first, where its sign is free."""
+"""Pairs whose second, of free sign or side, is drawn until it takes from the first."""
 
 REMOVED = ("vignetting", "black_level", "hot_pixels", "rolling_shutter", "residue_film", "off_axis_load")
 

@@ -21,7 +21,7 @@ from .codec import FILMED, by_jpeg, by_video
 from .hidden import Hidden, Rig
 from .library import make_cause
 from .rig import View
-from .strength import Ruler, amplitude_for, departure, ruler, variances
+from .strength import OutOfReach, Ruler, amplitude_for, departure, ruler, variances
 
 CORRELATED = {"lowpass": 0.6}
 VIDEO = {"h264": 18, "h264-strong": 26}
@@ -67,6 +67,8 @@ def prepare(spec: CaseSpec) -> Made:
             change = departure(rig, lacking, [(cause, a)])
             if not (spec.cancelling and k) or lacking.inner(change, changes[0]) < 0:
                 break
+        else:
+            raise OutOfReach(f"{name} takes nothing from {spec.causes[0]} in any of {TRIES} draws")
         causes.append((cause, a))
         changes.append(change)
     rng = np.random.default_rng([spec.seed, 1])

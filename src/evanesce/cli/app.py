@@ -36,7 +36,7 @@ COMMANDS = (
     "dataset",
     "doctor",
     "criticise",
-    "photograph",
+    "criticise_photo",
     "serve",
 )
 

@@ -135,6 +135,9 @@ def answer(case: Any, signatures: Sequence[Signature], findings: Findings) -> tu
         scene_before=dump_scene(believed),
         scene_after=dump_scene(after),
         notes=notes,
+        score_p=findings.first.p,
+        battery_p=findings.battery.global_p,
+        listened=not case.codec,
     )
     return result, evidence
 

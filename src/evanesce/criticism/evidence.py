@@ -70,6 +70,10 @@ class Evidence:
         Believed and extended scene as TOML.
     notes : sequence of str
         What the critic could not do with these data, and what it assumed.
+    score_p, battery_p : float, optional
+        That noise makes any candidate's score, and any test of the battery, as loud; both make up the global one.
+    listened : bool
+        Whether the battery counts; under a codec it does not.
     """
 
     shown: Sequence[Shown] = ()
@@ -78,3 +82,6 @@ class Evidence:
     scene_before: str = ""
     scene_after: str = ""
     notes: Sequence[str] = field(default_factory=tuple)
+    score_p: float | None = None
+    battery_p: float | None = None
+    listened: bool = True

@@ -32,7 +32,7 @@ LIT_DN = 40.0
 """Level from which on the place of black makes no difference to the scatter."""
 
 QUIET_DN2 = 3.0 / 12.0
-"""Variance in the light, three times that of rounding itself, below which noise seldom reaches the next value [DN^2]."""
+"""Variance in the light, three times that of rounding itself, below which noise is seldom seen [DN^2]."""
 
 CLOSE, LOOSE = 0.01, 0.1
 """Prior standard deviations of the logarithm: both figures agree, or one alone is there."""

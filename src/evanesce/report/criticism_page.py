@@ -101,7 +101,7 @@ def _causes(result: Mapping[str, Any], evidence: Evidence) -> Section:
     tables = [
         Table(
             ("cause", "held-out log score over believed [nats]", "probability", "remark"), rows,
-            "Ranked by what each predicts of conditions that its fit did not see.",
+            "The likeliest first. The log score is of conditions that the fit did not see.",
         ),
         _parameters(result),
     ]  # fmt: skip
@@ -124,18 +124,28 @@ def _parameters(result: Mapping[str, Any]) -> Table:
 def _next(result: Mapping[str, Any]) -> Section:
     advice = result.get("next_measurement")
     if not advice:
-        return Section("What to measure next", ["Nothing more is needed to tell the named causes apart."])
+        words = {
+            "none": "Nothing rings: no shot is asked for.",
+            "named": "No other cause that was fitted draws the same: no shot would tell more of them apart.",
+            "unknown": "No cause of the library explains it: there are none that a shot could separate.",
+        }
+        told = words.get(result["verdict"], "No shot of the menu would tell these causes apart.")
+        return Section("What to measure next", [told])
     separates = ", ".join(advice.get("separates", [])) or "what remains"
     return Section("What to measure next", [f"{advice['what']}. It would tell apart: {separates}."])
 
 
 def _battery(result: Mapping[str, Any], evidence: Evidence) -> Section:
     rows = [(o.name, f"{o.statistic:.3g}", f"{o.p:.3g}", f"{o.tail_p:.1e}") for o in evidence.outcomes[:12]]
-    text = (
-        f"Probability that noise makes any of the {len(evidence.outcomes)} tests ring as loudly: "
-        f"{result['global_p']:.3g}. The draws behind it are differences of replicate frames, with the same nuisances "
-        "fitted to each."
-    )
+    text = f"Global probability that noise rings as loudly: {result['global_p']:.3g}. It is made up of two."
+    if evidence.score_p is not None and evidence.battery_p is not None:
+        text += (
+            f" Noise makes any candidate's score as loud with {evidence.score_p:.3g}, any of these"
+            f" {len(evidence.outcomes)} tests with {evidence.battery_p:.3g}."
+        )
+    if not evidence.listened:
+        text += " A codec was at work, which leaves structure of any kind: the tests below do not count."
+    text += " Draws of noise are mixtures of the differences of replicate frames, the same nuisances taken from each."
     columns = ("test on the believed rig's residuals", "statistic", "p (by draws)", "p (by tail law)")
     return Section("The battery", [text], tables=[Table(columns, rows, "The loudest first.")])
 

@@ -118,6 +118,15 @@ def test_a_finger_on_its_way_is_seen_by_frames_that_follow_at_once(hand: Path) -
     assert "motion" in read_bundle(hand).available
 
 
+def test_a_misspelt_folder_is_told(hand: Path) -> None:
+    assert contents(read_bundle(hand))["not_read"] == []
+    (hand / "leds_off").mkdir()
+    assert contents(read_bundle(hand))["not_read"] == ["leds_off"]
+    found = CliRunner().invoke(app, ["bundle", "check", str(hand)])
+    assert found.exit_code == 0
+    assert "not read: leds_off" in found.output
+
+
 def test_without_voltage_and_displacement_the_scene_speaks_and_they_are_not_available(hand: Path) -> None:
     rows = list(csv.reader((hand / "press.csv").read_text().splitlines()))
     (hand / "press.csv").write_text("".join(",".join(row[:3]) + "\n" for row in rows))

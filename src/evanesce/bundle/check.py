@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from evanesce.bundle.layout import AUXILIARY, OBSERVABLES
+from evanesce.bundle.layout import (
+    AUXILIARY,
+    OBSERVABLES,
+    PRESS_FOLDER,
+    PRESS_TABLE,
+    REPLICATES_FOLDER,
+    SERIES_FOLDER,
+)
 from evanesce.bundle.read import Bundle
 from evanesce.effects import all_effects
 
@@ -54,7 +61,15 @@ def contents(bundle: Bundle) -> dict[str, Any]:
         "available": [name for name in OBSERVABLES if name in bundle.available],
         "missing": missing,
         "cannot_be_named": blind,
+        "not_read": unread(bundle),
     }
+
+
+def unread(bundle: Bundle) -> list[str]:
+    """Return folders and tables that nothing reads, by name: a misspelt one would be missed without a word."""
+    known = {PRESS_FOLDER, REPLICATES_FOLDER, SERIES_FOLDER, *AUXILIARY, PRESS_TABLE}
+    found = [p for p in bundle.path.iterdir() if not p.name.startswith(".") and (p.is_dir() or p.suffix == ".csv")]
+    return sorted(p.name for p in found if p.name not in known)
 
 
 def _range(values: list[float]) -> list[float]:

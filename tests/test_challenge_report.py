@@ -13,7 +13,8 @@ from evanesce.criticism.frozen import FROZEN
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 RUNS = DOCS / "challenge-runs"
-RUN = RUNS / "scored-m.jsonl"
+RUN = RUNS / "scored-n.jsonl"
+TOGETHER = [RUNS / f"scored-{name}.jsonl" for name in "hijklmn"]
 
 
 def record(number: int, group: str, causes: list[str], strengths: list[float], answer: dict, **more: object) -> dict:
@@ -120,11 +121,12 @@ def test_the_run_of_the_table_is_one_critics_with_the_thresholds_of_today() -> N
     assert not before & {r["truth"]["id"] for r in records}
 
 
-def test_the_docs_hold_the_table_of_the_kept_outcomes(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("name", "runs"), [("table", [RUN]), ("together", TOGETHER)])
+def test_the_docs_hold_the_tables_of_the_kept_outcomes(name: str, runs: list[Path], tmp_path: Path) -> None:
     text = (DOCS / "criticism-challenge.md").read_text(encoding="utf-8")
-    begin, end = "<!-- table: begin -->\n", "<!-- table: end -->"
+    begin, end = f"<!-- {name}: begin -->\n", f"<!-- {name}: end -->"
     shown = text[text.index(begin) + len(begin) : text.index(end)]
     made = tmp_path / "table.md"
-    scored = str(RUN), "--isolable", str(RUNS / "isolable-scored.json")
+    scored = *map(str, runs), "--isolable", str(RUNS / "isolable-scored.json")
     assert main([*scored, "--markdown", str(made)]) == 0
     assert shown.strip() == made.read_text(encoding="utf-8").strip()

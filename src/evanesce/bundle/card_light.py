@@ -85,10 +85,11 @@ def plane_points(projection: Projection, view: IdealView, height_mm: float) -> t
     """Return where the pixels of a view meet the plane at a height over the glass [mm], and their cosine to it."""
     rows, cols = view.shape
     px, py = view.principal_point
-    u, v = np.meshgrid((np.arange(cols) - px) / view.focal_px, (np.arange(rows) - py) / view.focal_px)
-    x, y = projection.ray_to_plate(u, v)
+    u, v = (np.arange(cols) - px) / view.focal_px, (np.arange(rows)[:, None] - py) / view.focal_px
     tan_x, tan_y = projection.tangents(u, v)
-    return x + height_mm * tan_x, y + height_mm * tan_y, cosine_to_plate(projection, u, v)
+    reach = projection.clearance + projection.thickness * projection.bend(tan_x, tan_y) + height_mm
+    x, y = projection.pinhole[0] + reach * tan_x, projection.pinhole[1] + reach * tan_y
+    return x, y, _cosine(tan_x, tan_y)
 
 
 def _on_card(pose: Pose, x: Array, y: Array) -> tuple[Array, Array]:
@@ -183,7 +184,10 @@ def _mean_albedo(card: Card) -> float:
 
 def cosine_to_plate(projection: Projection, u: Array, v: Array) -> Array:
     """Return the cosine of the angle in air at which directions (u, v, 1) meet the plate."""
-    tan_x, tan_y = projection.tangents(u, v)
+    return _cosine(*projection.tangents(u, v))
+
+
+def _cosine(tan_x: Array, tan_y: Array) -> Array:
     return np.asarray(1.0 / np.sqrt(1.0 + tan_x**2 + tan_y**2))
 
 

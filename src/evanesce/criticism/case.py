@@ -22,8 +22,8 @@ from evanesce.criticism.nuisance import nuisance_parameters
 from evanesce.criticism.numerics import edge_template, leftover_variance, numerics_parameters, quick_variance
 from evanesce.criticism.observe import Observation, model_factor
 from evanesce.criticism.parameters import Parameter, derivative
-from evanesce.criticism.predict import Predictor
-from evanesce.criticism.problem import Fit, Problem, derivatives, fit, predicted_part
+from evanesce.criticism.predict import Point, Predictor
+from evanesce.criticism.problem import Fit, Problem, derivatives, fit, predicted_part, stepped
 from evanesce.criticism.recoded import Codec, Shooting, codec_of, recoded
 from evanesce.criticism.tone import expected_tone
 from evanesce.rng import generator
@@ -36,8 +36,14 @@ ROUNDS = 20
 QUIET = 0.9
 """Real over modelled noise below which a codec is possible where no dark level speaks for or against it."""
 
-PLACES = 2
+PLACES = 3
 """The fine prediction is made at so many points at most."""
+
+ROUGH = 0.2
+"""Share of a contact's displacement by which the quick prediction's derivatives may be off."""
+
+ROUGH_LEFT = 10.0
+"""Square of what they may be off by, over the noise's, that asks for a fine prediction at the new place."""
 
 FAR: Mapping[str, float] = {"@pose": 0.01, "@light": 0.01, "@card_light": 0.01, "@black": 0.2, "@turn": 0.05}
 """Steps of the nuisances by which what finer pixels change stays what it is [their units]."""
@@ -96,7 +102,11 @@ def prepare(observation: Observation, seed: int, exclude: Collection[str] = ()) 
         fitted_problem, every = at[0], [*parameters, *at[1]]
         fitted = fit(fitted_problem, every, point, rounds=ROUNDS)
         own = predicted_part(fitted.point, every)
-        if not displaced(own, point):
+        if displaced(own, point):
+            continue
+        fitted = anchored(fitted_problem, every, point, fitted)
+        own = predicted_part(fitted.point, every)
+        if left_by_derivatives(fitted, point) < ROUGH_LEFT:
             break
     if size.codec:
         if codec is not None:
@@ -140,6 +150,38 @@ def settled(problem: Problem, fitted: Fit) -> Fit:
     at = predicted_part(fitted.point, fitted.parameters)
     rows = derivatives(problem, at, fitted.parameters, fitted.predicted)
     return fit(problem, fitted.parameters, fitted.point, rows=rows, predicted=fitted.predicted, rounds=ROUNDS)
+
+
+def anchored(problem: Problem, parameters: Sequence[Parameter], start: Point, fitted: Fit) -> Fit:
+    """Return the fit by derivatives alone from where the fine prediction was made, if it is the better one.
+
+    The last micrometre of a quick prediction is rough: the edge of contact moves from cell to cell, some grey levels of
+    a bin at a time, and a fit stops at the first that goes up. From here on the predictor says at the fitted point what
+    the fine prediction and its derivatives say there.
+    """
+    predictor = problem.predictor
+    first = predictor.cube(start, problem.views)
+    rows = fitted.rows
+    straight = stepped(problem, parameters, start, rows, first)
+    if straight.misfit > fitted.misfit:
+        return fitted
+    there = predicted_part(straight.point, parameters)
+    difference = straight.predicted - predictor.cube(there, problem.views)
+    predictor.correction = np.asarray(predictor.correction) + np.nan_to_num(difference, nan=0.0)
+    return straight
+
+
+def left_by_derivatives(fitted: Fit, start: Point) -> float:
+    """Return the square of what derivatives may be off by since a point, over the mean square of what is left of bins.
+
+    Noise may be far below the weights' own, where those keep to what no camera is known better than.
+    """
+    moved = sum(
+        float((fitted.point.get(p.name, 0.0) - start.get(p.name, 0.0)) ** 2 * (row @ row))
+        for p, row in zip(fitted.parameters, fitted.rows, strict=True)
+        if p.name.startswith("@pose")
+    )
+    return ROUGH**2 * moved / float(np.mean(np.square(fitted.residual)))
 
 
 def displaced(point: Mapping[str, float], since: Mapping[str, float]) -> bool:

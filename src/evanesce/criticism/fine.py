@@ -25,8 +25,8 @@ from evanesce.states import PlateLight, SensorLight
 
 Array = NDArray[Any]
 
-FINE_PX = 3
-"""Of finer pixels along each of the model camera's."""
+FINE_PX, CARD_PX = 3, 4
+"""Of finer pixels along each of the model camera's. A card's edges lie along rows of pixels and its ink is sharp."""
 
 RAYS = 2
 """Of the pinhole view along each finer pixel; along a real pixel that is fine enough, one, as when it is simulated."""
@@ -53,10 +53,14 @@ class FinePredictor(Predictor):
         By how much real frames are averaged down for the model camera.
     noise_scale : float
         See :class:`Predictor`.
+    fine_px : int
+        See :data:`FINE_PX`.
     """
 
-    def __init__(self, believed: Scene, views: Sequence[View], factor: int, *, noise_scale: float = 1.0) -> None:
-        self.factor, self.before = factor, math.ceil(FINE_PX / factor)
+    def __init__(
+        self, believed: Scene, views: Sequence[View], factor: int, *, noise_scale: float = 1.0, fine_px: int = FINE_PX
+    ) -> None:
+        self.factor, self.before = factor, math.ceil(fine_px / factor)
         samples = believed.grid.samples
         if believed.finger.ridges is None:
             samples = min(max(samples, 1), GRID_SAMPLES)
@@ -125,21 +129,22 @@ class FineFrames:
         if not views:
             raise ValueError("no view to predict")
         self.believed, self.views, self.factor = believed, tuple(views), factor
-        self._sessions: dict[int, tuple[FinePredictor, dict[str, float]]] = {}
-        for session in sorted({v.session for v in views}):
+        self._predictors: dict[tuple[int, bool], tuple[FinePredictor, dict[str, float]]] = {}
+        for session, card in sorted({_kind(v) for v in views}):
             names = [f"@pose_{axis}[{session}]" for axis in "xy"]
             shift = [point.get(name, 0.0) for name in names]
             near = tuple(PLACE_MM * round(s / PLACE_MM) for s in shift)
             rest = {**point, **{name: s - n for name, s, n in zip(names, shift, near, strict=True)}}
-            fine = FinePredictor(placed(believed, (near[0], near[1])), views, factor, noise_scale=noise_scale)
+            there, fine_px = placed(believed, (near[0], near[1])), CARD_PX if card else FINE_PX
+            fine = FinePredictor(there, views, factor, noise_scale=noise_scale, fine_px=fine_px)
             fine.fixed = dict(fixed or {})
-            self._sessions[session] = fine, in_pixels(rest, factor * fine.before)
+            self._predictors[session, card] = fine, in_pixels(rest, factor * fine.before)
 
     def cube(self) -> Array:
         """Return the bins (views, rows, cols) [DN]."""
         found: Array | None = None
-        for session, (fine, rest) in self._sessions.items():
-            chosen = [k for k, v in enumerate(self.views) if v.session == session]
+        for kind, (fine, rest) in self._predictors.items():
+            chosen = [k for k, v in enumerate(self.views) if _kind(v) == kind]
             part = fine.cube(rest, chosen)
             found = np.full_like(part, np.nan) if found is None else found
             found[chosen] = part[chosen]
@@ -148,8 +153,13 @@ class FineFrames:
 
     def picture(self, number: int) -> Array:
         """Return the mean frame (real rows, real cols) of a view [DN]."""
-        fine, rest = self._sessions[self.views[number].session]
+        fine, rest = self._predictors[_kind(self.views[number])]
         return fine.image(rest, number)
+
+
+def _kind(view: View) -> tuple[int, bool]:
+    """Return what views have to share to be predicted by one predictor: the session, and whether they show a card."""
+    return view.session, view.is_card
 
 
 def fine_cube(believed: Scene, views: Sequence[View], factor: int, point: Point, *, noise_scale: float = 1.0) -> Array:

@@ -359,10 +359,7 @@ def render_moved(rig: Scene, state: ContactState, shift_mm: tuple[float, float],
 
 def finer_view(rig: Scene, finer: int) -> IdealView:
     """Return the rig's pinhole grid with so many times as many pixels along each side."""
-    view = Projection.of(rig.camera, rig.plate).ideal_view()
-    (rows, cols), (px, py) = view.shape, view.principal_point
-    middle = (finer - 1) / 2
-    return IdealView((rows * finer, cols * finer), view.focal_px * finer, (px * finer + middle, py * finer + middle))
+    return Projection.of(rig.camera, rig.plate).ideal_view().finer(finer)
 
 
 def _shows(entry: Active, view: View) -> bool:

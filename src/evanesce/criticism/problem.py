@@ -237,6 +237,34 @@ def fit(
     return Fit(point, parameters, jacobian, cube, residual, misfit)
 
 
+def stepped(problem: Problem, parameters: Sequence[Parameter], start: Point, rows: Array, predicted: Array) -> Fit:
+    """Return the most probable parameters of a prediction that follows its derivatives from a point on.
+
+    Parameters
+    ----------
+    problem : Problem
+    parameters : sequence of Parameter
+    start : mapping
+    rows : ndarray (parameters, bins)
+        Whitened derivatives.
+    predicted : ndarray (views, rows, cols)
+        At ``start``, without the linear parameters' part [DN].
+    """
+    parameters = tuple(parameters)
+    deviations = np.array([p.deviation for p in parameters])
+    linear = np.array([p.linear for p in parameters], bool)
+    values = np.array([value_of(start, p) for p in parameters])
+    residual = problem.residual(predicted) - values[linear] @ rows[linear]
+    point, taken = _within(start, parameters, _step(rows, residual, start, parameters, deviations)[0])
+    residual = residual - taken @ rows
+    cube = predicted.copy()
+    views = list(problem.views)
+    # Where bins are not valid nothing is compared.
+    cube[views] += problem.unwhitened(taken[~linear] @ rows[~linear]) * problem.sd[views]
+    misfit = float(residual @ residual) + prior_square(point, parameters)
+    return Fit(point, parameters, np.array(rows), cube, residual, misfit)
+
+
 def predicted_part(point: Point, parameters: Sequence[Parameter]) -> dict[str, float]:
     """Return a point without the parameters whose derivative says all."""
     linear = {p.name for p in parameters if p.linear}

@@ -69,6 +69,12 @@ class IdealView:
     focal_px: float
     principal_point: tuple[float, float]
 
+    def finer(self, times: int) -> IdealView:
+        """Return the grid with so many times as many pixels along each side."""
+        (rows, cols), middle = self.shape, (times - 1) / 2
+        px, py = (place * times + middle for place in self.principal_point)
+        return IdealView((rows * times, cols * times), self.focal_px * times, (px, py))
+
 
 @dataclass(frozen=True)
 class Projection:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evanesce.bundle.card_light import card_light, through_glass
+from evanesce.bundle.card_light import card_light, cosine_to_plate, plane_points, through_glass
 from evanesce.optics.interface import fresnel_reflectance
+from evanesce.optics.projection import Projection
 from evanesce.render.cards import Card, Pose, Room, render_card
 from evanesce.rig import load_scene
 
@@ -49,3 +50,28 @@ def test_bare_glass_mirrors_as_two_faces_do() -> None:
     face = ((n - 1) / (n + 1)) ** 2
     # Within a degree of the axis Fresnel's reflectance is that of normal incidence to 1e-4.
     assert light.radiance[round(py), round(px)] == pytest.approx(2.5 * 2 * face / (1 + face), rel=1e-3)
+
+
+def test_points_of_a_plane_over_the_glass_lie_on_the_rays_of_a_tilted_camera() -> None:
+    """A plane at the glass is where rays meet it; 3 mm above, they have gone on in air."""
+    scene = load_scene("thesis", CAMERA | {"camera.tilt_x_deg": 3.0, "camera.tilt_y_deg": -2.0, "camera.roll_deg": 7.0})
+    projection = Projection.of(scene.camera, scene.plate)
+    view = projection.ideal_view().finer(2)
+    (rows, cols), (px, py) = view.shape, view.principal_point
+    u, v = np.meshgrid((np.arange(cols) - px) / view.focal_px, (np.arange(rows) - py) / view.focal_px)
+    at_glass, above = (plane_points(projection, view, height) for height in (0.0, 3.0))
+    np.testing.assert_allclose(at_glass[:2], projection.ray_to_plate(u, v), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        np.subtract(above[:2], at_glass[:2]), 3.0 * np.array(projection.tangents(u, v)), atol=1e-9
+    )
+    np.testing.assert_allclose(above[2], cosine_to_plate(projection, u, v), atol=1e-12)
+
+
+def test_rays_of_a_finer_grid_average_to_the_directions_of_the_grid() -> None:
+    view = Projection.of(load_scene("thesis", CAMERA).camera, load_scene("thesis").plate).ideal_view()
+    finer = view.finer(3)
+    assert finer.shape == (3 * view.shape[0], 3 * view.shape[1])
+    for axis, count in ((0, view.shape[1]), (1, view.shape[0])):
+        coarse = (np.arange(count) - view.principal_point[axis]) / view.focal_px
+        fine = (np.arange(3 * count) - finer.principal_point[axis]) / finer.focal_px
+        np.testing.assert_allclose(fine.reshape(count, 3).mean(axis=1), coarse, atol=1e-12)

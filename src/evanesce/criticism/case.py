@@ -17,7 +17,7 @@ from evanesce.criticism.fine import FineFrames
 from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.marks import with_places, without_places
 from evanesce.criticism.noise import noise_of
-from evanesce.criticism.noise_scale import LOOSE, noise_scale_of
+from evanesce.criticism.noise_scale import LOOSE, NoiseScale, noise_scale_of
 from evanesce.criticism.nuisance import nuisance_parameters
 from evanesce.criticism.numerics import edge_template, leftover_variance, numerics_parameters, quick_variance
 from evanesce.criticism.observe import Observation, model_factor
@@ -97,20 +97,11 @@ def prepare(observation: Observation, seed: int, exclude: Collection[str] = ()) 
     start = {"@black": size.black_DN} if size.black_DN else {}
     seen = None if start else base
     own = predicted_part(fit(problem, parameters, start, predicted=seen, rounds=ROUNDS).point, parameters)
-    for _ in range(PLACES):
-        at, point = at_place(observation, problem, own, size.codec, size.silent), own
-        fitted_problem, every = at[0], [*parameters, *at[1]]
-        fitted = fit(fitted_problem, every, point, rounds=ROUNDS)
-        own = predicted_part(fitted.point, every)
-        if displaced(own, point):
-            continue
-        fitted = anchored(fitted_problem, every, point, fitted)
-        own = predicted_part(fitted.point, every)
-        if left_by_derivatives(fitted, point) < ROUGH_LEFT:
-            break
+    fitted_problem, every, fitted, frames = finely_fitted(observation, problem, parameters, own, size)
+    own = predicted_part(fitted.point, every)
     if size.codec:
         if codec is not None:
-            fitted_problem, every = through_codec(fitted_problem, every, at[2], codec[0], seed, size.silent)
+            fitted_problem, every = through_codec(fitted_problem, every, frames, codec[0], seed, size.silent)
             fitted = fit(fitted_problem, every, own, rounds=ROUNDS)
             own = predicted_part(fitted.point, every)
         # A codec hands noise from frame to frame, so that replicates show too little of it; single bins tell.
@@ -150,6 +141,37 @@ def settled(problem: Problem, fitted: Fit) -> Fit:
     at = predicted_part(fitted.point, fitted.parameters)
     rows = derivatives(problem, at, fitted.parameters, fitted.predicted)
     return fit(problem, fitted.parameters, fitted.point, rows=rows, predicted=fitted.predicted, rounds=ROUNDS)
+
+
+def finely_fitted(
+    observation: Observation, problem: Problem, parameters: Sequence[Parameter], own: Point, size: NoiseScale
+) -> tuple[Problem, list[Parameter], Fit, FineFrames]:
+    """Return the problem about the fitted place of the finger, all its nuisances, the fit, and the fine prediction.
+
+    Parameters
+    ----------
+    observation : Observation
+    problem : Problem
+        Of the quick prediction.
+    parameters : sequence of Parameter
+        Nuisances but for those of computation.
+    own : mapping
+        Where the quick prediction fits best.
+    size : NoiseScale
+    """
+    for _ in range(PLACES):
+        point = own
+        renewed, found, frames = at_place(observation, problem, point, size.codec, size.silent)
+        every = [*parameters, *found]
+        fitted = fit(renewed, every, point, rounds=ROUNDS)
+        own = predicted_part(fitted.point, every)
+        if displaced(own, point):
+            continue
+        fitted = anchored(renewed, every, point, fitted)
+        own = predicted_part(fitted.point, every)
+        if left_by_derivatives(fitted, point) < ROUGH_LEFT:
+            break
+    return renewed, every, fitted, frames
 
 
 def anchored(problem: Problem, parameters: Sequence[Parameter], start: Point, fitted: Fit) -> Fit:

@@ -50,15 +50,18 @@ def extension(name: str, log_bayes: float, **more: Any) -> Extension:
 
 def weighed(
     *, p: float, after: float | None = None, tail: float = 0.2, first: dict[str, float], rounds: list[Extension],
-    best: Extension | None = None, codec: bool = False, size: int = 40,
+    best: Extension | None = None, codec: bool = False, size: int = 40, unlike: float | None = None,
 ) -> Findings:  # fmt: skip
     """Return findings of two candidates, weighed."""
     test = ScoreTest(tuple(scored(k, v) for k, v in first.items()), p, 4999)
     before = battery(0.5 if after is not None else p, tail)
-    found = Findings(global_p=p, first=test, battery=before, rounds=[rounds], best=best)
+    found = Findings(global_p=p, first=test, battery=before, rounds=[rounds], best=best, unlike=unlike is not None)
     if after is not None:
         found.after, found.left = battery(after, tail), SimpleNamespace()  # type: ignore[assignment]
-    case = SimpleNamespace(base=None, problem=SimpleNamespace(sd=np.ones((1, 2, 2)), views=(0,)), codec=codec)
+    case = SimpleNamespace(
+        base=None, problem=SimpleNamespace(sd=np.ones((1, 2, 2)), views=(0,)), codec=codec,
+        likeness=SimpleNamespace(evidence=unlike),
+    )  # fmt: skip
     signatures = [SimpleNamespace(note="") for _ in range(size)]
     critic.weigh(case, found, SimpleNamespace(), signatures)  # type: ignore[arg-type]
     return found
@@ -119,6 +122,15 @@ def test_what_rings_and_has_no_cause_is_unknown() -> None:
     assert found.rings
     assert verdict(found) == "unknown"
     assert share(found, "unknown") > 0.9
+
+
+@pytest.mark.parametrize("codec", [False, True])
+def test_frames_without_the_believed_contact_are_unknown_however_well_an_effect_scores(codec: bool) -> None:
+    found = weighed(p=0.0002, first={"glass_absorption": 3e5}, rounds=[], codec=codec, unlike=400.0)
+    assert verdict(found) == "unknown"
+    assert share(found, "unknown") == pytest.approx(1.0)
+    assert share(found, "glass_absorption") == 0.0
+    assert found.unknown is not None
 
 
 def test_a_cause_that_leaves_more_than_half_of_what_it_explains_is_unknown() -> None:

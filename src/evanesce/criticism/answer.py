@@ -56,6 +56,8 @@ class Findings:
         Whether structure is left that no candidate explains.
     heard : bool
         Whether the battery rings with it, which is not listened to under a codec.
+    unlike : bool
+        Whether the frames do not show the believed contact at all.
     level : float
         Of false alarms, below which ``global_p`` counts.
     left_evidence : float
@@ -78,6 +80,7 @@ class Findings:
     unknown: dict[str, Any] | None = None
     rings: bool = False
     heard: bool = False
+    unlike: bool = False
     left_evidence: float = 0.0
     level: float = FROZEN.levels["false_alarm"]
     gain: LockedGain | None = None
@@ -92,6 +95,8 @@ def verdict(findings: Findings) -> str:
     """Return ``none``, ``named``, ``ambiguous`` or ``unknown``."""
     if findings.global_p >= findings.level:
         return "none"
+    if findings.unlike:
+        return "unknown"
     if findings.rings and (findings.best is None or findings.unexplained > FROZEN.levels["unknown_share"]):
         return "unknown"
     if findings.best is None:

@@ -15,6 +15,7 @@ from evanesce.criticism.candidates import Candidate, candidates_of
 from evanesce.criticism.codec import codec_parameters, codec_variance, noise_by_bins
 from evanesce.criticism.fine import FineFrames
 from evanesce.criticism.frozen import FROZEN
+from evanesce.criticism.likeness import Likeness, likeness_of
 from evanesce.criticism.marks import with_places, without_places
 from evanesce.criticism.noise import noise_of
 from evanesce.criticism.noise_scale import LOOSE, NoiseScale, noise_scale_of
@@ -60,7 +61,13 @@ class Case:
     seed: int
     codec: bool = False
     silent: bool = False
+    likeness: Likeness = field(default_factory=Likeness)
     notes: list[str] = field(default_factory=list)
+
+    @property
+    def unlike(self) -> bool:
+        """Whether the frames show too little of the believed contact for changes of it to be judged."""
+        return self.likeness.correlation < FROZEN.levels["least_likeness"]
 
     def rng(self, name: str, number: int = 0) -> np.random.Generator:
         """Return a random stream of its own for each step."""
@@ -113,7 +120,13 @@ def prepare(observation: Observation, seed: int, exclude: Collection[str] = ()) 
         without_places(library) if size.silent else with_places(fitted_problem, fitted, library, codec=size.codec)
     )
     candidates = with_bands(fitted_problem, fitted, candidates)
-    case = Case(observation, fitted_problem, fitted, candidates, seed, size.codec, size.silent)
+    likeness = likeness_of(fitted_problem, fitted, base)
+    case = Case(observation, fitted_problem, fitted, candidates, seed, size.codec, size.silent, likeness)
+    if case.unlike:
+        case.notes.append(
+            "the press frames do not show the contact that the believed rig has there (correlation"
+            f" {likeness.correlation:.2f}): another rig or place, or no contact; no effect is judged"
+        )
     if not noise.measured:
         case.notes.append("no replicates: the noise is the camera's own model, false alarms are not controlled")
     if not size.codec and size.value < QUIET and "lens_cap" not in observation.scatter:

@@ -65,8 +65,8 @@ def criticise(
     battery, left = ring(case, case.base, 0)
     global_p = joint_p(first.p, battery.global_p, codec=case.codec)
     level = level_of(case)
-    findings = Findings(global_p=global_p, first=first, battery=battery, level=level)
-    if global_p < level:
+    findings = Findings(global_p=global_p, first=first, battery=battery, level=level, unlike=case.unlike)
+    if global_p < level and not case.unlike:
         tick("nested fits")
         search(case, signatures, findings)
     weigh(case, findings, left, signatures)
@@ -130,6 +130,9 @@ def weigh(case: Case, findings: Findings, left: Residuals, signatures: Sequence[
             # A cause that leaves so much is one of the unknown's shapes: what it explains is the unknown's as well.
             alone = explained + findings.left_evidence
             log_bayes[(UNKNOWN,)] = max(log_bayes.get((UNKNOWN,), -np.inf), alone)
+    if findings.unlike:
+        # The library changes what is believed: where nothing of that shows, it has nothing to say.
+        log_bayes = {(UNKNOWN,): case.likeness.evidence}
     found = posterior(log_bayes, library)
     findings.posterior = found if findings.best is None else with_mimics(found)
     findings.rings, findings.heard = rings, heard

@@ -243,6 +243,21 @@ def test_replicates_count_against_their_table(hand: Path) -> None:
     assert "replicates.csv: 2 lines, but 3 frames" in refusal(hand)
 
 
+@pytest.mark.parametrize(
+    ("lines", "says"),
+    [
+        ("0,30,2,9\n1,31,2,9\n2,32,2.9,9", "line 4, column force_N: 2.9 after 2"),
+        ("0,30,2,9\n1,31,2,9.5\n2,32,2,9", "line 3, column voltage_V: 9.5 after 9"),
+        ("0,3,2.3,9\n1,10,2.3,9\n2,32,2.3,9", "column time_s: frame 11 of press.csv has 2.3 N and 9.4 V at 20 s"),
+    ],
+)
+def test_replicates_are_of_one_held_state(hand: Path, lines: str, says: str) -> None:
+    """Rationale: frames of a ramp taken for replicates are noise of 2.6 DN a bin, and nothing is found any more."""
+    (hand / "measurement.toml").write_text('scene = "scene.toml"\n')
+    (hand / "replicates" / "replicates.csv").write_text(f"index,time_s,force_N,voltage_V\n{lines}\n")
+    assert f"replicates.csv: {says}" in refusal(hand)
+
+
 def test_series_are_checked(hand: Path) -> None:
     path = hand / "series" / "a.csv"
     path.write_text("force_N,area_mm2\n1.0,nan\n")
@@ -253,6 +268,9 @@ def test_series_are_checked(hand: Path) -> None:
     assert "a.csv: line 1: columns area_mm2, force_N" in refusal(hand)
     path.write_text("force_N,area_mm2,sigma_N\n1.0,3,1\n")
     assert "a.csv: line 1: third column 'sigma_N'" in refusal(hand)
+    path.write_text("force_N,area_mm2\n1.0,3\n")
+    path.with_suffix(".CSV").write_text("force_N,area_mm2\n1.0,4\n")
+    assert "a.csv: is there twice" in refusal(hand)
 
 
 def test_a_video_takes_the_place_of_the_folder(hand: Path) -> None:

@@ -12,7 +12,13 @@ from evanesce.criticism.answer import Findings, verdict
 from evanesce.criticism.battery import BatteryResult
 from evanesce.criticism.posterior import Posterior
 from evanesce.criticism.score import ScoreTest
-from evanesce.criticism.unknown import covariate_ranges, describe_unknown, fit_flexible, nearest_candidate
+from evanesce.criticism.unknown import (
+    bin_noise,
+    covariate_ranges,
+    describe_unknown,
+    fit_flexible,
+    nearest_candidate,
+)
 from test_criticism_battery import COL, COLS, KINDS, PRESS, RADIUS, ROW, ROWS, TIME, VOLTAGE, geometry, noise
 
 SIGMA = 0.4 + 0.02 * geometry(np.zeros((len(KINDS), ROWS, COLS))).level
@@ -116,6 +122,22 @@ def test_nearest_effect_and_its_share_follow_the_cosine() -> None:
     assert name == "vignetting"
     # The cosine is 0.8; noise of one in fifty on the amplitude and of the total power.
     assert share == pytest.approx(0.64, abs=4 * 2 * 0.8 / 50 + 4 * np.sqrt(2 * data.size) / 2500)
+
+
+def test_nearest_effect_is_found_where_weights_are_wider_than_the_noise() -> None:
+    """Rationale: weights keep a floor; of 33 kept answers 31 had a share of 1 and the last of the alphabet's names."""
+    one, other = strong(PRESS * (RADIUS**2 - 0.35), 1.0), strong(PRESS * np.cos(9.0 * COL / COLS), 1.0)
+    other = other - one * np.sum(one * other)
+    other /= np.sqrt(np.sum(other**2))
+    quiet = 0.3
+    data = geometry(quiet * noise(13, 1)[0]).cube + quiet * 200.0 * (0.8 * one + 0.6 * other)
+    assert bin_noise(data) == pytest.approx(quiet**2, rel=0.15)
+    name, share = nearest_candidate(data, {"adhesion": one[None], "vignetting": (other + 0.1 * one)[None]})
+    assert name == "adhesion"
+    assert share == pytest.approx(0.64, abs=0.05)
+    # What the flexible term takes is a share of the same excess.
+    smooth = geometry(quiet * noise(13, 1)[0] + 60.0 * quiet * one)
+    assert 0.5 < fit_flexible(smooth, SIGMA, untouched).explained <= 1.0
 
 
 def test_ranges_are_those_of_the_press_frames() -> None:

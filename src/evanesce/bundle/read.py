@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -30,6 +30,7 @@ from evanesce.bundle.layout import (
     Replicates,
     Series,
     Shot,
+    same_condition,
     same_force,
 )
 from evanesce.bundle.tables import line_numbers, read_series, read_shots
@@ -342,6 +343,7 @@ def _read_replicates(
             raise InputError(
                 f"{len(shots)} lines, but {len(files)} frames", file=table, allowed="a line for each frame"
             )
+        _check_held(table, shots, press)
         return Replicates(shots, len(files)), files
     if index is None:
         return Replicates((), len(files)), files
@@ -349,6 +351,28 @@ def _read_replicates(
     if not held:
         raise InputError(f"{index} is no frame of {PRESS_TABLE}", file=root / MEASUREMENT_FILE, key=key)
     return Replicates((held[0],) * len(files), len(files)), files
+
+
+def _check_held(table: Path, shots: Sequence[Shot], press: Sequence[Shot]) -> None:
+    """Refuse replicates that are not of one state, or that were taken while the finger was pressed otherwise."""
+    first = shots[0]
+    for line, shot in zip(line_numbers(table), shots, strict=True):
+        if not same_condition(first, shot):
+            same = {"force_N": same_force(first.force_N, shot.force_N), "session": first.session == shot.session}
+            column = next((name for name, kept in same.items() if not kept), "voltage_V")
+            was, now = (getattr(s, column) for s in (first, shot))
+            raise InputError(
+                f"{now:g} after {was:g}: no state that was held", file=table, key=f"line {line}, column {column}",
+                allowed="replicates of one force, voltage and session",
+            )  # fmt: skip
+    for other in press:
+        between = other.session == first.session and first.time_s <= other.time_s <= shots[-1].time_s
+        if between and not same_condition(other, first):
+            state = f"{other.force_N:g} N and {other.voltage_V:g} V at {other.time_s:g} s"
+            raise InputError(
+                f"frame {other.index} of {PRESS_TABLE} has {state}, between these", file=table, key="column time_s",
+                allowed="one clock for all tables",
+            )  # fmt: skip
 
 
 def _read_series(root: Path, described: _Measurement) -> Mapping[str, Series]:
@@ -372,6 +396,8 @@ def _read_series(root: Path, described: _Measurement) -> Mapping[str, Series]:
         if path.suffix.lower() != ".csv":
             raise InputError("is no CSV table", file=path, allowed="CSV tables only in this folder")
         inside(root, f"{SERIES_FOLDER}/{path.name}", None)
+        if path.stem in found:
+            raise InputError("is there twice", file=path, allowed=f"one table of the name {path.stem}")
         found[path.stem] = read_series(path, {k: float(v) for k, v in described.series.get(path.stem, {}).items()})
     return MappingProxyType(found)
 

@@ -34,7 +34,7 @@ def register(app: typer.Typer) -> None:
         json_file: JsonOption = None,
         report: Annotated[Path | None, typer.Option("--report", help="Write an HTML page to this file.")] = None,
         scene: Annotated[
-            Path | None, typer.Option("--scene", help="Write the extended scene here [default: beside the JSON].")
+            Path | None, typer.Option("--scene", help="Write the extended scene here (default: beside the JSON).")
         ] = None,
         seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws of noise.")] = 0,
     ) -> None:

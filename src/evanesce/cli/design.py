@@ -59,18 +59,18 @@ def register(app: typer.Typer) -> None:
         ] = 0.15,
         min_blob: Annotated[int, typer.Option("--min-blob", min=0, help="Of the author's chain [px].")] = 2000,
         force: Annotated[
-            list[float] | None, typer.Option("--force", help="Normal force [N] (repeatable) [default: the scene's].")
+            list[float] | None, typer.Option("--force", help="Normal force [N] (repeatable) (default: the scene's).")
         ] = None,
         place: Annotated[
-            list[str] | None, typer.Option("--place", help="X,Y of the tip [mm] (repeatable) [default: the scene's].")
+            list[str] | None, typer.Option("--place", help="X,Y of the tip [mm] (repeatable) (default: the scene's).")
         ] = None,
         material: Annotated[
-            list[str] | None, typer.Option("--material", help="Of the finger (repeatable) [default: the scene's].")
+            list[str] | None, typer.Option("--material", help="Of the finger (repeatable) (default: the scene's).")
         ] = None,
         uncertainty: Annotated[
             Path | None,
             typer.Option(
-                "--uncertainty", help="TOML of standard deviations [default: each effect's own, all of them]."
+                "--uncertainty", help="TOML of standard deviations (default: each effect's own, all of them)."
             ),
         ] = None,
         parts: Annotated[Path | None, typer.Option("--parts", help="TOML table of parts and prices.")] = None,

@@ -10,6 +10,8 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +19,8 @@ from numpy.typing import NDArray
 from scipy import optimize, stats
 
 from evanesce.bundle.area import AreaReading, contact_area
-from evanesce.bundle.layout import Series
+from evanesce.bundle.layout import SERIES_FOLDER, Series
+from evanesce.criticism.fine import FinePredictor
 from evanesce.criticism.observe import model_factor, model_scene
 from evanesce.criticism.parameters import Parameter
 from evanesce.criticism.predict import Nuisances, Point, Predictor, scene_with
@@ -28,6 +31,9 @@ from evanesce.rig import Scene
 from evanesce.simulate import touch
 
 Array = NDArray[Any]
+
+READING_SHARE = 0.1
+"""Of what larger pixels read wrongly at the believed rig: so much may be left of it elsewhere."""
 
 ASSUMED_SIGMA = 0.05
 """Relative standard deviation of a series that states none."""
@@ -56,10 +62,23 @@ class Table:
 
     @classmethod
     def of(cls, series: Sequence[Series]) -> Table:
-        """Gather series; values of 0 or less carry no logarithm and are left out."""
+        """Gather series; values of 0 or less carry no logarithm and are left out.
+
+        Raises
+        ------
+        InputError
+            If a series has no value that is large enough.
+        """
         kept = []
         for one in series:
-            keep = np.asarray(one.y) > (LEAST_AREA_MM2 if one.y_name == "area" else LEAST_FORCE_N)
+            least = LEAST_AREA_MM2 if one.y_name == "area" else LEAST_FORCE_N
+            keep = np.asarray(one.y) > least
+            if not keep.any():
+                raise InputError(
+                    f"holds nothing to compare: no {one.y_name} above {least:g} {one.y_unit}",
+                    file=Path(SERIES_FOLDER) / f"{one.name}.csv", key=f"column {one.y_name}_{one.y_unit}",
+                    allowed="values of a finger that touches",
+                )  # fmt: skip
             sigma = None if one.sigma is None else np.asarray(one.sigma)[keep]
             kept.append(replace(one, x=np.asarray(one.x)[keep], y=np.asarray(one.y)[keep], sigma=sigma))
         parts = [
@@ -71,6 +90,10 @@ class Table:
             np.concatenate(parts),
             any(one.sigma is None for one in kept),
         )
+
+    def widened(self, spread: Array) -> Table:
+        """Return the table with what a prediction may be off by (points,) added to each value's standard deviation."""
+        return replace(self, sigma=np.hypot(self.sigma, spread))
 
 
 class SeriesPredictor:
@@ -90,18 +113,42 @@ class SeriesPredictor:
         self._frames = Predictor(self.scene, ())
         self._kept: dict[tuple[Any, ...], Array] = {}
         self._scaled: dict[str, tuple[float, Array]] = {}
+        self._correction: Array | float = 0.0
 
     def __call__(self, point: Point) -> Array:
         """Return the logarithm of all series at a point (points,)."""
         near = {name: value for name, value in point.items() if name not in self._scaled}
         key = tuple(sorted(near.items()))
         if key not in self._kept:
-            self._kept[key] = np.concatenate([np.log(self.values(one, near)) for one in self.series])
+            self._kept[key] = self._correction + np.concatenate([np.log(self.values(one, near)) for one in self.series])
         found = self._kept[key]
         for name, (null, slope) in self._scaled.items():
             if name in point:
                 found = found + (point[name] - null) * slope
         return found
+
+    def refine(self, believed: Scene) -> Array:
+        """From now on put right what larger pixels read of areas, by pictures of the believed rig as fine as simulated.
+
+        Parameters
+        ----------
+        believed : Scene
+            With the real camera.
+
+        Returns
+        -------
+        ndarray (points,)
+            Standard deviation of the logarithm: a share of what was put right.
+        """
+        fine = FinePredictor(believed, (), self._factor)
+        found = []
+        for one in self.series:
+            near = np.log(self.values(one, {}))
+            read = partial(self._areas, believed, one, frames=fine, factor=1)
+            found.append(np.log(read()) - near if one.y_name == "area" else np.zeros(len(one)))
+        self._correction = np.concatenate(found)
+        self._kept.clear()
+        return READING_SHARE * np.abs(self._correction)
 
     def scale(self, parameter: Parameter, start: Point) -> None:
         """From now on scale the response to a parameter along its change from nothing to a point.
@@ -120,9 +167,13 @@ class SeriesPredictor:
     def values(self, series: Series, point: Point) -> Array:
         """Return one series [unit of its y]."""
         scene = scene_with(self.scene, point)
-        held = series.held
         if series.y_name == "force":
             return self._force(scene, np.asarray(series.x, float))
+        return self._areas(scene, series, frames=self._frames, factor=self._factor)
+
+    def _areas(self, scene: Scene, series: Series, *, frames: Predictor, factor: int) -> Array:
+        """Return areas as the author's chain reads them in predicted frames, pixels so many times as large [mm^2]."""
+        held = series.held
         force = np.full(len(series), held.get("force_N", DEFAULT_FORCE_N))
         voltage = np.full(len(series), held.get("voltage_V", self.scene.leds.voltage_V))
         time = np.full(len(series), held.get("time_s", 0.0))
@@ -133,14 +184,14 @@ class SeriesPredictor:
         reading = AreaReading(
             threshold=held.get("threshold", AreaReading.threshold),
             # Pixels of the critic's camera are larger, the blur's are the lab's.
-            blur_px=held.get("blur_px", AreaReading.blur_px) / self._factor,
+            blur_px=held.get("blur_px", AreaReading.blur_px) / factor,
             min_blob_mm2=held.get("min_blob_mm2", AreaReading.min_blob_mm2),
         )
         found = []
         for f, v, t in zip(force, voltage, time, strict=True):
             view = View(kind="press", force_N=float(f), voltage_V=float(v), time_s=float(t))
-            frame = np.rint(self._frames.picture(scene, view, Nuisances())).astype(np.uint8)
-            found.append(contact_area(frame, self.scene, reading))
+            frame = np.rint(frames.picture(scene, view, Nuisances())).astype(np.uint8)
+            found.append(contact_area(frame, frames.scene, reading))
         return np.maximum(np.array(found) * self._card_scale(scene), LEAST_AREA_MM2)
 
     def _card_scale(self, scene: Scene) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from evanesce.criticism.candidates import Candidate, candidates_of
 from evanesce.criticism.evidence import Evidence, Ranked
 from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.parameters import Parameter
-from evanesce.criticism.posterior import posterior
+from evanesce.criticism.posterior import UNKNOWN, log_bayes_of_p, posterior, with_mimics
 from evanesce.criticism.predict import Point, scene_with
 from evanesce.criticism.scalar import (
     ASSUMED_SIGMA,
@@ -94,6 +94,7 @@ def criticise_series(
     table = Table.of(list(bundle.series.values()))
     predict = SeriesPredictor(bundle.scene, table.series)
     tick("what the believed rig predicts")
+    table = table.widened(predict.refine(bundle.scene))
     base = fit_series(predict, table, (), (), {})
     heard, deaf = hear(predict, table, base, candidates_of(bundle.scene, bundle.available), bundle.scene)
     fits: list[SeriesFit] = []
@@ -217,9 +218,15 @@ def _answer(
     seed: int,
 ) -> tuple[dict[str, Any], Evidence]:
     kinds = {h.candidate.id: h.kind for h in heard}
-    weights = posterior({f.ids: f.log_evidence - base.log_evidence for f in fits}, len(heard))
+    log_bayes = {f.ids: f.log_evidence - base.log_evidence for f in fits}
+    weights = posterior(log_bayes, len(heard))
     accepted = sorted((f for f in fits if _accept(f, base)), key=lambda f: -weights.models[f.ids])
     best = accepted[0] if accepted else None
+    # Of the unknown only what is left tells: of the believed rig, or of the best extension.
+    ids = () if best is None else best.ids
+    left = log_bayes_of_p(p if best is None else chi_square_p(best, table))
+    weights = posterior({**log_bayes, (*ids, UNKNOWN): log_bayes.get(ids, 0.0) + left}, len(heard))
+    weights = weights if best is None else with_mimics(weights)
     # More on top of the best explains as much, of course: a rival does without some of it.
     group = (
         [] if best is None else [f for f in accepted[1:] if not set(f.ids) > set(best.ids) and _as_good(f, best, table)]
@@ -302,7 +309,8 @@ def _ranked(
 def _unknown(table: Table, base: SeriesFit) -> dict[str, Any]:
     """Describe how the data depart from the believed rig along each series: factor and slope in log-log."""
     left = table.log_y - base.predicted
-    found: dict[str, Any] = {"where": "in the series", "symmetry": None, "nearest": None, "explained": 0.0}
+    silent = ("contrast", "symmetry", "moving", "nearest", "nearest_share", "explained")
+    found: dict[str, Any] = {"where": "in the series", **dict.fromkeys(silent)}
     start, words = 0, {}
     for one in table.series:
         part = left[start : start + len(one)]
@@ -320,8 +328,3 @@ def _notes(table: Table) -> list[str]:
             "from point to point; probabilities hang on it."
         )
     return notes
-
-
-def with_assumed(table: Table, relative: float) -> Table:
-    """Return a table whose points all have a relative standard deviation, to see what hangs on the assumed one."""
-    return replace(table, sigma=np.full(table.log_y.size, relative), assumed=True)

@@ -54,8 +54,11 @@ def verdict_words(result: Mapping[str, Any]) -> str:
         group = [effect["id"] for effect in result.get("effects", [])] + list(result.get("ambiguous_with", []))
         names = " or ".join(dict.fromkeys(group))
     words = VERDICTS[result["verdict"]].format(names=names)
-    control = "" if result.get("false_alarm_control", True) else " There are no replicate frames: the rate of false "
-    control += "" if result.get("false_alarm_control", True) else "alarms is not controlled."
+    # Of series alone, whose answer has alternatives, the standard deviations are the lab's word.
+    missing = "A series states no standard deviation" if "alternatives" in result else "There are no replicate frames"
+    control = f" {missing}: the rate of false alarms is not controlled."
+    if result.get("false_alarm_control", True):
+        control = ""
     return f"{words} Noise alone rings as loudly with probability {result['global_p']:.3g}.{control}"
 
 

@@ -10,7 +10,7 @@ from scipy import ndimage, stats
 
 from evanesce.criticism.battery import judge, null_samples, run_battery, tail_law
 from evanesce.criticism.battery_data import Draws, Residuals, Statistic
-from evanesce.criticism.battery_statistics import battery_tests, local_peaks
+from evanesce.criticism.battery_statistics import battery_tests
 from evanesce.criticism.features import contrasts, line_features, smoothed_size
 
 ROWS, COLS = 36, 52
@@ -243,9 +243,3 @@ def test_series_that_bends_rings_by_its_runs_or_its_misfit() -> None:
 def test_too_few_draws_are_refused() -> None:
     with pytest.raises(ValueError, match="12 draws"):
         run_battery(geometry(noise(1, 1)[0]), null(1, 12))
-
-
-def test_local_peaks_finds_places_in_order() -> None:
-    m = np.zeros((9, 14))
-    m[2, 3], m[7, 11], m[7, 10] = 4.0, -6.5, -5.0
-    assert local_peaks(m, 3.0) == [(7, 11, -6.5), (2, 3, 4.0)]

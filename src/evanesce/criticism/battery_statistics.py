@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, ndimage
+from scipy import fft
 from scipy.sparse import csr_matrix, vstack
 
 from evanesce.criticism.battery_data import Draws, Residuals, Statistic
@@ -360,17 +360,3 @@ def _series_tests(name: str) -> dict[str, Statistic]:
         return np.asarray((sign[:, 1:] != sign[:, :-1]).sum(axis=1), float)
 
     return {f"series {name}: lack of fit": Statistic(lack, "sum"), f"series {name}: runs": Statistic(runs, "normal")}
-
-
-def local_peaks(m: Array, threshold: float) -> list[tuple[int, int, float]]:
-    """Return places (row, col, value) where a map's absolute value peaks above a threshold, largest first.
-
-    Parameters
-    ----------
-    m : ndarray (rows, cols)
-    threshold : float
-    """
-    size = np.abs(m)
-    peak = (size == ndimage.maximum_filter(size, 3)) & (size > threshold)
-    places = sorted(zip(*np.nonzero(peak), strict=True), key=lambda rc: -size[rc])
-    return [(int(r), int(c), float(m[r, c])) for r, c in places]

@@ -37,6 +37,7 @@ def main() -> None:
     table = Table.of(list(bundle.series.values()))
     series = table.series[0]
     predict = SeriesPredictor(bundle.scene, table.series)
+    table = table.widened(predict.refine(bundle.scene))
     base = fit_series(predict, table, (), (), {})
     print(f"believed: chi-square {base.chi_square:.1f} of {table.log_y.size} points at {table.sigma[0]:.0%}")
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
@@ -50,7 +51,9 @@ def main() -> None:
         start = {p.name: float(np.clip(p.null + p.deviation, *p.bounds)) for p in chosen}
         found = fit_series(predict, table, (name,), chosen, start)
         values = ", ".join(f"{p.name} {found.point[p.name]:.3g} {p.unit}" for p in chosen)
-        print(f"{name} ({kind}): chi-square {found.chi_square:.1f}; {values}")
+        off = np.exp(table.log_y - found.predicted) - 1.0
+        spread = f"thesis over model {off.min():+.0%} to {off.max():+.0%}"
+        print(f"{name} ({kind}): chi-square {found.chi_square:.1f}; {values}; {spread}")
         left.plot(series.x, np.exp(found.predicted), color=colour, label=f"{name} ({kind})")
         right.plot(series.x, np.exp(table.log_y - found.predicted), "o-", ms=3, color=colour, label=name)
     right.plot(series.x, np.exp(table.log_y - base.predicted), "k--", label="believed rig")

@@ -10,8 +10,9 @@ import pytest
 from scipy import ndimage, stats
 
 import evanesce.effects
+from evanesce.criticism import case
 from evanesce.criticism.candidates import Candidate, candidates_of
-from evanesce.criticism.case import ROUGH, anchored, left_by_derivatives, settled
+from evanesce.criticism.case import FAR, PLACES, ROUGH, anchored, finely_fitted, left_by_derivatives, settled
 from evanesce.criticism.extend import NEARER, Extension, _nearer, at_bound, condition_of_bins, extend, held_out_gain
 from evanesce.criticism.noise import noise_of
 from evanesce.criticism.parameters import Parameter, derivative
@@ -191,6 +192,56 @@ def test_the_last_micrometre_is_gone_by_derivatives_alone(toy):
     assert left_by_derivatives(found, start) == pytest.approx(expected, rel=0.1)
     again = anchored(problem, parameters, dict(found.point), found)
     assert left_by_derivatives(again, found.point) < 0.01 * expected
+
+
+@pytest.mark.parametrize(
+    ("scatter", "away", "made"),
+    [(1.0, 0.1, 1), (0.005, 0.9, 2), (1.0, 5.0, 2), (0.005, 500.0, 3)],
+    ids=["loud", "quiet", "displaced", "displaced and quiet"],
+)
+def test_the_fine_prediction_follows_the_finger(toy, monkeypatch, scatter, away, made):
+    """It is made anew where the fit left its place, or where derivatives may err by more than the noise shows."""
+    name, slope = "@pose_x[0]", 40.0 * toy.maps["a:x"]
+    truth = away * FAR["@pose"]
+    smooth, rough = Toy({name: slope, "@n": toy.maps["@n"]}), Rough({name: slope, "@n": toy.maps["@n"]})
+    rng = np.random.default_rng(8)
+    data = smooth.cube({name: truth, "@n": 0.5}) + scatter * rng.standard_normal((4, *SHAPE))
+    problem = problem_of(rough, data, noise_fields(rng, 0))
+    computed, places = parameter("@n", deviation=50.0), []
+
+    def fine(observation, problem, point, *how):
+        places.append(point.get(name, 0.0))
+        rough.correction = 0.0
+        rough.correction = smooth.cube({name: places[-1]}) - rough.cube({name: places[-1]})
+        return problem, (computed,), "frames"
+
+    monkeypatch.setattr(case, "at_place", fine)
+    pose = [parameter(name, deviation=50.0, step=40.0)]
+    renewed, every, fitted, frames = finely_fitted(
+        None, problem, pose, {name: 0.0}, SimpleNamespace(codec=False, silent=False)
+    )
+    assert len(places) == made <= PLACES
+    assert (renewed, every, frames) == (problem, [*pose, computed], "frames")
+    assert fitted.point[name] == pytest.approx(truth, abs=4 * scatter / np.linalg.norm(slope) + 1e-5)
+    np.testing.assert_allclose(rough.cube(fitted.point), fitted.predicted, atol=1e-9)
+
+
+def test_a_fit_that_never_stays_is_predicted_anew_three_times(toy, monkeypatch):
+    """Each fine prediction here sends the fit ten times as far as it may go."""
+    name, places = "@pose_x[0]", []
+    predictor = Rough({name: toy.maps["a:x"], "@n": 0.0 * toy.maps["@n"]})
+    problem = problem_of(predictor, toy.cube({}), None)
+
+    def fine(observation, problem, point, *how):
+        places.append(point.get(name, 0.0))
+        predictor.correction = -(places[-1] + 10 * FAR["@pose"]) * toy.maps["a:x"]
+        return problem, (), "frames"
+
+    monkeypatch.setattr(case, "at_place", fine)
+    pose = [parameter(name, deviation=50.0, step=40.0)]
+    fitted = finely_fitted(None, problem, pose, {}, SimpleNamespace(codec=False, silent=False))[2]
+    np.testing.assert_allclose(places, 10 * FAR["@pose"] * np.arange(PLACES), rtol=1e-3, atol=1e-6)
+    assert fitted.point[name] == pytest.approx(10 * FAR["@pose"] * PLACES, rel=1e-3)
 
 
 def test_a_fit_that_derivatives_do_not_better_stays(toy):

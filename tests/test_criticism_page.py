@@ -45,6 +45,17 @@ def test_page_tells_all_that_the_result_holds() -> None:
         assert words in text, words
 
 
+def test_causes_without_a_fit_are_told_by_their_probabilities() -> None:
+    """The section stood empty where nothing rang."""
+    unknown = {f"effect_{k}": 1e-4 / (1 + k) for k in range(9)}
+    quiet = RESULT | {"verdict": "none", "effects": [], "ambiguous_with": [], "probabilities": {"none": 0.74} | unknown}
+    text = page(quiet, Evidence(), "b", {}).render()
+    for words in ("No cause was fitted", "0.74", "effect_2"):
+        assert words in text
+    assert "effect_8" not in text
+    assert "No cause was fitted" not in page(RESULT, Evidence(ranking=[Ranked(("a",), 1, 1, 1)]), "b", {}).render()
+
+
 @pytest.mark.parametrize("verdict", ["none", "named", "ambiguous", "unknown"])
 def test_every_verdict_has_words_with_its_probability(verdict: str) -> None:
     words = verdict_words(RESULT | {"verdict": verdict})

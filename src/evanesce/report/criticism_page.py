@@ -14,6 +14,9 @@ from evanesce.criticism.evidence import Evidence, Shown
 from evanesce.report.html import Page, Picture, Section, Table, figure_png
 
 MOST_VIEWS = 6
+
+MOST_PROBABLE = 6
+"""Rows of the table of probabilities where nothing was fitted."""
 RANGE = 5.0
 """Residuals are shown from -RANGE to +RANGE standard deviations."""
 
@@ -109,10 +112,19 @@ def _causes(result: Mapping[str, Any], evidence: Evidence) -> Section:
         _parameters(result),
     ]  # fmt: skip
     text = []
+    if not rows:
+        text.append("No cause was fitted, so that there is no held-out score to rank by.")
+        tables.append(_probabilities(result))
     if others := result.get("ambiguous_with"):
         text.append(f"Cannot be told apart with these data: {', '.join(others)}.")
     text += [f"{entry['id']} would not be seen: {entry['by']} takes its place." for entry in result.get("absorbed", [])]
     return Section("Causes", text, tables=[table for table in tables if table.rows])
+
+
+def _probabilities(result: Mapping[str, Any]) -> Table:
+    likeliest = sorted(result["probabilities"].items(), key=lambda entry: entry[1], reverse=True)[:MOST_PROBABLE]
+    rows = [(name, f"{probability:.2g}") for name, probability in likeliest if probability]
+    return Table(("what", "probability"), rows, "The likeliest first.")
 
 
 def _parameters(result: Mapping[str, Any]) -> Table:

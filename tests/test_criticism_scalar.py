@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from evanesce.bundle import read_bundle
+from evanesce.bundle.check import contents
 from evanesce.bundle.layout import Series, Shot
 from evanesce.bundle.protocol import Protocol
 from evanesce.bundle.read import Bundle
 from evanesce.bundle.write import write_bundle
+from evanesce.criticism.candidates import candidates_of
 from evanesce.criticism.parameters import Parameter
 from evanesce.criticism.scalar import (
     SeriesPredictor,
@@ -23,7 +26,8 @@ from evanesce.criticism.scalar import (
     gain_of,
     pairs_of,
 )
-from evanesce.criticism.scalar_critic import criticise_series, kind_of
+from evanesce.criticism.scalar_critic import criticise_series, hear, kind_of
+from evanesce.effects import all_effects
 from evanesce.errors import InputError
 from evanesce.rig import load_scene
 
@@ -132,8 +136,28 @@ def test_square_of_another_size_scales_every_area() -> None:
 
 def test_causes_are_told_by_what_they_change() -> None:
     scene = load_scene("thesis")
-    assert kind_of(scene, {"modulus:relative": 0.2}) == "mechanical"
-    assert kind_of(scene, {"tone_curve:gamma": 0.2}) == "optical"
+    expected = {
+        "modulus:relative": "mechanical",
+        "tone_curve:gamma": "optical",
+        "off_axis_load:oval_x_per_N": "mechanical",  # the area stays, its shape does not
+        "force_offset:offset_N": "mechanical",
+        "square_size:square": "calibration",
+    }
+    for name, kind in expected.items():
+        assert kind_of(all_effects()[name.partition(":")[0]], scene, {name: 0.2}) == kind, name
+
+
+def test_the_check_and_the_critic_agree_on_what_series_cannot_tell() -> None:
+    """No table shows a finger on its way; a square's size, a voltage or a hold may be what moves an area."""
+    bundle = read_bundle(Path(__file__).parents[1] / "bundles" / "thesis_silskin_20")
+    assert contents(bundle)["cannot_be_named"] == {"rolling_skew": ["motion"]}
+    candidates = [c for c in candidates_of(bundle.scene, bundle.judgeable) if c.id in ("rolling_skew", "square_size")]
+    table = Table.of(list(bundle.series.values()))
+    predict = SeriesPredictor(bundle.scene, table.series)
+    base = fit_series(predict, table, (), (), {})
+    heard, deaf = hear(predict, table, base, candidates, bundle.scene)
+    assert [(h.candidate.id, h.kind) for h in heard] == [("square_size", "calibration")]
+    assert deaf == {"rolling_skew": "needs motion"}
 
 
 @pytest.fixture(scope="module")

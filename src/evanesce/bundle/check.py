@@ -36,9 +36,9 @@ def contents(bundle: Bundle) -> dict[str, Any]:
     press = bundle.press
     missing = [name for name in OBSERVABLES if name not in bundle.available]
     blind = {
-        name: [need for need in effect.needs if need not in bundle.available]
+        name: [need for need in effect.needs if need not in bundle.judgeable]
         for name, effect in all_effects().items()
-        if not set(effect.needs) <= bundle.available
+        if not set(effect.needs) <= bundle.judgeable
     }
     rows, cols = bundle.shape
     return {

@@ -27,6 +27,7 @@ from evanesce.bundle.layout import (
     REPLICATES_TABLE,
     SAME_VOLTAGE_V,
     SERIES_FOLDER,
+    SERIES_STAND_FOR,
     Replicates,
     Series,
     Shot,
@@ -173,6 +174,16 @@ class Bundle:
         if self.series:
             found.add("series")
         return frozenset(found)
+
+    @property
+    def has_frames(self) -> bool:
+        """Whether there is any frame at all."""
+        return bool(self.press or len(self.replicates) or any(self._files.get(kind) for kind in AUXILIARY))
+
+    @property
+    def judgeable(self) -> frozenset[str]:
+        """By what effects can be judged: :attr:`available`, and what series stand for where there are no frames."""
+        return self.available if self.has_frames else self.available | set(SERIES_STAND_FOR)
 
     @cached_property
     def _film(self) -> dict[int, Grey]:

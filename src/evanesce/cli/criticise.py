@@ -41,12 +41,12 @@ def register(app: typer.Typer) -> None:
         """Find what the believed rig gets wrong about measured data: name it, extend the scene, measure the gain."""
         from evanesce.bundle import read_bundle
         from evanesce.criticism.critic import criticise as by_frames
-        from evanesce.criticism.scalar_critic import criticise_series, has_frames
+        from evanesce.criticism.scalar_critic import criticise_series
 
         for target in (json_file, report, scene):
             check_json_target(target)
         bundle = read_bundle(folder)
-        run = by_frames if has_frames(bundle) else criticise_series
+        run = by_frames if bundle.has_frames else criticise_series
         with progress() as bar:
             result, evidence = run(bundle, seed=seed, tick=_ticker(bar))
             bar.update(bar.task_ids[0], completed=100)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from evanesce.bundle.layout import AUXILIARY, Series
+from evanesce.bundle.layout import Series
 from evanesce.bundle.read import Bundle
 from evanesce.criticism.candidates import Candidate, candidates_of
 from evanesce.criticism.evidence import Evidence, Ranked
@@ -29,6 +29,7 @@ from evanesce.criticism.scalar import (
     gain_of,
     pairs_of,
 )
+from evanesce.effects import Effect, Stage
 from evanesce.errors import InputError
 from evanesce.rig import Scene, dump_scene
 from evanesce.simulate import touch
@@ -55,18 +56,13 @@ class Heard:
         Those that the series feel most.
     start : mapping
     kind : str
-        ``mechanical`` if it changes the true contact, else ``optical``.
+        As of :func:`kind_of`.
     """
 
     candidate: Candidate
     parameters: tuple[Parameter, ...]
     start: Point
     kind: str
-
-
-def has_frames(bundle: Bundle) -> bool:
-    """Tell whether a bundle holds any frame at all."""
-    return bool(bundle.press or len(bundle.replicates) or any(bundle.frames(kind) for kind in AUXILIARY))
 
 
 def criticise_series(
@@ -96,7 +92,7 @@ def criticise_series(
     tick("what the believed rig predicts")
     table = table.widened(predict.refine(bundle.scene))
     base = fit_series(predict, table, (), (), {})
-    heard, deaf = hear(predict, table, base, candidates_of(bundle.scene, bundle.available), bundle.scene)
+    heard, deaf = hear(predict, table, base, candidates_of(bundle.scene, bundle.judgeable), bundle.scene)
     fits: list[SeriesFit] = []
     p = chi_square_p(base, table)
     if p < FROZEN.levels["false_alarm"]:
@@ -124,6 +120,9 @@ def hear(
     """Return the candidates that the series feel, and why the others are not heard."""
     heard, deaf = [], {}
     for candidate in candidates:
+        if candidate.missing:
+            deaf[candidate.id] = "needs " + ", ".join(candidate.missing)
+            continue
         responses: list[tuple[float, Parameter, Point]] = []
         try:
             for p in candidate.parameters:
@@ -146,7 +145,9 @@ def hear(
             entry, scaled = next((s, q) for _, q, s in responses if q.name in amplitudes and q.name in s)
             predict.scale(scaled, entry)
             chosen = {scaled.name: scaled}
-        heard.append(Heard(candidate, tuple(chosen.values()), responses[0][2], kind_of(scene, responses[0][2])))
+        heard.append(
+            Heard(candidate, tuple(chosen.values()), responses[0][2], kind_of(candidate.effect, scene, responses[0][2]))
+        )
     return heard, deaf
 
 
@@ -158,8 +159,16 @@ def _tries(candidate: Candidate, p: Parameter) -> list[dict[str, float]]:
     return [{p.name: float(np.clip(p.null + side * p.deviation, low, high))} for side in (1.0, -1.0)]
 
 
-def kind_of(scene: Scene, point: Point) -> str:
-    """Return ``mechanical`` if the true contact area changes at a point, ``optical`` if the light alone does."""
+def kind_of(effect: Effect, scene: Scene, point: Point) -> str:
+    """Return what an effect changes: ``calibration``, ``mechanical`` or ``optical``.
+
+    The square's shot alone tells of a calibration. What acts on load or contact, or moves the true pressure, is
+    mechanics; light the rest.
+    """
+    if "square" in effect.needs:
+        return "calibration"
+    if effect.stage in (Stage.LOAD, Stage.CONTACT):
+        return "mechanical"
     believed, changed = (touch(s, 1.3, seed=0, time_s=30.0)[1] for s in (scene, scene_with(scene, point)))
     assert believed is not None
     assert changed is not None
@@ -272,7 +281,7 @@ def _accept(fit: SeriesFit, base: SeriesFit) -> bool:
 
 def _of_another_kind(accepted: Sequence[SeriesFit], best: SeriesFit, kinds: Mapping[str, str]) -> list[SeriesFit]:
     """Return the likeliest explanation by the other kind of cause alone, light or mechanics, if there is one."""
-    own = {kinds[name] for name in best.ids}
+    own = {kinds[name] for name in best.ids} | {"calibration"}
     return [f for f in accepted if not {kinds[name] for name in f.ids} & own][:1]
 
 

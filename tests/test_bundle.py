@@ -118,6 +118,15 @@ def test_a_finger_on_its_way_is_seen_by_frames_that_follow_at_once(hand: Path) -
     assert "motion" in read_bundle(hand).available
 
 
+def test_two_frames_of_a_held_state_measure_no_noise(hand: Path) -> None:
+    assert "replicates" not in contents(read_bundle(hand))["missing"]
+    last = sorted((hand / "replicates").glob("*.png"))[-1]
+    last.unlink()
+    if (table := hand / "replicates" / "replicates.csv").exists():
+        table.write_text("\n".join(table.read_text().splitlines()[:-1]) + "\n")
+    assert "replicates" in contents(read_bundle(hand))["missing"]
+
+
 def test_a_misspelt_folder_is_told(hand: Path) -> None:
     assert contents(read_bundle(hand))["not_read"] == []
     (hand / "leds_off").mkdir()
@@ -293,7 +302,7 @@ def test_written_bundle_is_what_was_simulated(tmp_path: Path, scene: Scene) -> N
             for k, (f, v) in enumerate(((0.7, 9), (2.3, 9), (2.3, 9.4)))
         ]
     )
-    protocol = Protocol(press=shots, replicates=2, led_off=1, lens_cap=1)
+    protocol = Protocol(press=shots, replicates=3, led_off=1, lens_cap=1)
     for name in ("one", "two"):
         write_bundle(tmp_path / name, scene, seed=5, protocol=protocol)
     bundle, again = read_bundle(tmp_path / "one"), read_bundle(tmp_path / "two")
@@ -314,7 +323,7 @@ def test_written_bundle_is_what_was_simulated(tmp_path: Path, scene: Scene) -> N
     assert abs(rows.mean() - v) < 0.5
     assert bundle.led_off[0].max() <= 1
     assert bundle.lens_cap[0].max() <= 1
-    first, second = bundle.replicate_frames
+    first, second, _ = bundle.replicate_frames
     assert np.any(first != second)
     assert np.abs(first.astype(int) - second)[large < 100].max() <= 3
     assert bundle.available == {

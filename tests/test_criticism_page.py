@@ -39,7 +39,7 @@ def test_page_tells_all_that_the_result_holds() -> None:
     )  # fmt: skip
     text = page(RESULT, evidence, "bundle-7", {"seed": 5}).render()
     for words in (
-        "black_level or ambient_light", "not controlled", "1.02 to 1.63", "modulus would not be seen: contact scale",
+        "tell it from ambient_light", "not controlled", "1.02 to 1.63", "modulus would not be seen: contact scale",
         "a lens-cap frame", "+30.1 to +55.8", "+[effects.black_level]", "gain within its error", "No locked voltage.",
     ):  # fmt: skip
         assert words in text, words
@@ -61,6 +61,37 @@ def test_every_verdict_has_words_with_its_probability(verdict: str) -> None:
     words = verdict_words(RESULT | {"verdict": verdict})
     assert "0.001" in words
     assert ("black_level" in words) == (verdict in ("named", "ambiguous"))
+
+
+def cause(name: str) -> dict[str, object]:
+    return {"id": name, "parameters": {}}
+
+
+@pytest.mark.parametrize(
+    ("verdict", "accepted", "others", "words"),
+    [
+        ("named", ["a"], [], "one cause explains it: a."),
+        ("named", ["a", "b"], [], "these causes explain it together: a and b."),
+        ("ambiguous", ["a"], ["b", "c"], "a would explain it, but these data cannot tell it from b or c."),
+        ("ambiguous", ["a", "b"], ["c"], "a and b would explain it, but these data cannot tell them from c."),
+        ("ambiguous", [], ["a"], "a may explain it, but not well enough to be named."),
+        ("ambiguous", [], ["a", "b"], "one of these may explain it, none well enough to be named: a or b."),
+    ],
+)
+def test_causes_that_act_together_are_not_taken_for_alternatives(
+    verdict: str, accepted: list[str], others: list[str], words: str
+) -> None:
+    found = RESULT | {"verdict": verdict, "effects": [cause(n) for n in accepted], "ambiguous_with": others}
+    assert words in verdict_words(found)
+
+
+def test_the_page_says_which_noise_was_drawn() -> None:
+    frames = Evidence(score_p=0.2, battery_p=0.3)
+    assert "replicate frames, the same" in page(RESULT | {"false_alarm_control": True}, frames, "b", {}).render()
+    assert "of the believed camera" in page(RESULT, frames, "b", {}).render()
+    series = page(RESULT, Evidence(), "b", {}).render()
+    assert "chi-square" in series
+    assert "raws of noise" not in series
 
 
 def test_the_batterys_own_probability_is_told_and_whether_it_counts() -> None:

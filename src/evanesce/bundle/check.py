@@ -6,6 +6,7 @@ from typing import Any
 
 from evanesce.bundle.layout import (
     AUXILIARY,
+    LEAST_REPLICATES,
     OBSERVABLES,
     PRESS_FOLDER,
     PRESS_TABLE,
@@ -22,7 +23,7 @@ MISSING = {
     "time": "a hold of at least 10 s",
     "motion": "press frames at most 0.5 s apart while the force changes",
     "displacement": "displacement_mm in press.csv",
-    "replicates": "two frames or more of a held state: without them the false-alarm rate is not controlled",
+    "replicates": f"{LEAST_REPLICATES} frames of a held state: without them the false-alarm rate is not controlled",
     "led_off": "frames with the LEDs off",
     "lens_cap": "frames with the lens covered",
     "checkerboard": "a shot of the checkerboard",

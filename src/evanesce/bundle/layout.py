@@ -30,12 +30,16 @@ OBSERVABLES = (
 
 ``press``: frames of presses; ``voltage``, ``force``: at least two of them; ``time``: frames of one held state that lie
 at least :data:`LEAST_DWELL_S` apart; ``motion``: frames of a finger on its way, :data:`MOST_STEP_S` apart at most, or a
-rig that slides it; ``displacement``: given for each frame; the rest: folders of that name.
+rig that slides it; ``displacement``: given for each frame; ``replicates``: at least :data:`LEAST_REPLICATES` frames;
+the rest: folders of that name.
 """
 
 SERIES_STAND_FOR = ("press", "voltage", "force", "time", "square")
 """What a bundle without frames has by its series: their values hang on light, load, hold and card. Whether they feel an
 effect only its prediction says. A finger on its way is in none of them."""
+
+LEAST_REPLICATES = 3
+"""Frames of a held state from which noise is measured."""
 
 LEAST_DWELL_S = 10.0
 """Shortest hold of one state from which anything slow can be seen [s]."""

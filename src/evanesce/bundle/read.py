@@ -19,6 +19,7 @@ from evanesce.bundle.layout import (
     AUXILIARY,
     HELD,
     LEAST_DWELL_S,
+    LEAST_REPLICATES,
     MEASUREMENT_FILE,
     MOST_STEP_S,
     PRESS_FOLDER,
@@ -169,7 +170,7 @@ class Bundle:
                 found.add("motion")
             if not any(np.isnan(s.displacement_mm) for s in self.press):
                 found.add("displacement")
-        if len(self.replicates) > 1:
+        if len(self.replicates) >= LEAST_REPLICATES:
             found.add("replicates")
         if self.series:
             found.add("series")

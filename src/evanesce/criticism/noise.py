@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from evanesce.bundle.layout import LEAST_REPLICATES
 from evanesce.criticism.tone import ExpectedTone
 from evanesce.criticism.views import BIN_PX
 
@@ -27,7 +28,6 @@ LEVEL_GROUPS = 8
 LEAST_BINS = 20
 """Of a group of like level."""
 REACH_BINS = 6
-LEAST_FRAMES = 3
 LOW_WAVES = 4
 """Cosines each way that tell how loud noise is at low frequencies."""
 
@@ -109,7 +109,7 @@ def noise_of(
         Of the noise that fills what is too dark to be measured.
     """
     rng = np.random.default_rng(seed)
-    stacks = {kind: np.asarray(s, float) for kind, s in held.items() if len(s) >= LEAST_FRAMES}
+    stacks = {kind: np.asarray(s, float) for kind, s in held.items() if len(s) >= LEAST_REPLICATES}
     bright = stacks.get("replicate")
     if bright is None:
         white = rng.standard_normal((12, *shape))

@@ -22,9 +22,8 @@ RANGE = 5.0
 
 VERDICTS = {
     "none": "Nothing: what the believed rig leaves of these data is noise, as far as this can be seen.",
-    "named": "The data depart from the believed rig, and one cause explains it: {names}.",
-    "ambiguous": "The data depart from the believed rig; these causes explain it alike, and these data cannot tell "
-    "them apart: {names}.",
+    "named": "The data depart from the believed rig, and {names}.",
+    "ambiguous": "The data depart from the believed rig; {names}.",
     "unknown": "The data depart from the believed rig in a way that no effect of the library explains.",
 }
 
@@ -52,17 +51,28 @@ def page(result: Mapping[str, Any], evidence: Evidence, name: str, provenance: M
 
 def verdict_words(result: Mapping[str, Any]) -> str:
     """Return the verdict as a sentence, with the family's probability."""
-    names = ", ".join([effect["id"] for effect in result.get("effects", [])] or ["-"])
-    if result["verdict"] == "ambiguous":
-        group = [effect["id"] for effect in result.get("effects", [])] + list(result.get("ambiguous_with", []))
-        names = " or ".join(dict.fromkeys(group))
-    words = VERDICTS[result["verdict"]].format(names=names)
+    words = VERDICTS[result["verdict"]].format(names=_causes_words(result))
     # Of series alone, whose answer has alternatives, the standard deviations are the lab's word.
     missing = "A series states no standard deviation" if "alternatives" in result else "There are no replicate frames"
     control = f" {missing}: the rate of false alarms is not controlled."
     if result.get("false_alarm_control", True):
         control = ""
     return f"{words} Noise alone rings as loudly with probability {result['global_p']:.3g}.{control}"
+
+
+def _causes_words(result: Mapping[str, Any]) -> str:
+    """Return who explains the data with whom, and who might in their stead."""
+    found = [effect["id"] for effect in result.get("effects", [])]
+    others = [name for name in result.get("ambiguous_with", []) if name not in found]
+    together = " and ".join(found)
+    if not found:
+        if len(others) == 1:
+            return f"{others[0]} may explain it, but not well enough to be named"
+        return f"one of these may explain it, none well enough to be named: {' or '.join(others)}"
+    if others:
+        whose = "them" if len(found) > 1 else "it"
+        return f"{together} would explain it, but these data cannot tell {whose} from {' or '.join(others)}"
+    return f"these causes explain it together: {together}" if len(found) > 1 else f"one cause explains it: {together}"
 
 
 def residual_figure(shown: list[Shown]) -> Figure:
@@ -152,15 +162,24 @@ def _next(result: Mapping[str, Any]) -> Section:
 
 def _battery(result: Mapping[str, Any], evidence: Evidence) -> Section:
     rows = [(o.name, f"{o.statistic:.3g}", f"{o.p:.3g}", f"{o.tail_p:.1e}") for o in evidence.outcomes[:12]]
-    text = f"Global probability that noise rings as loudly: {result['global_p']:.3g}. It is made up of two."
-    if evidence.score_p is not None and evidence.battery_p is not None:
+    text = f"Global probability that noise rings as loudly: {result['global_p']:.3g}."
+    if evidence.score_p is None or evidence.battery_p is None:
         text += (
-            f" Noise makes any candidate's score as loud with {evidence.score_p:.3g}, any of these"
-            f" {len(evidence.outcomes)} tests with {evidence.battery_p:.3g}."
+            " Of series it is made up of two: that their standard deviations make the sum of squares as large"
+            " (chi-square), and runs of points to one side as long (Fisher's combination)."
         )
+        return Section("The battery", [text])
+    text += (
+        f" It is made up of two: noise makes any candidate's score as loud with {evidence.score_p:.3g}, any of these"
+        f" {len(evidence.outcomes)} tests with {evidence.battery_p:.3g}."
+    )
     if not evidence.listened:
         text += " A codec was at work, which leaves structure of any kind: the tests below do not count."
-    text += " Draws of noise are mixtures of the differences of replicate frames, the same nuisances taken from each."
+    text += (
+        " Draws of noise are mixtures of the differences of replicate frames, the same nuisances taken from each."
+        if result.get("false_alarm_control", True)
+        else " There being no replicates, draws are of the believed camera's noise, independent from bin to bin."
+    )
     columns = ("test on the believed rig's residuals", "statistic", "p (by draws)", "p (by tail law)")
     return Section("The battery", [text], tables=[Table(columns, rows, "The loudest first.")])
 

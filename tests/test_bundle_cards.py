@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evanesce.bundle.card_light import card_light, cosine_to_plate, plane_points, through_glass
+from evanesce.bundle.card_light import card_light, plane_points, through_glass
 from evanesce.optics.interface import fresnel_reflectance
 from evanesce.optics.projection import Projection
 from evanesce.render.cards import Card, Pose, Room, render_card
@@ -64,7 +64,7 @@ def test_points_of_a_plane_over_the_glass_lie_on_the_rays_of_a_tilted_camera() -
     np.testing.assert_allclose(
         np.subtract(above[:2], at_glass[:2]), 3.0 * np.array(projection.tangents(u, v)), atol=1e-9
     )
-    np.testing.assert_allclose(above[2], cosine_to_plate(projection, u, v), atol=1e-12)
+    np.testing.assert_allclose(above[2], 1 / np.sqrt(1 + np.square(projection.tangents(u, v)).sum(0)), atol=1e-12)
 
 
 def test_rays_of_a_finer_grid_average_to_the_directions_of_the_grid() -> None:

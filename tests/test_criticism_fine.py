@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evanesce.criticism.fine import FinePredictor, fine_cube, placed
+from evanesce.criticism.fine import FineFrames, FinePredictor, placed
 from evanesce.criticism.observe import model_factor, model_scene
 from evanesce.criticism.predict import Predictor
 from evanesce.criticism.views import View
@@ -40,16 +40,16 @@ def scene() -> Scene:
 
 def test_a_dark_view_needs_no_finer_pixels(scene: Scene) -> None:
     quick = Predictor(model_scene(scene), VIEWS).cube({})
-    fine = fine_cube(scene, VIEWS, model_factor(scene), {})
+    fine = FineFrames(scene, VIEWS, model_factor(scene), {}).cube()
     np.testing.assert_allclose(fine[2], quick[2], atol=1e-9)
 
 
 def test_finer_pixels_converge(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     """Twice as fine again changes much less than the first step did: away from the edge next to nothing."""
     quick = Predictor(model_scene(scene), VIEWS).cube({})
-    fine = fine_cube(scene, VIEWS, model_factor(scene), {})
+    fine = FineFrames(scene, VIEWS, model_factor(scene), {}).cube()
     monkeypatch.setattr("evanesce.criticism.fine.FINE_PX", 6)
-    finer = fine_cube(scene, VIEWS, model_factor(scene), {})
+    finer = FineFrames(scene, VIEWS, model_factor(scene), {}).cube()
     first, second = (np.sqrt(np.mean((a - b) ** 2)) for a, b in ((quick, fine), (fine, finer)))
     assert second < 0.35 * first
 
@@ -58,7 +58,7 @@ def test_finer_pixels_converge(scene: Scene, monkeypatch: pytest.MonkeyPatch) ->
 def test_a_finger_beside_its_place_is_the_rig_with_the_finger_there(scene: Scene) -> None:
     """The light is that of the nearest tenth of a millimetre; the contact is moved under it."""
     shift = {"@pose_x[0]": 0.34, "@pose_y[0]": -0.12}
-    found = fine_cube(scene, VIEWS, 1, shift)
+    found = FineFrames(scene, VIEWS, 1, shift).cube()
     there = FinePredictor(placed(scene, (0.34, -0.12)), VIEWS, 1).cube({})
     # The guided light of a plate changes by some 1e-4 over the 40 um between the two places.
     np.testing.assert_allclose(found, there, rtol=2e-3, atol=0.15)

@@ -12,7 +12,7 @@ import pytest
 from evanesce.criticism import renew, search
 from evanesce.criticism.answer import Findings
 from evanesce.criticism.extend import Extension
-from evanesce.criticism.fine import FineFrames, fine_cube, in_pixels
+from evanesce.criticism.fine import FineFrames, in_pixels
 from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.linear import Score
 from evanesce.criticism.observe import model_factor, model_scene
@@ -43,7 +43,7 @@ def test_where_a_fit_ended_the_prediction_is_the_fine_one_and_the_believed_rigs_
         },
     )
     factor, predictor = model_factor(believed), Predictor(model_scene(believed), VIEWS)
-    predictor.correction = old = fine_cube(believed, VIEWS, factor, {}) - predictor.cube({})
+    predictor.correction = old = FineFrames(believed, VIEWS, factor, {}).cube() - predictor.cube({})
     point = {"modulus:relative": -0.35, "@light": 0.02}
     fitted: Any = SimpleNamespace(point=point, parameters=())
     problem: Any = SimpleNamespace(predictor=predictor, coded=None)
@@ -55,14 +55,14 @@ def test_where_a_fit_ended_the_prediction_is_the_fine_one_and_the_believed_rigs_
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(renew, "replace", put)
         anew = renew.at_fitted(case, problem, fitted)
-    exact = fine_cube(believed, VIEWS, factor, point)
+    exact = FineFrames(believed, VIEWS, factor, point).cube()
     np.testing.assert_allclose(anew.predictor.cube(point), exact, atol=1e-9)
     assert predictor.correction is old
     left = np.abs(predictor.cube(point) - exact).max()
     assert left > 1.0, "nothing to put right"
     # Beside that point it is still nearly right: a fit may move.
     beside = {**point, "modulus:relative": -0.345}
-    off = np.abs(anew.predictor.cube(beside) - fine_cube(believed, VIEWS, factor, beside)).max()
+    off = np.abs(anew.predictor.cube(beside) - FineFrames(believed, VIEWS, factor, beside).cube()).max()
     assert off < 0.5 * left
 
 
@@ -90,7 +90,7 @@ def test_marks_at_places_from_the_data_and_a_codecs_change_are_in_what_is_predic
     np.testing.assert_allclose(found["plain"], exact, atol=1e-9)
     np.testing.assert_allclose(found["coded"], exact + bias, atol=1e-9)
     # The marks themselves are there: without them the frame is another one.
-    assert np.abs(exact - fine_cube(believed, views, factor, {})).max() > 3.0
+    assert np.abs(exact - FineFrames(believed, views, factor, {}).cube()).max() > 3.0
 
 
 def test_a_second_cause_is_sought_by_the_prediction_that_named_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -134,11 +134,11 @@ def test_a_centre_in_pixels_stays_where_it_is_on_finer_ones() -> None:
     predictor = Predictor(model_scene(believed), views)
     changed = predictor.cube(point) - predictor.cube({})
     factor = model_factor(believed)
-    none = fine_cube(believed, views, factor, {})
-    off = np.abs(fine_cube(believed, views, factor, point) - none - changed).mean()
+    none = FineFrames(believed, views, factor, {}).cube()
+    off = np.abs(FineFrames(believed, views, factor, point).cube() - none - changed).mean()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("evanesce.criticism.fine.in_pixels", lambda point, smaller: dict(point))
-        wrong = np.abs(fine_cube(believed, views, factor, point) - none - changed).mean()
+        wrong = np.abs(FineFrames(believed, views, factor, point).cube() - none - changed).mean()
     assert off < 0.5 * wrong, (off, wrong)
     real = in_pixels({"vignetting:centre_offset_px[0]": 31.0, "vignetting:k": 0.6, "@pose_x[0]": 1.0}, 5.0)
     assert real == {"vignetting:centre_offset_px[0]": 155.0, "vignetting:k": 0.6, "@pose_x[0]": 1.0}

@@ -59,10 +59,6 @@ class Electronics:
             curve=camera.tone_curve,
         )
 
-    def raw_noise_DN(self, charge_e: np.ndarray) -> np.ndarray:
-        """Return the standard deviation of raw numbers [DN]."""
-        return self.DN_per_e * np.sqrt(np.maximum(charge_e, 0.0) + self.read_e**2)
-
 
 def binned(image: np.ndarray, side: int = BIN) -> np.ndarray:
     """Return means of blocks of ``side`` by ``side`` pixels of the last two axes."""

@@ -182,11 +182,6 @@ def _mean_albedo(card: Card) -> float:
     return 0.5 * (card.white + card.black)
 
 
-def cosine_to_plate(projection: Projection, u: Array, v: Array) -> Array:
-    """Return the cosine of the angle in air at which directions (u, v, 1) meet the plate."""
-    return _cosine(*projection.tangents(u, v))
-
-
 def _cosine(tan_x: Array, tan_y: Array) -> Array:
     return np.asarray(1.0 / np.sqrt(1.0 + tan_x**2 + tan_y**2))
 

@@ -160,8 +160,3 @@ class FineFrames:
 def _kind(view: View) -> tuple[int, bool]:
     """Return what views have to share to be predicted by one predictor: the session, and whether they show a card."""
     return view.session, view.is_card
-
-
-def fine_cube(believed: Scene, views: Sequence[View], factor: int, point: Point, *, noise_scale: float = 1.0) -> Array:
-    """Return the fine prediction at a point (views, rows, cols) [DN]; see :class:`FineFrames`."""
-    return FineFrames(believed, views, factor, point, noise_scale=noise_scale).cube()

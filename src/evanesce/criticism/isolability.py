@@ -93,6 +93,8 @@ WORDS = {
     "@pose_x": "the finger's place (x)",
     "@pose_y": "the finger's place (y)",
     "@noise": "the noise's size before the tone curve",
+    "@resolution": "what finer pixels change",
+    "@edge": "the place of the edge of contact",
     "@codec_dark": "what the codec makes of the dark",
     "@codec_darkest": "what the codec makes of the dark",
     "@codec_soft": "the codec's softening",

@@ -15,7 +15,6 @@ BIN_PX = 4
 """Side of a bin in pixels of the model camera; two bins are a JPEG block's 8 px, four a macroblock."""
 
 CARDS = ("checkerboard", "square")
-DARK = ("led_off", "lens_cap")
 
 
 @dataclass(frozen=True, kw_only=True)

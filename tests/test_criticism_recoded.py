@@ -8,6 +8,9 @@ import pytest
 from scipy import ndimage, stats
 
 from evanesce.criticism.codec import codec_parameters, noise_by_bins
+from evanesce.criticism.isolability import nuisance_words
+from evanesce.criticism.nuisance import nuisance_parameters
+from evanesce.criticism.numerics import numerics_parameters
 from evanesce.criticism.observe import pixel_scatter
 from evanesce.criticism.problem import fit
 from evanesce.criticism.recoded import Codec, Recoded, Shooting, codec_of, recoded
@@ -227,3 +230,16 @@ def test_where_a_codecs_work_is_known_its_shapes_are_held_to_a_share(share: floa
     assert not template[[0, 2, 3]].any()
     assert held["@codec_bias[lens_cap]"].deviation == max(share, 0.5)
     assert held["@codec_bias[lit]"].deviation == share
+
+
+def test_every_nuisance_has_words_for_what_it_takes() -> None:
+    """Reports say which nuisance hides an effect; none by its internal name."""
+    views = [View(kind="press", force_N=1.4), View(kind="lens_cap"), View(kind="square"), View(kind="led_off")]
+    level = np.full((4, 20, 24), 30.0)
+    nuisances = (
+        *nuisance_parameters(views, 0.002, noise=0.1),
+        *numerics_parameters(views, level, level),
+        *codec_parameters(views, level, 0.5, np.ones_like(level)),
+    )
+    assert len({p.name for p in nuisances}) > 15
+    assert not [p.name for p in nuisances if nuisance_words(p.name).startswith("@")]

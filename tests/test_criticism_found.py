@@ -158,8 +158,7 @@ def test_a_bundle_by_another_name_is_the_same_to_the_critic(tmp_path: Path) -> N
             np.testing.assert_array_equal(mine[kind], others[kind])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("how", ["shuffle", "flat"])
+@pytest.mark.parametrize("how", ["shuffle", pytest.param("flat", marks=pytest.mark.slow)])
 def test_stripped_pixels_tell_nothing_of_the_cause(tmp_path: Path, how: str) -> None:
     """The same bundle with its pixels in another order, or without any: unknown, as no contact shows."""
     case = spec("single", "modulus", 20.0)
@@ -199,7 +198,6 @@ EFFECT = Effect(id="test_only_haze", stage=Stage.SENSOR_LIGHT, parameters=Parame
 '''
 
 
-@pytest.mark.slow
 def test_an_effect_file_is_found_with_no_other_change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A band over the frames of a bundle with nothing hidden, drawn on grey values: the new file's effect is named."""
     path, _ = write_case(spec("null", noise="plain"), tmp_path / "case")

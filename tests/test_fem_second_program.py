@@ -2,7 +2,7 @@
 
 Left out of ``make test`` (minutes, and neither program comes with Python packages). On Debian:
 ``apt-get install calculix-ccx python3-getfem``, then ``pytest tests/test_fem_second_program.py -rP`` prints the figures
-that stand in docs/validation/contact-fem.md. Bounds are the issue's: 2 % of force, 5 % of area.
+that stand in docs/validation/contact-fem.md. Bounds: 2 % of force, 5 % of area.
 """
 
 from __future__ import annotations

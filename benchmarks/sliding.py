@@ -1,4 +1,4 @@
-"""Time of a press and slide: 200 frames of contact states at 512 x 512 (the issue asks for under 20 s on two cores).
+"""Time of a press and slide: 200 frames of contact states at 512 x 512 (demanded: under 20 s on two cores).
 
 Run: ``python benchmarks/sliding.py [--frames 200] [--samples 512] [--json FILE]``.
 """

@@ -140,7 +140,7 @@ def test_no_board_is_an_error_in_words(kind: str) -> None:
 
 
 def test_the_real_photograph(rig_photo: Path) -> None:
-    """The issue's figures: 1,000 of 1,139 corners, median under 0.3 px, RMS under 0.6 px, from the image alone."""
+    """Demanded: 1,000 of 1,139 corners, median under 0.3 px, RMS under 0.6 px, from the image alone."""
     picture = cv2.imread(str(rig_photo / "checkerboard_1mm.png"))[..., ::-1]
     grid = find_corners(picture)
     given = read_points(rig_photo / "corners.csv")[0]

@@ -158,7 +158,8 @@ def test_a_bundle_by_another_name_is_the_same_to_the_critic(tmp_path: Path) -> N
             np.testing.assert_array_equal(mine[kind], others[kind])
 
 
-@pytest.mark.parametrize("how", ["shuffle", pytest.param("flat", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["shuffle", "flat"])
 def test_stripped_pixels_tell_nothing_of_the_cause(tmp_path: Path, how: str) -> None:
     """The same bundle with its pixels in another order, or without any: unknown, as no contact shows."""
     case = spec("single", "modulus", 20.0)

@@ -2,39 +2,39 @@
 
 from __future__ import annotations
 
-import tempfile
+import io
 from collections.abc import Sequence
-from pathlib import Path
 
 import av
-import cv2
 import numpy as np
-
-from evanesce.sensor.codec import VideoWriter
-from evanesce.states import Frame
+from PIL import Image
 
 FILMED = 3
 """Frames filmed of a state for each that is taken from the video."""
 
 
 def by_video(frames: Sequence[np.ndarray], quality: int) -> list[np.ndarray]:
-    """Return frames after H.264 in 4:2:0; all are one video, in order."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "film.mp4"
-        with VideoWriter(path, codec="h264", quality=quality) as film:
-            for k, frame in enumerate(frames):
-                film.add(Frame(data=frame, time=k / 30.0, index=k))
-        with av.open(str(path)) as container:
-            # Green of equal R, G and B: luma brought back to full range.
-            found = [picture.to_ndarray(format="rgb24")[..., 1] for picture in container.decode(video=0)]
+    """Return frames after H.264 in 4:2:0 without B-frames; all are one video, in order."""
+    packets = io.BytesIO()
+    rows, cols = frames[0].shape
+    with av.open(packets, "w", format="matroska") as film:
+        stream = film.add_stream("libx264", rate=30, options={"crf": str(quality), "bf": "0"})
+        stream.width, stream.height, stream.pix_fmt = cols, rows, "yuv420p"
+        for grey in frames:
+            film.mux(stream.encode(av.VideoFrame.from_ndarray(grey, format="gray").reformat(format="yuv420p")))
+        film.mux(stream.encode(None))
+    packets.seek(0)
+    with av.open(packets) as film:
+        # As pictures in RGB, as labs take them out of a video; that conversion makes them 0.5 DN darker.
+        found = [np.ascontiguousarray(p.reformat(format="rgb24").to_ndarray()[:, :, 1]) for p in film.decode(video=0)]
     if len(found) != len(frames):
         raise RuntimeError(f"{len(found)} of {len(frames)} frames came back")
-    return [np.ascontiguousarray(frame) for frame in found]
+    return found
 
 
 def by_jpeg(frame: np.ndarray, quality: int) -> np.ndarray:
     """Return a frame after JPEG."""
-    ok, data = cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, quality])
-    if not ok:
-        raise RuntimeError("JPEG could not be encoded")
-    return cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
+    file = io.BytesIO()
+    Image.fromarray(frame).save(file, "JPEG", quality=quality)
+    with Image.open(file) as picture:
+        return np.asarray(picture.convert("L"))

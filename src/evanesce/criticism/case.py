@@ -15,7 +15,7 @@ from evanesce.criticism.candidates import Candidate, candidates_of
 from evanesce.criticism.codec import codec_parameters, codec_variance, noise_by_bins
 from evanesce.criticism.fine import FineFrames
 from evanesce.criticism.frozen import FROZEN
-from evanesce.criticism.likeness import LEAST_LIKENESS, Likeness, likeness_of
+from evanesce.criticism.likeness import Likeness, likeness_of
 from evanesce.criticism.marks import with_places, without_places
 from evanesce.criticism.noise import noise_of
 from evanesce.criticism.noise_scale import LOOSE, NoiseScale, noise_scale_of
@@ -67,7 +67,7 @@ class Case:
     @property
     def unlike(self) -> bool:
         """Whether the frames show too little of the believed contact for changes of it to be judged."""
-        return self.likeness.correlation < LEAST_LIKENESS
+        return self.likeness.correlation < FROZEN.levels["least_likeness"]
 
     def rng(self, name: str, number: int = 0) -> np.random.Generator:
         """Return a random stream of its own for each step."""

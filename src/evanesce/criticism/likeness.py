@@ -16,9 +16,6 @@ from evanesce.criticism.problem import Fit, Problem
 
 Array = NDArray[Any]
 
-LEAST_LIKENESS = 0.5
-"""Correlation below which the believed contact is not there. No level of a test: what is alike has above 0.99."""
-
 STRUCTURED = 10.0
 """A view counts where its believed structure is so many times what noise can differ by, as squares."""
 

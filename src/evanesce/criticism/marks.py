@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from evanesce.criticism.blots import brightest_blot
 from evanesce.criticism.candidates import Candidate
 from evanesce.criticism.features import smoothed
+from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.lines import brightest_line
 from evanesce.criticism.parameters import Parameter, moved
 from evanesce.criticism.problem import Fit, Problem, predicted_part
@@ -33,9 +34,6 @@ MOST = 300
 
 FOOTPRINT = 0.05
 """Share of a list's largest change from which on a bin is one of its places."""
-
-FALSE_PLACES = 0.05
-"""Of the places on a list, where a codec made some of what stands out."""
 
 BESIDE = "beside them, over"
 """Begins the names of what is left about places."""
@@ -275,9 +273,9 @@ def standing_out(residual: Array, template: Array, *, codec: bool = False) -> Ch
 
 
 def beyond_the_other_side(significance: Array) -> float:
-    """Return the least value that at most ``FALSE_PLACES`` as many values exceed to the other side as to this one."""
+    """Return the least value that at most ``false_places`` as many values exceed to the other side as to this one."""
     up, down = np.sort(significance[significance > 0])[::-1], np.sort(-significance[significance < 0])[::-1]
     above = np.arange(1, up.size + 1)
     below = np.searchsorted(-down, -up, side="right")
-    kept = np.flatnonzero(below <= FALSE_PLACES * above)
+    kept = np.flatnonzero(below <= FROZEN.levels["false_places"] * above)
     return float(up[kept[-1]]) * (1 - 1e-12) if kept.size else np.inf

@@ -23,19 +23,13 @@ from evanesce.rig import Scene
 
 Array = NDArray[Any]
 
-QUICK = 0.1
-"""Share of the step from bin to bin that the quick prediction may be off by."""
-
 RESOLUTION, EDGE = "@resolution", "@edge"
 """Names of the nuisances."""
-
-LEFT = 0.1
-"""Share of what finer pixels change that stays as a variance."""
 
 
 def leftover_variance(change: Array) -> Array:
     """Return the variance [DN^2] of what a change of resolution leaves beside its own direction."""
-    return np.asarray((LEFT * ndimage.maximum_filter(np.abs(change), size=(1, 3, 3))) ** 2)
+    return np.asarray((FROZEN.nuisances["fine_left"] * ndimage.maximum_filter(np.abs(change), size=(1, 3, 3))) ** 2)
 
 
 def quick_variance(level: Array) -> Array:
@@ -47,7 +41,7 @@ def quick_variance(level: Array) -> Array:
         Predicted [DN].
     """
     steps = np.stack([np.hypot(*np.gradient(one)) for one in level])
-    return np.asarray((QUICK * steps) ** 2)
+    return np.asarray((FROZEN.nuisances["quick"] * steps) ** 2)
 
 
 def numerics_parameters(

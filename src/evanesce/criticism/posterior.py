@@ -119,10 +119,6 @@ def tempering(p: float, log_bayes: Sequence[float]) -> float:
     return 1.0 if surplus(1.0) <= 0.0 else float(brentq(surplus, 0.0, 1.0)) if surplus(0.0) < 0.0 else 0.0
 
 
-P_SHAPE = 0.2
-"""Under an alternative a p-value is Beta(P_SHAPE, 1): near zero more often than not."""
-
-
 def log_bayes_of_p(p: float) -> float:
     """Return the log Bayes factor that a p-value stands for, p being Beta(0.2, 1) under the alternative.
 
@@ -133,4 +129,5 @@ def log_bayes_of_p(p: float) -> float:
     Sellke, Bayarri and Berger, "Calibration of p values for testing precise null hypotheses", The American
     Statistician 55 (2001) 62.
     """
-    return float(np.log(P_SHAPE) + (P_SHAPE - 1.0) * np.log(p))
+    shape = FROZEN.priors["p_shape"]
+    return float(np.log(shape) + (shape - 1.0) * np.log(p))

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.observe import pixel_scatter
 from evanesce.criticism.tone import expected_tone, signal_sd
 from evanesce.criticism.views import BIN_PX, View, binned
@@ -47,9 +48,6 @@ QUALITIES: Mapping[Kind, tuple[int, ...]] = {"h264": tuple(range(14, 35, 4)), "j
 
 REFINED = (((-2, -1, 1, 2), (0.85, 1.18)), ((-1, 1), (0.93, 1.08)))
 """Rounds about the best: steps of quality, and noise before the codec over what the best has."""
-
-SCALE_SD = 0.1
-"""To what the logarithm of a camera's noise is known beforehand."""
 
 LEAST_TRAIT_SD, BIN_TRAIT_SD = 0.1, 1.5
 """To what a trait is known at best, and by one bin: a codec's work depends on more than is told here."""
@@ -338,7 +336,7 @@ def codec_of(
         back = list(codec.through(film()))[-len(held) :]
         found, sd = _traits(np.array([shooting.binned(b) for b in back]), pixel_scatter(back, shooting.factor))
         unlike = float(np.nansum(((seen - found) / np.hypot(sd, seen_sd)) ** 2))
-        tried[codec, scale] = unlike + (np.log(scale / shooting.scale) / SCALE_SD) ** 2
+        tried[codec, scale] = unlike + (np.log(scale / shooting.scale) / FROZEN.noise["scale_codec"]) ** 2
 
     for kind, qualities in QUALITIES.items():
         for quality in qualities:

@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 
 from challenge.report import judged, main, markdown, picture, read
-from challenge.score import Rate
+from challenge.score import Rate, summary
 from evanesce.criticism.frozen import FROZEN
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 RUNS = DOCS / "challenge-runs"
-RUN = RUNS / "scored-n.jsonl"
-TOGETHER = [RUNS / f"scored-{name}.jsonl" for name in "hijklmn"]
+RUN = RUNS / "scored-o.jsonl"
+TOGETHER = [RUNS / f"scored-{name}.jsonl" for name in "hijklmno"]
 
 
 def record(number: int, group: str, causes: list[str], strengths: list[float], answer: dict, **more: object) -> dict:
@@ -92,6 +92,14 @@ def test_table_counts_what_was_judged_and_keeps_codecs_apart(tmp_path: Path) -> 
     assert "(2/2)" in lines["chi-square"].split("|")[3]
     assert "**vignetting** 1" in lines["vignetting"]
     assert "defocus 1" in lines["vignetting"]
+
+
+def test_two_causes_that_nobody_saw_are_not_among_the_first_three() -> None:
+    """Where nothing is said to be wrong some pair of names is always the likeliest."""
+    shares = {"probabilities": {"none": 0.7, "defocus": 0.2, "vignetting": 0.1}}
+    missed = record(1, "double", ["vignetting", "defocus"], [10.0, 10.0], dict(shares))
+    named = record(2, "double", ["vignetting", "defocus"], [10.0, 10.0], {**shares, "verdict": "named"})
+    assert summary([missed, named])["doubles"]["False"] == Rate(1, 2).as_dict()
 
 
 def test_picture_is_drawn(tmp_path: Path) -> None:

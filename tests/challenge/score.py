@@ -228,7 +228,7 @@ def summary(records: Sequence[Record], known: Mapping[str, Any] | None = None) -
         "decoys": _decoys(group["decoy"]),
         "doubles": {
             str(c): rate(
-                set(r["truth"]["causes"]) <= set(ranking(r)[:3])
+                alarmed(r) and set(r["truth"]["causes"]) <= set(ranking(r)[:3])
                 for r in group["double"]
                 if r["truth"]["cancelling"] is c
             ).as_dict()

@@ -118,6 +118,13 @@ def test_a_finger_on_its_way_is_seen_by_frames_that_follow_at_once(hand: Path) -
     assert "motion" in read_bundle(hand).available
 
 
+def test_of_series_alone_the_check_does_not_promise_what_they_may_not_feel() -> None:
+    thesis = Path(__file__).parents[1] / "bundles" / "thesis_silskin_20"
+    found = CliRunner().invoke(app, ["bundle", "check", str(thesis)])
+    assert found.exit_code == 0
+    assert "series alone" in found.output
+
+
 def test_two_frames_of_a_held_state_measure_no_noise(hand: Path) -> None:
     assert "replicates" not in contents(read_bundle(hand))["missing"]
     last = sorted((hand / "replicates").glob("*.png"))[-1]

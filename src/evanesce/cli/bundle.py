@@ -59,6 +59,8 @@ def _show(found: dict[str, Any]) -> None:
         console.print(f"missing: {name} ({MISSING[name]})", highlight=False)
     for name in found["not_read"]:
         console.print(escape(f"not read: {name} (folders that are read are listed in docs/bundle.md)"), highlight=False)
+    if not any(found["frames"].values()):
+        console.print("series alone: which effects they feel shows when `evanesce criticise` predicts them")
     if found["cannot_be_named"]:
         blind = Table(title="Cannot be named from this bundle")
         blind.add_column("effect")

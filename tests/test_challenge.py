@@ -145,7 +145,7 @@ def test_video_keeps_levels_and_loses_detail() -> None:
     frames = [np.clip(np.round(scene + rng.normal(0, 6, scene.shape)), 0, 255).astype(np.uint8) for _ in range(5)]
     back = by_video(frames, 23)
     difference = np.array(back).astype(float) - frames
-    assert abs(difference.mean()) < 0.6
+    assert -0.6 < difference.mean() < -0.3  # what the way to RGB takes
     assert 0.5 < difference.std() < 6.5
 
 

@@ -162,8 +162,8 @@ def _tries(candidate: Candidate, p: Parameter) -> list[dict[str, float]]:
 def kind_of(effect: Effect, scene: Scene, point: Point) -> str:
     """Return what an effect changes: ``calibration``, ``mechanical`` or ``optical``.
 
-    The square's shot alone tells of a calibration. What acts on load or contact, or moves the true pressure, is
-    mechanics; light the rest.
+    Of frames, only the square's shot tells of a calibration. What acts on load or contact, or changes the true contact
+    area, is mechanics; the rest is light.
     """
     if "square" in effect.needs:
         return "calibration"

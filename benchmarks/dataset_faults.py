@@ -30,9 +30,9 @@ import evanesce.dataset as dataset
 from dataset_formats import exported_equal
 from dataset_kills import Killed, campaign, environment, made_again
 from datasets import contents, tiny_job, use_paper
+from evanesce.core.errors import InputError
 from evanesce.dataset.run import make, resume
 from evanesce.dataset.verify import verify
-from evanesce.errors import InputError
 
 FRAMES = 240
 

@@ -28,10 +28,10 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage import color, filters, io, measure, morphology, util
 
-from evanesce.measurement.area import measure_frame
-from evanesce.measurement.frames import open_frames
-from evanesce.measurement.segment import Chain, segment
-from evanesce.provenance import package_versions
+from evanesce.core.provenance import package_versions
+from evanesce.measurement.io.frames import open_frames
+from evanesce.measurement.reference.area import measure_frame
+from evanesce.measurement.reference.segment import Chain, segment
 
 ROWS, COLS = 1500, 2000
 SCALE = 0.0002935

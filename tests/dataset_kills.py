@@ -46,7 +46,7 @@ if __name__ == "__main__":
     import sys
     from pathlib import Path
     from evanesce.dataset import run
-    from evanesce.errors import EvanesceError
+    from evanesce.core.errors import EvanesceError
     from datasets import tiny_job
     run.MAX_DEATHS = {most}
     folder, engine = Path({folder!r}), run.Engine(workers={workers})

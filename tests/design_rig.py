@@ -6,8 +6,8 @@ from typing import Any
 
 from evanesce.design.question import Question
 from evanesce.design.uncertainty import Draw
+from evanesce.evaluation.calibrated_rig import CardErrors
 from evanesce.rig import Scene
-from evanesce.validation.calibrated_rig import CardErrors
 from rigs import small_rig
 
 PERFECT = Draw({}, CardErrors(corner_noise_px=0.0), 0.0)

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from evanesce.fast import FastCamera
-from evanesce.measurement.segment import Chain, Crop, segment
+from evanesce.chain.fast import FastCamera
+from evanesce.chain.simulate import touch
+from evanesce.evaluation.perfect_view import PerfectView
+from evanesce.measurement.reference.segment import Chain, Crop, segment
 from evanesce.rig import Scene, load_scene
 from evanesce.rig.coarser import coarser_camera
-from evanesce.simulate import touch
-from evanesce.validation.perfect import PerfectView
 
 # A third of the pixels of the thesis's camera along each side, binned; the place of test_fast.py's finger, whose unit
 # light is then computed once for both.

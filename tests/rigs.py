@@ -7,10 +7,10 @@ import functools
 import numpy as np
 import pytest
 
+from evanesce.core.states import ContactState, PlateGrid
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.render.variant import attempts
 from evanesce.rig import Scene
-from evanesce.states import ContactState, PlateGrid
 
 
 @functools.cache

@@ -17,16 +17,16 @@ from evanesce.bundle.folder import new_folder
 from evanesce.bundle.layout import Shot, conditions
 from evanesce.bundle.protocol import LIGHT, Protocol, default_protocol, sweep_voltages
 from evanesce.bundle.write import write_bundle
+from evanesce.chain.simulate import photograph, touch
 from evanesce.cli.app import app
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
+from evanesce.core.states import Frame
 from evanesce.optics.led import led_radiances
 from evanesce.optics.projection import Projection
-from evanesce.render.transport import render_fast
+from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene, dump_scene, load_scene
 from evanesce.rig.coarser import coarser_camera, finer_pixels
 from evanesce.sensor.codec import VideoWriter, write_png
-from evanesce.simulate import photograph, touch
-from evanesce.states import Frame
 
 COLS, ROWS = 96, 70
 CAMERA = {

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from evanesce.errors import InputError
-from evanesce.measurement.calibrate import Calibrated, calibrate, distinct_views, report
-from evanesce.measurement.local_scale import local_scale
-from evanesce.measurement.pinhole import PinholeFit, fit_pinhole
-from evanesce.measurement.planar import fit_planar
-from evanesce.measurement.points import BoardView, read_points
+from evanesce.core.errors import InputError
+from evanesce.measurement.calibration.fit import Calibrated, calibrate, distinct_views, report
+from evanesce.measurement.calibration.local_scale import local_scale
+from evanesce.measurement.calibration.pinhole import PinholeFit, fit_pinhole
+from evanesce.measurement.calibration.planar import fit_planar
+from evanesce.measurement.calibration.points import BoardView, read_points
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evanesce.errors import InputError, WorkError
-from evanesce.measurement.calibration import Calibration, load_calibration, save_calibration
+from evanesce.core.errors import InputError, WorkError
+from evanesce.measurement.calibration.model import Calibration, load_calibration, save_calibration
 
 GOOD: dict[str, Any] = {
     "image_size": [1024, 768],

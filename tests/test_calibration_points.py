@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import scipy.io
 
-from evanesce.errors import InputError
-from evanesce.measurement.points import COLUMNS, read_points
+from evanesce.core.errors import InputError
+from evanesce.measurement.calibration.points import COLUMNS, read_points
 
 WORLD = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [2.0, 1.0]])
 IMAGE = np.array([[10.25, 20.5], [41.0, 19.5], [9.0, 51.0], [40.0, 50.25], [71.5, 49.0]])

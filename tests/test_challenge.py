@@ -29,11 +29,17 @@ from challenge.strength import departure, means, ruler
 from challenge.told import told
 from evanesce.bundle import read_bundle
 from evanesce.effects import all_effects
-from evanesce.effects.saturation import softened
-from evanesce.effects.tone_curve import departed
+from evanesce.effects.readout.saturation import softened
+from evanesce.effects.readout.tone_curve import departed
 
 FOLDER = Path(__file__).parent / "challenge"
-FORBIDDEN = ("evanesce.effects", "evanesce.criticism", "evanesce.simulate", "evanesce.validation", "evanesce.truth")
+FORBIDDEN = (
+    "evanesce.effects",
+    "evanesce.criticism",
+    "evanesce.chain.simulate",
+    "evanesce.studies",
+    "evanesce.evaluation",
+)
 PROMISED = {
     "black_level",
     "tone_curve",

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from evanesce.cli.app import COMMANDS, app
 from evanesce.cli.common import write_json
 from evanesce.cli.render import parse_overrides
-from evanesce.errors import InputError, WorkError
+from evanesce.core.errors import InputError, WorkError
 
 SMALL = [
     "--set", "camera.resolution_px=[400, 300]", "--set", "camera.scale_px_per_mm=11.674",

@@ -9,9 +9,10 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from evanesce.bench import dma, indentation
 from evanesce.cli import bench
-from evanesce.contact.stick_slip import Slider, simulate_stick_slip
-from evanesce.materials import dma, hyperelastic, indentation
+from evanesce.contact.sliding.stick_slip import Slider, simulate_stick_slip
+from evanesce.materials import hyperelastic
 from evanesce.materials.tables import material
 
 pytestmark = pytest.mark.system

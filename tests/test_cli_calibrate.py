@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 from boards import Warp, draw, warp
 from evanesce.cli import calibrate as command
-from evanesce.measurement.calibration import load_calibration
-from evanesce.measurement.points import COLUMNS, read_points
+from evanesce.measurement.calibration.model import load_calibration
+from evanesce.measurement.calibration.points import COLUMNS, read_points
 
 SHAPE = (300, 400)
 

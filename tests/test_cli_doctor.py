@@ -63,7 +63,7 @@ def test_nothing_renders(app, monkeypatch, tmp_path):
 
 def test_missing_package(app, monkeypatch):
     _pretend(monkeypatch, {"llvm", "scalar"})
-    monkeypatch.setattr("evanesce.provenance.package_versions", lambda *_: {"av": "missing"})
+    monkeypatch.setattr("evanesce.core.provenance.package_versions", lambda *_: {"av": "missing"})
     result = CliRunner().invoke(app, ["doctor"])
     assert result.exit_code == 1
     assert "make install" in result.output

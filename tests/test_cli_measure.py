@@ -17,7 +17,7 @@ from skimage import color, filters, io, measure, morphology
 from typer.testing import CliRunner
 
 from evanesce.cli import measure as command
-from evanesce.measurement.calibration import Calibration, save_calibration
+from evanesce.measurement.calibration.model import Calibration, save_calibration
 
 SCALE = 0.0002935
 

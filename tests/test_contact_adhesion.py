@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from evanesce.contact.adhesion import (
+from evanesce.contact.analytic.hertz import hertz_radius
+from evanesce.contact.analytic.jkr import jkr_depth, jkr_pull_off_force, jkr_radius
+from evanesce.contact.halfspace.adhesion import (
     maugis_force_and_depth,
     maugis_parameter,
     maugis_pull_off_force,
     press_adhesive_height_map,
     resolved_cohesive_stress,
 )
-from evanesce.contact.hertz import hertz_radius
-from evanesce.contact.jkr import jkr_depth, jkr_pull_off_force, jkr_radius
-from evanesce.contact.resolved import Adhesion, contact_area, resolved_state
-from evanesce.errors import WorkError
-from evanesce.states import PlateGrid
+from evanesce.contact.halfspace.resolved import Adhesion, contact_area, resolved_state
+from evanesce.core.errors import WorkError
+from evanesce.core.states import PlateGrid
 
 R, E, W = 7.1, 0.77, 1.1e-3  # mm, MPa, N/mm
 

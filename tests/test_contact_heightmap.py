@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from evanesce.contact.heightmap import RidgeRow, furrow_depth, grow_ridges
-from evanesce.rng import generator
+from evanesce.contact.ridges.heightmap import RidgeRow, furrow_depth, grow_ridges
+from evanesce.core.rng import generator
 
 PATTERNS = ("parallel", "concentric", "loop", "whorl")
 

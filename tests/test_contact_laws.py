@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.special import ellipk
 
-from evanesce.contact.hertz import (
+from evanesce.contact.analytic.hertz import (
     hertz_contact,
     hertz_depth,
     hertz_force_within,
@@ -19,7 +19,7 @@ from evanesce.contact.hertz import (
     reduced_modulus,
     scaled_hertz_contact,
 )
-from evanesce.contact.jkr import (
+from evanesce.contact.analytic.jkr import (
     jkr_depth,
     jkr_force_within,
     jkr_gap,
@@ -27,7 +27,7 @@ from evanesce.contact.jkr import (
     jkr_pull_off_force,
     jkr_radius,
 )
-from evanesce.contact.xydas_kao import xydas_kao_force_within, xydas_kao_pressure, xydas_kao_radius
+from evanesce.contact.analytic.xydas_kao import xydas_kao_force_within, xydas_kao_pressure, xydas_kao_radius
 
 R, E, F, W = 7.3, 0.41, 1.7, 2.3e-3  # mm, MPa, N, N/mm
 

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evanesce.contact.hertz import hertz_contact
-from evanesce.contact.jkr import jkr_contact
+from evanesce.contact.analytic.hertz import hertz_contact
+from evanesce.contact.analytic.jkr import jkr_contact
 from evanesce.contact.patch import axisymmetric_state, disc_coverage
-from evanesce.errors import InputError
-from evanesce.states import PlateGrid
+from evanesce.core.errors import InputError
+from evanesce.core.states import PlateGrid
 
 
 @given(

@@ -8,19 +8,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from evanesce.contact.hertz import hertz_contact, scaled_hertz_contact
-from evanesce.contact.jkr import jkr_contact
+from evanesce.contact.analytic.hertz import hertz_contact, scaled_hertz_contact
+from evanesce.contact.analytic.jkr import jkr_contact
 from evanesce.contact.patch import axisymmetric_state
-from evanesce.contact.ridge_profile import (
+from evanesce.contact.ridges.profile import (
     closure_pressure,
     contact_edge,
     profile_exponent,
     ridge_gap,
     ridge_pressure,
 )
-from evanesce.contact.ridged import RidgeRow, ridged_state
-from evanesce.errors import InputError
-from evanesce.states import PlateGrid
+from evanesce.contact.ridges.ridged import RidgeRow, ridged_state
+from evanesce.core.errors import InputError
+from evanesce.core.states import PlateGrid
 
 E, PITCH, HEIGHT = 0.61, 0.83, 0.052  # MPa, mm, mm
 

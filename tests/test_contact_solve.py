@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from evanesce.contact.solve import contact_grid, contact_state, press_programme
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 from evanesce.rig import Scene, load_scene
 
 UGLY = {

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from evanesce.chain.simulate import simulate_press
 from evanesce.contact.fem.library import library_press
 from evanesce.contact.solve import contact_grid, contact_sequence, contact_state, press_programme
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
+from evanesce.core.states import ContactState, PlateLight, SurfaceState
 from evanesce.optics.projection import Projection
 from evanesce.rig import Scene, dump_scene, load_scene
-from evanesce.simulate import simulate_press
-from evanesce.states import ContactState, PlateLight, SurfaceState
 
 UGLY = {"finger.position_mm": [1.7, -2.3], "grid.samples": 300, "grid.size_mm": 13.7}
 SLIDE = {"distance_mm": 1.3, "speed_mm_per_s": 2.6, "direction_deg": 30.0, "press_time_s": 0.4, "hold_time_s": 0.2}

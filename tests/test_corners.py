@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from boards import corners_inside, draw, warp
-from evanesce.errors import WorkError
-from evanesce.measurement.corners import CornerGrid, find_corners
-from evanesce.measurement.points import read_points
-from evanesce.measurement.saddle import fit_saddles
+from evanesce.core.errors import WorkError
+from evanesce.measurement.calibration.corners import CornerGrid, find_corners
+from evanesce.measurement.calibration.points import read_points
+from evanesce.measurement.calibration.saddle import fit_saddles
 
 
 def matched(grid: CornerGrid, index: NDArray[np.int64], place: NDArray[np.float64]) -> NDArray[np.float64]:

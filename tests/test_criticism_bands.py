@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from evanesce.chain.simulate import simulate_card
 from evanesce.criticism.bands import brightest_bands, row_times
 from evanesce.criticism.predict import Predictor
 from evanesce.criticism.views import View
 from evanesce.rig import load_scene
-from evanesce.simulate import simulate_card
 
 ROWS, COLS, READOUT_S = 61, 17, 0.0211
 TIMES_S = np.array([0.31, 4.7, 5.9, 17.3, 30.1, 55.2, 91.7, 140.4])

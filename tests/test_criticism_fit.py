@@ -10,6 +10,7 @@ import pytest
 from scipy import ndimage, stats
 
 import evanesce.effects
+from evanesce.core.errors import InputError
 from evanesce.criticism import case
 from evanesce.criticism.candidates import Candidate, candidates_of
 from evanesce.criticism.case import FAR, PLACES, ROUGH, anchored, finely_fitted, left_by_derivatives, settled
@@ -22,7 +23,6 @@ from evanesce.criticism.residuals import noise_draws
 from evanesce.criticism.score import score_test
 from evanesce.criticism.signatures import Signature, signature_of
 from evanesce.criticism.views import View
-from evanesce.errors import InputError
 from evanesce.rig import load_scene
 
 SHAPE = (24, 32)
@@ -275,7 +275,7 @@ def test_an_effect_file_is_a_candidate_with_no_other_change(tmp_path, monkeypatc
             '''
             """Haze."""
             from evanesce.effects.protocol import Effect, Stage
-            from evanesce.quantities import Strict, field
+            from evanesce.core.quantities import Strict, field
 
             class Parameters(Strict):
                 """Amount."""

@@ -177,8 +177,8 @@ HAZE = '''
 import numpy as np
 
 from evanesce.effects.protocol import Effect, Stage
-from evanesce.quantities import Strict, field
-from evanesce.states import SensorLight
+from evanesce.core.quantities import Strict, field
+from evanesce.core.states import SensorLight
 
 
 class Parameters(Strict):

@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from evanesce.core.errors import InputError
+from evanesce.core.states import PlateLight, SensorLight
 from evanesce.criticism.blots import MOVES, STRIPED, brightest_blot, left_of_spot
 from evanesce.criticism.candidates import candidates_of
 from evanesce.criticism.extend import Extension
@@ -21,10 +23,8 @@ from evanesce.criticism.marks import BESIDE, cells, left_at_places, left_beside,
 from evanesce.criticism.predict import Predictor
 from evanesce.criticism.views import BIN_PX, View, binned
 from evanesce.effects import Context, active_effects, all_effects
-from evanesce.errors import InputError
-from evanesce.render.marks import contact_radiance, pixel_area, view_position
+from evanesce.render.fast.defects import contact_radiance, pixel_area, view_position
 from evanesce.rig import Scene, load_scene
-from evanesce.states import PlateLight, SensorLight
 
 VIEWS, ROWS, COLS = 7, 41, 53
 

@@ -7,10 +7,10 @@ from scipy import ndimage, stats
 from evanesce.criticism.noise import jitter_of, noise_of
 from evanesce.criticism.tone import expected_tone
 from evanesce.criticism.views import binned
+from evanesce.evaluation.agreement import coarser
 from evanesce.rig import load_scene
 from evanesce.sensor.readout import quantise
 from evanesce.sensor.tone import develop
-from evanesce.validation.agreement import coarser
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import pytest
 
 from evanesce.criticism.battery import Outcome
 from evanesce.criticism.evidence import Evidence, Ranked, Shown
-from evanesce.report.criticism_page import page, residual_figure, verdict_words
+from evanesce.criticism.report_page import page, residual_figure, verdict_words
 
 RESULT = {
     "global_p": 0.001,

@@ -15,20 +15,20 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 from scipy.special import erf
 
+from evanesce.chain.simulate import photograph as take
 from evanesce.criticism.photograph import criticise_photograph
 from evanesce.criticism.photograph_light import LightModel, Photograph, binned_mean, prepare, read_photograph
+from evanesce.criticism.photograph_page import views_words
 from evanesce.criticism.photograph_tails import Inverse, Seen, fit_tail, law_of, local_level, log_density, seen_of
 from evanesce.criticism.photograph_views import corner_noise, judge_views, photographed_views
-from evanesce.measurement.board_lines import BoardLines
-from evanesce.measurement.corners import CornerGrid
-from evanesce.measurement.images import read_image
-from evanesce.measurement.points import BoardView, read_points
-from evanesce.measurement.saddle import SaddleFit
-from evanesce.report.photograph_page import views_words
+from evanesce.evaluation.board_geometry import SENSOR_WIDTH_UM, FittedRig, PrintedBoard
+from evanesce.measurement.calibration.board_lines import BoardLines
+from evanesce.measurement.calibration.corners import CornerGrid
+from evanesce.measurement.calibration.points import BoardView, read_points
+from evanesce.measurement.calibration.saddle import SaddleFit
+from evanesce.measurement.io.images import read_image
 from evanesce.rig import Camera, load_scene
-from evanesce.simulate import photograph as take
-from evanesce.validation.twin import Light, _Studio
-from evanesce.validation.twin_geometry import SENSOR_WIDTH_UM, FittedRig, PrintedBoard
+from evanesce.studies.twin.model import Light, _Studio
 
 Array = NDArray[np.float64]
 SIZE = (300, 230)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from evanesce.core.errors import InputError
 from evanesce.criticism import renew, search
 from evanesce.criticism.answer import Findings
 from evanesce.criticism.extend import Extension
@@ -20,7 +21,6 @@ from evanesce.criticism.parameters import Parameter
 from evanesce.criticism.predict import Predictor
 from evanesce.criticism.score import Scored, ScoreTest
 from evanesce.criticism.views import View
-from evanesce.errors import InputError
 from evanesce.rig import load_scene
 
 VIEWS = (

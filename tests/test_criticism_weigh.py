@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from evanesce.chain.simulate import simulate
+from evanesce.core.errors import InputError
 from evanesce.criticism import critic, search
 from evanesce.criticism.answer import Findings, extended_scene, verdict, warnings
 from evanesce.criticism.battery import BatteryResult, Outcome
@@ -18,10 +20,8 @@ from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.linear import Score
 from evanesce.criticism.locked import LockedGain
 from evanesce.criticism.score import Scored, ScoreTest
-from evanesce.errors import InputError
-from evanesce.render.transport import render_fast
+from evanesce.render.fast.transport import render_fast
 from evanesce.rig import dump_scene, load_scene
-from evanesce.simulate import simulate
 
 
 @pytest.fixture(autouse=True)

@@ -17,13 +17,13 @@ from scipy.stats import kstest
 
 import evanesce.dataset as dataset
 from datasets import tiny_config, tiny_job
+from evanesce.core.errors import InputError
 from evanesce.dataset.config import KINDS, NOT_DRAWN, DatasetConfig, load_config
 from evanesce.dataset.design import draw_effect, friction_plan, rig_plan, split_of, trial_plan
 from evanesce.dataset.distributions import Distribution
 from evanesce.dataset.job import load_job, new_job, save_job
 from evanesce.dataset.programme import sample_programme
 from evanesce.effects import active_effects, all_effects
-from evanesce.errors import InputError
 from rigs import small_rig
 
 

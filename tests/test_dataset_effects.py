@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from datasets import tiny_config
+from evanesce.core.states import Frame
 from evanesce.dataset.config import KINDS, NOT_DRAWN
 from evanesce.dataset.design import draw_effect
 from evanesce.dataset.encode import decode_exr
 from evanesce.dataset.job import Job, new_job
 from evanesce.dataset.produce import Producer
 from evanesce.effects import Context, all_effects
-from evanesce.states import Frame
 from rigs import small_rig
 
 FRAMES = (2, 5)

@@ -25,11 +25,12 @@ from typer.testing import CliRunner
 
 import evanesce.dataset as dataset
 from datasets import PaperProducer, contents, paper_frames, paper_meta, tiny_job
-from evanesce import provenance
 from evanesce.cli.app import app
+from evanesce.core import provenance
+from evanesce.core.errors import InputError, WorkError
 from evanesce.dataset import baselines, layout, run, worker
-from evanesce.dataset.card import _effects, schema
 from evanesce.dataset.config import NOT_DRAWN
+from evanesce.dataset.data_card import _effects, schema
 from evanesce.dataset.encode import decode_exr, decode_png, exr
 from evanesce.dataset.export import FORMATS, export
 from evanesce.dataset.info import describe, effects
@@ -38,7 +39,6 @@ from evanesce.dataset.manifest import Manifest
 from evanesce.dataset.run import Deaths, Engine, make, resume
 from evanesce.dataset.trial import SCALARS
 from evanesce.dataset.verify import checksums, verify
-from evanesce.errors import InputError, WorkError
 
 paper = pytest.fixture(autouse=True)(paper_frames)
 

@@ -65,7 +65,7 @@ PAPER = """
     from pathlib import Path
     from datasets import tiny_job, use_paper
     from evanesce.dataset.run import make, resume
-    from evanesce.errors import EvanesceError
+    from evanesce.core.errors import EvanesceError
     use_paper()
     folder = Path({folder!r})
     try:

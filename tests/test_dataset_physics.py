@@ -10,12 +10,14 @@ import pytest
 from scipy.integrate import quad
 
 from datasets import tiny_config
-from evanesce.contact.heightmap import RidgeRow
-from evanesce.contact.hertz import hertz_contact, hertz_radius
-from evanesce.contact.interface_friction import InterfaceFriction, coulomb
+from evanesce.chain.simulate import photograph
+from evanesce.contact.analytic.hertz import hertz_contact, hertz_radius
 from evanesce.contact.patch import axisymmetric_state
-from evanesce.contact.ridged_slide import with_ridges
-from evanesce.contact.torsion import sliding_torque, twisted, twisted_state
+from evanesce.contact.ridges.heightmap import RidgeRow
+from evanesce.contact.ridges.ridged_slide import with_ridges
+from evanesce.contact.sliding.friction import InterfaceFriction, coulomb
+from evanesce.contact.sliding.torsion import sliding_torque, twisted, twisted_state
+from evanesce.core.states import PlateGrid, PlateLight, SurfaceState
 from evanesce.dataset.config import KINDS
 from evanesce.dataset.design import trial_plan
 from evanesce.dataset.labels import CHANNELS, FrameLabeller, plate_labels
@@ -23,11 +25,9 @@ from evanesce.dataset.rigs import RigCamera, expose_light, plate_grid, real_rig,
 from evanesce.dataset.slip_scores import Series, alarms, choose_threshold, score
 from evanesce.dataset.trial import Trial
 from evanesce.effects import active_effects
+from evanesce.evaluation.labels import label, view_geometry
 from evanesce.optics.projection import Projection
 from evanesce.sensor.lens import form_image
-from evanesce.simulate import photograph
-from evanesce.states import PlateGrid, PlateLight, SurfaceState
-from evanesce.truth.labels import label, view_geometry
 from rigs import small_rig
 
 E, R, N, MU, G = 0.64, 7.1, 1.3, 0.83, 0.17

@@ -17,12 +17,12 @@ from pathlib import Path
 import pytest
 
 from datasets import contents, paper_frames, tiny_job
+from evanesce.core.errors import WorkError
 from evanesce.dataset.info import describe
 from evanesce.dataset.manifest import Manifest
 from evanesce.dataset.read import Dataset
 from evanesce.dataset.run import make, resume
 from evanesce.dataset.verify import verify
-from evanesce.errors import WorkError
 
 TESTS = Path(__file__).resolve().parent
 FRAMES = 12
@@ -196,7 +196,7 @@ def test_the_kernel_refuses(tmp_path, good):
         from pathlib import Path
         from datasets import tiny_job, use_paper
         from evanesce.dataset.run import make, resume
-        from evanesce.errors import EvanesceError
+        from evanesce.core.errors import EvanesceError
         use_paper()
         folder = Path(sys.argv[1])
         try:

@@ -12,12 +12,12 @@ from scipy.constants import k as boltzmann
 from scipy.optimize import brentq
 
 from design_rig import PERFECT, camera_rig, question
+from evanesce.core.errors import InputError
 from evanesce.design import secondary
 from evanesce.design.evaluate import contact_irradiance, evaluate, plain_job
 from evanesce.design.objective import Lab, Prediction, light_up, measured, prepared
 from evanesce.design.question import Design
 from evanesce.design.secondary import figures, plate_deflection_um
-from evanesce.errors import InputError
 from evanesce.optics.projection import Projection
 from evanesce.render.kept import forget
 from evanesce.rig import Scene

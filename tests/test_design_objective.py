@@ -7,21 +7,21 @@ import pytest
 from scipy import stats
 
 from design_rig import PERFECT, camera_rig, question
-from evanesce import rng
+from evanesce.chain.simulate import touch
+from evanesce.core import rng
+from evanesce.core.errors import InputError
 from evanesce.design import objective
 from evanesce.design.evaluate import evaluate, plain_job, read_job
 from evanesce.design.objective import Lab, measured, percentile, percentile_standard, prepared, samples
 from evanesce.design.question import Design
 from evanesce.design.uncertainty import Departure, Draw, draw, read_sizes, shares, uncertainty_of
 from evanesce.effects import all_effects
-from evanesce.errors import InputError
-from evanesce.measurement.calibration import Calibration
-from evanesce.measurement.rectify import rectification
+from evanesce.evaluation.calibrated_rig import CardErrors, calibrated
+from evanesce.measurement.calibration.model import Calibration
+from evanesce.measurement.calibration.rectify import rectification
+from evanesce.render.fast.sketch import sketch_fields
+from evanesce.render.fast.transport import render_fast
 from evanesce.render.kept import forget
-from evanesce.render.sketch import sketch_fields
-from evanesce.render.transport import render_fast
-from evanesce.simulate import touch
-from evanesce.validation.calibrated_rig import CardErrors, calibrated
 from rigs import small_rig
 
 
@@ -130,7 +130,7 @@ def test_a_perfect_frame_is_counted_right():
     middle = ((crop.r0 + crop.r1 - 1) / 2 + view.origin[1], (crop.c0 + crop.c1 - 1) / 2 + view.origin[0])
     radius = 31.3
     disc = np.clip(radius + 0.5 - np.hypot(v - middle[0], u - middle[1]), 0, 1)
-    from evanesce.states import Frame
+    from evanesce.core.states import Frame
 
     frame = Frame(data=np.round(255 * disc).astype(np.uint8))
     true = np.pi * radius**2 / scene.camera.scale_px_per_mm**2

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from evanesce.core.errors import InputError
 from evanesce.design import bending, secondary, vary
 from evanesce.design.parts import cost, parts_of, read_parts
 from evanesce.design.question import Design, coarser_camera
-from evanesce.errors import InputError
 from rigs import small_rig
 
 # Timoshenko and Woinowsky-Krieger (1959): deflection of the middle under a force there, over P a^2/D.

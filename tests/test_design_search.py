@@ -22,13 +22,13 @@ from typer.testing import CliRunner
 
 from evanesce.cli.app import app
 from evanesce.cli.design import _client
+from evanesce.core.errors import InputError, WorkError
+from evanesce.core.provenance import code_digest, digest_of_files
 from evanesce.design import evaluate, finish, objective, search, sensitivity
+from evanesce.design.plots import pareto_figure
 from evanesce.design.question import Design, Question
 from evanesce.design.search import Limit, Plan, Trial, pareto, run
 from evanesce.design.vary import parse
-from evanesce.errors import InputError, WorkError
-from evanesce.provenance import code_digest, digest_of_files
-from evanesce.report.design_plots import pareto_figure
 from rigs import small_rig
 
 pytest.importorskip("optuna", reason="the extra 'design' is not installed")

@@ -28,10 +28,10 @@ from evanesce.design.secondary import OBJECTIVES
 from evanesce.design.uncertainty import Draw
 from evanesce.design.vary import design_at, parse
 from evanesce.design.verify import verified
+from evanesce.evaluation.calibrated_rig import CardErrors
 from evanesce.render.kept import forget
 from evanesce.report.html import image_png
 from evanesce.rig import load_scene
-from evanesce.validation.calibrated_rig import CardErrors
 from rigs import need
 
 THRESHOLD = 0.35

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import evanesce.effects
+from evanesce.core.errors import InputError
+from evanesce.core.quantities import Strict, field
+from evanesce.core.resources import resource
+from evanesce.core.states import ContactState, Frame, PlateGrid, PlateLight, SensorLight
 from evanesce.effects import OBSERVABLES, Active, Context, Effect, Stage, active_effects, all_effects, apply_stage
-from evanesce.errors import InputError
-from evanesce.quantities import Strict, field
-from evanesce.resources import resource
 from evanesce.rig import Scene, dump_scene, load_scene
 from evanesce.rig.camera import Distortion
 from evanesce.sensor.lens import Projection, form_image
-from evanesce.states import ContactState, Frame, PlateGrid, PlateLight, SensorLight
 
 SHAPE = (47, 61)
 

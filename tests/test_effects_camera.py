@@ -12,20 +12,20 @@ import pytest
 from scipy import integrate, ndimage
 from scipy.special import erf
 
+from evanesce.core.errors import InputError
+from evanesce.core.states import ContactState, Frame, PlateGrid, PlateLight, SensorLight
 from evanesce.effects import Context, all_effects
-from evanesce.effects.compression import quantised
-from evanesce.effects.defocus import discrete_gaussian
-from evanesce.effects.distortion_drift import shifted
-from evanesce.effects.rolling_shutter import mean_light
-from evanesce.effects.saturation import overflow_kernel
-from evanesce.effects.sensor_dust import obstructed_share
-from evanesce.errors import InputError
+from evanesce.effects.lens.defocus import discrete_gaussian
+from evanesce.effects.lens.distortion_drift import shifted
+from evanesce.effects.lens.rolling_shutter import mean_light
+from evanesce.effects.lens.sensor_dust import obstructed_share
+from evanesce.effects.readout.compression import quantised
+from evanesce.effects.readout.saturation import overflow_kernel
 from evanesce.optics.projection import Projection
 from evanesce.rig import Scene, load_scene
 from evanesce.sensor.expose import frame_of, signal_of
 from evanesce.sensor.lens import disc_mtf, form_image
 from evanesce.sensor.tone import bt709, relative_light
-from evanesce.states import ContactState, Frame, PlateGrid, PlateLight, SensorLight
 
 COLS, ROWS, PITCH = 400, 300, 9.3
 

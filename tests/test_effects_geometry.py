@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from evanesce.chain.simulate import simulate_card
+from evanesce.core.errors import InputError
 from evanesce.effects import Context, all_effects
-from evanesce.errors import InputError
 from evanesce.optics.projection import Projection
 from evanesce.render.cards import CHECKERBOARD, SQUARE, Pose, checkerboard_of, pose_of, square_of
 from evanesce.rig import Cards, Scene, load_scene
-from evanesce.simulate import simulate_card
 from rigs import need
 
 # --- the [card] table ------------------------------------------------------------------------------------------------

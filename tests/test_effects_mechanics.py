@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from evanesce.contact.adhered import adhered_contact
+from evanesce.chain.simulate import simulate_press, touch
+from evanesce.contact.analytic.hertz import hertz_contact
+from evanesce.contact.analytic.jkr import jkr_contact
 from evanesce.contact.fem.library import library_press
-from evanesce.contact.hertz import hertz_contact
-from evanesce.contact.jkr import jkr_contact
+from evanesce.contact.halfspace.adhered import adhered_contact
 from evanesce.contact.solve import contact_state
+from evanesce.core.errors import InputError
+from evanesce.core.states import ContactState, PlateLight
 from evanesce.effects import Context, Effect, all_effects
-from evanesce.errors import InputError
 from evanesce.optics.projection import Projection
 from evanesce.rig import Press, Ramp, Scene, load_scene
-from evanesce.simulate import simulate_press, touch
-from evanesce.states import ContactState, PlateLight
 
 MODULUS = 0.21
 LAWS: dict[str, dict[str, object]] = {

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from evanesce.core.states import ContactState, PlateGrid, PlateLight
 from evanesce.effects import Context, all_effects
 from evanesce.optics.led import led_positions, scale_leds
 from evanesce.optics.projection import Projection
-from evanesce.render.marks import contact_radiance, pixel_area
-from evanesce.render.transport import render_fast
+from evanesce.render.fast.defects import contact_radiance, pixel_area
+from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene, load_scene
-from evanesce.states import ContactState, PlateGrid, PlateLight
 
 ROOT = Path(__file__).resolve().parent.parent
 TILTED = {
@@ -109,7 +109,7 @@ def test_specks_follow_the_leds(rig: Scene) -> None:
 
 def test_speck_discs_have_the_stated_width() -> None:
     """Seven points stand for a disc: the variance along one axis is the diameter squared over 16."""
-    from evanesce.effects.specks import DISC_POINTS, DISC_RADIUS
+    from evanesce.effects.light.specks import DISC_POINTS, DISC_RADIUS
 
     points = DISC_RADIUS * 0.3 * np.array(DISC_POINTS)
     np.testing.assert_allclose((points**2).mean(axis=0), 0.3**2 / 16, rtol=1e-12)

@@ -10,20 +10,20 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import j0, ndtr
 
-from evanesce.errors import InputError
-from evanesce.measurement.calibration import Calibration
-from evanesce.measurement.estimator import Estimator, refined_measured
-from evanesce.measurement.frames import open_frames
-from evanesce.measurement.refined_edge import Boundary, edge_spread, half_contours
-from evanesce.measurement.refined_glow import Walk, entered, find_walk, profile_transform, spread
-from evanesce.measurement.refined_light import Radiometry, tone_table
-from evanesce.measurement.refined_plate import PlateMap
-from evanesce.measurement.uncertainty_area import refined_uncertainty
-from evanesce.measurement.warn import EdgeLog
-from evanesce.optics.glow import profile_kernel, profile_scale
+from evanesce.core.errors import InputError
+from evanesce.core.states import Frame
+from evanesce.measurement.calibration.model import Calibration
+from evanesce.measurement.io.frames import open_frames
+from evanesce.measurement.refined.edge import Boundary, edge_spread, half_contours
+from evanesce.measurement.refined.estimator import Estimator, refined_measured
+from evanesce.measurement.refined.light import Radiometry, tone_table
+from evanesce.measurement.refined.plate import PlateMap
+from evanesce.measurement.refined.subsurface import Walk, entered, find_walk, profile_transform, spread
+from evanesce.measurement.uncertainty.area import refined_uncertainty
+from evanesce.measurement.warnings import EdgeLog
+from evanesce.optics.subsurface import profile_kernel, profile_scale
 from evanesce.sensor.codec import VideoWriter
 from evanesce.sensor.tone import CURVES, undevelop
-from evanesce.states import Frame
 
 SHAPE = (331, 412)
 SCALE_PX_PER_MM = 41.3

@@ -8,13 +8,13 @@ import pytest
 from scipy.special import ndtr
 
 from boards import draw, warp
-from evanesce.errors import InputError
-from evanesce.measurement.calibration import Calibration
-from evanesce.measurement.corners import find_corners
-from evanesce.measurement.estimator import Estimator
-from evanesce.measurement.refined_blur import BELIEVED_PX, Blur, blur_of_board
-from evanesce.measurement.refined_light import tone_table
-from evanesce.measurement.uncertainty_area import refined_uncertainty
+from evanesce.core.errors import InputError
+from evanesce.measurement.calibration.corners import find_corners
+from evanesce.measurement.calibration.model import Calibration
+from evanesce.measurement.refined.blur import BELIEVED_PX, Blur, blur_of_board
+from evanesce.measurement.refined.estimator import Estimator
+from evanesce.measurement.refined.light import tone_table
+from evanesce.measurement.uncertainty.area import refined_uncertainty
 from test_estimator import SCALE_PX_PER_MM, developed, ellipse, uniform_calibration
 
 AXES_PX = (93.4, 71.7)

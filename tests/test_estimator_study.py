@@ -10,15 +10,18 @@ import pytest
 from typer.testing import CliRunner
 
 from evanesce.cli.app import app
-from evanesce.measurement.calibration import save_calibration
-from evanesce.measurement.refined_glow import Walk, spread
-from evanesce.report.estimator_page import budget_page, estimator_page
+from evanesce.evaluation.calibrated_rig import calibrated, with_board_blur
+from evanesce.measurement.calibration.model import save_calibration
+from evanesce.measurement.refined.subsurface import Walk, spread
 from evanesce.report.html import write
-from evanesce.report.pressure_page import page
 from evanesce.rig import load_scene
-from evanesce.validation import budget_study, estimator_study, pressure_part, pressure_study
-from evanesce.validation.calibrated_rig import calibrated, with_board_blur
-from evanesce.validation.studies import Ledger
+from evanesce.studies.budget import study as budget_study
+from evanesce.studies.estimator import study as estimator_study
+from evanesce.studies.estimator.page import budget_page, estimator_page
+from evanesce.studies.pressure import part as pressure_part
+from evanesce.studies.pressure import study as pressure_study
+from evanesce.studies.pressure.page import page
+from evanesce.studies.registry import Ledger
 
 # Half the thesis's scale on a quarter of its pixels: the same contacts, cheaper.
 SMALL = {

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from evanesce.chain.fast import FastCamera
+from evanesce.chain.simulate import photograph, simulate
 from evanesce.contact.solve import contact_state
-from evanesce.fast import FastCamera
-from evanesce.render.fused import (
+from evanesce.render.fast.fused import (
     Lit,
     Readout,
     dark_steps,
@@ -18,11 +19,10 @@ from evanesce.render.fused import (
     normal_table,
     pixel_bits,
 )
-from evanesce.render.transport import render_fast
+from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene, load_scene
 from evanesce.sensor.expose import signal_of
 from evanesce.sensor.tone import develop
-from evanesce.simulate import photograph, simulate
 
 CAMERA = {
     "camera.resolution_px": [333, 250],

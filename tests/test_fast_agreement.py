@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from evanesce.contact.solve import contact_state
+from evanesce.core.states import ContactState
+from evanesce.evaluation.agreement import Case, agreement, cases, coarser, regions
 from evanesce.optics.projection import Projection
-from evanesce.render.path import render
-from evanesce.render.transport import render_fast
+from evanesce.render.fast.transport import render_fast
+from evanesce.render.reference.path import render
 from evanesce.rig import Scene, load_scene
-from evanesce.states import ContactState
-from evanesce.validation.agreement import Case, agreement, cases, coarser, regions
 from rigs import hard_contact, need, small_rig
 
 MODEL = 0.008

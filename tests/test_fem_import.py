@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from evanesce.contact.fem.importer import ForeignContact, check_contact, read_foreign
-from evanesce.errors import InputError
-from evanesce.states import PlateGrid
+from evanesce.core.errors import InputError
+from evanesce.core.states import PlateGrid
 
 A, RADIUS, FORCE = 2.37, 7.5, 1.3  # [mm], [mm], [N]
 CENTRE = np.array([0.6, -0.35])

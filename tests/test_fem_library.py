@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from evanesce.contact.fem.library import FOLDER, library_names, library_press, library_state
-from evanesce.errors import InputError
-from evanesce.states import PlateGrid
+from evanesce.core.errors import InputError
+from evanesce.core.states import PlateGrid
 
 PRESSES = [(m, b) for m in ("silskin_0", "silskin_20") for b in ("none", "half")]
 GRID = PlateGrid((230, 240), 0.07, (0.4, -0.2))
@@ -117,7 +117,7 @@ def test_reading_needs_no_finite_element_library() -> None:
         "import sys\n"
         "for name in ('felupe', 'pypardiso', 'meshio'): sys.modules[name] = None\n"
         "from evanesce.contact.fem.library import library_state\n"
-        "from evanesce.states import PlateGrid\n"
+        "from evanesce.core.states import PlateGrid\n"
         "print(library_state('silskin_0', 1.0, PlateGrid((120, 120), 0.1)).nominal_contact_area)\n"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)

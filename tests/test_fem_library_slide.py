@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from evanesce.contact.fem.library_slide import library_slide, library_slide_state, slide_names
-from evanesce.errors import InputError
-from evanesce.states import PlateGrid, SurfaceState
+from evanesce.core.errors import InputError
+from evanesce.core.states import PlateGrid, SurfaceState
 
 NAME = "silskin_0_mu067"
 GRID = PlateGrid((140, 260), 0.08, (4.2, 0.3))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from evanesce.contact.fem.material import Rubber, distortional_stress, distortional_tangent, energy, rubber
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 from evanesce.materials.hyperelastic import MooneyRivlin, drucker_tangent
 
 MATERIALS = {

@@ -7,7 +7,7 @@ import pytest
 
 from evanesce.contact.fem.mesh import FingerShape, MeshSize, SolidMesh, finger_section, graded, nodal_areas
 from evanesce.contact.fem.mesh_half import finger_half
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 
 SHAPES = {
     "thesis": FingerShape(),

@@ -21,8 +21,8 @@ from evanesce.contact.fem.mesh_half import finger_half
 from evanesce.contact.fem.press import press, press_contact_state
 from evanesce.contact.fem.result import SolvedRun, load_run, write_vtk
 from evanesce.contact.fem.steps import LimitReached, StepSizes
-from evanesce.errors import InputError
-from evanesce.states import PlateGrid, SurfaceState
+from evanesce.core.errors import InputError
+from evanesce.core.states import PlateGrid, SurfaceState
 
 COARSE = MeshSize(contact=0.45, fine_extent=2.5, growth=1.4, coarsest=2.5)
 SHAPE = FingerShape(tip_radius=6.8, diameter=12.6, length=17.0)

@@ -16,8 +16,8 @@ from evanesce.contact.fem.press import press
 from evanesce.contact.fem.result import SolvedRun
 from evanesce.contact.fem.slide import slide, slide_contact_state
 from evanesce.contact.fem.steps import StepSizes
-from evanesce.errors import InputError
-from evanesce.states import PlateGrid, SurfaceState
+from evanesce.core.errors import InputError
+from evanesce.core.states import PlateGrid, SurfaceState
 
 SHAPE = FingerShape(tip_radius=7.5, diameter=15.0, length=13.0)
 SIZE = MeshSize(contact=1.25, fine_extent=3.0, growth=1.8, coarsest=4.0)

@@ -12,15 +12,15 @@ import OpenEXR
 import pytest
 from PIL import Image
 
-from evanesce.contact.heightmap import RidgeRow
-from evanesce.contact.skin import scanned_depth
+from evanesce.bench.relief import HeightMap, RepeatedProfile
+from evanesce.bench.surface_files import read_skin
+from evanesce.contact.ridges.heightmap import RidgeRow
+from evanesce.contact.ridges.skin import scanned_depth
 from evanesce.contact.solve import contact_state
-from evanesce.errors import InputError
-from evanesce.materials.relief import HeightMap, RepeatedProfile
-from evanesce.materials.surface_files import read_skin
-from evanesce.resources import resource
+from evanesce.core.errors import InputError
+from evanesce.core.resources import resource
+from evanesce.core.states import ContactState
 from evanesce.rig import copy_height_map, dump_scene, load_scene
-from evanesce.states import ContactState
 
 ROW = RidgeRow("parallel", pitch=0.83, width=0.44, height=0.061, orientation=np.radians(17.0), rounding=0.06)
 SCAN_PITCH = 0.0137

@@ -22,7 +22,9 @@ from typer.testing import CliRunner
 
 from evanesce.cli.app import app
 from evanesce.contact.solve import contact_state
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
+from evanesce.evaluation.labels import label, view_geometry
+from evanesce.evaluation.perfect_view import PerfectView
 from evanesce.live import pictures
 from evanesce.live.charts import histogram_svg, profile_svg
 from evanesce.live.controls import SET_HERE, Controls, controls_of, knobs_of, led_names, scene_of, seen_scene
@@ -33,10 +35,8 @@ from evanesce.live.present import present
 from evanesce.live.saved import scene_text
 from evanesce.live.truth_view import ContactShare
 from evanesce.live.worker import Worker
-from evanesce.measurement.segment import Chain, Crop, blurred_grey, segment
+from evanesce.measurement.reference.segment import Chain, Crop, blurred_grey, segment
 from evanesce.rig import load_scene
-from evanesce.truth.labels import label, view_geometry
-from evanesce.validation.perfect import PerfectView
 from live_rig import expected, rig
 
 # --- settings and scenes ---------------------------------------------------------------------------------------------

@@ -26,13 +26,13 @@ from PIL import Image as PillowImage
 from typer.testing import CliRunner
 
 from evanesce.cli.app import app
+from evanesce.evaluation.perfect_view import PerfectView
 from evanesce.live import pictures
 from evanesce.live.controls import controls_of, led_names, scene_of
 from evanesce.live.engine import window_around
-from evanesce.measurement.segment import Chain, segment
+from evanesce.measurement.reference.segment import Chain, segment
 from evanesce.rig import load_scene
 from evanesce.rig.coarser import coarser_camera
-from evanesce.validation.perfect import PerfectView
 from live_rig import RIG, Expected, expected, rig
 
 CHROMIUM = next((found for name in ("chromium", "chromium-browser", "google-chrome", "chrome")

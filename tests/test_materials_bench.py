@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evanesce.contact.hertz import hertz_radius
-from evanesce.errors import InputError, WorkError
-from evanesce.materials import friction, profile, relief, statistics, surface_files
+from evanesce.bench import friction, profile, relief, statistics, surface_files
+from evanesce.contact.analytic.hertz import hertz_radius
+from evanesce.core.errors import InputError, WorkError
 
 # --- friction
 
@@ -268,7 +268,7 @@ def test_height_maps_for_the_finger(scan):
 
 
 def test_a_measured_profile_goes_straight_into_the_half_space_solver():
-    from evanesce.contact.halfspace import press_height_map
+    from evanesce.contact.halfspace.solver import press_height_map
 
     x = np.arange(0, 9.3, 0.004)
     tiled = relief.height_map_of_profile(x, ridge(x - 0.21) + 0.002 * x, (8, 856), PITCH / 107)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from evanesce.errors import InputError
-from evanesce.materials import dma
+from evanesce.bench import dma
+from evanesce.core.errors import InputError
 from evanesce.materials.prony import PronySeries, arrhenius_shift, fit_arrhenius, fit_prony, wlf_shift
 from evanesce.materials.tables import material
 

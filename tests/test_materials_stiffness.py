@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from evanesce.contact.hertz import hertz_radius
-from evanesce.errors import InputError, WorkError
-from evanesce.materials import hyperelastic, indentation
+from evanesce.bench import indentation
+from evanesce.contact.analytic.hertz import hertz_radius
+from evanesce.core.errors import InputError, WorkError
+from evanesce.materials import hyperelastic
 from evanesce.materials.deadener import fit_deadener, interpolate_modulus
 from evanesce.materials.hyperelastic import MooneyRivlin, drucker_tangent, fit_mooney_rivlin, stability_limits
 from evanesce.materials.tables import read_tables

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 from evanesce.materials import material, material_names
 from evanesce.materials.tables import TABLES, read_tables
 

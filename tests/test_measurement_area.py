@@ -12,9 +12,12 @@ import cv2
 import numpy as np
 import pytest
 
-from evanesce.errors import InputError, WorkError
+from evanesce.core.errors import InputError, WorkError
+from evanesce.core.states import Frame
 from evanesce.measurement import plots
-from evanesce.measurement.area import (
+from evanesce.measurement.calibration.model import Calibration
+from evanesce.measurement.calibration.rectify import rectification, undistort_points
+from evanesce.measurement.reference.area import (
     AreaRow,
     halfway_threshold,
     measure_frame,
@@ -23,11 +26,8 @@ from evanesce.measurement.area import (
     to_csv,
     to_plain,
 )
-from evanesce.measurement.calibration import Calibration
-from evanesce.measurement.rectify import rectification, undistort_points
-from evanesce.measurement.segment import Chain, Crop
-from evanesce.measurement.warn import FrameFigures, FrameLog, frame_rate_warning, scale_warning
-from evanesce.states import Frame
+from evanesce.measurement.reference.segment import Chain, Crop
+from evanesce.measurement.warnings import FrameFigures, FrameLog, frame_rate_warning, scale_warning
 
 
 def ellipse(shape=(321, 407), centre=(233.4, 141.7), axes=(97.3, 61.9), low=11, high=181, turn=0.3):

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from PIL import Image as PillowImage
 
-from evanesce.errors import InputError, WorkError
-from evanesce.measurement.frames import natural_key, open_frames
-from evanesce.measurement.images import read_image
+from evanesce.core.errors import InputError, WorkError
+from evanesce.measurement.io.frames import natural_key, open_frames
+from evanesce.measurement.io.images import read_image
 
 ROWS, COLS = 90, 128
 

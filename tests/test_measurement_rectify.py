@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy import ndimage, optimize
 
-from evanesce.errors import InputError
-from evanesce.measurement.calibration import Calibration
-from evanesce.measurement.rectify import (
+from evanesce.core.errors import InputError
+from evanesce.measurement.calibration.model import Calibration
+from evanesce.measurement.calibration.rectify import (
     distort_normalized,
     distortion_jacobian,
     rectification,

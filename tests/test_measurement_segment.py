@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from skimage import color, filters, measure, morphology, util
 
-from evanesce.errors import InputError
-from evanesce.measurement.segment import (
+from evanesce.core.errors import InputError
+from evanesce.measurement.reference.segment import (
     LUMA_SCALE,
     Chain,
     Crop,
@@ -223,7 +223,7 @@ def test_single_precision_stays_within_its_bound(blur):
     """The bound holds for the worst pixel of a noisy frame, and is not idle: errors come within a factor of 100."""
     import cv2
 
-    from evanesce.measurement.segment import LUMA, _weights
+    from evanesce.measurement.reference.segment import LUMA, _weights
 
     image = np.random.default_rng(3).integers(0, 256, (200, 300, 3), dtype=np.uint8)
     taps = _weights(blur)
@@ -242,7 +242,7 @@ def test_undecided_pixels_by_windows_and_by_rows_agree(monkeypatch):
     for at in ((40, 50), (0, 0), (310, 426), (117, 261)):
         threshold = float(exact[at])
         by_windows = _brighter(image, threshold, 1.0)[0]
-        monkeypatch.setattr("evanesce.measurement.segment.MOST_WINDOWS", -1)
+        monkeypatch.setattr("evanesce.measurement.reference.segment.MOST_WINDOWS", -1)
         by_rows = _brighter(image, threshold, 1.0)[0]
         monkeypatch.undo()
         np.testing.assert_array_equal(by_windows != 0, exact > threshold)

@@ -9,7 +9,8 @@ from scipy.ndimage import maximum_filter
 
 from evanesce.contact.solve import contact_state
 from evanesce.effects import Context, all_effects
-from evanesce.optics.glow import (
+from evanesce.optics.interface import frustrated_transmittance
+from evanesce.optics.subsurface import (
     absorption_coefficient,
     dipole_profile,
     half_space_reflectance,
@@ -19,9 +20,8 @@ from evanesce.optics.glow import (
     profile_kernel,
     share_within,
 )
-from evanesce.optics.interface import frustrated_transmittance
-from evanesce.render.glow import body_light
-from evanesce.render.transport import fields_of, patch_radiance
+from evanesce.render.fast.subsurface import body_light
+from evanesce.render.fast.transport import fields_of, patch_radiance
 from evanesce.rig import Scene, load_scene
 
 WALKERS = 60_000

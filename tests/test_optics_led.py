@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 from evanesce.optics.led import (
     emitter_radiance,
     led_positions,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 from evanesce.optics.led import (
     emitter_radiance,
     led_positions,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 from evanesce.measurement.pressure import PressureCurve, author_map, pressure_map
 
 PIXEL_MM2 = 0.02**2

@@ -9,11 +9,11 @@ import pytest
 from typer.testing import CliRunner
 
 from evanesce.cli.app import app
-from evanesce.optics.glow import absorption_coefficient
+from evanesce.core.states import PlateLight
 from evanesce.optics.spectrum import BAND_NM, Band, luminous_efficiency, pdms_index, white_bands, white_led_power
+from evanesce.optics.subsurface import absorption_coefficient
 from evanesce.render.bands import banded, in_band
-from evanesce.render.path import render
-from evanesce.states import PlateLight
+from evanesce.render.reference.path import render
 from rigs import hard_contact, need, small_rig, view_around
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from evanesce.optics.interface import fresnel_reflectance, frustrated_reflectance, guided_coupling
-from evanesce.render.bsdf import InterfaceOptics, blended_bsdf, frustrated_bsdf
+from evanesce.render.reference.bsdf import InterfaceOptics, blended_bsdf, frustrated_bsdf
 from evanesce.render.variant import select
 from rigs import need
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.render.cards import CHECKERBOARD, SQUARE, Card, Pose, Room, render_card
 from evanesce.render.variant import select

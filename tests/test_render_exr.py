@@ -10,11 +10,11 @@ import OpenEXR
 import pytest
 
 from evanesce.contact.solve import contact_state
-from evanesce.errors import InputError, WorkError
+from evanesce.core.errors import InputError, WorkError
+from evanesce.core.states import PlateLight
 from evanesce.optics.projection import Projection
 from evanesce.render.exr import UNITS, read_light, write_light
 from evanesce.rig import Scene, load_scene
-from evanesce.states import PlateLight
 
 
 @pytest.fixture(scope="module")

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
+from evanesce.core.states import ContactState, PlateGrid
 from evanesce.optics.emitters import led_table
 from evanesce.optics.guide import contact_radiance, halo_irradiance, halo_radius
 from evanesce.optics.interface import fresnel_reflectance, frustrated_transmittance
 from evanesce.optics.led import led_powers
 from evanesce.optics.projection import Projection
-from evanesce.render.bsdf import InterfaceOptics
-from evanesce.render.passes import Until, Welford, trace
-from evanesce.render.path import focus_window, integrator_for, render, scaled_view
-from evanesce.render.scene import camera_dict, edge_spans, finger_mesh, interface_maps, plate_scene
+from evanesce.render.reference.bsdf import InterfaceOptics
+from evanesce.render.reference.passes import Until, Welford, trace
+from evanesce.render.reference.path import focus_window, integrator_for, render, scaled_view
+from evanesce.render.reference.scene import camera_dict, edge_spans, finger_mesh, interface_maps, plate_scene
 from evanesce.render.variant import select
-from evanesce.states import ContactState, PlateGrid
 from rigs import hard_contact, need, small_rig, view_around
 
 CENTRE = (3.3, -2.1)

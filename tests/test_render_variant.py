@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 from evanesce.render import variant
 from evanesce.render.variant import Attempt, find, llvm_candidates, llvm_major, probe, rank_llvm
 

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evanesce.errors import InputError
-from evanesce.resources import resource
+from evanesce.core.errors import InputError
+from evanesce.core.resources import resource
 from evanesce.rig import Camera, Plate, dump_scene, load_scene
 from evanesce.rig.load import validate
 

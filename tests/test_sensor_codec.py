@@ -15,9 +15,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evanesce.errors import InputError, WorkError
+from evanesce.core.errors import InputError, WorkError
+from evanesce.core.states import Frame
 from evanesce.sensor.codec import VideoWriter, write_frames, write_png, write_video
-from evanesce.states import Frame
 
 TIMES = [0.05, 0.0837, 0.1, 0.4, 0.401, 2.0]
 
@@ -156,9 +156,9 @@ _FULL_DISK = """
 import resource, sys
 from pathlib import Path
 import numpy as np
-from evanesce.errors import WorkError
+from evanesce.core.errors import WorkError
 from evanesce.sensor.codec import write_png, write_video
-from evanesce.states import Frame
+from evanesce.core.states import Frame
 resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))  # the system refuses to let a file grow beyond this
 folder, kind = Path(sys.argv[1]), sys.argv[2]
 rng = np.random.default_rng(0)

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 from scipy.special import j0, j1, jn_zeros
 
+from evanesce.core.states import PlateLight
 from evanesce.optics.projection import Projection
 from evanesce.rig import Camera, Distortion, Plate
 from evanesce.rig.camera import Lens, Pixel
 from evanesce.sensor import lens as model
-from evanesce.states import PlateLight
 
 PLATE = Plate(size_mm=(120.0, 80.0), thickness_mm=5.3, refractive_index=1.471)
 BARREL = Distortion(k1=-0.33, k2=0.08, p1=0.002, p2=-0.003)

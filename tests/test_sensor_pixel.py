@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evanesce import rng
+from evanesce.core import rng
+from evanesce.core.states import PlateLight, SensorLight
 from evanesce.optics.projection import Projection
 from evanesce.rig import Camera, Distortion, Plate
 from evanesce.rig.camera import Lens, Pixel
@@ -15,7 +16,6 @@ from evanesce.sensor.expose import expose
 from evanesce.sensor.lens import form_image
 from evanesce.sensor.pixel import fixed_pattern, photon_count
 from evanesce.sensor.readout import quantise
-from evanesce.states import PlateLight, SensorLight
 
 PLATE = Plate(size_mm=(120.0, 80.0), thickness_mm=5.3, refractive_index=1.471)
 HC = 1.98644586e-25  # Planck's constant times the speed of light [J m], CODATA 2018

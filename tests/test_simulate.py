@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evanesce import rng
+from evanesce.chain.simulate import photograph, simulate
+from evanesce.core import rng
+from evanesce.core.errors import InputError
+from evanesce.core.quantities import Strict, field
+from evanesce.core.states import ContactState, PlateGrid, PlateLight
 from evanesce.effects import Effect, Stage, all_effects
-from evanesce.errors import InputError
 from evanesce.optics.projection import Projection
-from evanesce.quantities import Strict, field
 from evanesce.rig import Camera, Distortion, Plate, Scene, load_scene
 from evanesce.rig.camera import Lens, Pixel
 from evanesce.sensor.expose import expose
 from evanesce.sensor.lens import form_image
-from evanesce.simulate import photograph, simulate
-from evanesce.states import ContactState, PlateGrid, PlateLight
 
 CENTRE = (1.7, -0.9)
 

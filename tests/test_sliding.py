@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from evanesce.contact import partial_slip
-from evanesce.contact.hertz import hertz_contact, hertz_pressure, hertz_radius
-from evanesce.contact.interface_friction import (
+from evanesce.contact.analytic import partial_slip
+from evanesce.contact.analytic.hertz import hertz_contact, hertz_pressure, hertz_radius
+from evanesce.contact.analytic.xydas_kao import xydas_kao_contact, xydas_kao_pressure
+from evanesce.contact.sliding.friction import (
     InterfaceFriction,
     area_loss_for,
     area_loss_scaled,
@@ -21,9 +22,8 @@ from evanesce.contact.interface_friction import (
     tilted_compliance,
     tip_contact_fits,
 )
-from evanesce.contact.sliding import march, spring_load
-from evanesce.contact.sliding_states import force_within_matrix
-from evanesce.contact.xydas_kao import xydas_kao_contact, xydas_kao_pressure
+from evanesce.contact.sliding.solver import march, spring_load
+from evanesce.contact.sliding.states import force_within_matrix
 
 E, R, N, MU, NU = 0.71, 6.9, 1.3, 0.83, 0.5
 G = float(partial_slip.tangential_modulus(E, NU))

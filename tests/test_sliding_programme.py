@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evanesce.contact.interface_friction import coulomb, interface_of
-from evanesce.contact.press_slide import SlideProgramme, press_and_slide
-from evanesce.contact.xydas_kao import xydas_kao_contact
-from evanesce.errors import InputError
+from evanesce.contact.analytic.xydas_kao import xydas_kao_contact
+from evanesce.contact.sliding.friction import coulomb, interface_of
+from evanesce.contact.sliding.programme import SlideProgramme, press_and_slide
+from evanesce.core.errors import InputError
+from evanesce.core.states import PlateGrid, SurfaceState
 from evanesce.materials.tables import material
-from evanesce.states import PlateGrid, SurfaceState
 
 GRID = PlateGrid((96, 200), 0.11, (2.1, 0.2))
 SOFT = material("silskin_0")

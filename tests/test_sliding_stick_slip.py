@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evanesce.contact.stick_slip import Slider, simulate_stick_slip, stick_slip_period
-from evanesce.materials.friction import spectrum
+from evanesce.bench.friction import spectrum
+from evanesce.contact.sliding.stick_slip import Slider, simulate_stick_slip, stick_slip_period
 
 SLIDER = Slider(mass=0.043, stiffness=1.7, normal_force=1.2, static_friction=0.88, dynamic_friction=0.61)
 

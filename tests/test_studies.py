@@ -13,18 +13,18 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from evanesce import provenance
+from evanesce.chain.simulate import touch
 from evanesce.cli.app import app
-from evanesce.measurement.segment import Chain, segment
+from evanesce.core import provenance
+from evanesce.evaluation.perfect_view import PerfectView
+from evanesce.measurement.reference.segment import Chain, segment
 from evanesce.report.html import write
-from evanesce.report.slider import slider
-from evanesce.report.study_page import page
 from evanesce.rig import Scene, load_scene
-from evanesce.simulate import touch
-from evanesce.validation import estimator_study
-from evanesce.validation.perfect import PerfectView
-from evanesce.validation.slider import SliderFrame
-from evanesce.validation.studies import Chart, Findings, Ledger, Listing, Panel, Part, Progress, Series, Shown, studies
+from evanesce.studies.estimator import study as estimator_study
+from evanesce.studies.page import page
+from evanesce.studies.registry import Chart, Findings, Ledger, Listing, Panel, Part, Progress, Series, Shown, studies
+from evanesce.studies.threshold.slider import slider
+from evanesce.studies.threshold.slider_frames import SliderFrame
 
 CHROMIUM = next((found for name in ("chromium", "chromium-browser", "google-chrome", "chrome")
                  if (found := shutil.which(name))), None)  # fmt: skip
@@ -179,8 +179,8 @@ def test_all_writes_report_results_and_figures(tmp_path: Path, monkeypatch: pyte
         seen.append((scene.title, quick, seed))
         return replace(findings(), data={"area_mm2": [1.5, float("nan")]})
 
-    monkeypatch.setattr("evanesce.validation.studies.studies", lambda: [Part("drawn", "Drawn part", 1, work)])
-    monkeypatch.setattr("evanesce.validation.slider.slider_frames", lambda scene, seed: [drawn_frame()])
+    monkeypatch.setattr("evanesce.studies.registry.studies", lambda: [Part("drawn", "Drawn part", 1, work)])
+    monkeypatch.setattr("evanesce.studies.threshold.slider_frames.slider_frames", lambda scene, seed: [drawn_frame()])
     out = tmp_path / "out"
     done = CliRunner().invoke(app, ["study", "all", "thesis", "--quick", "--seed", "9", "--out", str(out)])
     assert done.exit_code == 0, done.output

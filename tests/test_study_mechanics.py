@@ -13,7 +13,9 @@ from typer.testing import CliRunner
 
 from evanesce.cli.app import app
 from evanesce.contact.fem.library import FOLDER as LIBRARY
-from evanesce.validation.mechanics import (
+from evanesce.studies.mechanics.ridges import GRID, LIKELY_PITCH, Ridging, pressed, ridged_area
+from evanesce.studies.mechanics.runs import FOLDER, SLIDES, SlideCase, solved_slide
+from evanesce.studies.mechanics.study import (
     as_json,
     modulus_at_ridges,
     overshoot,
@@ -21,8 +23,6 @@ from evanesce.validation.mechanics import (
     predictions,
     spanned,
 )
-from evanesce.validation.mechanics_ridges import GRID, LIKELY_PITCH, Ridging, pressed, ridged_area
-from evanesce.validation.mechanics_runs import FOLDER, SLIDES, SlideCase, solved_slide
 
 KEYS = {
     "area_ratio_ridged_1N": None,

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evanesce.report.study_page import maps_figure
-from evanesce.validation import budget_part, estimator_part, pressure_part
-from evanesce.validation.estimator_study import EstimatorStudy, Row
+from evanesce.studies.budget import part as budget_part
+from evanesce.studies.estimator import part as estimator_part
+from evanesce.studies.estimator.study import EstimatorStudy, Row
+from evanesce.studies.page import maps_figure
+from evanesce.studies.pressure import part as pressure_part
 
 
 def row(finger: str, place: str, voltage: float, refined: float, author: float) -> Row:

@@ -12,7 +12,8 @@ from typer.testing import CliRunner
 
 from evanesce.cli.app import app
 from evanesce.rig import Camera, load_scene
-from evanesce.validation import threshold_study, time_study
+from evanesce.studies.threshold import study as threshold_study
+from evanesce.studies.time import study as time_study
 from test_estimator_study import TINY
 
 RULES = ("Otsu", "2.5 x Otsu", "Li", "Yen", "mean", "triangle")

@@ -7,9 +7,9 @@ import json
 import numpy as np
 import pytest
 
-from evanesce.validation import thesis_study
-from evanesce.validation.studies import Shown
-from evanesce.validation.thesis_figures import (
+from evanesce.studies.registry import Shown
+from evanesce.studies.thesis import study as thesis_study
+from evanesce.studies.thesis.figures import (
     FORCES,
     Reproduced,
     area_figures,

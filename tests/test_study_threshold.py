@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from skimage import filters
 
-from evanesce.measurement.segment import Crop
+from evanesce.measurement.reference.segment import Crop
 from evanesce.rig import load_scene
-from evanesce.validation.study_scenes import Finger, check_studied, every_finger
-from evanesce.validation.threshold_study import (
+from evanesce.studies.scenes import Finger, check_studied, every_finger
+from evanesce.studies.threshold.study import (
     AUTHORS,
     FORCES,
     RULES,

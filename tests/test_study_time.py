@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evanesce.states import PlateLight
-from evanesce.validation.time_area import FINE_HZ, averaged, broken_line, onsets, reading_errors, rolled, stamped
-from evanesce.validation.time_study import smeared
+from evanesce.core.states import PlateLight
+from evanesce.studies.time.area import FINE_HZ, averaged, broken_line, onsets, reading_errors, rolled, stamped
+from evanesce.studies.time.study import smeared
 
 
 def disc(radius: float, rows: int = 201, cols: int = 317) -> PlateLight:

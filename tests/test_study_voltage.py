@@ -12,12 +12,12 @@ from typer.testing import CliRunner
 
 from evanesce.cli.app import app
 from evanesce.cli.study_voltage import parse_forces, parse_volts
-from evanesce.errors import InputError
-from evanesce.measurement.segment import Chain, segment
+from evanesce.core.errors import InputError
+from evanesce.measurement.reference.segment import Chain, segment
 from evanesce.optics.led import radiant_power
-from evanesce.render.transport import fields_of, patch_radiance
+from evanesce.render.fast.transport import fields_of, patch_radiance
 from evanesce.rig import load_scene
-from evanesce.validation.voltage import (
+from evanesce.studies.voltage.curve import (
     SOURCES,
     Press,
     at_voltage,
@@ -28,8 +28,8 @@ from evanesce.validation.voltage import (
     unclipped_levels,
     without_sources,
 )
-from evanesce.validation.voltage_findings import best_setting, claims, converged, held_from, onset, sensitivity, up_to
-from evanesce.validation.voltage_unknowns import (
+from evanesce.studies.voltage.findings import best_setting, claims, converged, held_from, onset, sensitivity, up_to
+from evanesce.studies.voltage.unknowns import (
     RATIOS,
     THRESHOLDS,
     UNKNOWNS,
@@ -233,8 +233,8 @@ def test_sobol_indices_are_those_of_a_function_whose_indices_are_known() -> None
 
 
 def test_fields_with_no_length_are_those_without_glow(scene) -> None:
-    from evanesce.render.fields import fields_of
-    from evanesce.validation.voltage_unknowns import with_length
+    from evanesce.render.fast.fields import fields_of
+    from evanesce.studies.voltage.unknowns import with_length
 
     plain = scene.model_copy(update={"finger": scene.finger.model_copy(update={"scattering_length_mm": 0.0})})
     glowing = scene.model_copy(update={"finger": scene.finger.model_copy(update={"scattering_length_mm": 0.4})})

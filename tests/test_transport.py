@@ -10,8 +10,14 @@ import pytest
 from numpy.polynomial.legendre import leggauss
 
 from evanesce.contact.solve import contact_state
-from evanesce.optics.flank import Profile, contact_on_flank, flank_irradiance, mirrored_exchange, sampled_irradiance
-from evanesce.optics.flank_light import escaping_irradiance, exit_slope
+from evanesce.optics.flank.escape import escaping_irradiance, exit_slope
+from evanesce.optics.flank.field import (
+    Profile,
+    contact_on_flank,
+    flank_irradiance,
+    mirrored_exchange,
+    sampled_irradiance,
+)
 from evanesce.optics.guided_field import EdgeLight, azimuthal_radiance, edge_radiance, led_count
 from evanesce.optics.interface import fresnel_reflectance, frustrated_transmittance
 from evanesce.optics.patch_light import (
@@ -23,14 +29,14 @@ from evanesce.optics.patch_light import (
     window_transmittance,
 )
 from evanesce.optics.projection import Projection
-from evanesce.render import rig_fields as rig_room
-from evanesce.render.feedback import CoarseGrid, coarse_mean
-from evanesce.render.feedback import feedback as coarse_feedback
-from evanesce.render.fields import Fields, fields_of
+from evanesce.render.fast import rig_fields as rig_room
+from evanesce.render.fast.feedback import CoarseGrid, coarse_mean
+from evanesce.render.fast.feedback import feedback as coarse_feedback
+from evanesce.render.fast.fields import Fields, fields_of
+from evanesce.render.fast.patch import InterfaceBox, field_images, patch_light, patch_radiance, refinement
+from evanesce.render.fast.transport import flank_image, flank_place, render_fast, view_rays
 from evanesce.render.kept import forget
-from evanesce.render.patch import InterfaceBox, field_images, patch_light, patch_radiance, refinement
-from evanesce.render.scene import interface_maps
-from evanesce.render.transport import flank_image, flank_place, render_fast, view_rays
+from evanesce.render.reference.scene import interface_maps
 from evanesce.rig import Scene
 from rigs import hard_contact, small_rig
 
@@ -375,7 +381,7 @@ def test_mirrored_light_vanishes_without_mirror_or_body() -> None:
 
 def test_field_of_marks_holds_for_narrow_cones() -> None:
     """Behind an air film LEDs light cones with steep edges; against dense rays, the ratio of two nodes."""
-    from evanesce.render.marks import _contact_field
+    from evanesce.render.fast.defects import _contact_field
 
     rig = small_rig(leds__air_gap_share=1.0, plate__edge_reflectance=0.0)
     y, x, found = _contact_field(rig, 1.0)
@@ -398,7 +404,7 @@ def test_another_voltage_computes_nothing_anew(scene: Scene, fields: Fields, mon
 
     for name in ("compute_unit_light", "compute_rig_fields"):
         monkeypatch.setattr(rig_room, name, never)
-    monkeypatch.setattr("evanesce.render.fields._tables", never)
+    monkeypatch.setattr("evanesce.render.fast.fields._tables", never)
     dimmer = small_rig(leds__voltage_V=8.7, leds__edge={"top": {"offset_mm": 1.7, "voltage_V": 9.0}})
     dead = small_rig(leds__edge={"top": {"offset_mm": 1.7, "voltage_V": 9.0}, "left": {"relative_power": (1, 0, 1, 1)}})
     for other in (dimmer, dead):

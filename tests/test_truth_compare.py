@@ -7,8 +7,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from evanesce.truth.compare import boundary_displacement, compare
-from evanesce.truth.labels import FrameLabels
+from evanesce.evaluation.compare import boundary_displacement, compare
+from evanesce.evaluation.labels import FrameLabels
 
 SHAPE = (231, 274)
 AT = (118.37, 121.61)

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from evanesce.core.states import ContactState, PlateGrid, SurfaceState
+from evanesce.evaluation.labels import RectifiedView, label, view_geometry
 from evanesce.optics.projection import Projection
 from evanesce.rig import Camera, Distortion, Plate
 from evanesce.rig.camera import Lens
-from evanesce.states import ContactState, PlateGrid, SurfaceState
-from evanesce.truth.labels import RectifiedView, label, view_geometry
 
 CENTRE = (1.7, -0.9)
 RADIUS = 3.3

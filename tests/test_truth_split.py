@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 from scipy.optimize import brentq
 
+from evanesce.chain.simulate import photograph
+from evanesce.core.states import PlateLight
+from evanesce.evaluation.error_split import SOURCES, MeasuredArea, Viewing, half_level_mask, split
+from evanesce.evaluation.labels import RectifiedView
 from evanesce.optics.projection import Projection
 from evanesce.rig import Camera, Distortion, Plate, Scene, load_scene
 from evanesce.rig.camera import Lens, Pixel
 from evanesce.sensor.tone import CURVES
-from evanesce.simulate import photograph
-from evanesce.states import PlateLight
-from evanesce.truth.labels import RectifiedView
-from evanesce.truth.split import SOURCES, MeasuredArea, Viewing, half_level_mask, split
 
 SUBSETS = [frozenset(c) for n in range(6) for c in itertools.combinations(SOURCES, n)]
 

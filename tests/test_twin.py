@@ -15,14 +15,14 @@ from typer.testing import CliRunner
 
 from boards import draw, warp
 from evanesce.cli import twin as command
-from evanesce.measurement.board_lines import BoardLines, fit_lines
-from evanesce.measurement.points import BoardView
+from evanesce.evaluation.board_geometry import SENSOR_WIDTH_UM, FittedRig, PrintedBoard, bright_even, fit_rig
+from evanesce.evaluation.board_light import block_mask, judged_block, smooth_field, squares
+from evanesce.measurement.calibration.board_lines import BoardLines, fit_lines
+from evanesce.measurement.calibration.points import BoardView
 from evanesce.optics.projection import Projection
 from evanesce.rig import Camera, load_scene
-from evanesce.validation.twin import Light, Twin, _Studio, make_twin
-from evanesce.validation.twin_geometry import SENSOR_WIDTH_UM, FittedRig, PrintedBoard, bright_even, fit_rig
-from evanesce.validation.twin_judge import causes, judge
-from evanesce.validation.twin_light import block_mask, judged_block, smooth_field, squares
+from evanesce.studies.twin.judge import causes, judge
+from evanesce.studies.twin.model import Light, Twin, _Studio, make_twin
 
 SIZE = (400, 300)
 DOT = 25.4 / 600
@@ -70,7 +70,7 @@ def uneven_light() -> Light:
 @pytest.fixture(scope="module")
 def made(truth: FittedRig) -> tuple[Twin, np.ndarray]:
     """A photograph simulated from a known rig, and its twin."""
-    from evanesce.simulate import photograph
+    from evanesce.chain.simulate import photograph
 
     base = load_scene("thesis")
     studio = _Studio(base, truth)

@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from evanesce.measurement.area import measure_frame
-from evanesce.measurement.calibration import Calibration
-from evanesce.measurement.refined_plate import PlateMap
-from evanesce.measurement.segment import Chain
-from evanesce.measurement.uncertainty import (
+from evanesce.core.states import Frame
+from evanesce.evaluation.calibrated_rig import CardErrors, calibrated
+from evanesce.measurement.calibration.model import Calibration
+from evanesce.measurement.reference.area import measure_frame
+from evanesce.measurement.reference.segment import Chain
+from evanesce.measurement.refined.plate import PlateMap
+from evanesce.measurement.uncertainty.area import author_uncertainty, lens_distance
+from evanesce.measurement.uncertainty.budget import (
     FILM,
     Component,
     Reading,
@@ -22,11 +25,8 @@ from evanesce.measurement.uncertainty import (
     propagate,
     refined_components,
 )
-from evanesce.measurement.uncertainty_area import author_uncertainty, lens_distance
-from evanesce.measurement.uncertainty_table import budget_table
+from evanesce.measurement.uncertainty.table import budget_table
 from evanesce.rig import load_scene
-from evanesce.states import Frame
-from evanesce.validation.calibrated_rig import CardErrors, calibrated
 
 READING = Reading(area_mm2=11.7, perimeter_mm=12.9, distance_mm=33.1)
 

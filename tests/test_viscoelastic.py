@@ -7,10 +7,10 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from evanesce.contact.hertz import hertz_gap, hertz_pressure, hertz_radius
-from evanesce.contact.viscoelastic import press_by_depth, press_by_force, reduced_series, viscoelastic_states
+from evanesce.contact.analytic.hertz import hertz_gap, hertz_pressure, hertz_radius
+from evanesce.contact.analytic.viscoelastic import press_by_depth, press_by_force, reduced_series, viscoelastic_states
+from evanesce.core.states import PlateGrid
 from evanesce.materials.prony import PronySeries
-from evanesce.states import PlateGrid
 
 R = 6.8  # mm
 SOLID = PronySeries(0.37, (0.52,), (0.73,))  # a standard linear solid

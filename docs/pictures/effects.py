@@ -19,11 +19,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 from PIL import Image
 
+from evanesce.chain.simulate import photograph
 from evanesce.contact.solve import contact_state
 from evanesce.effects import Context, Effect, Stage, active_effects, all_effects, apply_stage
-from evanesce.render.transport import render_fast
+from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene, load_scene
-from evanesce.simulate import photograph
 
 HALF_RESOLUTION = {
     "camera.resolution_px": [1000, 750],

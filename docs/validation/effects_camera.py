@@ -19,14 +19,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 from scipy import ndimage
 
+from evanesce.chain.simulate import photograph
 from evanesce.contact.solve import contact_state
 from evanesce.effects import Context, Stage, all_effects
-from evanesce.effects.compression import quantised
-from evanesce.render.transport import render_fast
+from evanesce.effects.readout.compression import quantised
+from evanesce.render.fast.transport import render_fast
 from evanesce.rig import load_scene
 from evanesce.sensor.expose import charge_of, frame_of, signal_of
 from evanesce.sensor.lens import form_image
-from evanesce.simulate import photograph
 
 FACTOR = 5
 """Pixels this many times as large as the thesis rig's, seeing the same field: 400 x 300."""

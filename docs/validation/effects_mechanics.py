@@ -10,11 +10,11 @@ import time
 import numpy as np
 from scipy.optimize import brentq
 
+from evanesce.chain.simulate import touch
 from evanesce.contact.fem.library import library_press
 from evanesce.optics.projection import Projection
-from evanesce.render.transport import render_fast
+from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene, load_scene
-from evanesce.simulate import touch
 
 GRID = {"grid.samples": 320, "grid.size_mm": 16.0}
 LAWS: dict[str, dict[str, object]] = {

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import ndimage
 
 from evanesce.optics.led import led_positions
-from evanesce.render.marks import contact_radiance
+from evanesce.render.fast.defects import contact_radiance
 from evanesce.rig import Scene
 from evanesce.rig.leds import StripEdge
 

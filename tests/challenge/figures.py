@@ -8,7 +8,7 @@ import numpy as np
 
 from evanesce.contact.solve import contact_state
 from evanesce.optics.projection import IdealView, Projection
-from evanesce.render.transport import render_fast
+from evanesce.render.fast.transport import render_fast
 from evanesce.sensor.lens import form_image
 
 from .camera import binned

@@ -22,13 +22,13 @@ from evanesce.bundle.card_light import card_light
 from evanesce.bundle.layout import Shot
 from evanesce.bundle.protocol import default_protocol
 from evanesce.contact.solve import contact_state
+from evanesce.core.states import PlateLight
 from evanesce.optics.led import led_radiances
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.render.cards import Pose, checkerboard_of, pose_of, square_of
-from evanesce.render.transport import render_fast
+from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene, load_scene
 from evanesce.sensor.lens import form_image
-from evanesce.states import PlateLight
 
 COLS, ROWS = 400, 300
 FINER = 2

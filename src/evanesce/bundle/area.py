@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.measurement.segment import Chain, segment
+from evanesce.measurement.reference.segment import Chain, segment
 from evanesce.optics.projection import Projection
 from evanesce.rig import Scene
 

@@ -11,7 +11,6 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from evanesce import rng
 from evanesce.bundle.area import MIN_BLOB_MM2, AreaReading, contact_area
 from evanesce.bundle.card_light import card_light
 from evanesce.bundle.folder import new_folder, write_csv, write_frame, write_shots
@@ -27,14 +26,15 @@ from evanesce.bundle.layout import (
 )
 from evanesce.bundle.protocol import Protocol, default_protocol
 from evanesce.bundle.read import scene_at
+from evanesce.chain.simulate import Render, photograph, touch
+from evanesce.core import rng
+from evanesce.core.states import ContactState, PlateLight
 from evanesce.effects import Context, Stage, active_effects, all_effects, apply_stage
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.render.cards import Card, Pose, checkerboard_of, pose_of, square_of
-from evanesce.render.transport import render_fast
+from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene, copy_height_map, dump_scene
 from evanesce.rig.coarser import finer_pixels
-from evanesce.simulate import Render, photograph, touch
-from evanesce.states import ContactState, PlateLight
 
 Grey = NDArray[np.uint8]
 Tick = Callable[[int, int], None]

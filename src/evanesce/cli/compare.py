@@ -20,7 +20,7 @@ from evanesce.cli.common import (
     progress,
     write_json,
 )
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 
 
 def register(app: typer.Typer) -> None:
@@ -48,10 +48,10 @@ def register(app: typer.Typer) -> None:
         Area error, mask overlap, boundary displacement, and the error split into scale, distortion, blur, threshold and
         noise, each switched off in turn.
         """
-        from evanesce.measurement.calibration import load_calibration
-        from evanesce.measurement.segment import Chain
-        from evanesce.validation.evaluate import Camera, evaluate
-        from evanesce.validation.rendered import read_rendered
+        from evanesce.evaluation.evaluate import Camera, evaluate
+        from evanesce.evaluation.rendered import read_rendered
+        from evanesce.measurement.calibration.model import load_calibration
+        from evanesce.measurement.reference.segment import Chain
 
         check_json_target(json_file)
         chain = Chain(threshold=threshold, min_blob=min_blob, blur=blur)

@@ -74,7 +74,7 @@ def register(app: typer.Typer) -> None:
         Prints a table; --json writes it as JSON, --out adds CSV, overlays, intensity map and plots.
         """
         from evanesce.cli import measure_job
-        from evanesce.measurement.segment import Chain, Crop
+        from evanesce.measurement.reference.segment import Chain, Crop
 
         check_json_target(json_file)
         chain = Chain(threshold=threshold, min_blob=min_blob, blur=blur, radius=radius, crop=Crop.parse(crop))

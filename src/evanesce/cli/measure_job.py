@@ -12,14 +12,14 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from evanesce import provenance, rng
 from evanesce.cli.common import console, messages, out_dir, progress, write_json, write_text
-from evanesce.errors import InputError
-from evanesce.measurement.area import AreaRow, Measured, measure_frame, summary, to_csv, to_plain
-from evanesce.measurement.calibration import Calibration, load_calibration
-from evanesce.measurement.estimator import Estimator, refined_measured
-from evanesce.measurement.frames import FrameStream, open_frames
-from evanesce.measurement.images import read_image
+from evanesce.core import provenance, rng
+from evanesce.core.errors import InputError
+from evanesce.core.states import Frame
+from evanesce.measurement.calibration.model import Calibration, load_calibration
+from evanesce.measurement.calibration.rectify import Rectification, rectification
+from evanesce.measurement.io.frames import FrameStream, open_frames
+from evanesce.measurement.io.images import read_image
 from evanesce.measurement.plots import (
     OverlayVideo,
     area_figure,
@@ -29,14 +29,14 @@ from evanesce.measurement.plots import (
     overlay_figure,
     save_figure,
 )
-from evanesce.measurement.rectify import Rectification, rectification
-from evanesce.measurement.refined_light import Radiometry
-from evanesce.measurement.segment import Chain
-from evanesce.measurement.uncertainty import Finger, Uncertain
-from evanesce.measurement.uncertainty_area import author_uncertainty, refined_uncertainty
-from evanesce.measurement.uncertainty_table import budget_table
-from evanesce.measurement.warn import EdgeLog, FrameLog, Warning, scale_warning
-from evanesce.states import Frame
+from evanesce.measurement.reference.area import AreaRow, Measured, measure_frame, summary, to_csv, to_plain
+from evanesce.measurement.reference.segment import Chain
+from evanesce.measurement.refined.estimator import Estimator, refined_measured
+from evanesce.measurement.refined.light import Radiometry
+from evanesce.measurement.uncertainty.area import author_uncertainty, refined_uncertainty
+from evanesce.measurement.uncertainty.budget import Finger, Uncertain
+from evanesce.measurement.uncertainty.table import budget_table
+from evanesce.measurement.warnings import EdgeLog, FrameLog, Warning, scale_warning
 
 TABLE_ROWS = 24
 VIEWING_RATE = 30.0

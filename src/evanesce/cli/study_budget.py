@@ -18,7 +18,7 @@ from evanesce.cli.common import (
     write_json,
 )
 from evanesce.cli.study_estimator import parse_volts
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 
 
 def register(group: typer.Typer) -> None:
@@ -52,12 +52,12 @@ def register(group: typer.Typer) -> None:
         if not 0 < threshold < 1:
             raise InputError(f"{threshold:g}", key="--threshold", allowed="above 0, below 1")
         voltages = parse_volts(volts)
-        from evanesce.report.estimator_page import budget_page
         from evanesce.report.html import write
         from evanesce.rig import load_scene
-        from evanesce.validation.budget_study import run_study
-        from evanesce.validation.estimator_study import fingers_of
-        from evanesce.validation.studies import Ledger
+        from evanesce.studies.budget.study import run_study
+        from evanesce.studies.estimator.page import budget_page
+        from evanesce.studies.estimator.study import fingers_of
+        from evanesce.studies.registry import Ledger
 
         scenes = load_scene(smooth), load_scene(ridged)
         known = fingers_of(*scenes)

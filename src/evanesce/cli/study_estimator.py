@@ -18,10 +18,10 @@ from evanesce.cli.common import (
     write_json,
 )
 from evanesce.cli.study_voltage import parse_forces
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 
 if TYPE_CHECKING:
-    from evanesce.validation.estimator_study import EstimatorStudy
+    from evanesce.studies.estimator.study import EstimatorStudy
 
 
 def register(group: typer.Typer) -> None:
@@ -47,10 +47,10 @@ def register(group: typer.Typer) -> None:
         voltages, loads = parse_volts(volts), parse_forces(forces)
         if not 0 < threshold < 1:
             raise InputError(f"{threshold:g}", key="--threshold", allowed="above 0, below 1")
-        from evanesce.report.estimator_page import estimator_page
         from evanesce.report.html import write
         from evanesce.rig import load_scene
-        from evanesce.validation.estimator_study import run_study
+        from evanesce.studies.estimator.page import estimator_page
+        from evanesce.studies.estimator.study import run_study
 
         scenes = load_scene(smooth), load_scene(ridged)
         folder = out_dir(out, "study-estimator")

@@ -38,9 +38,9 @@ def register(group: typer.Typer) -> None:
         check_json_target(json_file)
         loads, changes = parse_forces(forces), parse_overrides(settings)
         from evanesce.report.html import write
-        from evanesce.report.pressure_page import number, page
         from evanesce.rig import load_scene
-        from evanesce.validation.pressure_study import run_study
+        from evanesce.studies.pressure.page import number, page
+        from evanesce.studies.pressure.study import run_study
 
         loaded = load_scene(scene, changes)
         folder = out_dir(out, "study-pressure")

@@ -20,15 +20,15 @@ from scipy import optimize, stats
 
 from evanesce.bundle.area import AreaReading, contact_area
 from evanesce.bundle.layout import SERIES_FOLDER, Series
+from evanesce.chain.simulate import touch
+from evanesce.core.errors import InputError
 from evanesce.criticism.fine import FinePredictor
 from evanesce.criticism.observe import model_factor, model_scene
 from evanesce.criticism.parameters import Parameter
 from evanesce.criticism.predict import Nuisances, Point, Predictor, scene_with
 from evanesce.criticism.views import View
-from evanesce.errors import InputError
-from evanesce.render.rig_fields import unit_digest
+from evanesce.render.fast.rig_fields import unit_digest
 from evanesce.rig import Scene
-from evanesce.simulate import touch
 
 Array = NDArray[Any]
 

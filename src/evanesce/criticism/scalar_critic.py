@@ -12,6 +12,8 @@ from scipy import stats
 
 from evanesce.bundle.layout import Series
 from evanesce.bundle.read import Bundle
+from evanesce.chain.simulate import touch
+from evanesce.core.errors import InputError
 from evanesce.criticism.candidates import Candidate, candidates_of
 from evanesce.criticism.evidence import Evidence, Ranked
 from evanesce.criticism.frozen import FROZEN
@@ -30,9 +32,7 @@ from evanesce.criticism.scalar import (
     pairs_of,
 )
 from evanesce.effects import Effect, Stage
-from evanesce.errors import InputError
 from evanesce.rig import Scene, dump_scene
-from evanesce.simulate import touch
 
 Array = NDArray[Any]
 Tick = Callable[[str], None]

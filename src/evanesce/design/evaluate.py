@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
+from evanesce.chain.simulate import touch
+from evanesce.core.errors import InputError
 from evanesce.design.objective import light_up, prepared, samples, summary
 from evanesce.design.parts import PartsTable
 from evanesce.design.question import Design, Question, on_case
 from evanesce.design.secondary import figures
 from evanesce.design.uncertainty import uncertainty_of
 from evanesce.design.vary import design_at
-from evanesce.errors import InputError
-from evanesce.render.transport import render_fast
+from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
 from evanesce.rig.load import validate
 from evanesce.sensor.lens import form_image
-from evanesce.simulate import touch
 
 HALF = 0.5
 

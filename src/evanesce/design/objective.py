@@ -18,23 +18,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce import rng
+from evanesce.chain.simulate import Render, SimulatedFrame, simulate, touch
+from evanesce.core import rng
+from evanesce.core.errors import InputError, WorkError
+from evanesce.core.states import Frame
 from evanesce.design.question import Case, Design, Question, coarser_camera, fitted_grid, on_case
 from evanesce.design.uncertainty import Draw, Uncertainty, draw, real_scene, shares, uncertainty_of
-from evanesce.errors import InputError, WorkError
-from evanesce.measurement.area import measure_frame
-from evanesce.measurement.calibration import Calibration
-from evanesce.measurement.estimator import Estimator
-from evanesce.measurement.rectify import Rectification, rectification, undistort_points
-from evanesce.measurement.segment import Crop
+from evanesce.evaluation.calibrated_rig import CardErrors, calibrated, drawn_corners
+from evanesce.measurement.calibration.model import Calibration
+from evanesce.measurement.calibration.rectify import Rectification, rectification, undistort_points
+from evanesce.measurement.reference.area import measure_frame
+from evanesce.measurement.reference.segment import Crop
+from evanesce.measurement.refined.estimator import Estimator
 from evanesce.optics.projection import Projection
-from evanesce.render.scene import approach
-from evanesce.render.sketch import sketch_fields
-from evanesce.render.transport import render_fast
+from evanesce.render.fast.sketch import sketch_fields
+from evanesce.render.fast.transport import render_fast
+from evanesce.render.reference.scene import approach
 from evanesce.rig import Scene
-from evanesce.simulate import Render, SimulatedFrame, simulate, touch
-from evanesce.states import Frame
-from evanesce.validation.calibrated_rig import CardErrors, calibrated, drawn_corners
 
 Floats = NDArray[np.float64]
 
@@ -336,7 +336,7 @@ def measured(
         Number of the draw: its specks, dead LEDs and noise.
     case : Case
     render : callable
-        :func:`~evanesce.render.transport.render_fast` or the path tracer.
+        :func:`~evanesce.render.fast.transport.render_fast` or the path tracer.
     **options
         Of the renderer.
     """

@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.measure import find_contours
 
+from evanesce.chain.simulate import simulate
 from evanesce.design.evaluate import read_job
 from evanesce.design.objective import Lab, light_up, prepared
 from evanesce.design.question import on_case
 from evanesce.design.uncertainty import Draw
 from evanesce.design.vary import design_at
-from evanesce.measurement.area import measure_frame
-from evanesce.measurement.rectify import rectify
-from evanesce.render.transport import render_fast
-from evanesce.simulate import simulate
-from evanesce.validation.calibrated_rig import CardErrors
+from evanesce.evaluation.calibrated_rig import CardErrors
+from evanesce.measurement.calibration.rectify import rectify
+from evanesce.measurement.reference.area import measure_frame
+from evanesce.render.fast.transport import render_fast
 
 Floats = NDArray[np.float64]
 

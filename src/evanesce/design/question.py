@@ -9,9 +9,9 @@ from typing import Any, Literal
 
 from pydantic import ValidationError
 
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 from evanesce.materials import material_names
-from evanesce.measurement.segment import Chain, Crop
+from evanesce.measurement.reference.segment import Chain, Crop
 from evanesce.rig import Scene
 from evanesce.rig.load import validate
 

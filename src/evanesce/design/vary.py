@@ -12,9 +12,9 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from evanesce.core.errors import InputError
+from evanesce.core.quantities import Quantity, quantity_of
 from evanesce.design.question import Design
-from evanesce.errors import InputError
-from evanesce.quantities import Quantity, quantity_of
 from evanesce.rig import Scene
 from evanesce.rig.load import validate
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from evanesce.contact.solve import check_skin
-from evanesce.errors import InputError
-from evanesce.measurement.segment import Chain
+from evanesce.core.errors import InputError
+from evanesce.measurement.reference.segment import Chain
 from evanesce.optics.led import led_positions
 from evanesce.rig import Scene
 from evanesce.rig.coarser import coarser_camera

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 from evanesce.live.figures import Histogram, histogram_of, single_grey
-from evanesce.measurement.calibration import Calibration
-from evanesce.measurement.images import Unreadable, load_image
-from evanesce.measurement.rectify import rectification, rectify
-from evanesce.measurement.segment import Chain, segment
+from evanesce.measurement.calibration.model import Calibration
+from evanesce.measurement.calibration.rectify import rectification, rectify
+from evanesce.measurement.io.images import Unreadable, load_image
+from evanesce.measurement.reference.segment import Chain, segment
 
 Image = NDArray[np.uint8]
 

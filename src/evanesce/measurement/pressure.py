@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

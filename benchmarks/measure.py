@@ -1,4 +1,4 @@
-"""Time of the author's chain: this project's against scikit-image's functions called one after the other.
+"""Time of the reference segmentation: this project's against scikit-image's functions called one after the other.
 
 Both run in one process on the same 2000 x 1500 frames, then on the same folder of PNG files: scikit-image's functions
 in a loop over the files, as one writes it down; ours as `evanesce measure` reads a folder, decoding ahead on threads.

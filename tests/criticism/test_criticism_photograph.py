@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 from scipy.special import erf
 
-from evanesce.chain.simulate import photograph as take
+from evanesce.chain.simulate import expose as take
 from evanesce.criticism.photograph import criticise_photograph
 from evanesce.criticism.photograph_light import LightModel, Photograph, binned_mean, prepare, read_photograph
 from evanesce.criticism.photograph_page import views_words

@@ -17,7 +17,7 @@ from evanesce.bundle.folder import new_folder
 from evanesce.bundle.layout import Shot, conditions
 from evanesce.bundle.protocol import LIGHT, Protocol, default_protocol, sweep_voltages
 from evanesce.bundle.write import write_bundle
-from evanesce.chain.simulate import photograph, touch
+from evanesce.chain.simulate import expose, solve_contact
 from evanesce.cli.app import app
 from evanesce.core.errors import InputError
 from evanesce.core.states import Frame
@@ -345,13 +345,13 @@ def test_larger_pixels_add_up_the_light_of_smaller_ones() -> None:
     coarse = coarser_camera(fine, 5)
     assert finer_pixels(coarse, 5).camera.resolution_px == (300, 240)
     shot = Shot(index=0, time_s=0.0, force_N=1.3, voltage_V=9.0)
-    rig, state = touch(scene_at(fine, shot), shot.force_N, seed=1)
-    whole = photograph(rig, render_fast(rig, state, seed=1), seed=1)[0].irradiance
+    rig, state = solve_contact(scene_at(fine, shot), shot.force_N, seed=1)
+    whole = expose(rig, render_fast(rig, state, seed=1), seed=1)[0].irradiance
     expected = whole.reshape(48, 5, 60, 5).mean(axis=(1, 3))
-    rig = touch(scene_at(coarse, shot), shot.force_N, seed=1)[0]
-    found = photograph(rig, render_fast(finer_pixels(rig, 5), state, seed=1), seed=1, finer=5)[0].irradiance
+    rig = solve_contact(scene_at(coarse, shot), shot.force_N, seed=1)[0]
+    found = expose(rig, render_fast(finer_pixels(rig, 5), state, seed=1), seed=1, finer=5)[0].irradiance
     np.testing.assert_allclose(found, expected, rtol=1e-9)
-    on_its_own = photograph(rig, render_fast(rig, state, seed=1), seed=1)[0].irradiance
+    on_its_own = expose(rig, render_fast(rig, state, seed=1), seed=1)[0].irradiance
     assert np.abs(on_its_own - expected).max() > 0.01 * expected.max()
 
 

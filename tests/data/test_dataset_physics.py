@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from evanesce.chain.simulate import photograph
+from evanesce.chain.simulate import expose
 from evanesce.contact.analytic.hertz import hertz_contact, hertz_radius
 from evanesce.contact.patch import axisymmetric_state
 from evanesce.contact.ridges.heightmap import RidgeRow
@@ -324,7 +324,7 @@ def test_behind_the_lens_is_the_general_chain():
         radiance=2e-6 * rng.random(view.shape), variance=np.zeros(view.shape), focal_px=view.focal_px,
         principal_point=view.principal_point,
     )  # fmt: skip
-    _, exact = photograph(scene, light, seed=9, time_s=0.4, index=37)
+    _, exact = expose(scene, light, seed=9, time_s=0.4, index=37)
     seen = form_image(light, scene.camera, scene.plate)
     found = expose_light(scene, seen, active_effects(scene), seed=9, time_s=0.4, index=37)
     np.testing.assert_array_equal(found.raw, exact.raw)

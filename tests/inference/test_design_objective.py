@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from evanesce.chain.simulate import touch
+from evanesce.chain.simulate import solve_contact
 from evanesce.core import rng
 from evanesce.core.errors import InputError
 from evanesce.design import objective
@@ -114,7 +114,7 @@ def test_the_labs_scale_is_that_of_its_card():
     drawn = Draw({}, CardErrors(square_scale=1.0017, height_mm=0.08), 0.3)
     # Lens to plate: focal length over pixel, over the scale. What the edge adds is taken to first order there.
     distance = 6.0 / 0.013 / 18.0
-    assert objective.author_scale(nominal, drawn, distance) == pytest.approx(real.mm2_per_px, rel=1e-4)
+    assert objective.reference_scale(nominal, drawn, distance) == pytest.approx(real.mm2_per_px, rel=1e-4)
 
 
 def test_a_perfect_frame_is_counted_right():
@@ -203,7 +203,7 @@ def test_the_refined_estimator_measures_too(bench):
 @pytest.mark.slow
 def test_a_sketch_shows_the_same_frame_as_full_fields():
     scene = camera_rig()
-    state = touch(scene, 1.3, seed=1)[1]
+    state = solve_contact(scene, 1.3, seed=1)[1]
     forget()
     sketch_fields(scene, (state.depth,))
     coarse = render_fast(scene, state).radiance

@@ -183,13 +183,13 @@ def test_bad_input_ends_with_2_and_names_its_key(arguments, part):
 @pytest.mark.system
 @pytest.mark.parametrize(("finger", "goal"), [("smooth", 0.5), ("smooth, glow", 1.0)])
 def test_rendered_frames_are_read_blind(finger, goal):
-    """One press on the small rig at 9 V, off the middle; the author's chain at 0.15 errs by several times as much."""
-    scenes = [load_scene(name, SMALL) for name in ("thesis", "thesis_ridged")]
+    """One press on the small rig at 9 V, off the middle; the reference segmentation at 0.15 errs by several times as
+    much.""" scenes = [load_scene(name, SMALL) for name in ("thesis", "thesis_ridged")]
     scene = estimator_study.placed(estimator_study.fingers_of(*scenes)[finger], (1.7, -1.1))
     calibration = calibrated(scenes[0], np.random.default_rng(5))
     (row,) = estimator_study.rows_of(finger, "near", scene, calibration, (9.0,), (2.3,), threshold=0.15, seed=4)
     assert abs(row.refined_percent) < goal
-    assert abs(row.author_percent) > 3 * goal
+    assert abs(row.reference_percent) > 3 * goal
 
 
 @pytest.mark.slow
@@ -201,7 +201,7 @@ def test_blind_error_of_both_estimators(tmp_path):
     found = estimator_study.run_study(*scenes, **options)
     for row in found.rows:
         assert abs(row.refined_percent) < (0.5 if row.finger == "smooth" else 2.0)
-        assert abs(row.author_percent) > 2.0
+        assert abs(row.reference_percent) > 2.0
     again = estimator_study.run_study(*scenes, **options)  # from the kept rows
     assert again.rows == found.rows
     assert write(tmp_path / "e.html", estimator_page(found)).read_text().count("data:image/png") == 1
@@ -225,7 +225,7 @@ def test_pressure_of_a_rough_skin(tmp_path):
     scene = load_scene("thesis", SMALL)
     found = pressure_study.run_study(scene, slopes=(0.5,), forces=(2.0,), voltages=(9.0,))
     row = found.rows[0]
-    assert row.rms_percent < 0.5 * row.author_rms_percent
+    assert row.rms_percent < 0.5 * row.reference_rms_percent
     assert row.correlation > 0.99
     assert "RMS slope" in write(tmp_path / "p.html", page(found)).read_text()
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.special import erf
 
 from evanesce.core.errors import InputError
-from evanesce.measurement.pressure import PressureCurve, author_map, pressure_map
+from evanesce.measurement.pressure import PressureCurve, pressure_map, reference_map
 
 PIXEL_MM2 = 0.02**2
 STEEP = 7.3
@@ -61,7 +61,7 @@ def test_the_authors_map_puts_force_beside_the_contact():
     """Glow under a dilated mask carries force: here a ring of known share."""
     level = np.zeros((50, 60))
     level[10:30, 10:40], level[30:36, 10:40] = 0.5, 0.1
-    pressure = author_map(level, level > 0, PIXEL_MM2, 2.0)
+    pressure = reference_map(level, level > 0, PIXEL_MM2, 2.0)
     assert pressure.sum() * PIXEL_MM2 == pytest.approx(2.0, rel=1e-12)
     assert pressure[30:36].sum() * PIXEL_MM2 == pytest.approx(2.0 * 6 * 0.1 / (6 * 0.1 + 20 * 0.5), rel=1e-12)
 

@@ -15,7 +15,7 @@ from evanesce.measurement.calibration.model import Calibration
 from evanesce.measurement.reference.area import measure_frame
 from evanesce.measurement.reference.segment import Chain
 from evanesce.measurement.refined.plate import PlateMap
-from evanesce.measurement.uncertainty.area import author_uncertainty, lens_distance
+from evanesce.measurement.uncertainty.area import lens_distance, reference_uncertainty
 from evanesce.measurement.uncertainty.budget import (
     FILM,
     Component,
@@ -194,12 +194,12 @@ def test_interval_of_the_authors_chain_covers_a_blurred_disc():
     measured = measure_frame(Frame(data=frame.astype(np.uint8)), Chain(threshold=0.1), 58.37**-2)
     true = np.pi * (radius / 58.37) ** 2
     assert measured.estimate.area > 1.03 * true
-    found = author_uncertainty(measured, 58.37**-2, calibration, np.random.default_rng(1))
+    found = reference_uncertainty(measured, 58.37**-2, calibration, np.random.default_rng(1))
     low, high = found.interval_mm2
     assert low < true < high
     assert max(found.contributions_mm2, key=found.contributions_mm2.get) == "threshold on the contact"
     # a lossy video adds its line: a tenth of a pixel of boundary, rectangular, on some 2 pi r of it
-    coded = author_uncertainty(measured, 58.37**-2, calibration, np.random.default_rng(1), video=True)
+    coded = reference_uncertainty(measured, 58.37**-2, calibration, np.random.default_rng(1), video=True)
     added = 2 * np.pi * radius * 0.1 / np.sqrt(3) / 58.37**2
     assert coded.contributions_mm2["codec"] == pytest.approx(added, rel=0.05)
     assert coded.standard_mm2**2 == pytest.approx(found.standard_mm2**2 + coded.contributions_mm2["codec"] ** 2)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from evanesce.chain.simulate import simulate_press, touch
+from evanesce.chain.simulate import simulate_press, solve_contact
 from evanesce.contact.analytic.hertz import hertz_contact
 from evanesce.contact.analytic.jkr import jkr_contact
 from evanesce.contact.fem.library import library_press
@@ -35,7 +35,7 @@ def rig(law: str, name: str = "thesis", **more: object) -> Scene:
 
 
 def pressed(scene: Scene, force: float, time_s: float = 0.0, **effects: dict[str, float]) -> ContactState:
-    state = touch(scene.model_copy(update={"effects": effects}), force, seed=2, time_s=time_s)[1]
+    state = solve_contact(scene.model_copy(update={"effects": effects}), force, seed=2, time_s=time_s)[1]
     assert state is not None
     return state
 
@@ -313,7 +313,7 @@ def test_what_presses_is_the_reading_less_the_offset() -> None:
     assert state.normal_force == pytest.approx(1.05)
     assert state.nominal_contact_area == pytest.approx(pressed(rig("hertz"), 1.05).nominal_contact_area, rel=1e-12)
     assert pressed(rig("hertz"), 0.2, force_offset={"offset_N": 0.35}).nominal_contact_area == 0.0
-    assert touch(rig("hertz"), None, seed=1)[1] is None
+    assert solve_contact(rig("hertz"), None, seed=1)[1] is None
 
 
 @pytest.mark.parametrize(("name", "values"), [("force_offset", {"offset_N": 0.1}), ("creep", {"per_decade": 0.05})])

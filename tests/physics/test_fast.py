@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from evanesce.chain.fast import FastCamera
-from evanesce.chain.simulate import photograph, simulate
+from evanesce.chain.simulate import expose, simulate
 from evanesce.contact.solve import contact_state
 from evanesce.render.fast.fused import (
     Lit,
@@ -276,7 +276,7 @@ def test_cameras_that_are_not_fused_take_the_general_chain(changes: dict[str, fl
     scene = scene_of(**changes)
     camera, state = FastCamera(scene, "numpy"), contact_state(scene, 2.0)
     assert camera.falls_back.startswith(next(iter(changes)).rpartition(".")[0])
-    expected = photograph(scene, render_fast(scene, state), seed=5, index=1)[1]
+    expected = expose(scene, render_fast(scene, state), seed=5, index=1)[1]
     assert (camera.frame(state, seed=5, index=1).data == expected.data).all()
 
 

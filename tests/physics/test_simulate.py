@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evanesce.chain.simulate import photograph, simulate
+from evanesce.chain.simulate import expose, simulate
 from evanesce.core import rng
 from evanesce.core.errors import InputError
 from evanesce.core.quantities import Strict, field
@@ -14,7 +14,7 @@ from evanesce.effects import Effect, Stage, all_effects
 from evanesce.optics.projection import Projection
 from evanesce.rig import Camera, Distortion, Plate, Scene, load_scene
 from evanesce.rig.camera import Lens, Pixel
-from evanesce.sensor.expose import expose
+from evanesce.sensor.expose import expose as expose_sensor
 from evanesce.sensor.lens import form_image
 
 CENTRE = (1.7, -0.9)
@@ -81,7 +81,7 @@ def test_chain_without_effects_is_the_camera_alone() -> None:
     from evanesce.sensor.pixel import fixed_pattern
 
     pattern = fixed_pattern((310, 420), 0.01, 2.0, pattern_rng)
-    plain = expose(light, scene.camera, rng=rng.generator(7, "exposure", 4), pattern=pattern)
+    plain = expose_sensor(light, scene.camera, rng=rng.generator(7, "exposure", 4), pattern=pattern)
     np.testing.assert_array_equal(got.frame.raw, plain.raw)
     np.testing.assert_array_equal(got.frame.data, plain.data)
     assert (got.frame.time, got.frame.index, got.state.time) == (0.2, 4, 0.2)
@@ -111,8 +111,8 @@ def test_fixed_pattern_is_the_sensors_and_noise_the_frames() -> None:
     """Pairs of frames share PRNU and DSNU: their correlation is the pattern's share of the variance."""
     scene = ugly_scene()
     flat = render(scene, None, seed=0, level=1.6e-5)
-    a, b = (photograph(scene, flat, seed=7, index=i)[1].raw for i in (0, 1))
-    smooth = photograph(scene, flat, seed=7, without={"noise"})[1].raw
+    a, b = (expose(scene, flat, seed=7, index=i)[1].raw for i in (0, 1))
+    smooth = expose(scene, flat, seed=7, without={"noise"})[1].raw
     assert a is not None
     assert b is not None
     assert smooth is not None
@@ -152,19 +152,19 @@ def test_contact_is_seen_where_the_geometry_says() -> None:
 def test_leaving_parts_of_the_camera_out() -> None:
     scene = ugly_scene()
     plate_light = render(scene, contact(scene, 1.0), seed=0)
-    full, frame = photograph(scene, plate_light, seed=7)
-    sharp, _ = photograph(scene, plate_light, seed=7, without={"blur"})
-    straight, _ = photograph(scene, plate_light, seed=7, without={"distortion"})
-    silent = photograph(scene, plate_light, seed=7, without={"noise"})
+    full, frame = expose(scene, plate_light, seed=7)
+    sharp, _ = expose(scene, plate_light, seed=7, without={"blur"})
+    straight, _ = expose(scene, plate_light, seed=7, without={"distortion"})
+    silent = expose(scene, plate_light, seed=7, without={"noise"})
     assert np.abs(np.diff(sharp.irradiance)).max() > 1.5 * np.abs(np.diff(full.irradiance)).max()
     assert (straight.irradiance != full.irradiance).any()
     np.testing.assert_array_equal(silent[0].irradiance, full.irradiance)
     assert silent[1].raw is not None
-    np.testing.assert_array_equal(silent[1].raw, expose(full, scene.camera, rng=None).raw)
+    np.testing.assert_array_equal(silent[1].raw, expose_sensor(full, scene.camera, rng=None).raw)
     assert frame.raw is not None
     assert (frame.raw != silent[1].raw).mean() > 0.3
     with pytest.raises(ValueError, match="without"):
-        photograph(scene, plate_light, seed=7, without={"gravity"})  # type: ignore[arg-type]
+        expose(scene, plate_light, seed=7, without={"gravity"})  # type: ignore[arg-type]
 
 
 def test_a_wrong_effect_is_refused_before_any_work() -> None:

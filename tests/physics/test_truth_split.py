@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 from scipy.optimize import brentq
 
-from evanesce.chain.simulate import photograph
+from evanesce.chain.simulate import expose
 from evanesce.core.states import PlateLight
 from evanesce.evaluation.error_split import SOURCES, MeasuredArea, Viewing, half_level_mask, split
 from evanesce.evaluation.labels import RectifiedView
@@ -114,7 +114,7 @@ def measured(scale_error: float) -> MeasuredArea:
     p = Projection.of(rig.camera, rig.plate)
     view = RectifiedView(p.matrix, np.array(p.distortion), p.matrix, (470, 630), origin=(5, 5))
     return MeasuredArea(
-        photograph=lambda without: photograph(rig, plate_light, seed=3, without=without)[1],
+        expose=lambda without: expose(rig, plate_light, seed=3, without=without)[1],
         segment=lambda image: image > THRESHOLD * 255,
         mm2_per_px=(1 + scale_error) / 41.0**2,
         viewing=Viewing.of(p, view),
@@ -142,7 +142,7 @@ def test_split_of_a_simulated_measurement() -> None:
     # at one half; that displacement goes round the whole circle. The peak level stands for both sides' light.
     magnification = 41.0 * 3.1e-3
     diameter = 45.0 / (2.8 * (1 + magnification)) / 3.1
-    frame = area.photograph(frozenset({"noise"}))  # type: ignore[arg-type]
+    frame = area.expose(frozenset({"noise"}))  # type: ignore[arg-type]
     assert frame.raw is not None
     top = (np.median(frame.raw[200:260, 300:380]) - 256) / (4095 - 256)
     cut = brentq(lambda s: float(CURVES["srgb"](s)) - THRESHOLD, 0, 1) / top
@@ -172,6 +172,6 @@ def test_split_of_a_simulated_measurement() -> None:
 
 def test_raw_numbers_are_needed_for_the_half_level() -> None:
     area = measured(0.0)
-    blind = replace(area, photograph=lambda without: replace(area.photograph(without), raw=None))
+    blind = replace(area, expose=lambda without: replace(area.expose(without), raw=None))
     with pytest.raises(ValueError, match="raw"):
         blind(frozenset({"threshold"}))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from evanesce.chain.fast import FastCamera
-from evanesce.chain.simulate import touch
+from evanesce.chain.simulate import solve_contact
 from evanesce.evaluation.perfect_view import PerfectView
 from evanesce.measurement.reference.segment import Chain, Crop, segment
 from evanesce.rig import Scene, load_scene
@@ -51,7 +51,7 @@ def expected(
     """Press, take the picture and measure at a lower resolution, each step by its own function."""
     scene = rig(**changes, **{"grid.samples": 512 // coarser})
     scene = coarser_camera(scene, coarser)
-    _, state = touch(scene, force_N, seed=seed)
+    _, state = solve_contact(scene, force_N, seed=seed)
     assert state is not None
     frame = FastCamera(scene).frame(state, seed=seed).data
     perfect = PerfectView.of(scene)

@@ -52,7 +52,7 @@ def run():
 
 
 def literal_pixels(path, crop, threshold=0.15, min_blob=2000):
-    """The author's chain on a file, with scikit-image from the reading on."""
+    """The reference segmentation on a file, with scikit-image from the reading on."""
     r0, r1, c0, c1 = crop
     image = io.imread(path)[r0:r1, c0:c1]
     mask = filters.gaussian(color.rgb2gray(image), sigma=1) > threshold

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from evanesce.chain.simulate import touch
+from evanesce.chain.simulate import solve_contact
 from evanesce.cli.app import app
 from evanesce.core import provenance
 from evanesce.evaluation.perfect_view import PerfectView
@@ -72,7 +72,7 @@ def test_rows_of_other_source_code_are_not_taken(tmp_path: Path, monkeypatch: py
     """Rows of a ledger and of the estimator's study go with the code that made them."""
     path, study = tmp_path / "rows.jsonl", tmp_path / "study.jsonl"
     row = estimator_study.Row(
-        finger="smooth", place="centre", force_N=1.0, voltage_V=8.5, true_mm2=3.1, author_mm2=3.2, refined_mm2=3.0,
+        finger="smooth", place="centre", force_N=1.0, voltage_V=8.5, true_mm2=3.1, reference_mm2=3.2, refined_mm2=3.0,
         saturated_share=0.0,
     )  # fmt: skip
     pressed: list[str] = []
@@ -98,7 +98,7 @@ def test_a_view_without_calibration_error_sees_the_true_area() -> None:
     finger = scene.finger.model_copy(update={"position_mm": (5.2, -3.1)})
     scene = scene.model_copy(update={"finger": finger})
     view = PerfectView.of(scene)
-    _, state = touch(scene, 2.0, seed=3)
+    _, state = solve_contact(scene, 2.0, seed=3)
     assert state is not None
     crop = view.window(5.0)
     labels = view.labels(state, crop)

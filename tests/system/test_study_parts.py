@@ -15,8 +15,8 @@ from evanesce.studies.pressure import part as pressure_part
 def row(finger: str, place: str, voltage: float, refined: float, author: float) -> Row:
     """Return a frame of 12.5 mm^2 that both measure with errors in percent."""
     return Row(
-        finger=finger, place=place, force_N=1.3, voltage_V=voltage, true_mm2=12.5, author_mm2=12.5 * (1 + author / 100),
-        refined_mm2=12.5 * (1 + refined / 100), saturated_share=0.0,
+        finger=finger, place=place, force_N=1.3, voltage_V=voltage, true_mm2=12.5, reference_mm2=12.5 * (1 + author /
+        100), refined_mm2=12.5 * (1 + refined / 100), saturated_share=0.0,
     )  # fmt: skip
 
 
@@ -37,10 +37,10 @@ def coverage(finger: str, refined: float) -> dict[str, object]:
     """Return a class of 1000 measurements."""
     return {
         "finger": finger, "place": "centre", "measurements": 1000, "frames": 9, "refined_covered": refined,
-        "refined_linear_covered": refined, "author_covered": 0.88, "refined_half_width_percent": 0.9,
-        "author_half_width_percent": 4.0, "refined_bias_percent": 0.1, "author_bias_percent": 3.0,
+        "refined_linear_covered": refined, "reference_covered": 0.88, "refined_half_width_percent": 0.9,
+        "reference_half_width_percent": 4.0, "refined_bias_percent": 0.1, "reference_bias_percent": 3.0,
         "contributions_percent": {"print": 0.2, "noise": 0.01},
-        "author_contributions_percent": {"print": 0.3, "threshold on the contact": 1.9, "noise": 0.02},
+        "reference_contributions_percent": {"print": 0.3, "threshold on the contact": 1.9, "noise": 0.02},
     }  # fmt: skip
 
 
@@ -56,8 +56,8 @@ def pressed(saturated: float, rms: float) -> dict[str, float | None]:
     """Return a frame of the pressure study."""
     return {
         "rms_slope": 0.3, "force_N": 1.0, "voltage_V": 9.0, "peak_MPa": 0.127, "rms_percent": rms,
-        "author_rms_percent": 31.0, "correlation": None, "author_correlation": 0.5, "saturated_share": saturated,
-        "halo_percent": 0.0, "author_halo_percent": 7.5, "factor": 1.0,
+        "reference_rms_percent": 31.0, "correlation": None, "reference_correlation": 0.5, "saturated_share": saturated,
+        "halo_percent": 0.0, "reference_halo_percent": 7.5, "factor": 1.0,
     }  # fmt: skip
 
 

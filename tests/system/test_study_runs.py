@@ -101,14 +101,14 @@ def test_every_part_at_full_size(tmp_path: Path) -> None:
         if "glow" in row["finger"]:  # at 12 V nearly all of it is at full scale
             goal = 6.0 if row["voltage_V"] > 11 else goal
         assert abs(row["refined_percent"]) < goal
-        assert abs(row["author_percent"]) > abs(row["refined_percent"])
+        assert abs(row["reference_percent"]) > abs(row["refined_percent"])
     for one in result["budget"]["classes"]:
         error = 4 * np.sqrt(0.05 * 0.95 / one["measurements"])
         assert 0.93 - error < one["refined_covered"] <= 0.97 + error
         assert 0.4 < one["refined_half_width_percent"] < 0.8
-        assert one["author_half_width_percent"] > 2 * one["refined_half_width_percent"]
+        assert one["reference_half_width_percent"] > 2 * one["refined_half_width_percent"]
     for row in result["pressure"]["rows"]:
-        assert row["rms_percent"] < row["author_rms_percent"]
+        assert row["rms_percent"] < row["reference_rms_percent"]
         assert row["saturated_share"] > 0.5 or row["rms_percent"] < 2.0
     for figure in result["thesis"]["figures"]:
         if figure["simulated"]:

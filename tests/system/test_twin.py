@@ -70,14 +70,14 @@ def uneven_light() -> Light:
 @pytest.fixture(scope="module")
 def made(truth: FittedRig) -> tuple[Twin, np.ndarray]:
     """A photograph simulated from a known rig, and its twin."""
-    from evanesce.chain.simulate import photograph
+    from evanesce.chain.simulate import expose
 
     base = load_scene("thesis")
     studio = _Studio(base, truth)
     scene = base.model_copy(update={"camera": truth.camera, "assumptions": {}, "sources": {}})
     light = studio.radiance(uneven_light(), truth.board)
-    photo = photograph(scene, light, seed=5)[1].data
-    clean = photograph(scene, light, seed=5, without=("noise",))[1].data
+    photo = expose(scene, light, seed=5)[1].data
+    clean = expose(scene, light, seed=5, without=("noise",))[1].data
     return make_twin(photo, base, seed=9), clean.astype(float)
 
 

@@ -152,7 +152,7 @@ def test_the_real_photograph(rig_photo: Path) -> None:
     assert np.sqrt((nearest[nearest < 10.0] ** 2).mean()) < 0.6, "also with the corners beyond 3 px counted"
 
 
-def test_the_real_photograph_has_its_origin_where_the_author_put_it(rig_photo: Path) -> None:
+def test_the_real_photograph_has_its_origin_where_the_reference_put_it(rig_photo: Path) -> None:
     """Joined on world coordinates as they stand, without aligning anything, the corners are the author's."""
     picture = cv2.imread(str(rig_photo / "checkerboard_1mm.png"))[..., ::-1]
     view = find_corners(picture).view("photo", 1.0)

@@ -1,4 +1,4 @@
-"""The author's chain, to the pixel, against two implementations written apart from it.
+"""The reference segmentation, to the pixel, against two implementations written apart from it.
 
 Rationale: an area is a count of pixels, so the fast chain has to return the very mask that scikit-image's functions
 give in double precision, also where a level meets the threshold in the last bit.
@@ -33,7 +33,7 @@ from evanesce.measurement.reference.segment import (
 )
 
 
-def author_chain_literal(image, threshold, min_blob=2000, blur=1.0, radius=10):
+def reference_chain_literal(image, threshold, min_blob=2000, blur=1.0, radius=10):
     """The chain as one writes it down with scikit-image."""
     level = color.rgb2gray(image) if image.ndim == 3 else util.img_as_float(image)
     mask = filters.gaussian(level, sigma=blur) > threshold
@@ -47,7 +47,7 @@ def author_chain_literal(image, threshold, min_blob=2000, blur=1.0, radius=10):
     return mask & kept[labels], kept[labels]
 
 
-def author_chain_by_hand(image, threshold, min_blob, radius):
+def reference_chain_by_hand(image, threshold, min_blob, radius):
     """The chain in loops over pixels, for tiny images: own blur, own disk, own flood fill."""
     rows, cols = image.shape[:2]
     level = image @ [0.2125, 0.7154, 0.0721] / 255 if image.ndim == 3 else image / 255
@@ -82,7 +82,7 @@ def author_chain_by_hand(image, threshold, min_blob, radius):
 
 
 def assert_same(image, threshold, min_blob=2000, blur=1.0, radius=10):
-    mask, dilated = author_chain_literal(image, threshold, min_blob, blur, radius)
+    mask, dilated = reference_chain_literal(image, threshold, min_blob, blur, radius)
     found = segment(image, Chain(threshold=threshold, min_blob=min_blob, blur=blur, radius=radius))
     np.testing.assert_array_equal(found.mask, mask)
     np.testing.assert_array_equal(found.dilated, dilated)
@@ -158,7 +158,7 @@ def test_blobs_are_clipped_by_the_edge_and_joined_across_corners():
     image[0, 0] = 255  # at a corner about a quarter of the disk is left
     quarter = int(disk(10)[10:, 10:].sum())
     # edges are repeated, so the corner pixel's blurred level is higher and takes in its neighbours
-    _, dilated = author_chain_literal(image, 0.15, 1)
+    _, dilated = reference_chain_literal(image, 0.15, 1)
     assert dilated.sum() >= quarter
     assert_same(image, 0.15, min_blob=int(dilated.sum()))
     assert_same(image, 0.15, min_blob=int(dilated.sum()) + 1)
@@ -188,7 +188,7 @@ def test_black_and_white_frames():
     radius=st.integers(0, 4),
 )
 def test_equals_loops_over_pixels(image, threshold, min_blob, radius):
-    mask, blurred = author_chain_by_hand(image, threshold, min_blob, radius)
+    mask, blurred = reference_chain_by_hand(image, threshold, min_blob, radius)
     if np.abs(blurred - threshold).min() < 1e-12:  # the loops sum in another order: rounding alone decides there
         return
     found = segment(image, Chain(threshold=threshold, min_blob=min_blob, radius=radius))
@@ -258,7 +258,7 @@ def test_blobs_that_just_touch_are_one(radius, diagonal):
         image = np.zeros((3 * radius + 41, 4 * radius + 53), np.uint8)
         at = (radius + 5, radius + 3 + apart % 7)
         image[at] = image[at[0] + step[0], at[1] + step[1]] = 255
-        size = int(author_chain_literal(image, 0.5, 1, 0.0, radius)[1].sum())
+        size = int(reference_chain_literal(image, 0.5, 1, 0.0, radius)[1].sum())
         one = int(disk(radius).sum())
         for least in (one, one + 1, size, size + 1):
             assert_same(image, 0.5, min_blob=least, blur=0.0, radius=radius)
@@ -282,7 +282,7 @@ def test_nested_groups_keep_apart():
     y, x = np.mgrid[:261, :273]
     r = np.hypot(x - 131, y - 126)
     image = np.where((r < 9) | ((r > 60) & (r < 64)), 255, 0).astype(np.uint8)
-    inner = int(author_chain_literal(np.where(r < 9, image, 0).astype(np.uint8), 0.4, 1)[1].sum())
+    inner = int(reference_chain_literal(np.where(r < 9, image, 0).astype(np.uint8), 0.4, 1)[1].sum())
     for least in (1, inner, inner + 1, 20_000):
         assert_same(image, 0.4, min_blob=least)
     assert segment(image, Chain(threshold=0.4, min_blob=inner + 1)).blobs == 1
@@ -297,7 +297,7 @@ def test_crop_is_half_open_and_comes_before_the_blur():
     image = ugly_frame(4)
     crop = Crop.parse("21:260,37:333")
     found = segment(image, Chain(threshold=0.2, crop=crop))
-    mask, _ = author_chain_literal(image[21:260, 37:333], 0.2)
+    mask, _ = reference_chain_literal(image[21:260, 37:333], 0.2)
     np.testing.assert_array_equal(found.mask, mask)
     assert Crop.parse(" :7 , 3: ") == Crop(0, 7, 3, None)
     assert str(Crop.parse("2:7,3:")) == "2:7,3:"

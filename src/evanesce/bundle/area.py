@@ -1,4 +1,4 @@
-"""Contact area of a bundle's frame by the author's chain, on a view rectified by the believed camera.
+"""Contact area of a bundle's frame by the reference segmentation, on a view rectified by the believed camera.
 
 One pure function, so that a lab, the simulation and whoever compares them read areas alike.
 """

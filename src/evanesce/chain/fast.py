@@ -28,7 +28,7 @@ from evanesce.chain.fast_optics import (
     retuned,
     spread_blocks,
 )
-from evanesce.chain.simulate import simulate, touch
+from evanesce.chain.simulate import simulate, solve_contact
 from evanesce.core import rng
 from evanesce.core.states import ContactState, Frame, PlateGrid
 from evanesce.effects import active_effects
@@ -133,7 +133,7 @@ class FastCamera:
         """
         if self.falls_back:
             return simulate(self.scene, force_N, seed=seed, index=index, time_s=time_s, render=render_fast).frame
-        _, state = touch(self.scene, force_N, seed=seed, time_s=time_s, index=index)
+        _, state = solve_contact(self.scene, force_N, seed=seed, time_s=time_s, index=index)
         return self.frame(state, seed=seed, index=index, time_s=time_s)
 
     def _general(self, state: ContactState | None, seed: int, index: int, time_s: float) -> Frame:

@@ -83,16 +83,16 @@ def simulate(
     InputError
         If the scene's effects are not valid.
     """
-    scene, state = touch(scene, force_N, seed=seed, time_s=time_s, index=index, contact=contact, file=file)
+    scene, state = solve_contact(scene, force_N, seed=seed, time_s=time_s, index=index, contact=contact, file=file)
 
     light_seed = rng.integer_seed(seed, "render", index)
     plate_light = (render or _path_tracer())(scene, state, seed=light_seed, **render_options)
 
-    sensor_light, frame = photograph(scene, plate_light, seed=seed, time_s=time_s, index=index, file=file)
+    sensor_light, frame = expose(scene, plate_light, seed=seed, time_s=time_s, index=index, file=file)
     return SimulatedFrame(scene, state, plate_light, sensor_light, frame)
 
 
-def touch(
+def solve_contact(
     scene: Scene,
     force_N: float | None,
     *,
@@ -151,14 +151,14 @@ def simulate_card(
     # What makes the LEDs' light ripple has no light to do so.
     ripples = {name for name in scene.effects if all_effects()[name].bands}
     scene = scene.model_copy(update={"effects": {n: table for n, table in scene.effects.items() if n not in ripples}})
-    rig, _ = touch(scene, None, seed=seed, time_s=time_s, index=index, file=file)
+    rig, _ = solve_contact(scene, None, seed=seed, time_s=time_s, index=index, file=file)
     card = checkerboard_of(rig.card) if which == "checkerboard" else square_of(rig.card)
     light_seed = rng.integer_seed(seed, "card", which, index)
     light = render_card(rig, card, pose_of(rig.card, pose), seed=light_seed, **render_options)
-    return photograph(rig, light, seed=seed, time_s=time_s, index=index, file=file)[1]
+    return expose(rig, light, seed=seed, time_s=time_s, index=index, file=file)[1]
 
 
-def photograph(
+def expose(
     scene: Scene,
     plate_light: PlateLight,
     *,
@@ -215,7 +215,7 @@ def simulate_press(scene: Scene, *, seed: int, **options: Any) -> Iterator[Simul
     """
     from evanesce.contact.solve import press_programme
 
-    rig, _ = touch(scene, None, seed=seed, file=options.get("file", ANY_SCENE))
+    rig, _ = solve_contact(scene, None, seed=seed, file=options.get("file", ANY_SCENE))
     for index, (time_s, force_N) in enumerate(press_programme(rig)):
         yield simulate(scene, force_N, seed=seed, time_s=time_s, index=index, **options)
 

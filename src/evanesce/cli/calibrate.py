@@ -174,7 +174,7 @@ def _find(files: list[Path], square_mm: float, size: tuple[int, int] | None) -> 
 
 
 def _square(path: Path, side_mm: float, colour: str, calibration: Calibration) -> SquareScale:
-    """Measure the square card through the author's chain, after undistortion."""
+    """Measure the square card through the reference segmentation, after undistortion."""
     from evanesce.measurement.calibration.rectify import rectification, rectify
     from evanesce.measurement.io.images import read_image
     from evanesce.measurement.reference.area import square_scale

@@ -53,11 +53,11 @@ def register(app: typer.Typer) -> None:
         sampler: Annotated[str, typer.Option("--sampler", help="tpe or nsga2.")] = "tpe",
         workers: Annotated[int, typer.Option("--workers", min=0, max=4096, help="Processes; 0: this one.")] = 0,
         scheduler: Annotated[str, typer.Option("--scheduler", help="A running Dask scheduler, tcp://HOST:PORT.")] = "",
-        estimator: Annotated[str, typer.Option("--estimator", help="author or refined.")] = "author",
+        estimator: Annotated[str, typer.Option("--estimator", help="reference or refined.")] = "reference",
         threshold: Annotated[
-            float, typer.Option("--threshold", help="Of the author's chain, where not varied.")
+            float, typer.Option("--threshold", help="Of the reference segmentation, where not varied.")
         ] = 0.15,
-        min_blob: Annotated[int, typer.Option("--min-blob", min=0, help="Of the author's chain [px].")] = 2000,
+        min_blob: Annotated[int, typer.Option("--min-blob", min=0, help="Of the reference segmentation [px].")] = 2000,
         force: Annotated[
             list[float] | None, typer.Option("--force", help="Normal force [N] (repeatable) (default: the scene's).")
         ] = None,

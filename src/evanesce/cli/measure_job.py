@@ -33,7 +33,7 @@ from evanesce.measurement.reference.area import AreaRow, Measured, measure_frame
 from evanesce.measurement.reference.segment import Chain
 from evanesce.measurement.refined.estimator import Estimator, refined_measured
 from evanesce.measurement.refined.light import Radiometry
-from evanesce.measurement.uncertainty.area import author_uncertainty, refined_uncertainty
+from evanesce.measurement.uncertainty.area import reference_uncertainty, refined_uncertainty
 from evanesce.measurement.uncertainty.budget import Finger, Uncertain
 from evanesce.measurement.uncertainty.table import budget_table
 from evanesce.measurement.warnings import EdgeLog, FrameLog, Warning, scale_warning
@@ -60,15 +60,15 @@ class Refined:
 def refined_options(
     estimator: str, dark: Path | None, flat: Path | None, finger: str, teach: Path | None = None
 ) -> Refined | None:
-    """Check the choice of an estimator; None is the author's chain.
+    """Check the choice of an estimator; None is the reference segmentation.
 
     Raises
     ------
     InputError
-        If the name is not known, or shots are given that the author's chain does not use.
+        If the name is not known, or shots are given that the reference segmentation does not use.
     """
-    if estimator not in ("author", "refined"):
-        raise InputError(f"'{estimator}'", key="--estimator", allowed="author, refined")
+    if estimator not in ("reference", "refined"):
+        raise InputError(f"'{estimator}'", key="--estimator", allowed="reference, refined")
     if estimator == "refined":
         kinds: dict[str, Finger] = {"ridged": "ridged", "smooth": "smooth"}
         if finger in kinds:
@@ -76,7 +76,7 @@ def refined_options(
         raise InputError(f"'{finger}'", key="--finger", allowed="ridged, smooth")
     for key, path in (("--dark", dark), ("--flat", flat), ("--teach", teach)):
         if path is not None:
-            raise InputError("the author's chain does not use it", key=key, allowed="with --estimator refined")
+            raise InputError("the reference segmentation does not use it", key=key, allowed="with --estimator refined")
     return None
 
 
@@ -242,7 +242,7 @@ def _measure(frame: Frame, job: Job, edges: EdgeLog) -> tuple[Measured, Uncertai
         budget = refined_uncertainty(found, job.estimator, draws, video=video, finger=job.finger)
         return refined_measured(frame, found, job.estimator), budget
     measured = measure_frame(frame, job.chain, job.mm2_per_px, job.rectified)
-    return measured, author_uncertainty(measured, job.mm2_per_px, job.stored, draws, video=video)
+    return measured, reference_uncertainty(measured, job.mm2_per_px, job.stored, draws, video=video)
 
 
 def record(job: Job, result: Result) -> dict[str, Any]:
@@ -255,7 +255,7 @@ def record(job: Job, result: Result) -> dict[str, Any]:
         "crop": str(job.chain.crop),
         "mm2_per_px": job.mm2_per_px,
         "undistort": job.rectified is not None,
-        "estimator": "author" if job.estimator is None else "refined",
+        "estimator": "reference" if job.estimator is None else "refined",
     }
     if job.estimator is not None:
         walk, blur = job.estimator.settings.walk, job.estimator.settings.blur

@@ -37,7 +37,7 @@ def register(group: typer.Typer) -> None:
             str,
             typer.Option("--fingers", help="Names, separated by semicolons: smooth; ridged; smooth, glow ..."),
         ] = "smooth; ridged",
-        threshold: Annotated[float, typer.Option("--threshold", help="Of the author's chain, 0 to 1.")] = 0.15,
+        threshold: Annotated[float, typer.Option("--threshold", help="Of the reference segmentation, 0 to 1.")] = 0.15,
         seed: Annotated[int, typer.Option("--seed", min=0)] = 1,
         json_file: JsonOption = None,
         out: OutOption = None,
@@ -89,7 +89,7 @@ def register(group: typer.Typer) -> None:
         for c in found.classes:
             table.add_row(
                 c.finger, c.place, f"{100 * c.refined_covered:.1f}", f"{c.refined_half_width_percent:.2f}",
-                f"{100 * c.author_covered:.1f}", f"{c.author_half_width_percent:.2f}",
+                f"{100 * c.reference_covered:.1f}", f"{c.reference_half_width_percent:.2f}",
             )  # fmt: skip
         console.print(table)
         console.print(f"Report: {report}", highlight=False, soft_wrap=True)

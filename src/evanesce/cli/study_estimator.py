@@ -1,4 +1,4 @@
-"""``evanesce study estimator``: the refined estimator beside the author's chain."""
+"""``evanesce study estimator``: the refined estimator beside the reference segmentation."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def register(group: typer.Typer) -> None:
         ridged: Annotated[str, typer.Argument(help="Scene with a ridged finger on the same rig.")] = "thesis_ridged",
         volts: Annotated[str, typer.Option("--volts", help="LED voltages [V], separated by commas.")] = "8,9,10,12",
         forces: Annotated[str, typer.Option("--forces", help="Normal forces [N], separated by commas.")] = "1,3",
-        threshold: Annotated[float, typer.Option("--threshold", help="Of the author's chain, 0 to 1.")] = 0.15,
+        threshold: Annotated[float, typer.Option("--threshold", help="Of the reference segmentation, 0 to 1.")] = 0.15,
         seed: Annotated[int, typer.Option("--seed", min=0)] = 1,
         json_file: JsonOption = None,
         out: OutOption = None,
@@ -86,6 +86,7 @@ def _show(found: EstimatorStudy) -> None:
     for w in found.worst():
         table.add_row(
             w["finger"], w["place"], str(w["frames"]), f"{w['refined_rms_percent']:.2f}",
-            f"{w['refined_worst_percent']:+.2f}", f"{w['author_rms_percent']:.1f}", f"{w['author_worst_percent']:+.1f}",
+            f"{w['refined_worst_percent']:+.2f}", f"{w['reference_rms_percent']:.1f}",
+            f"{w['reference_worst_percent']:+.1f}",
         )  # fmt: skip
     console.print(table)

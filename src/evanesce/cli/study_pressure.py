@@ -59,18 +59,18 @@ def register(group: typer.Typer) -> None:
             "voltage [V]",
             "saturated",
             "RMS",
-            "author",
+            "reference",
             "corr.",
-            "author",
+            "reference",
             "halo",
-            "author",
+            "reference",
         ):
             table.add_column(heading, justify="right")
         for r in found.rows:
             table.add_row(
                 f"{r.rms_slope:g}", f"{r.force_N:g}", f"{r.voltage_V:g}", f"{r.saturated_share:.2f}",
-                f"{r.rms_percent:.1f}", f"{r.author_rms_percent:.1f}", number(r.correlation),
-                number(r.author_correlation), f"{r.halo_percent:.1f}", f"{r.author_halo_percent:.1f}",
+                f"{r.rms_percent:.1f}", f"{r.reference_rms_percent:.1f}", number(r.correlation),
+                number(r.reference_correlation), f"{r.halo_percent:.1f}", f"{r.reference_halo_percent:.1f}",
             )  # fmt: skip
         console.print(table)
         console.print(f"Report: {report}", highlight=False, soft_wrap=True)

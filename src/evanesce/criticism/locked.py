@@ -146,7 +146,7 @@ def shared_part(fitted: Fit) -> dict[str, float]:
 
 
 def chain_area(image: Array) -> float:
-    """Return the pixels that the author's chain counts in a frame [DN]."""
+    """Return the pixels that the reference segmentation counts in a frame [DN]."""
     whole = np.floor(np.clip(image, 0, 255) + 0.5).astype(np.uint8)
     return float(segment(whole, Chain(threshold=THRESHOLD, min_blob=round(LEAST_BLOB_SHARE * image.size))).pixels)
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from evanesce.chain.simulate import touch
+from evanesce.chain.simulate import solve_contact
 from evanesce.core.errors import InputError
 from evanesce.design.objective import light_up, prepared, samples, summary
 from evanesce.design.parts import PartsTable
@@ -93,7 +93,7 @@ def contact_irradiance(design: Design, question: Question) -> float:
     scene = prepared(design.scene, question)
     light_up(scene, question)
     case = question.cases[0]
-    rig, state = touch(on_case(scene, case), case.force_N, seed=question.seed)
+    rig, state = solve_contact(on_case(scene, case), case.force_N, seed=question.seed)
     seen = form_image(render_fast(rig, state), rig.camera, rig.plate).irradiance
     peak = float(seen.max())
     return float(seen[seen > HALF * peak].mean()) if peak > 0 else 0.0

@@ -99,7 +99,7 @@ def _asked(plan: Plan) -> str:
         for v in plan.vary
     )
     cases = f"{', '.join(f'{f:g}' for f in q.forces_N)} N at {len(q.places_mm)} place(s), {', '.join(q.materials)}"
-    chain = "the author's chain" if q.estimator == "author" else "the refined estimator"
+    chain = "the reference segmentation" if q.estimator == "reference" else "the refined estimator"
     coarse = f", on pixels {q.coarser} times as large as the camera's" if q.coarser > 1 else ""
     return (
         f"Measured by {chain}{coarse}, cropped to ±{q.crop_mm:g} mm about the finger: {cases}. Varied: {ranges}."
@@ -231,10 +231,10 @@ def scene_text(plan: Plan, chosen: Chosen) -> str:
     """Return a chosen design as a scene's TOML text; what a scene has no key for stands above it as a comment."""
     design = design_at(plan.base, chosen.values)
     lines = [f"{chosen.name} of a design search: {chosen.why}."]
-    if plan.question.estimator == "author":
+    if plan.question.estimator == "reference":
         options = f"--threshold {design.threshold!r} --min-blob {design.min_blob_px} --calibration CALIBRATION"
         lines += [
-            f"Its errors are those of the author's chain with threshold {design.threshold:.4g},"
+            f"Its errors are those of the reference segmentation with threshold {design.threshold:.4g},"
             f" least blob {design.min_blob_px} px:",
             f"evanesce measure VIDEO {options}",
             "evanesce render THIS --fast, then",
@@ -262,7 +262,7 @@ def winner_page(plan: Plan, chosen: Chosen, found: Found, shots: Sequence[Shot],
     """
     own, base = found[chosen.name], found[BASE]["assessed"]
     design = design_at(plan.base, chosen.values)
-    threshold = design.threshold if plan.question.estimator == "author" else None
+    threshold = design.threshold if plan.question.estimator == "reference" else None
     frames = [(s.title, s.crop, (s.true_lines, s.measured_lines)) for s in shots]
     sections = [
         Section(

@@ -65,7 +65,7 @@ def shot(job: Mapping[str, Any], values: Mapping[str, float], case: int = -1) ->
         row, col = line[:, 0] - 1, line[:, 1] - 1
         x, y = np.interp(col, np.arange(grid.shape[1]), grid.x), np.interp(row, np.arange(grid.shape[0]), grid.y)
         true_lines.append(lab.to_view(scene, x, y) - np.array([crop.c0, crop.r0]))
-    if question.estimator == "author":
+    if question.estimator == "reference":
         scale = lab.nominal.mm2_per_px
         assert scale is not None
         mask = measure_frame(found.frame, design.chain(1, crop), scale, lab.view).estimate.mask

@@ -80,7 +80,7 @@ def tolerances(job: Mapping[str, Any], values: Mapping[str, float]) -> dict[str,
     nominal = bench.error(Draw({}, PERFECT, 0.0))
     stated = uncertainty.departures + uncertainty.new_light
     rows = [bench.departure(d, stated, nominal, new_light=False) for d in _amplitudes(uncertainty.departures)]
-    rows += [bench.card(name, nominal) for name in CARDS[1 if asked.estimator == "author" else 0 :]]
+    rows += [bench.card(name, nominal) for name in CARDS[1 if asked.estimator == "reference" else 0 :]]
     rows += [bench.departure(d, stated, nominal, new_light=True) for d in _amplitudes(uncertainty.new_light)]
     return {"case": case.name, "error_percent": nominal, "rows": rows}
 

@@ -120,7 +120,7 @@ class Agreement:
     regions : dict
         Difference of means by region: (difference, its standard error) [DN].
     area_bias : float
-        Relative difference of the area that the author's chain counts [1].
+        Relative difference of the area that the reference segmentation counts [1].
     area_error : float
         Its standard error by the reference's noise [1].
     level : float
@@ -192,7 +192,7 @@ def agreement(
     fast : PlateLight
         On the same view.
     threshold : float
-        Of the author's chain [1].
+        Of the reference segmentation [1].
     block_px : int
         Side of the blocks [px].
     """

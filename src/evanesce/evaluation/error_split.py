@@ -119,9 +119,9 @@ class MeasuredArea:
 
     Attributes
     ----------
-    photograph : callable
-        ``photograph(without) -> Frame`` for any set of "distortion", "blur", "noise"
-        (:func:`evanesce.chain.simulate.photograph` with its plate light bound).
+    expose : callable
+        ``expose(without) -> Frame`` for any set of "distortion", "blur", "noise"
+        (:func:`evanesce.chain.simulate.expose` with its plate light bound).
     segment : callable
         ``segment(image) -> mask``: the measurement's own chain on a view's 8-bit picture.
     mm2_per_px : float
@@ -135,7 +135,7 @@ class MeasuredArea:
         numbers by default.
     """
 
-    photograph: Callable[[frozenset[Omission]], Frame]
+    expose: Callable[[frozenset[Omission]], Frame]
     segment: Callable[[NDArray[np.uint8]], Mask]
     mm2_per_px: float
     viewing: Viewing
@@ -152,7 +152,7 @@ class MeasuredArea:
     def mask(self, without: frozenset[Source] = frozenset()) -> tuple[Mask, Viewing]:
         """Return the segmented mask and the view in which it lies."""
         omitted: frozenset[Omission] = frozenset(part for part in get_args(Omission) if part in without)
-        frame = self.photograph(omitted)
+        frame = self.expose(omitted)
         viewing = self.straight if "distortion" in without else self.viewing
         mask = self.segment(viewing.look(frame.data))
         if "threshold" in without:

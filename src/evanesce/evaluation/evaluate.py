@@ -6,7 +6,7 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Any
 
-from evanesce.chain.simulate import Omission, SimulatedFrame, photograph
+from evanesce.chain.simulate import Omission, SimulatedFrame, expose
 from evanesce.core.states import Frame
 from evanesce.evaluation.compare import Comparison, compare
 from evanesce.evaluation.error_split import ErrorSplit, MeasuredArea, Viewing, split
@@ -98,7 +98,7 @@ class Evaluation:
 
 
 def evaluate(shot: SimulatedFrame, chain: Chain, camera: Camera, *, seed: int, parts: bool = True) -> Evaluation:
-    """Measure a simulated frame by the author's chain, compare it with the truth and split the error.
+    """Measure a simulated frame by the reference segmentation, compare it with the truth and split the error.
 
     Parameters
     ----------
@@ -125,12 +125,12 @@ def evaluate(shot: SimulatedFrame, chain: Chain, camera: Camera, *, seed: int, p
 
     def retake(without: Collection[Omission]) -> Frame:
         index, time_s = shot.frame.index, shot.frame.time
-        return photograph(shot.scene, shot.plate_light, seed=seed, index=index, time_s=time_s, without=without)[1]
+        return expose(shot.scene, shot.plate_light, seed=seed, index=index, time_s=time_s, without=without)[1]
 
     error = None
     if parts:
         area = MeasuredArea(
-            photograph=retake,
+            expose=retake,
             segment=lambda image: segment(image, chain).mask,
             mm2_per_px=camera.mm2_per_px,
             viewing=camera.viewing,

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from evanesce.chain.simulate import SimulatedFrame, touch
+from evanesce.chain.simulate import SimulatedFrame, solve_contact
 from evanesce.core.errors import InputError
 from evanesce.core.states import Frame, PlateLight, SensorLight
 from evanesce.measurement.io.images import read_image
@@ -58,7 +58,7 @@ class Rendered:
 
     def true_scene(self) -> Scene:
         """Return the rig as it really was, after effects of the stage ``rig``."""
-        return touch(self.scene, None, seed=self.seed, file=self.folder / "scene.toml")[0]
+        return solve_contact(self.scene, None, seed=self.seed, file=self.folder / "scene.toml")[0]
 
     def shots(self) -> Iterator[SimulatedFrame]:
         """Yield the frames with their truth, and with their light where it was kept (dark otherwise).
@@ -69,7 +69,7 @@ class Rendered:
             If a frame is missing or of another size than the scene's.
         """
         for entry in self.frames:
-            scene, state = touch(
+            scene, state = solve_contact(
                 self.scene, entry.force_N, seed=self.seed, time_s=entry.time_s, index=entry.index,
                 file=self.folder / "scene.toml",
             )  # fmt: skip

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.chain.fast import FastCamera
-from evanesce.chain.simulate import simulate, touch
+from evanesce.chain.simulate import simulate, solve_contact
 from evanesce.core.states import ContactState
 from evanesce.evaluation.labels import RectifiedView, view_geometry
 from evanesce.evaluation.perfect_view import PerfectView
@@ -221,7 +221,7 @@ class Engine:
         return frame, state, scene, f"slower: {camera.falls_back}" if camera.falls_back else ""
 
     def _press(self, scene: Scene, force_N: float) -> ContactState:
-        _, state = touch(scene, force_N, seed=self.seed, file="page")
+        _, state = solve_contact(scene, force_N, seed=self.seed, file="page")
         assert state is not None  # a force was given
         return state
 

@@ -143,7 +143,7 @@ def _check_size(content: bytes) -> None:
 
 
 def measure_own(frame: OwnFrame, chain: Chain, mm2_per_px: float | None) -> OwnMeasured:
-    """Segment a lab's frame by the author's chain, in its own pixels."""
+    """Segment a lab's frame by the reference segmentation, in its own pixels."""
     found = segment(frame.view, chain)
     histogram = histogram_of(single_grey(frame.view, chain.blur))
     return OwnMeasured(frame, found.mask, found.pixels, found.blobs, mm2_per_px, histogram)

@@ -205,7 +205,7 @@ def square_scale(
     *,
     square: Literal["white", "black"] = "white",
 ) -> SquareScale:
-    """Count a square card by the author's chain and return the area of a pixel.
+    """Count a square card by the reference segmentation and return the area of a pixel.
 
     The thesis calls its card a black square in one place and a white one in another, so both are taken: a black square
     is segmented on the negative, at the same grey level.

@@ -173,7 +173,7 @@ class Segmentation:
 
 
 def segment(image: Image, chain: Chain) -> Segmentation:
-    """Segment one frame by the author's chain.
+    """Segment one frame by the reference segmentation.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Contact area to a fraction of a pixel, beside the author's chain: blind, from frames and the rig's own calibration.
+"""Contact area to a fraction of a pixel, beside the reference segmentation: blind, from frames and the rig's own calibration.
 
 The steps: grey level to linear light (:mod:`refined_light`); glow inside the silicone taken back to where it entered
 (:mod:`refined_glow`); boundary half-way between the light on its two sides (:mod:`refined_edge`); what saturates, put
@@ -333,7 +333,7 @@ def _window(mask: Mask, margin: int) -> tuple[slice, slice]:
 
 
 def refined_measured(frame: Frame, found: RefinedArea, estimator: Estimator) -> Measured:
-    """Return what was found in the form of the author's chain; the view is the frame as taken, cropped."""
+    """Return what was found in the form of the reference segmentation; the view is the frame as taken, cropped."""
     view = estimator.settings.crop.apply(frame.data)
     levels = view if view.ndim == 2 else view.max(axis=2)
     pixels = int(found.mask.sum())

@@ -1,7 +1,8 @@
 """Where on the plate a pixel lies, and how much of it the pixel sees: from a checkerboard that lay on the glass.
 
-The author's chain has one area per pixel for the whole undistorted view. Seen through thick glass the scale changes
-over the view, and a tilted camera changes it as well. A board of known squares on the glass tells both, place by place.
+The reference segmentation has one area per pixel for the whole undistorted view. Seen through thick glass the scale
+changes over the view, and a tilted camera changes it as well. A board of known squares on the glass tells both, place
+by place.
 """
 
 from __future__ import annotations

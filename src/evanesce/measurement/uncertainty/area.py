@@ -1,4 +1,4 @@
-"""The budget of one frame's area, by the author's chain or by the refined estimator, from what that frame shows."""
+"""The budget of one frame's area, by the reference segmentation or by the refined estimator, from what that frame shows."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from evanesce.measurement.uncertainty.budget import (
     Finger,
     Reading,
     Uncertain,
-    author_components,
     card_components,
     nearness_component,
     propagate,
+    reference_components,
     refined_components,
 )
 
@@ -66,11 +66,11 @@ def refined_uncertainty(
     return propagate(reading, parts, rng)
 
 
-def author_uncertainty(
+def reference_uncertainty(
     measured: Measured, mm2_per_px: float, calibration: Calibration | None, rng: np.random.Generator,
     cards: Sequence[Component] | None = None, *, video: bool = False,
 ) -> Uncertain:  # fmt: skip
-    """Return an area of the author's chain with its uncertainty.
+    """Return an area of the reference segmentation with its uncertainty.
 
     How far the threshold's boundary may lie off is read from the frame: the area that a threshold half-way up in linear
     light would have given in the same surviving blobs.
@@ -89,12 +89,12 @@ def author_uncertainty(
     """
     side = math.sqrt(mm2_per_px)
     details = calibration.details if calibration else {}
-    perimeter_px, away_px = author_boundary(measured, details.get("tone_curve", "bt709"))
+    perimeter_px, away_px = reference_boundary(measured, details.get("tone_curve", "bt709"))
     perimeter, away = perimeter_px * side, away_px * side
     distance, nearness = lens_distance(calibration, side)
     spread = details.get("scale_spread_undistorted")
     square = (calibration.square_side_mm if calibration else None) or 15.0
-    parts = author_components(
+    parts = reference_components(
         side, square_px=square / side, threshold_mm=away, video=video,
         spread=float(spread) if isinstance(spread, float) and 0 <= spread < 1 else UNKNOWN_SPREAD,
     )  # fmt: skip
@@ -127,7 +127,7 @@ def lens_distance(calibration: Calibration | None, pixel_mm: float) -> tuple[flo
     return focal * pixel_mm, nearness_component(known)
 
 
-def author_boundary(measured: Measured, curve: str | Sequence[float]) -> tuple[float, float]:
+def reference_boundary(measured: Measured, curve: str | Sequence[float]) -> tuple[float, float]:
     """Return the length of the mask's boundary, and how far outside the half-way one it runs [px]."""
     mask = measured.segmentation.mask
     perimeter = float(perimeter_crofton(mask, 4)) if mask.any() else 0.0

@@ -355,10 +355,10 @@ def _codec(pixel_mm: float, video: bool) -> list[Component]:
     ]  # fmt: skip
 
 
-def author_components(
+def reference_components(
     pixel_mm: float, *, square_px: float, spread: float, threshold_mm: float, video: bool = False
 ) -> list[Component]:
-    """Return the budget of the author's chain beyond the card.
+    """Return the budget of the reference segmentation beyond the card.
 
     Parameters
     ----------

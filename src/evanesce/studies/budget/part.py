@@ -34,12 +34,12 @@ def findings(classes: Sequence[Mapping[str, Any]]) -> Findings:
     """Return table, chart and verdict."""
     inside = [c for c in classes if WANTED[0] <= c["refined_covered"] <= WANTED[1]]
     covered = [100 * c["refined_covered"] for c in classes]
-    author = [100 * c["author_covered"] for c in classes]
+    author = [100 * c["reference_covered"] for c in classes]
     return Findings(
         verdict=[
             f"The refined estimator's 95 % intervals hold the truth in {min(covered):.1f} to {max(covered):.1f} % of"
             f" {classes[0]['measurements']} measurements a class; {len(inside)} of {len(classes)} classes lie within"
-            f" {100 * WANTED[0]:g} to {100 * WANTED[1]:g} %. The author's chain: {min(author):.1f} to"
+            f" {100 * WANTED[0]:g} to {100 * WANTED[1]:g} %. The reference segmentation: {min(author):.1f} to"
             f" {max(author):.1f} %.",
             "3407 px/mm² says how finely the frame is divided; the interval says how well the area is known:"
             f" ±{min(c['refined_half_width_percent'] for c in classes):.2f} to"
@@ -49,7 +49,7 @@ def findings(classes: Sequence[Mapping[str, Any]]) -> Findings:
         tables=[
             _coverage_table(classes),
             _parts_table(classes, "contributions_percent", "refined area"),
-            _parts_table(classes, "author_contributions_percent", "area of the author's chain"),
+            _parts_table(classes, "reference_contributions_percent", "area of the reference segmentation"),
         ],
         data={"classes": list(classes)},
     )
@@ -63,8 +63,8 @@ def _coverage_table(classes: Sequence[Mapping[str, Any]]) -> Listing:
             (
                 c["finger"], c["place"], str(c["measurements"]), f"{100 * c['refined_covered']:.1f}",
                 f"{100 * c['refined_linear_covered']:.1f}", f"{c['refined_half_width_percent']:.2f}",
-                f"{c['refined_bias_percent']:+.2f}", f"{100 * c['author_covered']:.1f}",
-                f"{c['author_half_width_percent']:.2f}", f"{c['author_bias_percent']:+.2f}",
+                f"{c['refined_bias_percent']:+.2f}", f"{100 * c['reference_covered']:.1f}",
+                f"{c['reference_half_width_percent']:.2f}", f"{c['reference_bias_percent']:+.2f}",
             )
             for c in classes
         ],
@@ -85,7 +85,10 @@ def _parts_table(classes: Sequence[Mapping[str, Any]], key: str, what: str) -> L
 
 def _chart(classes: Sequence[Mapping[str, Any]]) -> Chart:
     panels = []
-    for title, key in (("refined", "contributions_percent"), ("author's chain", "author_contributions_percent")):
+    for title, key in (
+        ("refined", "contributions_percent"),
+        ("reference segmentation", "reference_contributions_percent"),
+    ):
         names = list(dict.fromkeys(name for c in classes for name in c[key]))
         series = [
             Series(

@@ -23,15 +23,15 @@ from evanesce.measurement.reference.area import measure_frame
 from evanesce.measurement.reference.segment import Chain
 from evanesce.measurement.refined.estimator import Estimator, RefinedArea, Unseen
 from evanesce.measurement.refined.subsurface import Walk
-from evanesce.measurement.uncertainty.area import author_boundary, lens_distance, refined_uncertainty
+from evanesce.measurement.uncertainty.area import lens_distance, reference_boundary, refined_uncertainty
 from evanesce.measurement.uncertainty.budget import (
     CARD_HEIGHT_MM,
     PRINT_TOLERANCE,
     Finger,
     Reading,
-    author_components,
     card_components,
     propagate,
+    reference_components,
 )
 from evanesce.optics.projection import Projection
 from evanesce.rig import Scene
@@ -62,7 +62,7 @@ class Shot:
         Of its edge (:class:`~evanesce.measurement.refined.estimator.RefinedArea`).
     pixels : int
     perimeter_px, away_px : float
-        Of the author's chain (:func:`~evanesce.measurement.uncertainty.area.author_boundary`).
+        Of the reference segmentation (:func:`~evanesce.measurement.uncertainty.area.reference_boundary`).
     unseen : str
     walk : Walk
     blur_doubt_px : float
@@ -99,17 +99,17 @@ class ClassCoverage:
     ----------
     finger, place : str
     measurements, frames : int
-    refined_covered, author_covered : float
+    refined_covered, reference_covered : float
         Share of measurements whose 95 % interval holds the truth.
     refined_linear_covered : float
         The same of the linear interval.
-    refined_half_width_percent, author_half_width_percent : float
+    refined_half_width_percent, reference_half_width_percent : float
         Median half-width of the interval [% of the area].
-    refined_bias_percent, author_bias_percent : float
+    refined_bias_percent, reference_bias_percent : float
         Mean error of the area as read [%].
     contributions_percent : dict
         Median standard uncertainty of the refined area from each component [%].
-    author_contributions_percent : dict
+    reference_contributions_percent : dict
         The same of the author's area.
     """
 
@@ -119,13 +119,13 @@ class ClassCoverage:
     frames: int
     refined_covered: float
     refined_linear_covered: float
-    author_covered: float
+    reference_covered: float
     refined_half_width_percent: float
-    author_half_width_percent: float
+    reference_half_width_percent: float
     refined_bias_percent: float
-    author_bias_percent: float
+    reference_bias_percent: float
     contributions_percent: dict[str, float]
-    author_contributions_percent: dict[str, float]
+    reference_contributions_percent: dict[str, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,7 +158,7 @@ def shots_of(
         for voltage in voltages:
             frame = press.frame(voltage, rng.integer_seed(seed, "frame", k))
             author = measure_frame(frame, chain, calibration.mm2_per_px, view)
-            perimeter, away = author_boundary(author, scene.camera.tone_curve)
+            perimeter, away = reference_boundary(author, scene.camera.tone_curve)
             found = estimator.area(frame.data)
             shots.append(
                 Shot(
@@ -205,7 +205,7 @@ def run_study(
     fingers, places : sequence of str
         Names of :func:`~evanesce.studies.estimator.study.fingers_of` and of its places.
     threshold : float
-        Of the author's chain.
+        Of the reference segmentation.
     seed : int
     tick : callable
         ``tick(what, done, total)``.
@@ -291,7 +291,7 @@ def _measure(
     area = shot.pixels * scale
     reading = Reading(area_mm2=area, perimeter_mm=shot.perimeter_px * np.sqrt(scale), distance_mm=distance)
     spread = float(calibration.details["scale_spread_undistorted"])
-    parts = author_components(
+    parts = reference_components(
         side, square_px=calibration.square_side_mm / side, spread=spread, threshold_mm=shot.away_px * side
     )
     author = propagate(reading, [*card_components(), nearness, *parts], draws)
@@ -302,7 +302,7 @@ def _measure(
         "widths": [50 * (u.interval_mm2[1] - u.interval_mm2[0]) / true for u in (refined, author)],
         "errors": [100 * (found.area_mm2 / true - 1), 100 * (area / true - 1)],
         "parts": {name: 100 * u / true for name, u in refined.contributions_mm2.items()},
-        "author_parts": {name: 100 * u / true for name, u in author.contributions_mm2.items()},
+        "reference_parts": {name: 100 * u / true for name, u in author.contributions_mm2.items()},
     }
 
 
@@ -312,11 +312,11 @@ def _summed(key: tuple[str, str], tally: Sequence[Mapping[str, Any]], frames: in
     errors = np.mean([m["errors"] for m in tally], axis=0)
     return ClassCoverage(
         finger=key[0], place=key[1], measurements=len(tally), frames=frames,
-        refined_covered=float(refined), refined_linear_covered=float(linear), author_covered=float(author),
-        refined_half_width_percent=float(widths[0]), author_half_width_percent=float(widths[1]),
-        refined_bias_percent=float(errors[0]), author_bias_percent=float(errors[1]),
+        refined_covered=float(refined), refined_linear_covered=float(linear), reference_covered=float(author),
+        refined_half_width_percent=float(widths[0]), reference_half_width_percent=float(widths[1]),
+        refined_bias_percent=float(errors[0]), reference_bias_percent=float(errors[1]),
         contributions_percent=_medians([m["parts"] for m in tally]),
-        author_contributions_percent=_medians([m["author_parts"] for m in tally]),
+        reference_contributions_percent=_medians([m["reference_parts"] for m in tally]),
     )  # fmt: skip
 
 

@@ -19,7 +19,7 @@ def demo_page(demo: Demo) -> Page:
     worst = max(demo.frames, key=lambda frame: abs(frame.evaluation.comparison.error_percent))
     error = worst.evaluation.comparison.error_percent
     lead = (
-        f"The thesis's rig, simulated, photographed and measured by the author's chain at threshold 0.15."
+        f"The thesis's rig, simulated, photographed and measured by the reference segmentation at threshold 0.15."
         f" The area is off by up to {error:+.1f} % ({worst.finger}, {worst.force_N:g} N)."
     )
     return Page(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.chain.simulate import Render, photograph, simulate
+from evanesce.chain.simulate import Render, expose, simulate
 from evanesce.core import provenance
 from evanesce.evaluation.evaluate import Camera, Evaluation, evaluate
 from evanesce.measurement.calibration.board_images import find_boards
@@ -149,7 +149,7 @@ def calibrate_rig(
             seed=settings.seed + index,
         )  # fmt: skip
         path = folder / f"{name}.png"
-        write_png(path, photograph(scene, light, seed=settings.seed, index=index)[1].data)
+        write_png(path, expose(scene, light, seed=settings.seed, index=index)[1].data)
         tick(index + 1, count)
         return path
 

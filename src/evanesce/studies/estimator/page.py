@@ -27,7 +27,7 @@ def estimator_figure(study: EstimatorStudy) -> Figure:
                 own = [r for r in study.rows if (r.finger, r.place, r.force_N) == (finger, place, force)]
                 volts = [r.voltage_V for r in own]
                 style = {"marker": marker, "ms": 4, "lw": 0.8, "alpha": 0.8}
-                axis.plot(volts, [r.author_percent for r in own], color="C1", **style)
+                axis.plot(volts, [r.reference_percent for r in own], color="C1", **style)
                 axis.plot(volts, [r.refined_percent for r in own], color="C0", **style)
         axis.axhspan(-2, 2, color="C0", alpha=0.12)
         axis.set_yscale("symlog", linthresh=5)
@@ -37,7 +37,7 @@ def estimator_figure(study: EstimatorStudy) -> Figure:
         axis.label_outer()
     for axis in axes[len(fingers) :]:
         axis.set_axis_off()
-    axes[0].plot([], [], color="C1", label=f"author's chain, threshold {study.threshold:g}")
+    axes[0].plot([], [], color="C1", label=f"reference segmentation, threshold {study.threshold:g}")
     axes[0].plot([], [], color="C0", label="refined")
     axes[0].legend(fontsize=7, loc="upper left")
     return figure
@@ -56,8 +56,8 @@ def estimator_page(study: EstimatorStudy) -> Page:
         [
             (
                 w["finger"], w["place"], str(w["frames"]), f"{w['refined_rms_percent']:.2f}",
-                f"{w['refined_worst_percent']:+.2f}", f"{w['author_rms_percent']:.1f}",
-                f"{w['author_worst_percent']:+.1f}",
+                f"{w['refined_worst_percent']:+.2f}", f"{w['reference_rms_percent']:.1f}",
+                f"{w['reference_worst_percent']:+.1f}",
             )
             for w in study.worst()
         ],
@@ -68,14 +68,14 @@ def estimator_page(study: EstimatorStudy) -> Page:
         [
             (
                 r.finger, r.place, f"{r.force_N:g}", f"{r.voltage_V:g}", f"{r.true_mm2:.3f}",
-                f"{r.author_percent:+.2f}", f"{r.refined_percent:+.2f}", f"{r.saturated_share:.2f}",
+                f"{r.reference_percent:+.2f}", f"{r.refined_percent:+.2f}", f"{r.saturated_share:.2f}",
             )
             for r in study.rows
         ],
         "Every frame.",
     )  # fmt: skip
     return Page(
-        title="The refined estimator beside the author's chain",
+        title="The refined estimator beside the reference segmentation",
         lead="Area errors of both, blind: they see frames and a calibration only. Glow is the renderer's own model, "
         "whose inverse the refined estimator uses; on a real finger that part will be less exact.",
         sections=[
@@ -111,8 +111,8 @@ def budget_page(study: BudgetStudy) -> Page:
             (
                 c.finger, c.place, str(c.measurements), f"{100 * c.refined_covered:.1f}",
                 f"{100 * c.refined_linear_covered:.1f}", f"{c.refined_half_width_percent:.2f}",
-                f"{c.refined_bias_percent:+.2f}", f"{100 * c.author_covered:.1f}",
-                f"{c.author_half_width_percent:.2f}", f"{c.author_bias_percent:+.2f}",
+                f"{c.refined_bias_percent:+.2f}", f"{100 * c.reference_covered:.1f}",
+                f"{c.reference_half_width_percent:.2f}", f"{c.reference_bias_percent:+.2f}",
             )
             for c in study.classes
         ],
@@ -135,7 +135,7 @@ def _budgets(study: BudgetStudy) -> list[Table]:
     tables = []
     for chain, shares in (
         ("Refined", [c.contributions_percent for c in study.classes]),
-        ("Author's chain", [c.author_contributions_percent for c in study.classes]),
+        ("Author's chain", [c.reference_contributions_percent for c in study.classes]),
     ):
         names = list(dict.fromkeys(name for share in shares for name in share))
         lines = [

@@ -33,12 +33,12 @@ def findings(found: EstimatorStudy) -> Findings:
     worst = found.worst()
     held = [w for w in worst if abs(w["refined_worst_percent"]) <= _goal(w["finger"])]
     ours = max(worst, key=lambda w: abs(w["refined_worst_percent"]))
-    theirs = max(worst, key=lambda w: abs(w["author_worst_percent"]))
+    theirs = max(worst, key=lambda w: abs(w["reference_worst_percent"]))
     return Findings(
         verdict=[
             f"The refined estimator errs by at most {abs(ours['refined_worst_percent']):.2f} % ({ours['finger']},"
-            f" {ours['place']}), the author's chain at a threshold of {found.threshold:g} by up to"
-            f" {abs(theirs['author_worst_percent']):.0f} % ({theirs['finger']}, {theirs['place']}).",
+            f" {ours['place']}), the reference segmentation at a threshold of {found.threshold:g} by up to"
+            f" {abs(theirs['reference_worst_percent']):.0f} % ({theirs['finger']}, {theirs['place']}).",
             f"The goal (0.5 % smooth, 2 % ridged, every frame) is met in {len(held)} of {len(worst)} classes.",
         ],
         charts=[_chart(found.rows)],
@@ -58,8 +58,8 @@ def _table(worst: Sequence[Mapping[str, Any]]) -> Listing:
         rows=[
             (
                 w["finger"], w["place"], str(w["frames"]), f"{w['refined_rms_percent']:.2f}",
-                f"{w['refined_worst_percent']:+.2f}", f"{_goal(w['finger']):g}", f"{w['author_rms_percent']:.1f}",
-                f"{w['author_worst_percent']:+.1f}",
+                f"{w['refined_worst_percent']:+.2f}", f"{_goal(w['finger']):g}", f"{w['reference_rms_percent']:.1f}",
+                f"{w['reference_worst_percent']:+.1f}",
             )
             for w in worst
         ],
@@ -75,7 +75,7 @@ def _chart(rows: Sequence[Row]) -> Chart:
         for finger in dict.fromkeys(row.finger for row in rows):
             some = [r for r in rows if (r.place, r.finger) == (place, finger)]
             volts = sorted({r.voltage_V for r in some})
-            for who in ("refined", "author"):
+            for who in ("refined", "reference"):
                 errors = [[abs(getattr(r, f"{who}_percent")) for r in some if r.voltage_V == v] for v in volts]
                 series.append(
                     Series(label=f"{finger}, {who}", x=volts, y=[max(max(e), 1e-3) for e in errors], group=finger)
@@ -84,7 +84,9 @@ def _chart(rows: Sequence[Row]) -> Chart:
             Panel(title=place, x_label="LED voltage [V]", y_label="worst area error over forces [%]", series=series,
                   log_y=True)
         )  # fmt: skip
-    return Chart(panels=panels, caption="Solid the refined estimator, dashed the author's chain on the same frames.")
+    return Chart(
+        panels=panels, caption="Solid the refined estimator, dashed the reference segmentation on the same frames."
+    )
 
 
-STUDY = Part("estimator", "A refined estimator beside the author's chain", 20, run)
+STUDY = Part("estimator", "A refined estimator beside the reference segmentation", 20, run)

@@ -1,4 +1,4 @@
-"""The refined estimator beside the author's chain: smooth and ridged fingers, centre and corner, over LED voltages."""
+"""The refined estimator beside the reference segmentation: smooth and ridged fingers, centre and corner, over LED voltages."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.chain.simulate import touch
+from evanesce.chain.simulate import solve_contact
 from evanesce.core import provenance, rng
 from evanesce.core.states import Frame, SensorLight
 from evanesce.evaluation.calibrated_rig import calibrated, with_board_blur
@@ -47,7 +47,7 @@ class Row:
     ----------
     finger, place : str
     force_N, voltage_V : float
-    true_mm2, author_mm2, refined_mm2 : float
+    true_mm2, reference_mm2, refined_mm2 : float
     saturated_share : float
         Of the contact's pixels.
     """
@@ -57,14 +57,14 @@ class Row:
     force_N: float
     voltage_V: float
     true_mm2: float
-    author_mm2: float
+    reference_mm2: float
     refined_mm2: float
     saturated_share: float
 
     @property
-    def author_percent(self) -> float:
-        """Error of the author's chain [%]."""
-        return 100.0 * (self.author_mm2 / self.true_mm2 - 1.0)
+    def reference_percent(self) -> float:
+        """Error of the reference segmentation [%]."""
+        return 100.0 * (self.reference_mm2 / self.true_mm2 - 1.0)
 
     @property
     def refined_percent(self) -> float:
@@ -113,7 +113,7 @@ class Lit:
     @classmethod
     def of(cls, scene: Scene, force: float, seed: int) -> Lit:
         """Press and render by fast transport."""
-        rig, state = touch(scene, force, seed=seed)
+        rig, state = solve_contact(scene, force, seed=seed)
         assert state is not None  # a force was given
         image = form_image(render_fast(rig, state), rig.camera, rig.plate)
         return cls(scene, np.asarray(image.irradiance, np.float32), state.nominal_contact_area)
@@ -152,7 +152,7 @@ def _row(
     assert calibration.mm2_per_px is not None
     author = measure_frame(frame, chain, calibration.mm2_per_px, view).estimate.area
     return Row(
-        finger=name, place=place, force_N=force, voltage_V=voltage, true_mm2=true_mm2, author_mm2=author,
+        finger=name, place=place, force_N=force, voltage_V=voltage, true_mm2=true_mm2, reference_mm2=author,
         refined_mm2=found.area_mm2, saturated_share=found.saturated_pixels / max(1, int(found.mask.sum())),
     )  # fmt: skip
 
@@ -165,7 +165,7 @@ class EstimatorStudy:
     ----------
     rows : list of Row
     threshold : float
-        Of the author's chain.
+        Of the reference segmentation.
     provenance : mapping
     """
 
@@ -176,7 +176,8 @@ class EstimatorStudy:
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON result."""
         plain = [
-            asdict(r) | {"author_percent": r.author_percent, "refined_percent": r.refined_percent} for r in self.rows
+            asdict(r) | {"reference_percent": r.reference_percent, "refined_percent": r.refined_percent}
+            for r in self.rows
         ]
         return {"threshold": self.threshold, "rows": plain, "worst": self.worst(), "provenance": self.provenance}
 
@@ -186,7 +187,7 @@ class EstimatorStudy:
         for finger, place in dict.fromkeys((r.finger, r.place) for r in self.rows):
             own = [r for r in self.rows if (r.finger, r.place) == (finger, place)]
             refined = np.array([r.refined_percent for r in own])
-            author = np.array([r.author_percent for r in own])
+            author = np.array([r.reference_percent for r in own])
             found.append(
                 {
                     "finger": finger,
@@ -194,8 +195,8 @@ class EstimatorStudy:
                     "frames": len(own),
                     "refined_rms_percent": float(np.sqrt((refined**2).mean())),
                     "refined_worst_percent": float(refined[np.abs(refined).argmax()]),
-                    "author_rms_percent": float(np.sqrt((author**2).mean())),
-                    "author_worst_percent": float(author[np.abs(author).argmax()]),
+                    "reference_rms_percent": float(np.sqrt((author**2).mean())),
+                    "reference_worst_percent": float(author[np.abs(author).argmax()]),
                 }
             )
         return found
@@ -223,7 +224,7 @@ def run_study(
     fingers : sequence of str, optional
         Names of :func:`fingers_of`; all by default.
     threshold : float
-        Of the author's chain.
+        Of the reference segmentation.
     seed : int
     keep : Path, optional
         File of finished rows, one JSON object a line, from which an interrupted run goes on.

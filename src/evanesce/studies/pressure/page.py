@@ -19,7 +19,7 @@ def maps_figure(study: PressureStudy) -> Figure:
     axes = figure.subplots(2, 3)
     true = study.maps["true"]
     top = float(true.max())
-    for k, (name, title) in enumerate((("true", "true"), ("model", "roughness model"), ("author", "author's map"))):
+    for k, (name, title) in enumerate((("true", "true"), ("model", "roughness model"), ("reference", "author's map"))):
         shown = axes[0, k].imshow(study.maps[name], vmin=0, vmax=top, cmap="viridis")
         axes[0, k].set_title(title)
         if name != "true":
@@ -28,7 +28,7 @@ def maps_figure(study: PressureStudy) -> Figure:
     figure.colorbar(shown, ax=axes[0], label="pressure [MPa]")
     figure.colorbar(error, ax=axes[1], label="error [MPa]")
     row = true.shape[0] // 2
-    for name in ("true", "model", "author"):
+    for name in ("true", "model", "reference"):
         axes[1, 0].plot(study.maps[name][row], label=name)
     axes[1, 0].set_xlabel("column [px]")
     axes[1, 0].set_ylabel("pressure [MPa]")
@@ -58,9 +58,9 @@ def page(study: PressureStudy) -> Page:
         [
             (
                 f"{r.rms_slope:g}", f"{r.force_N:g}", f"{r.voltage_V:g}", f"{r.peak_MPa:.3f}",
-                f"{r.saturated_share:.2f}", f"{r.rms_percent:.1f}", f"{r.author_rms_percent:.1f}",
-                number(r.correlation), number(r.author_correlation), f"{r.halo_percent:.1f}",
-                f"{r.author_halo_percent:.1f}", f"{r.factor:.3f}",
+                f"{r.saturated_share:.2f}", f"{r.rms_percent:.1f}", f"{r.reference_rms_percent:.1f}",
+                number(r.correlation), number(r.reference_correlation), f"{r.halo_percent:.1f}",
+                f"{r.reference_halo_percent:.1f}", f"{r.factor:.3f}",
             )
             for r in study.rows
         ],

@@ -18,7 +18,7 @@ from evanesce.studies.scenes import Finger, check_studied
 
 Floats = NDArray[np.float64]
 
-KEPT = ("true", "model", "author", "full")
+KEPT = ("true", "model", "reference", "full")
 """Maps that a run puts away."""
 
 LOST = 0.5
@@ -70,7 +70,7 @@ def findings(rows: Sequence[Mapping[str, Any]], maps: Mapping[str, Floats] | Non
     lost = [r for r in rows if r["saturated_share"] > LOST]
     verdict = []
     if clear:
-        ours, theirs = ([r[key] for r in clear] for key in ("rms_percent", "author_rms_percent"))
+        ours, theirs = ([r[key] for r in clear] for key in ("rms_percent", "reference_rms_percent"))
         verdict.append(
             f"Without saturation the roughness model turned round finds the pressure to {min(ours):.1f} to"
             f" {max(ours):.1f} % of its peak (RMS); the author's map, scaled to the force, errs by {min(theirs):.0f} to"
@@ -78,8 +78,8 @@ def findings(rows: Sequence[Mapping[str, Any]], maps: Mapping[str, Floats] | Non
         )
         verdict.append(
             "The halo of the dilated mask carries"
-            f" {min(r['author_halo_percent'] for r in clear):.1f} to"
-            f" {max(r['author_halo_percent'] for r in clear):.1f} % of the force in the author's map, where nothing"
+            f" {min(r['reference_halo_percent'] for r in clear):.1f} to"
+            f" {max(r['reference_halo_percent'] for r in clear):.1f} % of the force in the author's map, where nothing"
             " touches."
         )
     if lost:
@@ -107,8 +107,8 @@ def _peaks(name: str, maps: Floats) -> dict[str, Any]:
     true, model, author, _ = maps
     hard = true >= np.quantile(true[true > 0], 0.9)
     over = {kind: 100 * (float(m[hard].mean() / true[hard].mean()) - 1) for kind, m in
-            (("model_percent", model), ("author_percent", author))}  # fmt: skip
-    return {"frame": name} | over | {"author_greatest_pixel_percent": 100 * (float(author.max() / true.max()) - 1)}
+            (("model_percent", model), ("reference_percent", author))}  # fmt: skip
+    return {"frame": name} | over | {"reference_greatest_pixel_percent": 100 * (float(author.max() / true.max()) - 1)}
 
 
 def _maps(name: str, maps: Floats, row: Mapping[str, Any]) -> Maps:
@@ -120,19 +120,19 @@ def _maps(name: str, maps: Floats, row: Mapping[str, Any]) -> Maps:
     upper = [Map(title="true", values=true, top=top), Map(title="roughness model", values=model, top=top),
              Map(title="author's map, scaled to the force", values=author, top=top)]  # fmt: skip
     lower = [Map(title=f"{who} - true", values=m - true, top=least, signed=True, unknown=hidden)
-             for who, m in (("model", model), ("author", author))]  # fmt: skip
+             for who, m in (("model", model), ("reference", author))]  # fmt: skip
     where = f"RMS slope {row['rms_slope']:g}, {row['force_N']:g} N, {row['voltage_V']:g} V"
     if name == "clear":
         caption = (
             f"Where nothing saturates ({where}) the model errs by noise and at the rim only, {row['rms_percent']:.1f} %"
-            f" of the peak (RMS), while the author's map is too flat: {off['author_percent']:+.0f} % over the tenth of"
-            " the contact that is pressed hardest, and too much at the rim."
+            f" of the peak (RMS), while the author's map is too flat: {off['reference_percent']:+.0f} % over the tenth
+            of" " the contact that is pressed hardest, and too much at the rim."
         )
     else:
         caption = (
             f"Where light saturates (grey, {row['saturated_share']:.0%} of the contact; {where}) the pressure is lost"
             f" to both maps: the model then errs by {row['rms_percent']:.0f} % of the peak, the author's by"
-            f" {row['author_rms_percent']:.0f} %."
+            f" {row['reference_rms_percent']:.0f} %."
         )
     return Maps(rows=[upper, lower], labels=["pressure [MPa]", "error [MPa]"], caption=caption)
 
@@ -148,9 +148,9 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> Listing:
             (
                 f"{r['rms_slope']:g}", f"{r['force_N']:g}", f"{r['voltage_V']:g}", f"{r['peak_MPa']:.3f}",
                 f"{100 * r['saturated_share']:.0f}", number(r["rms_percent"], ".1f"),
-                number(r["author_rms_percent"], ".1f"), number(r["correlation"], ".3f"),
-                number(r["author_correlation"], ".3f"), number(r["halo_percent"], ".1f"),
-                number(r["author_halo_percent"], ".1f"),
+                number(r["reference_rms_percent"], ".1f"), number(r["correlation"], ".3f"),
+                number(r["reference_correlation"], ".3f"), number(r["halo_percent"], ".1f"),
+                number(r["reference_halo_percent"], ".1f"),
             )
             for r in rows
         ],

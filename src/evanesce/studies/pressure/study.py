@@ -14,7 +14,7 @@ from evanesce.contact.analytic.roughness import persson_contact_fraction
 from evanesce.contact.solve import contact_state
 from evanesce.core import provenance, rng
 from evanesce.evaluation.labels import label, view_geometry
-from evanesce.measurement.pressure import PressureCurve, author_map, pressure_map
+from evanesce.measurement.pressure import PressureCurve, pressure_map, reference_map
 from evanesce.measurement.reference.segment import Chain, segment
 from evanesce.measurement.refined.light import Radiometry, tone_table
 from evanesce.optics.projection import Projection
@@ -40,13 +40,13 @@ class Row:
     rms_slope, force_N, voltage_V : float
     peak_MPa : float
         True.
-    rms_percent, author_rms_percent : float
+    rms_percent, reference_rms_percent : float
         RMS error of the pressure [% of the true peak].
-    correlation, author_correlation : float or None
+    correlation, reference_correlation : float or None
         With the true pressure; None where a map is flat.
     saturated_share : float
         Of the contact.
-    halo_percent, author_halo_percent : float
+    halo_percent, reference_halo_percent : float
         Force that a map puts where nothing touches [% of the force].
     factor : float
         See :class:`~evanesce.measurement.pressure.PressureMap`.
@@ -57,12 +57,12 @@ class Row:
     voltage_V: float
     peak_MPa: float
     rms_percent: float
-    author_rms_percent: float
+    reference_rms_percent: float
     correlation: float | None
-    author_correlation: float | None
+    reference_correlation: float | None
     saturated_share: float
     halo_percent: float
-    author_halo_percent: float
+    reference_halo_percent: float
     factor: float
 
 
@@ -130,7 +130,7 @@ def run_study(
     slopes, forces, voltages : sequence of float
         [1], [N], [V].
     threshold : float
-        Of the author's chain.
+        Of the reference segmentation.
     seed : int
     tick : callable
         ``tick(done, total)``.
@@ -186,7 +186,7 @@ def _compare(
     true, inside, area = truth.pressure[box].astype(float), truth.mask[box] > 0.5, truth.pixel_area[box]
     light, full = Radiometry(tone_table(tone)).light(image[box])
     found = pressure_map(light - float(np.median(light[truth.mask[box] == 0])), full, area, force, curve)
-    theirs = author_map(image[box] / 255.0, segment(image, Chain(threshold=threshold)).dilated[box], area, force)
+    theirs = reference_map(image[box] / 255.0, segment(image, Chain(threshold=threshold)).dilated[box], area, force)
     peak = float(true.max())
 
     def scores(pressure: Floats) -> tuple[float, float | None, float]:
@@ -199,8 +199,8 @@ def _compare(
     ours, other = scores(found.pressure), scores(theirs)
     row = Row(
         rms_slope=slope, force_N=force, voltage_V=voltage, peak_MPa=peak, rms_percent=ours[0],
-        author_rms_percent=other[0], correlation=ours[1], author_correlation=other[1],
+        reference_rms_percent=other[0], correlation=ours[1], reference_correlation=other[1],
         saturated_share=float((full & inside).sum() / inside.sum()), halo_percent=ours[2],
-        author_halo_percent=other[2], factor=found.factor,
+        reference_halo_percent=other[2], factor=found.factor,
     )  # fmt: skip
-    return row, {"true": true, "model": found.pressure, "author": theirs, "full": (full & inside).astype(float)}
+    return row, {"true": true, "model": found.pressure, "reference": theirs, "full": (full & inside).astype(float)}

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.chain.fast import FastCamera
-from evanesce.chain.simulate import touch
+from evanesce.chain.simulate import solve_contact
 from evanesce.contact.analytic.hertz import hertz_depth
 from evanesce.contact.fem.library import library_press
 from evanesce.contact.solve import contact_sequence
@@ -99,7 +99,7 @@ def _seen(
                 if finger.glowing not in cameras:
                     cameras[finger.glowing] = FastCamera(finger.on(scene.model_copy(update=law)))
                 camera = cameras[finger.glowing]
-                _, state = touch(camera.scene, force, seed=seed)
+                _, state = solve_contact(camera.scene, force, seed=seed)
                 assert state is not None  # a force was given
                 image = view.straight(camera.press(force, seed=seed).data)
                 row["true_area_mm2"] = state.nominal_contact_area
@@ -280,8 +280,8 @@ def _seen_table(seen: Sequence[Mapping[str, Any]]) -> Listing:
             )
             for r in seen
         ],
-        caption="The same presses of the solid finger (finite elements) through light, camera and the author's chain at"
-        " a threshold of 0.15: what a waveguide would have reported.",
+        caption="The same presses of the solid finger (finite elements) through light, camera and the reference
+        segmentation at" " a threshold of 0.15: what a waveguide would have reported.",
     )
 
 

@@ -1,4 +1,4 @@
-"""The page's threshold slider: frames as data URIs, the author's chain as a script, no server."""
+"""The page's threshold slider: frames as data URIs, the reference segmentation as a script, no server."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames for the page's threshold slider: image, truth and what the author's chain makes of it at each level."""
+"""Frames for the page's threshold slider: image, truth and what the reference segmentation makes of it at each level."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.chain.fast import FastCamera
-from evanesce.chain.simulate import touch
+from evanesce.chain.simulate import solve_contact
 from evanesce.evaluation.perfect_view import PerfectView
 from evanesce.measurement.reference.segment import Chain, segment
 from evanesce.rig import Scene
@@ -54,7 +54,7 @@ def slider_frame(finger: Finger, scene: Scene, force: float, *, seed: int = 1) -
     """Press a finger on a scene's rig with a force [N] and return its frame."""
     pressed = finger.on(scene)
     view = PerfectView.of(pressed)
-    _, state = touch(pressed, force, seed=seed)
+    _, state = solve_contact(pressed, force, seed=seed)
     assert state is not None  # a force was given
     crop = view.window(HALF_MM)
     image = np.ascontiguousarray(crop.apply(view.straight(FastCamera(pressed).press(force, seed=seed).data)))

@@ -1,4 +1,4 @@
-"""Area error of the author's chain against its threshold, blob size, blur and crop, and against rules that set it.
+"""Area error of the reference segmentation against its threshold, blob size, blur and crop, and against rules that set it.
 
 Lens distortion is undone without error and the pixel's area is the true one, so that the error is the chain's own.
 What the card's threshold does to that area per pixel is a table of its own.
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from skimage import filters
 
 from evanesce.chain.fast import FastCamera
-from evanesce.chain.simulate import simulate_card, touch
+from evanesce.chain.simulate import simulate_card, solve_contact
 from evanesce.core.errors import InputError
 from evanesce.evaluation.perfect_view import PerfectView
 from evanesce.measurement.io.images import read_image
@@ -171,7 +171,7 @@ def run(scene: Scene, out: Path, progress: Progress, *, quick: bool = False, see
 
 def _frame(view: PerfectView, camera: FastCamera | None, force: float, seed: int) -> dict[str, Any]:
     assert camera is not None  # made whenever a row is missing
-    _, state = touch(camera.scene, force, seed=seed)
+    _, state = solve_contact(camera.scene, force, seed=seed)
     assert state is not None  # a force was given
     image = view.straight(camera.press(force, seed=seed).data)
     return frame_row(image, state.nominal_contact_area, view.mm2_per_px, view.window(WINDOW_MM))

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.chain.fast import FastCamera
-from evanesce.chain.simulate import photograph, simulate, touch
+from evanesce.chain.simulate import expose, simulate, solve_contact
 from evanesce.contact.solve import contact_sequence
 from evanesce.core import rng
 from evanesce.core.states import PlateLight
@@ -147,13 +147,13 @@ def _exposed_row(view: PerfectView, scene: Scene, seed: int) -> dict[str, Any]:
 
 def _smear_row(view: PerfectView, scene: Scene, seed: int) -> dict[str, Any]:
     """Return the area at each way during the exposure and level, the exposure's light unchanged [mm^2]."""
-    rig, state = touch(scene, FORCE, seed=seed)
+    rig, state = solve_contact(scene, FORCE, seed=seed)
     assert state is not None  # a force was given
     light = render_fast(rig, state, seed=rng.integer_seed(seed, "render", 0))
     crop, areas = view.window(HALF_MM), []
     for way in SMEARS_MM:
         moved = smeared(light, way / view.mm2_per_px**0.5)
-        image = view.straight(photograph(rig, moved, seed=seed)[1].data)
+        image = view.straight(expose(rig, moved, seed=seed)[1].data)
         areas.append([segment(image, Chain(threshold=t, crop=crop)).pixels * view.mm2_per_px for t in LEVELS])
     return {"way_mm": SMEARS_MM, "area_mm2": areas, "true_area_mm2": state.nominal_contact_area}
 

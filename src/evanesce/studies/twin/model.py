@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from evanesce.chain.simulate import photograph
+from evanesce.chain.simulate import expose
 from evanesce.core.errors import WorkError
 from evanesce.core.states import PlateLight
 from evanesce.evaluation.board_geometry import FittedRig, PrintedBoard, bright_even, fit_rig
@@ -193,7 +193,7 @@ def make_twin(picture: NDArray[np.uint8], base: Scene, *, seed: int, curve: Curv
             "assumptions": {},
         }
     )
-    _, frame = photograph(scene, studio.radiance(light, rig.board), seed=seed)
+    _, frame = expose(scene, studio.radiance(light, rig.board), seed=seed)
     mean = 255.0 * CURVES[curve](np.clip(studio.relative_light(light, rig), 0.0, 1.0))
     own = fit_saddles(frame.data.astype(np.float64), grid.fit.position, grid.lattice)
     judged = block_mask(grid, photo.shape, judged=True)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from evanesce.chain.simulate import Render, touch
+from evanesce.chain.simulate import Render, solve_contact
 from evanesce.core import rng
 from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState, SensorLight
@@ -135,7 +135,7 @@ def sensor_light(
 ) -> tuple[Scene, ContactState, SensorLight]:
     """Return rig, truth and irradiance on the sensor of one press at the scene's voltage, without lens distortion."""
     scene = without_sources(scene, omitted)
-    rig, state = touch(scene, force, seed=seed)
+    rig, state = solve_contact(scene, force, seed=seed)
     assert state is not None  # a force was given
     effects, context = active_effects(scene), Context(rig, seed)
     light = render(rig, state, seed=rng.integer_seed(seed, "render", 0))
@@ -153,7 +153,7 @@ def unclipped_levels(signal_DN: Array, camera: Camera) -> Array:
 
 
 def segment_levels(levels: Array, chain: Chain) -> Mask:
-    """Segment grey levels that may exceed 255 by the author's chain."""
+    """Segment grey levels that may exceed 255 by the reference segmentation."""
     blurred = ndimage.gaussian_filter(levels / 255.0, chain.blur, mode="nearest", truncate=TRUNCATE)
     bright = np.where(blurred > chain.threshold, 255, 0).astype(np.uint8)
     plain = Chain(threshold=0.5, min_blob=chain.min_blob, blur=0.0, radius=chain.radius)

@@ -233,7 +233,7 @@ def run_study(
     forces, voltages : sequence of float
         [N], [V] ascending.
     threshold : float
-        Of the author's chain, fixed over all voltages.
+        Of the reference segmentation, fixed over all voltages.
     base : int
         N of the Saltelli sample, a power of two.
     seed : int

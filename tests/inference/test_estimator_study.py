@@ -183,8 +183,8 @@ def test_bad_input_ends_with_2_and_names_its_key(arguments, part):
 @pytest.mark.system
 @pytest.mark.parametrize(("finger", "goal"), [("smooth", 0.5), ("smooth, glow", 1.0)])
 def test_rendered_frames_are_read_blind(finger, goal):
-    """One press on the small rig at 9 V, off the middle; the reference segmentation at 0.15 errs by several times as
-    much.""" scenes = [load_scene(name, SMALL) for name in ("thesis", "thesis_ridged")]
+    """One press on the small rig at 9 V, off the middle; the reference segmentation at 0.15 errs several times as much."""
+    scenes = [load_scene(name, SMALL) for name in ("thesis", "thesis_ridged")]
     scene = estimator_study.placed(estimator_study.fingers_of(*scenes)[finger], (1.7, -1.1))
     calibration = calibrated(scenes[0], np.random.default_rng(5))
     (row,) = estimator_study.rows_of(finger, "near", scene, calibration, (9.0,), (2.3,), threshold=0.15, seed=4)

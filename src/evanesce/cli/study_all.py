@@ -24,8 +24,8 @@ from evanesce.cli.common import (
 from evanesce.cli.render import SetOption, parse_overrides
 
 PARTS = {
-    "threshold": "Area error of the reference segmentation against threshold, rules that set it, blob size, blur and
-    crop.", "time": "What clock, exposure, rolling shutter and frame rate do to areas and to the onset of slip.",
+    "threshold": "Area error of the reference segmentation by threshold, rules that set it, blob size, blur and crop.",
+    "time": "What clock, exposure, rolling shutter and frame rate do to areas and to the onset of slip.",
     "thesis": "The thesis's experiments in simulation: predictions stated first, then a table per figure.",
 }
 SceneArgument = Annotated[str, typer.Argument(help="Scene file or name of a shipped scene.")]

@@ -172,8 +172,8 @@ class SeriesPredictor:
         return self._areas(scene, series, frames=self._frames, factor=self._factor)
 
     def _areas(self, scene: Scene, series: Series, *, frames: Predictor, factor: int) -> Array:
-        """Return areas by the reference segmentation of predicted frames, pixels so many times as large
-        [mm^2].""" held = series.held
+        """Return areas by the reference segmentation of predicted frames, pixels that many times as large [mm^2]."""
+        held = series.held
         force = np.full(len(series), held.get("force_N", DEFAULT_FORCE_N))
         voltage = np.full(len(series), held.get("voltage_V", self.scene.leds.voltage_V))
         time = np.full(len(series), held.get("time_s", 0.0))

@@ -125,8 +125,8 @@ class Design:
     min_blob_px: int = 2000
 
     def chain(self, coarser: int = 1, crop: Crop | None = None) -> Chain:
-        """Return the reference segmentation, within a crop, for a camera whose pixels are ``coarser`` times as
-        large.""" return Chain(
+        """Return the reference segmentation, within a crop, for pixels that are ``coarser`` times as large."""
+        return Chain(
             threshold=self.threshold, min_blob=max(1, round(self.min_blob_px / coarser**2)), blur=1.0 / coarser,
             radius=max(1, round(10 / coarser)), crop=crop or Crop(),
         )  # fmt: skip

@@ -115,9 +115,8 @@ def page(
     sections = []
     if slider is not None:
         text = (
-            "A rendered frame, undistorted without error. Move the threshold: orange is what the reference segmentation
-            (blur 1" " px, dilation 10 px, blobs of at least 2000 px) takes for contact, blue the outline of the true
-            contact."
+            "A rendered frame, undistorted without error. Move the threshold: orange is what the reference segmentation"
+            " (blur 1 px, dilation 10 px, blobs of at least 2000 px) takes for contact, blue the outline of the true contact."
         )
         sections.append(Section("How wrong is the area at this threshold?", [text], widget=slider))
     sections += [_figures(study, found) for study, found in parts]

@@ -1,4 +1,4 @@
-"""Contact area to a fraction of a pixel, beside the reference segmentation: blind, from frames and the rig's own calibration.
+"""Refined contact area, to a fraction of a pixel, from frames and the rig's own calibration; no ground truth enters.
 
 The steps: grey level to linear light (:mod:`refined_light`); glow inside the silicone taken back to where it entered
 (:mod:`refined_glow`); boundary half-way between the light on its two sides (:mod:`refined_edge`); what saturates, put

@@ -1,4 +1,4 @@
-"""The budget of one frame's area, by the reference segmentation or by the refined estimator, from what that frame shows."""
+"""The uncertainty budget of one frame's area, by the reference segmentation or the refined estimator."""
 
 from __future__ import annotations
 

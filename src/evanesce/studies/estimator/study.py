@@ -1,4 +1,4 @@
-"""The refined estimator beside the reference segmentation: smooth and ridged fingers, centre and corner, over LED voltages."""
+"""Refined estimator and reference segmentation on the same frames: fingers, places in the view, LED voltages."""
 
 from __future__ import annotations
 

@@ -125,8 +125,8 @@ def _maps(name: str, maps: Floats, row: Mapping[str, Any]) -> Maps:
     if name == "clear":
         caption = (
             f"Where nothing saturates ({where}) the model errs by noise and at the rim only, {row['rms_percent']:.1f} %"
-            f" of the peak (RMS), while the author's map is too flat: {off['reference_percent']:+.0f} % over the tenth
-            of" " the contact that is pressed hardest, and too much at the rim."
+            f" of the peak (RMS), while the thesis's map is too flat: {off['reference_percent']:+.0f} % over the tenth"
+            " of the contact that is pressed hardest, and too much at the rim."
         )
     else:
         caption = (

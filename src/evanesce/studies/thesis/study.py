@@ -280,8 +280,8 @@ def _seen_table(seen: Sequence[Mapping[str, Any]]) -> Listing:
             )
             for r in seen
         ],
-        caption="The same presses of the solid finger (finite elements) through light, camera and the reference
-        segmentation at" " a threshold of 0.15: what a waveguide would have reported.",
+        caption="The same presses of the solid finger (finite elements) through light, camera and the reference segmentation"
+        " at a threshold of 0.15: what a waveguide would have reported.",
     )
 
 

@@ -1,4 +1,4 @@
-"""Frames for the page's threshold slider: image, truth and what the reference segmentation makes of it at each level."""
+"""Frames for the page's threshold slider: image, truth and the reference segmentation at each level."""
 
 from __future__ import annotations
 

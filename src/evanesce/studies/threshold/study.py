@@ -1,4 +1,4 @@
-"""Area error of the reference segmentation against its threshold, blob size, blur and crop, and against rules that set it.
+"""Area error of the reference segmentation by threshold, blob size, blur and crop, and by rules that set it.
 
 Lens distortion is undone without error and the pixel's area is the true one, so that the error is the chain's own.
 What the card's threshold does to that area per pixel is a table of its own.

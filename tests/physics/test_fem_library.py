@@ -130,7 +130,7 @@ def test_a_fresh_solution_on_another_mesh_agrees(material: str) -> None:
     pytest.importorskip("felupe", reason="the optional extra 'fem' is not installed")
     from evanesce.contact.fem.material import rubber
     from evanesce.contact.fem.mesh import FingerShape, MeshSize
-    from evanesce.contact.fem.press import press
+    from evanesce.contact.fem.programme import press
 
     friction = library_press(material).inputs["glass"]["friction"]
     size = MeshSize(contact=0.2)

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from evanesce.contact.fem.library import LibraryPress, library_press, library_state
+from evanesce.contact.fem.library import library_press, library_state
 from evanesce.contact.fem.state import axisymmetric_contact
+from evanesce.contact.fem.stored import LibraryPress
 from evanesce.contact.patch import AxisymmetricContact
 from evanesce.contact.scaling import stiffened_contact, stiffened_state
 from evanesce.core.errors import InputError

@@ -8,14 +8,12 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from evanesce.contact.fem.library import BONES, FOLDER, save_library_press
-from evanesce.contact.fem.library_slide import SLIDES, save_library_slide
+from evanesce.contact.fem.library import BONES, FOLDER, SLIDES, save_library_press, save_library_slide
 from evanesce.contact.fem.material import rubber
 from evanesce.contact.fem.mesh import FingerShape, MeshSize
-from evanesce.contact.fem.press import press
+from evanesce.contact.fem.programme import press, slide
 from evanesce.contact.fem.result import SolvedRun
 from evanesce.contact.fem.runs import cache_folder
-from evanesce.contact.fem.slide import slide
 from evanesce.materials.tables import material as silicone
 
 FORCES = (0.1, 0.15, 0.22, 0.33, 0.5, 0.7, 1.0, 1.4, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0)

@@ -19,8 +19,9 @@ from evanesce.contact.fem.mesh import FingerShape, MeshSize
 from evanesce.contact.fem.programme import slide
 from evanesce.contact.fem.runs import cache_folder
 from evanesce.contact.fem.state import axisymmetric_contact
-from evanesce.contact.sliding.friction import coulomb, shaft_stiffness
+from evanesce.contact.sliding.shaft import shaft_stiffness
 from evanesce.contact.sliding.solver import march
+from evanesce.materials.friction import coulomb
 from evanesce.materials.hyperelastic import of_material
 from evanesce.report.html import figure_png
 

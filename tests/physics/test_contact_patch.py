@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from evanesce.contact.analytic.hertz import hertz_contact
 from evanesce.contact.analytic.jkr import jkr_contact
-from evanesce.contact.patch import axisymmetric_state, disc_coverage
+from evanesce.contact.coverage import disc_coverage
+from evanesce.contact.patch import axisymmetric_state
 from evanesce.core.errors import InputError
 from evanesce.core.states import PlateGrid
 

@@ -11,19 +11,11 @@ from scipy.integrate import quad
 from evanesce.contact.analytic import partial_slip
 from evanesce.contact.analytic.hertz import hertz_contact, hertz_pressure, hertz_radius
 from evanesce.contact.analytic.xydas_kao import xydas_kao_contact, xydas_kao_pressure
-from evanesce.contact.sliding.friction import (
-    InterfaceFriction,
-    area_loss_for,
-    area_loss_scaled,
-    area_under_shear,
-    coulomb,
-    interface_of,
-    shaft_stiffness,
-    tilted_compliance,
-    tip_contact_fits,
-)
+from evanesce.contact.sliding.area_loss import area_loss_for, area_loss_scaled, area_under_shear
+from evanesce.contact.sliding.shaft import shaft_stiffness, tilted_compliance, tip_contact_fits
 from evanesce.contact.sliding.solver import march, spring_load
 from evanesce.contact.sliding.states import force_within_matrix
+from evanesce.materials.friction import InterfaceFriction, coulomb, interface_of
 
 E, R, N, MU, NU = 0.71, 6.9, 1.3, 0.83, 0.5
 G = float(partial_slip.tangential_modulus(E, NU))

@@ -7,12 +7,13 @@ import pytest
 
 from evanesce.contact.analytic import partial_slip
 from evanesce.contact.analytic.hertz import hertz_contact, hertz_gap, hertz_radius
-from evanesce.contact.patch import disc_coverage
-from evanesce.contact.sliding.friction import area_loss_for, coulomb, interface_of
+from evanesce.contact.coverage import disc_coverage
+from evanesce.contact.sliding.area_loss import area_loss_for
 from evanesce.contact.sliding.solver import march
 from evanesce.contact.sliding.states import SlideStates, SlideView
 from evanesce.core.errors import InputError
 from evanesce.core.states import PlateGrid, SurfaceState
+from evanesce.materials.friction import coulomb, interface_of
 
 E, R, N, MU = 0.64, 7.1, 1.2, 0.91
 G = float(partial_slip.tangential_modulus(E, 0.5))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.contact.coverage import disc_coverage
 from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState, PlateGrid
 
@@ -63,51 +64,6 @@ def grid_part(grid: PlateGrid, box: tuple[slice, slice]) -> PlateGrid:
     x, y = grid.x[box[1]], grid.y[box[0]]
     middle = (0.5 * float(x[0] + x[-1]), 0.5 * float(y[0] + y[-1]))
     return PlateGrid((y.size, x.size), grid.pitch, middle)
-
-
-def disc_coverage(grid: PlateGrid, centre: tuple[float, float], radius: float) -> Array:
-    """Return the share of each cell that a disc covers, exact to rounding.
-
-    The area of the disc left of and above each cell corner has a closed form; a cell's share is its second
-    difference, so that the sum over a grid that holds the disc telescopes to pi radius^2.
-
-    Parameters
-    ----------
-    grid : PlateGrid
-    centre : tuple of float
-        (x, y) [mm].
-    radius : float
-        [mm], not negative.
-
-    Returns
-    -------
-    ndarray (rows, cols)
-        0 to 1.
-    """
-    if radius == 0:
-        return np.zeros(grid.shape)
-    half = grid.pitch / 2
-    x = (np.append(grid.x - half, grid.x[-1] + half) - centre[0]) / radius
-    y = (np.append(grid.y - half, grid.y[-1] + half) - centre[1]) / radius
-    corner = _unit_disc_quadrant(x[None, :], y[:, None])
-    share = np.diff(np.diff(corner, axis=0), axis=1) * (radius / grid.pitch) ** 2
-    return np.clip(share, 0.0, 1.0)
-
-
-def _unit_disc_quadrant(x: Array, y: Array) -> Array:
-    """Return the area of the unit disc where u <= x and v <= y (broadcast)."""
-    x, y = np.clip(x, -1.0, 1.0), np.clip(y, -1.0, 1.0)
-
-    def below_arc(u: Array) -> Array:
-        """Integral of sqrt(1 - u^2) from -1."""
-        return 0.5 * (u * np.sqrt(1.0 - u**2) + np.arcsin(u)) + np.pi / 4
-
-    half_chord = np.sqrt(1.0 - y**2)
-    inside = np.clip(x, -half_chord, half_chord)
-    # columns |u| < half_chord are cut at v = y; for y >= 0 those further out are whole, for y < 0 they are empty
-    cut = below_arc(inside) - below_arc(-half_chord) + y * (inside + half_chord)
-    whole = 2.0 * (below_arc(np.minimum(x, -half_chord)) + below_arc(np.maximum(x, half_chord)) - below_arc(half_chord))
-    return np.where(y >= 0, cut + whole, cut)
 
 
 def cell_pressure(grid: PlateGrid, centre: tuple[float, float], contact: AxisymmetricContact) -> Array:

@@ -8,7 +8,7 @@ into parallels). Measured or other orientation fields are filled by growing ridg
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +82,19 @@ class RidgeRow:
     def heights(self, x: Array, y: Array) -> Array:
         """Return the depth below the crests [mm] of points relative to the tip [mm]."""
         return furrow_depth(self.locate(x, y)[1], self.pitch, self.width, self.height, self.rounding)
+
+    def parameters(self) -> dict[str, Any]:
+        """Return what a contact state records of the ridges."""
+        named: dict[str, Any] = {
+            "ridge_pattern": self.pattern,
+            "ridge_pitch_mm": self.pitch,
+            "ridge_width_mm": self.width,
+            "ridge_height_mm": self.height,
+            "ridge_orientation_rad": self.orientation,
+        }
+        if self.rounding is not None:
+            named["ridge_rounding_mm"] = self.rounding
+        return named
 
     def _axes(self, x: Array, y: Array) -> tuple[Array, Array]:
         cos, sin = np.cos(self.orientation), np.sin(self.orientation)

@@ -68,7 +68,7 @@ def skin_of(finger: Finger, grid: PlateGrid) -> Skin | None:
         depth = row.heights(x, y)
     except ValueError as error:
         raise InputError(str(error), key="finger.ridges") from None
-    return Skin("ridges", depth, np.ones(grid.shape, dtype=bool), ridge_parameters(row))
+    return Skin("ridges", depth, np.ones(grid.shape, dtype=bool), row.parameters())
 
 
 def require_within_scan(state: ContactState, skin: Skin) -> ContactState:
@@ -99,20 +99,6 @@ def ridge_row_of(ridges: Ridges) -> RidgeRow:
         rounding=None if ridges.rounding_um is None else 1e-3 * ridges.rounding_um,
         core_length=ridges.core_length_mm,
     )
-
-
-def ridge_parameters(row: RidgeRow) -> dict[str, Any]:
-    """Return what a contact state records of ridges."""
-    named: dict[str, Any] = {
-        "ridge_pattern": row.pattern,
-        "ridge_pitch_mm": row.pitch,
-        "ridge_width_mm": row.width,
-        "ridge_height_mm": row.height,
-        "ridge_orientation_rad": row.orientation,
-    }
-    if row.rounding is not None:
-        named["ridge_rounding_mm"] = row.rounding
-    return named
 
 
 def scanned_depth(

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
 from evanesce.contact.patch import AxisymmetricContact
-from evanesce.contact.sliding.friction import InterfaceFriction
+from evanesce.materials.friction import InterfaceFriction
 
 Floats = NDArray[np.float64]
 

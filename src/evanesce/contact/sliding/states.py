@@ -9,6 +9,7 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.contact.coverage import half_plane_share
 from evanesce.contact.patch import require_fit
 from evanesce.contact.sliding.solver import Slide, SlideFrame
 from evanesce.core.states import ContactState, PlateGrid, SurfaceState
@@ -235,17 +236,5 @@ def _coverage(grid: PlateGrid, outline: _Ellipse, rho: Floats, gx: Floats, gy: F
     slope_x, slope_y = gx.ravel()[band] / r, gy.ravel()[band] / r  # gradient of rho
     steep = np.hypot(slope_x, slope_y)
     distance = (outline.radius - r) / steep / grid.pitch
-    mask.ravel()[band] = _half_plane_share(distance, np.abs(slope_x / steep), np.abs(slope_y / steep))
+    mask.ravel()[band] = half_plane_share(distance, np.abs(slope_x / steep), np.abs(slope_y / steep))
     return mask
-
-
-def _half_plane_share(distance: Floats, nx: Floats, ny: Floats) -> Floats:
-    """Return the share of a unit square in a half plane whose border lies ``distance`` outside its middle."""
-    large, small = np.maximum(nx, ny), np.minimum(nx, ny)
-    d = np.abs(distance)
-    straight, corner = 0.5 * (large - small), 0.5 * (large + small)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        flat = d / large
-        cut = 0.5 - (corner - d) ** 2 / (2.0 * large * small)
-    part = np.where(d <= straight, flat, np.where(d < corner, cut, 0.5))
-    return 0.5 + np.sign(distance) * part

@@ -23,8 +23,8 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import brentq
 
 from evanesce.contact.patch import AxisymmetricContact, axisymmetric_state
-from evanesce.contact.sliding.friction import InterfaceFriction
 from evanesce.core.states import ContactState, PlateGrid, SurfaceState
+from evanesce.materials.friction import InterfaceFriction
 
 Floats = NDArray[np.float64]
 

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.bench.prony_fit import fit_prony
 from evanesce.core.columns import Column, read_columns
 from evanesce.core.errors import InputError
-from evanesce.materials import prony
+from evanesce.materials.prony import PronySeries
 from evanesce.materials.tables import DmaRange, material, material_names
 
 Floats = NDArray[np.float64]
@@ -143,7 +144,7 @@ def loss_from_slope(table: DmaTable) -> Floats:
     return result
 
 
-def prony_of(name: str, temperature: float = 20.0) -> prony.PronySeries:
+def prony_of(name: str, temperature: float = 20.0) -> PronySeries:
     """Return the Prony series of a thesis material from its published DMA ranges [MPa, s].
 
     Raises
@@ -156,4 +157,4 @@ def prony_of(name: str, temperature: float = 20.0) -> prony.PronySeries:
         known = ", ".join(n for n in material_names() if material(n).dma is not None)
         raise InputError(f"no dynamic data for {name!r}", key="material", allowed=known)
     table = from_range(published, temperature)
-    return prony.fit_prony(table.frequency, table.storage, table.loss_factor).series
+    return fit_prony(table.frequency, table.storage, table.loss_factor).series

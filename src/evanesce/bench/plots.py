@@ -8,12 +8,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from evanesce.bench.compression import MooneyRivlinFit
 from evanesce.bench.dma import DmaTable
 from evanesce.bench.friction import FrictionResult, FrictionTrace, Spectrum, coefficient_of_friction
 from evanesce.bench.indentation import IndentationResult
 from evanesce.bench.profile import RidgeResult
 from evanesce.bench.statistics import histogram, kernel_density_mode
-from evanesce.materials.hyperelastic import MooneyRivlinFit
 from evanesce.materials.prony import PronySeries
 
 Floats = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""Figures of docs/criticism-challenge.md: ``python -m tests.challenge.figures`` decoys, resolution or forces."""
+"""Figures of docs/criticism/challenge.md: ``python -m tests.challenge.figures`` decoys, resolution or forces."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ contracts: install
 
 # The fast renderer against the path tracer on all contacts: some ten minutes.
 accuracy: install
-	$(BIN)/python -m pytest -m slow tests/test_fast_agreement.py
+	$(BIN)/python -m pytest -m slow tests/physics/test_fast_agreement.py
 
 pictures: install
 	$(BIN)/python docs/pictures/make.py
@@ -70,11 +70,11 @@ check: lint types contracts test
 SET ?= scored
 BUDGET ?= 1e9
 challenge: install
-	$(BIN)/python -m tests.challenge.run --set $(SET) --workers 2 --budget-s $(BUDGET) \
+	$(BIN)/python -m tests.criticism.challenge.run --set $(SET) --workers 2 --budget-s $(BUDGET) \
 	  --beside largest-prior chi-square nearest-signature --spent docs/criticism/runs/scored-*.jsonl
 
 challenge-slice: install
-	$(BIN)/python -m tests.challenge.run --set slice --workers 2 --budget-s 600
+	$(BIN)/python -m tests.criticism.challenge.run --set slice --workers 2 --budget-s 600
 
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

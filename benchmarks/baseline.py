@@ -27,7 +27,7 @@ from sklearn.metrics import r2_score
 from sklearn.model_selection import GroupKFold, cross_val_predict
 
 import evanesce.dataset as dataset
-from evanesce import provenance
+from evanesce.core import provenance
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.job import new_job
 from evanesce.dataset.run import Engine, make, resume

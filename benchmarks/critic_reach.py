@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from tests.challenge.cases import cases
-from tests.challenge.chain import rig_of
-from tests.challenge.library import NAMED, NOT_IN_LIBRARY, make_cause
-from tests.challenge.make import write_case
-from tests.challenge.strength import OutOfReach, amplitude_for, departure, ruler
+from tests.criticism.challenge.cases import cases
+from tests.criticism.challenge.chain import rig_of
+from tests.criticism.challenge.library import NAMED, NOT_IN_LIBRARY, make_cause
+from tests.criticism.challenge.make import write_case
+from tests.criticism.challenge.strength import OutOfReach, amplitude_for, departure, ruler
 
 from evanesce.bundle import read_bundle
 from evanesce.criticism.case import prepare

@@ -16,7 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from evanesce import provenance
+from evanesce.core import provenance
 from evanesce.dataset import layout
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.encode import exr, png

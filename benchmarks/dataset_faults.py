@@ -1,7 +1,7 @@
 """What a dataset survives: kills at random points, damage, a cycle of make, kill, resume, verify, export, read back.
 
 Kills and damage are of real processes and real files; their frames are made of their numbers alone
-(tests/datasets.py), so that a campaign takes minutes. The cycle is of simulated frames, small ones.
+(tests/support/datasets.py), so that a campaign takes minutes. The cycle is of simulated frames, small ones.
 
     python benchmarks/dataset_faults.py [--kills 200] [--worker-kills 24] [--mean-s 4] [--damages 1000] [--cycle 2000]
                                         [--seed 1] [--json FILE]
@@ -27,12 +27,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 import numpy as np
 
 import evanesce.dataset as dataset
-from dataset_formats import exported_equal
-from dataset_kills import Killed, campaign, environment, made_again
-from datasets import contents, tiny_job, use_paper
+from evanesce.core.errors import InputError
 from evanesce.dataset.run import make, resume
 from evanesce.dataset.verify import verify
-from evanesce.errors import InputError
+from support.dataset_formats import exported_equal
+from support.dataset_kills import Killed, campaign, environment, made_again
+from support.datasets import contents, tiny_job, use_paper
 
 FRAMES = 240
 
@@ -187,8 +187,8 @@ if __name__ == "__main__":
     from pathlib import Path
     from evanesce.dataset.run import Engine, make, resume
     from evanesce.dataset.job import new_job
-    from datasets import tiny_config
-    from rigs import small_rig
+    from support.datasets import tiny_config
+    from support.rigs import small_rig
     folder = Path({folder!r})
     if (folder / "dataset.json").exists():
         resume(folder, Engine(workers=2))

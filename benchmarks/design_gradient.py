@@ -152,8 +152,8 @@ def mitsuba_forward(scene: Scene, samples: int, seed: int) -> dict[str, float]:
 
     from evanesce.contact.solve import contact_state
     from evanesce.optics.projection import Projection
-    from evanesce.render.path import in_units, integrator_for, lit_powers
-    from evanesce.render.scene import camera_dict, plate_scene
+    from evanesce.render.reference.path import in_units, integrator_for, lit_powers
+    from evanesce.render.reference.scene import camera_dict, plate_scene
 
     info = select("llvm")
     state = contact_state(scene, 2.0)

@@ -25,16 +25,16 @@ from typing import Any
 
 import numpy as np
 
+from evanesce.chain.fast import FastCamera
 from evanesce.contact.solve import contact_state
-from evanesce.fast import FastCamera
+from evanesce.core.provenance import package_versions
+from evanesce.evaluation.agreement import Case, agreement, cases, coarser
 from evanesce.optics.projection import Projection
-from evanesce.provenance import package_versions
-from evanesce.render.fused import llvm_works
-from evanesce.render.path import render, scaled_view
-from evanesce.render.rig_fields import compute_rig_fields
-from evanesce.render.transport import render_fast
+from evanesce.render.fast.fused import llvm_works
+from evanesce.render.fast.rig_fields import compute_rig_fields
+from evanesce.render.fast.transport import render_fast
+from evanesce.render.reference.path import render, scaled_view
 from evanesce.rig import load_scene
-from evanesce.validation.agreement import Case, agreement, cases, coarser
 
 
 def measure_agreement(case: Case, samples: int, groups: int = 4) -> dict[str, Any]:

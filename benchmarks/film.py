@@ -16,12 +16,12 @@ from pathlib import Path
 
 import numpy as np
 
-from evanesce import provenance, rng
-from evanesce.measurement.calibration import Calibration
-from evanesce.measurement.estimator import Estimator
+from evanesce.core import provenance, rng
+from evanesce.evaluation.calibrated_rig import CardErrors, calibrated
+from evanesce.measurement.calibration.model import Calibration
+from evanesce.measurement.refined.estimator import Estimator
 from evanesce.rig import Scene, load_scene
-from evanesce.validation.calibrated_rig import CardErrors, calibrated
-from evanesce.validation.estimator_study import Lit
+from evanesce.studies.estimator.study import Lit
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Press:
     force_N, voltage_V, modulus_MPa : float
     true_mm2, found_mm2, perimeter_mm : float
     spread_mm : float
-        Of the edge (:func:`evanesce.measurement.refined_edge.edge_spread`).
+        Of the edge (:func:`evanesce.measurement.refined.edge.edge_spread`).
     """
 
     smooth: bool

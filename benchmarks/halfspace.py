@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from evanesce import provenance
-from evanesce.contact.halfspace import press_height_map
-from evanesce.contact.hertz import hertz_radius
-from evanesce.contact.resolved import contact_area
+from evanesce.contact.analytic.hertz import hertz_radius
+from evanesce.contact.halfspace.resolved import contact_area
+from evanesce.contact.halfspace.solver import press_height_map
 from evanesce.contact.solve import contact_state
+from evanesce.core import provenance
 from evanesce.rig import load_scene
 
 

@@ -1,4 +1,4 @@
-"""Time of the author's chain: this project's against scikit-image's functions called one after the other.
+"""Time of the reference segmentation: this project's against scikit-image's functions called one after the other.
 
 Both run in one process on the same 2000 x 1500 frames, then on the same folder of PNG files: scikit-image's functions
 in a loop over the files, as one writes it down; ours as `evanesce measure` reads a folder, decoding ahead on threads.
@@ -28,10 +28,10 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage import color, filters, io, measure, morphology, util
 
-from evanesce.measurement.area import measure_frame
-from evanesce.measurement.frames import open_frames
-from evanesce.measurement.segment import Chain, segment
-from evanesce.provenance import package_versions
+from evanesce.core.provenance import package_versions
+from evanesce.measurement.io.frames import open_frames
+from evanesce.measurement.reference.area import measure_frame
+from evanesce.measurement.reference.segment import Chain, segment
 
 ROWS, COLS = 1500, 2000
 SCALE = 0.0002935

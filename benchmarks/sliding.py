@@ -12,14 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
-from evanesce import provenance
-from evanesce.contact.hertz import hertz_contact
-from evanesce.contact.interface_friction import area_loss_for, interface_of
-from evanesce.contact.partial_slip import tangential_modulus
-from evanesce.contact.sliding import march
-from evanesce.contact.sliding_states import SlideStates, SlideView
+from evanesce.contact.analytic.hertz import hertz_contact
+from evanesce.contact.analytic.partial_slip import tangential_modulus
+from evanesce.contact.sliding.friction import area_loss_for, interface_of
+from evanesce.contact.sliding.solver import march
+from evanesce.contact.sliding.states import SlideStates, SlideView
+from evanesce.core import provenance
+from evanesce.core.states import PlateGrid
 from evanesce.materials.tables import material
-from evanesce.states import PlateGrid
 
 
 def measure(frames: int, samples: int) -> dict[str, float]:

@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from evanesce.chain.simulate import simulate
 from evanesce.contact.solve_fem import small_strain_modulus
+from evanesce.evaluation.labels import label, view_geometry
 from evanesce.optics.projection import Projection
-from evanesce.render.transport import render_fast
+from evanesce.render.fast.transport import render_fast
 from evanesce.report.html import figure_png
 from evanesce.rig import load_scene
-from evanesce.simulate import simulate
-from evanesce.truth.labels import label, view_geometry
 
 HERE = Path(__file__).resolve().parent
 MODULUS = {"reduced_modulus_MPa": small_strain_modulus("silskin_0")}

@@ -17,10 +17,10 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from evanesce.design.finish import Chosen, ranked
+from evanesce.design.plots import cases_figure, pareto_figure, tolerance_figure
 from evanesce.design.question import Design, Question
 from evanesce.design.search import Plan, Trial
 from evanesce.design.vary import Vary
-from evanesce.report.design_plots import cases_figure, pareto_figure, tolerance_figure
 from evanesce.report.html import figure_png
 from evanesce.rig import load_scene
 

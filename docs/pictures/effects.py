@@ -19,11 +19,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 from PIL import Image
 
+from evanesce.chain.simulate import expose
 from evanesce.contact.solve import contact_state
 from evanesce.effects import Context, Effect, Stage, active_effects, all_effects, apply_stage
-from evanesce.render.transport import render_fast
+from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene, load_scene
-from evanesce.simulate import photograph
 
 HALF_RESOLUTION = {
     "camera.resolution_px": [1000, 750],
@@ -66,7 +66,7 @@ def levels(scene: Scene) -> np.ndarray:
     effects = active_effects(scene)
     scene = apply_stage(Stage.RIG, scene, effects, Context(scene, 1, TIME_S))
     state = apply_stage(Stage.CONTACT, contact_state(scene, 1.0), effects, Context(scene, 1, TIME_S))
-    _, frame = photograph(scene, render_fast(scene, state), seed=1, time_s=TIME_S, without=("noise",))
+    _, frame = expose(scene, render_fast(scene, state), seed=1, time_s=TIME_S, without=("noise",))
     if frame.raw is None:
         raise ValueError("the camera kept no raw frame")
     return frame.raw.astype(float)

@@ -15,14 +15,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.chain.simulate import simulate
 from evanesce.contact.fem.library_slide import library_slide, library_slide_state
+from evanesce.core.states import ContactState, Frame, PlateGrid, SurfaceState
+from evanesce.evaluation.labels import ViewGeometry, label, view_geometry
 from evanesce.optics.projection import Projection
-from evanesce.render.transport import render_fast
+from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene, load_scene
 from evanesce.sensor.codec import VideoWriter, write_png
-from evanesce.simulate import simulate
-from evanesce.states import ContactState, Frame, PlateGrid, SurfaceState
-from evanesce.truth.labels import ViewGeometry, label, view_geometry
 
 HERE = Path(__file__).resolve().parent
 NAME, WAY, SPEED = "silskin_0_mu067", 10.0, 1.0  # [mm], [mm/s]

@@ -17,7 +17,7 @@ from typing import Any
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
-from evanesce.fast import FastCamera
+from evanesce.chain.fast import FastCamera
 from evanesce.report.html import image_png
 from evanesce.rig import load_scene
 

@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from evanesce.measurement.segment import Chain
-from evanesce.render.path import render
-from evanesce.render.transport import render_fast
+from evanesce.chain.simulate import simulate
+from evanesce.evaluation.agreement import cases, coarser, picture
+from evanesce.evaluation.evaluate import Camera, evaluate
+from evanesce.evaluation.labels import label
+from evanesce.measurement.reference.segment import Chain
+from evanesce.render.fast.transport import render_fast
+from evanesce.render.reference.path import render
 from evanesce.rig import load_scene
-from evanesce.simulate import simulate
-from evanesce.truth.labels import label
-from evanesce.validation.agreement import cases, coarser, picture
-from evanesce.validation.evaluate import Camera, evaluate
 
 HERE = Path(__file__).resolve().parent
 PANELS = (
@@ -66,7 +66,7 @@ def main() -> None:
 
 
 COMPARED = (0, 2, 3, 4, 5, 8)
-"""Of :func:`evanesce.validation.agreement.cases`."""
+"""Of :func:`evanesce.evaluation.agreement.cases`."""
 
 
 def fast_vs_reference(samples: int = 96) -> None:

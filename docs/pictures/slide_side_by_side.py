@@ -12,15 +12,15 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from evanesce.contact.analytic.partial_slip import tangential_modulus
 from evanesce.contact.fem.library import library_press
 from evanesce.contact.fem.material import rubber
 from evanesce.contact.fem.mesh import FingerShape, MeshSize
 from evanesce.contact.fem.runs import cache_folder
 from evanesce.contact.fem.slide import slide
 from evanesce.contact.fem.state import axisymmetric_contact
-from evanesce.contact.interface_friction import coulomb, shaft_stiffness
-from evanesce.contact.partial_slip import tangential_modulus
-from evanesce.contact.sliding import march
+from evanesce.contact.sliding.friction import coulomb, shaft_stiffness
+from evanesce.contact.sliding.solver import march
 from evanesce.materials.hyperelastic import of_material
 from evanesce.report.html import figure_png
 

@@ -8,15 +8,15 @@ import numpy as np
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
-from evanesce.contact.interface_friction import InterfaceFriction, area_loss_for, interface_of
-from evanesce.contact.press_slide import SlideProgramme, press_and_slide
-from evanesce.contact.stick_slip import Slider, simulate_stick_slip, stick_slip_period
-from evanesce.contact.viscoelastic import press_by_force, reduced_series
-from evanesce.materials.dma import prony_of
-from evanesce.materials.friction import spectrum
+from evanesce.bench.dma import prony_of
+from evanesce.bench.friction import spectrum
+from evanesce.contact.analytic.viscoelastic import press_by_force, reduced_series
+from evanesce.contact.sliding.friction import InterfaceFriction, area_loss_for, interface_of
+from evanesce.contact.sliding.programme import SlideProgramme, press_and_slide
+from evanesce.contact.sliding.stick_slip import Slider, simulate_stick_slip, stick_slip_period
+from evanesce.core.states import PlateGrid
 from evanesce.materials.tables import material
 from evanesce.report.html import figure_png
-from evanesce.states import PlateGrid
 
 HERE = Path(__file__).resolve().parent
 LABELS = ListedColormap(["#f4f4f4", "#c8d6e5", "#1f4e79", "#e07b39"])

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from evanesce.report.html import figure_png
-from evanesce.report.voltage_page import best_figure, curves_figure, frames_figure, holds_figure
 from evanesce.rig import load_scene
-from evanesce.validation.voltage_study import run_study
+from evanesce.studies.voltage.page import best_figure, curves_figure, frames_figure, holds_figure
+from evanesce.studies.voltage.study import run_study
 
 HERE = Path(__file__).resolve().parent
 

@@ -14,13 +14,13 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from evanesce.contact.heightmap import RidgeRow
-from evanesce.contact.hertz import hertz_contact
-from evanesce.contact.resolved import resolved_state
-from evanesce.contact.ridged import ridged_state
+from evanesce.contact.analytic.hertz import hertz_contact
+from evanesce.contact.halfspace.resolved import resolved_state
+from evanesce.contact.ridges.heightmap import RidgeRow
+from evanesce.contact.ridges.ridged import ridged_state
 from evanesce.contact.solve import contact_state
+from evanesce.core.states import PlateGrid
 from evanesce.rig import load_scene
-from evanesce.states import PlateGrid
 
 PATTERNS = ("parallel", "concentric", "loop", "whorl")
 

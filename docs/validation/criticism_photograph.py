@@ -13,10 +13,10 @@ from pathlib import Path
 
 from evanesce.criticism.photograph import criticise_photograph
 from evanesce.criticism.photograph_light import read_photograph
+from evanesce.criticism.photograph_page import loss_figure, residual_figure, views_words
 from evanesce.criticism.photograph_views import photographed_views
-from evanesce.measurement.images import read_image
-from evanesce.measurement.points import read_points
-from evanesce.report.photograph_page import loss_figure, residual_figure, views_words
+from evanesce.measurement.calibration.points import read_points
+from evanesce.measurement.io.images import read_image
 from evanesce.rig import load_scene
 
 

@@ -58,7 +58,7 @@ def main() -> None:
         right.plot(series.x, np.exp(table.log_y - found.predicted), "o-", ms=3, color=colour, label=name)
     right.plot(series.x, np.exp(table.log_y - base.predicted), "k--", label="believed rig")
     right.fill_between(series.x, 1 - table.sigma, 1 + table.sigma, color="0.85")
-    left.set(xlabel="normal force [N]", ylabel="area by the author's chain [mm$^2$]")
+    left.set(xlabel="normal force [N]", ylabel="area by the reference segmentation [mm$^2$]")
     right.set(xlabel="normal force [N]", ylabel="thesis over model [1]")
     left.legend(fontsize=8)
     figure.savefig(given.picture, dpi=110)

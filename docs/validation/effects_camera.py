@@ -19,14 +19,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 from scipy import ndimage
 
+from evanesce.chain.simulate import expose
 from evanesce.contact.solve import contact_state
 from evanesce.effects import Context, Stage, all_effects
-from evanesce.effects.compression import quantised
-from evanesce.render.transport import render_fast
+from evanesce.effects.readout.compression import quantised
+from evanesce.render.fast.transport import render_fast
 from evanesce.rig import load_scene
 from evanesce.sensor.expose import charge_of, frame_of, signal_of
 from evanesce.sensor.lens import form_image
-from evanesce.simulate import photograph
 
 FACTOR = 5
 """Pixels this many times as large as the thesis rig's, seeing the same field: 400 x 300."""
@@ -57,12 +57,12 @@ def main(picture: Path | None) -> None:
     state = contact_state(load_scene("thesis", CAMERA), 4.0)
     plain_scene = load_scene("thesis", CAMERA)
     light = render_fast(plain_scene, state)
-    plain = photograph(plain_scene, light, seed=1, without=("noise",))[1].data.astype(float)
+    plain = expose(plain_scene, light, seed=1, without=("noise",))[1].data.astype(float)
     shots = {}
     print(f"{'effect':18s}   mean |change|   largest     contact    corner [DN of 255]")
     for name, values in CASES.items():
         scene = load_scene("thesis", {**CAMERA, "effects": {name: values}})
-        shots[name] = photograph(scene, light, seed=1, without=("noise",))[1].data.astype(float)
+        shots[name] = expose(scene, light, seed=1, without=("noise",))[1].data.astype(float)
         change = shots[name] - plain
         middle, corner = change[140:160, 190:210].mean(), change[:20, :20].mean()
         worst = np.abs(change).max()

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from evanesce.contact.roughness import persson_contact_fraction
+from evanesce.contact.analytic.roughness import persson_contact_fraction
 from evanesce.contact.solve import contact_state
-from evanesce.optics.glow import absorption_coefficient, dipole_profile, profile, share_within
-from evanesce.render.transport import fields_of, patch_radiance
+from evanesce.optics.subsurface import absorption_coefficient, dipole_profile, profile, share_within
+from evanesce.render.fast.transport import fields_of, patch_radiance
 from evanesce.rig import load_scene
 
 

@@ -10,11 +10,11 @@ import time
 import numpy as np
 from scipy.optimize import brentq
 
+from evanesce.chain.simulate import solve_contact
 from evanesce.contact.fem.library import library_press
 from evanesce.optics.projection import Projection
-from evanesce.render.transport import render_fast
+from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene, load_scene
-from evanesce.simulate import touch
 
 GRID = {"grid.samples": 320, "grid.size_mm": 16.0}
 LAWS: dict[str, dict[str, object]] = {
@@ -34,7 +34,7 @@ def scene_of(law: str, name: str = "thesis", **effects: dict[str, float]) -> Sce
 
 def area(scene: Scene, force: float, time_s: float = 0.0) -> float:
     """Return the nominal area of contact [mm^2]."""
-    state = touch(scene, force, seed=1, time_s=time_s)[1]
+    state = solve_contact(scene, force, seed=1, time_s=time_s)[1]
     assert state is not None
     return state.nominal_contact_area
 
@@ -79,7 +79,7 @@ def tilt() -> None:
     scene = load_scene("thesis")
     x, y = np.meshgrid([-12.0, 0.0, 12.0], [-8.0, 0.0, 8.0])
     before = np.stack(Projection.of(scene.camera, scene.plate).to_image(x, y))
-    rig, _ = touch(scene.model_copy(update={"effects": {"plate_tilt": {"about_x_deg": 1.0}}}), None, seed=1)
+    rig, _ = solve_contact(scene.model_copy(update={"effects": {"plate_tilt": {"about_x_deg": 1.0}}}), None, seed=1)
     moved = np.stack(Projection.of(rig.camera, rig.plate).to_image(x, y)) - before
     print("\nplate tilted by 1 deg about x: image moves by [px], points at x = -12, 0, 12 and y = -8, 0, 8 mm")
     for dx, dy in zip(moved[0], moved[1], strict=True):
@@ -99,7 +99,9 @@ def moved() -> None:
     values = {"shift_x_mm_per_N": 0.5, "shift_y_mm_per_N": -0.3}
     wandering = load_scene("thesis", view).model_copy(update={"effects": {"off_axis_load": values}})
     standing = load_scene("thesis", view | {"finger.position_mm": [0.75, -0.45]})
-    one, two = (np.asarray(render_fast(*touch(scene, 1.5, seed=1), seed=1).radiance) for scene in (wandering, standing))
+    one, two = (
+        np.asarray(render_fast(*solve_contact(scene, 1.5, seed=1), seed=1).radiance) for scene in (wandering, standing)
+    )
     print("\noff_axis_load: contact moved by (0.75, -0.45) mm against a finger that stands there, fast renderer")
     largest = 100 * np.abs(one - two).max() / two.max()
     print(f"  all light {100 * (one.sum() / two.sum() - 1):.2f} %, largest {largest:.2f} % of the brightest pixel")

@@ -9,9 +9,9 @@ import time
 
 import numpy as np
 
-from evanesce.render.transport import render_fast
+from evanesce.chain.simulate import simulate
+from evanesce.render.fast.transport import render_fast
 from evanesce.rig import load_scene
-from evanesce.simulate import simulate
 
 CASES = {
     "nothing": {},

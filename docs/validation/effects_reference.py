@@ -9,8 +9,8 @@ import numpy as np
 
 from evanesce.contact.solve import contact_state
 from evanesce.effects import Context, all_effects
-from evanesce.render.path import render
-from evanesce.render.transport import render_fast
+from evanesce.render.fast.transport import render_fast
+from evanesce.render.reference.path import render
 from evanesce.rig import load_scene
 
 COARSE = {

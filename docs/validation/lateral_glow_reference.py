@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.contact.solve import contact_state
-from evanesce.optics.glow import profile_kernel
 from evanesce.optics.interface import fresnel_reflectance
-from evanesce.render.glow import body_light
-from evanesce.render.medium import Body, Boundary, Silicone, exitance, finger_body, medium_scene, slab_body
+from evanesce.optics.subsurface import profile_kernel
+from evanesce.render.fast.subsurface import body_light
+from evanesce.render.reference.medium import Body, Boundary, Silicone, exitance, finger_body, medium_scene, slab_body
 from evanesce.render.variant import select
 from evanesce.rig import load_scene
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 import numpy as np
 
 from evanesce.contact.solve import contact_state
-from evanesce.measurement.segment import Chain
+from evanesce.measurement.reference.segment import Chain
 from evanesce.optics.spectrum import pdms_index, soda_lime_index, white_bands
 from evanesce.render.bands import banded, in_band
-from evanesce.render.transport import render_fast
+from evanesce.render.fast.transport import render_fast
 from evanesce.rig import load_scene
-from evanesce.validation.voltage import Press
+from evanesce.studies.voltage.curve import Press
 
 COARSE = {
     "camera.resolution_px": [500, 375],

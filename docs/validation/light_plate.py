@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from evanesce.contact.solve import contact_state
+from evanesce.core.states import ContactState, PlateGrid
 from evanesce.optics.emitters import led_table
 from evanesce.optics.guide import contact_radiance, halo_radius
 from evanesce.optics.interface import critical_angle, guided_coupling, internal_diffuse_reflectance
 from evanesce.optics.led import led_powers, segment_current
 from evanesce.optics.projection import IdealView, Projection
-from evanesce.render.path import render
+from evanesce.render.reference.path import render
 from evanesce.rig import LedCircuit, Scene, load_scene
-from evanesce.states import ContactState, PlateGrid
 
 GLASS, SILICONE, WAVELENGTH = 1.523, 1.41, 550.0
 

@@ -1,4 +1,4 @@
-"""Contact area of a bundle's frame by the author's chain, on a view rectified by the believed camera.
+"""Contact area of a bundle's frame by the reference segmentation, on a view rectified by the believed camera.
 
 One pure function, so that a lab, the simulation and whoever compares them read areas alike.
 """
@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.measurement.segment import Chain, segment
+from evanesce.measurement.reference.segment import Chain, segment
 from evanesce.optics.projection import Projection
 from evanesce.rig import Scene
 

@@ -11,11 +11,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.core.states import PlateLight
 from evanesce.optics.interface import fresnel_reflectance
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.render.cards import Card, Pose, Room
 from evanesce.rig import Scene
-from evanesce.states import PlateLight
 
 Array = NDArray[np.float64]
 

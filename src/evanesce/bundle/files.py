@@ -8,8 +8,8 @@ from pathlib import Path
 from PIL import Image as PillowImage
 
 from evanesce.bundle.layout import MEASUREMENT_FILE, REPLICATES_FOLDER, REPLICATES_TABLE
-from evanesce.errors import InputError
-from evanesce.measurement.frames import natural_key
+from evanesce.core.errors import InputError
+from evanesce.measurement.io.frames import natural_key
 from evanesce.rig import Scene
 
 MAX_FILES = 100_000

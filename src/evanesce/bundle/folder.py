@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.bundle.layout import Shot
-from evanesce.errors import InputError, WorkError
+from evanesce.core.errors import InputError, WorkError
 from evanesce.sensor.codec import write_png
 
 Grey = NDArray[np.uint8]

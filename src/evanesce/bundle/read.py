@@ -36,12 +36,12 @@ from evanesce.bundle.layout import (
     same_force,
 )
 from evanesce.bundle.tables import line_numbers, read_series, read_shots
-from evanesce.errors import InputError
-from evanesce.measurement.frames import open_frames
-from evanesce.measurement.images import read_image
-from evanesce.measurement.segment import grey
-from evanesce.quantities import Strict
-from evanesce.resources import resource
+from evanesce.core.errors import InputError
+from evanesce.core.quantities import Strict
+from evanesce.core.resources import resource
+from evanesce.measurement.io.frames import open_frames
+from evanesce.measurement.io.images import read_image
+from evanesce.measurement.reference.segment import grey
 from evanesce.rig import Scene, load_scene
 from evanesce.rig.load import validate
 

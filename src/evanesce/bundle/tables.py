@@ -21,7 +21,7 @@ from evanesce.bundle.layout import (
     Shot,
     conditions,
 )
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 
 MAX_TABLE_BYTES = 20_000_000
 MAX_LINES = 1_000_000

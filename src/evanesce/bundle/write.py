@@ -11,7 +11,6 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from evanesce import rng
 from evanesce.bundle.area import MIN_BLOB_MM2, AreaReading, contact_area
 from evanesce.bundle.card_light import card_light
 from evanesce.bundle.folder import new_folder, write_csv, write_frame, write_shots
@@ -27,14 +26,15 @@ from evanesce.bundle.layout import (
 )
 from evanesce.bundle.protocol import Protocol, default_protocol
 from evanesce.bundle.read import scene_at
+from evanesce.chain.simulate import Render, expose, solve_contact
+from evanesce.core import rng
+from evanesce.core.states import ContactState, PlateLight
 from evanesce.effects import Context, Stage, active_effects, all_effects, apply_stage
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.render.cards import Card, Pose, checkerboard_of, pose_of, square_of
-from evanesce.render.transport import render_fast
+from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene, copy_height_map, dump_scene
 from evanesce.rig.coarser import finer_pixels
-from evanesce.simulate import Render, photograph, touch
-from evanesce.states import ContactState, PlateLight
 
 Grey = NDArray[np.uint8]
 Tick = Callable[[int, int], None]
@@ -80,7 +80,9 @@ class Rig:
     def press(self, shot: Shot, index: int | None = None) -> tuple[Grey, ContactState]:
         """Return the frame of a press [DN], and the contact."""
         index = shot.index if index is None else index
-        scene, state = touch(scene_at(self.scene, shot), shot.force_N, seed=self.seed, time_s=shot.time_s, index=index)
+        scene, state = solve_contact(
+            scene_at(self.scene, shot), shot.force_N, seed=self.seed, time_s=shot.time_s, index=index
+        )
         assert state is not None
         light = self._light(scene, state)
         return self._photograph(scene, light, shot.time_s, index), state
@@ -95,7 +97,7 @@ class Rig:
                 },
             }
         )
-        scene, _ = touch(self.scene.model_copy(update={"leds": dark}), None, seed=self.seed, index=index)
+        scene, _ = solve_contact(self.scene.model_copy(update={"leds": dark}), None, seed=self.seed, index=index)
         return self._photograph(scene, no_light(finer_pixels(scene, self.finer)), 0.0, index)
 
     def lens_cap(self, index: int) -> Grey:
@@ -114,7 +116,7 @@ class Rig:
         return self._photograph(scene, light, 0.0, index)
 
     def _photograph(self, scene: Scene, light: PlateLight, time_s: float, index: int) -> Grey:
-        frame = photograph(scene, light, seed=self.seed, time_s=time_s, index=index, finer=self.finer)[1]
+        frame = expose(scene, light, seed=self.seed, time_s=time_s, index=index, finer=self.finer)[1]
         return np.asarray(frame.data, np.uint8)
 
     def _light(self, scene: Scene, state: ContactState) -> PlateLight:

@@ -22,7 +22,7 @@ from evanesce.cli.common import (
     write_json,
     write_text,
 )
-from evanesce.errors import InputError, WorkError
+from evanesce.core.errors import InputError, WorkError
 
 Result = tuple[dict[str, Any], Path]  # and the folder it went to
 FileArgument = Annotated[Path, typer.Argument(help="CSV file with units in its headings.")]
@@ -55,7 +55,7 @@ def _blames(file: Path) -> Iterator[None]:
 
 
 def _finish(result: dict[str, Any], json_file: Path | None, folder: Path) -> None:
-    from evanesce import provenance
+    from evanesce.core import provenance
 
     result = {**result, "provenance": dict(provenance.record())}
     write_json(json_file, result)
@@ -69,8 +69,8 @@ def _csv(path: Path, headings: str, columns: list[Any]) -> None:
 
 
 def _indentation(file: Path, finger: float, indenter: float, nu: float, out: Path | None) -> Result:
-    from evanesce.materials import indentation
-    from evanesce.report.bench_plots import indentation_figure
+    from evanesce.bench import indentation
+    from evanesce.bench.plots import indentation_figure
 
     force, position = indentation.read_indentation(file)
     geometry = indentation.elliptic_geometry(finger, indenter)
@@ -114,8 +114,8 @@ def _indentation(file: Path, finger: float, indenter: float, nu: float, out: Pat
 
 
 def _compression(file: Path, height: float | None, area: float | None, terms: int, out: Path | None) -> Result:
+    from evanesce.bench.plots import compression_figure
     from evanesce.materials import hyperelastic
-    from evanesce.report.bench_plots import compression_figure
 
     stretch, stress = hyperelastic.read_compression(file, height=height, area=area)
     try:
@@ -154,8 +154,9 @@ def _compression(file: Path, height: float | None, area: float | None, terms: in
 
 
 def _dma(file: Path, reference: float | None, out: Path | None) -> Result:
-    from evanesce.materials import dma, prony
-    from evanesce.report.bench_plots import dma_figure
+    from evanesce.bench import dma
+    from evanesce.bench.plots import dma_figure
+    from evanesce.materials import prony
 
     table = dma.read_dma(file)
     temperature = float(np.median(table.temperature)) if reference is None else reference
@@ -200,8 +201,8 @@ def _dma(file: Path, reference: float | None, out: Path | None) -> Result:
 
 
 def _friction(files: list[Path], groups: list[str], smoothing: float | None, out: Path | None) -> Result:
-    from evanesce.materials import friction, statistics
-    from evanesce.report import bench_plots
+    from evanesce.bench import friction, statistics
+    from evanesce.bench import plots as bench_plots
 
     traces = [friction.read_trace(file) for file in files]
     # two folders may hold files of one name
@@ -250,7 +251,7 @@ def _friction(files: list[Path], groups: list[str], smoothing: float | None, out
 
 def _compare(groups: list[str], results: list[Any]) -> dict[str, Any]:
     """Return repeatability, and the analysis of variance where there are repeats in several groups."""
-    from evanesce.materials import statistics
+    from evanesce.bench import statistics
 
     compared: dict[str, Any] = {}
     for name in ("static", "dynamic"):
@@ -279,8 +280,8 @@ def _compare(groups: list[str], results: list[Any]) -> dict[str, Any]:
 def _profile(
     file: Path, pitch: float | None, unit: str, form: int, design: dict[str, float], out: Path | None
 ) -> Result:
-    from evanesce.materials import profile, relief, surface_files
-    from evanesce.report import bench_plots
+    from evanesce.bench import plots as bench_plots
+    from evanesce.bench import profile, relief, surface_files
 
     if file.suffix.lower() == ".csv" and not surface_files.is_matrix(file):
         x, z = surface_files.read_profile(file)

@@ -20,13 +20,13 @@ from evanesce.cli.common import (
     progress,
     write_json,
 )
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 
 if TYPE_CHECKING:
-    from evanesce.measurement.area import SquareScale
-    from evanesce.measurement.board_images import BoardPictures
-    from evanesce.measurement.calibrate import Calibrated
-    from evanesce.measurement.calibration import Calibration
+    from evanesce.measurement.calibration.board_images import BoardPictures
+    from evanesce.measurement.calibration.fit import Calibrated
+    from evanesce.measurement.calibration.model import Calibration
+    from evanesce.measurement.reference.area import SquareScale
 
 MAX_PICTURES = 1000
 
@@ -86,9 +86,9 @@ def register(app: typer.Typer) -> None:
         ):
             if value is not None and not 1e-6 < value < 1e6:
                 raise InputError(f"{value:g}", key=key, allowed="a number from 1e-6 to 1e6")
-        from evanesce.measurement import calibrate as fits
-        from evanesce.measurement.calibration import save_calibration
-        from evanesce.measurement.points import read_points
+        from evanesce.measurement.calibration import fit as fits
+        from evanesce.measurement.calibration.model import save_calibration
+        from evanesce.measurement.calibration.points import read_points
 
         pictures = _find(files, square_mm, size) if files else None
         if pictures is None:
@@ -106,7 +106,7 @@ def register(app: typer.Typer) -> None:
         if folder is not None:
             _draw(folder, result, pictures)
             save_calibration(folder / "calibration.json", calibration)
-        from evanesce.measurement.calibration import as_plain
+        from evanesce.measurement.calibration.model import as_plain
 
         write_json(json_file, as_plain(calibration))
         _show(calibration, kept=json_file or folder)
@@ -114,8 +114,8 @@ def register(app: typer.Typer) -> None:
 
 def _checkerboards(given: list[Path], more: list[Path]) -> list[Path]:
     """Return the pictures: several after one option, the option repeated, and folders opened."""
-    from evanesce.measurement.frames import natural_key
-    from evanesce.measurement.images import IMAGE_SUFFIXES
+    from evanesce.measurement.io.frames import natural_key
+    from evanesce.measurement.io.images import IMAGE_SUFFIXES
 
     if more and not given:
         raise InputError(f"'{more[0]}' belongs to no option", allowed="--checkerboard FILES... or --points FILE")
@@ -158,8 +158,8 @@ def _check_choices(
 
 
 def _find(files: list[Path], square_mm: float, size: tuple[int, int] | None) -> BoardPictures:
-    from evanesce.measurement.board_images import find_boards
-    from evanesce.measurement.warn import Warning
+    from evanesce.measurement.calibration.board_images import find_boards
+    from evanesce.measurement.warnings import Warning
 
     with progress() as bar:
         task = bar.add_task("corners", total=len(files))
@@ -174,10 +174,10 @@ def _find(files: list[Path], square_mm: float, size: tuple[int, int] | None) -> 
 
 
 def _square(path: Path, side_mm: float, colour: str, calibration: Calibration) -> SquareScale:
-    """Measure the square card through the author's chain, after undistortion."""
-    from evanesce.measurement.area import square_scale
-    from evanesce.measurement.images import read_image
-    from evanesce.measurement.rectify import rectification, rectify
+    """Measure the square card through the reference segmentation, after undistortion."""
+    from evanesce.measurement.calibration.rectify import rectification, rectify
+    from evanesce.measurement.io.images import read_image
+    from evanesce.measurement.reference.area import square_scale
 
     picture = read_image(path).data
     if (picture.shape[1], picture.shape[0]) != calibration.image_size:
@@ -196,8 +196,8 @@ def _complete(
     result: Calibrated, pictures: BoardPictures | None, card: SquareScale | None, side_mm: float
 ) -> Calibration:
     """Return the calibration with the area of a pixel and everything reported beside it."""
-    from evanesce.measurement.calibrate import report
-    from evanesce.measurement.calibration import Calibration
+    from evanesce.measurement.calibration.fit import report
+    from evanesce.measurement.calibration.model import Calibration
 
     details = report(result)
     found = [*(pictures.warnings if pictures else []), *(card.warnings if card else [])]
@@ -222,7 +222,7 @@ def _complete(
 
 
 def _draw(folder: Path, result: Calibrated, pictures: BoardPictures | None) -> None:
-    from evanesce.measurement import calibration_plots as plots
+    from evanesce.measurement.calibration import plots
     from evanesce.measurement.plots import save_figure
 
     picture = pictures.first if pictures is not None and result.distinct[0].name == pictures.first_name else None

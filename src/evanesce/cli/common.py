@@ -23,7 +23,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from evanesce.errors import EvanesceError, InputError, WorkError
+from evanesce.core.errors import EvanesceError, InputError, WorkError
 
 # Where output is not a terminal (a file, CI) tables would be squeezed into 80 columns.
 console = Console() if sys.stdout.isatty() else Console(width=150)

@@ -20,7 +20,7 @@ from evanesce.cli.common import (
     progress,
     write_json,
 )
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 
 
 def register(app: typer.Typer) -> None:
@@ -43,15 +43,15 @@ def register(app: typer.Typer) -> None:
         json_file: JsonOption = None,
         out: OutOption = None,
     ) -> None:
-        """Measure rendered frames by the author's chain and compare with the truth.
+        """Measure rendered frames by the reference segmentation and compare with the truth.
 
         Area error, mask overlap, boundary displacement, and the error split into scale, distortion, blur, threshold and
         noise, each switched off in turn.
         """
-        from evanesce.measurement.calibration import load_calibration
-        from evanesce.measurement.segment import Chain
-        from evanesce.validation.evaluate import Camera, evaluate
-        from evanesce.validation.rendered import read_rendered
+        from evanesce.evaluation.evaluate import Camera, evaluate
+        from evanesce.evaluation.rendered import read_rendered
+        from evanesce.measurement.calibration.model import load_calibration
+        from evanesce.measurement.reference.segment import Chain
 
         check_json_target(json_file)
         chain = Chain(threshold=threshold, min_blob=min_blob, blur=blur)
@@ -104,7 +104,7 @@ def comparison_table(rows: list[dict[str, Any]], leading: tuple[str, ...]) -> Ta
     """Return the table of compared frames; ``leading`` names the columns that tell frames apart."""
     parts = list(rows[0].get("split_percent", {}))
     table = Table(
-        title="Contact area by the author's chain against the truth",
+        title="Contact area by the reference segmentation against the truth",
         caption=CAPTION.replace("\n", " ") if parts else None,
         box=box.SIMPLE_HEAD,
         padding=0,

@@ -21,7 +21,7 @@ from evanesce.cli.common import (
     write_json,
     write_text,
 )
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 
 
 def register(app: typer.Typer) -> None:
@@ -94,15 +94,15 @@ def _beside(target: Path | None) -> Path | None:
 
 
 def _write_report(target: Path, result: dict[str, Any], evidence: Any, name: str) -> None:
-    from evanesce.provenance import record
-    from evanesce.report.criticism_page import page
+    from evanesce.core.provenance import record
+    from evanesce.criticism.report_page import page
     from evanesce.report.html import write
 
     write(target, page(result, evidence, name, record(seed=result["seed"])))
 
 
 def _show(result: dict[str, Any]) -> None:
-    from evanesce.report.criticism_page import verdict_words
+    from evanesce.criticism.report_page import verdict_words
 
     console.print(escape(verdict_words(result)))
     if result["effects"]:

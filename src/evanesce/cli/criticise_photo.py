@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from evanesce.cli.common import JsonOption, check_json_target, console, handles_errors, messages, write_json
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 
 CURVES = ("libcamera", "bt709", "srgb", "linear")
 
@@ -39,12 +39,12 @@ def register(app: typer.Typer) -> None:
             check_json_target(target)
         if curve not in CURVES:
             raise InputError(f"'{curve}'", key="--curve", allowed=", ".join(CURVES))
+        from evanesce.core.provenance import record
         from evanesce.criticism.photograph import criticise_photograph
         from evanesce.criticism.photograph_light import read_photograph
         from evanesce.criticism.photograph_views import photographed_views
-        from evanesce.measurement.images import read_image
-        from evanesce.measurement.points import read_points
-        from evanesce.provenance import record
+        from evanesce.measurement.calibration.points import read_points
+        from evanesce.measurement.io.images import read_image
         from evanesce.rig import load_scene
 
         picture, base = read_image(photo), load_scene(scene)
@@ -58,14 +58,15 @@ def register(app: typer.Typer) -> None:
         origin = record(seed=seed, config=base.as_dict(), photograph=photo.name, tone_curve=curve)
         write_json(json_file, {**found.answer, "provenance": origin})
         if report is not None:
-            from evanesce.report import html, photograph_page
+            from evanesce.criticism import photograph_page
+            from evanesce.report import html
 
             html.write(report, photograph_page.page(found, bench, photo.name, origin))
         _show(found.answer)
 
 
 def _show(answer: dict[str, Any]) -> None:
-    from evanesce.report.photograph_page import lead, views_words
+    from evanesce.criticism.photograph_page import lead, views_words
 
     console.print(escape(lead(answer)))
     table = Table(title="Locked blocks: what each cause is worth, 95 % intervals", box=box.SIMPLE_HEAD)

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from evanesce.cli.common import JsonOption, check_json_target, console, handles_errors, messages, progress, write_json
 from evanesce.cli.render import SetOption, parse_overrides
-from evanesce.errors import InputError, WorkError
+from evanesce.core.errors import InputError, WorkError
 
 if TYPE_CHECKING:
     from evanesce.dataset.run import Engine, Outcome

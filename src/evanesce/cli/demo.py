@@ -38,9 +38,9 @@ def register(app: typer.Typer) -> None:
         """Render, photograph, calibrate, measure and compare: smooth and ridged finger at 1, 2 and 5 N."""
         from dataclasses import replace
 
-        from evanesce.report.demo_page import demo_page
         from evanesce.report.html import write
-        from evanesce.validation.demo import DemoSettings, run_demo
+        from evanesce.studies.demo.page import demo_page
+        from evanesce.studies.demo.run import DemoSettings, run_demo
 
         check_json_target(json_file)
         check_variant(variant)
@@ -50,7 +50,7 @@ def register(app: typer.Typer) -> None:
         info = chosen_variant(variant)
         renderer, record = None, {"renderer": "path"} | info.record()
         if fast:
-            from evanesce.render.transport import render_fast
+            from evanesce.render.fast.transport import render_fast
 
             renderer, record["renderer"] = render_fast, "transport"
         with progress() as bar:

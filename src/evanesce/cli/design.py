@@ -23,7 +23,7 @@ from evanesce.cli.common import (
     write_text,
 )
 from evanesce.cli.render import SetOption, parse_overrides
-from evanesce.errors import InputError, WorkError
+from evanesce.core.errors import InputError, WorkError
 
 if TYPE_CHECKING:
     from evanesce.design.finish import Chosen, Depth
@@ -53,11 +53,11 @@ def register(app: typer.Typer) -> None:
         sampler: Annotated[str, typer.Option("--sampler", help="tpe or nsga2.")] = "tpe",
         workers: Annotated[int, typer.Option("--workers", min=0, max=4096, help="Processes; 0: this one.")] = 0,
         scheduler: Annotated[str, typer.Option("--scheduler", help="A running Dask scheduler, tcp://HOST:PORT.")] = "",
-        estimator: Annotated[str, typer.Option("--estimator", help="author or refined.")] = "author",
+        estimator: Annotated[str, typer.Option("--estimator", help="reference or refined.")] = "reference",
         threshold: Annotated[
-            float, typer.Option("--threshold", help="Of the author's chain, where not varied.")
+            float, typer.Option("--threshold", help="Of the reference segmentation, where not varied.")
         ] = 0.15,
-        min_blob: Annotated[int, typer.Option("--min-blob", min=0, help="Of the author's chain [px].")] = 2000,
+        min_blob: Annotated[int, typer.Option("--min-blob", min=0, help="Of the reference segmentation [px].")] = 2000,
         force: Annotated[
             list[float] | None, typer.Option("--force", help="Normal force [N] (repeatable) (default: the scene's).")
         ] = None,
@@ -197,7 +197,7 @@ def _limits(texts: list[str] | None) -> tuple[Any, ...]:
 def _run(
     plan: Plan, folder: Path, depth: Depth, winners: int, workers: int, scheduler: str, json_file: Path | None
 ) -> None:
-    from evanesce import provenance
+    from evanesce.core import provenance
     from evanesce.design.finish import choose, study
     from evanesce.design.search import run
 
@@ -242,10 +242,10 @@ def _write(
     plan: Plan, folder: Path, trials: Sequence[Trial], chosen: Sequence[Chosen], found: Any, origin: dict[str, Any]
 ) -> Path:
     """Write the pages, the scenes and the pictures."""
+    from evanesce.design.page import scene_text, search_page, winner_page
     from evanesce.design.picture import shot
+    from evanesce.design.plots import pareto_figure
     from evanesce.design.uncertainty import uncertainty_of
-    from evanesce.report.design_page import scene_text, search_page, winner_page
-    from evanesce.report.design_plots import pareto_figure
     from evanesce.report.html import image_png, write
 
     job = plan.job
@@ -274,8 +274,8 @@ def _replace(path: Path, content: bytes) -> None:
 
 
 def _show(plan: Plan, chosen: Sequence[Chosen], found: Any) -> None:
-    from evanesce.report.design_page import half_or_not, number
-    from evanesce.report.design_plots import label
+    from evanesce.design.page import half_or_not, number
+    from evanesce.design.plots import label
 
     names = list(dict.fromkeys(["exposure", *(n for n in plan.objectives if n != "area_error")]))
     table = Table(title="Designs looked at closely, on rigs drawn anew")

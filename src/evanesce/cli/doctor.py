@@ -61,7 +61,7 @@ def diagnose() -> dict[str, Any]:
     ``ok`` says whether everything that is not optional works: one CPU variant, all required packages, some disk.
     """
     from evanesce import __version__
-    from evanesce.provenance import package_versions
+    from evanesce.core.provenance import package_versions
 
     packages, optional = package_versions(), package_versions(OPTIONAL)
     families = _families()

@@ -21,7 +21,7 @@ from evanesce.cli.common import (
     progress,
     write_json,
 )
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 
 if TYPE_CHECKING:
     from evanesce.contact.fem.material import Rubber
@@ -155,11 +155,11 @@ def convergence(
     json_file: JsonOption = None,
 ) -> None:
     """Press on ever finer meshes, from 3.75 mm down to the thesis's 0.33 mm and finer; plot area against size."""
-    from evanesce import provenance
     from evanesce.contact.fem.convergence import FINER_SIZES, THESIS_SIZES, MeshResult, check_sizes
     from evanesce.contact.fem.convergence import convergence as study
     from evanesce.contact.fem.mesh import FingerShape
     from evanesce.contact.fem.press import press_goals
+    from evanesce.core import provenance
 
     check_json_target(json_file)
     press_goals([force])
@@ -208,10 +208,10 @@ def import_(
     """Check finite-element results of another program and write them as a contact on a plate grid."""
     import numpy as np
 
-    from evanesce import provenance
     from evanesce.contact.fem.importer import read_foreign, summary
     from evanesce.contact.fem.result import write_npz
-    from evanesce.states import PlateGrid
+    from evanesce.core import provenance
+    from evanesce.core.states import PlateGrid
 
     check_json_target(json_file)
     if not 1e-3 <= pitch <= 5.0:
@@ -298,8 +298,8 @@ def _solve_and_report(
 def _write_run(
     kind: str, run: SolvedRun, folder: Path, json_file: Path | None, vtk: bool, c30: float, limit: str
 ) -> None:
-    from evanesce import provenance
     from evanesce.contact.fem.result import save_run, write_vtk
+    from evanesce.core import provenance
 
     rows = [run.row(i) for i in range(len(run))]
     shown = rows if kind == "slide" else [rows[i] for i in run.reached()] or rows[-1:]

@@ -1,4 +1,4 @@
-"""``evanesce measure``: contact area of a video or a folder of images by the author's chain."""
+"""``evanesce measure``: contact area of a video or a folder of images by the reference segmentation."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ def register(app: typer.Typer) -> None:
             str,
             typer.Option(
                 "--estimator",
-                help="author: the thresholding chain; refined: sub-pixel boundary, no threshold; needs --calibration.",
+                help="reference: the thesis's segmentation by threshold; refined: sub-pixel boundary, needs --calibration.",
             ),
-        ] = "author",
+        ] = "reference",
         dark: Annotated[
             Path | None,
             typer.Option("--dark", help="refined: video, image or folder with LEDs on and nothing in touch."),
@@ -74,7 +74,7 @@ def register(app: typer.Typer) -> None:
         Prints a table; --json writes it as JSON, --out adds CSV, overlays, intensity map and plots.
         """
         from evanesce.cli import measure_job
-        from evanesce.measurement.segment import Chain, Crop
+        from evanesce.measurement.reference.segment import Chain, Crop
 
         check_json_target(json_file)
         chain = Chain(threshold=threshold, min_blob=min_blob, blur=blur, radius=radius, crop=Crop.parse(crop))

@@ -12,14 +12,14 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from evanesce import provenance, rng
 from evanesce.cli.common import console, messages, out_dir, progress, write_json, write_text
-from evanesce.errors import InputError
-from evanesce.measurement.area import AreaRow, Measured, measure_frame, summary, to_csv, to_plain
-from evanesce.measurement.calibration import Calibration, load_calibration
-from evanesce.measurement.estimator import Estimator, refined_measured
-from evanesce.measurement.frames import FrameStream, open_frames
-from evanesce.measurement.images import read_image
+from evanesce.core import provenance, rng
+from evanesce.core.errors import InputError
+from evanesce.core.states import Frame
+from evanesce.measurement.calibration.model import Calibration, load_calibration
+from evanesce.measurement.calibration.rectify import Rectification, rectification
+from evanesce.measurement.io.frames import FrameStream, open_frames
+from evanesce.measurement.io.images import read_image
 from evanesce.measurement.plots import (
     OverlayVideo,
     area_figure,
@@ -29,14 +29,14 @@ from evanesce.measurement.plots import (
     overlay_figure,
     save_figure,
 )
-from evanesce.measurement.rectify import Rectification, rectification
-from evanesce.measurement.refined_light import Radiometry
-from evanesce.measurement.segment import Chain
-from evanesce.measurement.uncertainty import Finger, Uncertain
-from evanesce.measurement.uncertainty_area import author_uncertainty, refined_uncertainty
-from evanesce.measurement.uncertainty_table import budget_table
-from evanesce.measurement.warn import EdgeLog, FrameLog, Warning, scale_warning
-from evanesce.states import Frame
+from evanesce.measurement.reference.area import AreaRow, Measured, measure_frame, summary, to_csv, to_plain
+from evanesce.measurement.reference.segment import Chain
+from evanesce.measurement.refined.estimator import Estimator, refined_measured
+from evanesce.measurement.refined.light import Radiometry
+from evanesce.measurement.uncertainty.area import reference_uncertainty, refined_uncertainty
+from evanesce.measurement.uncertainty.budget import Finger, Uncertain
+from evanesce.measurement.uncertainty.table import budget_table
+from evanesce.measurement.warnings import EdgeLog, FrameLog, Warning, scale_warning
 
 TABLE_ROWS = 24
 VIEWING_RATE = 30.0
@@ -60,15 +60,15 @@ class Refined:
 def refined_options(
     estimator: str, dark: Path | None, flat: Path | None, finger: str, teach: Path | None = None
 ) -> Refined | None:
-    """Check the choice of an estimator; None is the author's chain.
+    """Check the choice of an estimator; None is the reference segmentation.
 
     Raises
     ------
     InputError
-        If the name is not known, or shots are given that the author's chain does not use.
+        If the name is not known, or shots are given that the reference segmentation does not use.
     """
-    if estimator not in ("author", "refined"):
-        raise InputError(f"'{estimator}'", key="--estimator", allowed="author, refined")
+    if estimator not in ("reference", "refined"):
+        raise InputError(f"'{estimator}'", key="--estimator", allowed="reference, refined")
     if estimator == "refined":
         kinds: dict[str, Finger] = {"ridged": "ridged", "smooth": "smooth"}
         if finger in kinds:
@@ -76,7 +76,7 @@ def refined_options(
         raise InputError(f"'{finger}'", key="--finger", allowed="ridged, smooth")
     for key, path in (("--dark", dark), ("--flat", flat), ("--teach", teach)):
         if path is not None:
-            raise InputError("the author's chain does not use it", key=key, allowed="with --estimator refined")
+            raise InputError("the reference segmentation does not use it", key=key, allowed="with --estimator refined")
     return None
 
 
@@ -242,7 +242,7 @@ def _measure(frame: Frame, job: Job, edges: EdgeLog) -> tuple[Measured, Uncertai
         budget = refined_uncertainty(found, job.estimator, draws, video=video, finger=job.finger)
         return refined_measured(frame, found, job.estimator), budget
     measured = measure_frame(frame, job.chain, job.mm2_per_px, job.rectified)
-    return measured, author_uncertainty(measured, job.mm2_per_px, job.stored, draws, video=video)
+    return measured, reference_uncertainty(measured, job.mm2_per_px, job.stored, draws, video=video)
 
 
 def record(job: Job, result: Result) -> dict[str, Any]:
@@ -255,7 +255,7 @@ def record(job: Job, result: Result) -> dict[str, Any]:
         "crop": str(job.chain.crop),
         "mm2_per_px": job.mm2_per_px,
         "undistort": job.rectified is not None,
-        "estimator": "author" if job.estimator is None else "refined",
+        "estimator": "reference" if job.estimator is None else "refined",
     }
     if job.estimator is not None:
         walk, blur = job.estimator.settings.walk, job.estimator.settings.blur

@@ -22,7 +22,7 @@ from evanesce.cli.common import (
     write_json,
     write_text,
 )
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 
 VariantOption = Annotated[str, typer.Option("--variant", help="Mitsuba variant: auto, llvm, scalar or cuda.")]
 MAX_BANDS = 14
@@ -146,12 +146,12 @@ def _run(
     exr: bool,
     video: Any,
 ) -> dict[str, Any]:
-    from evanesce import provenance
+    from evanesce.chain.simulate import simulate
     from evanesce.contact.solve import press_programme
+    from evanesce.core import provenance
     from evanesce.render.exr import write_light
-    from evanesce.render.passes import relative_error
+    from evanesce.render.reference.passes import relative_error
     from evanesce.sensor.codec import VideoWriter, write_png
-    from evanesce.simulate import simulate
 
     renderer, record = chosen_renderer(fast, variant)
     if bands > 1:
@@ -200,12 +200,12 @@ def _run(
 def chosen_renderer(fast: bool, variant: str) -> tuple[Any, dict[str, Any]]:
     """Return the renderer and what provenance says of it."""
     if fast:
-        from evanesce.render.transport import render_fast
+        from evanesce.render.fast.transport import render_fast
 
         return render_fast, {"renderer": "transport"}
     import functools
 
-    from evanesce.render.path import render as trace
+    from evanesce.render.reference.path import render as trace
 
     info = chosen_variant(variant)
     return functools.partial(trace, variant=variant), {"renderer": "path"} | info.record()

@@ -9,7 +9,7 @@ import typer
 
 from evanesce.cli.common import handles_errors
 from evanesce.cli.render import SetOption, parse_overrides
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 
 MISSING = "the live page needs NiceGUI: pip install 'evanesce[page]'"
 
@@ -41,7 +41,7 @@ def register(app: typer.Typer) -> None:
         """
         from evanesce.contact.solve import check_skin
         from evanesce.effects import active_effects
-        from evanesce.measurement.calibration import load_calibration
+        from evanesce.measurement.calibration.model import load_calibration
         from evanesce.rig import load_scene, scene_path
 
         try:

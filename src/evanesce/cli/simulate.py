@@ -32,8 +32,8 @@ def register(app: typer.Typer) -> None:
 
         Nothing is hidden: the bundle names the very scene that made it. See docs/reference/bundle.md.
         """
-        from evanesce import provenance
         from evanesce.bundle.write import write_bundle
+        from evanesce.core import provenance
         from evanesce.effects import active_effects
         from evanesce.rig import load_scene, scene_path
         from evanesce.rig.coarser import coarser_camera
@@ -59,7 +59,7 @@ def _renderers(fast: bool, variant: str, spp: int | None) -> tuple[Any, Any, dic
     import functools
 
     from evanesce.render.cards import render_card
-    from evanesce.render.path import render
+    from evanesce.render.reference.path import render
 
     info = chosen_variant(variant)
     options: dict[str, Any] = {} if spp is None else {"samples_per_pixel": spp}

@@ -24,7 +24,7 @@ from evanesce.cli.common import (
 from evanesce.cli.render import SetOption, parse_overrides
 
 PARTS = {
-    "threshold": "Area error of the author's chain against threshold, rules that set it, blob size, blur and crop.",
+    "threshold": "Area error of the reference segmentation by threshold, rules that set it, blob size, blur and crop.",
     "time": "What clock, exposure, rolling shutter and frame rate do to areas and to the onset of slip.",
     "thesis": "The thesis's experiments in simulation: predictions stated first, then a table per figure.",
 }
@@ -77,15 +77,15 @@ def _run(
     json_file: Path | None, out: Path | None,
 ) -> None:  # fmt: skip
     check_json_target(json_file)
-    from evanesce import provenance
-    from evanesce.errors import InputError
+    from evanesce.core import provenance
+    from evanesce.core.errors import InputError
     from evanesce.report.html import write
-    from evanesce.report.slider import slider
-    from evanesce.report.study_page import page, pictures
     from evanesce.rig import load_scene
-    from evanesce.validation.slider import slider_frames
-    from evanesce.validation.studies import Findings, Study, studies
-    from evanesce.validation.study_scenes import check_studied
+    from evanesce.studies.page import page, pictures
+    from evanesce.studies.registry import Findings, Study, studies
+    from evanesce.studies.scenes import check_studied
+    from evanesce.studies.threshold.slider import slider
+    from evanesce.studies.threshold.slider_frames import slider_frames
 
     known = {study.name: study for study in studies()}
     if unknown := sorted(set(only or ()) - set(known)):

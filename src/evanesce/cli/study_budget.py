@@ -18,7 +18,7 @@ from evanesce.cli.common import (
     write_json,
 )
 from evanesce.cli.study_estimator import parse_volts
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 
 
 def register(group: typer.Typer) -> None:
@@ -37,7 +37,7 @@ def register(group: typer.Typer) -> None:
             str,
             typer.Option("--fingers", help="Names, separated by semicolons: smooth; ridged; smooth, glow ..."),
         ] = "smooth; ridged",
-        threshold: Annotated[float, typer.Option("--threshold", help="Of the author's chain, 0 to 1.")] = 0.15,
+        threshold: Annotated[float, typer.Option("--threshold", help="Of the reference segmentation, 0 to 1.")] = 0.15,
         seed: Annotated[int, typer.Option("--seed", min=0)] = 1,
         json_file: JsonOption = None,
         out: OutOption = None,
@@ -52,12 +52,12 @@ def register(group: typer.Typer) -> None:
         if not 0 < threshold < 1:
             raise InputError(f"{threshold:g}", key="--threshold", allowed="above 0, below 1")
         voltages = parse_volts(volts)
-        from evanesce.report.estimator_page import budget_page
         from evanesce.report.html import write
         from evanesce.rig import load_scene
-        from evanesce.validation.budget_study import run_study
-        from evanesce.validation.estimator_study import fingers_of
-        from evanesce.validation.studies import Ledger
+        from evanesce.studies.budget.study import run_study
+        from evanesce.studies.estimator.page import budget_page
+        from evanesce.studies.estimator.study import fingers_of
+        from evanesce.studies.registry import Ledger
 
         scenes = load_scene(smooth), load_scene(ridged)
         known = fingers_of(*scenes)
@@ -89,7 +89,7 @@ def register(group: typer.Typer) -> None:
         for c in found.classes:
             table.add_row(
                 c.finger, c.place, f"{100 * c.refined_covered:.1f}", f"{c.refined_half_width_percent:.2f}",
-                f"{100 * c.author_covered:.1f}", f"{c.author_half_width_percent:.2f}",
+                f"{100 * c.reference_covered:.1f}", f"{c.reference_half_width_percent:.2f}",
             )  # fmt: skip
         console.print(table)
         console.print(f"Report: {report}", highlight=False, soft_wrap=True)

@@ -1,4 +1,4 @@
-"""``evanesce study estimator``: the refined estimator beside the author's chain."""
+"""``evanesce study estimator``: the refined estimator beside the reference segmentation."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from evanesce.cli.common import (
     write_json,
 )
 from evanesce.cli.study_voltage import parse_forces
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 
 if TYPE_CHECKING:
-    from evanesce.validation.estimator_study import EstimatorStudy
+    from evanesce.studies.estimator.study import EstimatorStudy
 
 
 def register(group: typer.Typer) -> None:
@@ -34,7 +34,7 @@ def register(group: typer.Typer) -> None:
         ridged: Annotated[str, typer.Argument(help="Scene with a ridged finger on the same rig.")] = "thesis_ridged",
         volts: Annotated[str, typer.Option("--volts", help="LED voltages [V], separated by commas.")] = "8,9,10,12",
         forces: Annotated[str, typer.Option("--forces", help="Normal forces [N], separated by commas.")] = "1,3",
-        threshold: Annotated[float, typer.Option("--threshold", help="Of the author's chain, 0 to 1.")] = 0.15,
+        threshold: Annotated[float, typer.Option("--threshold", help="Of the reference segmentation, 0 to 1.")] = 0.15,
         seed: Annotated[int, typer.Option("--seed", min=0)] = 1,
         json_file: JsonOption = None,
         out: OutOption = None,
@@ -47,10 +47,10 @@ def register(group: typer.Typer) -> None:
         voltages, loads = parse_volts(volts), parse_forces(forces)
         if not 0 < threshold < 1:
             raise InputError(f"{threshold:g}", key="--threshold", allowed="above 0, below 1")
-        from evanesce.report.estimator_page import estimator_page
         from evanesce.report.html import write
         from evanesce.rig import load_scene
-        from evanesce.validation.estimator_study import run_study
+        from evanesce.studies.estimator.page import estimator_page
+        from evanesce.studies.estimator.study import run_study
 
         scenes = load_scene(smooth), load_scene(ridged)
         folder = out_dir(out, "study-estimator")
@@ -86,6 +86,7 @@ def _show(found: EstimatorStudy) -> None:
     for w in found.worst():
         table.add_row(
             w["finger"], w["place"], str(w["frames"]), f"{w['refined_rms_percent']:.2f}",
-            f"{w['refined_worst_percent']:+.2f}", f"{w['author_rms_percent']:.1f}", f"{w['author_worst_percent']:+.1f}",
+            f"{w['refined_worst_percent']:+.2f}", f"{w['reference_rms_percent']:.1f}",
+            f"{w['reference_worst_percent']:+.1f}",
         )  # fmt: skip
     console.print(table)

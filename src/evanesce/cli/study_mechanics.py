@@ -28,10 +28,10 @@ def register(group: typer.Typer) -> None:
         """Predict areas, ridges and sliding from the thesis's inputs alone; solved finite elements ship with it."""
         import os
 
-        from evanesce import provenance
+        from evanesce.core import provenance
         from evanesce.report.html import figure_png
-        from evanesce.report.mechanics_plots import mechanics_figure
-        from evanesce.validation.mechanics import as_json, predictions
+        from evanesce.studies.mechanics.plots import mechanics_figure
+        from evanesce.studies.mechanics.study import as_json, predictions
 
         check_json_target(json_file)
         folder = out_dir(out, "study-mechanics")

@@ -38,9 +38,9 @@ def register(group: typer.Typer) -> None:
         check_json_target(json_file)
         loads, changes = parse_forces(forces), parse_overrides(settings)
         from evanesce.report.html import write
-        from evanesce.report.pressure_page import number, page
         from evanesce.rig import load_scene
-        from evanesce.validation.pressure_study import run_study
+        from evanesce.studies.pressure.page import number, page
+        from evanesce.studies.pressure.study import run_study
 
         loaded = load_scene(scene, changes)
         folder = out_dir(out, "study-pressure")
@@ -59,18 +59,18 @@ def register(group: typer.Typer) -> None:
             "voltage [V]",
             "saturated",
             "RMS",
-            "author",
+            "reference",
             "corr.",
-            "author",
+            "reference",
             "halo",
-            "author",
+            "reference",
         ):
             table.add_column(heading, justify="right")
         for r in found.rows:
             table.add_row(
                 f"{r.rms_slope:g}", f"{r.force_N:g}", f"{r.voltage_V:g}", f"{r.saturated_share:.2f}",
-                f"{r.rms_percent:.1f}", f"{r.author_rms_percent:.1f}", number(r.correlation),
-                number(r.author_correlation), f"{r.halo_percent:.1f}", f"{r.author_halo_percent:.1f}",
+                f"{r.rms_percent:.1f}", f"{r.reference_rms_percent:.1f}", number(r.correlation),
+                number(r.reference_correlation), f"{r.halo_percent:.1f}", f"{r.reference_halo_percent:.1f}",
             )  # fmt: skip
         console.print(table)
         console.print(f"Report: {report}", highlight=False, soft_wrap=True)

@@ -20,10 +20,10 @@ from evanesce.cli.common import (
     write_json,
 )
 from evanesce.cli.render import SetOption, VariantOption, check_variant, chosen_renderer, parse_overrides
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 
 if TYPE_CHECKING:
-    from evanesce.validation.voltage_study import VoltageStudy
+    from evanesce.studies.voltage.study import VoltageStudy
 
 MAX_VOLTAGES = 200
 MAX_FORCES = 10
@@ -104,9 +104,9 @@ def register(group: typer.Typer) -> None:
         if samples < 2 or samples > 4096 or samples & (samples - 1):
             raise InputError(f"{samples}", key="--samples", allowed="a power of two, 2 to 4096")
         from evanesce.report.html import write
-        from evanesce.report.voltage_page import page
         from evanesce.rig import load_scene
-        from evanesce.validation.voltage_study import run_study
+        from evanesce.studies.voltage.page import page
+        from evanesce.studies.voltage.study import run_study
 
         loaded = load_scene(scene, parse_overrides(settings))
         render, record = chosen_renderer(fast, variant)
@@ -133,7 +133,7 @@ def register(group: typer.Typer) -> None:
 
 
 def _show(found: VoltageStudy) -> None:
-    from evanesce.validation.voltage import SOURCES
+    from evanesce.studies.voltage.curve import SOURCES
 
     table = Table(title=f"Estimated area at threshold {found.threshold:g}, and parts of its excess [mm²]")
     columns = ("force [N]", "voltage [V]", "estimated", "true", *SOURCES, "residual", "interaction")

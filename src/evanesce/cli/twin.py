@@ -19,11 +19,11 @@ from evanesce.cli.common import (
     write_json,
     write_text,
 )
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 
 if TYPE_CHECKING:
-    from evanesce.validation.twin import Twin
-    from evanesce.validation.twin_judge import Judgement
+    from evanesce.studies.twin.judge import Judgement
+    from evanesce.studies.twin.model import Twin
 
 CURVES = ("libcamera", "bt709", "srgb", "linear")
 
@@ -52,11 +52,11 @@ def register(app: typer.Typer) -> None:
         check_json_target(json_file)
         if curve not in CURVES:
             raise InputError(f"'{curve}'", key="--curve", allowed=", ".join(CURVES))
-        from evanesce import provenance
-        from evanesce.measurement.images import read_image
+        from evanesce.core import provenance
+        from evanesce.measurement.io.images import read_image
         from evanesce.rig import load_scene
-        from evanesce.validation.twin import make_twin
-        from evanesce.validation.twin_judge import judge
+        from evanesce.studies.twin.judge import judge
+        from evanesce.studies.twin.model import make_twin
 
         loaded, base = read_image(photo), load_scene(scene)
         folder = out_dir(out, "twin")
@@ -72,9 +72,10 @@ def register(app: typer.Typer) -> None:
 def _write(folder: Path, made: Twin, judged: Judgement, name: str, origin: Any) -> None:
     import numpy as np
 
-    from evanesce.report import html, twin_page
+    from evanesce.report import html
     from evanesce.rig import copy_height_map, dump_scene
     from evanesce.sensor.codec import replacing, write_png
+    from evanesce.studies.twin import page as twin_page
 
     write_png(folder / "photo_grey.png", np.clip(np.rint(made.photo), 0, 255).astype(np.uint8))
     write_png(folder / "twin.png", made.simulated)

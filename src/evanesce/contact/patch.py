@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.errors import InputError
-from evanesce.states import ContactState, PlateGrid
+from evanesce.core.errors import InputError
+from evanesce.core.states import ContactState, PlateGrid
 
 Array = NDArray[np.float64]
 

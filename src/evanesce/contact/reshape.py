@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from scipy.optimize import brentq
 
-from evanesce.states import ContactState, FloatMap
+from evanesce.core.states import ContactState, FloatMap
 
 Array = NDArray[np.float64]
 

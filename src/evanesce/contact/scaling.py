@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from evanesce.contact.patch import AxisymmetricContact
+from evanesce.core.states import ContactState
 from evanesce.rig import Finger
-from evanesce.states import ContactState
 
 
 def stiffness_factor(finger: Finger, force: float) -> float:

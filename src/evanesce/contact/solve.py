@@ -12,25 +12,25 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from evanesce.contact.adhered import adhered_contact, adhered_state
-from evanesce.contact.heightmap import RidgeRow
-from evanesce.contact.hertz import hertz_contact, reduced_modulus, scaled_hertz_contact
-from evanesce.contact.jkr import jkr_contact
+from evanesce.contact.analytic.hertz import hertz_contact, reduced_modulus, scaled_hertz_contact
+from evanesce.contact.analytic.jkr import jkr_contact
+from evanesce.contact.analytic.roughness import persson_contact_fraction
+from evanesce.contact.analytic.xydas_kao import xydas_kao_contact
+from evanesce.contact.halfspace.adhered import adhered_contact, adhered_state
+from evanesce.contact.halfspace.resolved import Adhesion, pressed_profile, resolved_state
 from evanesce.contact.patch import AxisymmetricContact, axisymmetric_state, radii
-from evanesce.contact.resolved import Adhesion, pressed_profile, resolved_state
-from evanesce.contact.ridged import ridged_state
-from evanesce.contact.roughness import persson_contact_fraction
+from evanesce.contact.ridges.heightmap import RidgeRow
+from evanesce.contact.ridges.ridged import ridged_state
+from evanesce.contact.ridges.skin import Skin, require_within_scan, ridge_parameters, ridge_row_of, skin_of
 from evanesce.contact.scaling import stiffness_factor
-from evanesce.contact.skin import Skin, require_within_scan, ridge_parameters, ridge_row_of, skin_of
-from evanesce.contact.sliding_states import SlideStates
+from evanesce.contact.sliding.states import SlideStates
 from evanesce.contact.solve_fem import fem_contact, fem_state, small_strain_modulus
 from evanesce.contact.solve_slide import slide_programme, slide_states
-from evanesce.contact.xydas_kao import xydas_kao_contact
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
+from evanesce.core.states import ContactState, PlateGrid
 from evanesce.materials import material
 from evanesce.rig import Scene
 from evanesce.rig.finger import FemLaw, HalfspaceLaw, HertzLaw, JkrLaw, ScaledHertzLaw, XydasKaoLaw
-from evanesce.states import ContactState, PlateGrid
 
 
 def contact_grid(scene: Scene) -> PlateGrid:

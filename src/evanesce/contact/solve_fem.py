@@ -10,11 +10,11 @@ from evanesce.contact.fem.library import LibraryPress, library_press, library_st
 from evanesce.contact.fem.state import axisymmetric_contact
 from evanesce.contact.patch import AxisymmetricContact
 from evanesce.contact.scaling import stiffened_contact, stiffened_state
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
+from evanesce.core.states import ContactState, PlateGrid
 from evanesce.materials import material
 from evanesce.rig import Finger
 from evanesce.rig.finger import FemLaw
-from evanesce.states import ContactState, PlateGrid
 
 
 def small_strain_modulus(name: str) -> float:

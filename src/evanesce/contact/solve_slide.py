@@ -7,7 +7,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from evanesce.contact.interface_friction import (
+from evanesce.contact.analytic.partial_slip import tangential_modulus
+from evanesce.contact.patch import AxisymmetricContact
+from evanesce.contact.scaling import stiffness_factor
+from evanesce.contact.sliding.friction import (
     InterfaceFriction,
     coulomb,
     interface_of,
@@ -15,16 +18,13 @@ from evanesce.contact.interface_friction import (
     tilted_compliance,
     tip_contact_fits,
 )
-from evanesce.contact.partial_slip import tangential_modulus
-from evanesce.contact.patch import AxisymmetricContact
-from evanesce.contact.press_slide import SlideProgramme
-from evanesce.contact.scaling import stiffness_factor
-from evanesce.contact.sliding import march
-from evanesce.contact.sliding_states import SlideStates, SlideView
-from evanesce.errors import InputError
+from evanesce.contact.sliding.programme import SlideProgramme
+from evanesce.contact.sliding.solver import march
+from evanesce.contact.sliding.states import SlideStates, SlideView
+from evanesce.core.errors import InputError
+from evanesce.core.states import PlateGrid
 from evanesce.materials import material
 from evanesce.rig import Scene, Slide
-from evanesce.states import PlateGrid
 
 
 def _slide(scene: Scene) -> Slide:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.core.rng import generator
 from evanesce.criticism.bands import with_bands
 from evanesce.criticism.candidates import Candidate, candidates_of
 from evanesce.criticism.codec import codec_parameters, codec_variance, noise_by_bins
@@ -27,7 +28,6 @@ from evanesce.criticism.predict import Point, Predictor
 from evanesce.criticism.problem import Fit, Problem, derivatives, fit, predicted_part, stepped
 from evanesce.criticism.recoded import Codec, Shooting, codec_of, recoded
 from evanesce.criticism.tone import expected_tone
-from evanesce.rng import generator
 
 Array = NDArray[Any]
 

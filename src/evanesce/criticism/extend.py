@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from evanesce.core.errors import InputError
 from evanesce.criticism.blots import MOVES, STRIPED, left_of_spot
 from evanesce.criticism.candidates import Candidate
 from evanesce.criticism.frozen import FROZEN
@@ -23,7 +24,6 @@ from evanesce.criticism.predict import scene_with
 from evanesce.criticism.problem import Fit, Problem, derivatives, fit, predicted_part
 from evanesce.criticism.score import Scored, from_belief, inflation_along, metric_of
 from evanesce.effects import Context, Stage, active_effects, apply_stage
-from evanesce.errors import InputError
 from evanesce.rig import Scene
 
 Array = NDArray[Any]

@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.core.states import PlateLight, SensorLight
 from evanesce.criticism.predict import Kept, Nuisances, Point, Predictor
 from evanesce.criticism.views import BIN_PX, View, binned
 from evanesce.effects import Active, Context
 from evanesce.rig import Scene
 from evanesce.rig.coarser import finer_pixels
-from evanesce.states import PlateLight, SensorLight
 
 Array = NDArray[Any]
 

@@ -50,7 +50,7 @@ def rmse(data: Array, predicted: Array) -> float:
 
 
 def area_error_percent(images: Sequence[Array], predicted: Sequence[Array], area: Callable[[Array], float]) -> float:
-    """Return the mean absolute error of the area that the author's chain reads, over that of the data [%].
+    """Return the mean absolute error of the area that the reference segmentation reads, over that of the data [%].
 
     Views whose measured area is nothing are left out; NaN if none is left.
     """

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.core.rng import generator
 from evanesce.criticism.extend import Extension
 from evanesce.criticism.gain import area_error_percent, bootstrap_sum, log_scores, rmse
 from evanesce.criticism.linear import Metric
@@ -19,8 +20,7 @@ from evanesce.criticism.parameters import derivative
 from evanesce.criticism.problem import Fit, Problem, fit, predicted_part
 from evanesce.criticism.residuals import with_places
 from evanesce.criticism.unknown import Flexible
-from evanesce.measurement.segment import Chain, segment
-from evanesce.rng import generator
+from evanesce.measurement.reference.segment import Chain, segment
 
 Array = NDArray[Any]
 
@@ -146,7 +146,7 @@ def shared_part(fitted: Fit) -> dict[str, float]:
 
 
 def chain_area(image: Array) -> float:
-    """Return the pixels that the author's chain counts in a frame [DN]."""
+    """Return the pixels that the reference segmentation counts in a frame [DN]."""
     whole = np.floor(np.clip(image, 0, 255) + 0.5).astype(np.uint8)
     return float(segment(whole, Chain(threshold=THRESHOLD, min_blob=round(LEAST_BLOB_SHARE * image.size))).pixels)
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.core.errors import InputError
 from evanesce.criticism.extend import Extension
 from evanesce.criticism.linear import Metric
 from evanesce.criticism.nuisance import nuisance_parameters
@@ -18,7 +19,6 @@ from evanesce.criticism.predict import Predictor
 from evanesce.criticism.problem import Problem, predicted_part
 from evanesce.criticism.views import View
 from evanesce.effects import Stage
-from evanesce.errors import InputError
 
 Array = NDArray[Any]
 

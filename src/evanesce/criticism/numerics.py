@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from evanesce.contact.solve import contact_state
+from evanesce.core.errors import InputError
 from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.parameters import Parameter
 from evanesce.criticism.views import View
-from evanesce.errors import InputError
 from evanesce.rig import Scene
 
 Array = NDArray[Any]

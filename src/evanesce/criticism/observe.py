@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from evanesce.bundle.layout import Series, Shot
 from evanesce.bundle.read import Bundle
+from evanesce.core.errors import InputError
 from evanesce.criticism.views import BIN_PX, View, binned
-from evanesce.errors import InputError
 from evanesce.rig import Scene
 
 Array = NDArray[Any]

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce import rng
+from evanesce.core import rng
 from evanesce.criticism.photograph_fit import FLEXIBLE, NUISANCES, Bench, Fit, Free, candidates, flexible
 from evanesce.criticism.photograph_light import Photograph
 from evanesce.criticism.photograph_tails import HIGH, LOW, TAILS, speck_pattern

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from evanesce import rng
+from evanesce.core import rng
 from evanesce.criticism.photograph_light import COSINES, SIDES, LightModel, Photograph
 from evanesce.criticism.photograph_tails import (
     FREEDOM,

@@ -15,20 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from evanesce.core.errors import WorkError
+from evanesce.core.states import PlateLight, SensorLight
 from evanesce.effects import Context, all_effects
-from evanesce.effects.defocus import discrete_gaussian
-from evanesce.effects.tone_curve import departed
-from evanesce.errors import WorkError
-from evanesce.measurement.corners import CornerGrid, find_corners, grey
-from evanesce.measurement.points import BoardView
+from evanesce.effects.lens.defocus import discrete_gaussian
+from evanesce.effects.readout.tone_curve import departed
+from evanesce.evaluation.board_geometry import FittedRig, bright_even, fit_rig
+from evanesce.evaluation.board_light import BLOCK, block_mask, judged_block, smooth_field
+from evanesce.measurement.calibration.corners import CornerGrid, find_corners, grey
+from evanesce.measurement.calibration.points import BoardView
 from evanesce.optics.projection import Projection
-from evanesce.render.marks import contact_radiance
+from evanesce.render.fast.defects import contact_radiance
 from evanesce.rig import Camera, Scene
 from evanesce.sensor.lens import form_image, prepared_lens
 from evanesce.sensor.tone import CURVES, Curve
-from evanesce.states import PlateLight, SensorLight
-from evanesce.validation.twin_geometry import FittedRig, bright_even, fit_rig
-from evanesce.validation.twin_light import BLOCK, block_mask, judged_block, smooth_field
 
 Array = NDArray[np.float64]
 Values = Mapping[str, float]

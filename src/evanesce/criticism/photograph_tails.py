@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, stats
 
+from evanesce.core.states import SensorLight
 from evanesce.criticism.photograph_light import LightModel, Values
 from evanesce.effects import all_effects
 from evanesce.sensor.tone import CURVES, Curve
-from evanesce.states import SensorLight
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from evanesce.criticism.photograph_light import Photograph
-from evanesce.measurement.calibrate import STILL_PX
-from evanesce.measurement.planar import fit_planar
-from evanesce.measurement.points import BoardView
-from evanesce.measurement.saddle import SaddleFit
+from evanesce.measurement.calibration.fit import STILL_PX
+from evanesce.measurement.calibration.planar import fit_planar
+from evanesce.measurement.calibration.points import BoardView
+from evanesce.measurement.calibration.saddle import SaddleFit
 
 Array = NDArray[np.float64]
 

@@ -2,8 +2,8 @@
 
 A departure is a point: a mapping of parameter names to values, where a missing name means "as believed". Parameters
 of effects are named ``effect:parameter`` (``vignetting:k``, ``vignetting:centre_offset_px[0]``); nuisances start with
-``@`` (:mod:`evanesce.criticism.nuisance`). The chain is that of :mod:`evanesce.simulate`, its steps kept apart so that
-what a change does not touch is computed once.
+``@`` (:mod:`evanesce.criticism.nuisance`). The chain is that of :mod:`evanesce.chain.simulate`, its steps kept apart
+so that what a change does not touch is computed once.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from numpy.typing import NDArray
 
 from evanesce.bundle.card_light import card_light, plane_points
 from evanesce.contact.solve import contact_state
+from evanesce.core.states import ContactState, Frame, PlateLight, SensorLight
 from evanesce.criticism.tone import expected_tone
 from evanesce.criticism.views import View, binned
 from evanesce.effects import Active, Context, Stage, active_effects, all_effects
 from evanesce.optics.led import led_positions, led_radiances
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.render.cards import Pose, checkerboard_of, pose_of, square_of
-from evanesce.render.transport import fields_of, render_fast
+from evanesce.render.fast.transport import fields_of, render_fast
 from evanesce.rig import Scene
 from evanesce.sensor.expose import charge_of, signal_of
 from evanesce.sensor.lens import form_image
-from evanesce.states import ContactState, Frame, PlateLight, SensorLight
 
 Array = NDArray[Any]
 Point = Mapping[str, float]

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from evanesce.core.states import Frame
 from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.observe import pixel_scatter
 from evanesce.criticism.tone import expected_tone, signal_sd
@@ -27,7 +28,6 @@ from evanesce.criticism.views import BIN_PX, View, binned
 from evanesce.rig import Camera
 from evanesce.sensor.codec import VideoWriter
 from evanesce.sensor.expose import frame_of
-from evanesce.states import Frame
 
 Array = NDArray[Any]
 Kind = Literal["h264", "jpeg"]

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.core.errors import InputError
 from evanesce.criticism.case import Case
 from evanesce.criticism.extend import Extension, extend_again
 from evanesce.criticism.fine import FineFrames
@@ -23,7 +24,6 @@ from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.observe import model_factor
 from evanesce.criticism.problem import Fit, Problem, predicted_part
 from evanesce.criticism.score import Scored
-from evanesce.errors import InputError
 
 Array = NDArray[Any]
 

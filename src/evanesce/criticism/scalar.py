@@ -20,15 +20,15 @@ from scipy import optimize, stats
 
 from evanesce.bundle.area import AreaReading, contact_area
 from evanesce.bundle.layout import SERIES_FOLDER, Series
+from evanesce.chain.simulate import solve_contact
+from evanesce.core.errors import InputError
 from evanesce.criticism.fine import FinePredictor
 from evanesce.criticism.observe import model_factor, model_scene
 from evanesce.criticism.parameters import Parameter
 from evanesce.criticism.predict import Nuisances, Point, Predictor, scene_with
 from evanesce.criticism.views import View
-from evanesce.errors import InputError
-from evanesce.render.rig_fields import unit_digest
+from evanesce.render.fast.rig_fields import unit_digest
 from evanesce.rig import Scene
-from evanesce.simulate import touch
 
 Array = NDArray[Any]
 
@@ -160,8 +160,8 @@ class SeriesPredictor:
 
     def changes_plate_light(self, point: Point) -> bool:
         """Tell whether a departure changes the guided light itself."""
-        return unit_digest(touch(scene_with(self.scene, point), None, seed=0)[0]) != unit_digest(
-            touch(self.scene, None, seed=0)[0]
+        return unit_digest(solve_contact(scene_with(self.scene, point), None, seed=0)[0]) != unit_digest(
+            solve_contact(self.scene, None, seed=0)[0]
         )
 
     def values(self, series: Series, point: Point) -> Array:
@@ -172,7 +172,7 @@ class SeriesPredictor:
         return self._areas(scene, series, frames=self._frames, factor=self._factor)
 
     def _areas(self, scene: Scene, series: Series, *, frames: Predictor, factor: int) -> Array:
-        """Return areas as the author's chain reads them in predicted frames, pixels so many times as large [mm^2]."""
+        """Return areas by the reference segmentation of predicted frames, pixels that many times as large [mm^2]."""
         held = series.held
         force = np.full(len(series), held.get("force_N", DEFAULT_FORCE_N))
         voltage = np.full(len(series), held.get("voltage_V", self.scene.leds.voltage_V))
@@ -196,7 +196,7 @@ class SeriesPredictor:
 
     def _card_scale(self, scene: Scene) -> float:
         """Return what areas are off by, where the square that set mm^2 per pixel has not the side it is believed to."""
-        rig, _ = touch(scene, None, seed=0)
+        rig, _ = solve_contact(scene, None, seed=0)
         return (self.scene.card.square_side_mm / rig.card.square_side_mm) ** 2
 
     def _force(self, scene: Scene, depth_mm: Array) -> Array:
@@ -204,7 +204,7 @@ class SeriesPredictor:
         forces, depths = [], []
         for force in FORCES_FOR_DEPTH:
             try:
-                _, state = touch(scene, float(force), seed=0)
+                _, state = solve_contact(scene, float(force), seed=0)
             except InputError:
                 continue  # beyond what the law knows
             if state is not None and np.isfinite(state.depth):

@@ -12,6 +12,8 @@ from scipy import stats
 
 from evanesce.bundle.layout import Series
 from evanesce.bundle.read import Bundle
+from evanesce.chain.simulate import solve_contact
+from evanesce.core.errors import InputError
 from evanesce.criticism.candidates import Candidate, candidates_of
 from evanesce.criticism.evidence import Evidence, Ranked
 from evanesce.criticism.frozen import FROZEN
@@ -30,9 +32,7 @@ from evanesce.criticism.scalar import (
     pairs_of,
 )
 from evanesce.effects import Effect, Stage
-from evanesce.errors import InputError
 from evanesce.rig import Scene, dump_scene
-from evanesce.simulate import touch
 
 Array = NDArray[Any]
 Tick = Callable[[str], None]
@@ -169,7 +169,7 @@ def kind_of(effect: Effect, scene: Scene, point: Point) -> str:
         return "calibration"
     if effect.stage in (Stage.LOAD, Stage.CONTACT):
         return "mechanical"
-    believed, changed = (touch(s, 1.3, seed=0, time_s=30.0)[1] for s in (scene, scene_with(scene, point)))
+    believed, changed = (solve_contact(s, 1.3, seed=0, time_s=30.0)[1] for s in (scene, scene_with(scene, point)))
     assert believed is not None
     assert changed is not None
     same = abs(changed.nominal_contact_area / believed.nominal_contact_area - 1.0) < 1e-6

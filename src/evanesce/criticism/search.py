@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from evanesce.core.errors import InputError
 from evanesce.criticism.answer import Findings
 from evanesce.criticism.battery import BatteryResult, run_battery
 from evanesce.criticism.battery_data import Residuals
@@ -20,7 +21,6 @@ from evanesce.criticism.renew import change_of, is_loud, renewed, undecided
 from evanesce.criticism.residuals import noise_draws, residuals_of
 from evanesce.criticism.score import Scored, ScoreTest, score_test
 from evanesce.criticism.signatures import Signature
-from evanesce.errors import InputError
 
 
 def test(case: Case, signatures: Sequence[Signature], base: Fit, number: int) -> ScoreTest:

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from typing import Any, NoReturn
 
-from evanesce.errors import InputError, WorkError
+from evanesce.core.errors import InputError, WorkError
 
 STARTS = 3
 """Tries to start the embedded cluster: a process that is killed while it starts ends the whole start."""

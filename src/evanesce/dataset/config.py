@@ -8,12 +8,12 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
+from evanesce.core.errors import InputError
+from evanesce.core.quantities import Strict, field
 from evanesce.dataset.distributions import Distribution, choice, constant, log_uniform, uniform
 from evanesce.dataset.limits import MAX_CONFIG_BYTES, MAX_SHARD_FRAMES
 from evanesce.effects import all_effects
-from evanesce.errors import InputError
 from evanesce.materials import material_names
-from evanesce.quantities import Strict, field
 from evanesce.rig.load import validate
 
 KINDS = ("slide", "load_stop", "wiggle", "rotation", "ramp", "release", "change")

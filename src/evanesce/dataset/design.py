@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import qmc
 
-from evanesce import rng
+from evanesce.core import rng
 from evanesce.dataset.config import KINDS, DatasetConfig, Programme
 from evanesce.effects import all_effects
 from evanesce.effects.protocol import Effect

@@ -8,7 +8,7 @@ from typing import Any, Self
 from pydantic import model_validator
 from scipy.special import ndtr, ndtri
 
-from evanesce.quantities import Strict
+from evanesce.core.quantities import Strict
 
 NORMAL_REACH = 3.0
 """Standard deviations at which a normal distribution is cut, so that its support is known beforehand."""

@@ -12,8 +12,8 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
+from evanesce.core.errors import WorkError
 from evanesce.dataset.labels import CHANNELS, LabelBox, empty_box
-from evanesce.errors import WorkError
 
 PREFIX = "evanesce:"
 

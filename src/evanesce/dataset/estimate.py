@@ -7,10 +7,10 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
+from evanesce.core.errors import InputError
 from evanesce.dataset.design import finger_plan, rig_plan
 from evanesce.dataset.job import Job
 from evanesce.dataset.rigs import real_rig, rig_scene, way_of
-from evanesce.errors import InputError
 
 PNG_BYTES_PER_PX = 0.35
 """Of a noisy 8-bit frame; 0.27 measured, more where effects lift the dark."""

@@ -8,8 +8,8 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+from evanesce.core.errors import InputError, WorkError
 from evanesce.dataset.read import Dataset
-from evanesce.errors import InputError, WorkError
 
 FORMATS = ("hdf5", "lerobot", "coco", "parquet")
 

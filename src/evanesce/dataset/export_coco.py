@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.core.states import SurfaceState
 from evanesce.dataset import layout
 from evanesce.dataset.export import Advance
 from evanesce.dataset.read import Dataset
-from evanesce.states import SurfaceState
 
 FILE = "annotations.json"
 CATEGORIES = {int(SurfaceState.NEAR): "near", int(SurfaceState.STICK): "stick", int(SurfaceState.SLIP): "slip"}

@@ -13,11 +13,11 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from evanesce.core.errors import InputError
 from evanesce.dataset import layout
 from evanesce.dataset.export import Advance
 from evanesce.dataset.read import Dataset, Sample
 from evanesce.dataset.trial import SCALARS
-from evanesce.errors import InputError
 
 VERSION = "v3.0"
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from evanesce import provenance
+from evanesce.core import provenance
+from evanesce.core.errors import InputError
 from evanesce.dataset import layout
 from evanesce.dataset.config import MOVES_PIXELS, DatasetConfig
 from evanesce.dataset.limits import require_count, require_frame, resolution
-from evanesce.errors import InputError
 from evanesce.rig import Scene
 
 SOFTER = 1.1
@@ -140,7 +140,7 @@ def _rigs_are_possible(job: Job, looked_at: int = 16) -> None:
 
 def _contact_fits(job: Job) -> None:
     """Refuse contacts that would leave the sampled plane, from the ends of the declared distributions."""
-    from evanesce.contact.hertz import hertz_radius
+    from evanesce.contact.analytic.hertz import hertz_radius
     from evanesce.materials import material
 
     config = job.config

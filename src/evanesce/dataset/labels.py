@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.core.states import ContactState, PlateGrid
 from evanesce.dataset.trial import FrameTruth
 from evanesce.optics.projection import Projection
 from evanesce.rig import Scene
-from evanesce.states import ContactState, PlateGrid
 
 Image = NDArray[np.float32]
 
@@ -121,8 +121,8 @@ class FrameLabeller:
     Notes
     -----
     Mask, pressure, gap and traction are means over each pixel, by the same sampling as
-    :func:`evanesce.truth.labels.label`; slip and its velocity are interpolated at the pixel's centre, the state is that
-    of the nearest sample there.
+    :func:`evanesce.evaluation.labels.label`; slip and its velocity are interpolated at the pixel's centre, the state
+    is that of the nearest sample there.
     """
 
     def __init__(self, scene: Scene, grid: PlateGrid) -> None:

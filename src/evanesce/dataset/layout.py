@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from evanesce.errors import InputError, WorkError
+from evanesce.core.errors import InputError, WorkError
 
 FORMAT = "evanesce-dataset"
 FORMAT_VERSION = 3

@@ -6,8 +6,8 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from evanesce.errors import InputError
-from evanesce.resources import resource
+from evanesce.core.errors import InputError
+from evanesce.core.resources import resource
 
 MAX_FRAMES = 50_000_000
 """Most frames of a dataset; a larger request is a slip of the keyboard."""

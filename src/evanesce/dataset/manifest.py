@@ -11,9 +11,9 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
+from evanesce.core.errors import InputError, WorkError
 from evanesce.dataset import layout
 from evanesce.dataset.shard import Member, ShardIndex
-from evanesce.errors import InputError, WorkError
 
 _TABLES = """
 CREATE TABLE meta (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;

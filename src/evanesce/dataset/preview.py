@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.core.errors import InputError
+from evanesce.core.states import Frame, SurfaceState
 from evanesce.dataset.read import Dataset, Sample
-from evanesce.errors import InputError
 from evanesce.sensor.codec import VideoWriter, write_png
-from evanesce.states import Frame, SurfaceState
 
 Picture = NDArray[np.uint8]
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from evanesce.core.states import PlateGrid
 from evanesce.dataset.design import TrialPlan, trial_plan
 from evanesce.dataset.encode import exr, png
 from evanesce.dataset.job import Job
@@ -18,7 +19,6 @@ from evanesce.dataset.layout import frame_key
 from evanesce.dataset.rigs import RealRig, RigCamera, all_of, as_seen, plate_grid, real_rig, rig_scene
 from evanesce.dataset.trial import SCALARS, FrameTruth, Trial, areas
 from evanesce.effects import Stage
-from evanesce.states import PlateGrid
 
 CAMERAS_KEPT = 2
 """Cameras that a process keeps ready; one at 2000 x 1500 takes some 150 MB."""

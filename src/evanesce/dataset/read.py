@@ -14,6 +14,7 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.core.errors import InputError
 from evanesce.dataset import layout
 from evanesce.dataset.archive import header_fault, open_shard
 from evanesce.dataset.encode import decode_exr, decode_png
@@ -21,7 +22,6 @@ from evanesce.dataset.job import Job, load_job
 from evanesce.dataset.labels import LabelBox
 from evanesce.dataset.manifest import Manifest
 from evanesce.dataset.shard import Member
-from evanesce.errors import InputError
 
 MAX_MEMBER_BYTES = 2_000_000_000
 

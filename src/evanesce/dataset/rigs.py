@@ -7,21 +7,21 @@ from typing import Any
 
 import numpy as np
 
-from evanesce import rng
+from evanesce.chain.fast import FastCamera
+from evanesce.chain.simulate import expose
+from evanesce.core import rng
+from evanesce.core.errors import InputError
+from evanesce.core.states import ContactState, Frame, PlateGrid, SensorLight
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.design import FingerPlan, RigPlan
 from evanesce.effects import Active, Context, Stage, active_effects, apply_stage
-from evanesce.errors import InputError
-from evanesce.fast import FastCamera
-from evanesce.render.fused import Lit
-from evanesce.render.transport import render_fast
+from evanesce.render.fast.fused import Lit
+from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
 from evanesce.rig.finger import Finger
 from evanesce.rig.load import validate
 from evanesce.sensor.expose import charge_of, frame_of, signal_of
 from evanesce.sensor.pixel import fixed_pattern
-from evanesce.simulate import photograph
-from evanesce.states import ContactState, Frame, PlateGrid, SensorLight
 
 LATE = (Stage.PLATE_LIGHT, Stage.SENSOR_LIGHT, Stage.CHARGE, Stage.READOUT, Stage.FRAME)
 
@@ -222,7 +222,7 @@ class RigCamera:
             return self._fast.frame(state, seed=self.seed, index=index, time_s=time_s, with_raw=with_raw)
         if self.way == "general":
             light = render_fast(self.scene, state)
-            return photograph(self.scene, light, seed=self.seed, time_s=time_s, index=index)[1]
+            return expose(self.scene, light, seed=self.seed, time_s=time_s, index=index)[1]
         lit = None if state is None else self._fast.mean_charge(state)
         return expose_light(self.scene, self._light(lit), self._effects, seed=self.seed, time_s=time_s, index=index)
 
@@ -253,7 +253,7 @@ def _charge_per_irradiance(scene: Scene) -> float:
 def expose_light(
     scene: Scene, light: SensorLight, effects: tuple[Active, ...], *, seed: int, time_s: float, index: int
 ) -> Frame:
-    """Return the frame of an irradiance: :func:`evanesce.simulate.photograph` from behind the lens on."""
+    """Return the frame of an irradiance: :func:`evanesce.chain.simulate.expose` from behind the lens on."""
     context = Context(scene, seed, time_s, index)
     light = apply_stage(Stage.SENSOR_LIGHT, light, effects, context)
     pixel, (cols, rows) = scene.camera.pixel, scene.camera.resolution_px

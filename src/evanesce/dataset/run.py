@@ -11,14 +11,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from evanesce.core.errors import InputError, WorkError
 from evanesce.dataset import layout
-from evanesce.dataset.card import write_card
+from evanesce.dataset.data_card import write_card
 from evanesce.dataset.job import Job, load_job, save_job
 from evanesce.dataset.manifest import Manifest
 from evanesce.dataset.shard import ShardIndex, file_sha256, index_path
 from evanesce.dataset.verify import checksums
 from evanesce.dataset.worker import Trace, failed, make_shard
-from evanesce.errors import InputError, WorkError
 
 MAX_DEATHS = 50
 """Times in a row that a shard's worker may die at the same frame before the shard is given up. A frame that kills is

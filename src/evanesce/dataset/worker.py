@@ -32,7 +32,7 @@ def single_threaded() -> None:
     import cv2
     import OpenEXR
 
-    from evanesce.render import fused
+    from evanesce.render.fast import fused
 
     cv2.setNumThreads(1)
     OpenEXR.set_global_thread_count(0)

@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
+from evanesce.chain.simulate import solve_contact
+from evanesce.core.errors import InputError
 from evanesce.design.objective import light_up, prepared, samples, summary
 from evanesce.design.parts import PartsTable
 from evanesce.design.question import Design, Question, on_case
 from evanesce.design.secondary import figures
 from evanesce.design.uncertainty import uncertainty_of
 from evanesce.design.vary import design_at
-from evanesce.errors import InputError
-from evanesce.render.transport import render_fast
+from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
 from evanesce.rig.load import validate
 from evanesce.sensor.lens import form_image
-from evanesce.simulate import touch
 
 HALF = 0.5
 
@@ -93,7 +93,7 @@ def contact_irradiance(design: Design, question: Question) -> float:
     scene = prepared(design.scene, question)
     light_up(scene, question)
     case = question.cases[0]
-    rig, state = touch(on_case(scene, case), case.force_N, seed=question.seed)
+    rig, state = solve_contact(on_case(scene, case), case.force_N, seed=question.seed)
     seen = form_image(render_fast(rig, state), rig.camera, rig.plate).irradiance
     peak = float(seen.max())
     return float(seen[seen > HALF * peak].mean()) if peak > 0 else 0.0

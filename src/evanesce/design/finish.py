@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from evanesce.core.errors import WorkError
 from evanesce.design import sensitivity, winner
 from evanesce.design.evaluate import evaluate
 from evanesce.design.parts import cost
@@ -19,7 +20,6 @@ from evanesce.design.processes import Call, done_by
 from evanesce.design.search import Plan, Trial, pareto
 from evanesce.design.secondary import OBJECTIVES
 from evanesce.design.verify import verified
-from evanesce.errors import WorkError
 
 BASE = "base"
 BETWEEN = "between the objectives, on the Pareto front"

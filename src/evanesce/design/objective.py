@@ -18,23 +18,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce import rng
+from evanesce.chain.simulate import Render, SimulatedFrame, simulate, solve_contact
+from evanesce.core import rng
+from evanesce.core.errors import InputError, WorkError
+from evanesce.core.states import Frame
 from evanesce.design.question import Case, Design, Question, coarser_camera, fitted_grid, on_case
 from evanesce.design.uncertainty import Draw, Uncertainty, draw, real_scene, shares, uncertainty_of
-from evanesce.errors import InputError, WorkError
-from evanesce.measurement.area import measure_frame
-from evanesce.measurement.calibration import Calibration
-from evanesce.measurement.estimator import Estimator
-from evanesce.measurement.rectify import Rectification, rectification, undistort_points
-from evanesce.measurement.segment import Crop
+from evanesce.evaluation.calibrated_rig import CardErrors, calibrated, drawn_corners
+from evanesce.measurement.calibration.model import Calibration
+from evanesce.measurement.calibration.rectify import Rectification, rectification, undistort_points
+from evanesce.measurement.reference.area import measure_frame
+from evanesce.measurement.reference.segment import Crop
+from evanesce.measurement.refined.estimator import Estimator
 from evanesce.optics.projection import Projection
-from evanesce.render.scene import approach
-from evanesce.render.sketch import sketch_fields
-from evanesce.render.transport import render_fast
+from evanesce.render.fast.sketch import sketch_fields
+from evanesce.render.fast.transport import render_fast
+from evanesce.render.reference.scene import approach
 from evanesce.rig import Scene
-from evanesce.simulate import Render, SimulatedFrame, simulate, touch
-from evanesce.states import Frame
-from evanesce.validation.calibrated_rig import CardErrors, calibrated, drawn_corners
 
 Floats = NDArray[np.float64]
 
@@ -191,10 +191,10 @@ class Lab:
         """
         factor = self.question.coarser
         crop = self.crop(camera)
-        if self.question.estimator == "author":
+        if self.question.estimator == "reference":
             projection = Projection.of(camera.camera, camera.plate)
             distance = projection.focal_px / camera.camera.scale_px_per_mm
-            mm2_per_px = author_scale(self.nominal, drawn, distance, factor)
+            mm2_per_px = reference_scale(self.nominal, drawn, distance, factor)
             return measure_frame(frame, self.design.chain(factor, crop), mm2_per_px, self.view).estimate.area
         return self.refined(camera, drawn, generator).area(frame.data).area_mm2
 
@@ -216,7 +216,7 @@ class Lab:
         """
         x, y = camera.finger.position_mm
         ((col, row),) = self.to_view(camera, np.array([x]), np.array([y]))
-        rows, cols = self.view.shape if self.question.estimator == "author" else self.view.source_shape
+        rows, cols = self.view.shape if self.question.estimator == "reference" else self.view.source_shape
         reach = self.question.crop_mm * camera.camera.scale_px_per_mm
         r0, r1 = (int(np.clip(p, 0, rows)) for p in (row - reach, row + reach + 1))
         c0, c1 = (int(np.clip(p, 0, cols)) for p in (col - reach, col + reach + 1))
@@ -235,13 +235,13 @@ class Lab:
         """
         u, v = Projection.of(camera.camera, camera.plate).to_image(x, y)
         seen = np.stack([u, v], axis=-1)
-        if self.question.estimator != "author":
+        if self.question.estimator != "reference":
             return np.asarray(seen)
         straight = undistort_points(seen, self.nominal.camera_matrix, self.nominal.distortion)
         return np.asarray(straight - np.array(self.view.origin))
 
 
-def author_scale(nominal: Calibration, drawn: Draw, distance_mm: float, factor: int = 1) -> float:
+def reference_scale(nominal: Calibration, drawn: Draw, distance_mm: float, factor: int = 1) -> float:
     """Return the area per pixel [mm^2] that a lab gets from its square card as that was printed, lies and is cut.
 
     Parameters
@@ -284,7 +284,7 @@ def contact_radius(scene: Scene, case: Case, seed: int) -> float:
         If that disc reaches over the plate's edge: there is no glass to press on, and none to look through.
     """
     with _as_reason(f"the finger cannot be pressed by {case.name}"):
-        state = touch(on_case(scene, case), case.force_N, seed=seed)[1]
+        state = solve_contact(on_case(scene, case), case.force_N, seed=seed)[1]
     assert state is not None
     radius = float(np.sqrt(state.nominal_contact_area / np.pi))
     for at, length, axis in zip(case.place_mm, scene.plate.size_mm, "xy", strict=True):
@@ -314,7 +314,7 @@ def light_up(scene: Scene, question: Question) -> None:
         depths = []
         for case in question.cases:
             if case.place_mm == place:
-                rig, state = touch(on_case(scene, case), case.force_N, seed=question.seed)
+                rig, state = solve_contact(on_case(scene, case), case.force_N, seed=question.seed)
                 assert state is not None
                 depth = approach(state, rig.finger)
                 depths += [LOWEST_APPROACH * depth, HIGHEST_APPROACH * depth]
@@ -336,7 +336,7 @@ def measured(
         Number of the draw: its specks, dead LEDs and noise.
     case : Case
     render : callable
-        :func:`~evanesce.render.transport.render_fast` or the path tracer.
+        :func:`~evanesce.render.fast.transport.render_fast` or the path tracer.
     **options
         Of the renderer.
     """

@@ -10,11 +10,11 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
+from evanesce.core.errors import InputError
+from evanesce.core.quantities import Strict
 from evanesce.design.question import Design
 from evanesce.design.vary import known_keys, value_of
-from evanesce.errors import InputError
 from evanesce.optics.led import led_positions
-from evanesce.quantities import Strict
 from evanesce.rig import Scene
 from evanesce.rig.load import validate
 

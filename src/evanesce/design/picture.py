@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.measure import find_contours
 
+from evanesce.chain.simulate import simulate
 from evanesce.design.evaluate import read_job
 from evanesce.design.objective import Lab, light_up, prepared
 from evanesce.design.question import on_case
 from evanesce.design.uncertainty import Draw
 from evanesce.design.vary import design_at
-from evanesce.measurement.area import measure_frame
-from evanesce.measurement.rectify import rectify
-from evanesce.render.transport import render_fast
-from evanesce.simulate import simulate
-from evanesce.validation.calibrated_rig import CardErrors
+from evanesce.evaluation.calibrated_rig import CardErrors
+from evanesce.measurement.calibration.rectify import rectify
+from evanesce.measurement.reference.area import measure_frame
+from evanesce.render.fast.transport import render_fast
 
 Floats = NDArray[np.float64]
 
@@ -65,7 +65,7 @@ def shot(job: Mapping[str, Any], values: Mapping[str, float], case: int = -1) ->
         row, col = line[:, 0] - 1, line[:, 1] - 1
         x, y = np.interp(col, np.arange(grid.shape[1]), grid.x), np.interp(row, np.arange(grid.shape[0]), grid.y)
         true_lines.append(lab.to_view(scene, x, y) - np.array([crop.c0, crop.r0]))
-    if question.estimator == "author":
+    if question.estimator == "reference":
         scale = lab.nominal.mm2_per_px
         assert scale is not None
         mask = measure_frame(found.frame, design.chain(1, crop), scale, lab.view).estimate.mask

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from evanesce.errors import WorkError
+from evanesce.core.errors import WorkError
 
 MAX_ATTEMPTS = 5
 """Times that a call's worker may die before the work is given up."""

@@ -9,13 +9,13 @@ from typing import Any, Literal
 
 from pydantic import ValidationError
 
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 from evanesce.materials import material_names
-from evanesce.measurement.segment import Chain, Crop
+from evanesce.measurement.reference.segment import Chain, Crop
 from evanesce.rig import Scene
 from evanesce.rig.load import validate
 
-ESTIMATORS = ("author", "refined")
+ESTIMATORS = ("reference", "refined")
 GRID_MARGIN_MM = 2.0
 """Of the contact grid beyond the largest contact: there the film is out of reach of the evanescent wave."""
 
@@ -45,7 +45,7 @@ class Question:
     forces_N : tuple of float
     places_mm : tuple of (float, float)
     materials : tuple of str
-    estimator : {"author", "refined"}
+    estimator : {"reference", "refined"}
     rigs : int
         Drawn for the prediction; each measures one of the cases in a search.
     coarser : int
@@ -63,7 +63,7 @@ class Question:
     forces_N: tuple[float, ...]
     places_mm: tuple[tuple[float, float], ...]
     materials: tuple[str, ...]
-    estimator: Literal["author", "refined"] = "author"
+    estimator: Literal["reference", "refined"] = "reference"
     rigs: int = 32
     coarser: int = 2
     crop_mm: float = 7.5
@@ -116,7 +116,7 @@ class Design:
     ----------
     scene : Scene
     threshold : float
-        Grey level of the author's chain [1].
+        Grey level of the reference segmentation [1].
     min_blob_px : int
     """
 
@@ -125,7 +125,7 @@ class Design:
     min_blob_px: int = 2000
 
     def chain(self, coarser: int = 1, crop: Crop | None = None) -> Chain:
-        """Return the author's chain, within a crop, for a camera whose pixels are ``coarser`` times as large."""
+        """Return the reference segmentation, within a crop, for pixels that are ``coarser`` times as large."""
         return Chain(
             threshold=self.threshold, min_blob=max(1, round(self.min_blob_px / coarser**2)), blur=1.0 / coarser,
             radius=max(1, round(10 / coarser)), crop=crop or Crop(),

@@ -19,14 +19,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from evanesce.core.errors import InputError, WorkError
+from evanesce.core.provenance import code_digest, digest
 from evanesce.design.evaluate import evaluate, plain_job
 from evanesce.design.parts import PartsTable
 from evanesce.design.processes import Call, done_by
 from evanesce.design.question import Design, Question
 from evanesce.design.secondary import OBJECTIVES
 from evanesce.design.vary import Vary, value_of
-from evanesce.errors import InputError, WorkError
-from evanesce.provenance import code_digest, digest
 
 if TYPE_CHECKING:
     import optuna

@@ -17,15 +17,14 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 from scipy.stats import qmc
 
-from evanesce import rng
+from evanesce.core import rng
+from evanesce.core.errors import InputError
 from evanesce.effects import Candidate, Context, Effect, Stage, active_effects, all_effects, apply_stage
 from evanesce.effects.protocol import Observable
-from evanesce.errors import InputError
-from evanesce.measurement.uncertainty import CARD_HEIGHT_MM, PRINT_TOLERANCE
-from evanesce.render.rig_fields import unit_digest
+from evanesce.evaluation.calibrated_rig import SQUARE_EDGE_PX, CardErrors
+from evanesce.measurement.uncertainty.budget import CARD_HEIGHT_MM, PRINT_TOLERANCE
+from evanesce.render.fast.rig_fields import unit_digest
 from evanesce.rig import Scene
-from evanesce.validation.budget_study import SQUARE_EDGE_PX
-from evanesce.validation.calibrated_rig import CardErrors
 
 Array = NDArray[np.float64]
 

@@ -12,17 +12,17 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from evanesce.core.errors import InputError
+from evanesce.core.quantities import Quantity, quantity_of
 from evanesce.design.question import Design
-from evanesce.errors import InputError
-from evanesce.quantities import Quantity, quantity_of
 from evanesce.rig import Scene
 from evanesce.rig.load import validate
 
 FORM = "KEY=LOW:HIGH, KEY=LOW:HIGH:STEP or KEY=LOW:HIGH:log, e.g. plate.thickness_mm=3:10"
 
 MEASUREMENT: Mapping[str, Quantity] = {
-    "measurement.threshold": Quantity("1", (0.004, 0.996), doc="grey level of the author's chain"),
-    "measurement.min_blob_px": Quantity("px", (0, 1_000_000), doc="least blob of the author's chain"),
+    "measurement.threshold": Quantity("1", (0.004, 0.996), doc="grey level of the reference segmentation"),
+    "measurement.min_blob_px": Quantity("px", (0, 1_000_000), doc="least blob of the reference segmentation"),
 }
 FIXED = ("grid.", "render.", "card.", "press.", "slide.", "camera.resolution_px", "finger.position_mm")
 """Not of the rig: how it is computed, what it is calibrated and loaded with."""

@@ -10,17 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from evanesce import rng
+from evanesce.core import rng
+from evanesce.core.states import ContactState, PlateLight
 from evanesce.design.evaluate import read_job
 from evanesce.design.objective import Lab, measured
 from evanesce.design.question import on_case
 from evanesce.design.uncertainty import Draw
 from evanesce.design.vary import design_at
+from evanesce.evaluation.calibrated_rig import CardErrors
 from evanesce.render.kept import forget
-from evanesce.render.path import render
+from evanesce.render.reference.path import render
 from evanesce.rig import Scene
-from evanesce.states import ContactState, PlateLight
-from evanesce.validation.calibrated_rig import CardErrors
 
 PERFECT = Draw({}, CardErrors(corner_noise_px=0.0), 0.0)
 PASSES = 2

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from evanesce.core.errors import InputError
 from evanesce.design.evaluate import contact_irradiance, read_job
 from evanesce.design.objective import Lab, light_up, measured, prepared, samples, summary
 from evanesce.design.question import Case, Design, Question
@@ -16,11 +17,9 @@ from evanesce.design.secondary import figures
 from evanesce.design.uncertainty import CARDS, Departure, Draw, uncertainty_of, with_departures
 from evanesce.design.vary import design_at
 from evanesce.effects import all_effects
-from evanesce.errors import InputError
-from evanesce.measurement.uncertainty import CARD_HEIGHT_MM, PRINT_TOLERANCE
+from evanesce.evaluation.calibrated_rig import SQUARE_EDGE_PX, CardErrors
+from evanesce.measurement.uncertainty.budget import CARD_HEIGHT_MM, PRINT_TOLERANCE
 from evanesce.rig import Scene
-from evanesce.validation.budget_study import SQUARE_EDGE_PX
-from evanesce.validation.calibrated_rig import CardErrors
 
 FRESH = 1
 """Added to the search's seed: the winner was chosen for its luck with the old draws, too."""
@@ -81,7 +80,7 @@ def tolerances(job: Mapping[str, Any], values: Mapping[str, float]) -> dict[str,
     nominal = bench.error(Draw({}, PERFECT, 0.0))
     stated = uncertainty.departures + uncertainty.new_light
     rows = [bench.departure(d, stated, nominal, new_light=False) for d in _amplitudes(uncertainty.departures)]
-    rows += [bench.card(name, nominal) for name in CARDS[1 if asked.estimator == "author" else 0 :]]
+    rows += [bench.card(name, nominal) for name in CARDS[1 if asked.estimator == "reference" else 0 :]]
     rows += [bench.departure(d, stated, nominal, new_light=True) for d in _amplitudes(uncertainty.new_light)]
     return {"case": case.name, "error_percent": nominal, "rows": rows}
 

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
+from evanesce.core.errors import InputError
 from evanesce.effects.protocol import (
     ANY_SCENE,
     OBSERVABLES,
@@ -25,7 +26,6 @@ from evanesce.effects.protocol import (
     Stage,
     apply_stage,
 )
-from evanesce.errors import InputError
 from evanesce.rig import Scene
 from evanesce.rig.load import validate
 
@@ -49,7 +49,7 @@ __all__ = [
 
 @functools.cache
 def all_effects() -> Mapping[str, Effect]:
-    """Return every effect of this folder by its id.
+    """Return every effect of this folder's subfolders by its id, in the ids' alphabetical order.
 
     Raises
     ------
@@ -57,14 +57,14 @@ def all_effects() -> Mapping[str, Effect]:
         If a file's effect does not bear the file's name.
     """
     found: dict[str, Effect] = {}
-    for module in sorted(pkgutil.iter_modules(__path__), key=lambda entry: entry.name):
-        effect = getattr(importlib.import_module(f"{__name__}.{module.name}"), "EFFECT", None)
+    for module in pkgutil.walk_packages(__path__, f"{__name__}."):
+        effect = getattr(importlib.import_module(module.name), "EFFECT", None)
         if not isinstance(effect, Effect):
             continue
-        if effect.id != module.name:
-            raise TypeError(f"effects/{module.name}.py declares the effect '{effect.id}'")
+        if effect.id != module.name.rpartition(".")[2]:
+            raise TypeError(f"{module.name} declares the effect '{effect.id}'")
         found[effect.id] = effect
-    return MappingProxyType(found)
+    return MappingProxyType(dict(sorted(found.items())))
 
 
 def active_effects(scene: Scene, file: Path | str = ANY_SCENE) -> tuple[Active, ...]:

@@ -1,8 +1,8 @@
 """What an effect is: a stage, strict parameters with a null, and a pure function.
 
 A file of this folder that holds an ``EFFECT`` is an effect; nothing else needs to change to add one. Its parameters
-stand in a scene's table ``[effects.<id>]``. Stages are the places of the chain that :mod:`evanesce.simulate` spells
-out in physical order; effects of one stage act in the order in which the scene lists them.
+stand in a scene's table ``[effects.<id>]``. Stages are the places of the chain that :mod:`evanesce.chain.simulate`
+spells out in physical order; effects of one stage act in the order in which the scene lists them.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from evanesce import rng
-from evanesce.quantities import Quantity, Strict
+from evanesce.core import rng
+from evanesce.core.quantities import Quantity, Strict
 from evanesce.rig import Scene
 from evanesce.rig.load import validate
 
@@ -35,17 +35,17 @@ class Stage(StrEnum):
     LOAD = "load"
     """float: normal force on the finger [N]; not called when the finger is away."""
     CONTACT = "contact"
-    """:class:`~evanesce.states.ContactState`; not called when nothing touches."""
+    """:class:`~evanesce.core.states.ContactState`; not called when nothing touches."""
     PLATE_LIGHT = "plate_light"
-    """:class:`~evanesce.states.PlateLight`: radiance towards the lens."""
+    """:class:`~evanesce.core.states.PlateLight`: radiance towards the lens."""
     SENSOR_LIGHT = "sensor_light"
-    """:class:`~evanesce.states.SensorLight`: irradiance behind the lens."""
+    """:class:`~evanesce.core.states.SensorLight`: irradiance behind the lens."""
     CHARGE = "charge"
     """ndarray (rows, cols): mean charge before shot noise [e-]."""
     READOUT = "readout"
     """ndarray (rows, cols): signal before quantisation [DN]."""
     FRAME = "frame"
-    """:class:`~evanesce.states.Frame`."""
+    """:class:`~evanesce.core.states.Frame`."""
 
 
 @dataclass(frozen=True)
@@ -250,7 +250,7 @@ class Effect:
         Name of its table in a scene; also its file's name.
     stage : Stage
     parameters : type of Strict
-        Model with a default for every field; fields are declared by :func:`evanesce.quantities.field`.
+        Model with a default for every field; fields are declared by :func:`evanesce.core.quantities.field`.
     amplitudes : tuple of str
         Parameters that have a null.
     apply : callable

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from evanesce.contact.solve import check_skin
-from evanesce.errors import InputError
-from evanesce.measurement.segment import Chain
+from evanesce.core.errors import InputError
+from evanesce.measurement.reference.segment import Chain
 from evanesce.optics.led import led_positions
 from evanesce.rig import Scene
 from evanesce.rig.coarser import coarser_camera
@@ -21,7 +21,7 @@ DEFAULT_RIDGES = Ridges(pitch_um=1000.0, orientation_deg=90.0)
 """Of a finger that has none yet: those of the shipped ridged scene."""
 
 BLUR_PX, RADIUS_PX = 1.0, 10
-"""Of the author's chain, in pixels of the full resolution."""
+"""Of the reference segmentation, in pixels of the full resolution."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ class Controls:
 
     @property
     def chain(self) -> Chain:
-        """The author's chain at this resolution: its lengths in pixels shrink with the image."""
+        """The reference segmentation at this resolution: its lengths in pixels shrink with the image."""
         return Chain(
             threshold=self.threshold,
             min_blob=round(self.min_blob_px / self.coarser**2),

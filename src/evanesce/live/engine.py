@@ -11,18 +11,18 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.fast import FastCamera
+from evanesce.chain.fast import FastCamera
+from evanesce.chain.simulate import simulate, solve_contact
+from evanesce.core.states import ContactState
+from evanesce.evaluation.labels import RectifiedView, view_geometry
+from evanesce.evaluation.perfect_view import PerfectView
 from evanesce.live.controls import DEFAULT_RIDGES, Controls, controls_of, scene_of, seen_scene
 from evanesce.live.figures import Figures, Histogram, Profile, figures_of, histogram_of, profile_of, single_grey
 from evanesce.live.truth_view import ContactShare
-from evanesce.measurement.segment import Crop, segment
+from evanesce.measurement.reference.segment import Crop, segment
 from evanesce.optics.projection import Projection
-from evanesce.render.transport import render_fast
+from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
-from evanesce.simulate import simulate, touch
-from evanesce.states import ContactState
-from evanesce.truth.labels import RectifiedView, view_geometry
-from evanesce.validation.perfect import PerfectView
 
 Image = NDArray[np.uint8]
 Share = NDArray[np.float32]
@@ -138,8 +138,8 @@ class Engine:
         InputError
             If the scene cannot be shown.
         """
-        from evanesce.render.fields import fields_of
-        from evanesce.render.rig_fields import unit_light
+        from evanesce.render.fast.fields import fields_of
+        from evanesce.render.fast.rig_fields import unit_light
 
         controls = controls_of(self.base, coarser=coarser)
         scene = self._scene(controls)
@@ -221,7 +221,7 @@ class Engine:
         return frame, state, scene, f"slower: {camera.falls_back}" if camera.falls_back else ""
 
     def _press(self, scene: Scene, force_N: float) -> ContactState:
-        _, state = touch(scene, force_N, seed=self.seed, file="page")
+        _, state = solve_contact(scene, force_N, seed=self.seed, file="page")
         assert state is not None  # a force was given
         return state
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.measurement.segment import LUMA, LUMA_SCALE, TRUNCATE, Segmentation
+from evanesce.measurement.reference.segment import LUMA, LUMA_SCALE, TRUNCATE, Segmentation
 
 Image = NDArray[np.uint8]
 Grey = NDArray[np.float32]

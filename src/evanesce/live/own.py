@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 from evanesce.live.figures import Histogram, histogram_of, single_grey
-from evanesce.measurement.calibration import Calibration
-from evanesce.measurement.images import Unreadable, load_image
-from evanesce.measurement.rectify import rectification, rectify
-from evanesce.measurement.segment import Chain, segment
+from evanesce.measurement.calibration.model import Calibration
+from evanesce.measurement.calibration.rectify import rectification, rectify
+from evanesce.measurement.io.images import Unreadable, load_image
+from evanesce.measurement.reference.segment import Chain, segment
 
 Image = NDArray[np.uint8]
 
@@ -143,7 +143,7 @@ def _check_size(content: bytes) -> None:
 
 
 def measure_own(frame: OwnFrame, chain: Chain, mm2_per_px: float | None) -> OwnMeasured:
-    """Segment a lab's frame by the author's chain, in its own pixels."""
+    """Segment a lab's frame by the reference segmentation, in its own pixels."""
     found = segment(frame.view, chain)
     histogram = histogram_of(single_grey(frame.view, chain.blur))
     return OwnMeasured(frame, found.mask, found.pixels, found.blobs, mm2_per_px, histogram)

@@ -21,7 +21,7 @@ from nicegui import background_tasks, ui
 from nicegui.client import Client
 from nicegui.element import Element
 
-from evanesce.errors import EvanesceError
+from evanesce.core.errors import EvanesceError
 from evanesce.live.controls import Controls, controls_of, knobs_of
 from evanesce.live.engine import Engine, Shown
 from evanesce.live.own import ALLOWED, MAX_BYTES, OwnFrame, OwnMeasured, measure_own, read_own
@@ -32,7 +32,7 @@ from evanesce.live.server import PictureStore, guard
 from evanesce.live.widgets import KnobRow, LedMap, Picture, Screen
 from evanesce.live.worker import Worker
 from evanesce.materials.tables import material_names
-from evanesce.measurement.calibration import Calibration
+from evanesce.measurement.calibration.model import Calibration
 from evanesce.rig import Scene
 
 log = logging.getLogger(__name__)

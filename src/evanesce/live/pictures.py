@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.errors import WorkError
-from evanesce.measurement.segment import Crop
+from evanesce.core.errors import WorkError
+from evanesce.measurement.reference.segment import Crop
 
 Image = NDArray[np.uint8]
 Mask = NDArray[np.bool_]

@@ -11,7 +11,7 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 
 ROOM_FOR_FORM = 100_000
 """What a form adds to the file that it carries [bytes]."""

@@ -6,14 +6,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.states import ContactState, PlateGrid
-from evanesce.truth.labels import ViewGeometry
+from evanesce.core.states import ContactState, PlateGrid
+from evanesce.evaluation.labels import ViewGeometry
 
 Image = NDArray[np.float32]
 
 
 class ContactShare:
-    """What :func:`evanesce.truth.labels.label` says of the mask, for many states on one grid.
+    """What :func:`evanesce.evaluation.labels.label` says of the mask, for many states on one grid.
 
     Parameters
     ----------

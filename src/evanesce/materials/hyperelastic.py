@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from evanesce.errors import InputError
-from evanesce.materials.columns import Column, read_columns
+from evanesce.core.columns import Column, read_columns
+from evanesce.core.errors import InputError
 from evanesce.materials.tables import material, material_names
 
 Floats = NDArray[np.float64]

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
-from evanesce.errors import InputError
-from evanesce.quantities import Strict, field
+from evanesce.core.errors import InputError
+from evanesce.core.quantities import Strict, field
 from evanesce.rig.load import validate
 
 TABLES = Path(__file__).resolve().parent / "silicones.toml"

@@ -18,9 +18,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from evanesce.errors import WorkError
-from evanesce.measurement.area import AreaRow, Measured
-from evanesce.measurement.segment import blurred_grey, grey
+from evanesce.core.errors import WorkError
+from evanesce.measurement.reference.area import AreaRow, Measured
+from evanesce.measurement.reference.segment import blurred_grey, grey
 
 CONTOUR_RGB = (255, 64, 32)
 DOTS_PER_INCH = 110

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -125,7 +125,7 @@ def pressure_map(
     )
 
 
-def author_map(level: Floats, dilated: Mask, pixel_area: Floats | float, force_N: float) -> Floats:
+def reference_map(level: Floats, dilated: Mask, pixel_area: Floats | float, force_N: float) -> Floats:
     """Return the author's grey levels under his dilated mask, scaled to the force [MPa]: he gives them no unit.
 
     Parameters

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import wrightomega
 
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 from evanesce.rig import LedCircuit, Leds, Plate
 from evanesce.rig.leds import Edge, StripEdge
 

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from evanesce.optics.glow import absorption_coefficient, half_space_reflectance
+from evanesce.core.states import ContactState, PlateLight
 from evanesce.optics.spectrum import SODIUM_NM, Band, pdms_index, soda_lime_index, white_bands
+from evanesce.optics.subsurface import absorption_coefficient, half_space_reflectance
 from evanesce.rig import Scene
 from evanesce.rig.finger import Finger
-from evanesce.states import ContactState, PlateLight
 
 MAX_BANDS = 14
 LONGEST_MM = 5.0

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
+from evanesce.core.states import PlateLight
 from evanesce.optics.projection import IdealView, Projection, rotation
-from evanesce.render.passes import Until, pass_samples, trace
-from evanesce.render.path import integrator_for
-from evanesce.render.scene import camera_dict, card_mesh, plate_scene
+from evanesce.render.reference.passes import Until, pass_samples, trace
+from evanesce.render.reference.path import integrator_for
+from evanesce.render.reference.scene import camera_dict, card_mesh, plate_scene
 from evanesce.render.variant import select
 from evanesce.rig import Cards, Scene
-from evanesce.states import PlateLight
 
 Array = NDArray[np.float64]
 
@@ -218,7 +218,7 @@ def render_card(
     room : Room, optional
         Light from below.
     variant, samples_per_pixel, passes, seed, view, progress
-        As for :func:`evanesce.render.path.render`.
+        As for :func:`evanesce.render.reference.path.render`.
 
     Returns
     -------

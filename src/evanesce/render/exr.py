@@ -14,10 +14,10 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
-from evanesce.errors import InputError, WorkError
+from evanesce.core.errors import InputError, WorkError
+from evanesce.core.states import ContactState, PlateLight
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.rig import Scene
-from evanesce.states import ContactState, PlateLight
 
 UNITS = {
     "radiance": "W mm^-2 sr^-1",

@@ -21,8 +21,8 @@ from typing import Any
 
 import platformdirs
 
-from evanesce.errors import InputError
-from evanesce.provenance import digest, package_versions
+from evanesce.core.errors import InputError
+from evanesce.core.provenance import digest, package_versions
 
 FAMILIES = {"llvm": "llvm_ad_mono", "cuda": "cuda_ad_mono", "scalar": "scalar_rgb"}
 CHOICES = ("auto", *FAMILIES)

@@ -7,7 +7,7 @@ from evanesce.rig.height_map import copy_height_map
 from evanesce.rig.leds import LedCircuit, Leds
 from evanesce.rig.load import dump_scene, load_scene, scene_path
 from evanesce.rig.plate import Plate
-from evanesce.rig.press import Press, Ramp, Slide
+from evanesce.rig.programme import Press, Ramp, Slide
 from evanesce.rig.scene import Scene
 
 __all__ = [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from evanesce.quantities import Strict, field
+from evanesce.core.quantities import Strict, field
 
 
 class Distortion(Strict):

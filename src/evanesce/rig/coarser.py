@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 from evanesce.rig.load import validate
 from evanesce.rig.scene import Scene
 

@@ -6,7 +6,7 @@ import hashlib
 import shutil
 from pathlib import Path
 
-from evanesce.errors import InputError, WorkError
+from evanesce.core.errors import InputError, WorkError
 from evanesce.rig.scene import Scene
 
 KEY = "finger.height_map"

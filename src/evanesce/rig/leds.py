@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from evanesce.quantities import Strict, field
+from evanesce.core.quantities import Strict, field
 
 Edge = Literal["left", "right", "top", "bottom"]
 

@@ -12,9 +12,9 @@ from typing import Any
 import tomli_w
 from pydantic import BaseModel, ValidationError
 
-from evanesce.errors import InputError
-from evanesce.quantities import UNIT_SUFFIXES, Quantity, Strict, quantity_of
-from evanesce.resources import resource
+from evanesce.core.errors import InputError
+from evanesce.core.quantities import UNIT_SUFFIXES, Quantity, Strict, quantity_of
+from evanesce.core.resources import resource
 from evanesce.rig import height_map
 from evanesce.rig.finger import Contact
 from evanesce.rig.scene import Scene

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from evanesce.quantities import Strict, field
+from evanesce.core.quantities import Strict, field
 
 
 class Plate(Strict):

@@ -8,13 +8,13 @@ from typing import Any, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from evanesce.quantities import Strict, field
+from evanesce.core.quantities import Strict, field
 from evanesce.rig.camera import Camera
 from evanesce.rig.card import Cards
 from evanesce.rig.finger import Contact, Finger, HertzLaw
 from evanesce.rig.leds import Leds
 from evanesce.rig.plate import Plate
-from evanesce.rig.press import Press, Slide
+from evanesce.rig.programme import Press, Slide
 
 MAX_PIXELS = 100_000_000
 

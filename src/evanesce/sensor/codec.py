@@ -17,8 +17,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.errors import InputError, WorkError
-from evanesce.states import Frame
+from evanesce.core.errors import InputError, WorkError
+from evanesce.core.states import Frame
 
 VideoCodec = Literal["h264", "ffv1"]
 TIMES_FILE = "times.csv"

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from evanesce.core.states import Frame, SensorLight
 from evanesce.rig import Camera
 from evanesce.sensor.pixel import FixedPattern, collect, mean_charge, photon_count
 from evanesce.sensor.readout import amplify, quantise
 from evanesce.sensor.tone import develop
-from evanesce.states import Frame, SensorLight
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import j1
 
+from evanesce.core.states import PlateLight, SensorLight
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.rig import Camera, Plate
-from evanesce.states import PlateLight, SensorLight
 
 Array = NDArray[np.float64]
 

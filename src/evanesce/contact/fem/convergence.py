@@ -12,7 +12,7 @@ import numpy as np
 from evanesce.contact.fem.material import Rubber
 from evanesce.contact.fem.mesh import FingerShape, MeshSize
 from evanesce.contact.fem.press import press
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 
 THESIS_SIZES = (3.75, 2.5, 1.5, 1.0, 0.66, 0.5, 0.33)  # [mm], the same element all over the finger
 FINER_SIZES = (0.24, 0.17, 0.12)  # [mm] at the contact, growing away from it

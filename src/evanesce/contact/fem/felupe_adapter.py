@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from evanesce.contact.fem.material import Rubber, distortional_stress, distortional_tangent
 from evanesce.contact.fem.mesh import SolidMesh
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 
 Floats = NDArray[np.float64]
 

@@ -15,9 +15,9 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from evanesce.contact.fem.state import surface_state
 from evanesce.contact.fem.surface import Footprint, level_area, nodal_shares, signed_opening
-from evanesce.errors import InputError
-from evanesce.materials.columns import Column, read_columns
-from evanesce.states import ContactState, PlateGrid
+from evanesce.core.columns import Column, read_columns
+from evanesce.core.errors import InputError
+from evanesce.core.states import ContactState, PlateGrid
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

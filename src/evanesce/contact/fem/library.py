@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from evanesce.contact.fem.result import DAMAGED, SolvedRun, write_npz
 from evanesce.contact.fem.state import AxisymmetricProfile, gap_at, press_state, pressure_at, profile_of
-from evanesce.errors import InputError
-from evanesce.provenance import digest
-from evanesce.states import ContactState, PlateGrid
+from evanesce.core.errors import InputError
+from evanesce.core.provenance import digest
+from evanesce.core.states import ContactState, PlateGrid
 
 Floats = NDArray[np.float64]
 

@@ -22,9 +22,9 @@ from evanesce.contact.fem.library import FOLDER
 from evanesce.contact.fem.result import DAMAGED, SolvedRun, write_npz
 from evanesce.contact.fem.state import surface_state
 from evanesce.contact.fem.surface import Footprint
-from evanesce.errors import InputError
-from evanesce.provenance import digest
-from evanesce.states import ContactState, PlateGrid
+from evanesce.core.errors import InputError
+from evanesce.core.provenance import digest
+from evanesce.core.states import ContactState, PlateGrid
 
 SLIDES = FOLDER / "slides"
 _SCALARS = ("depth", "slide", "normal_force", "tangential_force", "area")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 from evanesce.materials.tables import material as silicone
 from evanesce.materials.tables import material_names
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.errors import InputError
+from evanesce.core.errors import InputError
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

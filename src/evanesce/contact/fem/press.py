@@ -14,8 +14,8 @@ from evanesce.contact.fem.result import SolvedRun
 from evanesce.contact.fem.runs import Progress, check_friction, run_inputs, solved
 from evanesce.contact.fem.state import press_state, profile_of
 from evanesce.contact.fem.steps import Goal, StepSizes
-from evanesce.errors import InputError
-from evanesce.states import ContactState, PlateGrid
+from evanesce.core.errors import InputError
+from evanesce.core.states import ContactState, PlateGrid
 
 
 def press_goals(forces: Sequence[float] = (), depths: Sequence[float] = ()) -> tuple[Goal, ...]:

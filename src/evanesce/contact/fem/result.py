@@ -20,7 +20,7 @@ from evanesce.contact.fem.newton import Equilibrium
 from evanesce.contact.fem.plane import Anchors, PlaneForces
 from evanesce.contact.fem.steps import History, Step
 from evanesce.contact.fem.surface import Footprint, footprint
-from evanesce.errors import InputError, WorkError
+from evanesce.core.errors import InputError, WorkError
 
 Floats = NDArray[np.float64]
 SCHEMA = 1

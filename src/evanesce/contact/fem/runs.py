@@ -17,8 +17,8 @@ from evanesce.contact.fem.newton import Model
 from evanesce.contact.fem.plane import Glass
 from evanesce.contact.fem.result import SolvedRun, load_run, save_run
 from evanesce.contact.fem.steps import Goal, History, LimitReached, MaterialLimits, Step, StepSizes, advance
-from evanesce.errors import InputError
-from evanesce.provenance import digest
+from evanesce.core.errors import InputError
+from evanesce.core.provenance import digest
 
 SOLVER = 2  # raised whenever the same inputs would give other numbers
 Progress = Callable[[SolvedRun, int], None]

@@ -16,8 +16,8 @@ from evanesce.contact.fem.result import SolvedRun
 from evanesce.contact.fem.runs import Progress, check_friction, run_inputs, solved
 from evanesce.contact.fem.state import surface_state
 from evanesce.contact.fem.steps import Goal, StepSizes
-from evanesce.errors import InputError
-from evanesce.states import ContactState, PlateGrid
+from evanesce.core.errors import InputError
+from evanesce.core.states import ContactState, PlateGrid
 
 SLIDE_MESH = MeshSize(contact=0.55, growth=1.3, coarsest=3.0)
 SLIDE_STEPS = StepSizes(largest=0.75, first=0.1, smallest=1e-3)

@@ -13,8 +13,8 @@ from scipy.spatial import Delaunay, cKDTree
 
 from evanesce.contact.fem.surface import Footprint
 from evanesce.contact.patch import AxisymmetricContact, axisymmetric_state, box_around, grid_part, radii, require_fit
-from evanesce.errors import InputError
-from evanesce.states import ContactState, PlateGrid, SurfaceState
+from evanesce.core.errors import InputError
+from evanesce.core.states import ContactState, PlateGrid, SurfaceState
 
 Floats = NDArray[np.float64]
 

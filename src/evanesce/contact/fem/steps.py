@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.contact.fem.newton import Equilibrium, Model, StepFailed, Target, carried_on, equilibrium
-from evanesce.errors import InputError, WorkError
+from evanesce.core.errors import InputError, WorkError
 
 Floats = NDArray[np.float64]
 

@@ -1,5 +1,5 @@
-// The author's chain in the page: grey, Gaussian blur, strict threshold, dilation by a disk, removal of small blobs.
-// Same arithmetic as evanesce.measurement.segment in double precision; a test compares pixel counts.
+// The reference segmentation in the page: grey, Gaussian blur, strict threshold, dilation by a disk, removal of small blobs.
+// Same arithmetic as evanesce.measurement.reference.segment in double precision; a test compares pixel counts.
 "use strict";
 (() => {
   const frames = JSON.parse(document.getElementById("slider-data").textContent);

@@ -1,0 +1,1 @@
+"""A lab's bench files reduced: stiffness, DMA, friction, surface profiles."""

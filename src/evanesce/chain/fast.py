@@ -1,0 +1,372 @@
+"""The fast camera: from a contact state to a noisy 8-bit frame at video rate, what does not change computed once.
+
+It is the chain of :mod:`evanesce.chain.simulate` for the ideal rig, behind the fast renderer. A scene with an effect,
+or with a camera that the fast way does not model, goes through the general chain: slower, never different in what it
+means.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.chain.fast_optics import (
+    BLOCK,
+    COVER_STEP,
+    FLANK_STEP,
+    TURNED_STEP,
+    Optics,
+    block_means,
+    charge_per_irradiance,
+    prepare,
+    readout_of,
+    retuned,
+    spread_blocks,
+)
+from evanesce.chain.simulate import simulate, solve_contact
+from evanesce.core import rng
+from evanesce.core.states import ContactState, Frame, PlateGrid
+from evanesce.effects import active_effects
+from evanesce.optics.projection import Projection
+from evanesce.render.fast.feedback import coarse_mean, feedback
+from evanesce.render.fast.fields import Fields, fields_of
+from evanesce.render.fast.fused import Backend, Lit, llvm_works, operators
+from evanesce.render.fast.patch import InterfaceBox
+from evanesce.render.fast.transport import Maps, flank_depth, flank_place, flank_tables, flank_turn, render_fast
+from evanesce.rig import Scene
+from evanesce.sensor.lens import form_image
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+
+LEAST_READ_NOISE_E = 1.0
+"""Below, the steps of Poisson's distribution show, which the fast noise does not have."""
+
+
+class FastCamera:
+    """Frames of one scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    backend : {"auto", "llvm", "numpy"}
+        ``auto`` takes llvm where it works.
+
+    Attributes
+    ----------
+    backend : str
+        ``llvm`` or ``numpy``.
+    falls_back : str
+        Why frames go through the general chain; empty if they do not.
+    """
+
+    def __init__(self, scene: Scene, backend: Literal["auto", "llvm", "numpy"] = "auto") -> None:
+        self.scene = scene
+        self.falls_back = _why_general(
+            scene, [e.effect.id for e in active_effects(scene) if not e.effect.is_null(e.parameters)]
+        )
+        if backend == "auto":
+            backend = "llvm" if llvm_works() else "numpy"
+        elif backend == "llvm" and not llvm_works():
+            raise ValueError("Dr.Jit's LLVM backend does not work here")
+        self.backend: Backend = backend
+        self._operators = operators(backend)
+        self._readout = readout_of(scene)
+        self._fields: Fields | None = None
+        self._optics: tuple[PlateGrid, Optics] | None = None
+        self._flank: dict[float, _FlankView] = {}  # by approach: some thirty tenths of a millimetre at most
+
+    def retuned(self, scene: Scene) -> FastCamera:
+        """Return the camera of a scene like this one; one that differs in LED powers or focus shares what is costly.
+
+        Its frames are those of a camera made for it: a fifth of a second is saved where only a slider has moved.
+        """
+        other = FastCamera(scene, self.backend)
+        if self._optics is None or self.falls_back or other.falls_back or _lasting(scene) != _lasting(self.scene):
+            return other
+        relit = scene.leds != self.scene.leds
+        grid, optics = self._optics
+        refocused = scene.camera.lens != self.scene.camera.lens
+        other._optics = grid, retuned(optics, scene, grid, relit=relit, refocused=refocused)
+        fields = fields_of(scene)
+        other._flank = {
+            depth: view.relit(scene, fields, depth) if relit else view for depth, view in self._flank.items()
+        }
+        return other
+
+    def frame(
+        self, state: ContactState | None, *, seed: int, index: int = 0, time_s: float = 0.0, with_raw: bool = False
+    ) -> Frame:
+        """Take the picture of a contact; the same arguments give the same bytes.
+
+        Parameters
+        ----------
+        state : ContactState or None
+            What touches, before effects of the stage ``contact``; None: nothing.
+        seed, index : int
+            The run's seed and the frame's number: noise is a function of both.
+        time_s : float
+            Mid-exposure time [s].
+        with_raw : bool
+            Whether to keep the raw numbers, too.
+        """
+        if self.falls_back:
+            return self._general(state, seed, index, time_s)
+        key = rng.seed_sequence(seed, "exposure", index).generate_state(2)
+        exposure = self._operators.exposure(self._readout, (int(key[0]), int(key[1])), with_raw)
+        if state is None:
+            lit = Lit(0, 0, np.zeros((0, 0), np.float32))
+        else:
+            lit = self.mean_charge(state, meanwhile=exposure.begin)
+        data, raw = exposure.finish(lit)
+        return Frame(data=data, raw=raw, time=time_s, index=index)
+
+    def press(self, force_N: float | None, *, seed: int, index: int = 0, time_s: float = 0.0) -> Frame:
+        """Press with a force [N] and take the picture: the frame of :func:`evanesce.chain.simulate.simulate`.
+
+        Effects of rig and load change the contact itself; they act here, not where a contact is given.
+        """
+        if self.falls_back:
+            return simulate(self.scene, force_N, seed=seed, index=index, time_s=time_s, render=render_fast).frame
+        _, state = solve_contact(self.scene, force_N, seed=seed, time_s=time_s, index=index)
+        return self.frame(state, seed=seed, index=index, time_s=time_s)
+
+    def _general(self, state: ContactState | None, seed: int, index: int, time_s: float) -> Frame:
+        """Take the picture by the general chain, with the contact as given."""
+
+        def given(*_: Any, **__: Any) -> Any:
+            return state
+
+        force = None if state is None else state.normal_force
+        found = simulate(self.scene, force, seed=seed, time_s=time_s, index=index, contact=given, render=render_fast)
+        return found.frame
+
+    def frames(
+        self, states: Iterable[ContactState | None], *, seed: int, frame_rate_hz: float = 30.0, with_raw: bool = False
+    ) -> Iterator[Frame]:
+        """Take the pictures of a sequence.
+
+        Parameters
+        ----------
+        states : iterable of ContactState or None
+        seed : int
+        frame_rate_hz : float
+            Of the frames' times [Hz].
+        with_raw : bool
+        """
+        for index, state in enumerate(states):
+            yield self.frame(state, seed=seed, index=index, time_s=index / frame_rate_hz, with_raw=with_raw)
+
+    def mean_charge(self, state: ContactState, *, meanwhile: Callable[[], None] = lambda: None) -> Lit:
+        """Return the mean charge by light, blurred, in the smallest box that holds it [e-].
+
+        Parameters
+        ----------
+        state : ContactState
+        meanwhile : callable
+            Called once between kernels, to start another that does not depend on light.
+        """
+        scene = self.scene
+        if self._fields is None:
+            self._fields = fields_of(scene)
+        fields = self._fields
+        if fields.glow is not None:
+            # What wanders in the silicone is not fused; lens and pixel take it from the general chain.
+            meanwhile()
+            light = form_image(render_fast(scene, state), scene.camera, scene.plate)
+            charge = light.irradiance * charge_per_irradiance(scene)
+            return Lit(0, 0, charge.astype(np.float32))
+        optics = self._optics_for(state.grid)
+        end, coarse = float(fields.gaps[-1]), optics.coarse
+        found = InterfaceBox.of(state, end, optics.refine)
+        coupled = self._operators.coupling(found.gap, found.share, end, optics.decay)
+        meanwhile()
+        row, col = found.row, found.col
+        if optics.halved:
+            row, col, coupled = row // optics.refine, col // optics.refine, block_means(coupled, optics.refine)
+        box = _Box(row, col, coupled, found.row // optics.refine, found.col // optics.refine, found.cover)
+        mean = coarse_mean(coupled, (row, col), optics.samples, coarse.shape)
+        change, taken = feedback(fields, coarse, coarse.contact * mean)
+        depth = flank_depth(scene, state)
+        flank = self._flank.get(depth)
+        if flank is None:
+            flank = self._flank[depth] = _FlankView.of(scene, fields, optics, depth)
+        return _on_frame(scene, fields.ghost, optics, box, change, flank, flank.light(taken))
+
+    def _optics_for(self, grid: PlateGrid) -> Optics:
+        if self._optics is None or self._optics[0] != grid:
+            self._optics = (grid, prepare(self.scene, grid))
+            self._flank.clear()
+        return self._optics[1]
+
+
+@dataclass(frozen=True)
+class _Box:
+    """Part of the grid that is read, from (row, col) on: coupling; and cover, on the contact grid itself."""
+
+    row: int
+    col: int
+    coupled: Image
+    cover_row: int
+    cover_col: int
+    cover: Image
+
+
+@dataclass(frozen=True)
+class _FlankView:
+    """Where blocks of ``FLANK_STEP`` pixels see the flank at one approach, and its light there.
+
+    ``column`` and ``row`` are the place in the flank's table, ``charge`` [e- mm^2 sr/W] is 0 elsewhere; all start at
+    pixel (``first_row``, ``first_col``). ``lit`` is the table's light from beside the finger, ``per_taken`` (stations,
+    azimuths, points) that per power which the contact takes in.
+    """
+
+    first_row: int
+    first_col: int
+    column: Image
+    row: Image
+    charge: Image
+    lit: Array
+    per_taken: Array
+
+    @classmethod
+    def of(cls, scene: Scene, fields: Fields, optics: Optics, depth: float) -> _FlankView:
+        """Find the flank in the frame."""
+        tables = flank_tables(scene, fields, depth)
+        column, row, seen = flank_place(scene, *optics.flank_direction, depth)
+        charge = optics.flank_e * seen
+        rows, cols = np.nonzero(seen.any(axis=1))[0], np.nonzero(seen.any(axis=0))[0]
+        if rows.size == 0:
+            return cls(0, 0, column[:2, :2], row[:2, :2], charge[:2, :2] * 0, *tables)
+        # Whole blocks of the frame, and one sample more on each side.
+        per = BLOCK // FLANK_STEP
+        low = [max(0, n[0] - 1) // per * per for n in (rows, cols)]
+        high = [min(-(-(n[-1] + 2) // per) * per, size) for n, size in zip((rows, cols), seen.shape, strict=True)]
+        part = np.s_[low[0] : high[0], low[1] : high[1]]
+        column, row, charge = (np.ascontiguousarray(a[part], np.float32) for a in (column, row, charge))
+        return cls(low[0] * FLANK_STEP, low[1] * FLANK_STEP, column, row, charge, *tables)
+
+    def relit(self, scene: Scene, fields: Fields, depth: float) -> _FlankView:
+        """Return the same view in the light of other LED powers."""
+        lit, per_taken = flank_tables(scene, fields, depth)
+        return replace(self, lit=lit, per_taken=per_taken)
+
+    def light(self, taken: Array) -> Image:
+        """Return the flank's mean charge at all its pixels, for the power that the contact takes in [e-]."""
+        table = flank_turn(self.lit + self.per_taken @ taken)
+        return spread_blocks(cv2.remap(table, self.column, self.row, cv2.INTER_LINEAR) * self.charge, FLANK_STEP)
+
+
+def _frame_window(scene: Scene, optics: Optics, box: _Box) -> tuple[int, int, int, int]:
+    """Return rows and columns (r0, r1, c0, c1) of the frame that a box on the plate and its blur reach."""
+    projection = Projection.of(scene.camera, scene.plate)
+    x0, y0 = optics.first[0] + box.col * optics.pitch, optics.first[1] + box.row * optics.pitch
+    x1, y1 = x0 + box.coupled.shape[1] * optics.pitch, y0 + box.coupled.shape[0] * optics.pitch
+    side = np.linspace(0.0, 1.0, 9)
+    x = np.concatenate([x0 + (x1 - x0) * side] * 2 + [np.full(9, x0), np.full(9, x1)])
+    y = np.concatenate([np.full(9, y0), np.full(9, y1)] + [y0 + (y1 - y0) * side] * 2)
+    u, v = projection.to_image(x, y)
+    # The ghost of the second turn lies nearer to the axis.
+    turn = 2 * scene.plate.thickness_mm
+    foot = projection.pinhole
+    slope = 1.0 / (projection.clearance * projection.refractive_index + projection.thickness)
+    inner = 1.0 / (1.0 + turn * slope)
+    gu, gv = projection.to_image(foot[0] + (x - foot[0]) * inner, foot[1] + (y - foot[1]) * inner)
+    u, v = np.concatenate([u, gu]), np.concatenate([v, gv])
+    margin = optics.blur.reach + 4
+    rows, cols = optics.contact_e.shape
+    r0, r1 = _blocks(v.min() - margin, v.max() + margin + 2, rows)
+    c0, c1 = _blocks(u.min() - margin, u.max() + margin + 2, cols)
+    return r0, r1, c0, c1
+
+
+def _blocks(low: float, high: float, size: int) -> tuple[int, int]:
+    """Return the whole blocks from ``low`` to ``high`` within 0 to ``size`` [px]."""
+    first = max(0, int(low) // BLOCK * BLOCK)
+    return first, max(first, min(size, -(-int(high) // BLOCK) * BLOCK))
+
+
+def _on_frame(
+    scene: Scene, ghost: float, optics: Optics, box: _Box, change: Array, flank: _FlankView, light: Image
+) -> Lit:
+    """Carry coupling and flank into the frame, to charges, and blur them there."""
+    rows, cols = scene.camera.resolution_px[::-1]
+    high, wide = light.shape
+    r0, r1, c0, c1 = _frame_window(scene, optics, box)
+    top, left, charge = flank.first_row, flank.first_col, light
+    if r1 > r0 and c1 > c0:
+        # A box for both.
+        top, left = min(r0, flank.first_row), min(c0, flank.first_col)
+        bottom, right = max(r1, flank.first_row + high), max(c1, flank.first_col + wide)
+        if (bottom - top, right - left) != light.shape:
+            charge = np.zeros((bottom - top, right - left), np.float32)
+            down, across = flank.first_row - top, flank.first_col - left
+            charge[down : down + high, across : across + wide] = light
+        inside = np.s_[r0 - top : r1 - top, c0 - left : c1 - left]
+        here = (r0, r1, c0, c1)
+        charge[inside] = optics.blur.fold(_contact_charge(ghost, optics, box, change, here, charge[inside]))
+    return Lit(top, left, charge[: rows - top, : cols - left])
+
+
+def _contact_charge(
+    ghost: float, optics: Optics, box: _Box, change: Array, here: tuple[int, int, int, int], flank: Image
+) -> Image:
+    """Return the charge of contact and of the flank beside it, before blur."""
+
+    def read(image: Image, maps: Maps, first: tuple[int, int], step: int, border: int = cv2.BORDER_CONSTANT) -> Image:
+        r0, r1, c0, c1 = (n // step for n in here)
+        x, y = maps[0][r0:r1, c0:c1] - np.float32(first[1]), maps[1][r0:r1, c0:c1] - np.float32(first[0])
+        return np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=border))
+
+    first = box.row, box.col
+    coupled = cv2.sepFilter2D(box.coupled, cv2.CV_32F, optics.pixel, optics.pixel, borderType=cv2.BORDER_CONSTANT)
+    total = read(coupled, optics.direct, first, 1)
+    cover = read(box.cover, optics.cover, (box.cover_row, box.cover_col), COVER_STEP)
+    bare = spread_blocks(np.float32(1) - cover, COVER_STEP)
+    turned = spread_blocks(read(coupled, optics.turned, first, TURNED_STEP) * np.float32(ghost), TURNED_STEP)
+    turned *= bare
+    total += turned
+    rise = (1.0 + change).astype(np.float32)
+    total *= spread_blocks(read(rise, optics.rise, (0, 0), BLOCK, cv2.BORDER_REPLICATE), BLOCK)
+    r0, r1, c0, c1 = here
+    total *= optics.contact_e[r0:r1, c0:c1]
+    bare *= flank
+    total += bare
+    return total
+
+
+def _why_general(scene: Scene, active: list[str]) -> str:
+    """Return why a scene needs the general chain; empty if it does not."""
+    pixel, lens = scene.camera.pixel, scene.camera.lens
+    if active:
+        return f"effects: {', '.join(active)}"
+    if pixel.prnu > 0 or pixel.dsnu_e > 0:
+        return "camera.pixel: fixed pattern"
+    if pixel.read_noise_e < LEAST_READ_NOISE_E:
+        return f"camera.pixel.read_noise_e below {LEAST_READ_NOISE_E:g}"
+    if lens.field_curvature_um != 0.0:
+        return "camera.lens.field_curvature_um: blur that varies over the field"
+    return ""
+
+
+def _lasting(scene: Scene) -> dict[str, Any]:
+    """Return all of a scene that a camera's maps, charges and noise may depend on, LED powers and focus left out."""
+    data = scene.as_dict()
+    leds, lens, finger = data["leds"], data["camera"]["lens"], data["finger"]
+    for key in ("voltage_V", "circuit", "strip_resistance_ohm_per_mm"):
+        leds.pop(key)
+    for edge in leds["edge"].values():
+        # A shift along the edge moves LEDs, and stays.
+        edge.pop("voltage_V", None)
+        edge.pop("strip_resistance_ohm_per_mm", None)
+        edge.pop("relative_power", None)
+    leds["edge"] = {name: edge for name, edge in leds["edge"].items() if edge != {"offset_mm": 0.0}}
+    lens.pop("defocus_um")
+    for key in ("material", "ridges", "modulus_factor"):
+        finger.pop(key, None)
+    return {key: data[key] for key in ("plate", "leds", "finger", "camera", "grid")}

@@ -1,0 +1,233 @@
+"""The whole chain on one page, in physical order: rig, load, contact, light, lens, pixel, readout, frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from evanesce.core import rng
+from evanesce.core.states import ContactState, Frame, PlateLight, SensorLight
+from evanesce.effects import Context, Stage, active_effects, all_effects, apply_stage
+from evanesce.effects.protocol import ANY_SCENE
+from evanesce.rig import Scene
+from evanesce.rig.coarser import finer_pixels
+from evanesce.sensor.expose import charge_of, frame_of, signal_of
+from evanesce.sensor.lens import form_image
+from evanesce.sensor.pixel import fixed_pattern
+
+Omission = Literal["distortion", "blur", "noise"]
+"""What the camera can be asked to do without: lens distortion; defocus and diffraction; all noise and fixed pattern."""
+
+Render = Callable[..., PlateLight]
+"""``render(scene, state, *, seed, **options) -> PlateLight``; ``state`` is None where nothing touches."""
+
+
+@dataclass(frozen=True)
+class SimulatedFrame:
+    """Everything from the truth to the frame.
+
+    Attributes
+    ----------
+    scene : Scene
+        The rig as it really was, after effects of the stage ``rig``.
+    state : ContactState or None
+        Truth; None where nothing touched.
+    plate_light : PlateLight
+    sensor_light : SensorLight
+    frame : Frame
+    """
+
+    scene: Scene
+    state: ContactState | None
+    plate_light: PlateLight
+    sensor_light: SensorLight
+    frame: Frame
+
+
+def simulate(
+    scene: Scene,
+    force_N: float | None,
+    *,
+    seed: int,
+    time_s: float = 0.0,
+    index: int = 0,
+    contact: Callable[..., ContactState] | None = None,
+    render: Render | None = None,
+    file: Path | str = ANY_SCENE,
+    **render_options: Any,
+) -> SimulatedFrame:
+    """Simulate one frame.
+
+    Parameters
+    ----------
+    scene : Scene
+    force_N : float or None
+        Normal force that the load cell tells [N]; None leaves the finger away (a dark frame).
+    seed : int
+        The run's one seed; light, noise and effects draw from their own streams of it.
+    time_s, index : float, int
+        Mid-exposure time [s] and number of the frame.
+    contact : callable, optional
+        ``contact(scene, force_N, time_s=...) -> ContactState``; the scene's contact law by default.
+    render : callable, optional
+        :data:`Render`; the path tracer by default.
+    file : Path or str
+        The scene's file, for errors.
+    **render_options
+        Passed to ``render``.
+
+    Raises
+    ------
+    InputError
+        If the scene's effects are not valid.
+    """
+    scene, state = solve_contact(scene, force_N, seed=seed, time_s=time_s, index=index, contact=contact, file=file)
+
+    light_seed = rng.integer_seed(seed, "render", index)
+    plate_light = (render or _path_tracer())(scene, state, seed=light_seed, **render_options)
+
+    sensor_light, frame = expose(scene, plate_light, seed=seed, time_s=time_s, index=index, file=file)
+    return SimulatedFrame(scene, state, plate_light, sensor_light, frame)
+
+
+def solve_contact(
+    scene: Scene,
+    force_N: float | None,
+    *,
+    seed: int,
+    time_s: float = 0.0,
+    index: int = 0,
+    contact: Callable[..., ContactState] | None = None,
+    file: Path | str = ANY_SCENE,
+) -> tuple[Scene, ContactState | None]:
+    """Press: the half of the chain before the light. Parameters as for :func:`simulate`.
+
+    Returns
+    -------
+    scene : Scene
+        The rig as it really is at that time.
+    state : ContactState or None
+        What touches; None where the finger is away.
+    """
+    effects = active_effects(scene, file)
+    scene = apply_stage(Stage.RIG, scene, effects, Context(scene, seed, time_s, index))
+    if force_N is None:
+        return scene, None
+    context = Context(scene, seed, time_s, index)
+    force_N = apply_stage(Stage.LOAD, force_N, effects, context)
+    state = (contact or _scene_contact())(scene, force_N, time_s=time_s)
+    return scene, apply_stage(Stage.CONTACT, state, effects, context)
+
+
+def simulate_card(
+    scene: Scene,
+    which: Literal["checkerboard", "square"],
+    *,
+    seed: int,
+    pose: Any = None,
+    time_s: float = 0.0,
+    index: int = 0,
+    file: Path | str = ANY_SCENE,
+    **render_options: Any,
+) -> Frame:
+    """Take the picture of a calibration card, LEDs off.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its ``[card]`` table describes the print.
+    which : {"checkerboard", "square"}
+    pose : Pose, optional
+        Intended (:class:`evanesce.render.cards.Pose`); flat on the glass if not given.
+    seed, time_s, index, file
+        As for :func:`simulate`.
+    **render_options
+        Passed to :func:`evanesce.render.cards.render_card`.
+    """
+    from evanesce.render.cards import checkerboard_of, pose_of, render_card, square_of
+
+    # What makes the LEDs' light ripple has no light to do so.
+    ripples = {name for name in scene.effects if all_effects()[name].bands}
+    scene = scene.model_copy(update={"effects": {n: table for n, table in scene.effects.items() if n not in ripples}})
+    rig, _ = solve_contact(scene, None, seed=seed, time_s=time_s, index=index, file=file)
+    card = checkerboard_of(rig.card) if which == "checkerboard" else square_of(rig.card)
+    light_seed = rng.integer_seed(seed, "card", which, index)
+    light = render_card(rig, card, pose_of(rig.card, pose), seed=light_seed, **render_options)
+    return expose(rig, light, seed=seed, time_s=time_s, index=index, file=file)[1]
+
+
+def expose(
+    scene: Scene,
+    plate_light: PlateLight,
+    *,
+    seed: int,
+    time_s: float = 0.0,
+    index: int = 0,
+    without: Collection[Omission] = (),
+    finer: int = 1,
+    file: Path | str = ANY_SCENE,
+) -> tuple[SensorLight, Frame]:
+    """Take the picture: the half of the chain behind the plate, so that one rendered light serves many cameras.
+
+    ``without`` leaves parts of the camera out (:data:`Omission`); quantisation and tone curve always stay. The light
+    comes on the view of a camera with ``finer`` times finer pixels (:func:`evanesce.rig.coarser.finer_pixels`) and
+    is added up behind the lens.
+    """
+    if unknown := set(without) - set(get_args(Omission)):
+        raise ValueError(f"a camera cannot do without {sorted(unknown)}; known: {get_args(Omission)}")
+    effects, context = active_effects(scene, file), Context(scene, seed, time_s, index)
+    camera, noisy = scene.camera, "noise" not in without
+    cols, rows = camera.resolution_px
+
+    gathering = finer_pixels(scene, finer)
+    plate_light = apply_stage(Stage.PLATE_LIGHT, plate_light, effects, replace(context, scene=gathering))
+
+    sensor_light = form_image(
+        plate_light,
+        gathering.camera,
+        scene.plate,
+        distortion="distortion" not in without,
+        blurred="blur" not in without,
+    )
+    if finer > 1:
+        parts = sensor_light.irradiance.reshape(rows, finer, cols, finer)
+        sensor_light = SensorLight(irradiance=parts.mean(axis=(1, 3)))
+    sensor_light = apply_stage(Stage.SENSOR_LIGHT, sensor_light, effects, context)
+
+    pixel = camera.pixel
+    pattern = fixed_pattern((rows, cols), pixel.prnu, pixel.dsnu_e, rng.generator(seed, "sensor")) if noisy else None
+    charge_e = charge_of(sensor_light, camera, pattern)
+    charge_e = apply_stage(Stage.CHARGE, charge_e, effects, context)
+
+    signal_DN = signal_of(charge_e, camera, rng.generator(seed, "exposure", index) if noisy else None)
+    signal_DN = apply_stage(Stage.READOUT, signal_DN, effects, context)
+
+    frame = frame_of(signal_DN, camera, time_s=time_s, index=index)
+    return sensor_light, apply_stage(Stage.FRAME, frame, effects, context)
+
+
+def simulate_press(scene: Scene, *, seed: int, **options: Any) -> Iterator[SimulatedFrame]:
+    """Simulate the scene's loading programme, frame by frame; options as for :func:`simulate`.
+
+    A ramp in mm/min moves the finger as it really is at time 0: a stiffer one answers with more force.
+    """
+    from evanesce.contact.solve import press_programme
+
+    rig, _ = solve_contact(scene, None, seed=seed, file=options.get("file", ANY_SCENE))
+    for index, (time_s, force_N) in enumerate(press_programme(rig)):
+        yield simulate(scene, force_N, seed=seed, time_s=time_s, index=index, **options)
+
+
+# Fetched on first use: a caller with its own contact or light needs neither solver nor renderer installed.
+def _scene_contact() -> Callable[..., ContactState]:
+    from evanesce.contact.solve import contact_state
+
+    return contact_state
+
+
+def _path_tracer() -> Render:
+    from evanesce.render.reference.path import render
+
+    return render

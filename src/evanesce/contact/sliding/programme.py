@@ -1,0 +1,148 @@
+"""The thesis's friction programme on a grid: preload, press to the load, slide, perhaps back again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.contact.analytic.hertz import hertz_contact
+from evanesce.contact.analytic.partial_slip import tangential_modulus
+from evanesce.contact.patch import AxisymmetricContact
+from evanesce.contact.sliding.friction import InterfaceFriction, tilted_compliance
+from evanesce.contact.sliding.solver import march
+from evanesce.contact.sliding.states import SlideStates, SlideView
+from evanesce.core.errors import InputError
+from evanesce.core.states import PlateGrid
+from evanesce.materials.tables import Material
+
+Floats = NDArray[np.float64]
+MAX_FRAMES = 100_000
+
+
+@dataclass(frozen=True)
+class SlideProgramme:
+    """What the machine does.
+
+    Attributes
+    ----------
+    normal_force, preload : float
+        [N].
+    press_time, hold_time : float
+        From preload to load, and resting there [s].
+    speed, distance : float
+        Of the slide [mm/s], [mm].
+    reciprocate : bool
+        Slide back to the start afterwards.
+    frame_rate : float
+        [Hz].
+    """
+
+    normal_force: float = 1.0
+    preload: float = 0.05
+    press_time: float = 2.0
+    hold_time: float = 0.0
+    speed: float = 1.0
+    distance: float = 5.0
+    reciprocate: bool = False
+    frame_rate: float = 30.0
+
+    def sample(self) -> tuple[Floats, Floats, Floats]:
+        """Return (time [s], normal force [N], drive displacement [mm]) of every frame.
+
+        Raises
+        ------
+        InputError
+            For a programme that cannot run, or has more than 100,000 frames.
+        """
+        positive = ("normal_force", "press_time", "speed", "distance", "frame_rate")
+        for name in (*positive, "preload", "hold_time"):
+            value = getattr(self, name)
+            if not np.isfinite(value) or value < 0 or (value == 0 and name in positive):
+                raise InputError(f"{value:g}", key=name, allowed="a finite figure above 0")
+        turn = self.press_time + self.hold_time
+        one_way = self.distance / self.speed
+        end = turn + one_way * (2 if self.reciprocate else 1)
+        frames = int(np.floor(end * self.frame_rate)) + 1
+        if not 2 <= frames <= MAX_FRAMES:
+            raise InputError(f"{frames} frames", key="frame_rate", allowed=f"2 to {MAX_FRAMES} frames")
+        time = np.arange(frames) / self.frame_rate
+        force = np.interp(time, [0.0, self.press_time], [self.preload, self.normal_force])
+        back = 0.0 if self.reciprocate else self.distance
+        drive = np.interp(time, [turn, turn + one_way, turn + 2 * one_way], [0.0, self.distance, back])
+        return time, force, drive
+
+
+def press_and_slide(
+    grid: PlateGrid,
+    material: Material,
+    friction: InterfaceFriction,
+    programme: SlideProgramme,
+    *,
+    tip_radius: float = 7.5,
+    contact_law: Callable[[float], AxisymmetricContact] | None = None,
+    shaft_stiffness: tuple[float, float] = (float("inf"), float("inf")),
+    contact_angle: float = 0.0,
+    area_loss: float = 0.0,
+    view: SlideView | None = None,
+) -> SlideStates:
+    """Return the contact states of a press and slide at constant normal force.
+
+    Parameters
+    ----------
+    grid : PlateGrid
+    material : Material
+        Gives the force-dependent reduced modulus and Poisson's ratio.
+    friction : InterfaceFriction
+    programme : SlideProgramme
+    tip_radius : float
+        [mm].
+    contact_law : callable, optional
+        Normal force [N] -> contact; Hertz with the material's modulus by default. Any axisymmetric law or imported
+        finite-element profile will do.
+    shaft_stiffness : tuple of float
+        Along and across the finger's axis [N/mm].
+    contact_angle : float
+        Between the finger's axis and the plate's normal [rad]; the contact stays on the hemisphere.
+    area_loss : float
+        Sahli's alpha_A [mm^2/N^2].
+    view : SlideView, optional
+
+    Raises
+    ------
+    InputError
+        If the programme cannot run or the contact leaves the grid.
+
+    Notes
+    -----
+    The normal force is held by the machine, so that of a tilted shaft only the compliance along the slide matters.
+    """
+    time, force, drive = programme.sample()
+
+    def hertz(load: float) -> AxisymmetricContact:
+        return hertz_contact(load, tip_radius, float(material.reduced_modulus(load)))
+
+    law = contact_law or hertz
+    contacts: list[AxisymmetricContact] = []
+    for i, load in enumerate(force):
+        held = i > 0 and load == force[i - 1]
+        contacts.append(contacts[-1] if held else law(float(load)))
+    stiffness = float("inf")
+    if np.isfinite(shaft_stiffness).all():
+        stiffness = 1.0 / float(tilted_compliance(*shaft_stiffness, contact_angle)[0, 0])
+    modulus = tangential_modulus(material.reduced_modulus(force), material.poisson_ratio)
+    slide = march(contacts, time, drive, friction, modulus, drive_stiffness=stiffness, area_loss=area_loss)
+    parameters = {
+        "material": material.name,
+        "tip_radius_mm": tip_radius,
+        "tau0_MPa": friction.tau0,
+        "alpha": friction.alpha,
+        "speed_mm_per_s": programme.speed,
+        "area_loss_mm2_per_N2": area_loss,
+        "contact_angle_deg": float(np.degrees(contact_angle)),
+    }
+    return SlideStates(
+        slide, grid, view, law="hertz+sliding" if contact_law is None else "sliding", parameters=parameters
+    )

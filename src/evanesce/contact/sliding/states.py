@@ -1,0 +1,251 @@
+"""Frames of a slide as contact states on the plate's grid, made one at a time when asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.contact.patch import require_fit
+from evanesce.contact.sliding.solver import Slide, SlideFrame
+from evanesce.core.states import ContactState, PlateGrid, SurfaceState
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SlideView:
+    """Where and how a slide is seen.
+
+    Attributes
+    ----------
+    centre : tuple of float
+        Contact centre (x, y) before the slide [mm].
+    direction : float
+        Of the finger over the glass [rad], from x towards y.
+    follows : bool
+        True where glass and camera stand and the finger travels; False where the glass is drawn away under both.
+    trailing_share : float
+        Share of the area loss that is taken from the trailing edge; the rest from the leading one. The thesis sees the
+        patch shrink asymmetrically and gives no figure: 1 is an assumption.
+    near_gap : float
+        Gap below which a surface counts as near [mm].
+    """
+
+    centre: tuple[float, float] = (0.0, 0.0)
+    direction: float = 0.0
+    follows: bool = True
+    trailing_share: float = 1.0
+    near_gap: float = 0.01
+
+
+@dataclass(frozen=True)
+class _Ellipse:
+    """Contact outline: a circle shortened along the slide."""
+
+    centre: tuple[float, float]
+    radius: float
+    shortening: float
+    direction: float
+
+
+class SlideStates(Sequence[ContactState]):
+    """The contact states of a slide; each is computed when it is indexed, so that long slides need no memory.
+
+    Parameters
+    ----------
+    slide : Slide
+    grid : PlateGrid
+    view : SlideView
+    law : str
+        Name of the normal law.
+    parameters : mapping, optional
+        Recorded in each state.
+
+    Raises
+    ------
+    InputError
+        If the contact leaves the grid in any frame.
+    """
+
+    def __init__(
+        self,
+        slide: Slide,
+        grid: PlateGrid,
+        view: SlideView | None = None,
+        *,
+        law: str = "sliding",
+        parameters: Mapping[str, Any] | None = None,
+    ) -> None:
+        self._slide, self._grid, self._view = slide, grid, view or SlideView()
+        self._law, self._parameters = law, dict(parameters or {})
+        for frame in slide:
+            outline = self._outline(frame)
+            require_fit(grid, outline.centre, outline.radius)
+        # Tractions are means over rings as wide as a cell, as pressures are; narrower rings would show the springs.
+        ring = max(grid.pitch, 6.0 * float(slide.edges[1]))
+        reach = float(slide.edges[-1]) + ring
+        self._radii = np.linspace(0.0, reach, 1024)
+        self._inner, self._outer = np.maximum(self._radii - ring / 2, 0.0), self._radii + ring / 2
+        self._ring_area = np.pi * (self._outer**2 - self._inner**2)
+        within = force_within_matrix
+        self._traction = (within(self._outer, slide.edges) - within(self._inner, slide.edges)) / self._ring_area[
+            :, None
+        ]
+        self._slip = surface_slip_matrix(np.minimum(self._radii, slide.edges[-1]), slide.edges)
+
+    def __len__(self) -> int:
+        return len(self._slide)
+
+    @overload
+    def __getitem__(self, index: int) -> ContactState: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[ContactState]: ...
+    def __getitem__(self, index: int | slice) -> ContactState | list[ContactState]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        return self._state(self._slide.frames[index])
+
+    def _outline(self, frame: SlideFrame) -> _Ellipse:
+        """Return the outline: the lost area shortens the circle along the slide, about its leading edge."""
+        view, a = self._view, frame.contact.contact_radius
+        shortening = frame.area / (np.pi * a**2) if a > 0 else 1.0
+        sense = np.sign(frame.tangential_force) or 1.0
+        shift = sense * (2.0 * view.trailing_share - 1.0) * a * (1.0 - shortening)
+        along = (frame.tip_displacement if view.follows else 0.0) + shift
+        centre = (
+            view.centre[0] + along * np.cos(view.direction),
+            view.centre[1] + along * np.sin(view.direction),
+        )
+        return _Ellipse((float(centre[0]), float(centre[1])), a, float(shortening), view.direction)
+
+    def _state(self, frame: SlideFrame) -> ContactState:
+        grid, contact, outline = self._grid, frame.contact, self._outline(frame)
+        rho, normal_x, normal_y = _round_radius(grid, outline)
+        gap = contact.gap(rho)
+        mask = _coverage(grid, outline, rho, normal_x, normal_y)
+        fields = self._fields(frame, outline, rho)
+        cos, sin = np.cos(outline.direction), np.sin(outline.direction)
+        touching = mask >= 0.5
+        state = np.where(gap < self._view.near_gap, np.uint8(SurfaceState.NEAR), np.uint8(SurfaceState.NONE))
+        state[touching] = SurfaceState.SLIP
+        state[touching & (rho < frame.stick_radius)] = SurfaceState.STICK
+        q = frame.tangential_force
+        return ContactState(
+            grid=grid,
+            pressure=fields["pressure"],
+            gap=gap,
+            contact_mask=mask,
+            normal_force=contact.normal_force,
+            nominal_contact_area=frame.area,
+            depth=contact.depth,
+            traction=np.stack([fields["traction"] * cos, fields["traction"] * sin]),
+            slip=np.stack([fields["slip"] * cos, fields["slip"] * sin]),
+            state=state,
+            tangential_force=(float(q * cos), float(q * sin)),
+            time=frame.time,
+            law=self._law,
+            parameters={
+                **self._parameters,
+                "stick_ratio": frame.stick_ratio,
+                "stick_radius_mm": frame.stick_radius,
+                "tip_displacement_mm": frame.tip_displacement,
+            },
+        )
+
+    def _fields(self, frame: SlideFrame, outline: _Ellipse, rho: Floats) -> dict[str, Floats]:
+        """Return pressure, traction and slip on the grid; the two stresses rise as the area shrinks."""
+        contact = frame.contact
+        pressure = (contact.force_within(self._outer) - contact.force_within(self._inner)) / self._ring_area
+        tables = {
+            "pressure": (pressure / outline.shortening, contact.normal_force),
+            "traction": (self._traction @ frame.force_density / outline.shortening, frame.tangential_force),
+            "slip": (self._slip @ self._continued(frame), None),
+        }
+        inside = np.flatnonzero(rho.ravel() < self._radii[-2])
+        at = rho.ravel()[inside] / self._radii[1]
+        cell = at.astype(np.int64)
+        share = at - cell
+        result = {}
+        for name, (table, total) in tables.items():
+            values = table[cell] + share * (table[cell + 1] - table[cell])
+            if name == "slip":
+                values[rho.ravel()[inside] > contact.contact_radius] = 0.0
+            elif total:
+                carried = float(values.sum()) * self._grid.pitch**2
+                if abs(carried) > 0.5 * abs(total):  # rings on squares: below 0.1 % from 20 cells per radius on
+                    values *= total / carried
+            full = np.zeros(rho.size)
+            full[inside] = values
+            result[name] = full.reshape(rho.shape)
+        return result
+
+    def _continued(self, frame: SlideFrame) -> Floats:
+        """Return the springs' slips, the outermost one's carried on outside, so that tables are smooth there."""
+        count = int(np.searchsorted(self._slide.edges[:-1], frame.contact.contact_radius))
+        slips = frame.spring_slip.copy()
+        if 0 < count < len(slips):
+            slips[count:] = slips[count - 1]
+        return slips
+
+
+def force_within_matrix(radii: Floats, edges: Floats) -> Floats:
+    """Return the matrix that turns spring force densities [N/mm] into the force inside radii [N], (len(radii), m).
+
+    A spring density of 1 up to x = b is a rigid punch of radius b, which carries 2 (b - sqrt(b^2 - r^2)) within r.
+    """
+    chord = np.sqrt(np.clip(edges[None, :] ** 2 - radii[:, None] ** 2, 0.0, None))
+    return 2.0 * (np.diff(edges)[None, :] - np.diff(chord, axis=1))
+
+
+def surface_slip_matrix(radii: Floats, edges: Floats) -> Floats:
+    """Return the matrix that turns spring slips [mm] into surface slips at radii [mm]: (2/pi) of an arcsine's steps."""
+    matrix = np.empty((len(radii), len(edges) - 1))
+    for i, r in enumerate(radii):
+        if r <= edges[1]:
+            matrix[i], matrix[i, 0] = 0.0, 1.0
+        else:
+            matrix[i] = 2.0 / np.pi * np.diff(np.arcsin(np.clip(edges / r, 0.0, 1.0)))
+    return matrix
+
+
+def _round_radius(grid: PlateGrid, outline: _Ellipse) -> tuple[Floats, Floats, Floats]:
+    """Return the radius in the unshortened circle [mm] and its gradient times that radius, each (rows, cols)."""
+    x, y = grid.x[None, :] - outline.centre[0], grid.y[:, None] - outline.centre[1]
+    cos, sin = np.cos(outline.direction), np.sin(outline.direction)
+    along, across = (x * cos + y * sin) / outline.shortening, y * cos - x * sin
+    rho = np.sqrt(along**2 + across**2)
+    g = along / outline.shortening
+    return rho, g * cos - across * sin, g * sin + across * cos
+
+
+def _coverage(grid: PlateGrid, outline: _Ellipse, rho: Floats, gx: Floats, gy: Floats) -> Floats:
+    """Return the share of each cell inside the outline; a border cell is cut by the outline's tangent.
+
+    The sagitta left out is pitch^2/(8 radius), so the summed area is good to about (pitch/radius)^2/24.
+    """
+    if outline.radius <= 0:
+        return np.zeros(grid.shape)
+    mask = (rho < outline.radius).astype(float)
+    band = np.flatnonzero(np.abs(rho - outline.radius) < 1.5 * grid.pitch / outline.shortening)
+    r = rho.ravel()[band]
+    slope_x, slope_y = gx.ravel()[band] / r, gy.ravel()[band] / r  # gradient of rho
+    steep = np.hypot(slope_x, slope_y)
+    distance = (outline.radius - r) / steep / grid.pitch
+    mask.ravel()[band] = _half_plane_share(distance, np.abs(slope_x / steep), np.abs(slope_y / steep))
+    return mask
+
+
+def _half_plane_share(distance: Floats, nx: Floats, ny: Floats) -> Floats:
+    """Return the share of a unit square in a half plane whose border lies ``distance`` outside its middle."""
+    large, small = np.maximum(nx, ny), np.minimum(nx, ny)
+    d = np.abs(distance)
+    straight, corner = 0.5 * (large - small), 0.5 * (large + small)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        flat = d / large
+        cut = 0.5 - (corner - d) ** 2 / (2.0 * large * small)
+    part = np.where(d <= straight, flat, np.where(d < corner, cut, 0.5))
+    return 0.5 + np.sign(distance) * part

@@ -1,0 +1,69 @@
+"""Where a result came from: versions, seed, variant, digest of the configuration. Goes into everything written."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from collections.abc import Iterable, Mapping
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from evanesce import __version__
+
+_PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "opencv-contrib-python-headless", "scikit-image", "OpenEXR", "av")
+
+
+def package_versions(names: tuple[str, ...] = _PACKAGES) -> dict[str, str]:
+    """Return installed versions; a missing package reads ``"missing"``."""
+    found = {}
+    for name in names:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "missing"
+    return found
+
+
+def digest(value: Any) -> str:
+    """Return the SHA-256 of a JSON-able value, independent of key order.
+
+    Raises
+    ------
+    ValueError
+        For NaN or infinity, which have no canonical JSON form.
+    """
+    text = json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+@cache
+def code_digest() -> str:
+    """Return the SHA-256 of the package's own source files, names and contents, as they were when first asked."""
+    root = Path(__file__).resolve().parent.parent
+    return digest_of_files(root, sorted(root.rglob("*.py")))
+
+
+def digest_of_files(root: Path, files: Iterable[Path]) -> str:
+    """Return the SHA-256 of files below a folder, by their names there and their contents."""
+    return digest(
+        [[file.relative_to(root).as_posix(), hashlib.sha256(file.read_bytes()).hexdigest()] for file in files]
+    )
+
+
+def record(*, seed: int | None = None, config: Any = None, **more: Any) -> Mapping[str, Any]:
+    """Return the provenance record of a result; ``more`` holds variant, LLVM version and the like."""
+    entry: dict[str, Any] = {
+        "evanesce": __version__,
+        "python": platform.python_version(),
+        "platform": platform.system() + " " + platform.machine(),
+        "packages": package_versions(),
+    }
+    if seed is not None:
+        entry["seed"] = seed
+    if config is not None:
+        entry["config_sha256"] = digest(config)
+    entry.update(more)
+    return entry

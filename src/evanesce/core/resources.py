@@ -1,0 +1,14 @@
+"""Where the files that ship with the project lie: beside the package when installed, in the checkout otherwise."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+_PACKAGE = Path(__file__).resolve().parent.parent
+
+
+def resource(*parts: str) -> Path:
+    """Return the path of a shipped file or folder, e.g. ``resource("scenes", "thesis.toml")``."""
+    installed = _PACKAGE / "_data"
+    root = installed if installed.is_dir() else _PACKAGE.parent.parent
+    return root.joinpath(*parts)

@@ -1,0 +1,1 @@
+"""Effects that change load, finger or contact."""

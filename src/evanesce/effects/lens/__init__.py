@@ -1,0 +1,1 @@
+"""Effects of lens, shutter and what lies on the sensor."""

@@ -1,0 +1,1 @@
+"""Effects that change the light that leaves the plate towards the camera."""

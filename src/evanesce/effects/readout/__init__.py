@@ -1,0 +1,1 @@
+"""Effects of pixel, readout, tone curve and codec."""

@@ -1,0 +1,34 @@
+"""A black level that is not where the camera's processing believes it to be."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.core.quantities import Strict, field
+from evanesce.effects.protocol import Context, Effect, Stage
+
+
+class Parameters(Strict):
+    """Offset of the black level."""
+
+    offset_DN: float = field(
+        0.0, unit="DN", bounds=(-2048.0, 2048.0), null=0.0, doc="real minus believed black level, raw numbers"
+    )
+
+
+def apply(signal_DN: NDArray[np.float64], parameters: Parameters, context: Context) -> NDArray[np.float64]:
+    """Add the offset to the signal before it is quantised."""
+    return signal_DN + parameters.offset_DN
+
+
+EFFECT = Effect(
+    id="black_level",
+    stage=Stage.READOUT,
+    parameters=Parameters,
+    amplitudes=("offset_DN",),
+    apply=apply,
+    # A measured unit's level moves by 1.3 DN over its gains; temperature and binning add some.
+    fitted={"offset_DN": 5.0},
+    scaling="constant in raw DN, at every voltage, force and exposure; largest in grey levels where it is dark",
+)

@@ -1,0 +1,1 @@
+"""Effects that change the rig itself: plate, LEDs, printed targets."""

@@ -1,0 +1,45 @@
+"""Light that is not proportional to current: best efficiency at a few milliamperes, less below and above."""
+
+from __future__ import annotations
+
+from evanesce.core.quantities import Strict, field
+from evanesce.effects.protocol import Context, Effect, Stage
+from evanesce.rig import Scene
+
+
+class Parameters(Strict):
+    """Strength, and where the efficiency is best."""
+
+    droop: float = field(
+        0.0,
+        unit="1",
+        bounds=(0.0, 1.0),
+        null=0.0,
+        source="Karpov, Opt. Quantum Electron. 47 (2015) 1293",
+        doc="1/Q of the ABC model; good blue LEDs have about 0.1",
+    )
+    peak_current_mA: float = field(
+        2.0, unit="mA", bounds=(0.001, 1000.0), doc="segment current of the best efficiency; not published"
+    )
+
+
+def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
+    """Set the circuit's droop; :func:`evanesce.optics.led.relative_efficiency` does the rest."""
+    if parameters.droop == 0.0:
+        return scene
+    changes = {"droop": parameters.droop, "peak_current_mA": parameters.peak_current_mA}
+    circuit = scene.leds.circuit.model_copy(update=changes)
+    return scene.model_copy(update={"leds": scene.leds.model_copy(update={"circuit": circuit})})
+
+
+EFFECT = Effect(
+    id="led_droop",
+    stage=Stage.RIG,
+    parameters=Parameters,
+    amplitudes=("droop",),
+    apply=apply,
+    # Good LEDs have 0.1, poor ones twice that; the best current is known to a factor of two.
+    fitted={"droop": 0.1, "peak_current_mA": 2.0},
+    needs=("press", "voltage"),
+    scaling="all light by one factor that bends with voltage, 1 at the rated one",
+)

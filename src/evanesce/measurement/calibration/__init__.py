@@ -1,0 +1,1 @@
+"""Camera calibration from a printed checkerboard, and rectification of the plate plane."""

@@ -1,0 +1,115 @@
+"""Pictures of a checkerboard from files: read, judged for saturation and size, and their corners found."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.core.errors import WorkError
+from evanesce.measurement.calibration.corners import CornerGrid, find_corners
+from evanesce.measurement.calibration.points import BoardView
+from evanesce.measurement.io.images import read_image
+from evanesce.measurement.refined.blur import blur_of_board
+from evanesce.measurement.warnings import SATURATED_SHARE, Warning
+
+
+@dataclass(frozen=True)
+class BoardPictures:
+    """Views of a board found in files.
+
+    Attributes
+    ----------
+    views : list of BoardView
+        Named by file.
+    blurs : list of dict
+        Of :func:`~evanesce.measurement.refined.blur.blur_of_board`, in the same order.
+    image_size : tuple of int
+        (cols, rows) [px].
+    first : ndarray (rows, cols[, 3])
+        The first picture, to draw on.
+    first_name : str
+        Its file's name.
+    warnings : list of Warning
+    """
+
+    views: list[BoardView]
+    blurs: list[dict[str, Any]]
+    image_size: tuple[int, int]
+    first: NDArray[np.uint8]
+    first_name: str
+    warnings: list[Warning]
+
+
+def find_boards(paths: Sequence[Path], square_mm: float, *, done: Callable[[], Any] = lambda: None) -> BoardPictures:
+    """Find the checkerboard in each picture.
+
+    Pictures without a board and pictures of another size than the first are left out with a warning.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+    square_mm : float
+        Side of the printed squares [mm].
+    done : callable
+        Called after each picture.
+
+    Raises
+    ------
+    InputError
+        If a picture cannot be read.
+    WorkError
+        If there is a board in none of them.
+    """
+    views: list[BoardView] = []
+    warnings: list[Warning] = []
+    first: NDArray[np.uint8] | None = None
+    blurs: list[dict[str, Any]] = []
+    # a video of a still card, split into files, repeats its pictures
+    known: dict[bytes, tuple[CornerGrid, dict[str, Any]]] = {}
+    reason = ""
+    for path in paths:
+        loaded = read_image(path)
+        picture = loaded.data
+        warnings += loaded.notes
+        if first is None:
+            first = picture
+        if picture.shape[:2] != first.shape[:2]:
+            text = f"{path.name} is {_size(picture)} pixels, {paths[0].name} {_size(first)}: left out"
+            warnings.append(Warning("changed_resolution", text))
+        else:
+            warnings += saturation(picture, path.name)
+            digest = hashlib.sha256(picture.tobytes()).digest()
+            try:
+                if digest not in known:
+                    grid = find_corners(picture)
+                    known[digest] = grid, blur_of_board(picture, grid)
+                grid, blur = known[digest]
+            except WorkError as error:
+                reason = f"{path.name}: {error}"
+                warnings.append(Warning("no_board", f"{reason}: left out"))
+            else:
+                views.append(grid.view(path.name, square_mm))
+                blurs.append(blur)
+        done()
+    if first is None or not views:
+        raise WorkError(reason or "no picture of a board")
+    return BoardPictures(views, blurs, (first.shape[1], first.shape[0]), first, paths[0].name, warnings)
+
+
+def saturation(picture: NDArray[np.uint8], name: str) -> list[Warning]:
+    """Warn if more than 1 % of the pixels have a channel at full scale, where edges lie too far outwards."""
+    full = (picture == 255).reshape(*picture.shape[:2], -1).any(axis=2)
+    if full.mean() <= SATURATED_SHARE:
+        return []
+    text = f"{100 * full.mean():.1f} % of the pixels of {name} are saturated (limit {100 * SATURATED_SHARE:g} %)"
+    return [Warning("saturation", text)]
+
+
+def _size(picture: NDArray[np.uint8]) -> str:
+    return f"{picture.shape[1]} x {picture.shape[0]}"

@@ -1,0 +1,375 @@
+"""Checkerboard corners in, calibration out, with what its reader has to be told.
+
+Two fits are tried: the full camera where the boards are tilted enough to tell its focal length, else the planar
+rectification with an assumed one. Either is judged on corners that were left out of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from evanesce.core import rng
+from evanesce.core.errors import InputError, WorkError
+from evanesce.measurement.calibration.local_scale import ScaleMap, local_scale
+from evanesce.measurement.calibration.model import Calibration
+from evanesce.measurement.calibration.pinhole import PinholeFit, fit_pinhole
+from evanesce.measurement.calibration.planar import MODELS, BoardFit, fit_planar
+from evanesce.measurement.calibration.points import BoardView
+from evanesce.measurement.warnings import Warning
+
+Array = NDArray[np.float64]
+
+STILL_PX = 0.1
+"""RMS difference of corners below which two views show the same scene: more than noise moves those of a still board."""
+
+MIN_TILT_DEG = 5.0
+"""Spread of the boards' normals below which the focal length is not believed, whatever its standard error."""
+
+MAX_FOCAL_ERROR = 0.05
+"""Relative standard error of the focal length above which it is not believed."""
+
+ODDS = 0.05
+"""Relative difference from the rig's own figure above which focal length or distance is called at odds with it."""
+
+ANISOTROPY = 0.01
+"""Relative difference of the scales along two directions above which an area or a length is wrong by that much."""
+
+MIN_CORNERS = 16
+MIN_HELD_OUT = 24
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """A calibration with everything it was judged by.
+
+    Attributes
+    ----------
+    calibration : Calibration
+        Without the square card's area per pixel.
+    fit : BoardFit
+        From all corners of the distinct views.
+    views : list of BoardView
+        As given.
+    distinct : list of BoardView
+        Those that were used: one of each set of identical views.
+    held_out : list of ndarray (n, 2)
+        Of each distinct view: corner found minus corner predicted by a fit without it [px of the picture].
+    held_out_straight : list of ndarray (n, 2)
+        The same after undistortion: corner minus straight, even grid [px of the undistorted picture].
+    scale, scale_undistorted : ScaleMap
+        Of the first distinct view, in the picture and after undistortion.
+    focal_given : bool
+        Whether the rig's drawing told a focal length.
+    warnings : list of Warning
+    """
+
+    calibration: Calibration
+    fit: BoardFit
+    views: list[BoardView]
+    distinct: list[BoardView]
+    held_out: list[Array]
+    held_out_straight: list[Array]
+    scale: ScaleMap
+    scale_undistorted: ScaleMap
+    focal_given: bool
+    warnings: list[Warning]
+
+    @property
+    def grid_rms_px(self) -> float:
+        """RMS distance of left-out corners from the fitted grid [px of the picture]."""
+        return rms(np.concatenate(self.held_out))
+
+    @property
+    def straight_rms_px(self) -> float:
+        """RMS distance of left-out corners from a straight, even grid [px of the undistorted picture]."""
+        return rms(np.concatenate(self.held_out_straight))
+
+
+def rms(residual: Array) -> float:
+    """Return the root-mean-square length of residual vectors (n, 2)."""
+    return float(np.sqrt((residual**2).sum(axis=1).mean()))
+
+
+def calibrate(
+    views: Sequence[BoardView],
+    image_size: tuple[int, int],
+    *,
+    model: str = "radial2",
+    expect_focal_px: float | None = None,
+    expect_distance_mm: float | None = None,
+) -> Calibrated:
+    """Calibrate a camera from views of a flat board.
+
+    Parameters
+    ----------
+    views : sequence of BoardView
+    image_size : tuple of int
+        (cols, rows).
+    model : {"radial2", "radial3", "full"}
+        Two radial terms as the author used, three, or three with the tangential ones.
+    expect_focal_px, expect_distance_mm : float, optional
+        What the rig's drawing says, to compare with; the focal length is also the one assumed where none can be found
+        (else the longer side of the frame).
+
+    Raises
+    ------
+    InputError
+        If corners lie outside the frame or are too few.
+    WorkError
+        If the corners determine no fit.
+    """
+    views = list(views)
+    _check(views, image_size)
+    assumed = expect_focal_px if expect_focal_px is not None else float(max(image_size))
+    distinct, warnings = distinct_views(views)
+    fit, told = _fit(distinct, image_size, model, assumed)
+    warnings += told
+    full = isinstance(fit, PinholeFit)
+
+    def refit(half: list[BoardView]) -> BoardFit:
+        return fit_pinhole(half, image_size, model) if full else fit_planar(half, image_size, assumed, model)
+
+    residuals = _held_out(distinct, refit)
+    if residuals is None:
+        residuals = _residuals(distinct, fit)
+        text = f"{min(map(len, distinct))} corners in a view are too few to leave half out: residuals are the fit's own"
+        warnings.append(Warning("few_corners", text))
+    warnings += [*_odds(fit, expect_focal_px, expect_distance_mm), *_anisotropy(fit, distinct[0])]
+    straight = BoardView(distinct[0].name, distinct[0].world, fit.undistort(distinct[0].image))
+    return Calibrated(
+        calibration=Calibration(image_size=image_size, camera_matrix=fit.camera_matrix, distortion=fit.distortion),
+        fit=fit,
+        views=views,
+        distinct=distinct,
+        held_out=residuals[0],
+        held_out_straight=residuals[1],
+        scale=local_scale(distinct[0]),
+        scale_undistorted=local_scale(straight),
+        focal_given=expect_focal_px is not None,
+        warnings=warnings,
+    )
+
+
+def _check(views: list[BoardView], image_size: tuple[int, int]) -> None:
+    if not views:
+        raise InputError("no view of a board", allowed="at least one")
+    cols, rows = image_size
+    for view in views:
+        if len(view) < MIN_CORNERS:
+            raise InputError(f"{len(view)} corners", key=f"view {view.name}", allowed=f"at least {MIN_CORNERS}")
+        outside = (view.image < -0.5).any(axis=1) | (view.image[:, 0] > cols - 0.5) | (view.image[:, 1] > rows - 0.5)
+        if outside.any():
+            x, y = view.image[np.argmax(outside)]
+            raise InputError(
+                f"corner at ({x:.1f}, {y:.1f}) px of view {view.name} lies outside the frame",
+                key="image size",
+                allowed=f"corners within {cols} x {rows} px: give the size of the pictures the corners were found in",
+            )
+
+
+def distinct_views(views: Sequence[BoardView]) -> tuple[list[BoardView], list[Warning]]:
+    """Return one of each set of views that show the same scene, and a warning that says which."""
+    groups: list[list[BoardView]] = []
+    worst = 0.0
+    for view in views:
+        for group in groups:
+            difference = _still(group[0], view)
+            if difference < STILL_PX:
+                group.append(view)
+                worst = max(worst, difference)
+                break
+        else:
+            groups.append([view])
+    if len(groups) == len(views):
+        return [group[0] for group in groups], []
+    repeated = [group for group in groups if len(group) > 1]
+    sets = "; ".join(_listed([v.name for v in group]) for group in repeated)
+    text = (
+        f"{len(views)} views are {len(groups)}: the corners of views {sets} differ by at most {worst:.2g} px RMS "
+        f"(limit {STILL_PX} px), so repeated pictures of a board that did not move count once"
+    )
+    return [group[0] for group in groups], [Warning("identical_views", text)]
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(names if len(names) <= 4 else [*names[:2], "...", names[-1]])
+
+
+def _still(one: BoardView, other: BoardView) -> float:
+    """Return the RMS distance [px] of the corners two views share; infinite unless nine in ten coincide to 1 px."""
+    distance, _ = KDTree(one.image).query(other.image, distance_upper_bound=1.0)
+    near = distance[np.isfinite(distance)]
+    if len(near) < 0.9 * max(len(one), len(other)):
+        return float("inf")
+    return float(np.sqrt((near**2).mean()))
+
+
+def _fit(
+    views: list[BoardView], image_size: tuple[int, int], model: str, assumed: float
+) -> tuple[BoardFit, list[Warning]]:
+    """Return the full fit if the views identify the focal length, else the planar one and the reason."""
+    if len(views) == 1:
+        reason = "1 distinct view of a flat board"
+    else:
+        try:
+            full = fit_pinhole(views, image_size, model)
+        except WorkError as error:
+            reason = f"{len(views)} distinct views ({error})"
+        else:
+            if full.tilt_spread_deg >= MIN_TILT_DEG and full.focal_error <= MAX_FOCAL_ERROR:
+                return full, []
+            reason = (
+                f"{len(views)} distinct views whose boards are tilted by at most {full.tilt_spread_deg:.2g} deg "
+                f"against one another (needed: {MIN_TILT_DEG:g} deg), with a standard error of "
+                f"{100 * full.focal_error:.2g} % of the focal length (allowed: {100 * MAX_FOCAL_ERROR:g} %)"
+            )
+    text = (
+        f"{reason}: focal length, distance and tilt cannot be identified; the distortion is fitted with an assumed "
+        f"focal length of {assumed:g} px, on which the undistorted picture does not depend"
+    )
+    return fit_planar(views, image_size, assumed, model), [Warning("views_too_alike", text)]
+
+
+def _residuals(views: list[BoardView], fit: BoardFit) -> tuple[list[Array], list[Array]]:
+    """Return found minus predicted corners of each view, in the picture and in the undistorted one [px]."""
+    raw = [v.image - fit.predict(k, v.world) for k, v in enumerate(views)]
+    return raw, [fit.undistort(v.image) - fit.straight(k, v.world) for k, v in enumerate(views)]
+
+
+def _held_out(
+    views: list[BoardView], refit: Callable[[list[BoardView]], BoardFit]
+) -> tuple[list[Array], list[Array]] | None:
+    """Fit each random half of the corners and judge it on the other; None where there are too few."""
+    if min(map(len, views)) < MIN_HELD_OUT:
+        return None
+    halves = [rng.generator(0, "calibrate", "halves", k).permutation(len(v)) % 2 for k, v in enumerate(views)]
+    raw = [np.empty((len(v), 2)) for v in views]
+    straight = [np.empty((len(v), 2)) for v in views]
+    for part in (0, 1):
+        kept, left = ([(h == part) == used for h in halves] for used in (True, False))
+        try:
+            fit = refit([_some(v, k) for v, k in zip(views, kept, strict=True)])
+        except WorkError:
+            return None
+        own_raw, own_straight = _residuals([_some(v, k) for v, k in zip(views, left, strict=True)], fit)
+        for k, out in enumerate(left):
+            raw[k][out], straight[k][out] = own_raw[k], own_straight[k]
+    return raw, straight
+
+
+def _some(view: BoardView, which: NDArray[np.bool_]) -> BoardView:
+    return BoardView(view.name, view.world[which], view.image[which])
+
+
+def _odds(fit: BoardFit, focal_px: float | None, distance_mm: float | None) -> list[Warning]:
+    """Compare what was found with what the rig's drawing says."""
+    found = []
+    if not isinstance(fit, PinholeFit):
+        if distance_mm is not None:
+            scale = np.sqrt(abs(np.linalg.det(_jacobian(fit, 0))))
+            implied = fit.camera_matrix[0, 0] / scale
+            if abs(implied / distance_mm - 1) > ODDS:
+                text = (
+                    f"with the assumed focal length of {fit.camera_matrix[0, 0]:g} px the scale of {scale:.4g} px/mm "
+                    f"puts the board at {implied:.4g} mm, the rig says {distance_mm:g} mm"
+                )
+                found.append(Warning("distance_at_odds", text))
+        return found
+    for name, i in (("fx", 0), ("fy", 1)):
+        value, error = fit.camera_matrix[i, i], fit.standard_errors[name]
+        if focal_px is not None and abs(value / focal_px - 1) > ODDS:
+            text = (
+                f"{name} = {value:.1f} +- {error:.1f} px, the rig says {focal_px:g} px "
+                f"({100 * (value / focal_px - 1):+.1f} %)"
+            )
+            found.append(Warning("focal_length_at_odds", text))
+            break
+    far = float(np.median(fit.distances))
+    if distance_mm is not None and abs(far / distance_mm - 1) > ODDS:
+        text = (
+            f"the boards lie at a median distance of {far:.4g} mm, the rig says {distance_mm:g} mm "
+            f"({100 * (far / distance_mm - 1):+.1f} %)"
+        )
+        found.append(Warning("distance_at_odds", text))
+    return found
+
+
+def _jacobian(fit: BoardFit, view: int) -> Array:
+    """Return d(undistorted px)/d(mm) of a view at the principal point, (2, 2)."""
+    homography = fit.homographies[view]
+    at = np.linalg.solve(homography, [*fit.camera_matrix[:2, 2], 1.0])
+    at = at[:2] / at[2]
+    w = homography[2, :2] @ at + homography[2, 2]
+    place = (homography[:2, :2] @ at + homography[:2, 2]) / w
+    return np.asarray((homography[:2, :2] - np.outer(place, homography[2, :2])) / w)
+
+
+def _anisotropy(fit: BoardFit, view: BoardView) -> list[Warning]:
+    """Warn where a millimetre is longer in one direction than in another, at the middle of the undistorted picture."""
+    found = []
+    fx, fy = fit.camera_matrix[0, 0], fit.camera_matrix[1, 1]
+    if abs(fx / fy - 1) > ANISOTROPY:
+        found.append(
+            Warning(
+                "anisotropic_scale", f"fx = {fx:.1f} px and fy = {fy:.1f} px differ by {100 * (fx / fy - 1):+.2f} %"
+            )
+        )
+    if isinstance(fit, PinholeFit):
+        return found  # a calibration board may be tilted as it likes
+    high, low = np.linalg.svd(_jacobian(fit, 0), compute_uv=False)
+    if high / low - 1 > ANISOTROPY:
+        along = np.linalg.norm(_jacobian(fit, 0), axis=0)
+        text = (
+            f"view {view.name}: {high:.3f} px/mm along one direction, {low:.3f} px/mm across it "
+            f"({100 * (high / low - 1):.2f} % apart; {along[0]:.3f} and {along[1]:.3f} px/mm along the board's axes): "
+            "the camera is tilted, the print is stretched or pixels are not square"
+        )
+        found.append(Warning("anisotropic_scale", text))
+    return found
+
+
+def report(result: Calibrated) -> dict[str, Any]:
+    """Return JSON-able figures of a calibration, to stand beside its own keys."""
+    corners = [
+        {
+            "view": number,
+            "world_x_mm": float(w[0]),
+            "world_y_mm": float(w[1]),
+            "image_x_px": float(p[0]),
+            "image_y_px": float(p[1]),
+        }
+        for number, view in enumerate(result.views, start=1)
+        for w, p in zip(view.world, view.image, strict=True)
+    ]
+    fit, straight = result.fit, result.scale_undistorted.summary()
+    return {
+        "model": next(m for m, names in MODELS.items() if set(names) == _free(fit)),
+        "focal_length_identified": isinstance(fit, PinholeFit),
+        "focal_length_given": result.focal_given,
+        "standard_errors": fit.standard_errors,
+        "grid_rms_px": result.grid_rms_px,
+        "grid_rms_undistorted_px": result.straight_rms_px,
+        "grid_rms_fit_px": rms(
+            np.concatenate([fit.predict(k, v.world) - v.image for k, v in enumerate(result.distinct)])
+        ),
+        "scale_px_per_mm2": result.scale.summary(),
+        "scale_undistorted_px_per_mm2": straight,
+        "scale_spread_undistorted": (straight["max"] - straight["min"]) / (2 * straight["median"]),
+        "views": [
+            {"view": number, "name": view.name, "corners": len(view)}
+            for number, view in enumerate(result.views, start=1)
+        ],
+        "distinct_views": [view.name for view in result.distinct],
+        "warnings": [{"code": w.code, "text": w.text} for w in result.warnings],
+        "corners": corners,
+    }
+
+
+def _free(fit: BoardFit) -> set[str]:
+    return {name for name in fit.standard_errors if name[0] in "kp"}

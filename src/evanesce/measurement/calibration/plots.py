@@ -1,0 +1,68 @@
+"""Pictures of a calibration: corners on the picture, residuals as arrows, the map of the local scale."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from evanesce.measurement.calibration.fit import Calibrated, rms
+from evanesce.measurement.calibration.local_scale import ScaleMap
+
+
+def _frame_axes(result: Calibrated, title: str) -> tuple[Figure, Any]:
+    """Return axes over the frame, y down, pixel centres at whole numbers."""
+    cols, rows = result.calibration.image_size
+    figure = Figure(figsize=(9.0, 7.8 * rows / cols + 0.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    axes.set_title(title, fontsize=10)
+    axes.set_xlabel("x [px]")
+    axes.set_ylabel("y [px]")
+    axes.set_xlim(-0.5, cols - 0.5)
+    axes.set_ylim(rows - 0.5, -0.5)
+    axes.set_aspect("equal")
+    return figure, axes
+
+
+def corners_figure(result: Calibrated, picture: NDArray[np.uint8] | None = None) -> Figure:
+    """Return the corners of the first distinct view, coloured by the parity of their index, on its picture if given."""
+    view = result.distinct[0]
+    figure, axes = _frame_axes(result, f"{len(view)} corners of view {view.name}")
+    if picture is not None:
+        axes.imshow(picture, cmap="gray" if picture.ndim == 2 else None, vmin=0, vmax=255)
+    ranks = [np.unique(view.world[:, k], return_inverse=True)[1] for k in (0, 1)]
+    parity = (ranks[0] + ranks[1]) % 2
+    for value, colour in ((0, "#00d5ff"), (1, "#ff3df2")):
+        axes.plot(*view.image[parity == value].T, ".", color=colour, markersize=3.5)
+    axes.set_xlim(-0.5, result.calibration.image_size[0] - 0.5)
+    axes.set_ylim(result.calibration.image_size[1] - 0.5, -0.5)
+    return figure
+
+
+def residual_figure(result: Calibrated, times: float = 25.0) -> Figure:
+    """Return the misses of left-out corners of the first distinct view as arrows, drawn larger by ``times``."""
+    view, miss = result.distinct[0], result.held_out[0]
+    title = f"corner found minus predicted without it, {times:g} times; RMS {rms(miss):.3f} px, view {view.name}"
+    figure, axes = _frame_axes(result, title)
+    length = np.linalg.norm(miss, axis=1)
+    arrows = axes.quiver(
+        *view.image.T, *(times * miss).T, length, angles="xy", scale_units="xy", scale=1, width=0.0016, cmap="viridis"
+    )
+    figure.colorbar(arrows, ax=axes, label="miss [px]", shrink=0.8)
+    return figure
+
+
+def scale_figure(scale: ScaleMap, result: Calibrated, title: str) -> Figure:
+    """Return the local scale of each cell as coloured dots over the frame."""
+    figure, axes = _frame_axes(result, title)
+    shown = axes.scatter(*scale.centre.T, c=scale.px_per_mm2, s=26, marker="s", cmap="viridis")
+    figure.colorbar(shown, ax=axes, label="local scale [px/mm²]", shrink=0.8)
+    low, high = scale.centre.min(axis=0, initial=np.inf), scale.centre.max(axis=0, initial=-np.inf)
+    if len(scale.centre):
+        axes.set_xlim(low[0] - 20, high[0] + 20)
+        axes.set_ylim(high[1] + 20, low[1] - 20)
+    return figure

@@ -1,0 +1,1 @@
+"""Frames, images and time stamps read from files."""

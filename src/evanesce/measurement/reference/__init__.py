@@ -1,0 +1,1 @@
+"""The thesis's published segmentation and area, step by step."""

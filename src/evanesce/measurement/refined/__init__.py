@@ -1,0 +1,1 @@
+"""The refined area estimator: edge position, light, blur, plate, subsurface scattering, saturation."""

@@ -1,0 +1,125 @@
+"""From 8-bit frames back to linear light: tone curve undone, black level and standing light off, field levelled.
+
+All of it comes from the rig's own shots: the tone curve from a standard's name or a measured table, the dark light from
+frames in which nothing touches, the flat field from frames of something that touches everywhere or of an even target.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.core.errors import InputError
+from evanesce.measurement.reference.segment import LUMA
+
+Floats = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+LEVELS = 256
+FULL_SCALE = 254
+"""Grey level [DN] from which a pixel counts as saturated: rounding and chroma may leave a full pixel one below 255."""
+
+CURVES = ("linear", "bt709", "srgb")
+
+
+def tone_table(curve: str | Sequence[float]) -> Floats:
+    """Return the linear light, 0 to 1, that each 8-bit level stands for, shape (256,).
+
+    Parameters
+    ----------
+    curve : str or sequence of float
+        ``linear``, ``bt709`` (ITU-R BT.709-6, item 1.2) or ``srgb`` (IEC 61966-2-1), or the 256 values themselves, as a
+        step wedge gives them.
+
+    Raises
+    ------
+    InputError
+        If the name is not known, or the values do not rise from level to level within 0 to 1.
+    """
+    level = np.arange(LEVELS) / (LEVELS - 1)
+    if isinstance(curve, str):
+        if curve == "linear":
+            return level
+        if curve == "bt709":
+            return np.where(level < 4.5 * 0.018, level / 4.5, ((level + 0.099) / 1.099) ** (1 / 0.45))
+        if curve == "srgb":
+            return np.where(level <= 12.92 * 0.0031308, level / 12.92, ((level + 0.055) / 1.055) ** 2.4)
+        raise InputError(f"{curve!r}", key="tone_curve", allowed=f"{', '.join(CURVES)}, or {LEVELS} numbers")
+    table = np.asarray(curve, dtype=np.float64)
+    if table.shape != (LEVELS,) or not np.isfinite(table).all() or table[0] < 0 or table[-1] > 1:
+        raise InputError(f"{table.size} values", key="tone_curve", allowed=f"{LEVELS} numbers from 0 to 1")
+    if np.any(np.diff(table) < 0) or table[-1] <= table[0]:
+        raise InputError("falls somewhere", key="tone_curve", allowed="light that rises with the level")
+    return table
+
+
+@dataclass(frozen=True)
+class Radiometry:
+    """How light follows from a frame's numbers.
+
+    Attributes
+    ----------
+    tone : ndarray (256,)
+        Linear light of each level, 0 to 1 (:func:`tone_table`).
+    dark : ndarray (rows, cols) or float
+        Linear light with nothing in touch: black level, ambient light, specks.
+    flat : ndarray (rows, cols) or float
+        Relative light of an even target, mean 1.
+    """
+
+    tone: Floats
+    dark: Floats | float = 0.0
+    flat: Floats | float = 1.0
+
+    @classmethod
+    def of(cls, details: Mapping[str, Any], dark: Iterable[Image] = (), flat: Iterable[Image] = ()) -> Radiometry:
+        """Combine a calibration's ``tone_curve`` (bt709 if it has none) with the rig's own dark and flat shots.
+
+        Raises
+        ------
+        InputError
+            If the curve is not valid, shots differ in size, or a flat shot is dark somewhere.
+        """
+        tone = tone_table(details.get("tone_curve", "bt709"))
+        black = _mean_light(dark, tone, "dark")
+        even = _mean_light(flat, tone, "flat")
+        if even is None:
+            return cls(tone, 0.0 if black is None else black)
+        even = even - (0.0 if black is None else black)
+        if not (even > 0).all():
+            raise InputError("has pixels without light", key="flat", allowed="an evenly lit shot, nowhere dark")
+        return cls(tone, 0.0 if black is None else black, even / even.mean())
+
+    def light(self, image: Image) -> tuple[Floats, NDArray[np.bool_]]:
+        """Return linear light (rows, cols) and where the frame is saturated.
+
+        Parameters
+        ----------
+        image : ndarray of uint8, (rows, cols) or (rows, cols, 3)
+            [DN]; of colour frames each channel is made linear before the luma weights.
+        """
+        for name, part in (("dark", self.dark), ("flat", self.flat)):
+            if isinstance(part, np.ndarray) and part.shape != image.shape[:2]:
+                raise InputError(f"shot of {part.shape}", key=name, allowed=f"the frames' size {image.shape[:2]}")
+        full = (image if image.ndim == 2 else image.max(axis=2)) >= FULL_SCALE
+        return (_linear(image, self.tone) - self.dark) / self.flat, full
+
+
+def _linear(image: Image, tone: Floats) -> Floats:
+    light = tone[image]
+    return light if image.ndim == 2 else np.asarray(light @ np.array(LUMA, dtype=np.float64) / 10_000)
+
+
+def _mean_light(shots: Iterable[Image], tone: Floats, key: str) -> Floats | None:
+    total: Floats | None = None
+    count = 0
+    for shot in shots:
+        light = _linear(shot, tone)
+        if total is not None and total.shape != light.shape:
+            raise InputError(f"shots of {total.shape} and {light.shape}", key=key, allowed="shots of one size")
+        total, count = light if total is None else total + light, count + 1
+    return None if total is None else total / count

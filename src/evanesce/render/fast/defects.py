@@ -1,0 +1,228 @@
+"""Marks on the plate's top face that scatter guided light without contact: dust, scratches, films.
+
+Their light is stated against that of a contact: a mark of relative radiance 1 is as bright as the finger would be if it
+touched there. So it follows voltage, dead LEDs and absorption, and no absolute figure has to be invented.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import tempfile
+import zipfile
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import RectBivariateSpline
+
+from evanesce.core.provenance import digest
+from evanesce.core.states import PlateLight
+from evanesce.optics.guided_field import stacked_radiances
+from evanesce.optics.interface import frustrated_transmittance
+from evanesce.optics.led import led_positions, led_radiances
+from evanesce.optics.patch_light import returned_radiance, window_transmittance
+from evanesce.optics.plate_field import AngleBins, unit_fields
+from evanesce.optics.projection import Projection
+from evanesce.render.fast.rig_fields import cache_folder
+from evanesce.render.fast.transport import edge_light, interface_of
+from evanesce.rig import Scene
+
+Array = NDArray[np.float64]
+
+NODE_SPACING = 10.0
+"""Spacing of the field's nodes [mm]: it varies over the distance of the edges."""
+
+EDGE_MARGIN = 0.5
+"""Nodes stay this far inside the plate [mm]."""
+
+RAYS = 1 << 12
+"""From each node to the edges, whose own light is smooth; that of the LEDs is a quadrature."""
+
+_KEPT: OrderedDict[str, Any] = OrderedDict()
+_KEEP = 16
+
+
+def _kept(key: str, make: Callable[[], Any]) -> Any:
+    """Return a cached value of this process; the oldest beyond a few are dropped."""
+    if key not in _KEPT:
+        _KEPT[key] = make()
+        while len(_KEPT) > _KEEP:
+            _KEPT.popitem(last=False)
+    _KEPT.move_to_end(key)
+    return _KEPT[key]
+
+
+def contact_radiance(scene: Scene, x: ArrayLike, y: ArrayLike) -> Array:
+    """Return the radiance towards the lens that a small contact would have at plate points; 0 off the plate.
+
+    Parameters
+    ----------
+    scene : Scene
+    x, y : array_like
+        Points on the top face [mm], of one shape.
+
+    Returns
+    -------
+    ndarray
+        [W mm^-2 sr^-1].
+    """
+    x, y = np.asarray(x, float), np.asarray(y, float)
+    half_x, half_y = scene.plate.size_mm[0] / 2 - EDGE_MARGIN, scene.plate.size_mm[1] / 2 - EDGE_MARGIN
+    # In proportion to the LEDs' power: one field serves all voltages while their shares stay.
+    level = float(np.mean(np.concatenate(list(led_radiances(scene.plate, scene.leds).values()))))
+    if level == 0.0:
+        return np.zeros(np.broadcast_shapes(x.shape, y.shape))
+    field = _field_of(scene, level)
+    found = level * field.ev(np.clip(y, -half_y, half_y), np.clip(x, -half_x, half_x))
+    on_plate = (np.abs(x) <= half_x + EDGE_MARGIN) & (np.abs(y) <= half_y + EDGE_MARGIN)
+    return np.asarray(np.where(on_plate, np.maximum(found, 0.0), 0.0))
+
+
+def _field_of(scene: Scene, level: float) -> RectBivariateSpline:
+    """Return contact radiance over the plate per mean radiance of the LEDs, from this process, from disk, or made."""
+    data = scene.as_dict()
+    shares = {e: np.round(r / level, 9).tolist() for e, r in led_radiances(scene.plate, scene.leds).items()}
+    places = {e: p.tolist() for e, p in led_positions(scene.plate, scene.leds).items()}
+    faces = [data["leds"][key] for key in ("emitting_width_mm", "emitting_height_mm", "air_gap_share")]
+    optical = [data["finger"]["refractive_index"], data["finger"]["diffuse_reflectance"], scene.camera.wavelength_nm]
+    key = digest(["marks 2", data["plate"], faces, shares, places, optical])
+
+    def make() -> RectBivariateSpline:
+        path = cache_folder() / f"{key}.npz"
+        found = _read(path)
+        if found is None:
+            found = _contact_field(scene, level)
+            _write(path, found)
+        y, x, values = found
+        return RectBivariateSpline(y, x, values)
+
+    spline: RectBivariateSpline = _kept(key, make)
+    return spline
+
+
+def _read(path: Path) -> tuple[Array, Array, Array] | None:
+    """Return a field kept on disk, None where there is none that can be used."""
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            y, x, values = (np.asarray(data[name], float) for name in ("y", "x", "values"))
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return None
+    return (y, x, values) if values.shape == (y.size, x.size) and np.isfinite(values).all() else None
+
+
+def _write(path: Path, field: tuple[Array, Array, Array]) -> None:
+    """Keep a field on disk, whole or not at all; a cache that cannot be written is no error."""
+    with contextlib.suppress(OSError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, part = tempfile.mkstemp(dir=path.parent, suffix=".part")
+        try:
+            with os.fdopen(handle, "wb") as stream:
+                np.savez(stream, y=field[0], x=field[1], values=field[2])
+            os.replace(part, path)
+        except BaseException:
+            Path(part).unlink(missing_ok=True)
+            raise
+
+
+def _contact_field(scene: Scene, level: float) -> tuple[Array, Array, Array]:
+    """Return nodes y, x and contact radiance (y, x) per mean radiance of the LEDs, over the plate."""
+    light, interface = edge_light(scene), interface_of(scene)
+    bins = AngleBins.of(interface.n_glass, interface.n_silicone)
+    entering = frustrated_transmittance(
+        bins.cosines, 0.0, interface.wavelength, interface.n_glass, interface.n_silicone
+    ).mean(axis=1)
+    axes = []
+    for size in scene.plate.size_mm:
+        half = size / 2 - EDGE_MARGIN
+        axes.append(np.linspace(-half, half, max(4, math.ceil(2 * half / NODE_SPACING) + 1)))
+    points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+    # Another share of power among the same LEDs needs no new light.
+    data = scene.as_dict()
+    plate = {key: value for key, value in data["plate"].items() if key != "edge_reflectance"}
+    leds = [data["leds"][key] for key in ("emitting_width_mm", "emitting_height_mm", "air_gap_share")]
+    places = {edge: place.tolist() for edge, place in light.positions.items()}
+    unit = _kept(
+        digest(["marks unit", plate, leds, places, interface.n_silicone]),
+        lambda: unit_fields(light, points, bins, rays=RAYS),
+    )
+    irradiance = unit.irradiance(stacked_radiances(light), light.edge_reflectance) @ entering
+    seen = float(returned_radiance(0.0, 0.0, interface) * window_transmittance(0.0, interface.n_glass))
+    seen *= math.exp(-scene.plate.absorption_coefficient_per_mm * scene.plate.thickness_mm)
+    grid = (irradiance * seen).reshape(axes[1].size, axes[0].size)
+    return axes[1], axes[0], grid / level
+
+
+def view_position(scene: Scene, light: PlateLight, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
+    """Return where plate points [mm] appear on the light's pinhole grid (column, row) [px]."""
+    xn, yn = Projection.of(scene.camera, scene.plate).plate_to_ray(x, y)
+    px, py = light.principal_point
+    return xn * light.focal_px + px, yn * light.focal_px + py
+
+
+def plate_points(scene: Scene, light: PlateLight) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the plate point (x, y) [mm] that each pixel of the light's pinhole grid sees; kept for the last rigs."""
+    data = scene.as_dict()
+    key = digest([data["camera"], data["plate"], light.radiance.shape, light.focal_px, light.principal_point, "points"])
+
+    def make() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        rows, cols = light.radiance.shape
+        px, py = light.principal_point
+        u, v = np.meshgrid((np.arange(cols) - px) / light.focal_px, (np.arange(rows) - py) / light.focal_px)
+        x, y = Projection.of(scene.camera, scene.plate).ray_to_plate(u, v)
+        return x.astype(np.float32), y.astype(np.float32)
+
+    found: tuple[NDArray[np.float32], NDArray[np.float32]] = _kept(key, make)
+    return found
+
+
+def pixel_area(scene: Scene, light: PlateLight, u: Array, v: Array) -> Array:
+    """Return the area of the contact plane [mm^2] that a pixel at (u, v) of the light's grid sees."""
+    projection = Projection.of(scene.camera, scene.plate)
+    px, py = light.principal_point
+
+    def at(du: float, dv: float) -> Array:
+        return np.stack(projection.ray_to_plate((u + du - px) / light.focal_px, (v + dv - py) / light.focal_px))
+
+    across, down = at(0.5, 0.0) - at(-0.5, 0.0), at(0.0, 0.5) - at(0.0, -0.5)
+    return np.asarray(np.abs(across[0] * down[1] - across[1] * down[0]))
+
+
+def add_points(scene: Scene, light: PlateLight, x: Array, y: Array, flux: Array) -> PlateLight:
+    """Add points of light on the contact plane.
+
+    Parameters
+    ----------
+    scene : Scene
+    light : PlateLight
+    x, y : ndarray (points,)
+        On the top face [mm].
+    flux : ndarray (points,)
+        Radiance times area [W sr^-1].
+
+    Returns
+    -------
+    PlateLight
+        Each point shared among the four pixels around it, so that radiance summed over the plane keeps ``flux`` and
+        its place; what falls off the grid is dropped.
+    """
+    u, v = view_position(scene, light, x, y)
+    rows, cols = light.radiance.shape
+    inside = (u > -1) & (u < cols) & (v > -1) & (v < rows)
+    u, v = u[inside], v[inside]
+    weight = flux[inside] / pixel_area(scene, light, u, v)
+    col, row = np.floor(u).astype(np.int64), np.floor(v).astype(np.int64)
+    part_u, part_v = u - col, v - row
+    added = np.zeros(rows * cols)
+    for dv, share_v in ((0, 1 - part_v), (1, part_v)):
+        for du, share_u in ((0, 1 - part_u), (1, part_u)):
+            at_row, at_col = row + dv, col + du
+            ok = (at_row >= 0) & (at_row < rows) & (at_col >= 0) & (at_col < cols)
+            index = at_row[ok] * cols + at_col[ok]
+            added += np.bincount(index, (weight * share_v * share_u)[ok], rows * cols)
+    return replace(light, radiance=light.radiance + added.reshape(rows, cols))

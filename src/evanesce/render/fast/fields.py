@@ -1,0 +1,232 @@
+"""What a frame of the fast renderer needs: the rig's fields at its LEDs' powers, and tables by gap."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from evanesce.core.provenance import digest
+from evanesce.optics.guided_field import stacked_radiances
+from evanesce.optics.interface import frustrated_transmittance
+from evanesce.optics.patch_light import Interface, returned_radiance, window_transmittance
+from evanesce.optics.plate_field import AngleBins
+from evanesce.optics.projection import Projection
+from evanesce.render.fast.rig_fields import RigFields, edge_light, interface_of, node_axes, rig_digest, rig_fields
+from evanesce.render.fast.subsurface import Glow, make_glow
+from evanesce.render.kept import kept
+from evanesce.render.reference.bsdf import NEAR_WAVELENGTHS
+from evanesce.rig import Scene
+
+Array = NDArray[np.float64]
+
+MODES = 4
+"""Spatial modes of the coupled field: from place to place it differs mostly by a factor, little by its decay with gap.
+
+In contact nothing is missing; in a film the fifth would add less than 1e-3 of the contact's light.
+"""
+
+GAP_STEPS = 2048
+GAP_KNOTS = 513
+"""Gaps at which the tables are computed; the rest by a cubic spline, to some 1e-6."""
+
+_NOT_SEEN = ("exposure_ms", "analogue_gain", "tone_curve")
+
+
+@dataclass(frozen=True)
+class Fields:
+    """What a frame needs: the rig's fields for the powers of its LEDs, and tables by gap for its camera's place.
+
+    Attributes
+    ----------
+    x, y : ndarray
+        Nodes of the field on the plate [mm].
+    modes : ndarray (MODES, y, x)
+        Spatial modes of the guided irradiance [W mm^-2].
+    gaps : ndarray (GAP_STEPS,)
+        Gaps of the tables, evenly spaced in the square root [mm].
+    coupling : ndarray (MODES, GAP_STEPS)
+        Irradiance inside the silicone per mode [1].
+    response : ndarray (GAP_STEPS,)
+        Radiance in air towards the lens per irradiance inside the silicone [1/sr].
+    open_response : float
+        The same per irradiance on the flank behind open glass [1/sr].
+    ghost : float
+        Share of radiance that reaches the lens after one more turn between the faces where the glass is open [1].
+    flank_lit : ndarray (depths, stations, azimuths)
+        Irradiance on the flank by light from beside the finger [W mm^-2].
+    rig : RigFields
+    glow : Glow or None
+        Lateral spread inside the silicone; None where light leaves where it entered.
+    """
+
+    x: Array
+    y: Array
+    modes: Array
+    gaps: Array
+    coupling: Array
+    response: Array
+    open_response: float
+    ghost: float
+    flank_lit: Array
+    rig: RigFields
+    glow: Glow | None = None
+
+
+@dataclass(frozen=True)
+class _Tables:
+    """By gap, for one interface and one place of the camera.
+
+    Attributes
+    ----------
+    gaps : ndarray (GAP_STEPS,)
+        [mm].
+    transmitted : ndarray (bins, GAP_STEPS)
+        Share of each bin's light that enters the silicone [1].
+    response : ndarray (GAP_STEPS,)
+        As in :class:`Fields`.
+    view : float
+        Angle inside the glass at which the lens sees the finger's tip [rad].
+    window : float
+        Radiance in air over radiance at the top face [1].
+    """
+
+    gaps: Array
+    transmitted: Array
+    response: Array
+    view: float
+    window: float
+
+
+def fields_of(scene: Scene) -> Fields:
+    """Return the fields of a scene, kept for the last few; another voltage costs next to nothing."""
+    radiances = stacked_radiances(edge_light(scene))
+    tables, grid = _tables_digest(scene), scene.as_dict()["grid"]
+    walk = scene.finger.scattering_length_mm, scene.finger.scattering_share
+    key = digest([rig_digest(scene), tables, radiances.tolist(), walk, grid])
+    return kept("fields", key, lambda: _assemble(scene, radiances, tables))
+
+
+def _assemble(scene: Scene, radiances: Array, tables_key: str) -> Fields:
+    interface = interface_of(scene)
+    rig, tables = rig_fields(scene), kept("tables", tables_key, lambda: _tables(scene))
+    x, y = node_axes(scene)
+    modes, coupling = _modes(np.tensordot(radiances, rig.led, 1), tables.transmitted)
+    bare = 1.0 - float(window_transmittance(tables.view, interface.n_glass)) * interface.n_glass**2
+    return Fields(
+        x,
+        y,
+        modes.reshape(MODES, y.size, x.size),
+        tables.gaps,
+        coupling,
+        tables.response,
+        interface.body_reflectance / np.pi * (1.0 - bare) * interface.n_glass**2 * tables.window,
+        bare * bare,
+        np.tensordot(radiances, rig.flank, 1),
+        rig,
+        _glow(scene, interface, tables, tables_key),
+    )
+
+
+def _modes(field: Array, transmitted: Array) -> tuple[Array, Array]:
+    """Split the irradiance inside the silicone, by node and gap, into a few products of a map and a curve.
+
+    Parameters
+    ----------
+    field : ndarray (points, bins)
+        Irradiance on the glass side by angle [W mm^-2].
+    transmitted : ndarray (bins, GAP_STEPS)
+        Share that enters [1].
+
+    Returns
+    -------
+    modes : ndarray (MODES, points)
+        [W mm^-2].
+    coupling : ndarray (MODES, GAP_STEPS)
+        [1].
+    """
+    # Contact first, where the most light is; then what is left by gap, of which a part of the gaps tells all.
+    contact = field @ transmitted[:, 0]
+    mean = field.sum(axis=0) @ transmitted / max(float(contact.sum()), 1e-300)
+    rest = field @ transmitted[:, ::16] - contact[:, None] * mean[::16]
+    left = np.linalg.svd(rest, full_matrices=False)[0][:, : MODES - 1]
+    modes = np.concatenate([contact[None, :], left.T * max(float(contact.max()), 1e-300)])
+    curves = left.T @ (field @ transmitted - contact[:, None] * mean) / max(float(contact.max()), 1e-300)
+    return modes, np.concatenate([mean[None, :], curves])
+
+
+def _glow(scene: Scene, interface: Interface, tables: _Tables, tables_key: str) -> Glow | None:
+    length, grid = scene.finger.scattering_length_mm, scene.grid
+    share = scene.finger.scattering_share
+    if length <= 0 or share <= 0 or interface.body_reflectance <= 0:
+        return None
+    pitch = grid.size_mm / grid.samples
+    whole = kept(
+        "glow",
+        f"{tables_key}{length:.17g} {grid.size_mm:.17g} {grid.samples}",
+        lambda: make_glow(interface, length, grid.size_mm, pitch, tables.gaps, tables.view, tables.window),
+    )
+    return replace(whole, share=share)
+
+
+# --- tables by gap ---------------------------------------------------------------------------------------------------
+
+
+def by_gap(function: Callable[[Array], Array], gaps: Array) -> Array:
+    """Return a function of the gap at all gaps of the tables, last axis; computed at a part of them.
+
+    Parameters
+    ----------
+    function : callable
+        Of gaps (n,), returning (..., n).
+    gaps : ndarray (GAP_STEPS,)
+        Evenly spaced in the square root [mm].
+    """
+    root = np.linspace(0.0, 1.0, GAP_KNOTS)
+    return np.asarray(CubicSpline(root, function(gaps[-1] * root**2), axis=-1)(np.sqrt(gaps / gaps[-1])))
+
+
+def _tables(scene: Scene) -> _Tables:
+    interface = interface_of(scene)
+    n1, n3, wavelength = interface.n_glass, interface.n_silicone, interface.wavelength
+    gaps = NEAR_WAVELENGTHS * wavelength * 1e-6 * np.linspace(0.0, 1.0, GAP_STEPS) ** 2
+    cosines = AngleBins.of(n1, n3).cosines
+
+    def transmitted(g: Array) -> Array:
+        return np.stack([frustrated_transmittance(c[:, None], g, wavelength, n1, n3).mean(axis=0) for c in cosines])
+
+    view = math.asin(math.sin(_mean_view_angle(scene)) / n1)
+    # On its way out the light crosses the plate once more.
+    window = float(window_transmittance(view, n1))
+    window *= math.exp(-scene.plate.absorption_coefficient_per_mm * scene.plate.thickness_mm / math.cos(view))
+    entering = by_gap(transmitted, gaps)
+    entering[:, -1] = 0.0
+    response = by_gap(lambda g: returned_radiance(g, view, interface), gaps)
+    return _Tables(gaps, entering, response * window, view, window)
+
+
+def _tables_digest(scene: Scene) -> str:
+    """Return the digest of all that :class:`_Tables` depend on."""
+    interface, plate = interface_of(scene), scene.plate
+    return digest([vars(interface), plate.absorption_coefficient_per_mm, plate.thickness_mm, _mean_view_angle(scene)])
+
+
+def _mean_view_angle(scene: Scene) -> float:
+    """Angle in air at which the lens sees the finger's tip [rad]."""
+    projection = Projection.of(scene.camera, scene.plate)
+    x, y = projection.plate_to_ray(*(np.array([p]) for p in scene.finger.position_mm))
+    ray = projection.axes @ np.array([x[0], y[0], 1.0])
+    return float(np.arccos(ray[2] / np.linalg.norm(ray)))
+
+
+def sight_digest(scene: Scene) -> str:
+    """Return the digest of all that decides where the camera sees plate and finger: of no light, and of no contact."""
+    data = scene.as_dict()
+    camera = {k: v for k, v in data["camera"].items() if k not in _NOT_SEEN}
+    plate = {k: data["plate"][k] for k in ("thickness_mm", "refractive_index")}
+    finger = {k: data["finger"][k] for k in ("position_mm", "tip_radius_mm", "diameter_mm", "length_mm")}
+    return digest([camera, plate, finger])

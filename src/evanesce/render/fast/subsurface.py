@@ -1,0 +1,154 @@
+"""Lateral glow in the fast renderer: light that enters the silicone at a contact and leaves beside it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from evanesce.optics.interface import frustrated_transmittance, internal_diffuse_reflectance
+from evanesce.optics.patch_light import Interface
+from evanesce.optics.subsurface import open_film_transmittance, open_inside_reflectance, profile_kernel
+from evanesce.render.kept import kept
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+
+GLOW_CELL = 0.0625
+"""Largest cell of the glow's grid [mm]: an eighth of a ridge of the thesis."""
+
+
+@dataclass(frozen=True)
+class Glow:
+    """What of the glow is computed once per rig.
+
+    Attributes
+    ----------
+    cell : float
+        [mm].
+    kernel : ndarray (2 reach + 1, 2 reach + 1)
+        Of :func:`evanesce.optics.subsurface.profile_kernel`, sides in cells.
+    inside : ndarray (gaps,)
+        Reflectance that the body's light meets at its surface [1].
+    leave : ndarray (gaps,)
+        Radiance in air towards the lens per irradiance that reaches the surface from inside [1/sr].
+    share : float
+        Of the returned light that wanders; the rest leaves where it entered [1].
+    """
+
+    cell: float
+    kernel: Array
+    inside: Array
+    leave: Array
+    share: float = 1.0
+
+
+def make_glow(
+    interface: Interface, length: float, size: float, pitch: float, gaps: Array, view: float, window: float
+) -> Glow:
+    """Return the glow's tables.
+
+    Parameters
+    ----------
+    interface : Interface
+    length : float
+        Transport mean free path in the silicone [mm].
+    size : float
+        Side of the contact grid [mm].
+    pitch : float
+        Its pitch [mm].
+    gaps : ndarray
+        Gaps of the tables [mm]; the last stands for all wider ones.
+    view : float
+        Angle inside the glass under which the lens sees the contact [rad].
+    window : float
+        Radiance in air over radiance at the top face, on the way to the lens [1].
+    """
+    cell = min(GLOW_CELL, max(length / 4, pitch))
+    kernel = profile_kernel(interface.body_reflectance, length, cell, math.ceil(size / cell))
+    n1, n3 = interface.n_glass, interface.n_silicone
+    by_gap = kept(
+        "inside",
+        f"{gaps.size} {gaps[-1]:.17g} {interface.wavelength:.17g} {n1:.17g} {n3:.17g}",
+        lambda: np.array(internal_diffuse_reflectance(gaps, interface.wavelength, n1, n3)),
+    )
+    inside = by_gap.copy()
+    through = np.array(frustrated_transmittance(np.cos(view), gaps, interface.wavelength, n1, n3))
+    # The eye of the lens averages the fringes of wider films.
+    inside[-1] = open_inside_reflectance(n3, n1)
+    cos_inside = math.sqrt(1.0 - min(1.0, (n1 / n3 * math.sin(view)) ** 2))
+    through[-1] = open_film_transmittance(cos_inside, n3, n1)
+    leave = through / np.pi * (n1 / n3) ** 2 * window
+    return Glow(cell, kernel, inside, np.asarray(leave))
+
+
+def body_light(kernel: Array, irradiance: Array, inside: Array) -> Array:
+    """Return the irradiance that reaches the surface from inside: J = K * (E + R J).
+
+    Light that the surface sends back enters anew where it is, and spreads again. Solved by fixed point, which contracts
+    at least as fast as the body's reflectance times ``inside``.
+
+    Parameters
+    ----------
+    kernel : ndarray (2 rows + 1, 2 cols + 1) or larger, odd
+        K: of what enters a cell, the share that comes back to the surface in each cell around it.
+    irradiance : ndarray (rows, cols)
+        E: enters through the surface [W/mm^2].
+    inside : ndarray (rows, cols)
+        R: reflectance of the surface from inside [1].
+    """
+    rows, cols = irradiance.shape
+    reach_y, reach_x = min(rows, kernel.shape[0] // 2), min(cols, kernel.shape[1] // 2)
+    middle_y, middle_x = kernel.shape[0] // 2, kernel.shape[1] // 2
+    cut = kernel[middle_y - reach_y : middle_y + reach_y + 1, middle_x - reach_x : middle_x + reach_x + 1]
+    shape: Any = [fft.next_fast_len(n + r, real=True) for n, r in ((rows, reach_y), (cols, reach_x))]
+    # Room for one reach of wrap-around: what wraps falls outside the rows and columns that are kept.
+    around = np.zeros(shape)
+    index_y, index_x = np.arange(-reach_y, reach_y + 1) % shape[0], np.arange(-reach_x, reach_x + 1) % shape[1]
+    np.add.at(around, (index_y[:, None], index_x[None, :]), cut)
+    transform = fft.rfft2(around)
+    found = np.zeros_like(irradiance)
+    for _ in range(200):
+        entering = irradiance + inside * found
+        new = fft.irfft2(fft.rfft2(entering, shape) * transform, shape)[:rows, :cols]
+        change, found = float(np.abs(new - found).max()), new
+        if change <= 1e-4 * float(np.abs(found).max()):
+            break
+    return found
+
+
+def glow_radiance(
+    glow: Glow, irradiance: Image, share: Image, low: NDArray[np.int32], part: Image, pitch: float
+) -> Image:
+    """Return the radiance towards the lens on the fine grid.
+
+    Parameters
+    ----------
+    glow : Glow
+    irradiance : ndarray (rows, cols)
+        That enters the silicone [W/mm^2].
+    share : ndarray (rows, cols)
+        Share in contact; asperities are finer than the light's walk, so that the body sees the mean of both parts.
+    low, part : ndarray (rows, cols)
+        Place of the other part's gap in the tables: node below, and what is beyond it.
+    pitch : float
+        Of the fine grid [mm].
+    """
+
+    def at(table: Array) -> Image:
+        table32 = table.astype(np.float32)
+        apart = table32[low] * (1 - part) + table32[low + 1] * part
+        return np.asarray(share * table32[0] + (1 - share) * apart, np.float32)
+
+    rows, cols = irradiance.shape
+    coarse = (max(1, round(cols * pitch / glow.cell)), max(1, round(rows * pitch / glow.cell)))
+    entering = cv2.resize(irradiance, coarse, interpolation=cv2.INTER_AREA).astype(float)
+    inside = cv2.resize(at(glow.inside), coarse, interpolation=cv2.INTER_AREA).astype(float)
+    found = body_light(glow.kernel, entering, inside)
+    body = cv2.resize(np.asarray(found, np.float32), (cols, rows), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(np.maximum(body, 0.0) * at(glow.leave), np.float32)

@@ -1,0 +1,62 @@
+"""The loading programme: which normal forces, when, seen at which frame rate; and a slide at one of them."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from evanesce.core.quantities import Strict, field
+
+
+class Ramp(Strict):
+    """Load from ``start_N`` to ``stop_N`` at one of two rates."""
+
+    start_N: float = field(0.0, unit="N", bounds=(0.0, 1000.0))
+    stop_N: float = field(unit="N", bounds=(0.0, 1000.0))
+    rate_N_per_s: float | None = field(None, unit="N/s", bounds=(1e-4, 1e4))
+    rate_mm_per_min: float | None = field(None, unit="mm/min", bounds=(1e-3, 1e5))
+
+    @model_validator(mode="after")
+    def _one_rate(self) -> Self:
+        if (self.rate_N_per_s is None) == (self.rate_mm_per_min is None):
+            raise ValueError("give exactly one of rate_N_per_s and rate_mm_per_min")
+        if self.stop_N == self.start_N:
+            raise ValueError("stop_N equals start_N")
+        return self
+
+
+class Press(Strict):
+    """Either a list of held forces, one frame each, or a ramp sampled at the frame rate."""
+
+    forces_N: tuple[float, ...] | None = field(
+        None, unit="N", bounds=(0.0, 1000.0), doc="held normal forces", min_length=1, max_length=100_000
+    )
+    ramp: Ramp | None = None
+    frame_rate_hz: float = field(30.0, unit="hz", bounds=(0.01, 10000.0), source="thesis, chapter 5")
+    max_frames: int = Field(10_000, ge=1, le=1_000_000)
+
+    @model_validator(mode="after")
+    def _one_programme(self) -> Self:
+        if (self.forces_N is None) == (self.ramp is None):
+            raise ValueError("give exactly one of forces_N and ramp")
+        return self
+
+
+class Slide(Strict):
+    """The thesis's friction programme: preload, press to the held force, rest, slide, perhaps back."""
+
+    speed_mm_per_s: float = field(1.0, unit="mm/s", bounds=(1e-3, 1000.0), source="thesis, chapter 6: 1 to 25 mm/s")
+    distance_mm: float = field(unit="mm", bounds=(1e-3, 500.0), doc="of the finger's top over the glass")
+    direction_deg: float = field(0.0, unit="deg", bounds=(-180.0, 180.0), doc="of the finger, from x towards y")
+    friction_coefficient: float | None = field(
+        None, unit="1", bounds=(1e-3, 10.0), doc="Coulomb's; none: tau0/p + alpha of the material"
+    )
+    contact_angle_deg: float = field(0.0, unit="deg", bounds=(0.0, 45.0), source="thesis, chapter 6: 0 and 45 deg")
+    preload_N: float = field(0.05, unit="N", bounds=(0.0, 1000.0), source="thesis, chapter 6")
+    press_time_s: float = field(2.0, unit="s", bounds=(1e-3, 1e4), doc="from preload to the held force")
+    hold_time_s: float = field(0.0, unit="s", bounds=(0.0, 1e4), null=0.0)
+    reciprocate: bool = False
+    shaft: Literal["silicone", "rigid"] = "silicone"
+    glass_moves: bool = False
+    area_loss_mm2_per_N2: float = field(0.0, unit="mm^2/N^2", bounds=(0.0, 1e4), null=0.0, doc="Sahli's alpha_A")

@@ -1,0 +1,1 @@
+"""Whether stated intervals of an area hold the truth."""

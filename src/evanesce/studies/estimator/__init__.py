@@ -1,0 +1,1 @@
+"""The refined estimator beside the reference segmentation."""

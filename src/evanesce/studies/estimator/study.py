@@ -1,0 +1,278 @@
+"""Refined estimator and reference segmentation on the same frames: fingers, places in the view, LED voltages."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.chain.simulate import solve_contact
+from evanesce.core import provenance, rng
+from evanesce.core.states import Frame, SensorLight
+from evanesce.evaluation.calibrated_rig import calibrated, with_board_blur
+from evanesce.measurement.calibration.model import Calibration
+from evanesce.measurement.calibration.rectify import Rectification, rectification
+from evanesce.measurement.reference.area import measure_frame
+from evanesce.measurement.reference.segment import Chain
+from evanesce.measurement.refined.estimator import Estimator
+from evanesce.render.fast.transport import render_fast
+from evanesce.rig import Scene
+from evanesce.sensor.expose import charge_of, frame_of, signal_of
+from evanesce.sensor.lens import form_image
+from evanesce.studies.voltage.curve import power_ratio
+
+VOLTAGES = (8.0, 8.5, 9.0, 10.0, 11.0, 12.0)
+FORCES = (1.0, 3.0)
+PLACES = {"centre": (0.37, -0.21), "corner": (11.3, 7.9)}
+REFERENCE_V = 9.0
+"""Voltage of the one press from which the estimator learns how far light walks; it does not saturate."""
+
+GLOW_MM = 0.5
+STIFF_MPA = 4.0
+"""Reduced modulus at which grooves stay open under the study's forces."""
+
+Tick = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One frame.
+
+    Attributes
+    ----------
+    finger, place : str
+    force_N, voltage_V : float
+    true_mm2, reference_mm2, refined_mm2 : float
+    saturated_share : float
+        Of the contact's pixels.
+    """
+
+    finger: str
+    place: str
+    force_N: float
+    voltage_V: float
+    true_mm2: float
+    reference_mm2: float
+    refined_mm2: float
+    saturated_share: float
+
+    @property
+    def reference_percent(self) -> float:
+        """Error of the reference segmentation [%]."""
+        return 100.0 * (self.reference_mm2 / self.true_mm2 - 1.0)
+
+    @property
+    def refined_percent(self) -> float:
+        """Error of the refined estimator [%]."""
+        return 100.0 * (self.refined_mm2 / self.true_mm2 - 1.0)
+
+
+def fingers_of(smooth: Scene, ridged: Scene) -> dict[str, Scene]:
+    """Return the fingers of the study by name: plain, with open grooves, and with silicone that glows."""
+    stiff = ridged.model_copy(update={"contact": ridged.contact.model_copy(update={"reduced_modulus_MPa": STIFF_MPA})})
+
+    def glowing(scene: Scene) -> Scene:
+        return scene.model_copy(update={"finger": scene.finger.model_copy(update={"scattering_length_mm": GLOW_MM})})
+
+    return {
+        "smooth": smooth,
+        "ridged": ridged,
+        "ridged, open grooves": stiff,
+        "smooth, glow": glowing(smooth),
+        "ridged, glow": glowing(ridged),
+        "ridged, open grooves, glow": glowing(stiff),
+    }
+
+
+def placed(scene: Scene, place: tuple[float, float]) -> Scene:
+    """Return a scene whose finger presses elsewhere on the plate [mm]."""
+    return scene.model_copy(update={"finger": scene.finger.model_copy(update={"position_mm": place})})
+
+
+@dataclass(frozen=True)
+class Lit:
+    """A press as light on the sensor, from which frames at any voltage are exposed.
+
+    Attributes
+    ----------
+    scene : Scene
+    irradiance : ndarray (rows, cols)
+        At the scene's own voltage [W mm^-2].
+    true_mm2 : float
+    """
+
+    scene: Scene
+    irradiance: NDArray[np.float32]
+    true_mm2: float
+
+    @classmethod
+    def of(cls, scene: Scene, force: float, seed: int) -> Lit:
+        """Press and render by fast transport."""
+        rig, state = solve_contact(scene, force, seed=seed)
+        assert state is not None  # a force was given
+        image = form_image(render_fast(rig, state), rig.camera, rig.plate)
+        return cls(scene, np.asarray(image.irradiance, np.float32), state.nominal_contact_area)
+
+    def frame(self, voltage: float, seed: int) -> Frame:
+        """Expose at a voltage."""
+        ratio = power_ratio(self.scene, voltage)
+        if ratio is None:
+            raise ValueError("the LEDs do not all change alike")
+        camera = self.scene.camera
+        charge = charge_of(SensorLight(irradiance=self.irradiance.astype(np.float64) * ratio), camera)
+        return frame_of(signal_of(charge, camera, rng.generator(seed, "exposure", round(1000 * voltage))), camera)
+
+
+def rows_of(
+    name: str, place: str, scene: Scene, calibration: Calibration, voltages: Sequence[float], forces: Sequence[float],
+    *, threshold: float, seed: int,
+) -> Iterator[Row]:  # fmt: skip
+    """Yield the rows of one finger at one place; the estimator sees frames and calibration only."""
+    chain, view = Chain(threshold=threshold), rectification(calibration)
+    presses = {force: Lit.of(scene, force, seed) for force in forces}
+    first = presses[forces[0]]
+    estimator = Estimator.of(calibration).taught(first.frame(REFERENCE_V, rng.integer_seed(seed, "teach")).data)
+    for force, press in presses.items():
+        for voltage in voltages:
+            frame = press.frame(voltage, rng.integer_seed(seed, name, place, f"{force:g}"))
+            yield _row(name, place, force, voltage, press.true_mm2, frame, (estimator, chain, view, calibration))
+
+
+def _row(
+    name: str, place: str, force: float, voltage: float, true_mm2: float, frame: Frame,
+    tools: tuple[Estimator, Chain, Rectification, Calibration],
+) -> Row:  # fmt: skip
+    estimator, chain, view, calibration = tools
+    found = estimator.area(frame.data)
+    assert calibration.mm2_per_px is not None
+    author = measure_frame(frame, chain, calibration.mm2_per_px, view).estimate.area
+    return Row(
+        finger=name, place=place, force_N=force, voltage_V=voltage, true_mm2=true_mm2, reference_mm2=author,
+        refined_mm2=found.area_mm2, saturated_share=found.saturated_pixels / max(1, int(found.mask.sum())),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimatorStudy:
+    """All rows, with what the page needs.
+
+    Attributes
+    ----------
+    rows : list of Row
+    threshold : float
+        Of the reference segmentation.
+    provenance : mapping
+    """
+
+    rows: list[Row]
+    threshold: float
+    provenance: dict[str, Any]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the JSON result."""
+        plain = [
+            asdict(r) | {"reference_percent": r.reference_percent, "refined_percent": r.refined_percent}
+            for r in self.rows
+        ]
+        return {"threshold": self.threshold, "rows": plain, "worst": self.worst(), "provenance": self.provenance}
+
+    def worst(self) -> list[dict[str, Any]]:
+        """Return greatest error and RMS of each finger and place, over voltages and forces [%]."""
+        found = []
+        for finger, place in dict.fromkeys((r.finger, r.place) for r in self.rows):
+            own = [r for r in self.rows if (r.finger, r.place) == (finger, place)]
+            refined = np.array([r.refined_percent for r in own])
+            author = np.array([r.reference_percent for r in own])
+            found.append(
+                {
+                    "finger": finger,
+                    "place": place,
+                    "frames": len(own),
+                    "refined_rms_percent": float(np.sqrt((refined**2).mean())),
+                    "refined_worst_percent": float(refined[np.abs(refined).argmax()]),
+                    "reference_rms_percent": float(np.sqrt((author**2).mean())),
+                    "reference_worst_percent": float(author[np.abs(author).argmax()]),
+                }
+            )
+        return found
+
+
+def run_study(
+    smooth: Scene,
+    ridged: Scene,
+    *,
+    voltages: Sequence[float] = VOLTAGES,
+    forces: Sequence[float] = FORCES,
+    fingers: Sequence[str] | None = None,
+    threshold: float = 0.15,
+    seed: int = 1,
+    keep: Path | None = None,
+    tick: Tick = lambda done, total: None,
+) -> EstimatorStudy:
+    """Run the study.
+
+    Parameters
+    ----------
+    smooth, ridged : Scene
+    voltages, forces : sequence of float
+        [V], [N].
+    fingers : sequence of str, optional
+        Names of :func:`fingers_of`; all by default.
+    threshold : float
+        Of the reference segmentation.
+    seed : int
+    keep : Path, optional
+        File of finished rows, one JSON object a line, from which an interrupted run goes on.
+    tick : callable
+        ``tick(done, total)``.
+    """
+    chosen = {n: s for n, s in fingers_of(smooth, ridged).items() if fingers is None or n in fingers}
+    calibration = with_board_blur(calibrated(smooth, rng.generator(seed, "corners")), smooth, seed)
+    origin = dict(provenance.record(seed=seed, config={"smooth": smooth.as_dict(), "ridged": ridged.as_dict()}))
+    digest = provenance.digest([provenance.code_digest(), smooth.as_dict(), ridged.as_dict(), threshold, seed])
+    done = _kept(keep, digest)
+    total = len(chosen) * len(PLACES) * len(voltages) * len(forces)
+    rows: list[Row] = []
+    for place, at in PLACES.items():
+        for name, scene in chosen.items():
+            wanted = [(name, place, f, v) for f in forces for v in voltages]
+            found = [done[key] for key in wanted if key in done]
+            if len(found) < len(wanted):
+                found = []
+                for row in rows_of(
+                    name, place, placed(scene, at), calibration, voltages, forces, threshold=threshold, seed=seed
+                ):
+                    found.append(row)
+                    tick(len(rows) + len(found), total)
+                _keep(keep, digest, found)
+            rows += found
+            tick(len(rows), total)
+    return EstimatorStudy(rows=rows, threshold=threshold, provenance=origin)
+
+
+def _kept(path: Path | None, digest: str) -> dict[tuple[str, str, float, float], Row]:
+    """Return the rows that an earlier run with the same settings finished; a line cut short is left out."""
+    if path is None or not path.is_file():
+        return {}
+    found = {}
+    for line in path.read_text(encoding="utf-8").splitlines():
+        try:
+            data = json.loads(line)
+            if data.pop("digest") == digest:
+                row = Row(**data)
+                found[row.finger, row.place, row.force_N, row.voltage_V] = row
+        except (ValueError, KeyError, TypeError):
+            continue
+    return found
+
+
+def _keep(path: Path | None, digest: str, rows: Sequence[Row]) -> None:
+    if path is None:
+        return
+    with path.open("a", encoding="utf-8") as stream:
+        stream.writelines(json.dumps(asdict(row) | {"digest": digest}) + "\n" for row in rows)

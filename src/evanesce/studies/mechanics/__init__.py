@@ -1,0 +1,1 @@
+"""Areas, sliding and ridges from the thesis's inputs alone."""

@@ -1,0 +1,159 @@
+"""The finite-element runs that the mechanics study needs beyond the library.
+
+``python -m evanesce.studies.mechanics.runs`` solves and writes them: presses of the thesis's other fingers (length
+7.5 mm, tip radius 10 mm) and slides at its three coefficients of friction, each without a bone and with one of half the
+shaft's radius. ``data/*.npz`` has the library's formats (:mod:`evanesce.contact.fem.library`,
+:mod:`evanesce.contact.fem.library_slide`) and ships with the project, so that reading it needs no extra. A second call
+finds solved runs in the cache.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+from evanesce.contact.fem.library import LibraryPress, library_press, save_library_press
+from evanesce.contact.fem.library_slide import LibrarySlide, library_slide, save_library_slide
+from evanesce.contact.fem.material import rubber
+from evanesce.contact.fem.mesh import FingerShape, MeshSize
+from evanesce.contact.fem.press import press
+from evanesce.contact.fem.result import SolvedRun
+from evanesce.contact.fem.runs import cache_folder
+from evanesce.contact.fem.slide import slide
+from evanesce.contact.fem.steps import LimitReached
+from evanesce.materials.tables import material as silicone
+
+FOLDER = Path(__file__).resolve().parent / "data"
+MATERIALS = ("silskin_0", "silskin_20")
+BONES = ("none", "half")
+
+# Around 1 N: a line through their logarithms averages out where the edge lies among the nodes.
+FORCES = (0.7, 0.85, 1.0, 1.2, 1.4)
+PRESS_SIZE = MeshSize(contact=0.12)
+
+Hold = Literal["force", "depth"]
+FRICTIONS = (0.67, 0.82, 1.13)  # thesis, chapter 6: tried in its finite elements
+DISTANCE = 10.0  # [mm]
+SLIDE_SIZE = MeshSize(contact=0.8, growth=1.4, coarsest=4.0)
+# A second, finer mesh for the error of the first.
+CHECK_SIZE = MeshSize(contact=0.6, growth=1.4, coarsest=3.0)
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A finger of the thesis by its outer measures [mm]; a bone has half the shaft's radius."""
+
+    tip_radius: float
+    diameter: float
+    length: float
+
+    def finger(self, bone: str) -> FingerShape:
+        """Return it without a bone (``"none"``) or with one (``"half"``)."""
+        radius = self.diameter / 4 if bone == "half" else 0.0
+        return FingerShape(self.tip_radius, self.diameter, self.length, radius)
+
+
+# The thesis does not say whether the finger of tip radius 10 mm kept its shaft or grew with it: both are solved.
+SHAPES = {
+    "standard": Shape(7.5, 15.0, 25.0),
+    "short": Shape(7.5, 15.0, 7.5),
+    "large15": Shape(10.0, 15.0, 25.0),
+    "large20": Shape(10.0, 20.0, 25.0),
+}
+
+
+@dataclass(frozen=True)
+class SlideCase:
+    """One slide of Silskin 0 % from 1 N: coefficient of friction, bone, what is held, and which mesh."""
+
+    friction: float
+    bone: str
+    hold: Hold
+    check: bool = False
+
+    @property
+    def name(self) -> str:
+        """File name without suffix."""
+        mesh = "_check" if self.check else ""
+        return f"silskin_0_{self.bone}_mu{round(100 * self.friction):03d}_{self.hold}{mesh}"
+
+
+SLIDES = (
+    *(SlideCase(mu, bone, "depth") for mu in FRICTIONS for bone in BONES),
+    *(SlideCase(0.82, bone, "force") for bone in BONES),
+    *(SlideCase(0.67, bone, "depth", check=True) for bone in BONES),
+    SlideCase(0.82, "none", "force", check=True),
+)
+
+
+def solved_press(material: str, shape: str, bone: str, folder: Path = FOLDER) -> LibraryPress:
+    """Return a press that ships with the study."""
+    return library_press(f"{material}_{shape}", bone, folder)
+
+
+def solved_slide(case: SlideCase, folder: Path = FOLDER) -> LibrarySlide:
+    """Return a slide that ships with the study."""
+    return library_slide(case.name, folder)
+
+
+def _press(material: str, shape: str, bone: str) -> SolvedRun:
+    friction = silicone(material).friction
+    assert friction is not None  # both materials have one in the tables
+    finger, mu = SHAPES[shape].finger(bone), friction.static_coefficient_smooth
+    return press(finger, rubber(material), forces=FORCES, friction=mu, size=PRESS_SIZE, cache=cache_folder())
+
+
+def _slide(case: SlideCase) -> SolvedRun:
+    """Solve a slide, as far as the material carries it."""
+    size = CHECK_SIZE if case.check else SLIDE_SIZE
+    try:
+        return slide(
+            SHAPES["standard"].finger(case.bone), rubber("silskin_0"), force=1.0, distances=(DISTANCE,),
+            friction=case.friction, hold=case.hold, size=size, cache=cache_folder(),
+        )  # fmt: skip
+    except LimitReached as error:
+        print(f"{case.name}: {error}", flush=True)
+        if error.run is None or not error.run.reached():
+            raise
+        return error.run
+
+
+def _save_press(path: Path, material: str, shape: str, bone: str) -> None:
+    save_library_press(path, _press(material, shape, bone))
+
+
+def _save_slide(path: Path, case: SlideCase) -> None:
+    save_library_slide(path, _slide(case))
+
+
+def _jobs(folder: Path) -> Iterator[tuple[str, Callable[[], None]]]:
+    """Yield every run as its name and what solves and writes it."""
+    for material in MATERIALS:
+        for shape in SHAPES:
+            for bone in BONES:
+                name = f"{material}_{shape}_{bone}"
+
+                def solve_press(
+                    path: Path = folder / f"{name}.npz", what: tuple[str, str, str] = (material, shape, bone)
+                ) -> None:
+                    save_library_press(path, _press(*what))
+
+                yield name, solve_press
+    for case in SLIDES:
+        yield case.name, partial(_save_slide, folder / f"{case.name}.npz", case)
+
+
+def main(only: str = "", folder: Path = FOLDER) -> None:
+    """Solve and write every run whose name contains ``only``."""
+    for name, work in _jobs(folder):
+        if only in name:
+            work()
+            print(name, flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1] if len(sys.argv) > 1 else "")

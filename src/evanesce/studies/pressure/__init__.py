@@ -1,0 +1,1 @@
+"""Pressure from grey levels against the true pressure."""

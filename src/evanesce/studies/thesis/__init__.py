@@ -1,0 +1,1 @@
+"""The thesis's experiments in simulation, figure by figure."""

@@ -1,0 +1,1 @@
+"""Area error against the threshold, and rules that set it."""

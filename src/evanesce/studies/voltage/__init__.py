@@ -1,0 +1,1 @@
+"""Area against LED voltage, and what is unpublished about it."""

@@ -1,0 +1,377 @@
+"""Truth of a trial: torsion, ridges under slip, numbers of each kind, labels in both planes, the camera's ways."""
+
+from __future__ import annotations
+
+import functools
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from evanesce.chain.simulate import expose
+from evanesce.contact.analytic.hertz import hertz_contact, hertz_radius
+from evanesce.contact.patch import axisymmetric_state
+from evanesce.contact.ridges.heightmap import RidgeRow
+from evanesce.contact.ridges.ridged_slide import with_ridges
+from evanesce.contact.sliding.friction import InterfaceFriction, coulomb
+from evanesce.contact.sliding.torsion import sliding_torque, twisted, twisted_state
+from evanesce.core.states import PlateGrid, PlateLight, SurfaceState
+from evanesce.dataset.config import KINDS
+from evanesce.dataset.design import trial_plan
+from evanesce.dataset.labels import CHANNELS, FrameLabeller, plate_labels
+from evanesce.dataset.rigs import RigCamera, expose_light, plate_grid, real_rig, rig_scene
+from evanesce.dataset.slip_scores import Series, alarms, choose_threshold, score
+from evanesce.dataset.trial import Trial
+from evanesce.effects import active_effects
+from evanesce.evaluation.labels import label, view_geometry
+from evanesce.optics.projection import Projection
+from evanesce.sensor.lens import form_image
+from support.datasets import tiny_config
+from support.rigs import small_rig
+
+E, R, N, MU, G = 0.64, 7.1, 1.3, 0.83, 0.17
+CONTACT = hertz_contact(N, R, E)
+A = float(hertz_radius(N, R, E))
+
+
+# --- torsion ----------------------------------------------------------------------------------------------------------
+
+
+def test_full_sliding_torque_is_the_closed_form():
+    # 2 pi mu integral of r^2 p dr over Hertz's ellipse: 3 pi mu N a/16
+    assert sliding_torque(CONTACT, coulomb(MU)) == pytest.approx(3 * np.pi * MU * N * A / 16, rel=2e-6)
+    # an even strength: 2 pi tau a^3/3; the rings' last piece is cut as the root of the rim
+    assert sliding_torque(CONTACT, InterfaceFriction(0.05, 0.0)) == pytest.approx(2 * np.pi * 0.05 * A**3 / 3, rel=1e-4)
+
+
+def test_a_small_twist_is_reissner_and_sagoci():
+    twist = twisted(CONTACT, coulomb(MU), G, 1e-4)
+    # Lubkin's compliance grows linearly in the torque at first: by 1e-4 of itself, here
+    assert twist.torque / twist.angle == pytest.approx(16 / 3 * G * A**3, rel=1e-3)
+    assert twist.stick_radius == pytest.approx(A, rel=1e-3)
+
+
+@pytest.mark.parametrize("share", [0.23, 0.71, 0.96])
+def test_traction_carries_the_torque_and_keeps_its_limits(share):
+    twist = twisted(CONTACT, coulomb(MU), G, share)
+    carried = 2 * np.pi * np.trapezoid(twist.radii**2 * twist.traction, twist.radii)
+    assert carried == pytest.approx(twist.torque, rel=2e-4)
+    assert twist.torque == pytest.approx(share * 3 * np.pi * MU * N * A / 16, rel=2e-4)
+    p0 = 1.5 * N / (np.pi * A**2)
+    strength = MU * p0 * np.sqrt(np.clip(1 - (twist.radii / A) ** 2, 0, None))
+    slips = twist.radii > twist.stick_radius
+    np.testing.assert_allclose(twist.traction[slips], strength[slips], atol=2e-3 * MU * p0)
+    assert np.all(twist.traction <= strength + 2e-3 * MU * p0)
+    assert np.all(twist.slip[~slips] == 0)
+    assert np.all(np.diff(twist.slip[slips]) > 0)
+
+
+def test_the_twist_is_lubkins_integral():
+    # angle = (1/2G) integral of mu p/sqrt(r^2 - c^2) dr from c to a, by another quadrature
+    twist = twisted(CONTACT, coulomb(MU), G, 0.6)
+    c, p0 = twist.stick_radius, 1.5 * N / (np.pi * A**2)
+    # r = sqrt(c^2 + s^2) takes the root away
+    exact = quad(
+        lambda s: MU * p0 * math.sqrt(max(1 - (c * c + s * s) / A**2, 0.0)) / math.sqrt(c * c + s * s),
+        0.0, math.sqrt(A * A - c * c),
+    )[0] / (2 * G)  # fmt: skip
+    assert twist.angle == pytest.approx(exact, rel=1e-4)
+
+
+def test_a_twisted_state_turns_from_x_to_y():
+    grid = PlateGrid((240, 251), 0.027, (0.3, -0.2))
+    twist = twisted(CONTACT, coulomb(MU), G, 0.6)
+    state = twisted_state(grid, (0.21, -0.34), CONTACT, twist)
+    x, y = grid.x[None, :] - 0.21, grid.y[:, None] + 0.34
+    torque = float((x * state.traction[1] - y * state.traction[0]).sum()) * grid.pitch**2
+    assert torque == pytest.approx(twist.torque, rel=2e-3)  # cells at the rim: (pitch/a)^1.5
+    np.testing.assert_allclose(state.traction.sum((1, 2)) * grid.pitch**2, 0, atol=1e-3 * twist.torque / A)
+    stuck = (state.state == SurfaceState.STICK).sum() * grid.pitch**2
+    assert stuck == pytest.approx(np.pi * twist.stick_radius**2, rel=0.01)
+
+
+# --- ridges -----------------------------------------------------------------------------------------------------------
+
+ROW = RidgeRow("parallel", pitch=0.9, width=0.42, height=0.15, orientation=0.4)
+GRID = PlateGrid((300, 310), 0.025, (0.1, 0.2))
+
+
+def ridged(origin=(0.23, 0.11), slip=None, state=None):
+    smooth = axisymmetric_state(GRID, (0.23, 0.11), CONTACT, law="hertz")
+    from dataclasses import replace
+
+    smooth = replace(smooth, slip=slip, state=state, traction=None if slip is None else slip * 0.1)
+    return smooth, with_ridges(smooth, ROW, E, origin=origin)
+
+
+def test_ridges_carry_the_force_on_less_area():
+    smooth, found = ridged()
+    assert found.pressure.sum() * GRID.pitch**2 == pytest.approx(N, rel=1e-9)
+    assert found.nominal_contact_area < 0.8 * smooth.nominal_contact_area
+    assert found.pressure.max() > smooth.pressure.max()
+    assert np.all(found.gap[np.asarray(found.contact_mask) >= 1] == 0)
+    # crests lie where the row says, a pitch apart from the origin
+    x, y = GRID.x[None, :] - 0.23, GRID.y[:, None] - 0.11
+    distance = ROW.locate(x, y)[1]
+    touching = np.asarray(found.contact_mask) > 0.5
+    assert np.abs(distance[touching]).max() < 0.5 * ROW.pitch
+    assert np.abs(distance[touching]).mean() < np.abs(distance).mean() * 0.8
+
+
+def test_ridges_move_with_the_skin_and_stay_where_it_sticks():
+    along = np.zeros((2, *GRID.shape))
+    _, rest = ridged(slip=along)
+    shift = np.array([12, -7]) * GRID.pitch  # whole cells, so that the pattern must come back exactly
+    along[0], along[1] = shift[0], shift[1]
+    smooth, moved = ridged(slip=along)
+    _, same = ridged(origin=(0.23 + shift[0], 0.11 + shift[1]), slip=np.zeros_like(along))
+    touched = np.asarray(smooth.contact_mask) > 0
+    np.testing.assert_allclose(moved.contact_mask, same.contact_mask, atol=1e-9)
+    np.testing.assert_allclose(moved.pressure[touched], same.pressure[touched], rtol=1e-9, atol=1e-12)
+    assert np.abs(np.asarray(moved.contact_mask) - np.asarray(rest.contact_mask)).max() > 0.9
+    half = np.zeros_like(along)
+    half[:, :, 160:] = along[:, :, 160:]
+    _, part = ridged(slip=half)
+    np.testing.assert_array_equal(part.contact_mask[:, :160], rest.contact_mask[:, :160])
+
+
+# --- trials -----------------------------------------------------------------------------------------------------------
+
+CONFIG = tiny_config(
+    trial={"frames": 40, "frame_rate_hz": 30.0},
+    labels={"grid_samples": 160, "grid_size_mm": 14.0},
+    programme={
+        "press_time_s": {"uniform": (0.2, 0.3)},
+        "hold_time_s": {"constant": 0.1},
+        "speed_mm_per_s": {"uniform": (2.0, 4.0)},
+        "distance_mm": {"uniform": (1.9, 2.0)},
+    },
+)
+
+
+@functools.cache
+def trial_of(kind: str, smooth: bool = False) -> Trial:
+    number = next(
+        i for i in range(200)
+        if (p := trial_plan(CONFIG, 8, i)).kind == kind and (not p.finger.pattern) == smooth
+    )  # fmt: skip
+    plan = trial_plan(CONFIG, 8, number)
+    rig = real_rig(rig_scene(small_rig(), plan.rig, plan.finger, CONFIG), plan.rig.seed)
+    return Trial(plan, CONFIG, rig.scene, plate_grid(rig.scene, CONFIG))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_numbers_agree_with_the_fields(kind):
+    trial = trial_of(kind)
+    cell = trial.grid.pitch**2
+    for i in range(1, len(trial), 5):
+        truth = trial.truth(i)
+        s = truth.scalars
+        if truth.state is None:
+            assert kind in ("release", "change")
+            assert s["Fz_N"] == 0
+            continue
+        state = truth.state
+        assert state.pressure.sum() * cell == pytest.approx(s["Fz_N"], rel=1e-6)
+        got = state.traction.sum((1, 2)) * cell
+        np.testing.assert_allclose(got, [s["Fx_N"], s["Fy_N"]], atol=2e-3 * s["Fz_N"])
+        assert s["nominal_area_mm2"] == pytest.approx(np.asarray(state.contact_mask).sum() * cell, rel=1e-9)
+        assert 0 <= s["real_area_mm2"] <= s["nominal_area_mm2"] * (1 + 1e-12)
+        assert 0 <= s["stick_ratio"] <= 1
+        assert -1e-9 <= s["margin"] <= 1 + 1e-6
+        if s["torque_N_mm"]:
+            x, y = (trial.grid.x[None, :], trial.grid.y[:, None])
+            torque = (x * state.traction[1] - y * state.traction[0]).sum() * cell
+            # two scales: traction follows the ridges' pressure, so that its moment is kept to a pitch over the radius
+            assert torque == pytest.approx(s["torque_N_mm"], rel=0.15)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_only_a_slide_slips_as_a_whole(kind):
+    trial = trial_of(kind)
+    ratios = np.array([trial.truth(i).scalars["stick_ratio"] for i in range(len(trial))])
+    held = np.array([trial.truth(i).state is not None for i in range(len(trial))])
+    if kind == "slide":
+        assert trial.onset_first_slip_s <= trial.onset_gross_slip_s
+        first = round(trial.onset_gross_slip_s * 30)
+        assert ratios[first] == 0
+        assert np.all(ratios[:first] > 0)
+    else:
+        assert math.isnan(trial.onset_gross_slip_s)
+        assert ratios[held].min() > 0
+    if kind in ("load_stop", "ramp", "release", "change"):
+        assert math.isnan(trial.onset_first_slip_s)
+        assert np.all(ratios[held] == 1)
+    if kind == "rotation":
+        assert trial.truth(len(trial) - 1).scalars["margin"] == pytest.approx(
+            trial.plan.programme["rotation_share"], rel=1e-3
+        )
+
+
+def test_slip_is_the_sum_of_its_velocity():
+    trial = trial_of("slide", smooth=True)
+    middle = None
+    total = 0.0
+    for i in range(1, len(trial)):
+        truth = trial.truth(i)
+        # follow the contact's middle: there the skin slips last, and the skin's own frame is the contact's
+        s = truth.scalars
+        angle = math.radians(trial.plan.programme["direction_deg"])
+        x0, y0 = trial._origin(0)
+        along = np.array([math.cos(angle), math.sin(angle)])
+        x, y = np.array([x0, y0]) + s["tip_displacement_mm"] * along
+        at = tuple(round(float(v)) for v in trial.grid.index(x, y))
+        total += float(along @ truth.slip_velocity[:, at[0], at[1]]) / 30.0
+        middle = float(along @ np.asarray(truth.state.slip)[:, at[0], at[1]])
+    assert middle > 0.5
+    assert total == pytest.approx(middle, rel=0.02)
+
+
+def test_a_sliding_contact_slips_at_the_drives_speed():
+    trial = trial_of("slide", smooth=True)
+    p = trial.plan.programme
+    end = p["press_time_s"] + p["hold_time_s"] + p["distance_mm"] / p["speed_mm_per_s"]
+    late = [i for i in range(len(trial)) if trial.onset_gross_slip_s + 0.06 < trial.time[i] < end - 0.04]
+    assert late
+    truth = trial.truth(late[-1])
+    speed = np.hypot(*truth.slip_velocity)[np.asarray(truth.state.state) == SurfaceState.SLIP]
+    # weakening still moves the shaft a little
+    assert np.median(speed) == pytest.approx(p["speed_mm_per_s"], rel=0.1)
+
+
+# --- labels -----------------------------------------------------------------------------------------------------------
+
+
+def test_labels_in_the_frame_are_those_of_the_truth_room():
+    trial = trial_of("slide")
+    truth = trial.truth(20)
+    scene = trial.scene
+    labeller = FrameLabeller(scene, trial.grid)
+    found = labeller.labels(truth, 0.5)
+    geometry = view_geometry(Projection.of(scene.camera, scene.plate))
+    exact = label(truth.state, geometry, supersample=labeller.supersample)
+    # OpenCV places a sample to 1/32 of a cell; rounded the other way it moves an edge by as much, in few of the samples
+    np.testing.assert_allclose(found.whole("contact_mask"), exact.mask, atol=0.01)
+    np.testing.assert_allclose(found.whole("pressure"), exact.pressure, atol=0.01 * exact.pressure.max())
+    assert found.whole("contact_mask").sum() == pytest.approx(exact.mask.sum(), rel=1e-3)
+    here = found.whole("contact_mask") > 0
+    np.testing.assert_array_equal(found.whole("state")[here], exact.surface_state[here])
+    near = ~np.isnan(found.whole("gap"))
+    np.testing.assert_allclose(found.whole("gap")[near], exact.gap[near], rtol=0.01, atol=1e-4)
+    # traction summed over what pixels see is the force
+    force = (
+        (found.whole("traction.x") * geometry.pixel_area).sum(),
+        (found.whole("traction.y") * geometry.pixel_area).sum(),
+    )
+    wanted = truth.scalars["Fx_N"], truth.scalars["Fy_N"]
+    np.testing.assert_allclose(force, wanted, atol=0.03 * math.hypot(*wanted))
+
+
+def test_labels_on_the_plate_are_the_state_itself():
+    trial = trial_of("slide")
+    truth = trial.truth(20)
+    box = plate_labels(truth, trial.grid, 0.5)
+    assert box.shape == trial.grid.shape
+    np.testing.assert_array_equal(box.whole("pressure"), np.float32(truth.state.pressure))
+    np.testing.assert_array_equal(box.whole("slip_velocity.y"), np.float32(truth.slip_velocity[1]))
+    kept = ~np.isnan(box.whole("gap"))
+    np.testing.assert_array_equal(box.whole("gap")[kept], np.float32(truth.state.gap)[kept])
+    assert set(box.channels) == set(CHANNELS)
+    # the margin is kept around the contact
+    rows = np.flatnonzero((np.asarray(truth.state.contact_mask) > 0).any(axis=1))
+    assert rows[0] - box.row == math.ceil(0.5 / trial.grid.pitch)
+
+
+def test_a_lifted_finger_has_no_labels():
+    trial = trial_of("release")
+    truth = trial.truth(len(trial) - 1)
+    assert truth.state is None
+    # Nothing touches, so nothing slips: a detector must not learn a lifted finger as a slip.
+    assert (truth.scalars["Fz_N"], truth.scalars["margin"], truth.scalars["stick_ratio"]) == (0.0, 0.0, 1.0)
+    box = FrameLabeller(trial.scene, trial.grid).labels(truth, 0.5)
+    assert box.channels["gap"].size == 0
+    assert box.shape == (48, 64)
+
+
+def test_labels_follow_a_state_on_a_moved_grid():
+    from dataclasses import replace
+
+    trial = trial_of("slide")
+    truth = trial.truth(20)
+    labeller = FrameLabeller(trial.scene, trial.grid)
+    grid = trial.grid
+    moved = PlateGrid(grid.shape, grid.pitch, (grid.centre[0] + 0.31, grid.centre[1] - 0.22))
+    there = labeller.labels(replace(truth, state=replace(truth.state, grid=moved)), 0.5)
+    exact = label(replace(truth.state, grid=moved), view_geometry(Projection.of(trial.scene.camera, trial.scene.plate)))
+    assert there.whole("contact_mask").sum() == pytest.approx(exact.mask.sum(), rel=2e-3)
+    assert np.abs(there.whole("contact_mask") - exact.mask).max() < 0.05  # another count of sub-samples
+
+
+# --- the camera -------------------------------------------------------------------------------------------------------
+
+
+def test_behind_the_lens_is_the_general_chain():
+    effects = {
+        "vignetting": {"k": 0.2},
+        "hot_pixels": {"fraction": 0.01, "rate_e_per_s": 1e5},
+        "black_level": {"offset_DN": 3.0},
+    }
+    scene = small_rig().model_copy(update={"effects": effects})
+    rng = np.random.default_rng(4)
+    view = Projection.of(scene.camera, scene.plate).ideal_view()
+    light = PlateLight(
+        radiance=2e-6 * rng.random(view.shape), variance=np.zeros(view.shape), focal_px=view.focal_px,
+        principal_point=view.principal_point,
+    )  # fmt: skip
+    _, exact = expose(scene, light, seed=9, time_s=0.4, index=37)
+    seen = form_image(light, scene.camera, scene.plate)
+    found = expose_light(scene, seen, active_effects(scene), seed=9, time_s=0.4, index=37)
+    np.testing.assert_array_equal(found.raw, exact.raw)
+    np.testing.assert_array_equal(found.data, exact.data)
+
+
+@pytest.mark.parametrize(
+    ("effects", "way"),
+    [
+        ({}, "fast"),
+        ({"modulus": {"relative": 0.1}}, "fast"),
+        ({"vignetting": {"k": 0.1}}, "charge"),
+        ({"vignetting": {"k": 0.0}}, "fast"),
+        ({"specks": {"per_cm2": 100.0}}, "general"),
+        ({"off_axis_load": {"shift_x_mm_per_N": 0.1}}, "general"),
+    ],
+)
+def test_the_camera_takes_the_fastest_way_that_is_right(effects, way):
+    scene = small_rig().model_copy(update={"effects": effects})
+    assert RigCamera(real_rig(scene, 3), 3).way == way
+
+
+def test_effects_that_refuse_a_finger_are_left_out_and_named():
+    plan = trial_of("slide", smooth=True).plan
+    scene = rig_scene(small_rig(), plan.rig, plan.finger, CONFIG)
+    effects = {"ridge_height": {"relative": 0.2}, "modulus": {"relative": 0.2}}
+    rig = real_rig(scene.model_copy(update={"effects": effects}), 3)
+    assert rig.left_out == ("ridge_height",)
+    assert list(rig.scene.effects) == ["modulus"]
+    assert rig.scene.finger.modulus_factor == pytest.approx(1.2)
+
+
+# --- scores -----------------------------------------------------------------------------------------------------------
+
+
+def test_scores_by_hand():
+    time = np.arange(10) / 10.0
+    slide = Series(
+        time, np.array([0, 0, 0, 0, 1, 3, 4, 5, 5, 5.0]), np.r_[np.ones(4), 0.9, 0.7, 0.3, 0, 0, 0], 0.4, 0.7
+    )
+    quiet = Series(time, np.array([0, 0, 4, 4, 0, 0, 0, 0, 0, 0.0]), np.ones(10), math.nan, math.nan)
+    assert list(alarms(slide.evidence, 2.0)) == [6]
+    found = score([slide, quiet], 2.0)
+    assert (found.detected, found.slides) == (1.0, 1)
+    assert found.latency_s == pytest.approx(0.2)
+    assert found.lead_s == pytest.approx(0.1)
+    assert found.minutes == pytest.approx(1.4 / 60)
+    assert found.false_per_minute == pytest.approx(1 / (1.4 / 60))
+    assert choose_threshold([slide, quiet], 1.0) >= 4.0
+    assert score([slide, quiet], 4.5).detected == 0.0

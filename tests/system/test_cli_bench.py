@@ -1,0 +1,180 @@
+"""``evanesce bench``: files in, JSON and plots out, one line and exit code 2 for bad input, nothing half-written."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from evanesce.bench import dma, indentation
+from evanesce.cli import bench
+from evanesce.contact.sliding.stick_slip import Slider, simulate_stick_slip
+from evanesce.materials import hyperelastic
+from evanesce.materials.tables import material
+
+pytestmark = pytest.mark.system
+
+
+@pytest.fixture
+def run():
+    app = typer.Typer()
+    app.callback()(lambda: None)
+    bench.register(app)
+    return lambda *words: CliRunner().invoke(app, ["bench", *map(str, words)])
+
+
+def csv(path, headings, *columns):
+    np.savetxt(path, np.column_stack(columns), delimiter=",", header=headings, comments="")
+    return path
+
+
+def done(result, folder, *files):
+    assert result.exit_code == 0, result.output
+    for name in ("result.json", *files):
+        assert (folder / name).stat().st_size > 0
+    assert not [p for p in folder.iterdir() if p.name.startswith(".")]
+    return json.loads((folder / "result.json").read_text())
+
+
+def test_indentation(run, tmp_path):
+    g = indentation.elliptic_geometry(8.2, 25.45 / 2)
+    f = np.linspace(0.05, 9.0, 120)
+    noise = 0.002 * np.random.default_rng(1).normal(size=120)
+    file = csv(tmp_path / "i.csv", "Load [N],Depth [um]", f, 1e3 * (0.2 + noise + g.depth(f, 0.31 + 0.02 * f)))
+    out = tmp_path / "out"
+    ran = run("stiffness", file, "--finger-radius-mm", 8.2, "--out", out, "--json", tmp_path / "r.json")
+    result = done(ran, out, "indentation.png", "indentation.csv")
+    assert result["reduced_modulus_intercept_MPa"] == pytest.approx(
+        0.31, abs=5 * result["reduced_modulus_intercept_se_MPa"]
+    )
+    assert result["peak_pressure_max_MPa"] == pytest.approx(1.5 * result["mean_pressure_max_MPa"])
+    assert json.loads((tmp_path / "r.json").read_text()) == result
+    assert result["provenance"]["packages"]["scipy"]
+
+
+def test_compression(run, tmp_path):
+    s = np.linspace(0.99, 0.6, 50)
+    file = csv(
+        tmp_path / "c.csv",
+        "strain_%,stress_kPa",
+        100 * (1 - s),
+        -1e3 * hyperelastic.of_material("silskin_0").uniaxial(s),
+    )
+    result = done(
+        run("stiffness", file, "--test", "compression", "--out", tmp_path / "o"), tmp_path / "o", "compression.png"
+    )
+    assert result["C01_Pa"] == pytest.approx(49474.0, rel=1e-4)
+    assert result["stability_limits"]["tension"] == pytest.approx(2.627, abs=0.002)
+
+
+def test_dma(run, tmp_path):
+    sweeps = [dma.from_range(material("silskin_0").dma, t) for t in (5.0, 20.0, 40.0)]
+    columns = [
+        np.concatenate([getattr(s, n) for s in sweeps]) for n in ("frequency", "temperature", "storage", "loss_factor")
+    ]
+    file = csv(tmp_path / "d.csv", "frequency_Hz,temperature_C,storage_MPa,tan_delta", *columns)
+    result = done(
+        run("dma", file, "--reference-C", 20, "--out", tmp_path / "o"), tmp_path / "o", "dma.png", "prony.csv"
+    )
+    assert result["reference_temperature_C"] == 20
+    assert result["activation_energy_kJ_per_mol"] > 0
+    assert len(result["moduli_MPa"]) == len(result["times_s"]) > 2
+
+
+def test_friction_groups(run, tmp_path):
+    rng = np.random.default_rng(5)
+    files = []
+    for i, (static, dynamic) in enumerate(
+        [(1.1, 0.9), (1.12, 0.92), (1.13, 0.91), (0.8, 0.7), (0.81, 0.69), (0.82, 0.7)]
+    ):
+        r = simulate_stick_slip(Slider(0.05, 1.5, 1.0, static, dynamic, damping=0.001), 1.0, 5.0, 400)
+        noise = 0.005 * rng.normal(size=(3, len(r.time)))
+        files.append(
+            csv(
+                tmp_path / f"f{i}.csv",
+                "time_s,Fx_N,Fy_N,Fz_N",
+                r.time,
+                r.spring_force + noise[0],
+                noise[1],
+                1 + noise[2],
+            )
+        )
+    words = [w for g in "aaabbb" for w in ("--group", g)]
+    out = tmp_path / "o"
+    ran = run("friction", *files, *words, "--out", out)
+    result = done(ran, out, "friction.png", "histogram.png", "spectrum.png")
+    assert [s["static"] for s in result["slides"]] == pytest.approx([1.1, 1.12, 1.13, 0.8, 0.81, 0.82], abs=0.03)
+    assert result["static"]["anova"]["significant"]
+    pair = result["static"]["anova"]["pairs"][0]
+    assert pair["low"] < 1.1167 - 0.81 < pair["high"]
+    assert result["static"]["repeatability"]["within_std"] == pytest.approx(0.0129, abs=0.01)
+
+
+def test_friction_files_of_one_name_are_kept_apart(run, tmp_path):
+    files = []
+    for folder, dynamic in (("left", 0.9), ("right", 0.6)):
+        (tmp_path / folder).mkdir()
+        r = simulate_stick_slip(Slider(0.05, 1.5, 1.0, dynamic + 0.1, dynamic, damping=0.001), 1.0, 5.0, 400)
+        headings = "time_s,tangential_N,normal_N"
+        files.append(csv(tmp_path / folder / "slide.csv", headings, r.time, r.spring_force, 0 * r.time + 1))
+    result = done(run("friction", *files, "--out", tmp_path / "o"), tmp_path / "o", "histogram.png")
+    first, second = result["slides"]
+    assert first["file"] != second["file"]
+    # the mode of each is its own, near its own median: within half of what parts the two
+    assert first["mode"] == pytest.approx(first["dynamic"], abs=0.15)
+    assert second["mode"] == pytest.approx(second["dynamic"], abs=0.15)
+    twice = run("friction", files[0], files[0])
+    assert twice.exit_code == 2
+    assert "given twice" in twice.stderr
+
+
+def test_profile_and_map(run, tmp_path):
+    x = np.arange(0, 8, 0.004)
+    d = np.abs((x - 0.2 + 0.5) % 1.0 - 0.5)
+    z = 47.67 * np.clip((0.25 + 0.04 - d) / 0.08, 0, 1)
+    file = csv(tmp_path / "p.csv", "x_mm,z_um", x, z)
+    out = tmp_path / "o"
+    ran = run("profile", file, "--design-height-um", 100, "--design-width-um", 500, "--out", out)
+    result = done(ran, out, "profile.png", "height_map.npz")
+    assert result["height_mm"]["mean"] == pytest.approx(0.04767, rel=1e-3)
+    assert result["against_design"]["height"]["relative_deviation"] == pytest.approx(-0.523, abs=0.002)
+    with np.load(out / "height_map.npz", allow_pickle=False) as data:
+        assert data["pitch_mm"] == pytest.approx(0.004)
+        assert data["distance_mm"].max() == pytest.approx(0.04767, rel=0.01)
+    grid = tmp_path / "m.csv"
+    np.savetxt(grid, np.tile(z[::4], (200, 1)), delimiter=",")
+    out = tmp_path / "m"
+    result = done(run("profile", grid, "--pitch-um", 16, "--out", out), out, "map.png", "height_map.npz")
+    assert abs(result["orientation_deg"]) == pytest.approx(90, abs=0.5)
+    assert result["pitch_mm"]["mean"] == pytest.approx(1.0, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        (["stiffness", "no.csv"], 2, "no such file"),
+        (["stiffness", "text.csv"], 2, "no column 'force'"),
+        (["stiffness", "text.csv", "--test", "tension"], 2, "indentation, compression"),
+        (["dma", "text.csv", "--reference-C", "900"], 2, "--reference-C"),
+        (["dma", "text.csv"], 2, "no column 'frequency'"),
+        (["friction", "text.csv", "--group", "a", "--group", "b"], 2, "2 groups for 1 files"),
+        (["profile", "numbers.csv"], 2, "--pitch-um"),
+        (["profile", "text.csv", "--design-height-um", "-3"], 2, "above 0 um"),
+        (["profile", "text.csv", "--json", "nowhere/x.json"], 2, "its folder does not exist"),
+        (["friction", "flat.csv"], 2, "flat.csv: no sliding found"),
+    ],
+)
+def test_bad_input_is_one_line_and_writes_nothing(run, tmp_path, monkeypatch, words, code, message):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "text.csv").write_text("colour_MPa,shape_mm\n1,2\n")
+    (tmp_path / "numbers.csv").write_text("1,2,3\n4,5,6\n")
+    t = np.linspace(0, 1, 100)
+    csv(tmp_path / "flat.csv", "time_s,Fx_N,Fz_N", t, 0 * t, 0 * t + 1)
+    result = run(*words)
+    assert result.exit_code == code, result.output
+    assert message in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "outputs").exists()

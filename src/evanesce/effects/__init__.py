@@ -11,21 +11,8 @@ from pathlib import Path
 from types import MappingProxyType
 
 from evanesce.core.errors import InputError
-from evanesce.effects.protocol import (
-    ANY_SCENE,
-    OBSERVABLES,
-    Active,
-    Bands,
-    Blot,
-    Candidate,
-    Context,
-    Effect,
-    Line,
-    Marks,
-    Observable,
-    Stage,
-    apply_stage,
-)
+from evanesce.effects.inference_hints import OBSERVABLES, Bands, Blot, Candidate, Line, Marks, Observable
+from evanesce.effects.protocol import ANY_SCENE, Active, Context, Effect, Stage, apply_stage
 from evanesce.rig import Scene
 from evanesce.rig.load import validate
 

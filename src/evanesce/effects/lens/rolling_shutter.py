@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from evanesce.core.quantities import Strict, field
 from evanesce.core.states import SensorLight
-from evanesce.effects.protocol import Bands, Context, Effect, Stage
+from evanesce.effects.inference_hints import Bands
+from evanesce.effects.protocol import Context, Effect, Stage
 
 Array = NDArray[np.float64]
 

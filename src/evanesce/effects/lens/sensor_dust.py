@@ -11,15 +11,14 @@ from pydantic import model_validator
 
 from evanesce.core.quantities import Strict, field
 from evanesce.core.states import SensorLight
-from evanesce.effects.protocol import Context, Effect, Marks, Stage, listed
+from evanesce.effects.inference_hints import Marks
+from evanesce.effects.particles import MAX_PER_CM2, draw_particles, listed_values, require_one_length
+from evanesce.effects.protocol import Context, Effect, Stage
 from evanesce.rig import Scene
 from evanesce.sensor.lens import magnification, working_f_number
 
 Array = NDArray[np.float64]
 
-MAX_MARKS = 20000
-MAX_PER_CM2 = 2000.0
-MM2_PER_CM2 = 100.0
 SMALLEST_CONE_MM = 1e-6
 
 
@@ -38,19 +37,13 @@ class Parameters(Strict):
     )
     opacity: float = field(1.0, unit="1", bounds=(0.0, 1.0), doc="share of its light that a grain stops")
     marks: float = field(0.0, unit="1", bounds=(0.0, 10.0), null=0.0, doc="multiplies what listed grains stop")
-    mark_x_mm: tuple[float, ...] = field(
-        (), unit="mm", bounds=(0.0, 100.0), doc="listed grains, from the sensor's left edge", max_length=MAX_MARKS
-    )
-    mark_y_mm: tuple[float, ...] = field(
-        (), unit="mm", bounds=(0.0, 100.0), doc="from its upper edge", max_length=MAX_MARKS
-    )
-    mark_area_mm2: tuple[float, ...] = field(
-        (), unit="mm^2", bounds=(0.0, 100.0), doc="of each listed grain", max_length=MAX_MARKS
-    )
+    mark_x_mm: tuple[float, ...] = listed_values("mm", (0.0, 100.0), "listed grains, from the sensor's left edge")
+    mark_y_mm: tuple[float, ...] = listed_values("mm", (0.0, 100.0), "from its upper edge")
+    mark_area_mm2: tuple[float, ...] = listed_values("mm^2", (0.0, 100.0), "of each listed grain")
 
     @model_validator(mode="after")
     def _lists(self) -> Parameters:
-        listed({name: getattr(self, name) for name in ("mark_x_mm", "mark_y_mm", "mark_area_mm2")})
+        require_one_length({name: getattr(self, name) for name in ("mark_x_mm", "mark_y_mm", "mark_area_mm2")})
         return self
 
 
@@ -128,11 +121,9 @@ def apply(light: SensorLight, parameters: Parameters, context: Context) -> Senso
 def _drawn(parameters: Parameters, size_mm: tuple[float, float], context: Context) -> Array:
     """Return grains at random places: x, y, diameter [mm]."""
     rng = context.generator("sensor_dust", per_frame=False)
-    count = rng.poisson(MAX_PER_CM2 / MM2_PER_CM2 * size_mm[0] * size_mm[1])
-    place, size, order = rng.random((count, 2)), rng.standard_normal(count), rng.random(count)
-    there = order < parameters.per_cm2 / MAX_PER_CM2
-    diameter = parameters.median_diameter_um * 1e-3 * np.exp(parameters.log_spread * size[there])
-    return np.column_stack([place[there] * size_mm, diameter])
+    place, relative_diameter = draw_particles(rng, size_mm, parameters.per_cm2, parameters.log_spread)
+    diameter = parameters.median_diameter_um * 1e-3 * relative_diameter
+    return np.column_stack([place * size_mm, diameter])
 
 
 def _listed(parameters: Parameters) -> Array:

@@ -8,7 +8,8 @@ import numpy as np
 
 from evanesce.core.quantities import Strict, field
 from evanesce.core.states import PlateLight
-from evanesce.effects.protocol import Blot, Context, Effect, Stage
+from evanesce.effects.inference_hints import Blot
+from evanesce.effects.protocol import Context, Effect, Stage
 from evanesce.render.fast.defects import contact_radiance, plate_points
 
 

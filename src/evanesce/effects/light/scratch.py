@@ -8,7 +8,8 @@ import numpy as np
 
 from evanesce.core.quantities import Strict, field
 from evanesce.core.states import PlateLight
-from evanesce.effects.protocol import Context, Effect, Line, Stage
+from evanesce.effects.inference_hints import Line
+from evanesce.effects.protocol import Context, Effect, Stage
 from evanesce.render.fast.defects import add_points, contact_radiance
 
 WIDTH_UM = 15.0

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from evanesce.core.quantities import Strict, field
-from evanesce.effects.protocol import Context, Effect, Marks, Stage, listed
+from evanesce.effects.inference_hints import Marks
+from evanesce.effects.particles import listed_values, require_one_length
+from evanesce.effects.protocol import Context, Effect, Stage
 from evanesce.rig import Scene
-
-MAX_MARKS = 20000
 
 
 class Parameters(Strict):
@@ -21,19 +21,13 @@ class Parameters(Strict):
         1e5, unit="e_per_s", bounds=(0.0, 1e8), doc="mean of their exponentially distributed dark current"
     )
     marks: float = field(0.0, unit="1", bounds=(0.0, 10.0), null=0.0, doc="multiplies the rates of the listed pixels")
-    mark_x_mm: tuple[float, ...] = field(
-        (), unit="mm", bounds=(0.0, 100.0), doc="listed pixels, from the sensor's left edge", max_length=MAX_MARKS
-    )
-    mark_y_mm: tuple[float, ...] = field(
-        (), unit="mm", bounds=(0.0, 100.0), doc="from its upper edge", max_length=MAX_MARKS
-    )
-    mark_rate_e_per_s: tuple[float, ...] = field(
-        (), unit="e_per_s", bounds=(0.0, 1e9), doc="dark current of each", max_length=MAX_MARKS
-    )
+    mark_x_mm: tuple[float, ...] = listed_values("mm", (0.0, 100.0), "listed pixels, from the sensor's left edge")
+    mark_y_mm: tuple[float, ...] = listed_values("mm", (0.0, 100.0), "from its upper edge")
+    mark_rate_e_per_s: tuple[float, ...] = listed_values("e_per_s", (0.0, 1e9), "dark current of each")
 
     @model_validator(mode="after")
     def _lists(self) -> Parameters:
-        listed({name: getattr(self, name) for name in ("mark_x_mm", "mark_y_mm", "mark_rate_e_per_s")})
+        require_one_length({name: getattr(self, name) for name in ("mark_x_mm", "mark_y_mm", "mark_rate_e_per_s")})
         return self
 
 

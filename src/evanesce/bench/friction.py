@@ -140,7 +140,7 @@ def analyse(
     sliding = np.flatnonzero((smooth > 0.5 * level) & known)
     if level <= 0.0 or len(sliding) < 20:
         raise WorkError("no sliding found: the coefficient of friction never stays up")
-    # The longest unbroken stretch: touch-down at a vanishing load can spike.
+    # The longest unbroken stretch: contact at a vanishing load can spike.
     runs = np.split(sliding, np.flatnonzero(np.diff(sliding) > window) + 1)
     run = max(runs, key=len)
     first, last = int(run[0]), int(run[-1])

@@ -133,7 +133,7 @@ class IndentationResult:
     Attributes
     ----------
     force, depth : ndarray (n,)
-        [N], and [mm] from the fitted first touch.
+        [N], and [mm] from the fitted first contact.
     reduced_modulus : ndarray (n,)
         E* at each sample [MPa].
     youngs_modulus : ndarray (n,)
@@ -146,7 +146,7 @@ class IndentationResult:
         E*(F) = intercept + slope F, fitted to the depths [MPa], [MPa/N].
     intercept_se, slope_se : float
     touch : float
-        Machine position of first touch [mm].
+        Machine position of first contact [mm].
     depth_rms : float
         Residual of the depth [mm].
     """
@@ -189,7 +189,7 @@ def analyse(
     poisson_ratio: float,
     *,
     find_touch: bool = True,
-    least_force: float = 0.02,
+    min_force: float = 0.02,
 ) -> IndentationResult:
     """Fit E*(F) to a loading curve and derive what the thesis's chapter 3 derives.
 
@@ -201,8 +201,8 @@ def analyse(
     poisson_ratio : float
         Of the finger.
     find_touch : bool
-        Fit the position of first touch; otherwise displacement 0 is taken for it.
-    least_force : float
+        Fit the position of first contact; otherwise it is displacement 0.
+    min_force : float
         Samples below are left out [N]: noise, not contact.
 
     Raises
@@ -211,10 +211,10 @@ def analyse(
         With fewer than 6 usable samples, or where the fit fails or gives a modulus that is not positive.
     """
     f, x = np.asarray(force, dtype=float), np.asarray(displacement, dtype=float)
-    usable = np.isfinite(f) & np.isfinite(x) & (f > least_force)
+    usable = np.isfinite(f) & np.isfinite(x) & (f > min_force)
     f, x = f[usable], x[usable]
     if len(f) < 6:
-        raise WorkError(f"{len(f)} samples above {least_force:g} N; at least 6 are needed")
+        raise WorkError(f"{len(f)} samples above {min_force:g} N; at least 6 are needed")
 
     def depth(load: Floats, intercept: float, slope: float, touch: float = 0.0) -> Floats:
         return touch + geometry.depth(load, np.maximum(intercept + slope * load, 1e-9))

@@ -33,7 +33,7 @@ def indentation_figure(result: IndentationResult) -> Figure:
     order = np.argsort(result.force)
     force = result.force[order]
     left.plot(result.depth, result.force, ".", ms=3, color="0.5")
-    left.set(xlabel="depth from first touch [mm]", ylabel="normal force [N]")
+    left.set(xlabel="depth from first contact [mm]", ylabel="normal force [N]")
     middle.plot(result.force, result.reduced_modulus, ".", ms=3, color="0.6", label="each sample")
     middle.plot(force, result.intercept + result.slope * force, "C0", label="fit: intercept + slope F")
     middle.plot(force, result.youngs_modulus[order], "C1", label="Young's modulus")

@@ -28,7 +28,7 @@ PROFILE_COLUMNS = (
 
 
 def is_matrix(path: Path) -> bool:
-    """Tell whether a CSV file is a bare matrix of numbers (a height map) rather than columns with headings."""
+    """Return whether a CSV file is a bare matrix of numbers (a height map) rather than columns with headings."""
     first = read_rows(path)[0]
     try:
         [float(cell) for cell in first if cell]
@@ -154,17 +154,17 @@ def read_skin(
             skin = height_map_of_scan(raw.height, raw.pitch, form_degree)
     except WorkError as error:  # no ridge to repeat, too little data: it is this file that is unfit
         raise InputError(str(error), file=path) from None
-    span, (least, most) = float(np.ptp(skin.height)), RELIEF_MM
-    if not least <= span <= most:
+    span, (lowest, highest) = float(np.ptp(skin.height)), RELIEF_MM
+    if not lowest <= span <= highest:
         raise InputError(
             f"heights span {1e3 * span:.4g} um; is the unit right?", file=path, key=key,
-            allowed=f"{1e3 * least:g} to {1e3 * most:g} um",
+            allowed=f"{1e3 * lowest:g} to {1e3 * highest:g} um",
         )  # fmt: skip
     return skin
 
 
 def _npz(path: Path) -> HeightMap:
-    """Read what `evanesce bench profile` writes; nothing is unpacked before its size is known."""
+    """Read what `evanesce bench profile` writes; nothing is unpacked before its size is checked."""
     try:
         with zipfile.ZipFile(path) as archive:
             unpacked = sum(entry.file_size for entry in archive.infolist())
@@ -202,7 +202,7 @@ def _matrix(path: Path) -> Floats:
 
 def _tiff(path: Path) -> Floats:
     try:
-        # Pillow tells of damaged tags and of many pixels by warnings as well; the size is checked here.
+        # Pillow warns of damaged tags and of many pixels by warnings as well; the size is checked here.
         with warnings.catch_warnings(action="ignore"), Image.open(path) as image:
             if image.width * image.height > MAX_SAMPLES:
                 raise InputError(f"{image.width} x {image.height} samples", file=path, allowed=f"at most {MAX_SAMPLES}")

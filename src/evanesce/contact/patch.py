@@ -67,10 +67,10 @@ def grid_part(grid: PlateGrid, box: tuple[slice, slice]) -> PlateGrid:
 
 
 def cell_pressure(grid: PlateGrid, centre: tuple[float, float], contact: AxisymmetricContact) -> Array:
-    """Return the mean pressure over a ring as wide as a cell around each sample [MPa], shape (rows, cols).
+    """Return the mean pressure over an annulus as wide as a cell around each sample [MPa], shape (rows, cols).
 
-    A ring mean from the force integral is finite where the pressure itself is singular (JKR's edge), and summing it
-    over the cells returns the force but for the error of placing rings on squares.
+    A mean over an annulus from the force integral is finite where the pressure itself is singular (JKR's edge), and
+    summing it over the cells returns the force but for the error of placing annuli on squares.
     """
     r = radii(grid, centre)
     outer, inner = r + grid.pitch / 2, np.maximum(r - grid.pitch / 2, 0.0)
@@ -86,13 +86,13 @@ def require_fit(grid: PlateGrid, centre: tuple[float, float], radius: float) -> 
         With the grid size it needs.
     """
     x_min, x_max, y_min, y_max = grid.extent
-    room = min(centre[0] - x_min, x_max - centre[0], centre[1] - y_min, y_max - centre[1])
-    if radius > room:
+    available = min(centre[0] - x_min, x_max - centre[0], centre[1] - y_min, y_max - centre[1])
+    if radius > available:
         short = min(grid.shape) * grid.pitch
         raise InputError(
             f"contact of radius {radius:.4g} mm does not fit on the contact grid of {short:.4g} mm",
             key="grid.size_mm",
-            allowed=f"at least {short + 2.0 * (radius - room):.4g} mm",
+            allowed=f"at least {short + 2.0 * (radius - available):.4g} mm",
         )
 
 

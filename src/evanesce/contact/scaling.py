@@ -1,7 +1,7 @@
-"""A finger that is stiffer or softer than believed, for every law alike.
+"""A finger stiffer or softer than its material, under every law.
 
-A body whose stresses are all m times as large, pressed without adhesion, takes under m F the shape that the other
-takes under F, large deformation and Coulomb friction included: contact(F, m E) = m contact(F/m, E), the factor on its
+A body whose stresses are all m times as large, pressed without adhesion, takes under m F the shape of the other
+under F, large deformation and Coulomb friction included: contact(F, m E) = m contact(F/m, E), the factor on its
 stresses alone.
 """
 

@@ -171,7 +171,7 @@ def _slide_frame(scene: Scene, force: float, time: float) -> ContactState:
     """Return the frame of a scene's slide at a time."""
     if scene.finger.work_of_adhesion_N_per_mm > 0 and not knows_adhesion(scene):
         raise InputError(
-            f"a slide under law {scene.contact.law} knows no adhesion",
+            f"a slide under law {scene.contact.law} has no adhesion",
             key="finger.work_of_adhesion_N_per_mm",
             allowed="0, or law hertz or jkr",
         )

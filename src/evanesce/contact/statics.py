@@ -129,7 +129,7 @@ def _with_relief(
 
 
 def _halfspace_heights(smooth: ContactState, skin: Skin, modulus: float) -> NDArray[np.float64]:
-    """Return the height map [mm] of a half-space that makes a known smooth contact, with a relief on it."""
+    """Return the height map [mm] of a half-space that makes a given smooth contact, with a relief on it."""
     pressure, gap = np.asarray(smooth.pressure, dtype=float), np.asarray(smooth.gap, dtype=float)
     return pressed_profile(pressure, gap, skin.depth, smooth.grid.pitch, modulus)
 

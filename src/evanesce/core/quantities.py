@@ -59,7 +59,7 @@ UNIT_SUFFIXES: dict[str, str] = {
 
 @dataclass(frozen=True)
 class Quantity:
-    """What is known of a parameter beside its value.
+    """Unit, bounds, null and source of a parameter.
 
     Attributes
     ----------

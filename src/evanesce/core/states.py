@@ -81,7 +81,7 @@ class PlateGrid:
 
 @dataclass(frozen=True, kw_only=True)
 class ContactState:
-    """Truth of one instant: what touches the glass, where and how hard.
+    """Contact of the finger with the glass at one instant: the ground truth.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ class ContactState:
     state : ndarray of uint8 (rows, cols), optional
         :class:`SurfaceState` of each cell.
     real_contact_fraction : ndarray (rows, cols), optional
-        Share of nominal contact that touches on the scale of roughness.
+        Share of nominal contact that is in contact on the scale of roughness.
     tangential_force : tuple of float
         (x, y) [N].
     time : float

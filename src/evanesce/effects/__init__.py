@@ -1,4 +1,4 @@
-"""Departures from the ideal rig, one file each, found by walking this folder."""
+"""Departures from the ideal rig, one file each, found in this folder's subfolders."""
 
 from __future__ import annotations
 

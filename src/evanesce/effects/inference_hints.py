@@ -58,7 +58,7 @@ class Candidate:
     amplitude : bool
         Whether the effect grows with it from nothing.
     start : tuple of float
-        Values to try where there is no derivative to start from; empty: none are needed.
+        Values to try where there is no derivative to start from; empty where none are needed.
     """
 
     name: str

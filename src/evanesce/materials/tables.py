@@ -1,4 +1,4 @@
-"""Published figures of the silicones, read strictly from ``silicones.toml``; every figure keeps its source."""
+"""Published values of the silicones, read strictly from ``silicones.toml``; every value keeps its source."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ TABLES = Path(__file__).resolve().parent / "silicones.toml"
 
 
 class Sourced(Strict):
-    """Published figures with their place, and what to beware of."""
+    """Published values with their source and a caution."""
 
     source: str = Field(min_length=1)
     caution: str = ""
@@ -218,7 +218,7 @@ def _library() -> dict[str, Material]:
 
 
 def material_names() -> tuple[str, ...]:
-    """Return the names that :func:`material` knows."""
+    """Return the names of all materials."""
     return tuple(_library())
 
 

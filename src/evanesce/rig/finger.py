@@ -1,4 +1,4 @@
-"""The silicone finger and the contact law that is believed of it."""
+"""The silicone finger and its nominal contact law."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Ridges(Strict):
         bounds=(0.1, 5000.0),
         doc="Gaussian rounding of a flat-topped ridge; none: a ridge without flats",
     )
-    core_length_mm: float = field(2.0, unit="mm", bounds=(0.0, 100.0), doc="segment that a whorl's rings enclose")
+    core_length_mm: float = field(2.0, unit="mm", bounds=(0.0, 100.0), doc="segment that a whorl's ridges enclose")
 
 
 class ScannedSkin(Strict):
@@ -76,7 +76,7 @@ class Finger(Strict):
         unit="1",
         bounds=(0.0, 1.0),
         null=1.0,
-        doc="of the light that the silicone returns, the part that has wandered; the rest leaves where it entered",
+        doc="of the light that the silicone returns, the part scattered below the surface; the rest leaves at once",
     )
     scattering_power: float = field(
         0.0,

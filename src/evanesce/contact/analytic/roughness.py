@@ -1,4 +1,4 @@
-"""Real contact on the scale of roughness: the share of nominal contact that touches, after Persson."""
+"""Real contact on the scale of roughness: the share of nominal contact, after Persson."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def persson_contact_fraction(pressure: ArrayLike, modulus: float, rms_slope: flo
     Parameters
     ----------
     pressure : array_like
-        Nominal pressure [MPa]; what pulls does not touch.
+        Nominal pressure [MPa]; tension makes no contact.
     modulus : float
         E* [MPa].
     rms_slope : float

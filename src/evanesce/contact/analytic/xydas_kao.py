@@ -94,7 +94,7 @@ def xydas_kao_force_within(r: ArrayLike, force: float, contact_radius: float, k:
 def xydas_kao_contact(force: float, tip_radius: float, c: float, gamma: float, k: float = 2.0) -> AxisymmetricContact:
     """Return the whole contact; parameters as :func:`xydas_kao_radius` and :func:`xydas_kao_pressure`.
 
-    The law is silent on what lies outside the contact and on the depth: the gap is that of a parabola of radius
+    The law gives neither the gap outside contact nor the depth: the gap is that of a parabola of radius
     ``tip_radius`` [mm] resting on the circle (Hertz), the depth is NaN.
     """
     radius = float(xydas_kao_radius(force, c, gamma))

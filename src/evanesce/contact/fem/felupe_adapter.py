@@ -1,4 +1,4 @@
-"""The only file that knows FElupe (GPL-3, optional extra ``fem``): forces and tangent of a rubber body, and the solver.
+"""The only file that imports FElupe (GPL-3, optional extra ``fem``): forces and tangent of a rubber body, solver.
 
 FElupe gives the three-field element Q1P0 (mean dilatation; the pressure and volume are condensed per element) and the
 assembly; the rubber's derivatives are closed forms, contact and step control the project's own.
@@ -81,7 +81,7 @@ class Body:
         return np.ascontiguousarray(values[:, ::-1]) if self._axisymmetric else values
 
     def inverted(self, displacement: Floats) -> bool:
-        """Say whether an element's volume is not positive somewhere, or a displacement is not finite."""
+        """Return whether an element's volume is not positive somewhere, or a displacement is not finite."""
         if not np.isfinite(displacement).all():
             return True
         self._set(displacement)

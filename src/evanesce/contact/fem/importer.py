@@ -64,7 +64,7 @@ class ForeignContact:
         return float(self.pressure @ nodal_shares(self.place, self.faces))
 
     def footprint(self) -> Footprint:
-        """Return the footprint: no friction is known, so everything sticks."""
+        """Return the footprint: friction is not in the file, so all contact sticks."""
         touching = self.pressure > 0
         gap = np.where(touching, 0.0, self.gap)
         opening = signed_opening(self.place, self.faces, gap, touching)

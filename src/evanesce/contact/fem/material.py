@@ -1,4 +1,4 @@
-"""The hyperelastic material of a finite-element finger: coefficients, known silicones and the range that is trusted."""
+"""The hyperelastic material of a finite-element finger: coefficients, the thesis's silicones, stable stretches."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ class Rubber:
         return bound(-1.0), bound(1.0)
 
     def is_stable(self, stretches: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Say where the distortional material is stable in Drucker's sense.
+        """Return where the distortional material is stable in Drucker's sense.
 
         Parameters
         ----------

@@ -1,7 +1,7 @@
 """Structured meshes of a silicone finger in numpy: its shape, and its half section (for axisymmetric presses).
 
 The finger stands on its tip: the height is the last coordinate, 0 at the apex; the glass comes from below. A section
-has coordinates (r, z), a half body (x, y, z) with y >= 0. A core of parallel layers is wrapped by rings that follow the
+has coordinates (r, z), a half body (x, y, z) with y >= 0. A core of parallel layers is wrapped by layers along the
 skin (an O-grid), so that no element degenerates on the axis; a rigid bone takes the core's place.
 """
 
@@ -17,7 +17,7 @@ from evanesce.core.errors import InputError
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-CORE_SHARE = 0.55  # of the way from the focus to the skin: rings and core then have elements of like size
+CORE_SHARE = 0.55  # of the way from the focus to the skin: layers and core then have elements of like size
 CORNER_ANGLE = np.pi / 4  # ray on which the core's edge lies; rays meet both faces of it at about 45 degrees
 
 
@@ -234,10 +234,10 @@ def finger_section(shape: FingerShape, size: MeshSize = MeshSize()) -> SolidMesh
     if arcs.size < 3:
         arcs = np.linspace(0.0, cap_length, 3)
     line = outline(shape, size, arcs, _corner_of(arcs, shape))
-    rings = line.outer[:, None] + line.layers[None, :, None] * (line.inner - line.outer)[:, None]
-    n_line, n_layers = rings.shape[:2]
+    nodes = line.outer[:, None] + line.layers[None, :, None] * (line.inner - line.outer)[:, None]
+    n_line, n_layers = nodes.shape[:2]
     index = np.arange(n_line * n_layers).reshape(n_line, n_layers)
-    points, cells = [rings.reshape(-1, 2)], [quads(index)]
+    points, cells = [nodes.reshape(-1, 2)], [quads(index)]
     top = [index[-1]]
     axis = [index[0]]
     if shape.bone_radius == 0:
@@ -260,7 +260,7 @@ def finger_section(shape: FingerShape, size: MeshSize = MeshSize()) -> SolidMesh
 
 
 def _section_core(line: Outline, boundary: Ints, start: int) -> tuple[Floats, Ints, Ints, Ints]:
-    """Fill the core with layers; its bottom and side nodes are those of the innermost ring."""
+    """Fill the core with layers; its bottom and side nodes are those of the innermost layer."""
     r, z = line.inner[: line.corner + 1, 0], line.inner[line.corner :, 1]
     index = np.empty((r.size, z.size), dtype=np.int64)
     index[:, 0] = boundary[: line.corner + 1]
@@ -288,7 +288,7 @@ def nodal_areas(points: Floats, facets: Ints, *, projected: bool = False) -> Flo
     Parameters
     ----------
     points : ndarray (n, 2 or 3)
-        (r, z) of a section (the area is that of the whole ring) or (x, y, z).
+        (r, z) of a section (the area is that of the whole annulus) or (x, y, z).
     facets : ndarray (f, 2 or 4)
     projected : bool
         Of the skin's shadow on the glass instead of the skin itself.

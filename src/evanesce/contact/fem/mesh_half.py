@@ -21,12 +21,12 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-def _half_disc(centre_cells: int, rings: int) -> tuple[Floats, Ints, Ints]:
+def _half_disc(centre_cells: int, layers: int) -> tuple[Floats, Ints, Ints]:
     """Mesh the unit half disc y >= 0; return points (n, 2), quads and the rim's nodes from x = 1 to x = -1."""
-    m, c = centre_cells, centre_cells / (centre_cells + rings) * 0.9
+    m, c = centre_cells, centre_cells / (centre_cells + layers) * 0.9
     x, y = np.linspace(-c, c, 2 * m + 1), np.linspace(0.0, c, m + 1)
     block = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
-    # draw the block's outline half way to a circle: the ring elements at its corners then keep their angles
+    # draw the block's outline half way to a circle: the outer elements at its corners then keep their angles
     square, round_ = np.maximum(np.abs(block[..., 0]), block[..., 1]), np.hypot(block[..., 0], block[..., 1])
     block = block * (0.5 + 0.5 * square / np.where(round_ > 0, round_, 1.0))[..., None]
     index = np.arange((2 * m + 1) * (m + 1)).reshape(2 * m + 1, m + 1)
@@ -35,11 +35,11 @@ def _half_disc(centre_cells: int, rings: int) -> tuple[Floats, Ints, Ints]:
     angle = np.linspace(0.0, np.pi, edge.size)
     rim = np.column_stack([np.cos(angle), np.sin(angle)])
     rim[0, 1] = rim[-1, 1] = 0.0
-    share = np.linspace(0.0, 1.0, rings + 1)[1:]
-    ring = inner[:, None] + share[None, :, None] * (rim - inner)[:, None]
-    ring_index = index.size + np.arange(ring.shape[0] * rings).reshape(ring.shape[0], rings)
-    full = np.column_stack([edge, ring_index])
-    points = np.vstack([block.reshape(-1, 2), ring.reshape(-1, 2)])
+    share = np.linspace(0.0, 1.0, layers + 1)[1:]
+    outer = inner[:, None] + share[None, :, None] * (rim - inner)[:, None]
+    outer_index = index.size + np.arange(outer.shape[0] * layers).reshape(outer.shape[0], layers)
+    full = np.column_stack([edge, outer_index])
+    points = np.vstack([block.reshape(-1, 2), outer.reshape(-1, 2)])
     cells = counter_clockwise(points, np.vstack([quads(index), quads(full)]))
     return points, cells, full[:, -1]
 

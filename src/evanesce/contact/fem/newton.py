@@ -23,7 +23,7 @@ class Solid(Protocol):
     """What the solver needs of a body; the adapter to the finite-element library has it."""
 
     def inverted(self, displacement: Floats) -> bool:
-        """Say whether an element is inside out."""
+        """Return whether an element is inside out."""
 
     def forces(self, displacement: Floats) -> Floats:
         """Return internal forces [N]."""
@@ -139,7 +139,7 @@ def equilibrium(
 ) -> Equilibrium:
     """Solve one step from the last accepted one.
 
-    The residual must fall below ``tolerance`` times the contact force, or :data:`NOISE` where hardly anything touches.
+    The residual must fall below ``tolerance`` times the contact force, or :data:`NOISE` where contact is almost none.
     An iterate with an inverted element or a number that is not finite is shortened, at most five times.
 
     Raises

@@ -81,7 +81,7 @@ class PlaneForces:
 
 
 def free_anchors(positions: Floats) -> Anchors:
-    """Return the memory of nodes none of which touches; ``positions`` are relative to the glass, shape (k, d)."""
+    """Return the anchors of nodes out of contact; ``positions`` are relative to the glass, shape (k, d)."""
     flat = positions[:, :-1]
     return Anchors(np.zeros(len(positions), dtype=bool), flat.copy(), flat.copy(), positions.copy())
 
@@ -90,7 +90,7 @@ def plane_forces(relative: Floats, areas: Floats, glass: Glass, anchors: Anchors
     """Return contact forces at positions relative to the glass.
 
     A node that came into contact since the last step is anchored where its path crossed the glass, so that movement
-    before the touch costs nothing.
+    before contact costs nothing.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def plane_forces(relative: Floats, areas: Floats, glass: Glass, anchors: Anchors
     touching = height < 0.0
     depth = np.where(touching, -height, 0.0)
     soft = glass.softness
-    # force rises as a parabola over the first `soft` of penetration: its slope then has no jump at the touch, over
+    # force rises as a parabola over the first `soft` of penetration: its slope then has no jump at first contact, over
     # which Newton's iterations would hop to and fro
     inside = depth < soft
     normal_stiffness = glass.penalty * areas * np.where(inside, depth / soft, 1.0)

@@ -51,7 +51,7 @@ class SolvedRun:
         return len(self.history.steps)
 
     def footprint(self, index: int) -> Footprint:
-        """Return what step ``index`` looks like at the glass (from 0; negative from the end)."""
+        """Return the footprint of a step (from 0; negative from the end)."""
         state = self.history.steps[index].state
         memory = state.contact.anchors
         slip = memory.place - memory.touchdown
@@ -65,7 +65,7 @@ class SolvedRun:
         return [i for i, step in enumerate(self.history.steps) if step.reached]
 
     def row(self, index: int) -> dict[str, float]:
-        """Return the figures of one step: depth, slide and stretches, forces [N], area [mm^2], penetration [mm]."""
+        """Return the results of one step: depth, slide and stretches, forces [N], area [mm^2], penetration [mm]."""
         step = self.history.steps[index]
         state, print_ = step.state, self.footprint(index)
         heights = (
@@ -210,7 +210,7 @@ def write_vtk(path: Path, run: SolvedRun, index: int) -> None:
     Raises
     ------
     InputError
-        Without the extra ``fem``, or for a suffix that meshio does not know.
+        Without the extra ``fem``, or for a suffix that meshio does not support.
     """
     try:
         import meshio

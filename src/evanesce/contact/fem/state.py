@@ -19,7 +19,7 @@ from evanesce.core.states import ContactState, PlateGrid, SurfaceState
 Floats = NDArray[np.float64]
 
 NEAR_GAP = 0.01  # [mm]: silicone this close to the glass is labelled near; some ten times the reach of evanescent light
-SUPERSAMPLE = 4  # points a side at which a cell is asked whether it touches
+SUPERSAMPLE = 4  # points a side at which a cell is tested for contact
 RADIAL_POINTS = 400  # of the pressure's force integral
 
 
@@ -32,7 +32,7 @@ class AxisymmetricProfile:
     r, gap, pressure, traction : ndarray (k,)
         By node of the cap, from the apex: radius [mm], gap [mm], pressure and radial traction [MPa].
     slip : ndarray (k,)
-        Radial way slipped since the touch [mm].
+        Radial slip since contact [mm].
     slipping : ndarray of bool (k,)
     contact_radius, depth, normal_force : float
         [mm], [mm], [N].
@@ -97,8 +97,8 @@ def axisymmetric_contact(profile: AxisymmetricProfile, beyond: float) -> Axisymm
     """Return a profile as the contact that every axisymmetric law gives, its pressure scaled to carry the force."""
     r = np.linspace(0.0, max(profile.contact_radius, 1e-9), RADIAL_POINTS)
     p = pressure_at(profile, r)
-    ring = 2 * np.pi * r * p
-    within = np.concatenate([[0.0], np.cumsum(0.5 * (ring[1:] + ring[:-1]) * np.diff(r))])
+    line_force = 2 * np.pi * r * p
+    within = np.concatenate([[0.0], np.cumsum(0.5 * (line_force[1:] + line_force[:-1]) * np.diff(r))])
     scale = profile.normal_force / within[-1] if within[-1] > 0 else 0.0
 
     def force_within(radius: Floats) -> Floats:

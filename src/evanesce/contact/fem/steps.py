@@ -183,7 +183,7 @@ def advance(
 
 
 def _way(steps: Sequence[Step]) -> float:
-    """Return how far the glass has moved over some steps [mm]; a single one counts from the first touch."""
+    """Return how far the glass has moved over some steps [mm]; a single one counts from first contact."""
     places = [(0.0, 0.0)] * (len(steps) == 1) + [(step.state.depth, step.state.slide) for step in steps]
     return float(np.abs(np.diff(places, axis=0)).sum()) if len(places) > 1 else 0.0
 

@@ -40,7 +40,7 @@ class Footprint:
         [mm]; 0 in contact.
     touching, slipping : ndarray of bool (k,)
     slip : ndarray (k, 1 or 2)
-        Way of the finger over the glass since the touch [mm].
+        Slip of the finger over the glass since contact [mm].
     opening : ndarray (k,)
         Signed q = gap^(2/3) [mm^(2/3)]: positive outside, continued to negative values inside the contact.
     area : float

@@ -22,9 +22,9 @@ from evanesce.core.states import ContactState
 Array = NDArray[np.float64]
 
 MARGIN = 1.5
-"""Half side of the window that is solved, over the radius of what touches already."""
+"""Half side of the window that is solved, over the radius of contact without adhesion."""
 
-LEAST_WINDOW_MM = 1.0
+MIN_WINDOW_MM = 1.0
 
 
 _FIRST_FORCE = 1e-6
@@ -120,7 +120,7 @@ def adhered_state(state: ContactState, heights: Array, modulus: float, adhesion:
         row, col = np.unravel_index(int(np.argmin(state.gap)), grid.shape)
         x, y = grid.x[[col, col]], grid.y[[row, row]]
     centre = (float(x.mean()), float(y.mean()))
-    box = box_around(grid, centre, MARGIN * max(float(np.ptp(x)), float(np.ptp(y))) / 2 + LEAST_WINDOW_MM)
+    box = box_around(grid, centre, MARGIN * max(float(np.ptp(x)), float(np.ptp(y))) / 2 + MIN_WINDOW_MM)
     part = grid_part(grid, box)
     shape = heights[box] - heights[box].min()
     without = resolved_state(part, shape, modulus, state.normal_force, law=state.law)

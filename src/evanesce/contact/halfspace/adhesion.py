@@ -179,7 +179,7 @@ def press_adhesive_height_map(
             if carried <= 0:
                 raise WorkError(f"the finger lets go of the glass at {target:g} N")
             pulled = heights - operator(cohesive_stress * zone)
-            inner = min(1e-3, max(0.03 * change, 1e-6))  # no need to be finer than the zone itself is known
+            inner = min(1e-3, max(0.03 * change, 1e-6))  # no need to be finer than the zone itself
             found = conjugate_gradients(pulled, operator, pitch, carried, lifted, tolerance=inner, max_iterations=4000)
             lifted = found.pressure
             updated = _zone(found.gap, reach)

@@ -72,12 +72,12 @@ def contact_coverage(reaction: Array, pitch: float) -> Array:
 
 
 def pressed_profile(smooth_pressure: Array, smooth_gap: Array, ridges: Array, pitch: float, modulus: float) -> Array:
-    """Return the height map that stands for a ridged finger whose smooth contact is known from elsewhere.
+    """Return the height map that stands for a ridged finger whose smooth contact is given.
 
     In the smooth contact the glass has flattened the finger: its shape plus the displacement by its pressure is its gap
     plus a constant. So gap minus displacement is a shape that a half-space presses to the same contact, whatever the
     finger's own elasticity (a finite-element finger with bone and shaft); on it lie the ridges, which are small enough
-    to feel a half-space.
+    for a half-space.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def resolved_state(
     ----------
     grid : PlateGrid
     heights : ndarray (rows, cols)
-        Undeformed distance from the glass [mm], zero at the first point to touch.
+        Undeformed distance from the glass [mm], zero at the first point of contact.
     modulus : float
         E* [MPa].
     force : float

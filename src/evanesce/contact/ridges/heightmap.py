@@ -1,7 +1,7 @@
 """Ridges as a height map: where the crests run (pattern or orientation field) and how a ridge is shaped across.
 
 Every pattern is the distance from a core, so that crests lie exactly one pitch apart everywhere: a line (parallel), a
-point (concentric), a segment (whorl: rings drawn out along it) or a half-line (loop: arches around its end that run
+point (concentric), a segment (whorl: crests stretched along it) or a half-line (loop: arches around its end that run
 into parallels). Measured or other orientation fields are filled by growing ridges along them.
 """
 

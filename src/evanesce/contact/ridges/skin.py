@@ -23,7 +23,7 @@ from evanesce.rig.height_map import digest_of
 
 Array = NDArray[np.float64]
 
-LEAST_RMS_KEPT = 0.95
+MIN_RMS_KEPT = 0.95
 """Share of a scan's rms height that must survive the mean over cells: a sinusoid of 5.7 samples a period has it."""
 
 
@@ -72,7 +72,7 @@ def skin_of(finger: Finger, grid: PlateGrid) -> Skin | None:
 
 
 def require_within_scan(state: ContactState, skin: Skin) -> ContactState:
-    """Return the state; refuse it where it touches beyond the scan.
+    """Return the state; refuse it where contact reaches beyond the scan.
 
     Raises
     ------
@@ -150,10 +150,10 @@ def _scanned(skin: ScannedSkin, x: Array, y: Array, cell: float) -> Skin:
     cos, sin = math.cos(turn), math.sin(turn)
     x, y = x - skin.offset_mm[0], y - skin.offset_mm[1]
     depth, known, kept = scanned_depth(scan, x * cos + y * sin, -x * sin + y * cos, cell)
-    if kept < LEAST_RMS_KEPT:
+    if kept < MIN_RMS_KEPT:
         raise InputError(
             f"contact grid of {1e3 * cell:.4g} um per sample leaves {kept:.0%} of the scan's rms height",
-            key="grid.samples", allowed=f"cells that leave at least {LEAST_RMS_KEPT:.0%}",
+            key="grid.samples", allowed=f"cells that leave at least {MIN_RMS_KEPT:.0%}",
         )  # fmt: skip
     size = (math.inf, math.inf) if isinstance(scan, RepeatedProfile) else scan.size
     parameters = {

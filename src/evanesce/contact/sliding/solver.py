@@ -27,7 +27,7 @@ from evanesce.materials.friction import InterfaceFriction
 Floats = NDArray[np.float64]
 
 # Sahli's law is a fit; beyond this share of the area it has never been seen, and the patch must not vanish.
-LEAST_AREA_SHARE = 0.3
+MIN_AREA_SHARE = 0.3
 
 
 @dataclass(frozen=True)
@@ -92,18 +92,18 @@ class Slide:
         return np.array([getattr(frame, name) for frame in self.frames])
 
 
-def spring_load(contact: AxisymmetricContact, edges: Floats, rings: int = 384) -> Floats:
+def spring_load(contact: AxisymmetricContact, edges: Floats, annuli: int = 384) -> Floats:
     """Return the normal force density of the springs [N/mm], shape (m,): the Abel transform of the pressure.
 
-    The pressure is taken constant over each of ``rings`` rings, with the ring's exact force; the rest is exact, so that
-    the sum over all springs and both sides is the normal force. Tension at an adhesive edge is cut off: it adds
+    The pressure is taken constant over each of ``annuli`` annuli, with the annulus's exact force; the rest is exact, so
+    that the sum over all springs and both sides is the normal force. Tension at an adhesive edge is cut off: it adds
     no friction.
     """
     a = contact.contact_radius
     if a <= 0:
         return np.zeros(len(edges) - 1)
     # Sine spacing: the pressure falls as a square root at the edge.
-    r = a * np.sin(np.linspace(0.0, np.pi / 2, rings + 1))
+    r = a * np.sin(np.linspace(0.0, np.pi / 2, annuli + 1))
     pressure = np.diff(contact.force_within(r)) / (np.pi * np.diff(r**2))
     # A disc of radius r under unit pressure is felt by the springs as 2 sqrt(r^2 - x^2); p is a sum of such discs.
     discs = -np.diff(np.append(pressure, 0.0))
@@ -238,7 +238,7 @@ def _check(contacts: Sequence[AxisymmetricContact], t: Floats, drive: Floats, sp
 
 def _left(area: float, loss: float, force: float) -> float:
     """Return the area left under shear [mm^2], within the range in which the law has been seen."""
-    return max(area - loss * force**2, LEAST_AREA_SHARE * area)
+    return max(area - loss * force**2, MIN_AREA_SHARE * area)
 
 
 def _step(

@@ -86,14 +86,14 @@ class SlideStates(Sequence[ContactState]):
         for frame in slide:
             outline = self._outline(frame)
             require_fit(grid, outline.centre, outline.radius)
-        # Tractions are means over rings as wide as a cell, as pressures are; narrower rings would show the springs.
-        ring = max(grid.pitch, 6.0 * float(slide.edges[1]))
-        reach = float(slide.edges[-1]) + ring
+        # Tractions are means over annuli as wide as a cell, as pressures are; narrower ones would show the springs.
+        width = max(grid.pitch, 6.0 * float(slide.edges[1]))
+        reach = float(slide.edges[-1]) + width
         self._radii = np.linspace(0.0, reach, 1024)
-        self._inner, self._outer = np.maximum(self._radii - ring / 2, 0.0), self._radii + ring / 2
-        self._ring_area = np.pi * (self._outer**2 - self._inner**2)
+        self._inner, self._outer = np.maximum(self._radii - width / 2, 0.0), self._radii + width / 2
+        self._annulus_area = np.pi * (self._outer**2 - self._inner**2)
         within = force_within_matrix
-        self._traction = (within(self._outer, slide.edges) - within(self._inner, slide.edges)) / self._ring_area[
+        self._traction = (within(self._outer, slide.edges) - within(self._inner, slide.edges)) / self._annulus_area[
             :, None
         ]
         self._slip = surface_slip_matrix(np.minimum(self._radii, slide.edges[-1]), slide.edges)
@@ -160,7 +160,7 @@ class SlideStates(Sequence[ContactState]):
     def _fields(self, frame: SlideFrame, outline: _Ellipse, rho: Floats) -> dict[str, Floats]:
         """Return pressure, traction and slip on the grid; the two stresses rise as the area shrinks."""
         contact = frame.contact
-        pressure = (contact.force_within(self._outer) - contact.force_within(self._inner)) / self._ring_area
+        pressure = (contact.force_within(self._outer) - contact.force_within(self._inner)) / self._annulus_area
         tables = {
             "pressure": (pressure / outline.shortening, contact.normal_force),
             "traction": (self._traction @ frame.force_density / outline.shortening, frame.tangential_force),
@@ -177,7 +177,7 @@ class SlideStates(Sequence[ContactState]):
                 values[rho.ravel()[inside] > contact.contact_radius] = 0.0
             elif total:
                 carried = float(values.sum()) * self._grid.pitch**2
-                if abs(carried) > 0.5 * abs(total):  # rings on squares: below 0.1 % from 20 cells per radius on
+                if abs(carried) > 0.5 * abs(total):  # annuli on squares: below 0.1 % from 20 cells per radius on
                     values *= total / carried
             full = np.zeros(rho.size)
             full[inside] = values

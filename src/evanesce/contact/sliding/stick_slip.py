@@ -153,7 +153,7 @@ def simulate_stick_slip(slider: Slider, speed: float, duration: float, sampling_
         if away >= duration:
             break
         onsets.append(away)
-        # A push of one part in 10^9 of the drive speed tells the solver which side of rest it is on.
+        # A push of one part in 10^9 of the drive speed places the solver on one side of rest.
         run = solve_ivp(
             slide, (away, duration), [x, 1e-9 * speed], method="DOP853", events=stops, max_step=step,
             rtol=1e-9, atol=1e-12, dense_output=True,

@@ -1,8 +1,8 @@
-"""Twisting an axisymmetric contact about its normal: partial slip from the rim inwards, by superposed rigid rotations.
+"""Twisting an axisymmetric contact about its normal: partial slip from the edge inwards, by superposed rigid rotations.
 
 A disc of radius x that is turned rigidly by d psi on a half-space of shear modulus G carries the azimuthal traction
 (4 G/pi) r/sqrt(x^2 - r^2) d psi and the torque (16/3) G x^3 d psi (Reissner and Sagoci). A twist that grows steadily is
-a sum of such discs from the rim down to the stick radius c; where it slips, the sum has to be the shear strength, which
+a sum of such discs from the edge down to the stick radius c; where it slips, the sum is the shear strength, which
 is Abel's equation. With I(x) = integral of strength(r)/sqrt(r^2 - x^2) from x to a:
 
     density of rotation  G d psi/dx = -I'(x)/2,  twist = I(c)/(2 G),  torque = (8/3) c^3 I(c) + 8 integral of x^2 I dx.
@@ -143,7 +143,7 @@ def twisted_state(
 
 
 def _strength(contact: AxisymmetricContact, friction: InterfaceFriction) -> tuple[Floats, Floats]:
-    """Return radii [mm] and shear strength there [MPa], from rings that carry the contact's exact force."""
+    """Return radii [mm] and shear strength there [MPa], from annuli that carry the contact's exact force."""
     a = contact.contact_radius
     edges = a * np.sin(np.linspace(0.0, np.pi / 2, 4 * NODES + 1))
     pressure = np.diff(contact.force_within(edges)) / (np.pi * np.diff(edges**2))
@@ -164,7 +164,7 @@ def _abel(x: float, a: float, r: Floats, strength: Floats) -> float:
 
 
 def _elements(x: Floats, c: float, integral: Floats) -> tuple[Floats, Floats]:
-    """Return borders from the stick radius to the rim, and G d psi of each ring between them."""
+    """Return borders from the stick radius to the edge of contact, and G d psi of each annulus between them."""
     beyond = x > c
     edges = np.append(c, x[beyond])
     values = np.append(np.interp(c, x, integral), integral[beyond])

@@ -1,4 +1,4 @@
-"""Silicone that gives way under a held load: contact grows with the logarithm of time."""
+"""Creep of silicone under a held load: contact grows with the logarithm of time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from evanesce.rig import Scene
 
 
 class Parameters(Strict):
-    """How fast, and since when."""
+    """Rate and onset of creep."""
 
     per_decade: float = field(
         0.0,
@@ -36,12 +36,12 @@ def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     Raises
     ------
     InputError
-        In a scene with a slide, whose states are marched with one stiffness.
+        In a scene with a slide, which is solved with one stiffness.
     """
     if parameters.per_decade == 0.0:
         return scene
     if scene.slide is not None:
-        raise InputError("a slide is marched without creep", key="effects.creep", allowed="a scene without a slide")
+        raise InputError("a slide is solved without creep", key="effects.creep", allowed="a scene without a slide")
     rise = compliance_rise(context.time_s + parameters.held_before_s, parameters.per_decade, parameters.onset_s)
     return stiffer(scene, 1.0 / rise, "effects.creep.per_decade")
 

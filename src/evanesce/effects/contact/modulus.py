@@ -1,4 +1,4 @@
-"""A silicone that is stiffer or softer than its table says: another batch, another cure, another share of deadener."""
+"""Silicone stiffer or softer than its material: another batch, cure or share of deadener."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from evanesce.rig import Finger, Scene
 
 
 class Parameters(Strict):
-    """By how much."""
+    """Departure of the modulus."""
 
     relative: float = field(
         0.0,
         unit="1",
         bounds=(-0.9, 4.0),
         null=0.0,
-        doc="real modulus over the one believed, less 1",
+        doc="real over nominal modulus, less 1",
     )
 
 

@@ -1,4 +1,4 @@
-"""A lens that is not in focus as believed: a further blur, which may grow or shrink towards the frame's corners."""
+"""Defocus beyond the nominal model: a further blur, which may grow or shrink towards the frame's corners."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Parameters(Strict):
 def discrete_gaussian(variance: float) -> Array:
     """Return the discrete kernel exp(-v) I_n(v), whose variance is exactly v [px^2], however narrow it is.
 
-    A sampled Gaussian has not, below a pixel's width; with this one, pixels of any size see the same blur.
+    That of a sampled Gaussian is not, below a pixel's width; with this kernel pixels of any size have the same blur.
 
     References
     ----------
@@ -56,9 +56,9 @@ def discrete_gaussian(variance: float) -> Array:
 
 
 def spread_by(image: Array, variance: Array) -> Array:
-    """Spread each pixel's light by a Gaussian of its own variance [px^2]; light is moved, never made or lost.
+    """Spread each pixel's light by a Gaussian of its own variance [px^2]; total light is kept.
 
-    Kernels of a few widths are blended linearly in the variance, which makes every pixel's second moment right.
+    Kernels of a few widths are blended linearly in the variance, so that every pixel's second moment is exact.
     Beyond the border the image is continued by its outermost pixels.
     """
     low, high = math.sqrt(float(variance.min())), math.sqrt(float(variance.max()))
@@ -116,7 +116,7 @@ EFFECT = Effect(
     amplitudes=("blur_um", "corner_blur_um"),
     apply=apply,
     null_when="all",
-    # On the axis a focus set by eye: 0.1 mm at f/5.6; in the corners what the rig's photograph shows.
+    # On the axis a focus set by hand: 0.1 mm at f/5.6; in the corners as in the rig's photograph.
     fitted={"blur_um": 5.0, "corner_blur_um": 10.0},
     needs=("press",),
     scaling="moves a share of the light that goes with the square of the blur; follows LED power, same in every frame",

@@ -1,4 +1,4 @@
-"""Rows exposed one after the other under LEDs whose light ripples: bright and dark bands that wander.
+"""Rolling shutter under LEDs whose light ripples: bright and dark bands that drift.
 
 The supply's ripple is a sinusoid; a dimmer switches the light on and off (pulse-width modulation).
 """
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 class Parameters(Strict):
-    """How the light ripples, and how long the rows take."""
+    """Ripple of the light, and readout time."""
 
     ripple: float = field(
         0.0,
@@ -98,7 +98,7 @@ EFFECT = Effect(
     apply=apply,
     # Assumed: some per cent, near twice the mains' frequency or a dimmer's.
     fitted={"ripple": 0.05, "frequency_hz": 10.0, "phase_deg": 90.0},
-    scaling="follows LED power; horizontal bands whose phase moves with time, or stands where the rates are locked",
+    scaling="follows LED power; horizontal bands whose phase moves with time, or stands at equal rates",
     # Without ripple neither frequency nor phase has a derivative.
     start={"ripple": (0.05,), "frequency_hz": (100.0, 120.0), "phase_deg": (0.0, 90.0)},
     bands=Bands(

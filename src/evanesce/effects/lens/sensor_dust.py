@@ -23,7 +23,7 @@ SMALLEST_CONE_MM = 1e-6
 
 
 class Parameters(Strict):
-    """How many grains, how large, how far from the pixels, and how opaque."""
+    """Density, size, height over the pixels and opacity of the grains."""
 
     per_cm2: float = field(
         0.0, unit="1/cm^2", bounds=(0.0, MAX_PER_CM2), null=0.0, doc="grains per area of the sensor (0.29 cm^2)"
@@ -78,7 +78,7 @@ def _transmitted(shape: tuple[int, int], size_mm: tuple[float, float], grains: A
     left = np.ones(shape)
     for x, y, diameter in grains:
         reach = (diameter + cone_mm) / 2
-        # Means over a pixel by sub-samples, a quarter of what is sharpest in the shadow apart.
+        # Means over a pixel by sub-samples a quarter of the shadow's sharpest length apart.
         fine = int(np.clip(math.ceil(4 * pitch.max() / max(reach, 1e-9)), 1, 12))
         c0, r0 = (max(0, math.floor((p - reach) / w)) for p, w in zip((x, y), pitch, strict=True))
         c1 = min(shape[1], math.floor((x + reach) / pitch[0]) + 1)
@@ -101,9 +101,9 @@ def _of_grains(shape: tuple[int, int], size_mm: tuple[float, float], grains: byt
 
 
 def apply(light: SensorLight, parameters: Parameters, context: Context) -> SensorLight:
-    """Take off what the grains stop; a higher density keeps those of a lower one.
+    """Remove the light that the grains stop; a higher density keeps the grains of a lower one.
 
-    Places are in mm on the sensor, so that the same seed has the same dust at every size of the pixels.
+    Locations are in mm on the sensor, so that a seed has the same dust at every pixel size.
     """
     camera = context.scene.camera
     pitch_mm = camera.pixel.pitch_um * 1e-3
@@ -119,7 +119,7 @@ def apply(light: SensorLight, parameters: Parameters, context: Context) -> Senso
 
 
 def _drawn(parameters: Parameters, size_mm: tuple[float, float], context: Context) -> Array:
-    """Return grains at random places: x, y, diameter [mm]."""
+    """Return grains at random locations: x, y, diameter [mm]."""
     rng = context.generator("sensor_dust", per_frame=False)
     place, relative_diameter = draw_particles(rng, size_mm, parameters.per_cm2, parameters.log_spread)
     diameter = parameters.median_diameter_um * 1e-3 * relative_diameter

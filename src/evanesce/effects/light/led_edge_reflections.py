@@ -1,4 +1,4 @@
-"""LEDs seen by reflection at the frame's border: a veil from each side that fades inwards, brighter before an LED."""
+"""Reflections of the LEDs at the frame's border: a veil from each side that decays inwards, brighter beside an LED."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 class Parameters(Strict):
-    """How bright at the border, how far in, and how unlike the sides are."""
+    """Radiance at the border, decay length, and share of each side."""
 
     relative_radiance: float = field(
         0.0,

@@ -1,4 +1,4 @@
-"""A scratch on the glass that scatters guided light: a straight line, the same in every frame."""
+"""Scratch on the glass that scatters guided light: a straight line, the same in every frame."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ WIDTH_UM = 15.0
 
 
 class Parameters(Strict):
-    """How bright, and where."""
+    """Radiance, location and size."""
 
     relative_radiance: float = field(
         0.0, unit="1", bounds=(0.0, 3.0), null=0.0, doc="radiance of the scratch over that of a contact there"
@@ -62,7 +62,7 @@ EFFECT = Effect(
         "direction_deg": 60.0,
         "length_mm": 5.0,
     },
-    scaling="a line at a fixed place: follows LED power, does not move with force; there before the finger touches",
+    scaling="a line at a fixed location: follows LED power, does not move with force; there without contact",
     # Where it lies and how has no derivative while it is not there.
     start={"relative_radiance": (0.3,), "direction_deg": (0.0, 45.0, 90.0, 135.0)},
     line=Line(

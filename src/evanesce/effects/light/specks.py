@@ -1,4 +1,4 @@
-"""Dust on the glass: specks that scatter guided light without contact, at the same places in every frame.
+"""Dust on the glass: specks that scatter guided light without contact, at the same locations in every frame.
 
 Statistics are those of the rig's photograph (``docs/validation/specks_fit.py``).
 """
@@ -22,7 +22,7 @@ DISC_RADIUS = 0.5 * np.sqrt(7 / 6) * np.sqrt(0.5)
 
 
 class Parameters(Strict):
-    """How many, how bright, how large."""
+    """Density, brightness and size."""
 
     per_cm2: float = field(
         0.0,
@@ -46,7 +46,7 @@ class Parameters(Strict):
         0.35,
         unit="1",
         bounds=(0.001, 100.0),
-        doc="radiance of the white paper over that of a contact; not known: no photograph shows both",
+        doc="radiance of the white paper over that of a contact; not measured: no photograph shows both",
     )
     diameter_mm: float = field(
         0.02, unit="mm", bounds=(0.0, 1.0), source="rig photograph: below 0.06 mm, not resolved", doc="of each speck"
@@ -75,7 +75,7 @@ def apply(light: PlateLight, parameters: Parameters, context: Context) -> PlateL
 
 
 def _drawn(light: PlateLight, parameters: Parameters, context: Context) -> PlateLight:
-    """Add specks at random places."""
+    """Add specks at random locations."""
     scene, rng = context.scene, context.generator("specks", per_frame=False)
     width, height = scene.plate.size_mm
     place, relative_area = draw_particles(rng, (width, height), parameters.per_cm2, parameters.log_spread)
@@ -104,6 +104,6 @@ EFFECT = Effect(
     apply=apply,
     # Half of the photograph's 418: a plate that was wiped, or a dustier one.
     fitted={"per_cm2": 200.0},
-    scaling="points at fixed places: follow LED power, do not move with force; there before the finger touches",
+    scaling="points at fixed locations: follow LED power, do not move with force; there without contact",
     marks=Marks(scale="marks", x="mark_x_mm", y="mark_y_mm", amount="mark_light_mm2", where="plate", unit=_noticeable),
 )

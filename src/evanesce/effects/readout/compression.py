@@ -1,4 +1,4 @@
-"""A frame that went through a lossy video codec: block transform, coefficients rounded to steps, H.264-like."""
+"""Lossy video codec: block transform, coefficients rounded to steps, as in H.264."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Image = NDArray[np.float32]
 
 
 class Parameters(Strict):
-    """How coarsely it is quantised."""
+    """Step, block size and rounding."""
 
     step_DN: float = field(
         0.0,
@@ -92,7 +92,7 @@ EFFECT = Effect(
     apply=apply,
     # Cameras record at QP 18 to 30; a prior on the step from fine to middling.
     fitted={"step_DN": 10.0},
-    scaling="constant in DN; noise is smoothed and correlated within blocks, faint gradients turn into steps",
+    scaling="constant in DN; noise is smoothed and correlated within blocks, weak gradients turn into steps",
     # Rounding has no derivative.
     start={"step_DN": (5.0, 12.0, 25.0)},
 )

@@ -1,4 +1,4 @@
-"""Pixels with a dark current far above that of their neighbours, at the same places in every frame."""
+"""Hot pixels: dark current far above that of their neighbours, at the same pixels in every frame."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from evanesce.rig import Scene
 
 
 class Parameters(Strict):
-    """How many, and how hot; or where."""
+    """Share of hot pixels and their dark current; or a list of them."""
 
     fraction: float = field(0.0, unit="1", bounds=(0.0, 0.1), null=0.0, doc="share of pixels that are hot")
     rate_e_per_s: float = field(
@@ -70,7 +70,7 @@ EFFECT = Effect(
     # Assumed: bright enough to show beside contact light, 600 e- in 6 ms.
     fitted={"fraction": 0.001, "rate_e_per_s": 1e5},
     scaling="single pixels, constant in electrons: grows with exposure, not with LED power",
-    # The share has a derivative only where its own random pixels are; marks serve those that data show.
+    # The share has a derivative only at its own random pixels; those that data show are listed.
     start={"fraction": 0.001, "rate_e_per_s": 1e5},
     marks=Marks(
         scale="marks", x="mark_x_mm", y="mark_y_mm", amount="mark_rate_e_per_s", where="sensor", unit=_noticeable

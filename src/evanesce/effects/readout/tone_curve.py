@@ -1,4 +1,4 @@
-"""A camera that develops its frames by another tone curve than believed: other gamma, more or less contrast."""
+"""Tone curve that departs from the nominal one in gamma or contrast."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 class Parameters(Strict):
-    """How the real curve departs from the believed one."""
+    """Departure of the real from the nominal curve."""
 
     gamma: float = field(
         0.0, unit="1", bounds=(-0.6, 2.0), null=0.0, doc="exponent on the developed value less 1; negative brightens"
@@ -29,7 +29,7 @@ class Parameters(Strict):
 
 
 def departed(value: ArrayLike, gamma: float, contrast: float) -> Array:
-    """Return what the real curve makes of a value v, 0 to 1, of the believed one.
+    """Return the real curve's value where the nominal one gives v, 0 to 1.
 
     w + contrast w (1 - w)(2w - 1) with w = v^(1 + gamma): 0 and 1 stay,
     and the curve rises within the bounds of :class:`Parameters`.

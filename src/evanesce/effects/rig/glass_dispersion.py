@@ -1,4 +1,4 @@
-"""An index that depends on wavelength: the plate has that of the light that counts, not that of the sodium line."""
+"""Dispersion of the glass: the refractive index at the LEDs' wavelengths rather than at the sodium line."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from evanesce.rig import Scene
 
 
 class Parameters(Strict):
-    """How dispersive."""
+    """Dispersion over that of clear soda-lime glass."""
 
     strength: float = field(
         0.0, unit="1", bounds=(0.0, 3.0), null=0.0, doc="dispersion over that of clear soda-lime glass (Rubin 1985)"
@@ -31,7 +31,7 @@ EFFECT = Effect(
     parameters=Parameters,
     amplitudes=("strength",),
     apply=apply,
-    # All or nothing of a known curve.
+    # All or nothing of a published curve.
     fitted={"strength": 0.5},
     scaling="a change of the critical angle: nearly one factor for all frames",
 )

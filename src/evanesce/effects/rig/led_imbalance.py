@@ -1,4 +1,4 @@
-"""One side of the plate lit more than the other: the LEDs' power is a plane over the plate."""
+"""Imbalance of the LEDs: their power is a plane over the plate."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from evanesce.rig import Scene
 
 
 class Parameters(Strict):
-    """How uneven, and which side is the brighter one."""
+    """Contrast, and direction of the brighter side."""
 
     contrast: float = field(
         0.0,
         unit="1",
         bounds=(-0.95, 0.95),
         null=0.0,
-        doc="(brightest - faintest)/(their sum), if LEDs sat on the plate's two extreme corners of that direction",
+        doc="(brightest - dimmest)/(their sum), if LEDs sat on the plate's two extreme corners of that direction",
     )
     direction_deg: float = field(0.0, unit="deg", bounds=(-180.0, 180.0), doc="brighter side, from +x towards +y")
 

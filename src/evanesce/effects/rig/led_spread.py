@@ -1,4 +1,4 @@
-"""LEDs of one reel that are not alike: each has its own efficacy, drawn once for the rig."""
+"""Spread of LED efficacy: each LED has its own, drawn once for the rig."""
 
 from __future__ import annotations
 

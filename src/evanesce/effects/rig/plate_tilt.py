@@ -1,4 +1,4 @@
-"""A plate that does not stand square to the camera: foreshortening, and scale that changes across the picture."""
+"""Tilt of the plate to the camera: foreshortening, and scale that changes across the image."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from evanesce.rig import Camera, Scene
 
 
 class Parameters(Strict):
-    """Two angles."""
+    """Tilt about the plate's axes."""
 
     about_x_deg: float = field(0.0, unit="deg", bounds=(-10.0, 10.0), null=0.0, doc="of the plate about its own x")
     about_y_deg: float = field(0.0, unit="deg", bounds=(-10.0, 10.0), null=0.0, doc="of the plate about its own y")

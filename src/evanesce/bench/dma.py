@@ -53,7 +53,17 @@ class DmaTable:
     loss_factor: Floats
 
     def at(self, temperature: float) -> DmaTable:
-        """Return the rows of the measured temperature nearest to one [degC]."""
+        """Return the rows of the measured temperature nearest to one [degC].
+
+        Parameters
+        ----------
+        temperature : float
+            [degC].
+
+        Returns
+        -------
+        DmaTable
+        """
         nearest = self.temperature[np.argmin(np.abs(self.temperature - temperature))]
         rows = self.temperature == nearest
         return DmaTable(self.frequency[rows], self.temperature[rows], self.storage[rows], self.loss_factor[rows])
@@ -64,6 +74,16 @@ def read_dma(path: Path, default_temperature: float = 20.0) -> DmaTable:
 
     Wanted: ``frequency_Hz`` (or rad/s), ``storage_modulus_MPa`` (Pa, kPa, GPa), and either ``loss_factor`` or
     ``loss_modulus_MPa``; ``temperature_C`` (or K) optional.
+
+    Parameters
+    ----------
+    path : Path
+    default_temperature : float
+        Where the file has none [degC].
+
+    Returns
+    -------
+    DmaTable
 
     Raises
     ------
@@ -115,6 +135,10 @@ def from_range(published: DmaRange, temperature: float, points: int = 21) -> Dma
         [degC], 0 to 50.
     points : int
         Frequencies from 1 to 100 Hz.
+
+    Returns
+    -------
+    DmaTable
     """
     if not 0.0 <= temperature <= 50.0:
         raise ValueError(f"{temperature:g} degC is outside the published sweep of 0 to 50 degC")
@@ -133,6 +157,15 @@ def loss_from_slope(table: DmaTable) -> Floats:
     A check on a sweep: where it is far from the measured loss factor, storage and loss were not measured at the same
     strain or temperature, or a unit is wrong. The local form is an approximation, good for broad spectra.
 
+    Parameters
+    ----------
+    table : DmaTable
+        At one temperature.
+
+    Returns
+    -------
+    ndarray (n,)
+
     References
     ----------
     H. C. Booij and G. P. J. M. Thoone, Rheol. Acta 21 (1982) 15 (local Kramers-Kronig relations).
@@ -146,6 +179,17 @@ def loss_from_slope(table: DmaTable) -> Floats:
 
 def prony_of(name: str, temperature: float = 20.0) -> PronySeries:
     """Return the Prony series of a thesis material from its published DMA ranges [MPa, s].
+
+    Parameters
+    ----------
+    name : str
+        Material.
+    temperature : float
+        [degC], 0 to 50.
+
+    Returns
+    -------
+    PronySeries
 
     Raises
     ------

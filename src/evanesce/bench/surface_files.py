@@ -28,7 +28,16 @@ PROFILE_COLUMNS = (
 
 
 def is_matrix(path: Path) -> bool:
-    """Return whether a CSV file is a bare matrix of numbers (a height map) rather than columns with headings."""
+    """Return whether a CSV file is a bare matrix of numbers (a height map) rather than columns with headings.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    bool
+    """
     first = read_rows(path)[0]
     try:
         [float(cell) for cell in first if cell]
@@ -39,6 +48,16 @@ def is_matrix(path: Path) -> bool:
 
 def read_profile(path: Path) -> tuple[Floats, Floats]:
     """Read a profile ``x_mm, z_um`` (any length units in the headings); return (x, z) [mm], x ascending.
+
+    Parameters
+    ----------
+    path : Path
+        CSV.
+
+    Returns
+    -------
+    tuple of ndarray (n,)
+        x and z [mm].
 
     Raises
     ------
@@ -70,6 +89,10 @@ def read_map(path: Path, pitch: float, height_unit: str) -> HeightMap:
         Sample distance [mm], which such files do not carry reliably.
     height_unit : str
         Unit of the stored figures: nm, um, mm, m.
+
+    Returns
+    -------
+    HeightMap
 
     Raises
     ------
@@ -125,6 +148,10 @@ def read_skin(
         nm, um, mm or m: needed and not needed for the same.
     form_degree : int
         Of the form that is taken off, 1 or 2.
+
+    Returns
+    -------
+    HeightMap | RepeatedProfile
 
     Raises
     ------

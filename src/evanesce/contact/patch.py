@@ -45,12 +45,35 @@ class AxisymmetricContact:
 
 
 def radii(grid: PlateGrid, centre: tuple[float, float]) -> Array:
-    """Return the distance of each sample from a plate point (x, y) [mm], shape (rows, cols)."""
+    """Return the distance of each sample from a plate point (x, y) [mm], shape (rows, cols).
+
+    Parameters
+    ----------
+    grid : PlateGrid
+    centre : tuple of float
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        [mm].
+    """
     return np.hypot(grid.x[None, :] - centre[0], grid.y[:, None] - centre[1])
 
 
 def box_around(grid: PlateGrid, centre: tuple[float, float], radius: float) -> tuple[slice, slice]:
-    """Return the (rows, cols) of a grid that hold a circle which fits on it, with a margin of two cells."""
+    """Return the (rows, cols) of a grid that hold a circle which fits on it, with a margin of two cells.
+
+    Parameters
+    ----------
+    grid : PlateGrid
+    centre : tuple of float
+    radius : float
+        [mm].
+
+    Returns
+    -------
+    tuple of slice
+    """
     row, col = grid.index(np.array(centre[0]), np.array(centre[1]))
     reach = radius / grid.pitch + 2.0
     low = (max(0, int(np.floor(at - reach))) for at in (row, col))
@@ -60,7 +83,18 @@ def box_around(grid: PlateGrid, centre: tuple[float, float], radius: float) -> t
 
 
 def grid_part(grid: PlateGrid, box: tuple[slice, slice]) -> PlateGrid:
-    """Return a box of a grid as a grid of its own."""
+    """Return a box of a grid as a grid of its own.
+
+    Parameters
+    ----------
+    grid : PlateGrid
+    box : tuple of slice
+        Rows and columns.
+
+    Returns
+    -------
+    PlateGrid
+    """
     x, y = grid.x[box[1]], grid.y[box[0]]
     middle = (0.5 * float(x[0] + x[-1]), 0.5 * float(y[0] + y[-1]))
     return PlateGrid((y.size, x.size), grid.pitch, middle)
@@ -71,6 +105,17 @@ def cell_pressure(grid: PlateGrid, centre: tuple[float, float], contact: Axisymm
 
     A mean over an annulus from the force integral is finite where the pressure itself is singular (JKR's edge), and
     summing it over the cells returns the force but for the error of placing annuli on squares.
+
+    Parameters
+    ----------
+    grid : PlateGrid
+    centre : tuple of float
+    contact : AxisymmetricContact
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        [MPa].
     """
     r = radii(grid, centre)
     outer, inner = r + grid.pitch / 2, np.maximum(r - grid.pitch / 2, 0.0)
@@ -79,6 +124,13 @@ def cell_pressure(grid: PlateGrid, centre: tuple[float, float], contact: Axisymm
 
 def require_fit(grid: PlateGrid, centre: tuple[float, float], radius: float) -> None:
     """Refuse a contact that reaches over the grid's border.
+
+    Parameters
+    ----------
+    grid : PlateGrid
+    centre : tuple of float
+    radius : float
+        Of contact [mm].
 
     Raises
     ------

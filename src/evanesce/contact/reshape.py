@@ -71,7 +71,17 @@ def reshaped_state(
 
 
 def contact_centre(state: ContactState) -> tuple[float, float]:
-    """Return the centroid (x, y) of nominal contact [mm]; of the smallest gap where nothing touches."""
+    """Return the centroid (x, y) of nominal contact [mm]; of the smallest gap where nothing touches.
+
+    Parameters
+    ----------
+    state : ContactState
+
+    Returns
+    -------
+    tuple of float
+        [mm].
+    """
     mask, grid = np.asarray(state.contact_mask, dtype=float), state.grid
     total = float(mask.sum())
     if total == 0.0:
@@ -85,6 +95,19 @@ def mask_with_sum(mask: Array, before: Array, wanted: float) -> Array:
 
     Two masks place a border within its cells by different rules, so that their difference on top of a third spills
     over 0 and 1; what is cut off there would be missing in the area.
+
+    Parameters
+    ----------
+    mask : ndarray (rows, cols)
+        Share of each cell in contact, which may leave 0 to 1.
+    before : ndarray (rows, cols)
+        The mask before its change.
+    wanted : float
+        [cells].
+
+    Returns
+    -------
+    ndarray (rows, cols)
     """
     border = ((mask != before) | ((mask > 0) & (mask < 1))) & ((mask > 0) | (before > 0))
     place, whole = mask[border], float(np.count_nonzero(mask[~border] >= 1.0))

@@ -75,7 +75,20 @@ class PlateGrid:
         return self.x[0] - half, self.x[-1] + half, self.y[0] - half, self.y[-1] + half
 
     def index(self, x: FloatMap, y: FloatMap) -> tuple[FloatMap, FloatMap]:
-        """Return fractional (row, col) of plate points [mm]."""
+        """Return fractional (row, col) of plate points [mm].
+
+        Parameters
+        ----------
+        x : ndarray
+            [mm].
+        y : ndarray
+            [mm], of the same shape.
+
+        Returns
+        -------
+        tuple of ndarray
+            Row and column of each point, integers at cells' middles.
+        """
         return (y - self.y[0]) / self.pitch, (x - self.x[0]) / self.pitch
 
 

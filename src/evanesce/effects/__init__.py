@@ -38,6 +38,10 @@ __all__ = [
 def all_effects() -> Mapping[str, Effect]:
     """Return every effect of this folder's subfolders by its id, in the ids' alphabetical order.
 
+    Returns
+    -------
+    mapping of str to Effect
+
     Raises
     ------
     TypeError
@@ -62,6 +66,10 @@ def active_effects(scene: Scene, file: Path | str = ANY_SCENE) -> tuple[Active, 
     scene : Scene
     file : Path or str
         Named in errors.
+
+    Returns
+    -------
+    tuple of Active
 
     Raises
     ------

@@ -135,13 +135,27 @@ class Effect(InferenceHints):
         self.candidate_parameters()
 
     def is_null(self, parameters: Strict) -> bool:
-        """Return whether the effect is absent with these parameters."""
+        """Return whether the effect is absent with these parameters.
+
+        Parameters
+        ----------
+        parameters : Strict
+
+        Returns
+        -------
+        bool
+        """
         nulls = self._nulls()
         at_null = [getattr(parameters, name) == nulls[name] for name in self.amplitudes]
         return any(at_null) if self.null_when == "any" else all(at_null)
 
     def candidate_parameters(self) -> tuple[Candidate, ...]:
-        """Return what a fit may vary (:func:`~evanesce.effects.inference_hints.candidates`)."""
+        """Return what a fit may vary (:func:`~evanesce.effects.inference_hints.candidates`).
+
+        Returns
+        -------
+        tuple of Candidate
+        """
         return candidates(self)
 
     def with_values(self, values: Mapping[str, float]) -> Strict:
@@ -180,7 +194,13 @@ class Effect(InferenceHints):
 
 @dataclass(frozen=True)
 class Active:
-    """An effect with the parameters of a scene."""
+    """An effect with the parameters of a scene.
+
+    Attributes
+    ----------
+    effect : Effect
+    parameters : Strict
+    """
 
     effect: Effect
     parameters: Strict

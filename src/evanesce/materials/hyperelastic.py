@@ -16,7 +16,12 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class MooneyRivlin:
-    """Incompressible W = C10 (I1 - 3) + C01 (I2 - 3) + C11 (I1 - 3)(I2 - 3), all in MPa.
+    """Incompressible W = C10 (I1 - 3) + C01 (I2 - 3) + C11 (I1 - 3)(I2 - 3).
+
+    Attributes
+    ----------
+    c10, c01, c11 : float
+        [MPa].
 
     References
     ----------
@@ -38,16 +43,49 @@ class MooneyRivlin:
         return 3.0 * self.shear_modulus
 
     def uniaxial(self, stretch: ArrayLike) -> Floats:
-        """Return nominal stress [MPa] (force over undeformed section) at uniaxial stretches, any shape."""
+        """Return nominal stress [MPa] (force over undeformed section) at uniaxial stretches, any shape.
+
+        Parameters
+        ----------
+        stretch : array_like
+            Any shape.
+
+        Returns
+        -------
+        ndarray
+            [MPa], in the shape of ``stretch``.
+        """
         return uniaxial_basis(stretch) @ np.array([self.c10, self.c01, self.c11])
 
     def simple_shear(self, shear: ArrayLike) -> Floats:
-        """Return shear stress [MPa] at amounts of simple shear, any shape."""
+        """Return shear stress [MPa] at amounts of simple shear, any shape.
+
+        Parameters
+        ----------
+        shear : array_like
+            Amount of shear, any shape.
+
+        Returns
+        -------
+        ndarray
+            [MPa], in the shape of ``shear``.
+        """
         g = np.asarray(shear, dtype=float)
         return 2.0 * g * (self.c10 + self.c01 + 2.0 * self.c11 * g**2)
 
     def energy(self, l1: ArrayLike, l2: ArrayLike) -> Floats:
-        """Return W [MPa] at principal in-plane stretches; the third follows from incompressibility."""
+        """Return W [MPa] at principal in-plane stretches; the third follows from incompressibility.
+
+        Parameters
+        ----------
+        l1, l2 : array_like
+            In-plane principal stretches; broadcast.
+
+        Returns
+        -------
+        ndarray
+            [MPa].
+        """
         a, b = np.asarray(l1, dtype=float) ** 2, np.asarray(l2, dtype=float) ** 2
         c = 1.0 / (a * b)
         i1, i2 = a + b + c, a * b + c * (a + b)
@@ -55,7 +93,17 @@ class MooneyRivlin:
 
 
 def uniaxial_basis(stretch: ArrayLike) -> Floats:
-    """Return the nominal stress per unit C10, C01, C11 at uniaxial stretches; shape (..., 3)."""
+    """Return the nominal stress per unit C10, C01, C11 at uniaxial stretches; shape (..., 3).
+
+    Parameters
+    ----------
+    stretch : array_like
+        Any shape.
+
+    Returns
+    -------
+    ndarray (..., 3)
+    """
     s = np.asarray(stretch, dtype=float)
     i1, i2 = s**2 + 2.0 / s, 2.0 * s + s**-2
     front = 2.0 * (1.0 - s**-3)
@@ -67,6 +115,17 @@ def drucker_tangent(material: MooneyRivlin, l1: ArrayLike, l2: ArrayLike) -> Flo
 
     With the third stress at zero, the two in-plane log strains are free, and the material is stable in Drucker's sense
     where the 2 x 2 tangent is positive definite for them.
+
+    Parameters
+    ----------
+    material : MooneyRivlin
+    l1, l2 : array_like
+        In-plane principal stretches; broadcast.
+
+    Returns
+    -------
+    ndarray
+        [MPa].
 
     References
     ----------
@@ -136,6 +195,10 @@ def stability_limits(material: MooneyRivlin, furthest: float = 8.0) -> Stability
     material : MooneyRivlin
     furthest : float
         Largest stretch (and 1/compression) and shear searched.
+
+    Returns
+    -------
+    StabilityLimits
     """
 
     def uniaxial(s: Floats) -> Floats:

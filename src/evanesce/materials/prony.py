@@ -51,35 +51,108 @@ class PronySeries:
         return self.equilibrium + float(sum(self.moduli))
 
     def relaxation(self, time: ArrayLike) -> Floats:
-        """Return E(t) [MPa] at times >= 0 [s], any shape."""
+        """Return E(t) [MPa] at times >= 0 [s], any shape.
+
+        Parameters
+        ----------
+        time : array_like
+            [s].
+
+        Returns
+        -------
+        ndarray
+            [MPa].
+        """
         t = np.asarray(time, dtype=float)[..., None]
         return self.equilibrium + (np.exp(-t / np.array(self.times)) * np.array(self.moduli)).sum(-1)
 
     def relaxation_integral(self, time: ArrayLike) -> Floats:
-        """Return the integral of E from 0 to t [MPa s], any shape."""
+        """Return the integral of E from 0 to t [MPa s], any shape.
+
+        Parameters
+        ----------
+        time : array_like
+            [s], not negative.
+
+        Returns
+        -------
+        ndarray
+            [MPa s].
+        """
         t, tau = np.asarray(time, dtype=float), np.array(self.times)
         return self.equilibrium * t - (np.expm1(-t[..., None] / tau) * np.array(self.moduli) * tau).sum(-1)
 
     def complex_modulus(self, frequency: ArrayLike) -> NDArray[np.complex128]:
-        """Return E' + i E'' [MPa] at frequencies [Hz], any shape."""
+        """Return E' + i E'' [MPa] at frequencies [Hz], any shape.
+
+        Parameters
+        ----------
+        frequency : array_like
+            [Hz].
+
+        Returns
+        -------
+        ndarray
+            Complex [MPa].
+        """
         s = 2j * np.pi * np.asarray(frequency, dtype=float)[..., None] * np.array(self.times)
         return self.equilibrium + (np.array(self.moduli) * s / (1.0 + s)).sum(-1)
 
     def storage(self, frequency: ArrayLike) -> Floats:
-        """Return the storage modulus E' [MPa]."""
+        """Return the storage modulus E' [MPa].
+
+        Parameters
+        ----------
+        frequency : array_like
+            [Hz].
+
+        Returns
+        -------
+        ndarray
+            [MPa].
+        """
         return self.complex_modulus(frequency).real
 
     def loss_factor(self, frequency: ArrayLike) -> Floats:
-        """Return tan(delta) = E''/E'."""
+        """Return tan(delta) = E''/E'.
+
+        Parameters
+        ----------
+        frequency : array_like
+            [Hz].
+
+        Returns
+        -------
+        ndarray
+        """
         modulus = self.complex_modulus(frequency)
         return modulus.imag / modulus.real
 
     def shifted(self, shift_factor: float) -> PronySeries:
-        """Return the series at another temperature: every time multiplied by the shift factor a_T."""
+        """Return the series at another temperature: every time multiplied by the shift factor a_T.
+
+        Parameters
+        ----------
+        shift_factor : float
+            a_T.
+
+        Returns
+        -------
+        PronySeries
+        """
         return PronySeries(self.equilibrium, self.moduli, tuple(t * shift_factor for t in self.times))
 
     def scaled(self, factor: float) -> PronySeries:
-        """Return the series with every modulus multiplied."""
+        """Return the series with every modulus multiplied.
+
+        Parameters
+        ----------
+        factor : float
+
+        Returns
+        -------
+        PronySeries
+        """
         return PronySeries(self.equilibrium * factor, tuple(m * factor for m in self.moduli), self.times)
 
     def creep(self) -> CreepSeries:
@@ -87,6 +160,10 @@ class PronySeries:
 
         In the Laplace domain s^2 E(s) D(s) = 1. The compliance has one retardation time per relaxation time; the
         retardation rates are the zeros of s E(s), which interlace the relaxation rates and are found by bracketing.
+
+        Returns
+        -------
+        CreepSeries
         """
         return _interconvert(self)
 
@@ -111,13 +188,35 @@ class CreepSeries:
     fluidity: float = 0.0
 
     def creep(self, time: ArrayLike) -> Floats:
-        """Return D(t) [1/MPa] at times >= 0 [s], any shape."""
+        """Return D(t) [1/MPa] at times >= 0 [s], any shape.
+
+        Parameters
+        ----------
+        time : array_like
+            [s].
+
+        Returns
+        -------
+        ndarray
+            [1/MPa].
+        """
         t = np.asarray(time, dtype=float)
         grown = (np.array(self.compliances) * -np.expm1(-t[..., None] / np.array(self.times))).sum(-1)
         return self.instantaneous + grown + self.fluidity * t
 
     def creep_integral(self, time: ArrayLike) -> Floats:
-        """Return the integral of D from 0 to t [s/MPa], any shape."""
+        """Return the integral of D from 0 to t [s/MPa], any shape.
+
+        Parameters
+        ----------
+        time : array_like
+            [s], not negative.
+
+        Returns
+        -------
+        ndarray
+            [s/MPa].
+        """
         t, lam = np.asarray(time, dtype=float), np.array(self.times)
         late = (np.array(self.compliances) * (t[..., None] + lam * np.expm1(-t[..., None] / lam))).sum(-1)
         return self.instantaneous * t + late + 0.5 * self.fluidity * t**2

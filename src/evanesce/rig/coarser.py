@@ -19,6 +19,10 @@ def coarser_camera(scene: Scene, factor: int, *, key: str = "--camera-coarser") 
     key : str
         Named in errors: what asked for it.
 
+    Returns
+    -------
+    Scene
+
     Raises
     ------
     InputError
@@ -53,6 +57,16 @@ def finer_pixels(scene: Scene, factor: int) -> Scene:
 
     Added up again they are the camera's own: wells and gain stay those of the whole pixel. A lens that is sharper than
     a pixel cannot be blurred on it.
+
+    Parameters
+    ----------
+    scene : Scene
+    factor : int
+        Finer pixels along each of the camera's.
+
+    Returns
+    -------
+    Scene
     """
     if factor == 1:
         return scene

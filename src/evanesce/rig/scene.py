@@ -150,5 +150,10 @@ class Scene(Strict):
         return True
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain JSON-able data, None left out (TOML has no null)."""
+        """Return plain JSON-able data, None left out (TOML has no null).
+
+        Returns
+        -------
+        dict
+        """
         return self.model_dump(mode="json", exclude_none=True)

@@ -20,7 +20,16 @@ FINER_SIZES = (0.24, 0.17, 0.12)  # [mm] at the contact, growing away from it
 
 @dataclass(frozen=True)
 class MeshResult:
-    """One mesh of the study: element size [mm], elements, area [mm^2], depth [mm], reduced modulus [MPa]."""
+    """Result on one mesh of the study.
+
+    Attributes
+    ----------
+    element_size : float
+        [mm].
+    elements : int
+    area, depth, reduced_modulus : float
+        [mm^2], [mm], [MPa].
+    """
 
     element_size: float
     elements: int
@@ -47,7 +56,12 @@ class Convergence:
     tolerance: float = 0.01
 
     def deviation(self) -> np.ndarray:
-        """Return each mesh's relative deviation of area from the finest one's."""
+        """Return each mesh's relative deviation of area from the finest one's.
+
+        Returns
+        -------
+        ndarray (meshes,)
+        """
         area = np.array([mesh.area for mesh in self.meshes])
         return area / area[-1] - 1.0
 
@@ -60,14 +74,29 @@ class Convergence:
 
 
 def mesh_of(size: float) -> MeshSize:
-    """Return the mesh for an element size [mm]: even where the thesis's were, graded where finer."""
+    """Return the mesh for an element size [mm]: even where the thesis's were, graded where finer.
+
+    Parameters
+    ----------
+    size : float
+
+    Returns
+    -------
+    MeshSize
+    """
     if size >= min(THESIS_SIZES):
         return MeshSize(contact=size, fine_extent=1e3, coarsest=size)
     return MeshSize(contact=size)
 
 
 def check_sizes(sizes: Sequence[float]) -> None:
-    """Refuse fewer than two sizes, or sizes that do not fall."""
+    """Refuse fewer than two sizes, or sizes that do not fall.
+
+    Parameters
+    ----------
+    sizes : sequence of float
+        [mm].
+    """
     if len(sizes) < 2 or any(b >= a for a, b in pairwise(sizes)):
         raise InputError(f"{list(sizes)}", key="sizes", allowed="two or more, each below the one before [mm]")
     for size in sizes:
@@ -85,6 +114,25 @@ def convergence(
     on_mesh: Callable[[MeshResult], None] | None = None,
 ) -> Convergence:
     """Press to one force on meshes of falling element size.
+
+    Parameters
+    ----------
+    shape : FingerShape
+    material : Rubber
+    force : float
+        [N].
+    sizes : sequence of float
+        [mm], falling.
+    friction : float
+        Coulomb's coefficient.
+    cache : Path, optional
+        Folder of solved runs.
+    on_mesh : callable, optional
+        Called with each result.
+
+    Returns
+    -------
+    Convergence
 
     Raises
     ------

@@ -98,12 +98,30 @@ def _write(path: Path, run: SolvedRun, arrays: Arrays) -> None:
 
 
 def library_names(folder: Path = FOLDER) -> tuple[str, ...]:
-    """Return the presses that a folder holds, as ``<material>_<bone>``."""
+    """Return the presses that a folder holds, as ``<material>_<bone>``.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Returns
+    -------
+    tuple of str
+    """
     return _names(folder)
 
 
 def slide_names(folder: Path = SLIDES) -> tuple[str, ...]:
-    """Return the slides that a folder holds."""
+    """Return the slides that a folder holds.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Returns
+    -------
+    tuple of str
+    """
     return _names(folder)
 
 

@@ -22,7 +22,17 @@ MATERIALS = ("silskin_0", "silskin_20")
 
 
 def library_run(material: str, bone: str) -> SolvedRun:
-    """Solve one press of the library: the thesis's smooth finger with its static friction on glass."""
+    """Solve one press of the library: the thesis's smooth finger with its static friction on glass.
+
+    Parameters
+    ----------
+    material, bone : str
+        Name in ``BONES``.
+
+    Returns
+    -------
+    SolvedRun
+    """
     friction = silicone(material).friction
     assert friction is not None  # both materials have one in the tables
     shape = FingerShape(bone_radius=BONES[bone])
@@ -31,14 +41,25 @@ def library_run(material: str, bone: str) -> SolvedRun:
 
 
 def library_slide_run() -> SolvedRun:
-    """Solve the slide of the library: Silskin 0 %, 1 N held, mu 0.67, 10 mm."""
+    """Solve the slide of the library: Silskin 0 %, 1 N held, mu 0.67, 10 mm.
+
+    Returns
+    -------
+    SolvedRun
+    """
     size = MeshSize(contact=0.7, growth=1.4, coarsest=3.0)
     shape, chosen = FingerShape(), rubber("silskin_0")
     return slide(shape, chosen, force=1.0, distances=(10.0,), friction=0.67, size=size, cache=cache_folder())
 
 
 def main(folder: Path = FOLDER) -> None:
-    """Write every file of the library."""
+    """Write every file of the library.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the files are written.
+    """
     for material in MATERIALS:
         for bone in BONES:
             run = library_run(material, bone)

@@ -133,6 +133,24 @@ def graded(length: float, first: float, flat: float, growth: float, coarsest: fl
     """Return division points from 0 to length: elements of size ``first`` up to ``flat``, then growing.
 
     The sizes are stretched together (by less than one element in all) so that they end at ``length``.
+
+    Parameters
+    ----------
+    length : float
+        [mm].
+    first : float
+        Size of the first element [mm].
+    flat : float
+        Length of elements of that size [mm].
+    growth : float
+        Of each element over the one before.
+    coarsest : float
+        Largest element [mm].
+
+    Returns
+    -------
+    ndarray (n,)
+        [mm], ascending from 0 to ``length``.
     """
     sizes: list[float] = []
     total, size = 0.0, first
@@ -149,17 +167,43 @@ def graded(length: float, first: float, flat: float, growth: float, coarsest: fl
 
 @dataclass(frozen=True)
 class Outline:
-    """Skin and inner boundary as two rows of matching nodes: apex first, top last; (r, z) each."""
+    """Skin and inner boundary as two rows of matching nodes, apex first, top last.
+
+    Attributes
+    ----------
+    outer, inner : ndarray (n, 2)
+        (r, z) [mm].
+    corner : int
+        Index of the core's edge.
+    cap : int
+        Index where the cap meets the shaft.
+    layers : ndarray (m,)
+        0 at the skin to 1 at the inner boundary.
+    """
 
     outer: Floats
     inner: Floats
-    corner: int  # index of the core's edge
-    cap: int  # index where the cap meets the shaft
-    layers: Floats  # 0 at the skin to 1 at the inner boundary
+    corner: int
+    cap: int
+    layers: Floats
 
 
 def outline(shape: FingerShape, size: MeshSize, cap_arcs: Floats, corner: int) -> Outline:
-    """Place matching nodes on the skin and on core or bone; ``cap_arcs`` are the cap's division points [mm]."""
+    """Place matching nodes on the skin and on core or bone.
+
+    Parameters
+    ----------
+    shape : FingerShape
+    size : MeshSize
+    cap_arcs : ndarray (k,)
+        Division points of the cap along the skin, from the apex [mm].
+    corner : int
+        Index of the core's edge.
+
+    Returns
+    -------
+    Outline
+    """
     radius, half = shape.tip_radius, shape.diameter / 2
     angle = cap_arcs / radius
     cap = np.column_stack([radius * np.sin(angle), radius * (1 - np.cos(angle))])
@@ -271,12 +315,33 @@ def _section_core(line: Outline, boundary: Ints, start: int) -> tuple[Floats, In
 
 
 def quads(index: Ints) -> Ints:
-    """Return the quadrilaterals of a structured index array."""
+    """Return the quadrilaterals of a structured index array.
+
+    Parameters
+    ----------
+    index : ndarray of int (i, j)
+        Node numbers.
+
+    Returns
+    -------
+    ndarray of int (quads, 4)
+    """
     return np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1).reshape(-1, 4)
 
 
 def counter_clockwise(points: Floats, cells: Ints) -> Ints:
-    """Turn clockwise quadrilaterals round."""
+    """Turn clockwise quadrilaterals round.
+
+    Parameters
+    ----------
+    points : ndarray (n, 2)
+        [mm].
+    cells : ndarray of int (quads, 4)
+
+    Returns
+    -------
+    ndarray of int (quads, 4)
+    """
     x, y = points[cells, 0], points[cells, 1]
     area = (x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y).sum(axis=1)
     return np.where(area[:, None] < 0, cells[:, ::-1], cells)
@@ -292,6 +357,11 @@ def nodal_areas(points: Floats, facets: Ints, *, projected: bool = False) -> Flo
     facets : ndarray (f, 2 or 4)
     projected : bool
         Of the skin's shadow on the glass instead of the skin itself.
+
+    Returns
+    -------
+    ndarray (n,)
+        [mm^2].
     """
     area = np.zeros(len(points))
     if points.shape[1] == 2:

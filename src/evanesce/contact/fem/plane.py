@@ -81,7 +81,17 @@ class PlaneForces:
 
 
 def free_anchors(positions: Floats) -> Anchors:
-    """Return the anchors of nodes out of contact; ``positions`` are relative to the glass, shape (k, d)."""
+    """Return the anchors of nodes out of contact; ``positions`` are relative to the glass, shape (k, d).
+
+    Parameters
+    ----------
+    positions : ndarray (k, d)
+        [mm].
+
+    Returns
+    -------
+    Anchors
+    """
     flat = positions[:, :-1]
     return Anchors(np.zeros(len(positions), dtype=bool), flat.copy(), flat.copy(), positions.copy())
 
@@ -100,6 +110,10 @@ def plane_forces(relative: Floats, areas: Floats, glass: Glass, anchors: Anchors
         [mm^2].
     glass : Glass
     anchors : Anchors
+
+    Returns
+    -------
+    PlaneForces
     """
     count, dim = relative.shape
     height = relative[:, -1]

@@ -50,7 +50,20 @@ class AxisymmetricProfile:
 
 
 def profile_of(print_: Footprint, depth: float, normal_force: float) -> AxisymmetricProfile:
-    """Return the profile of an axisymmetric footprint."""
+    """Return the profile of an axisymmetric footprint.
+
+    Parameters
+    ----------
+    print_ : Footprint
+    depth : float
+        [mm].
+    normal_force : float
+        [N].
+
+    Returns
+    -------
+    AxisymmetricProfile
+    """
     return AxisymmetricProfile(
         r=print_.place[:, 0],
         gap=print_.gap,
@@ -69,6 +82,17 @@ def pressure_at(profile: AxisymmetricProfile, r: Floats) -> Floats:
 
     p^2 is straight at the edge. The last node in contact is left out: its area reaches beyond the edge, so that its
     force over its area is not a pressure.
+
+    Parameters
+    ----------
+    profile : AxisymmetricProfile
+    r : ndarray
+        [mm].
+
+    Returns
+    -------
+    ndarray
+        [MPa], in the shape of ``r``.
     """
     a = profile.contact_radius
     inside = np.flatnonzero((profile.pressure > 0) & (profile.r < a))
@@ -80,7 +104,21 @@ def pressure_at(profile: AxisymmetricProfile, r: Floats) -> Floats:
 
 
 def gap_at(profile: AxisymmetricProfile, r: Floats, beyond: float) -> Floats:
-    """Return the gap [mm] between nodes; ``beyond`` where the finger's widest place has no skin over the glass."""
+    """Return the gap [mm] between nodes; ``beyond`` where the finger's widest place has no skin over the glass.
+
+    Parameters
+    ----------
+    profile : AxisymmetricProfile
+    r : ndarray
+        [mm].
+    beyond : float
+        [mm].
+
+    Returns
+    -------
+    ndarray
+        [mm], in the shape of ``r``.
+    """
     a = profile.contact_radius
     outside = (profile.gap > 0) & (profile.r > a)
     if not outside.any():
@@ -94,7 +132,18 @@ def gap_at(profile: AxisymmetricProfile, r: Floats, beyond: float) -> Floats:
 
 
 def axisymmetric_contact(profile: AxisymmetricProfile, beyond: float) -> AxisymmetricContact:
-    """Return a profile as the contact that every axisymmetric law gives, its pressure scaled to carry the force."""
+    """Return a profile as the contact that every axisymmetric law gives, its pressure scaled to carry the force.
+
+    Parameters
+    ----------
+    profile : AxisymmetricProfile
+    beyond : float
+        Gap where there is no finger over the glass [mm].
+
+    Returns
+    -------
+    AxisymmetricContact
+    """
     r = np.linspace(0.0, max(profile.contact_radius, 1e-9), RADIAL_POINTS)
     p = pressure_at(profile, r)
     line_force = 2 * np.pi * r * p
@@ -139,6 +188,10 @@ def press_state(
     time : float
         [s].
 
+    Returns
+    -------
+    ContactState
+
     Raises
     ------
     InputError
@@ -170,7 +223,21 @@ def press_state(
 
 
 def surface_states(covered: Floats, gap: Floats, slipping: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Return none, near, stick or slip of each cell; a cell touches when half of it is covered."""
+    """Return none, near, stick or slip of each cell; a cell touches when half of it is covered.
+
+    Parameters
+    ----------
+    covered : ndarray (rows, cols)
+        Share of each cell in contact.
+    gap : ndarray (rows, cols)
+        [mm].
+    slipping : ndarray of bool (rows, cols)
+
+    Returns
+    -------
+    ndarray of uint8 (rows, cols)
+        :class:`~evanesce.core.states.SurfaceState`.
+    """
     state = np.where(gap < NEAR_GAP, SurfaceState.NEAR, SurfaceState.NONE)
     state = np.where(covered >= 0.5, np.where(slipping, SurfaceState.SLIP, SurfaceState.STICK), state)
     return np.asarray(state, dtype=np.uint8)
@@ -227,6 +294,10 @@ def surface_state(
         The footprint is the half y >= 0; its mirror image is added.
     parameters, law, time
         Passed on to the state.
+
+    Returns
+    -------
+    ContactState
 
     Raises
     ------

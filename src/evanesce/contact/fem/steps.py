@@ -41,7 +41,15 @@ class Goal:
 
 @dataclass(frozen=True)
 class StepSizes:
-    """Largest, first and smallest step [mm] of depth or slide, and how a step grows after success."""
+    """Sizes of the steps of depth or slide.
+
+    Attributes
+    ----------
+    largest, first, smallest : float
+        [mm].
+    growth : float
+        Factor on a step after success.
+    """
 
     largest: float = 0.3
     first: float = 0.02
@@ -55,7 +63,15 @@ class StepSizes:
 
 @dataclass(frozen=True)
 class MaterialLimits:
-    """Smallest and largest principal stretch kept, and a test of stability of stretches (n, 3) -> (n,)."""
+    """Range of stretches in which a material is solved.
+
+    Attributes
+    ----------
+    range : tuple of float
+        Smallest and largest principal stretch kept.
+    is_stable : callable
+        Principal stretches (n, 3) -> bool (n,).
+    """
 
     range: tuple[float, float]
     is_stable: Callable[[Floats], NDArray[np.bool_]]
@@ -88,7 +104,14 @@ class Step:
 
 @dataclass
 class History:
-    """Accepted steps of a run; ``complete`` once the last goal is reached."""
+    """Accepted steps of a run.
+
+    Attributes
+    ----------
+    steps : list of Step
+    complete : bool
+        Whether the last goal is reached.
+    """
 
     steps: list[Step] = field(default_factory=list)
     complete: bool = False
@@ -133,6 +156,10 @@ def advance(
         Of the material: a step that leaves its range of stretches is not kept.
     on_step : callable, optional
         Called with each accepted step and its number (from 1).
+
+    Returns
+    -------
+    History
 
     Raises
     ------

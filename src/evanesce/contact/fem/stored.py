@@ -43,7 +43,18 @@ class LibraryPress:
     digest: str
 
     def area(self, force: float) -> float:
-        """Return the area of contact [mm^2] at a force [N] between the first and the last one kept."""
+        """Return the area of contact [mm^2] at a force [N] between the first and the last one kept.
+
+        Parameters
+        ----------
+        force : float
+            [N].
+
+        Returns
+        -------
+        float
+            [mm^2].
+        """
         return float(np.pi * self.at(force).contact_radius ** 2)
 
     def at(self, force: float) -> AxisymmetricProfile:
@@ -146,7 +157,19 @@ class LibrarySlide:
     digest: str
 
     def scalar(self, name: str, slide: float) -> float:
-        """Return depth [mm], a force [N] or the area [mm^2] at a slide [mm]."""
+        """Return depth [mm], a force [N] or the area [mm^2] at a slide [mm].
+
+        Parameters
+        ----------
+        name : str
+            Of ``scalars``.
+        slide : float
+            [mm].
+
+        Returns
+        -------
+        float
+        """
         index, share = self._between(slide)
         values = self.scalars[name]
         return float((1 - share) * values[index] + share * values[index + 1])

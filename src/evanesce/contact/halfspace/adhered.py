@@ -105,6 +105,10 @@ def adhered_state(state: ContactState, heights: Array, modulus: float, adhesion:
     adhesion : Adhesion
         Its work positive.
 
+    Returns
+    -------
+    ContactState
+
     Raises
     ------
     InputError

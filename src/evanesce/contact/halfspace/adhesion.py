@@ -30,6 +30,10 @@ def maugis_parameter(tip_radius: float, modulus: float, work_of_adhesion: float,
     cohesive_stress : float
         sigma0 [MPa].
 
+    Returns
+    -------
+    float
+
     Raises
     ------
     ValueError
@@ -59,6 +63,11 @@ def resolved_cohesive_stress(modulus: float, work_of_adhesion: float, pitch: flo
     pitch : float
         Sampling [mm].
     cells : float
+
+    Returns
+    -------
+    float
+        [MPa].
     """
     return float(np.sqrt(np.pi * modulus * work_of_adhesion / (4.0 * cells * pitch)))
 
@@ -68,7 +77,23 @@ def maugis_force_and_depth(
 ) -> tuple[float, float]:
     """Return force [N] and depth [mm] in equilibrium with a contact radius [mm].
 
-    Other parameters as :func:`maugis_parameter`.
+    Parameters
+    ----------
+    contact_radius : float
+        [mm].
+    tip_radius : float
+        [mm].
+    modulus : float
+        E* [MPa].
+    work_of_adhesion : float
+        [N/mm].
+    cohesive_stress : float
+        [MPa].
+
+    Returns
+    -------
+    tuple of float
+        [N], [mm].
 
     References
     ----------
@@ -95,7 +120,24 @@ def maugis_force_and_depth(
 
 
 def maugis_pull_off_force(tip_radius: float, modulus: float, work_of_adhesion: float, cohesive_stress: float) -> float:
-    """Return the smallest force in equilibrium [N], between -2 pi w R (DMT) and -1.5 pi w R (JKR)."""
+    """Return the smallest force in equilibrium [N], between -2 pi w R (DMT) and -1.5 pi w R (JKR).
+
+    Parameters
+    ----------
+    tip_radius : float
+        [mm].
+    modulus : float
+        E* [MPa].
+    work_of_adhesion : float
+        [N/mm].
+    cohesive_stress : float
+        [MPa].
+
+    Returns
+    -------
+    float
+        [N].
+    """
     unit = np.cbrt(np.pi * work_of_adhesion * tip_radius**2 / (4.0 * modulus / 3.0))
 
     def force(log_radius: float) -> float:

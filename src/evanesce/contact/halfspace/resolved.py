@@ -21,7 +21,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Adhesion:
-    """Work of adhesion [N/mm] and cohesive stress [MPa]; None: as large as the grid resolves."""
+    """Adhesion of a half-space.
+
+    Attributes
+    ----------
+    work : float
+        Work of adhesion [N/mm].
+    stress : float or None
+        Cohesive stress [MPa]; None: as large as the grid resolves.
+    """
 
     work: float
     stress: float | None = None
@@ -32,6 +40,18 @@ def contact_area(touching: NDArray[np.bool_], pitch: float) -> float:
 
     A cell that touches at all counts as touching, which adds (pi - 1 + ln 2)/24 of a cell per cell side of border on
     average over its directions.
+
+    Parameters
+    ----------
+    touching : ndarray of bool (rows, cols)
+        Cells in contact.
+    pitch : float
+        [mm].
+
+    Returns
+    -------
+    float
+        [mm^2].
 
     References
     ----------
@@ -55,6 +75,10 @@ def contact_coverage(reaction: Array, pitch: float) -> Array:
         Pressure of the constraint [MPa]: positive in contact, zero elsewhere.
     pitch : float
         [mm].
+
+    Returns
+    -------
+    ndarray (rows, cols)
     """
     touching = reaction > 0
     share = touching.astype(float)
@@ -123,6 +147,10 @@ def resolved_state(
     law, parameters, time
         Passed on.
     adhesion : Adhesion, optional
+
+    Returns
+    -------
+    ContactState
 
     Raises
     ------

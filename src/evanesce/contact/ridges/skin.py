@@ -52,6 +52,15 @@ class Skin:
 def skin_of(finger: Finger, grid: PlateGrid) -> Skin | None:
     """Return a finger's relief on a grid; None for a smooth finger.
 
+    Parameters
+    ----------
+    finger : Finger
+    grid : PlateGrid
+
+    Returns
+    -------
+    Skin or None
+
     Raises
     ------
     InputError
@@ -74,6 +83,15 @@ def skin_of(finger: Finger, grid: PlateGrid) -> Skin | None:
 def require_within_scan(state: ContactState, skin: Skin) -> ContactState:
     """Return the state; refuse it where contact reaches beyond the scan.
 
+    Parameters
+    ----------
+    state : ContactState
+    skin : Skin
+
+    Returns
+    -------
+    ContactState
+
     Raises
     ------
     InputError
@@ -89,7 +107,16 @@ def require_within_scan(state: ContactState, skin: Skin) -> ContactState:
 
 
 def ridge_row_of(ridges: Ridges) -> RidgeRow:
-    """Return a scene's ridges in mm and rad."""
+    """Return a scene's ridges in mm and rad.
+
+    Parameters
+    ----------
+    ridges : Ridges
+
+    Returns
+    -------
+    RidgeRow
+    """
     return RidgeRow(
         pattern=ridges.pattern,
         pitch=1e-3 * ridges.pitch_um,

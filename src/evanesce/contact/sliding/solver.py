@@ -88,7 +88,17 @@ class Slide:
         return iter(self.frames)
 
     def series(self, name: str) -> Floats:
-        """Return one scalar of every frame."""
+        """Return one scalar of every frame.
+
+        Parameters
+        ----------
+        name : str
+            Attribute of :class:`SlideFrame`.
+
+        Returns
+        -------
+        ndarray (frames,)
+        """
         return np.array([getattr(frame, name) for frame in self.frames])
 
 
@@ -98,6 +108,18 @@ def spring_load(contact: AxisymmetricContact, edges: Floats, annuli: int = 384) 
     The pressure is taken constant over each of ``annuli`` annuli, with the annulus's exact force; the rest is exact, so
     that the sum over all springs and both sides is the normal force. Tension at an adhesive edge is cut off: it adds
     no friction.
+
+    Parameters
+    ----------
+    contact : AxisymmetricContact
+    edges : ndarray (m + 1,)
+        Borders of the springs, from 0 [mm].
+    annuli : int
+
+    Returns
+    -------
+    ndarray (m,)
+        [N/mm].
     """
     a = contact.contact_radius
     if a <= 0:
@@ -115,7 +137,20 @@ def spring_load(contact: AxisymmetricContact, edges: Floats, annuli: int = 384) 
 
 
 def spring_strength(radius: float, edges: Floats) -> Floats:
-    """Return the Abel transform of unit strength on a disc [mm], 2 sqrt(a^2 - x^2), averaged over each spring."""
+    """Return the Abel transform of unit strength on a disc [mm], 2 sqrt(a^2 - x^2), averaged over each spring.
+
+    Parameters
+    ----------
+    radius : float
+        Of contact [mm].
+    edges : ndarray (m + 1,)
+        Borders of the springs, from 0 [mm].
+
+    Returns
+    -------
+    ndarray (m,)
+        [mm].
+    """
     if radius <= 0:
         return np.zeros(len(edges) - 1)
     u = np.clip(edges / radius, 0.0, 1.0)

@@ -197,13 +197,36 @@ def force_within_matrix(radii: Floats, edges: Floats) -> Floats:
     """Return the matrix that turns spring force densities [N/mm] into the force inside radii [N], (len(radii), m).
 
     A spring density of 1 up to x = b is a rigid punch of radius b, which carries 2 (b - sqrt(b^2 - r^2)) within r.
+
+    Parameters
+    ----------
+    radii : ndarray (n,)
+        [mm].
+    edges : ndarray (m + 1,)
+        Borders of the springs, from 0 [mm].
+
+    Returns
+    -------
+    ndarray (n, m)
     """
     chord = np.sqrt(np.clip(edges[None, :] ** 2 - radii[:, None] ** 2, 0.0, None))
     return 2.0 * (np.diff(edges)[None, :] - np.diff(chord, axis=1))
 
 
 def surface_slip_matrix(radii: Floats, edges: Floats) -> Floats:
-    """Return the matrix that turns spring slips [mm] into surface slips at radii [mm]: (2/pi) of an arcsine's steps."""
+    """Return the matrix that turns spring slips [mm] into surface slips at radii [mm]: (2/pi) of an arcsine's steps.
+
+    Parameters
+    ----------
+    radii : ndarray (n,)
+        [mm].
+    edges : ndarray (m + 1,)
+        Borders of the springs, from 0 [mm].
+
+    Returns
+    -------
+    ndarray (n, m)
+    """
     matrix = np.empty((len(radii), len(edges) - 1))
     for i, r in enumerate(radii):
         if r <= edges[1]:

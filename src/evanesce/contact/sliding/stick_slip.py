@@ -67,6 +67,11 @@ def stick_slip_period(slider: Slider, speed: float) -> float:
     speed : float
         Of the drive [mm/s], > 0.
 
+    Returns
+    -------
+    float
+        [s].
+
     Raises
     ------
     ValueError
@@ -123,6 +128,10 @@ def simulate_stick_slip(slider: Slider, speed: float, duration: float, sampling_
         [s].
     sampling_rate : float
         Of the returned record [Hz].
+
+    Returns
+    -------
+    StickSlip
 
     Raises
     ------

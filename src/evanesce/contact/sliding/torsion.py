@@ -58,7 +58,18 @@ class Twist:
 
 
 def sliding_torque(contact: AxisymmetricContact, friction: InterfaceFriction) -> float:
-    """Return the torque at which the whole contact slips [N mm]: 2 pi times the integral of r^2 strength."""
+    """Return the torque at which the whole contact slips [N mm]: 2 pi times the integral of r^2 strength.
+
+    Parameters
+    ----------
+    contact : AxisymmetricContact
+    friction : InterfaceFriction
+
+    Returns
+    -------
+    float
+        [N mm].
+    """
     r, strength = _strength(contact, friction)
     return float(2.0 * np.pi * np.trapezoid(r**2 * strength, r))
 
@@ -76,6 +87,10 @@ def twisted(contact: AxisymmetricContact, friction: InterfaceFriction, shear_mod
         G of the half-space [MPa].
     share : float
         Of the torque of full sliding, 0 to below 1; full sliding needs an infinite twist.
+
+    Returns
+    -------
+    Twist
 
     Raises
     ------
@@ -113,7 +128,24 @@ def twisted_state(
     near_gap: float = 0.01,
     time: float = 0.0,
 ) -> ContactState:
-    """Put a twisted contact on the plate's grid; positive torque turns from x towards y."""
+    """Put a twisted contact on the plate's grid; positive torque turns from x towards y.
+
+    Parameters
+    ----------
+    grid : PlateGrid
+    centre : tuple of float
+    contact : AxisymmetricContact
+        Without twist.
+    twist : Twist
+    near_gap : float
+        Gap below which a surface counts as near [mm].
+    time : float
+        [s].
+
+    Returns
+    -------
+    ContactState
+    """
     state = axisymmetric_state(grid, centre, contact, law="hertz+torsion", time=time)
     x, y = grid.x[None, :] - centre[0], grid.y[:, None] - centre[1]
     radius = np.hypot(x, y)

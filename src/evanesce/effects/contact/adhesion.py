@@ -26,6 +26,16 @@ class Parameters(Strict):
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     """Add to the finger's work of adhesion; each contact law includes it in its own way.
 
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+
     Raises
     ------
     InputError

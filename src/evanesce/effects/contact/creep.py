@@ -26,12 +26,36 @@ class Parameters(Strict):
 
 
 def compliance_rise(seconds: float, per_decade: float, onset_s: float) -> float:
-    """Return J(t)/J(0) = 1 + per_decade log10(1 + t/onset)."""
+    """Return J(t)/J(0) = 1 + per_decade log10(1 + t/onset).
+
+    Parameters
+    ----------
+    seconds : float
+        Time under load [s].
+    per_decade : float
+        Rise of the compliance a decade of time [1].
+    onset_s : float
+        [s].
+
+    Returns
+    -------
+    float
+    """
     return 1.0 + per_decade * math.log10(1.0 + max(seconds, 0.0) / onset_s)
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     """Divide the finger's stiffness by the rise of its compliance since the load came on.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
 
     Raises
     ------

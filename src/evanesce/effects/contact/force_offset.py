@@ -18,6 +18,18 @@ class Parameters(Strict):
 def apply(force_N: float, parameters: Parameters, context: Context) -> float:
     """Return the real force: the reading less the offset, and nothing where that is a pull.
 
+    Parameters
+    ----------
+    force_N : float
+        [N].
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    float
+        [N].
+
     Raises
     ------
     InputError

@@ -31,6 +31,10 @@ def stiffer(scene: Scene, factor: float, key: str) -> Scene:
     key : str
         Named in errors.
 
+    Returns
+    -------
+    Scene
+
     Raises
     ------
     InputError
@@ -44,7 +48,18 @@ def stiffer(scene: Scene, factor: float, key: str) -> Scene:
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
-    """Multiply the finger's stiffness by 1 + relative, under every contact law."""
+    """Multiply the finger's stiffness by 1 + relative, under every contact law.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+    """
     if parameters.relative == 0.0:
         return scene
     return stiffer(scene, 1.0 + parameters.relative, "effects.modulus.relative")

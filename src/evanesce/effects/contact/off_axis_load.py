@@ -28,6 +28,16 @@ class Parameters(Strict):
 def apply(state: ContactState, parameters: Parameters, context: Context) -> ContactState:
     """Shift the contact by its force, and stretch it about its centre at constant area.
 
+    Parameters
+    ----------
+    state : ContactState
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    ContactState
+
     Raises
     ------
     InputError

@@ -23,7 +23,18 @@ class Parameters(Strict):
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
-    """Add to the finger's roughness, from which the contact law computes the share; gradients add in squares."""
+    """Add to the finger's roughness, from which the contact law computes the share; gradients add in squares.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+    """
     slope = math.hypot(scene.finger.roughness_rms_slope, parameters.rms_slope)
     return scene.model_copy(update={"finger": scene.finger.model_copy(update={"roughness_rms_slope": slope})})
 

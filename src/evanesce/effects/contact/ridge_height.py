@@ -24,6 +24,16 @@ class Parameters(Strict):
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     """Scale the height of the ridges.
 
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+
     Raises
     ------
     InputError

@@ -43,7 +43,18 @@ AMPLITUDES = ("velocity_x_mm_per_s", "velocity_y_mm_per_s", "growth_per_s")
 
 
 def apply(state: ContactState, parameters: Parameters, context: Context) -> ContactState:
-    """Sample each point of the state where its material was at mid-frame; force and true area are kept."""
+    """Sample each point of the state where its material was at mid-frame; force and true area are kept.
+
+    Parameters
+    ----------
+    state : ContactState
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    ContactState
+    """
     if all(getattr(parameters, name) == 0.0 for name in AMPLITUDES) or parameters.readout_ms == 0.0:
         return state
     scene, grid = context.scene, state.grid
@@ -73,6 +84,18 @@ def lateness(scene: Scene, grid: PlateGrid, readout_s: float) -> NDArray[np.floa
     """Return how long after the frame's middle the row that sees each point of the grid is exposed [s].
 
     The camera's geometry at the grid's middle, straight from there: distortion bends rows by some per cent.
+
+    Parameters
+    ----------
+    scene : Scene
+    grid : PlateGrid
+    readout_s : float
+        From the first row's exposure to the last row's [s].
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        [s].
     """
     projection, step = Projection.of(scene.camera, scene.plate), 0.1
     x0, y0 = grid.centre

@@ -36,6 +36,16 @@ class Parameters(Strict):
 def apply(state: ContactState, parameters: Parameters, context: Context) -> ContactState:
     """Shorten the contact along the tangential force, about its leading edge, until alpha Q^2 of its area is gone.
 
+    Parameters
+    ----------
+    state : ContactState
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    ContactState
+
     Raises
     ------
     InputError

@@ -46,6 +46,16 @@ def discrete_gaussian(variance: float) -> Array:
 
     That of a sampled Gaussian is not, below a pixel's width; with this kernel pixels of any size have the same blur.
 
+    Parameters
+    ----------
+    variance : float
+        [px^2].
+
+    Returns
+    -------
+    ndarray (n,)
+        Sum 1.
+
     References
     ----------
     T. Lindeberg, "Scale-space for discrete signals", IEEE Trans. Pattern Anal. Machine Intell. 12 (1990) 234.
@@ -60,6 +70,17 @@ def spread_by(image: Array, variance: Array) -> Array:
 
     Kernels of a few widths are blended linearly in the variance, so that every pixel's second moment is exact.
     Beyond the border the image is continued by its outermost pixels.
+
+    Parameters
+    ----------
+    image : ndarray (rows, cols)
+        Any unit.
+    variance : ndarray (rows, cols)
+        [px^2].
+
+    Returns
+    -------
+    ndarray (rows, cols)
     """
     low, high = math.sqrt(float(variance.min())), math.sqrt(float(variance.max()))
     if high - low < 1e-9:
@@ -87,7 +108,18 @@ def _blurred(image: Array, variance: float) -> Array:
 
 
 def apply(light: SensorLight, parameters: Parameters, context: Context) -> SensorLight:
-    """Blur by |blur + corner_blur rho^2|, rho = 1 at the corner farthest from the optical axis."""
+    """Blur by |blur + corner_blur rho^2|, rho = 1 at the corner farthest from the optical axis.
+
+    Parameters
+    ----------
+    light : SensorLight
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    SensorLight
+    """
     if parameters.blur_um == 0.0 and parameters.corner_blur_um == 0.0:
         return light
     image = np.ascontiguousarray(light.irradiance, np.float64)

@@ -47,6 +47,16 @@ AMPLITUDES = ("k1", "k2", "p1", "p2", "centre_x_um", "centre_y_um")
 def apply(light: SensorLight, parameters: Parameters, context: Context) -> SensorLight:
     """Move the light of each direction to where the real lens images it, brighter where the image is compressed.
 
+    Parameters
+    ----------
+    light : SensorLight
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    SensorLight
+
     Raises
     ------
     InputError
@@ -114,6 +124,19 @@ def shifted(image: Array, shift: Array, *, axis: int) -> Array:
     """Return ``image`` read at ``shift`` [px] further along an axis, by Keys' cubic convolution; borders are continued.
 
     ``cv2.remap`` resolves 1/32 px only: the effect of less would vanish in a fit.
+
+    Parameters
+    ----------
+    image : ndarray (rows, cols)
+        Any unit.
+    shift : ndarray (rows, cols)
+        [px].
+    axis : int
+        0 down the rows, 1 along them.
+
+    Returns
+    -------
+    ndarray (rows, cols)
 
     References
     ----------

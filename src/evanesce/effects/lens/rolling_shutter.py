@@ -58,6 +58,11 @@ def mean_light(
     ripple, frequency_hz, phase_rad, duty : float
         See :class:`Parameters`; duty 0 means 1 + ripple cos(2 pi f t + phase), else 1 - ripple + ripple s/duty with
         s = 1 during the first ``duty`` of each period and 0 else.
+
+    Returns
+    -------
+    ndarray
+        In the shape of ``time_s``.
     """
     cycles = frequency_hz * np.asarray(time_s, np.float64) + phase_rad / (2.0 * math.pi)
     width = frequency_hz * exposure_s
@@ -73,7 +78,18 @@ def mean_light(
 
 
 def apply(light: SensorLight, parameters: Parameters, context: Context) -> SensorLight:
-    """Multiply each row by the mean light of its own exposure; the middle row is exposed about the frame's time."""
+    """Multiply each row by the mean light of its own exposure; the middle row is exposed about the frame's time.
+
+    Parameters
+    ----------
+    light : SensorLight
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    SensorLight
+    """
     if parameters.ripple == 0.0:
         return light
     rows = light.irradiance.shape[0]

@@ -58,6 +58,11 @@ def obstructed_share(distance: ArrayLike, grain_mm: float, cone_mm: float) -> Ar
         Of the pixel from below the grain's middle [mm].
     grain_mm, cone_mm : float
         Diameters of the grain and, at its height, of the cone [mm].
+
+    Returns
+    -------
+    ndarray
+        0 to 1, in the shape of ``distance``.
     """
     r = np.asarray(distance, np.float64)
     a, b = grain_mm / 2, cone_mm / 2
@@ -104,6 +109,16 @@ def apply(light: SensorLight, parameters: Parameters, context: Context) -> Senso
     """Remove the light that the grains stop; a higher density keeps the grains of a lower one.
 
     Locations are in mm on the sensor, so that a seed has the same dust at every pixel size.
+
+    Parameters
+    ----------
+    light : SensorLight
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    SensorLight
     """
     camera = context.scene.camera
     pitch_mm = camera.pixel.pitch_um * 1e-3

@@ -27,7 +27,18 @@ class Parameters(Strict):
 
 
 def apply(light: SensorLight, parameters: Parameters, context: Context) -> SensorLight:
-    """Multiply the irradiance by 1 - k rho^exponent, rho = 1 at the corner farthest from the centre."""
+    """Multiply the irradiance by 1 - k rho^exponent, rho = 1 at the corner farthest from the centre.
+
+    Parameters
+    ----------
+    light : SensorLight
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    SensorLight
+    """
     rows, cols = light.irradiance.shape
     dx, dy = parameters.centre_offset_px
     centre = ((cols - 1) / 2 + dx, (rows - 1) / 2 + dy)

@@ -26,7 +26,18 @@ class Parameters(Strict):
 
 
 def apply(light: PlateLight, parameters: Parameters, context: Context) -> PlateLight:
-    """Add L0 (1 + g_x tan_x + g_y tan_y + b tan^2), never below zero; ambient light has no sampling variance."""
+    """Add L0 (1 + g_x tan_x + g_y tan_y + b tan^2), never below zero; ambient light has no sampling variance.
+
+    Parameters
+    ----------
+    light : PlateLight
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    PlateLight
+    """
     rows, cols = light.radiance.shape
     gx, gy = parameters.gradient
     x = (np.arange(cols) - light.principal_point[0]) / light.focal_px

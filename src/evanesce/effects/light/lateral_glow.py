@@ -28,7 +28,18 @@ class Parameters(Strict):
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
-    """Set the finger's scattering length, which adds to one that it has; its reflectance is kept."""
+    """Set the finger's scattering length, which adds to one that it has; its reflectance is kept.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+    """
     if parameters.length_mm == 0.0 or parameters.share == 0.0:
         return scene
     finger = scene.finger

@@ -46,7 +46,18 @@ class Parameters(Strict):
 
 
 def apply(light: PlateLight, parameters: Parameters, context: Context) -> PlateLight:
-    """Add, for each lit edge, its share of exp(-distance from the frame's border/decay) times its LEDs' comb."""
+    """Add, for each lit edge, its share of exp(-distance from the frame's border/decay) times its LEDs' comb.
+
+    Parameters
+    ----------
+    light : PlateLight
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    PlateLight
+    """
     if parameters.relative_radiance == 0.0:
         return light
     scene = context.scene
@@ -71,7 +82,25 @@ def apply(light: PlateLight, parameters: Parameters, context: Context) -> PlateL
 
 
 def led_comb(along: Array, positions: Array, power: Array, pitch: float, width: float) -> Array:
-    """Return one Gaussian for each LED, so that a long row of equal LEDs of power 1 averages to 1."""
+    """Return one Gaussian for each LED, so that a long row of equal LEDs of power 1 averages to 1.
+
+    Parameters
+    ----------
+    along : ndarray (n,)
+        [mm], along the edge.
+    positions : ndarray (m,)
+        Of the LEDs [mm].
+    power : ndarray (m,)
+        Of each, over the mean.
+    pitch : float
+        Of the LEDs [mm].
+    width : float
+        Standard deviation of a Gaussian [mm].
+
+    Returns
+    -------
+    ndarray (n,)
+    """
     bell = np.exp(-0.5 * ((along[:, None] - positions[None, :]) / width) ** 2)
     return np.asarray(bell @ power * (pitch / (width * math.sqrt(2 * math.pi))))
 

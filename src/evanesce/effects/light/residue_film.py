@@ -24,7 +24,18 @@ class Parameters(Strict):
 
 
 def apply(light: PlateLight, parameters: Parameters, context: Context) -> PlateLight:
-    """Add relative_radiance exp(-r^2/(2 radius^2)) times a contact's radiance."""
+    """Add relative_radiance exp(-r^2/(2 radius^2)) times a contact's radiance.
+
+    Parameters
+    ----------
+    light : PlateLight
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    PlateLight
+    """
     if parameters.relative_radiance == 0.0:
         return light
     x, y = plate_points(context.scene, light)

@@ -28,7 +28,18 @@ class Parameters(Strict):
 
 
 def apply(light: PlateLight, parameters: Parameters, context: Context) -> PlateLight:
-    """Add points of light along the scratch, a quarter of a pixel apart, and across it where it is wider than that."""
+    """Add points of light along the scratch, a quarter of a pixel apart, and across it where it is wider than that.
+
+    Parameters
+    ----------
+    light : PlateLight
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    PlateLight
+    """
     if parameters.relative_radiance == 0.0:
         return light
     scene, step = context.scene, 0.25 / context.scene.camera.scale_px_per_mm

@@ -65,7 +65,18 @@ class Parameters(Strict):
 
 
 def apply(light: PlateLight, parameters: Parameters, context: Context) -> PlateLight:
-    """Add the specks, drawn and listed; a higher density keeps those of a lower one."""
+    """Add the specks, drawn and listed; a higher density keeps those of a lower one.
+
+    Parameters
+    ----------
+    light : PlateLight
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    PlateLight
+    """
     scene = context.scene
     if parameters.marks > 0.0:
         at_x, at_y = np.array(parameters.mark_x_mm), np.array(parameters.mark_y_mm)

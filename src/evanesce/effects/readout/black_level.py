@@ -18,7 +18,20 @@ class Parameters(Strict):
 
 
 def apply(signal_DN: NDArray[np.float64], parameters: Parameters, context: Context) -> NDArray[np.float64]:
-    """Add the offset to the signal before it is quantised."""
+    """Add the offset to the signal before it is quantised.
+
+    Parameters
+    ----------
+    signal_DN : ndarray (rows, cols)
+        [DN].
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        [DN].
+    """
     return signal_DN + parameters.offset_DN
 
 

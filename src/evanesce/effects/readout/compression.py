@@ -50,6 +50,11 @@ def quantised(image: NDArray[Any], step: float, block: int, rounding: float) -> 
         Side of a block [px]; the last ones are filled up with the border's values.
     rounding : float
         [steps].
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        [DN].
     """
     rows, cols = image.shape
     padded = np.pad(image.astype(np.float32), ((0, -rows % block), (0, -cols % block)), mode="edge")
@@ -69,7 +74,18 @@ def quantised(image: NDArray[Any], step: float, block: int, rounding: float) -> 
 
 
 def apply(frame: Frame, parameters: Parameters, context: Context) -> Frame:
-    """Quantise the frame's blocks, each channel alone; a frame of floats (a prediction) is not rounded after."""
+    """Quantise the frame's blocks, each channel alone; a frame of floats (a prediction) is not rounded after.
+
+    Parameters
+    ----------
+    frame : Frame
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Frame
+    """
     if parameters.step_DN == 0.0:
         return frame
     data: NDArray[Any] = frame.data

@@ -22,7 +22,18 @@ class Parameters(Strict):
 
 
 def apply(frame: Frame, parameters: Parameters, context: Context) -> Frame:
-    """Stamp the frame with its true time over 1 + departure, counted from the run's time 0; the image is kept."""
+    """Stamp the frame with its true time over 1 + departure, counted from the run's time 0; the image is kept.
+
+    Parameters
+    ----------
+    frame : Frame
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Frame
+    """
     return replace(frame, time=frame.time / (1.0 + parameters.departure))
 
 

@@ -35,6 +35,18 @@ def apply(charge_e: NDArray[np.float64], parameters: Parameters, context: Contex
     """Add rate times exposure to a fixed random choice of pixels, and to those that are listed.
 
     Chosen by thresholding one uniform number per pixel, so that a larger fraction keeps the pixels of a smaller one.
+
+    Parameters
+    ----------
+    charge_e : ndarray (rows, cols)
+        [e-].
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        [e-].
     """
     camera = context.scene.camera
     rate = np.zeros(charge_e.shape)

@@ -41,6 +41,14 @@ def overflow_kernel(length_px: float) -> Array:
     """Return the shares of a charge that arrive in the pixels along its column: exp(-|x|/length)/(2 length) [px].
 
     Integrated over the receiving pixels, so that pixels of any size receive the same; sum 1.
+
+    Parameters
+    ----------
+    length_px : float
+
+    Returns
+    -------
+    ndarray (n,)
     """
     reach = max(1, math.ceil(8.0 * length_px))
     edges = np.arange(-reach, reach + 2) - 0.5
@@ -50,7 +58,17 @@ def overflow_kernel(length_px: float) -> Array:
 
 
 def nominal_range_DN(camera: Camera) -> float:
-    """Return the signal above black at which a pixel is nominally full: its well or the converter's last code."""
+    """Return the signal above black at which a pixel is nominally full: its well or the converter's last code.
+
+    Parameters
+    ----------
+    camera : Camera
+
+    Returns
+    -------
+    float
+        [DN].
+    """
     pixel = camera.pixel
     well = pixel.full_well_capacity_e * camera.analogue_gain / pixel.conversion_gain_e_per_DN
     return min(well, 2.0**pixel.bits - 1.0 - pixel.black_level_DN)
@@ -66,6 +84,11 @@ def softened(signal: Array, ceiling: float, knee: float) -> Array:
     ceiling : float
     knee : float
         Above 0 [1].
+
+    Returns
+    -------
+    ndarray
+        In the shape of ``signal``.
     """
     share = np.maximum(signal, 0.0) / ceiling
     small, large = np.minimum(share, 1.0), np.maximum(share, 1.0)
@@ -78,6 +101,18 @@ def apply(signal_DN: Array, parameters: Parameters, context: Context) -> Array:
 
     With a knee the signal stays a little below the ceiling. Overflow is counted up to the nominal ceiling only. Read
     noise above the real ceiling is clipped with it.
+
+    Parameters
+    ----------
+    signal_DN : ndarray (rows, cols)
+        [DN].
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        [DN].
     """
     if parameters.well_loss == 0.0:
         return signal_DN

@@ -33,13 +33,35 @@ def departed(value: ArrayLike, gamma: float, contrast: float) -> Array:
 
     w + contrast w (1 - w)(2w - 1) with w = v^(1 + gamma): 0 and 1 stay,
     and the curve rises within the bounds of :class:`Parameters`.
+
+    Parameters
+    ----------
+    value : array_like
+        0 to 1.
+    gamma, contrast : float
+
+    Returns
+    -------
+    ndarray
+        0 to 1, in the shape of ``value``.
     """
     power = np.asarray(value, np.float64) ** (1.0 + gamma)
     return np.asarray(power + contrast * power * (1.0 - power) * (2.0 * power - 1.0))
 
 
 def apply(frame: Frame, parameters: Parameters, context: Context) -> Frame:
-    """Develop by the real curve; a frame of floats (a prediction without rounding) stays one."""
+    """Develop by the real curve; a frame of floats (a prediction without rounding) stays one.
+
+    Parameters
+    ----------
+    frame : Frame
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Frame
+    """
     gamma, contrast = parameters.gamma, parameters.contrast
     if gamma == 0.0 and contrast == 0.0:
         return frame

@@ -19,6 +19,16 @@ class Parameters(Strict):
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     """Add to the height of the printed side.
 
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+
     Raises
     ------
     InputError

@@ -23,7 +23,18 @@ class Parameters(Strict):
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
-    """Mix both finishes by area: specular reflectances add, and the diffuse parts take their mean reflectance."""
+    """Mix both finishes by area: specular reflectances add, and the diffuse parts take their mean reflectance.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+    """
     if parameters.share == 0.0:
         return scene
     plate, share = scene.plate, parameters.share

@@ -21,7 +21,18 @@ class Parameters(Strict):
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
-    """Add to the plate's absorption coefficient (Beer and Lambert along each path)."""
+    """Add to the plate's absorption coefficient (Beer and Lambert along each path).
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+    """
     total = scene.plate.absorption_coefficient_per_mm + parameters.absorption_per_mm
     plate = scene.plate.model_copy(update={"absorption_coefficient_per_mm": total})
     return scene.model_copy(update={"plate": plate})

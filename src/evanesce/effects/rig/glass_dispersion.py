@@ -17,7 +17,18 @@ class Parameters(Strict):
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
-    """Add strength times (n averaged over the white LED's bands, by luminous weight, minus n at 589 nm)."""
+    """Add strength times (n averaged over the white LED's bands, by luminous weight, minus n at 589 nm).
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+    """
     if parameters.strength == 0.0:
         return scene
     shift = mean_over_bands(soda_lime_index) - float(soda_lime_index(SODIUM_NM))

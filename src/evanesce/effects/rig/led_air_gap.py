@@ -16,7 +16,18 @@ class Parameters(Strict):
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
-    """Separate a share of the faces in contact."""
+    """Separate a share of the faces in contact.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+    """
     if parameters.share == 0.0:
         return scene
     apart = 1.0 - (1.0 - scene.leds.air_gap_share) * (1.0 - parameters.share)

@@ -20,7 +20,18 @@ class Parameters(Strict):
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
-    """Add the offset to the forward voltage; the resistor is chosen again so that the rated current is kept."""
+    """Add the offset to the forward voltage; the resistor is chosen again so that the rated current is kept.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+    """
     circuit = scene.leds.circuit
     other = circuit.model_copy(update={"forward_voltage_V": circuit.forward_voltage_V + parameters.offset_V})
     return scene.model_copy(update={"leds": scene.leds.model_copy(update={"circuit": other})})

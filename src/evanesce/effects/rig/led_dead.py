@@ -27,6 +27,16 @@ class Parameters(Strict):
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     """Multiply the power of ``count`` LEDs from ``first`` on by 1 - loss; a strip's end ends the row.
 
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+
     Raises
     ------
     InputError

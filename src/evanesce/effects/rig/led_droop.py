@@ -24,7 +24,18 @@ class Parameters(Strict):
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
-    """Set the circuit's droop; :func:`evanesce.optics.led.relative_efficiency` applies it."""
+    """Set the circuit's droop; :func:`evanesce.optics.led.relative_efficiency` applies it.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+    """
     if parameters.droop == 0.0:
         return scene
     changes = {"droop": parameters.droop, "peak_current_mA": parameters.peak_current_mA}

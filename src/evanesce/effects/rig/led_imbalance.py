@@ -24,7 +24,18 @@ class Parameters(Strict):
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
-    """Multiply each LED's power by 1 + contrast (x cos + y sin)/reach, reach the corners' largest x cos + y sin."""
+    """Multiply each LED's power by 1 + contrast (x cos + y sin)/reach, reach the corners' largest x cos + y sin.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+    """
     if parameters.contrast == 0.0:
         return scene
     half_x, half_y = scene.plate.size_mm[0] / 2, scene.plate.size_mm[1] / 2

@@ -25,7 +25,18 @@ class Parameters(Strict):
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
-    """Add warming_K (1 - exp(-(t + on_before)/time_constant)) to the junctions' temperature; light falls alike."""
+    """Add warming_K (1 - exp(-(t + on_before)/time_constant)) to the junctions' temperature; light falls alike.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+    """
     elapsed = max(context.time_s + parameters.on_before_s, 0.0)
     done = -math.expm1(-elapsed / parameters.time_constant_s)
     circuit = scene.leds.circuit

@@ -19,13 +19,34 @@ class Parameters(Strict):
 
 
 def angles_of(axes: np.ndarray) -> tuple[float, float, float]:
-    """Return tilt_x, tilt_y and roll [rad] of camera axes (3, 3): the inverse of optics.projection.rotation."""
+    """Return tilt_x, tilt_y and roll [rad] of camera axes (3, 3): the inverse of optics.projection.rotation.
+
+    Parameters
+    ----------
+    axes : ndarray (3, 3)
+        Camera axes as rows.
+
+    Returns
+    -------
+    tuple of float
+        [rad].
+    """
     tilt_y = np.arcsin(np.clip(-axes[2, 0], -1.0, 1.0))
     return float(np.arctan2(axes[2, 1], axes[2, 2])), float(tilt_y), float(np.arctan2(axes[1, 0], axes[0, 0]))
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     """Turn the plate about the point that the camera looks at; seen from the plate, the camera turns the other way.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
 
     Raises
     ------

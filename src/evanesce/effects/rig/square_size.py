@@ -22,6 +22,16 @@ class Parameters(Strict):
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     """Scale the printed sides.
 
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+
     Raises
     ------
     InputError

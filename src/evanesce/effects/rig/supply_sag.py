@@ -31,7 +31,18 @@ class Parameters(Strict):
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
-    """Add the resistance to that of the strips; :func:`evanesce.optics.led.strip_voltages` solves the ladder."""
+    """Add the resistance to that of the strips; :func:`evanesce.optics.led.strip_voltages` solves the ladder.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+    """
     if parameters.resistance_ohm_per_mm == 0.0:
         return scene
     leds, edges = scene.leds, dict(scene.leds.edge)

@@ -37,7 +37,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class RidgeResult:
-    """What a scan says of its ridges; lengths in mm.
+    """Ridges of a scan; lengths in mm.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ def _form(z: Floats, design: Floats) -> Floats:
 
 
 def level(height: ArrayLike, degree: int = 1) -> Floats:
-    """Return a map (rows, cols) with its form taken off; NaN allowed and kept.
+    """Return a map (rows, cols) with its form removed; NaN allowed and kept.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def level(height: ArrayLike, degree: int = 1) -> Floats:
 
 
 def remove_form(height: ArrayLike, degree: int = 2) -> Floats:
-    """Return a profile with a polynomial form taken off: a scan across a round finger is bent.
+    """Return a profile with a polynomial form removed: a scan across a round finger is curved.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Scans as what lies on a finger's tip: levelled height maps, and profiles that repeat as parallel ridges."""
+"""Scans as the relief of a finger's tip: levelled height maps, and profiles that repeat as parallel ridges."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class HeightMap:
-    """A surface as the contact solvers take it.
+    """A surface for the contact solvers.
 
     Attributes
     ----------

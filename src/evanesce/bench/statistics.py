@@ -1,4 +1,4 @@
-"""Statistics of the thesis's bench tests, all of them scipy's: variance analysis, histograms, modes, repeatability."""
+"""Statistics of the thesis's bench tests (by scipy): variance analysis, histograms, modes, repeatability."""
 
 from __future__ import annotations
 
@@ -177,7 +177,7 @@ def one_way_anova(groups: Mapping[str, ArrayLike], alpha: float = 0.05) -> Anova
 
 @dataclass(frozen=True)
 class Repeatability:
-    """How far repeats of one thing differ.
+    """Repeatability of repeated measurements.
 
     Attributes
     ----------

@@ -88,7 +88,7 @@ def read_map(path: Path, pitch: float, height_unit: str) -> HeightMap:
     pitch : float
         Sample distance [mm], which such files do not carry reliably.
     height_unit : str
-        Unit of the stored figures: nm, um, mm, m.
+        Unit of the stored values: nm, um, mm, m.
 
     Returns
     -------
@@ -118,7 +118,7 @@ def read_map(path: Path, pitch: float, height_unit: str) -> HeightMap:
 
 
 def _plausible(height: Floats, pitch: float, path: Path, key: str) -> HeightMap:
-    """Refuse a map that is too small, empty, or of heights [mm] that do not go with its pitch [mm]."""
+    """Refuse a map that is too small, empty, or of heights [mm] implausible for its pitch [mm]."""
     if min(height.shape) < 32:
         raise InputError(f"{height.shape[1]} x {height.shape[0]} samples", file=path, allowed="at least 32 x 32")
     if not 1e-6 <= pitch <= 10.0:

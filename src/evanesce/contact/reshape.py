@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 def reshaped_state(
     state: ContactState, along: float, across: float, direction: float, pivot: tuple[float, float]
 ) -> ContactState:
-    """Stretch a contact about a point: every place moves to pivot + R diag(along, across) R^T (place - pivot).
+    """Stretch a contact about a point: every point moves to pivot + R diag(along, across) R^T (point - pivot).
 
     Parameters
     ----------
@@ -41,14 +41,14 @@ def reshaped_state(
     x, y = grid.x[None, :] - pivot[0], grid.y[:, None] - pivot[1]
     cos, sin = math.cos(direction), math.sin(direction)
     u, v = (x * cos + y * sin) / along, (y * cos - x * sin) / across
-    places = np.stack(grid.index(pivot[0] + u * cos - v * sin, pivot[1] + u * sin + v * cos))
+    indices = np.stack(grid.index(pivot[0] + u * cos - v * sin, pivot[1] + u * sin + v * cos))
 
     def moved(field: FloatMap) -> Array:
         flat = np.asarray(field, dtype=float).reshape(-1, *grid.shape)
-        found = [map_coordinates(part, places, order=1, mode="nearest") for part in flat]
+        found = [map_coordinates(part, indices, order=1, mode="nearest") for part in flat]
         return np.stack(found).reshape(field.shape)
 
-    labels = None if state.state is None else map_coordinates(state.state, places, order=0, mode="nearest")
+    labels = None if state.state is None else map_coordinates(state.state, indices, order=0, mode="nearest")
     real = state.real_contact_fraction
     pressure = moved(state.pressure) / change
     carried = float(pressure.sum()) * grid.pitch**2

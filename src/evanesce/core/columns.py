@@ -99,7 +99,7 @@ def read_rows(path: Path) -> list[list[str]]:
 
 
 def number(text: str, path: Path, row: int, heading: str) -> float:
-    """Return a finite number, or say in which row and column it is not one.
+    """Return a finite number, or name the row and column in which it is not one.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def number(text: str, path: Path, row: int, heading: str) -> float:
 
 
 def _assign(headings: list[str], columns: Sequence[Column], path: Path) -> dict[str, tuple[int, float, float]]:
-    """Map each wanted column to (index, factor, offset); say what is missing, doubled or in an unknown unit."""
+    """Map each wanted column to (index, factor, offset); name what is missing, doubled or in an unknown unit."""
     split = [_split(heading) for heading in headings]
     found: dict[str, tuple[int, float, float]] = {}
     for column in columns:

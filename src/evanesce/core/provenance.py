@@ -1,4 +1,4 @@
-"""Where a result came from: versions, seed, variant, digest of the configuration. Goes into everything written."""
+"""Provenance of a result: versions, seed, variant, digest of the configuration; part of every file written."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def digest(value: Any) -> str:
 
 @cache
 def code_digest() -> str:
-    """Return the SHA-256 of the package's own source files, names and contents, as they were when first asked.
+    """Return the SHA-256 of the package's own source files, names and contents, as they were at the first call.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Where the files that ship with the project lie: beside the package when installed, in the checkout otherwise."""
+"""Paths of the files that ship with the project: beside the package when installed, in the checkout otherwise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One seed, many independent random streams, each reached by name so that no order of calls matters."""
+"""Independent random streams of one seed, each by name, so that the order of calls does not matter."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The frozen values handed from layer to layer.
+"""Immutable values passed from package to package.
 
 Conventions: arrays are ``[row, col]``; integer coordinates are pixel centres; x points right and y down, on the plate
 as in the image. The plate frame has its origin at the middle of the contact region on the glass's top face (z = 0)
@@ -20,7 +20,7 @@ FloatMap = NDArray[np.floating[Any]]
 
 
 def _frozen(array: NDArray[Any]) -> NDArray[Any]:
-    """Return a read-only view, so that a state handed on cannot change behind its maker's back."""
+    """Return a read-only view, so that a state passed on cannot be changed."""
     view = np.asarray(array).view()
     view.flags.writeable = False
     return view
@@ -221,7 +221,7 @@ class Frame:
 
 @dataclass(frozen=True, kw_only=True)
 class Estimate:
-    """What the measurement says of one frame.
+    """Result of the measurement for one frame.
 
     Attributes
     ----------

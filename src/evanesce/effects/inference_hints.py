@@ -32,7 +32,7 @@ Observable = Literal[
     "series",
 ]
 """What a measurement may hold: frames of presses; at two or more voltages; at two or more forces; of a held state over
-time; of a finger on its way; with displacements; repeated frames of a held state; frames with LEDs off or lens capped;
+time; of a moving finger; with displacements; repeated frames of a held state; frames with LEDs off or lens capped;
 shots of the cards; scalar series."""
 
 OBSERVABLES: tuple[str, ...] = get_args(Observable)

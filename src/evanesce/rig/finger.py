@@ -27,7 +27,7 @@ class Ridges(Strict):
 
 
 class ScannedSkin(Strict):
-    """Surface of the finger as a lab measured it, in the place of designed ridges; read by :mod:`evanesce.materials`.
+    """Surface of the finger as a lab measured it, instead of designed ridges; read by :mod:`evanesce.bench`.
 
     Columns of the map run along +x of the plate and rows along +y, as the camera sees the finger through the glass;
     its middle lies on the tip unless ``offset_mm`` says otherwise. A profile repeats itself without end.
@@ -39,7 +39,7 @@ class ScannedSkin(Strict):
     pitch_um: float | None = field(
         None, unit="um", bounds=(0.01, 1000.0), doc="sample distance of a map that does not carry its own"
     )
-    height_unit: Literal["nm", "um", "mm", "m"] | None = Field(None, description="of a csv, tif or exr map's figures")
+    height_unit: Literal["nm", "um", "mm", "m"] | None = Field(None, description="of a csv, tif or exr map's values")
     form_degree: int = Field(1, ge=1, le=2, description="taken off: 1 a plane, 2 a scanned tip's roundness")
     offset_mm: tuple[float, float] = field(
         (0.0, 0.0), unit="mm", bounds=(-100.0, 100.0), doc="middle of the scan from the tip, (x, y)"

@@ -1,4 +1,4 @@
-"""The file of a scene's height map: where it may lie, that it is the one it was, and a copy beside a written scene."""
+"""The file of a scene's height map: its path, its digest, and a copy beside a written scene."""
 
 from __future__ import annotations
 

@@ -159,7 +159,7 @@ def _pick(models: list[type[BaseModel]], value: dict[str, Any]) -> type[BaseMode
 
 
 def _check_bounds(model: type[BaseModel], data: dict[str, Any], at: tuple[str, ...], file: Path | str) -> None:
-    """Refuse unknown keys and figures out of bounds, in the words of the declaration."""
+    """Refuse unknown keys and values out of bounds, named as declared."""
     for key, value in data.items():
         where = ".".join((*at, key))
         info = model.model_fields.get(key)
@@ -251,7 +251,7 @@ def _as_input_error(model: type[BaseModel], error: ValidationError, data: Any, f
 
 
 def _shown(value: object) -> str:
-    """Return a value in a few words: a long list would drown the message."""
+    """Return a value in a few words: a long list would fill the message."""
     text = repr(value)
     return text if len(text) < 80 else text[:77] + "..."
 

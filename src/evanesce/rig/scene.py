@@ -27,7 +27,7 @@ class ContactGrid(Strict):
 
 
 class RenderSettings(Strict):
-    """How much work the path tracer does."""
+    """Settings of the path tracer."""
 
     samples_per_pixel: int = field(64, unit="1", bounds=(1, 1_000_000))
     passes: int = field(4, unit="1", bounds=(2, 100_000), doc="independent passes: the variance comes from them")

@@ -1,4 +1,4 @@
-"""Johnson, Kendall and Roberts: a sphere that sticks to the glass. 0.001 N/mm of adhesion is 1 J/m^2."""
+"""Johnson, Kendall and Roberts: an elastic sphere on glass with adhesion. 0.001 N/mm of adhesion is 1 J/m^2."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 def jkr_pull_off_force(tip_radius: float, work_of_adhesion: float) -> float:
-    """Return the normal force at which the sphere lets go [N]: -(3/2) pi w R.
+    """Return the normal force at which the sphere separates [N]: -(3/2) pi w R.
 
     Parameters
     ----------

@@ -83,7 +83,7 @@ def stick_radius(contact_radius: float, normal_force: float, tangential_force: A
 def traction(
     r: ArrayLike, contact_radius: float, normal_force: float, tangential_force: float, friction: float
 ) -> Floats:
-    """Return the tangential traction [MPa] at radii [mm]: mu p, less its like of radius c where it sticks.
+    """Return the tangential traction [MPa] at radii [mm]: mu p, less the same of radius c where it sticks.
 
     Parameters
     ----------

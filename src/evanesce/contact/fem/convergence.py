@@ -1,4 +1,4 @@
-"""How far the mesh decides: one press on ever finer meshes, as the thesis did from 3.75 mm down to 0.33 mm."""
+"""Mesh convergence: one press on finer and finer meshes, as in the thesis from 3.75 mm down to 0.33 mm."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Convergence:
         [N].
     meshes : tuple of MeshResult
     tolerance : float
-        Relative difference of areas asked for.
+        Relative difference of areas required.
     """
 
     force: float
@@ -144,8 +144,8 @@ def convergence(
     for size in sizes:
         run = press(shape, material, forces=(force,), friction=friction, size=mesh_of(size), cache=cache)
         row = run.row(-1)
-        figures = (row["area_mm2"], row["depth_mm"], row["reduced_modulus_MPa"])
-        results.append(MeshResult(float(size), len(run.mesh.cells), *figures))
+        values = (row["area_mm2"], row["depth_mm"], row["reduced_modulus_MPa"])
+        results.append(MeshResult(float(size), len(run.mesh.cells), *values))
         if on_mesh is not None:
             on_mesh(results[-1])
     return Convergence(force, tuple(results))

@@ -276,7 +276,7 @@ def _triangulated(place: Floats, source: str) -> Ints:
         raise InputError("nodes lie on one line", file=source, key="x, y", allowed="an area of nodes") from None
     a, b = place[cells[:, 1]] - place[cells[:, 0]], place[cells[:, 2]] - place[cells[:, 0]]
     area = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    kept = np.abs(area) > 1e-9 * np.abs(area).max()  # slivers on the rim of the hull
+    kept = np.abs(area) > 1e-9 * np.abs(area).max()  # slivers on the border of the hull
     return np.where(area[kept, None] < 0, cells[kept, ::-1], cells[kept])
 
 
@@ -378,7 +378,7 @@ def _read_vtk(path: Path, force: float | None, names: dict[str, str], length: fl
 
 
 def summary(contact: ForeignContact) -> dict[str, Any]:
-    """Return the figures of an imported contact.
+    """Return counts, force, area, peak pressure and largest gap of an imported contact.
 
     Parameters
     ----------

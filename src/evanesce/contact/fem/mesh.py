@@ -17,7 +17,7 @@ from evanesce.core.errors import InputError
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-CORE_SHARE = 0.55  # of the way from the focus to the skin: layers and core then have elements of like size
+CORE_SHARE = 0.55  # of the distance from the focus to the skin: layers and core then have elements of like size
 CORNER_ANGLE = np.pi / 4  # ray on which the core's edge lies; rays meet both faces of it at about 45 degrees
 
 
@@ -70,7 +70,7 @@ class FingerShape:
 
 @dataclass(frozen=True)
 class MeshSize:
-    """How fine a mesh is.
+    """Element sizes of a mesh.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class MeshSize:
 
 @dataclass(frozen=True)
 class SolidMesh:
-    """Nodes and elements of a solid and what they are for.
+    """Nodes and elements of a solid, and their roles.
 
     Attributes
     ----------
@@ -255,7 +255,7 @@ def _bone_boundary(shape: FingerShape, cap_arcs: Floats, outer: Floats, n_cap: i
 
 
 def _corner_of(arcs: Floats, shape: FingerShape) -> int:
-    """Return the cap node that the core's edge looks at; at least one element lies on either side of it."""
+    """Return the cap node opposite the core's edge; at least one element lies on either side of it."""
     angle = min(CORNER_ANGLE, 0.75 * shape.cap_angle)
     return int(np.clip(np.argmin(np.abs(arcs / shape.tip_radius - angle)), 1, arcs.size - 2))
 
@@ -330,7 +330,7 @@ def quads(index: Ints) -> Ints:
 
 
 def counter_clockwise(points: Floats, cells: Ints) -> Ints:
-    """Turn clockwise quadrilaterals round.
+    """Reverse clockwise quadrilaterals.
 
     Parameters
     ----------

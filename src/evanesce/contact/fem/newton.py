@@ -20,10 +20,10 @@ NOISE = 2e-10  # [N]: rounding of internal forces, bulk modulus times section ti
 
 
 class Solid(Protocol):
-    """What the solver needs of a body; the adapter to the finite-element library has it."""
+    """Interface of a body to the solver; the adapter to the finite-element library implements it."""
 
     def inverted(self, displacement: Floats) -> bool:
-        """Return whether an element is inside out.
+        """Return whether an element is inverted.
 
         Parameters
         ----------
@@ -85,7 +85,7 @@ class Equilibrium:
     contact : PlaneForces
         Of the candidate nodes.
     normal_force, tangential_force : float
-        Of the whole finger on the glass, both halves [N]; the tangential along x, the way of the slide.
+        Of the whole finger on the glass, both halves [N]; the tangential along x, the direction of the slide.
     iterations : int
     """
 
@@ -235,7 +235,7 @@ def equilibrium(
     best, previous = np.inf, np.inf
     for iteration in range(max_iterations):
         # a cantilever as soft as a finger springs back far beyond the glass's small move if its first iterate may
-        # slip, and then slips the other way for ever: let the skin follow the glass first
+        # slip, and then slips the other way for ever: so the skin follows the glass first
         glass = gripping if iteration == 0 and guess is None and target.slide != before.slide else model.glass
         contact = plane_forces(model.relative(u, depth, target.slide), areas, glass, anchors)
         residual = model.solid.forces(u)
@@ -308,7 +308,7 @@ def _newton_step(
 
 
 def _shortened(model: Model, u: Floats, depth: float, step: Floats, raise_by: float) -> tuple[Floats, float]:
-    """Return the next iterate: the full step, or less of it where that would turn an element inside out."""
+    """Return the next iterate: the full step, or less of it where that would invert an element."""
     share = 1.0
     for _ in range(6):
         trial = u + share * step
@@ -318,8 +318,8 @@ def _shortened(model: Model, u: Floats, depth: float, step: Floats, raise_by: fl
     raise StepFailed
 
 
-def carried_on(before: Equilibrium, last: Equilibrium, share: float) -> Equilibrium:
-    """Return the last state carried on along the path from the one before, as a first guess.
+def extrapolated(before: Equilibrium, last: Equilibrium, share: float) -> Equilibrium:
+    """Extrapolate two accepted states, as a first guess of the next.
 
     Parameters
     ----------

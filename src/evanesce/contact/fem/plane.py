@@ -39,7 +39,7 @@ class Glass:
 
 @dataclass(frozen=True)
 class Anchors:
-    """What friction remembers of the last accepted step.
+    """History of friction at the last accepted step.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Anchors:
     place : ndarray (k, d - 1)
         Point of the glass, in its own coordinates, from which a sticking node is pulled [mm].
     touchdown : ndarray (k, d - 1)
-        Where each node first touched, in the same coordinates; the way from there to ``place`` has been slipped [mm].
+        Where each node came into contact, in the same coordinates; from there to ``place`` it has slipped [mm].
     last : ndarray (k, d)
         Position of each node relative to the glass at that step [mm].
     """

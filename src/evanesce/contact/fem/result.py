@@ -1,4 +1,4 @@
-"""Solved runs: what they hold, and the file they are kept in (NPZ without objects: nothing is ever unpickled)."""
+"""Solved runs, and the file in which they are kept (NPZ without objects: nothing is ever unpickled)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Presses and slides as runs: inputs with a digest, a cache, a checkpoint after each step, going on after a kill."""
+"""Presses and slides as runs: inputs with a digest, a cache, a checkpoint after each step, resumed after a kill."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Progress = Callable[[SolvedRun, int], None]
 
 
 def cache_folder() -> Path:
-    """Return where solved runs are kept: under EVANESCE_CACHE or the user's cache folder.
+    """Return the folder of solved runs: under EVANESCE_CACHE or the user's cache folder.
 
     Returns
     -------
@@ -99,7 +99,7 @@ def solved(
     cache: Path | None,
     on_step: Progress | None = None,
 ) -> SolvedRun:
-    """Return a run from the cache, go on with one that was interrupted, or solve it.
+    """Return a run from the cache, resume one that was interrupted, or solve it.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""From a footprint to the ContactState that the renderer lights: sampling on a plate grid."""
+"""A footprint sampled on a plate grid as a ContactState."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def pressure_at(profile: AxisymmetricProfile, r: Floats) -> Floats:
 
 
 def gap_at(profile: AxisymmetricProfile, r: Floats, beyond: float) -> Floats:
-    """Return the gap [mm] between nodes; ``beyond`` where the finger's widest place has no skin over the glass.
+    """Return the gap [mm] between nodes; ``beyond`` where there is no skin over the glass.
 
     Parameters
     ----------
@@ -207,7 +207,7 @@ def press_state(
     part, whole = grid_part(grid, box), (slice(None), *box)
     r = radii(part, centre)
     way = np.stack(np.meshgrid(part.x - centre[0], part.y - centre[1])) / np.where(r > 0, r, 1.0)
-    # a cell on the rim is whole as a state, but carries only its covered share of traction and slip
+    # a cell on the border is whole as a state, but carries only its covered share of traction and slip
     traction[whole] = np.interp(r, profile.r, profile.traction) * covered[box] * way
     slip[whole] = np.interp(r, profile.r, profile.slip) * (covered[box] > 0) * way
     # beyond the last node in contact, its own label goes on to the edge
@@ -223,7 +223,7 @@ def press_state(
 
 
 def surface_states(covered: Floats, gap: Floats, slipping: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Return none, near, stick or slip of each cell; a cell touches when half of it is covered.
+    """Return none, near, stick or slip of each cell; a cell is in contact when half of it is covered.
 
     Parameters
     ----------
@@ -248,12 +248,12 @@ _VECTORS = ("traction", "slip")
 
 
 def _one_piece(print_: Footprint) -> tuple[Floats, dict[str, Floats]]:
-    """Return places and fields as they are."""
+    """Return positions and fields as they are."""
     return print_.place, {key: np.asarray(getattr(print_, key)) for key in _SCALARS + _VECTORS}
 
 
 def _both_halves(print_: Footprint) -> tuple[Floats, dict[str, Floats]]:
-    """Return places and fields of a half y >= 0 together with its mirror image."""
+    """Return positions and fields of a half y >= 0 together with its mirror image."""
     own = print_.place[:, 1] > 1e-6
     mirror = np.array([1.0, -1.0])
     fields = {key: np.concatenate([getattr(print_, key), getattr(print_, key)[own]]) for key in _SCALARS}
@@ -334,7 +334,7 @@ def surface_state(
         pressure = pressure * (normal_force / carried)
     traction = np.moveaxis(sample[..., 2:4], -1, 0) * covered
     slipping = np.zeros(grid.shape, dtype=bool)
-    if touching.any():  # the label of the nearest node in contact, also on the rim beyond the last one
+    if touching.any():  # the label of the nearest node in contact, also on the border beyond the last one
         nearest = cKDTree(place[touching]).query(np.stack([at_x, at_y], axis=-1))[1]
         slipping = fields["slipping"].astype(bool)[touching][nearest]
     gap = np.where(covered >= 1.0, 0.0, np.maximum(opening, 0.0) ** 1.5)

@@ -1,4 +1,4 @@
-"""Step control: go from goal to goal, halve a step that fails, let it grow again, keep every step that holds."""
+"""Step control: from goal to goal, halve a step that fails, let it grow again, keep every accepted step."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.contact.fem.newton import Equilibrium, Model, StepFailed, Target, carried_on, equilibrium
+from evanesce.contact.fem.newton import Equilibrium, Model, StepFailed, Target, equilibrium, extrapolated
 from evanesce.core.errors import InputError, WorkError
 
 Floats = NDArray[np.float64]
@@ -18,7 +18,7 @@ APPROACH = (
     0.93  # of the force wanted that is reached by depth; from there on the glass is free and the force prescribed
 )
 FORCE_RATIO = 1.35  # largest change of force in one force-controlled step
-TAKEN_BACK = 3  # steps undone and gone anew with half their size before a run that is stuck ends
+TAKEN_BACK = 3  # steps undone and repeated with half their size before a run that fails ends
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def advance(
     limits: MaterialLimits,
     on_step: Callable[[Step, int], None] | None = None,
 ) -> History:
-    """Work through the goals, from where ``history`` stands, and return it completed.
+    """Solve the goals from the end of ``history`` on, and return it completed.
 
     Parameters
     ----------
@@ -216,7 +216,7 @@ def _way(steps: Sequence[Step]) -> float:
 
 
 def _turns(goals: Sequence[Goal], index: int) -> bool:
-    """Say whether the way of moving changes at a goal, so that the old step size means nothing."""
+    """Return whether the direction of motion changes at a goal, so that the old step size does not apply."""
     return index == 0 or (goals[index].kind == "slide") != (goals[index - 1].kind == "slide")
 
 
@@ -235,7 +235,7 @@ def _one_step(
     goal = goals[goal_index]
     while True:
         target, ends, share = _proposal(goal, last, before, size)
-        guesses = [carried_on(before, last, share), None] if 0 < share <= 2.0 else [None]
+        guesses = [extrapolated(before, last, share), None] if 0 < share <= 2.0 else [None]
         for guess in guesses:
             try:
                 state = equilibrium(model, last, target, guess=guess)
@@ -268,7 +268,7 @@ def _why(stretches: Floats, last: Equilibrium, sizes: StepSizes, limits: Materia
 
 
 def _proposal(goal: Goal, last: Equilibrium, before: Equilibrium, size: float) -> tuple[Target, bool, float]:
-    """Return where to go next, whether that ends the goal, and the way there as a multiple of the last step."""
+    """Return the next target, whether it ends the goal, and its distance as a multiple of the last step."""
     deeper, further = last.depth - before.depth, last.slide - before.slide
     if goal.kind == "slide":
         rest = goal.value - last.slide

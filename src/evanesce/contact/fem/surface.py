@@ -26,7 +26,7 @@ EDGE_NODES = 4  # free nodes whose q is continued to zero: fewer follow the nois
 
 @dataclass(frozen=True)
 class Footprint:
-    """What a solved instant looks like at the glass.
+    """Contact of a solved instant at the glass.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Adhesion on top of a contact that was found without it, whatever the law.
+"""Adhesion added to a contact that was solved without it, whatever the law.
 
 A round contact takes JKR's argument as it stands: the radius is that of a dry contact under a larger force, less the
 pull of a flat punch of that radius. For Hertz's law this is JKR. A ridged contact is pressed on a half-space twice,
@@ -43,7 +43,7 @@ def adhered_contact(
     force : float
         [N], not negative.
     modulus : float
-        E* at the rim [MPa].
+        E* at the edge of contact [MPa].
     work : float
         Work of adhesion [N/mm].
 
@@ -101,7 +101,7 @@ def adhered_state(state: ContactState, heights: Array, modulus: float, adhesion:
         What a half-space would have to be to make that contact [mm]
         (:func:`~evanesce.contact.halfspace.resolved.pressed_profile`).
     modulus : float
-        E* at the rim of contact [MPa].
+        E* at the edge of contact [MPa].
     adhesion : Adhesion
         Its work positive.
 

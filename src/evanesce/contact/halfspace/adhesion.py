@@ -161,7 +161,7 @@ def press_adhesive_height_map(
     tolerance: float = 1e-4,
     max_rounds: int = 400,
 ) -> HalfspaceSolution:
-    """Press (or pull) a sticky elastic half-space of a given height map on rigid glass.
+    """Press (or pull) an adhesive elastic half-space of a given height map on rigid glass.
 
     Where the gap is below w/sigma0 the tension sigma0 acts. With that region D held, pressure plus sigma0 on D is the
     solution of a contact without adhesion on a map that sigma0 on D has pulled down; D follows from its gap, and so
@@ -190,7 +190,7 @@ def press_adhesive_height_map(
     Raises
     ------
     ValueError
-        If w or sigma0 is not positive, or a pull is asked for without a preload.
+        If w or sigma0 is not positive, or a tensile force is given without a preload.
     WorkError
         If the finger lets go of the glass, or the rounds do not settle.
 

@@ -160,7 +160,7 @@ def spring_strength(radius: float, edges: Floats) -> Floats:
 
 @dataclass
 class _Springs:
-    """State of the row of springs while it is marched; one mutable place, used nowhere else."""
+    """State of the row of springs while it is marched: mutable, private."""
 
     edges: Floats
     density: Floats
@@ -272,7 +272,7 @@ def _check(contacts: Sequence[AxisymmetricContact], t: Floats, drive: Floats, sp
 
 
 def _left(area: float, loss: float, force: float) -> float:
-    """Return the area left under shear [mm^2], within the range in which the law has been seen."""
+    """Return the area left under shear [mm^2], within the range of the data that the law fits."""
     return max(area - loss * force**2, MIN_AREA_SHARE * area)
 
 

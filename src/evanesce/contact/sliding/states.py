@@ -1,4 +1,4 @@
-"""Frames of a slide as contact states on the plate's grid, made one at a time when asked for."""
+"""Frames of a slide as contact states on the plate's grid, each made when it is indexed."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ class SlideStates(Sequence[ContactState]):
         return result
 
     def _continued(self, frame: SlideFrame) -> Floats:
-        """Return the springs' slips, the outermost one's carried on outside, so that tables are smooth there."""
+        """Return the springs' slips, the outermost one's continued outside, so that tables are smooth there."""
         count = int(np.searchsorted(self._slide.edges[:-1], frame.contact.contact_radius))
         slips = frame.spring_slip.copy()
         if 0 < count < len(slips):

@@ -1,4 +1,4 @@
-"""A finger as a mass on a spring, pulled over glass: stick, slip, and the frequency of their turns."""
+"""A finger as a mass on a spring, pulled over glass: stick, slip, and the frequency of their alternation."""
 
 from __future__ import annotations
 

@@ -101,7 +101,7 @@ def twisted(contact: AxisymmetricContact, friction: InterfaceFriction, shear_mod
     if not (a > 0 and shear_modulus > 0 and 0 <= share < 1):
         raise ValueError(f"contact radius {a:g} mm, G {shear_modulus:g} MPa, share {share:g}")
     r, strength = _strength(contact, friction)
-    # Nodes crowd at the rim, where the pressure falls as a root.
+    # Nodes crowd at the edge, where the pressure falls as a root.
     x = a * np.sin(np.linspace(0.0, np.pi / 2, NODES + 1))
     integral = np.array([_abel(float(at), a, r, strength) for at in x[1:]])
     integral = np.append(integral[0], integral)  # logarithmic at the middle, where x^2 takes it away
@@ -188,7 +188,7 @@ def _strength(contact: AxisymmetricContact, friction: InterfaceFriction) -> tupl
 def _abel(x: float, a: float, r: Floats, strength: Floats) -> float:
     """Return the integral of strength(r)/sqrt(r^2 - x^2) dr from x to a; r^2 = x^2 + s^2 takes the root away."""
     top = np.sqrt(max(a * a - x * x, 0.0))
-    # Cubic crowding at s = 0, where 1/r is steep for small x, and at the rim's root by the strength's own nodes.
+    # Cubic crowding at s = 0, where 1/r is steep for small x, and at the edge's root by the strength's own nodes.
     v = np.linspace(0.0, 1.0, 400)
     s = top * np.sin(0.5 * np.pi * v) ** 2
     radius = np.sqrt(x * x + s * s)

@@ -137,7 +137,7 @@ def test_contact_state_carries_area_force_and_place(run: SolvedRun) -> None:
     state = run_state(run, -1, grid, centre=centre)
     cell = grid.pitch**2
     assert state.contact_mask.sum() * cell == pytest.approx(run.row(-1)["area_mm2"], rel=1e-9)
-    # rings placed on squares: the rim's cells, 2 pi a/pitch of them, each with the pressure's half cell
+    # annuli placed on squares: the border's cells, 2 pi a/pitch of them, each with the pressure's half cell
     assert state.pressure.sum() * cell == pytest.approx(1.1, rel=0.01)
     x, y = np.meshgrid(grid.x, grid.y)
     mass = state.pressure.sum()

@@ -47,7 +47,7 @@ def test_fields_are_cattaneo_mindlin():
     peak = exact.max()
     c = state.parameters["stick_radius_mm"]
     kink = (np.abs(r - c) < 2 * GRID.pitch) | (np.abs(r - A) < 2 * GRID.pitch)
-    # A ring mean over a cell's width of a field that is smooth off the two circles: (pitch/a)^2 of the peak.
+    # An annulus mean over a cell's width of a field that is smooth off the two circles: (pitch/a)^2 of the peak.
     assert np.abs(along - exact)[~kink].max() < 2e-3 * peak
     assert np.abs(along - exact).max() < 0.12 * peak  # the kinks are square roots: sqrt(2 pitch/a) times a mean's share
     slip = np.hypot(*state.slip)
@@ -103,8 +103,8 @@ def test_labels_partition_the_plate():
     c = state.parameters["stick_radius_mm"]
     labels = state.state
     assert labels[r < c - GRID.pitch].tolist() == [SurfaceState.STICK] * int((r < c - GRID.pitch).sum())
-    ring = (r > c + GRID.pitch) & (r < A - GRID.pitch)
-    assert np.all(labels[ring] == SurfaceState.SLIP)
+    annulus = (r > c + GRID.pitch) & (r < A - GRID.pitch)
+    assert np.all(labels[annulus] == SurfaceState.SLIP)
     outside = r > A + GRID.pitch
     np.testing.assert_array_equal(labels[outside] == SurfaceState.NEAR, hertz_gap(r[outside], A, R) < 0.01)
     counted = np.isin(labels, (SurfaceState.STICK, SurfaceState.SLIP)).sum() * GRID.pitch**2

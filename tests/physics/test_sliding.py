@@ -47,7 +47,7 @@ def test_slip_is_the_gap_between_rigid_and_surface_displacement():
     q = 0.7 * MU * N
 
     def displaced(r):
-        # The mean tangential displacement has the normal problem's kernel, G* for E*: potential of an annulus 4 K/(r + s).
+        # The mean tangential displacement has the normal problem's kernel, G* for E*: an annulus's is 4 K/(r + s).
         def annulus(s):
             kernel = ellipkm1(max(((r - s) / (r + s)) ** 2, 1e-40))
             return partial_slip.traction(s, A, N, q, MU) * s * 4 * kernel / (r + s)

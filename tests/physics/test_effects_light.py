@@ -8,7 +8,7 @@ import pytest
 from evanesce.core.errors import InputError
 from evanesce.effects import Context, all_effects
 from evanesce.optics.led import edge_resistance, led_positions, led_radiances, segment_current
-from evanesce.render.fast.transport import edge_light
+from evanesce.render.fast.rig_optics import edge_light
 from evanesce.rig import Scene, load_scene
 
 UGLY = {

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 
 from evanesce.optics.guided_field import EdgeLight, azimuthal_radiance, edge_radiance
-from evanesce.optics.guided_field import _entering as entering
+from evanesce.optics.guided_field import radiance_entering as entering
 from evanesce.optics.spectrum import (
     BAND_NM,
     luminous_efficiency,

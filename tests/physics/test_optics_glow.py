@@ -20,8 +20,9 @@ from evanesce.optics.subsurface import (
     profile_kernel,
     share_within,
 )
+from evanesce.render.fast.fields import fields_of
+from evanesce.render.fast.patch import patch_radiance
 from evanesce.render.fast.subsurface import body_light
-from evanesce.render.fast.transport import fields_of, patch_radiance
 from evanesce.rig import Scene, load_scene
 
 WALKERS = 60_000

@@ -65,7 +65,7 @@ class EdgeLight:
 
 
 @dataclass(frozen=True)
-class _Hits:
+class EdgeHits:
     """Where straight unfolded rays end: edge number, coordinate along it, depth below the top face, attenuation.
 
     ``cosine`` is that to the edge's normal, ``down`` whether the ray ends on its way down.
@@ -81,7 +81,7 @@ class _Hits:
 
 def _cast(
     light: EdgeLight, x: Array, y: Array, depth: Array, theta: Array, phi: Array, down: NDArray[np.bool_]
-) -> _Hits:
+) -> EdgeHits:
     """Follow rays from points inside the plate to the edge where each ends (all arguments broadcast).
 
     ``theta`` is the angle to the plate's normal, ``phi`` the azimuth, ``down`` whether the ray starts downwards.
@@ -105,10 +105,10 @@ def _cast(
     cosine = np.sin(theta) * np.abs(np.where(hits_x, cos_phi, sin_phi))
     # A ray that started upwards and ends before the top face is still on its way up.
     end_down = (unfolded >= 0) & (folded <= t)
-    return _Hits(edge, along, end_depth, transmission, cosine, end_down)
+    return EdgeHits(edge, along, end_depth, transmission, cosine, end_down)
 
 
-def _mirror(light: EdgeLight, hits: _Hits, theta: Array, phi: Array) -> tuple[Array, Array, Array]:
+def _mirror(light: EdgeLight, hits: EdgeHits, theta: Array, phi: Array) -> tuple[Array, Array, Array]:
     """Return x, y and azimuth of rays mirrored by the edges that they met, a hair inside."""
     side = np.where(hits.edge % 2 == 0, -0.5, 0.5) * (1 - 1e-9)
     on_x = hits.edge < 2
@@ -117,7 +117,7 @@ def _mirror(light: EdgeLight, hits: _Hits, theta: Array, phi: Array) -> tuple[Ar
     return x, y, np.where(on_x, np.pi - phi, -phi)
 
 
-def _entering(light: EdgeLight, cosine: Array) -> Array:
+def radiance_entering(light: EdgeLight, cosine: Array) -> Array:
     """Return radiance inside the glass over that of an emitter in optical contact, by the angle to the edge's normal.
 
     Through an air film a Lambertian face's radiance L enters as n^2 (1 - R) L, and only within the critical angle.
@@ -140,7 +140,7 @@ def stacked_radiances(light: EdgeLight) -> Array:
     return np.concatenate([np.zeros(0), *parts])
 
 
-def _led_met(light: EdgeLight, hits: _Hits) -> NDArray[np.int64]:
+def _led_met(light: EdgeLight, hits: EdgeHits) -> NDArray[np.int64]:
     """Return the number of the LED that each hit is on, in the order of :func:`stacked_radiances`; -1 for none."""
     width, height = light.emitter_size
     met = np.full(hits.along.shape, -1)
@@ -165,30 +165,46 @@ def _led_met(light: EdgeLight, hits: _Hits) -> NDArray[np.int64]:
 
 
 @dataclass(frozen=True)
-class _Arrival:
+class Arrival:
     """Rays at the edge where they end or are mirrored: what each brings of an LED's radiance and of the edge's own.
 
     ``share`` is what is left of each ray when it arrives.
     """
 
-    hits: _Hits
+    hits: EdgeHits
     led: NDArray[np.int64]
     share: Array
     led_share: Array
     edge_share: Array
 
 
-def _arrivals(
+def arrivals(
     light: EdgeLight, x: Array, y: Array, depth: Array, theta: Array, phi: Array, down: NDArray[np.bool_]
-) -> Iterator[_Arrival]:
-    """Follow rays over mirroring edges; shares include all losses on the way from the ray's start."""
+) -> Iterator[Arrival]:
+    """Follow rays over mirroring edges; shares include all losses on the way from the ray's start.
+
+    Parameters
+    ----------
+    light : EdgeLight
+    x, y, depth : ndarray
+        Where each ray starts [mm]; ``depth`` is below the top face.
+    theta, phi : ndarray
+        Angle to the plate's normal and azimuth [rad].
+    down : ndarray of bool
+        Whether it starts downwards.
+
+    Yields
+    ------
+    Arrival
+        At the first edge, then at each further one while any polish is left to mirror.
+    """
     weight = np.ones(np.broadcast(x, theta, phi).shape)
     for _ in range(MAX_MIRRORINGS):
         hits = _cast(light, x, y, depth, theta, phi, down)
         led = _led_met(light, hits)
         arriving = weight * hits.transmission
         polish = np.where(led >= 0, 0.0, light.edge_polish)
-        yield _Arrival(hits, led, arriving, arriving * _entering(light, hits.cosine), arriving * (1.0 - polish))
+        yield Arrival(hits, led, arriving, arriving * radiance_entering(light, hits.cosine), arriving * (1.0 - polish))
         if light.edge_polish == 0.0:
             return
         mirrored = fresnel_reflectance(np.clip(hits.cosine, 0.0, 1.0), light.refractive_index, 1.0)
@@ -205,7 +221,8 @@ def _segments(light: EdgeLight, per_edge: int) -> tuple[Array, Array]:
     return -lengths / 2, lengths / per_edge
 
 
-def _segment_of(light: EdgeLight, hits: _Hits, per_edge: int) -> NDArray[np.int64]:
+def segment_of(light: EdgeLight, hits: EdgeHits, per_edge: int) -> NDArray[np.int64]:
+    """Return the number of the segment that each hit is on: edge after edge in the order of ``EDGES``."""
     start, step = _segments(light, per_edge)
     inside = np.floor((hits.along - start[hits.edge]) / step[hits.edge]).astype(np.int64)
     return hits.edge * per_edge + np.clip(inside, 0, per_edge - 1)
@@ -246,7 +263,7 @@ def edge_exchange(light: EdgeLight, *, per_edge: int = 24, rays: int = 4096) -> 
         number, part = divmod(row, per_edge)
         along = start[number] + (part + sample[:, 3]) * step[number]
         for met in _from_edge(light, number, along, sample[:, 2] * light.thickness, sample[:, :2]):
-            segment = _segment_of(light, met.hits, per_edge)
+            segment = segment_of(light, met.hits, per_edge)
             from_edge[row] += np.bincount(segment, met.edge_share, segments) * (np.pi / rays)
     return EdgeExchange(_from_leds(light, per_edge, rays), from_edge)
 
@@ -258,7 +275,7 @@ def _shifted(rays: int, count: int, seed: int) -> Iterator[Array]:
         yield np.mod(sample + shift, 1.0)
 
 
-def _from_edge(light: EdgeLight, number: int, along: Array, depth: Array, u: Array) -> Iterator[_Arrival]:
+def _from_edge(light: EdgeLight, number: int, along: Array, depth: Array, u: Array) -> Iterator[Arrival]:
     """Follow cosine-weighted rays from points of an edge; ``u`` (rays, 2) are uniform numbers for their directions."""
     inward = np.deg2rad([0.0, 180.0, 90.0, 270.0])[number]
     sin_a, around = np.sqrt(u[:, 0]), 2 * np.pi * u[:, 1]
@@ -268,7 +285,7 @@ def _from_edge(light: EdgeLight, number: int, along: Array, depth: Array, u: Arr
     side = np.full(along.shape, (-0.5, 0.5)[number % 2] * (1 - 1e-9))
     along = along * (1 - 1e-9)
     x, y = (side * light.size[0], along) if number < 2 else (along, side * light.size[1])
-    return _arrivals(light, x, y, depth, theta, inward + np.arctan2(tangent, normal), np.asarray(up < 0))
+    return arrivals(light, x, y, depth, theta, inward + np.arctan2(tangent, normal), np.asarray(up < 0))
 
 
 def _from_leds(light: EdgeLight, per_edge: int, rays: int) -> Array:
@@ -285,9 +302,9 @@ def _from_leds(light: EdgeLight, per_edge: int, rays: int) -> Array:
             sample = next(samples)
             along = centre + (sample[:, 3] - 0.5) * width
             depth = light.thickness / 2 + (sample[:, 2] - 0.5) * height
-            entering = _entering(light, np.sqrt(1 - sample[:, 0]))
+            entering = radiance_entering(light, np.sqrt(1 - sample[:, 0]))
             for met in _from_edge(light, number, along, depth, sample[:, :2]):
-                segment = _segment_of(light, met.hits, per_edge)
+                segment = segment_of(light, met.hits, per_edge)
                 found[:, led] += np.bincount(segment, met.share * entering, segments)
             led += 1
     return np.asarray(found * (np.pi * width * height / rays) / area[:, None])
@@ -363,8 +380,8 @@ def azimuthal_radiance(
         offset = np.mod((np.arange(theta.size) + k * theta.size) * golden, 1.0)
         phi = (steps[None, :] + offset[:, None]) * (2 * np.pi / azimuths)
         zero: Any = np.zeros_like(phi)
-        for met in _arrivals(light, px + zero, py + zero, zero, theta[:, None] + zero, phi, np.asarray(zero == 0)):
+        for met in arrivals(light, px + zero, py + zero, zero, theta[:, None] + zero, phi, np.asarray(zero == 0)):
             seen = met.led_share * radiances[met.led]
-            seen += met.edge_share * diffuse.ravel()[_segment_of(light, met.hits, per_edge)]
+            seen += met.edge_share * diffuse.ravel()[segment_of(light, met.hits, per_edge)]
             total[k] += seen.mean(axis=1)
     return total

@@ -15,12 +15,12 @@ from evanesce.optics.guided_field import (
     EDGES,
     EdgeExchange,
     EdgeLight,
-    _arrivals,
-    _entering,
-    _segment_of,
+    arrivals,
     edge_exchange,
     edge_response,
     led_count,
+    radiance_entering,
+    segment_of,
 )
 from evanesce.optics.interface import fresnel_reflectance
 
@@ -145,7 +145,7 @@ def _direct_fields(light: EdgeLight, points: Array, bins: AngleBins, *, across: 
                 s = 1.0 - cosine**2
                 bounces = np.floor(drop / t)
                 share = fresnel_reflectance(cosine, n, 1.0) ** bounces
-                share *= np.exp(-light.absorption_coefficient * np.sqrt(length2)) * _entering(light, cos_led)
+                share *= np.exp(-light.absorption_coefficient * np.sqrt(length2)) * radiance_entering(light, cos_led)
                 value = share * cosine * cos_led / length2 * drop_weight * weight
                 index = np.searchsorted(bins.borders, s) - 1
                 value[index >= bins.count] = 0.0
@@ -183,9 +183,9 @@ def _points_fields(light: EdgeLight, points: Array, bins: AngleBins, rays: int, 
             zero = np.zeros_like(s)
             x, y = points[which, 0][:, None] + zero, points[which, 1][:, None] + zero
             weight = np.pi * (high - low) / number
-            arrivals = _arrivals(light, x, y, zero, theta, phi, np.ones(s.shape, bool))
-            for mirrorings, met in enumerate(arrivals):
-                segment = _segment_of(light, met.hits, per_edge)
+            followed = arrivals(light, x, y, zero, theta, phi, np.ones(s.shape, bool))
+            for mirrorings, met in enumerate(followed):
+                segment = segment_of(light, met.hits, per_edge)
                 parts = [(found[1], segment, met.edge_share)]
                 if mirrorings > 0:
                     parts.append((found[0], met.led + 1, met.led_share))

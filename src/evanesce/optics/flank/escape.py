@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.optics.guided_field import EDGES, EdgeLight, _entering, led_count
+from evanesce.optics.guided_field import EDGES, EdgeLight, led_count, radiance_entering
 from evanesce.optics.interface import fresnel_reflectance
 
 Array = NDArray[np.float64]
@@ -124,7 +124,7 @@ def _irradiance(
             )
             share = share * np.exp(-light.absorption_coefficient * length)
         if not bare:
-            share = share * _entering(light, sine_glass * (inward / run)[..., None])
+            share = share * radiance_entering(light, sine_glass * (inward / run)[..., None])
         total += share * (0.5 * weight * (high - low))
     # d(azimuth) = away/run^2 d(along)
     found = total.sum(axis=-1) / light.refractive_index**2 * inward / run**2

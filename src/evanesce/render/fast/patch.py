@@ -1,6 +1,6 @@
-"""The light of a contact on a refined contact grid: coupling by gap, what the contact does to itself, glow.
+"""The light of a contact on a refined contact grid: coupling by gap, feedback, subsurface scattering.
 
-Only the part of the grid that holds contact, or a film thin enough to couple light, is looked at.
+Only the part of the grid with contact, or with a film thin enough to couple light, is computed.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from evanesce.core.states import ContactState, PlateGrid
 from evanesce.render.fast.feedback import CoarseGrid, coarse_mean, feedback
 from evanesce.render.fast.fields import GAP_STEPS, Fields
-from evanesce.render.fast.fused import THREADS, in_threads
-from evanesce.render.fast.subsurface import glow_radiance
+from evanesce.render.fast.sampling import enlarged
+from evanesce.render.fast.subsurface import subsurface_radiance
+from evanesce.render.fast.threads import THREADS, in_threads
 
 Array = NDArray[Any]
 Image = NDArray[np.float32]
@@ -42,12 +43,6 @@ def refinement(pitch: float, pixel_mm: float) -> int:
         Side of a pixel on the plate [mm].
     """
     return 1 if 2.0 * pitch <= pixel_mm else 2
-
-
-def enlarged(coarse: Image, step: int, shape: tuple[int, int]) -> Image:
-    """Return an image sampled at pixels 0, step, 2 step, ... at all pixels."""
-    onto = np.array([[step, 0, 0], [0, step, 0]], np.float32)
-    return np.asarray(cv2.warpAffine(coarse, onto, shape[::-1], flags=cv2.INTER_LINEAR), np.float32)
 
 
 def field_images(fields: Fields, x: Array, y: Array) -> list[Image]:
@@ -90,17 +85,17 @@ class InterfaceBox:
     def of(cls, state: ContactState, end: float, refine: int, *, whole: bool = False) -> InterfaceBox:
         """Find the part where there is contact or a film below ``end`` [mm], or take the ``whole`` grid."""
         gap, share = np.asarray(state.gap), np.asarray(state.contact_mask)
-        part = np.s_[:, :] if whole else _touched(gap, share, end)
+        part = np.s_[:, :] if whole else _coupled_part(gap, share, end)
         # As in the path tracer's textures, a gap that is not a number is none.
         gap = np.minimum(np.fmax(gap[part].astype(np.float32), np.float32(0)), np.float32(4 * end))
         share = np.clip(share[part].astype(np.float32), 0, 1)
-        # In a cell that touches in part the gap is that of its centre; the rest of it has its neighbours' largest.
-        touched = (share > 0).astype(np.uint8)
-        cv2.copyTo(cv2.dilate(gap, np.ones((3, 3), np.uint8)), touched, gap)
+        # In a cell partly in contact the gap is that of its centre; the rest of it has its neighbours' largest.
+        in_contact = (share > 0).astype(np.uint8)
+        cv2.copyTo(cv2.dilate(gap, np.ones((3, 3), np.uint8)), in_contact, gap)
         if state.real_contact_fraction is not None:
             # Between the asperities the film is micrometres thick: out of reach of the evanescent wave.
             fraction = np.clip(np.asarray(state.real_contact_fraction)[part].astype(np.float32), 0, 1)
-            rough = (touched > 0) & (fraction < 1)
+            rough = (in_contact > 0) & (fraction < 1)
             gap = np.where(rough, np.maximum(gap, np.float32(0.999 * end)), gap)
             share = share * fraction
         cover = np.where(gap < np.float32(end), np.float32(1), share)
@@ -111,15 +106,15 @@ class InterfaceBox:
         return cls(row * refine, col * refine, gap, share, cover, refine)
 
 
-def _touched(gap: Array, share: Array, end: float) -> tuple[slice, slice]:
+def _coupled_part(gap: Array, share: Array, end: float) -> tuple[slice, slice]:
     """Return the rows and columns that hold contact or a thin film, and a margin; a single cell where none do."""
     near = np.empty(gap.shape, np.uint8)
 
-    def look(rows: range) -> None:
+    def find(rows: range) -> None:
         some = np.s_[rows.start : rows.stop]
         near[some] = ~(gap[some] >= end) | (share[some] > 0)
 
-    in_threads(look, gap.shape[0], -(-gap.shape[0] // THREADS))
+    in_threads(find, gap.shape[0], -(-gap.shape[0] // THREADS))
     col, row, wide, high = cv2.boundingRect(near)
     if wide == 0:
         return np.s_[0:1, 0:1]
@@ -128,7 +123,7 @@ def _touched(gap: Array, share: Array, end: float) -> tuple[slice, slice]:
 
 @dataclass(frozen=True)
 class PatchLight:
-    """What a contact shows on part of a refined contact grid; beyond it there is nothing of it.
+    """The light of a contact on part of a refined contact grid; beyond it there is none.
 
     Attributes
     ----------
@@ -157,7 +152,7 @@ class PatchLight:
 
 @dataclass(frozen=True)
 class _Modes:
-    """The guided field's modes on the samples of a box, and which samples have a film between contact and open."""
+    """The guided field's modes on the samples of a box, and which samples have a film that couples light."""
 
     images: list[Image]
     film: NDArray[np.bool_]
@@ -165,7 +160,7 @@ class _Modes:
     part: Image
 
     def mixed(self, share: Image, tables: Array) -> Image:
-        """Return what share and film couple of all modes, by tables (modes, gaps); open glass couples nothing."""
+        """Return what contact and film couple of all modes, by tables (modes, gaps); bare glass couples nothing."""
         contact = sum(image * np.float32(table[0]) for image, table in zip(self.images, tables, strict=True))
         total = np.asarray(share * contact, np.float32)
         film = np.zeros(self.part.shape, np.float32)
@@ -175,9 +170,9 @@ class _Modes:
         return total
 
 
-def table_place(gap: Image, end: float) -> tuple[NDArray[np.int32], Image]:
+def gap_position(gap: Image, end: float) -> tuple[NDArray[np.int32], Image]:
     """Return each gap's node below in the tables, and the part beyond it; all wide gaps are at the last node."""
-    # The gap between rough asperities is set just below the end; it is open.
+    # The gap between rough asperities is set just below the end; there the glass is bare.
     wide = gap >= np.float32(0.998 * end)
     index = np.where(wide, GAP_STEPS - 1, np.sqrt(np.minimum(gap / np.float32(end), 1)) * np.float32(GAP_STEPS - 1))
     low = np.minimum(index.astype(np.int32), GAP_STEPS - 2)
@@ -186,7 +181,7 @@ def table_place(gap: Image, end: float) -> tuple[NDArray[np.int32], Image]:
 
 def _modes(fields: Fields, grid: PlateGrid, box: InterfaceBox, end: float) -> _Modes:
     film = (box.gap < np.float32(0.998 * end)) & (box.share < 1)
-    low, part = table_place(box.gap[film], end)
+    low, part = gap_position(box.gap[film], end)
     pitch, shape = grid.pitch / box.refine, box.gap.shape
     step = max(1, round(FIELD_STEP_MM / pitch))
     # One sample beyond the last, for the interpolation.
@@ -200,21 +195,22 @@ def _modes(fields: Fields, grid: PlateGrid, box: InterfaceBox, end: float) -> _M
 def patch_light(fields: Fields, state: ContactState, refine: int = 2) -> PatchLight:
     """Return the light of a contact on its grid, ``refine`` times as fine."""
     grid, end = state.grid, float(fields.gaps[-1])
-    # Light that wanders in the silicone leaves beside the contact, too.
-    box = InterfaceBox.of(state, end, refine, whole=fields.glow is not None)
+    # Light scattered below the surface leaves beside the contact, too.
+    box = InterfaceBox.of(state, end, refine, whole=fields.subsurface is not None)
     pitch, fine = grid.pitch / refine, (grid.shape[0] * refine, grid.shape[1] * refine)
     modes = _modes(fields, grid, box, end)
     irradiance = modes.mixed(box.share, fields.coupling)
     coarse = CoarseGrid.of(fields, grid)
     change, taken = feedback(fields, coarse, coarse_mean(irradiance, (box.row, box.col), fine, coarse.shape))
     rise = _rise(change, box, fine)
-    glow, radiance = fields.glow, np.zeros(irradiance.shape, np.float32)
-    if glow is None or glow.share < 1.0:
-        stays = 1.0 if glow is None else 1.0 - glow.share
-        radiance += np.float32(stays) * modes.mixed(box.share, fields.coupling * fields.response) * rise
-    if glow is not None:
-        low, part = table_place(box.gap, end)
-        radiance += np.float32(glow.share) * glow_radiance(glow, irradiance * rise, box.share, low, part, pitch)
+    subsurface, radiance = fields.subsurface, np.zeros(irradiance.shape, np.float32)
+    if subsurface is None or subsurface.share < 1.0:
+        unscattered = 1.0 if subsurface is None else 1.0 - subsurface.share
+        radiance += np.float32(unscattered) * modes.mixed(box.share, fields.coupling * fields.response) * rise
+    if subsurface is not None:
+        low, part = gap_position(box.gap, end)
+        scattered = subsurface_radiance(subsurface, irradiance * rise, box.share, low, part, pitch)
+        radiance += np.float32(subsurface.share) * scattered
     return PatchLight(box.row, box.col, radiance, box.cover, taken, pitch, refine)
 
 

@@ -1,114 +1,24 @@
-"""Light that escapes from the plate through its top face and falls on the finger's flank.
+"""Irradiance on the finger's flank: light that leaves the plate's top face, the contact's own, and its reflections.
 
-LEDs and edges also send light below the critical angle. It leaves the top face within a few thicknesses of the edge,
-flat over the glass, and lights the finger from the side: a dim ring around the contact that no contact makes. And a
-part of what the contact sends down is reflected at the bottom face and leaves beside the contact.
+LEDs and edges also emit below the critical angle. That light leaves the top face within a few thicknesses of the edge,
+at grazing angles, and lights the finger from the side: a dim annulus around the contact, without contact. A part of
+what the contact sends down is reflected at the bottom face and leaves beside the contact.
 """
 
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from evanesce.optics.flank.escape import ON_GLASS, escaping_irradiance
-from evanesce.optics.guided_field import EdgeLight, _arrivals, _segment_of, led_count
+from evanesce.optics.guided_field import EdgeLight, arrivals, led_count, segment_of
 from evanesce.optics.interface import fresnel_reflectance
 from evanesce.optics.patch_light import Interface, external_diffuse_reflectance, returned_radiance
 
 Array = NDArray[np.float64]
-
-EPSILON = 1e-6
-"""Station of the flat part's rim below 0, where the surface has a kink."""
-
-
-@dataclass(frozen=True)
-class Profile:
-    """Surface of revolution, tip down: a cap of a sphere on a cylinder, lowered onto the glass and flattened there.
-
-    Attributes
-    ----------
-    centre : tuple of float
-        Of the axis on the plate [mm].
-    tip_radius, half_width, length : float
-        Of the sphere; of the cylinder; from the unpressed tip to the top [mm].
-    """
-
-    centre: tuple[float, float]
-    tip_radius: float
-    half_width: float
-    length: float
-
-    @property
-    def cap(self) -> float:
-        """Polar angle at which the cap meets the cylinder [rad]."""
-        return float(np.arcsin(min(1.0, self.half_width / self.tip_radius)))
-
-    @property
-    def _wall(self) -> float:
-        """Height of the cylinder's wall [mm]."""
-        return max(self.length - self.tip_radius * (1 - float(np.cos(self.cap))), 1e-9)
-
-    def surface(self, station: Array, azimuth: Array, depth: Array) -> tuple[Array, Array]:
-        """Return points and outward normals (..., 3) of the pressed surface.
-
-        ``station`` runs from -1 at the axis to below 0 over the flat part, from 0 to 1 over the rest of the cap and to
-        2 at the cylinder's top: the kinks stay where they are when the depth changes.
-        """
-        first = np.arccos(1.0 - depth / self.tip_radius)
-        polar = first + (self.cap - first) * np.clip(station, 0.0, 1.0)
-        rise = np.maximum(station - 1.0, 0.0) * self._wall
-        flat, on_cap = station < 0.0, station < 1.0
-        radius = self.tip_radius * np.sin(polar) * np.where(flat, 1.0 + station, 1.0)
-        height = np.maximum(self.tip_radius * (1 - np.cos(polar)) + rise - depth, 0.0)
-        slant = np.where(on_cap, np.sin(polar), 1.0) * ~flat
-        down = np.where(on_cap, -np.cos(polar), 0.0) * ~flat - flat
-        cos_a, sin_a = np.cos(azimuth), np.sin(azimuth)
-        shape = np.broadcast(station, azimuth, depth).shape
-        points = (self.centre[0] + radius * cos_a, self.centre[1] + radius * sin_a, height)
-        normals = (slant * cos_a, slant * sin_a, down)
-        return (
-            np.stack([np.broadcast_to(p, shape) for p in points], -1),
-            np.stack([np.broadcast_to(p, shape) for p in normals], -1),
-        )
-
-    def meet(self, x: Array, y: Array, slope_x: Array, slope_y: Array, depth: float) -> tuple[Array, Array]:
-        """Return station and azimuth where rays that leave the glass at (x, y) meet the surface; NaN where they miss.
-
-        ``slope`` is dx/dz and dy/dz of each ray above the glass.
-        """
-        px, py = x - self.centre[0], y - self.centre[1]
-        # The sphere's centre is at height tip_radius - depth.
-        up = self.tip_radius - depth
-        a = 1 + slope_x**2 + slope_y**2
-        b = px * slope_x + py * slope_y - up
-        root = b * b - a * (px**2 + py**2 + up**2 - self.tip_radius**2)
-        z = np.where(root >= 0, (-b - np.sqrt(np.maximum(root, 0.0))) / a, np.nan)
-        # Where the tip is flattened the ray meets it on the glass.
-        flat = z <= 0.0
-        z = np.where(flat, 0.0, z)
-        qx, qy = px + z * slope_x, py + z * slope_y
-        radius = np.hypot(qx, qy)
-        polar = np.arcsin(np.clip(radius / self.tip_radius, 0.0, 1.0))
-        cap = np.isfinite(z) & (polar <= self.cap + 1e-9) & (z + depth <= self.tip_radius)
-        # The cylinder, for rays that pass beside the cap.
-        a2 = slope_x**2 + slope_y**2
-        b2 = px * slope_x + py * slope_y
-        root2 = b2 * b2 - a2 * (px**2 + py**2 - self.half_width**2)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            z2 = (-b2 - np.sqrt(np.maximum(root2, 0.0))) / a2
-        start = self.tip_radius * (1 - np.cos(self.cap))
-        rise = (z2 + depth - start) / self._wall
-        wall = ~cap & (root2 > 0) & (rise >= 0) & (rise <= 1) & (z2 > 0)
-        azimuth = np.where(cap, np.arctan2(qy, qx), np.arctan2(py + z2 * slope_y, px + z2 * slope_x))
-        first = float(np.arccos(1.0 - depth / self.tip_radius))
-        on_cap = np.clip((polar - first) / (self.cap - first), 0.0, 1.0)
-        inner = np.minimum(radius / max(self.tip_radius * np.sin(first), 1e-9) - 1.0, -EPSILON)
-        station = np.where(cap, np.where(flat, inner, on_cap), np.where(wall, 1.0 + rise, np.nan))
-        return station, azimuth
 
 
 def flank_irradiance(
@@ -187,9 +97,9 @@ def sampled_irradiance(
         phi = np.arctan2(-dy[good], -dx[good])
         zero = np.zeros_like(theta)
         start = (qx[good] * (1 - 1e-9), qy[good] * (1 - 1e-9), zero, theta, phi, np.ones(theta.shape, bool))
-        for met in itertools.islice(_arrivals(light, *start), mirrorings, None):
+        for met in itertools.islice(arrivals(light, *start), mirrorings, None):
             led[:, k] += np.bincount(met.led + 1, met.led_share * weight, leds + 1)
-            edge[:, k] += np.bincount(_segment_of(light, met.hits, per_edge), met.edge_share * weight, segments)
+            edge[:, k] += np.bincount(segment_of(light, met.hits, per_edge), met.edge_share * weight, segments)
     return led[1:], edge
 
 

@@ -33,7 +33,7 @@ from evanesce.render.fast import rig_fields, rig_optics
 from evanesce.render.fast.feedback import CoarseGrid, coarse_mean
 from evanesce.render.fast.feedback import feedback as coarse_feedback
 from evanesce.render.fast.fields import Fields, fields_of
-from evanesce.render.fast.flank import flank_image, table_place
+from evanesce.render.fast.flank import flank_image, table_position
 from evanesce.render.fast.patch import InterfaceBox, field_images, patch_light, patch_radiance, refinement
 from evanesce.render.fast.sampling import view_rays
 from evanesce.render.fast.transport import render_fast
@@ -475,7 +475,7 @@ def test_the_flank_s_outline_keeps_its_area_wherever_the_finger_stands(scene: Sc
     areas = []
     for shift in np.linspace(0.0, 0.4, 9):
         finger = scene.finger.model_copy(update={"position_mm": (x + shift, y - 0.7 * shift)})
-        share = table_place(scene.model_copy(update={"finger": finger}), u, v, 0.63)[2]
+        share = table_position(scene.model_copy(update={"finger": finger}), u, v, 0.63)[2]
         assert share.max() == 1.0
         areas.append(float(share.sum()))
     # Parallax turns the outline a little; whole cells would make steps of 1 in some hundred.

@@ -1,8 +1,7 @@
 """The fast camera: from a contact state to a noisy 8-bit frame at video rate, what does not change computed once.
 
 It is the chain of :mod:`evanesce.chain.simulate` for the ideal rig, behind the fast renderer. A scene with an effect,
-or with a camera that the fast way does not model, goes through the general chain: slower, never different in what it
-means.
+or with a camera that the fast way does not model, goes through the general chain: slower, the same model.
 """
 
 from __future__ import annotations
@@ -84,7 +83,7 @@ class FastCamera:
     def retuned(self, scene: Scene) -> FastCamera:
         """Return the camera of a scene like this one; one that differs in LED powers or focus shares what is costly.
 
-        Its frames are those of a camera made for it: a fifth of a second is saved where only a slider has moved.
+        Its frames are those of a camera made for it, a fifth of a second sooner.
         """
         other = FastCamera(scene, self.backend)
         if self._optics is None or self.falls_back or other.falls_back or _lasting(scene) != _lasting(self.scene):
@@ -100,12 +99,12 @@ class FastCamera:
     def frame(
         self, state: ContactState | None, *, seed: int, index: int = 0, time_s: float = 0.0, with_raw: bool = False
     ) -> Frame:
-        """Take the picture of a contact; the same arguments give the same bytes.
+        """Expose one frame of a contact; the same arguments give the same bytes.
 
         Parameters
         ----------
         state : ContactState or None
-            What touches, before effects of the stage ``contact``; None: nothing.
+            The contact before effects of the stage ``contact``; None: the finger is away.
         seed, index : int
             The run's seed and the frame's number: noise is a function of both.
         time_s : float
@@ -125,7 +124,7 @@ class FastCamera:
         return Frame(data=data, raw=raw, time=time_s, index=index)
 
     def press(self, force_N: float | None, *, seed: int, index: int = 0, time_s: float = 0.0) -> Frame:
-        """Press with a force [N] and take the picture: the frame of :func:`evanesce.chain.simulate.simulate`.
+        """Press with a force [N] and expose: the frame of :func:`evanesce.chain.simulate.simulate`.
 
         Effects of rig and load change the contact itself; they act here, not where a contact is given.
         """
@@ -135,7 +134,7 @@ class FastCamera:
         return self.frame(state, seed=seed, index=index, time_s=time_s)
 
     def _general(self, state: ContactState | None, seed: int, index: int, time_s: float) -> Frame:
-        """Take the picture by the general chain, with the contact as given."""
+        """Expose by the general chain, with the contact as given."""
 
         def given(*_: Any, **__: Any) -> Any:
             return state
@@ -147,7 +146,7 @@ class FastCamera:
     def frames(
         self, states: Iterable[ContactState | None], *, seed: int, frame_rate_hz: float = 30.0, with_raw: bool = False
     ) -> Iterator[Frame]:
-        """Take the pictures of a sequence.
+        """Expose the frames of a sequence of contacts.
 
         Parameters
         ----------

@@ -68,7 +68,7 @@ class EdgeLight:
 class EdgeHits:
     """Where straight unfolded rays end: edge number, coordinate along it, depth below the top face, attenuation.
 
-    ``cosine`` is that to the edge's normal, ``down`` whether the ray ends on its way down.
+    ``cosine`` is that to the edge's normal, ``down`` whether the ray ends downwards.
     """
 
     edge: NDArray[np.int64]
@@ -103,7 +103,7 @@ def _cast(
     reflectance = fresnel_reflectance(np.cos(theta), light.refractive_index, 1.0)
     transmission = reflectance**bounces * np.exp(-light.absorption_coefficient * run / np.sin(theta))
     cosine = np.sin(theta) * np.abs(np.where(hits_x, cos_phi, sin_phi))
-    # A ray that started upwards and ends before the top face is still on its way up.
+    # A ray that started upwards and ends before the top face still goes up.
     end_down = (unfolded >= 0) & (folded <= t)
     return EdgeHits(edge, along, end_depth, transmission, cosine, end_down)
 
@@ -166,7 +166,7 @@ def _led_met(light: EdgeLight, hits: EdgeHits) -> NDArray[np.int64]:
 
 @dataclass(frozen=True)
 class Arrival:
-    """Rays at the edge where they end or are mirrored: what each brings of an LED's radiance and of the edge's own.
+    """Rays at the edge where they end or are mirrored: what each carries of an LED's radiance and of the edge's own.
 
     ``share`` is what is left of each ray when it arrives.
     """
@@ -181,7 +181,7 @@ class Arrival:
 def arrivals(
     light: EdgeLight, x: Array, y: Array, depth: Array, theta: Array, phi: Array, down: NDArray[np.bool_]
 ) -> Iterator[Arrival]:
-    """Follow rays over mirroring edges; shares include all losses on the way from the ray's start.
+    """Follow rays over mirroring edges; shares include all losses since the ray's start.
 
     Parameters
     ----------
@@ -289,7 +289,7 @@ def _from_edge(light: EdgeLight, number: int, along: Array, depth: Array, u: Arr
 
 
 def _from_leds(light: EdgeLight, per_edge: int, rays: int) -> Array:
-    """Return :attr:`EdgeExchange.from_led`: rays from each LED, all of which arrive somewhere."""
+    """Return :attr:`EdgeExchange.from_led`: rays from each LED, all of which arrive at an edge."""
     segments = 4 * per_edge
     width, height = light.emitter_size
     _, step = _segments(light, per_edge)

@@ -53,7 +53,7 @@ def angle_nodes(count: int, n_glass: float) -> tuple[Array, Array]:
 
 
 def transmitted_irradiance_kernel(theta: ArrayLike, weights: ArrayLike, gap: ArrayLike, interface: Interface) -> Array:
-    """Return what turns azimuth-averaged radiance at ``theta`` into irradiance inside the silicone.
+    """Return the kernel from azimuth-averaged radiance at ``theta`` to irradiance inside the silicone.
 
     E = sum over theta of kernel * L, kernel = 2 pi T(theta, gap) cos(theta) sin(theta) d(theta).
 
@@ -112,7 +112,7 @@ class Feedback:
     Attributes
     ----------
     loss : ndarray
-        Guided light that the first took away, as a share of the second's irradiance [1/mm^2].
+        Guided light that the first takes in, as a share of the second's irradiance [1/mm^2].
     gain : ndarray
         Irradiance that the first's own light returns, per irradiance inside the first [1/mm^2].
     """
@@ -133,8 +133,8 @@ def feedback(
 ) -> Feedback:
     """Return the plate's response between two contact elements at distance r.
 
-    A ray at angle theta meets the top face every 2 t tan(theta); the k-th ring around an element is therefore lit (or
-    shaded) at theta = arctan(r/(2 t k)). Contact elements in between are ignored: a second order of the covered share.
+    A ray at angle theta meets the top face every 2 t tan(theta); the k-th annulus around an element is therefore lit
+    (or shaded) at theta = arctan(r/(2 t k)). Contact elements in between are ignored: a second order of the covered share.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def feedback(
     absorption_coefficient : float
         [1/mm].
     bounces : int
-        Rings k = 1 ... bounces.
+        Annuli k = 1 ... bounces.
     """
     r = np.asarray(r, float)
     theta, radiance = np.asarray(theta, float), np.asarray(radiance, float)
@@ -161,7 +161,7 @@ def feedback(
     for k in range(1, bounces + 1):
         angle = np.arctan2(r, 2 * thickness * k)
         cosine = np.cos(angle)
-        # d(theta)/dr over the ring's circumference: the area element of plan view
+        # d(theta)/dr over the annulus' circumference: the area element of plan view
         per_area = (2 * thickness * k / (r**2 + (2 * thickness * k) ** 2)) / (2 * np.pi * r)
         t = frustrated_transmittance(cosine, 0.0, interface.wavelength, n, interface.n_silicone)
         bare = fresnel_reflectance(cosine, n, 1.0)

@@ -131,7 +131,7 @@ def _direct_fields(light: EdgeLight, points: Array, bins: AngleBins, *, across: 
     drop = np.stack([2 * j * t + inside, 2 * (j + 1) * t - inside]).reshape(-1)
     drop_weight = np.tile(wd * height / 2, 2 * images)
     found = np.zeros((leds, points.shape[0], bins.count))
-    place = np.arange(points.shape[0])[:, None] * bins.count
+    target = np.arange(points.shape[0])[:, None] * bins.count
     led = 0
     for number, name in enumerate(EDGES):
         for centre in light.positions.get(name, np.zeros(0)):
@@ -149,7 +149,7 @@ def _direct_fields(light: EdgeLight, points: Array, bins: AngleBins, *, across: 
                 value = share * cosine * cos_led / length2 * drop_weight * weight
                 index = np.searchsorted(bins.borders, s) - 1
                 value[index >= bins.count] = 0.0
-                flat = (place + np.clip(index, 0, bins.count - 1)).ravel()
+                flat = (target + np.clip(index, 0, bins.count - 1)).ravel()
                 found[led] += np.bincount(flat, value.ravel(), found[led].size).reshape(found[led].shape)
             led += 1
     return found
@@ -179,7 +179,7 @@ def _points_fields(light: EdgeLight, points: Array, bins: AngleBins, rays: int, 
             u = np.mod(sample[None, :, :] + offset[which][:, None, :], 1.0)
             s, phi = low + (high - low) * u[..., 0], 2 * np.pi * u[..., 1]
             theta = np.arcsin(np.sqrt(np.clip(s, 1e-12, 1.0 - 1e-12)))
-            place = which[:, None] * count + np.clip(np.searchsorted(bins.borders, s) - 1, first, last - 1)
+            target = which[:, None] * count + np.clip(np.searchsorted(bins.borders, s) - 1, first, last - 1)
             zero = np.zeros_like(s)
             x, y = points[which, 0][:, None] + zero, points[which, 1][:, None] + zero
             weight = np.pi * (high - low) / number
@@ -190,7 +190,7 @@ def _points_fields(light: EdgeLight, points: Array, bins: AngleBins, rays: int, 
                 if mirrorings > 0:
                     parts.append((found[0], met.led + 1, met.led_share))
                 for into, source, share in parts:
-                    flat = (source * (points.shape[0] * count) + place).ravel()
+                    flat = (source * (points.shape[0] * count) + target).ravel()
                     into += np.bincount(flat, share.ravel() * weight, into.size).reshape(into.shape)
     return found[0][1:], found[1]
 

@@ -72,7 +72,7 @@ class IdealView:
     def finer(self, times: int) -> IdealView:
         """Return the grid with so many times as many pixels along each side."""
         (rows, cols), middle = self.shape, (times - 1) / 2
-        px, py = (place * times + middle for place in self.principal_point)
+        px, py = (p * times + middle for p in self.principal_point)
         return IdealView((rows * times, cols * times), self.focal_px * times, (px, py))
 
 
@@ -93,7 +93,7 @@ class Projection:
     axes : ndarray (3, 3)
         Columns: camera x, y, z in plate coordinates.
     pinhole : ndarray (3,)
-        Its place in plate coordinates [mm].
+        Its position in plate coordinates [mm].
     thickness, refractive_index : float
         Of the plate [mm], [1].
     """

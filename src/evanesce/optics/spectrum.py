@@ -59,7 +59,7 @@ def white_led_power() -> Array:
 
 
 def luminous_efficiency(wavelength: ArrayLike) -> Array:
-    """Return the eye's relative sensitivity, which a frame's luma imitates (single-lobe fit of Wyman et al. 2013)."""
+    """Return the eye's relative sensitivity, which luma approximates (single-lobe fit of Wyman et al. 2013)."""
     return np.asarray(1.014 * np.exp(-0.5 * (np.log(np.asarray(wavelength, float) / 556.1) / 0.075) ** 2))
 
 

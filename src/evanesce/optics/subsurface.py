@@ -1,8 +1,8 @@
-"""Light that wanders inside a scattering body and leaves beside the place where it entered.
+"""Subsurface scattering: light that leaves a scattering body beside the point where it entered.
 
 Diffuse light enters a half-space through its surface. The share of what enters at a point that leaves at distance r,
 per area, is a profile R(r) of the body's reflectance A (its integral over the plane) and of the transport mean free
-path l = 1/(sigma_s' + sigma_a). Boundary index-matched: what the surface reflects back inside is the business of the
+path l = 1/(sigma_s' + sigma_a). Boundary index-matched: what the surface reflects back inside is left to the
 caller, who knows what lies on it.
 
 References
@@ -25,6 +25,7 @@ from evanesce.optics.interface import fresnel_reflectance
 
 Array = NDArray[np.float64]
 NEAR_CELLS = 8
+"""Cells from the middle within which the profile is integrated, not sampled."""
 
 
 def profile_scale(albedo: float, length: float) -> float:

@@ -23,7 +23,7 @@ from evanesce.rig import Camera, Plate
 Array = NDArray[np.float64]
 
 # The kernel reaches this many lambda*N beyond the geometric disc. The 2/(pi^2 * 8) = 2.5 % of an Airy pattern that
-# falls outside is spread evenly within, so that no light is lost; far stray light is not this model's.
+# falls outside is spread evenly within, so that no light is lost; stray light farther out is not modelled.
 _DIFFRACTION_REACH = 8.0
 _MAX_TRANSFORM = 4096  # finest grid of a kernel's transform; only discs far larger than the Airy pattern meet it
 _ZONE_STEP_PX = 1.0  # disc diameters of neighbouring blur zones differ by at most this, unless there are too many
@@ -147,7 +147,7 @@ def psf_kernel(*, pitch_um: float, wavelength_um: float, f_number: float, disc_u
     """Return the light that a point at a pixel's centre sends into each pixel around it.
 
     The geometric disc and the Airy pattern are folded (their transfers multiplied), which is exact in either limit;
-    between them the true defocused pupil (Hopkins 1955) differs from the product by some hundredths of contrast.
+    between them the exact defocused pupil (Hopkins 1955) differs from the product by some hundredths of contrast.
 
     Parameters
     ----------
@@ -180,8 +180,8 @@ def psf_kernel(*, pitch_um: float, wavelength_um: float, f_number: float, disc_u
     f = np.fft.fftfreq(size * fine, d=pitch_um / fine)
     radial = np.hypot(f[:, None], f[None, :])
     spread = np.fft.ifft2(diffraction_mtf(radial, wavelength_um, f_number) * disc_mtf(radial, disc_um)).real
-    place = np.fft.fftfreq(size * fine, d=1.0 / (size * pitch_um))
-    within = np.hypot(place[:, None], place[None, :]) <= reach_um
+    offset = np.fft.fftfreq(size * fine, d=1.0 / (size * pitch_um))
+    within = np.hypot(offset[:, None], offset[None, :]) <= reach_um
     spread = np.where(within, spread + (1.0 - spread[within].sum()) / within.sum(), 0.0)
     cell = np.sinc(f * pitch_um)  # integral over each receiving pixel
     gathered = np.fft.ifft2(np.fft.fft2(spread) * cell[:, None] * cell).real
@@ -232,7 +232,7 @@ def field_blur(disc_px: Array, kernel_of: Callable[[float], Array]) -> FieldBlur
 
 
 def blur(image: Array, spread: FieldBlur) -> Array:
-    """Spread each pixel's light by the kernel of its own place; light is moved, never made or lost.
+    """Spread each pixel's light by the kernel of its own position; light is conserved.
 
     Beyond the border the image is continued by its outermost pixels, so that a flat field stays flat.
     """
@@ -271,7 +271,7 @@ def form_image(
         Radiance [W mm^-2 sr^-1] on any pinhole grid that covers the frame.
     camera : Camera
     plate : Plate
-        Its refraction is already in ``light``; it only places the camera.
+        Its refraction is already in ``light``; it only positions the camera.
     distortion, blurred : bool
         False leaves the lens's distortion, or its defocus and diffraction, out: for the split of an error.
 

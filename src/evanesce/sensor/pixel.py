@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FixedPattern:
-    """What one sensor's pixels have of their own, the same in every frame.
+    """The departures of one sensor's pixels from their mean, the same in every frame.
 
     Attributes
     ----------

@@ -63,11 +63,11 @@ def sampled_irradiance(
     per_edge: int = 48,
     mirrorings: int = 0,
 ) -> tuple[Array, Array]:
-    """Return the same by quasi-random ways, of light that edges have mirrored at least ``mirrorings`` times.
+    """Return :func:`flank_irradiance` by quasi-random paths, for at least ``mirrorings`` reflections at edges.
 
-    Points of the top face, denser towards the edges and below the point; from each the straight way is
+    Points of the top face, denser towards the edges and below the point; from each the straight path is
     followed back into the glass. A convex body does not shade itself beyond its horizon, and nothing else stands on
-    the plate. Points on the glass itself get nothing: no way leads there from beside it.
+    the plate. Points on the glass itself get nothing: no path leads there from beside it.
     """
     n = light.refractive_index
     leds, segments, count = led_count(light), 4 * per_edge, points.shape[0]
@@ -87,7 +87,7 @@ def sampled_irradiance(
         good = (solid > 0) & inside
         if not good.any():
             continue
-        # Both ways of drawing a place could have drawn any: the mean of their densities keeps the weights bounded.
+        # Either way of drawing could have drawn any position: the mean of both densities keeps the weights bounded.
         density = 0.5 * (_edge_density(light, qx[good], qy[good]) + solid[good] / np.pi)
         sin_glass = np.sqrt(1 - cos_air[good] ** 2) / n
         theta = np.arcsin(np.clip(sin_glass, 1e-9, 1.0))
@@ -104,7 +104,7 @@ def sampled_irradiance(
 
 
 def _towards_edges(light: EdgeLight, u: Array) -> tuple[Array, Array]:
-    """Draw places of the top face, their density 1/(distance + thickness) from the edges inwards."""
+    """Draw positions on the top face, their density 1/(distance + thickness) from the edges inwards."""
     hx, hy, t = light.size[0] / 2, light.size[1] / 2, light.thickness
     number = np.searchsorted(np.cumsum([hy, hy, hx]) / (2 * (hx + hy)), u[:, 0])
     reach = np.where(number < 2, hx, hy)
@@ -116,7 +116,7 @@ def _towards_edges(light: EdgeLight, u: Array) -> tuple[Array, Array]:
 
 
 def _edge_density(light: EdgeLight, x: Array, y: Array) -> Array:
-    """Return the density [1/mm^2] of :func:`_towards_edges`; each place is in two strips, one of each pair of edges."""
+    """Return the density [1/mm^2] of :func:`_towards_edges`; a position is in two strips, one of each pair of edges."""
     hx, hy, t = light.size[0] / 2, light.size[1] / 2, light.thickness
     total = np.zeros_like(x)
     for distance, limit in ((hx - np.abs(x), hx), (hy - np.abs(y), hy)):
@@ -125,7 +125,7 @@ def _edge_density(light: EdgeLight, x: Array, y: Array) -> Array:
 
 
 def _below(point: Array, normal: Array, u: Array) -> tuple[Array, Array]:
-    """Draw places of the plane z = 0 in cosine-weighted directions about a point's normal; far away where it is up."""
+    """Draw positions in the plane z = 0 in cosine-weighted directions about a point's normal; far away above."""
     across = np.cross(normal, [1.0, 0.0, 0.0] if abs(normal[0]) < 0.7 else [0.0, 1.0, 0.0])
     across /= np.linalg.norm(across)
     around, radius = 2 * np.pi * u[:, 1], np.sqrt(u[:, 0])
@@ -171,7 +171,7 @@ def contact_on_flank(
         reach = 2 * thickness * (sine / n) / np.sqrt(1 - (sine / n) ** 2) + height * sine / np.sqrt(1 - sine**2)
         low, high = np.where(reach < run, sine, low), np.where(reach < run, high, sine)
     # Beyond the critical angle nothing comes out.
-    open_way = low < 1.0 - 1e-9
+    open_path = low < 1.0 - 1e-9
     sine = np.minimum(0.5 * (low + high), 1.0 - 1e-9)
     cos_air, cos_glass = np.sqrt(1 - sine**2), np.sqrt(1 - (sine / n) ** 2)
     slope = 2 * thickness * cos_air / (n * cos_glass**3) + height / cos_air**2
@@ -180,14 +180,14 @@ def contact_on_flank(
     bare = fresnel_reflectance(cos_glass, n, 1.0)
     radiance = returned_radiance(0.0, np.arccos(cos_glass), interface) * bare * (1 - bare) / n**2
     radiance = radiance * np.exp(-absorption_coefficient * 2 * thickness / cos_glass)
-    return np.asarray(np.where(open_way, radiance * solid * np.clip(facing, 0.0, None), 0.0))
+    return np.asarray(np.where(open_path, radiance * solid * np.clip(facing, 0.0, None), 0.0))
 
 
 def mirrored_exchange(points: Array, normals: Array, reflectance: float, refractive_index: float) -> Array:
     """Return the flank's irradiance, its own light mirrored by the plate included, over that without.
 
     Both faces mirror; the shift between them, a few millimetres, is ignored. Each element is taken as a disc. Where the
-    surface lies flat on the glass, light goes to and fro through the top face only.
+    surface lies flat on the glass, light is exchanged through the top face only.
 
     Parameters
     ----------

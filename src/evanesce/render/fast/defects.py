@@ -130,7 +130,7 @@ def view_position(scene: Scene, light: PlateLight, x: ArrayLike, y: ArrayLike) -
 
 
 def plate_points(scene: Scene, light: PlateLight) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the plate point (x, y) [mm] that each pixel of the light's pinhole grid sees; kept for the last rigs."""
+    """Return the plate point (x, y) [mm] of each pixel of the light's pinhole grid; kept for the last few rigs."""
     data = scene.as_dict()
     key = digest([data["camera"], data["plate"], light.radiance.shape, light.focal_px, light.principal_point])
 

@@ -1,4 +1,4 @@
-"""The finger's flank in the fast renderer: its light in tables, the place in them that a ray sees, its image.
+"""The finger's flank in the fast renderer: its light in tables, the position in them that a ray meets, its image.
 
 Beside the contact the lens sees the flank through bare glass, lit by what leaves the plate near its edges and by what
 the contact itself sends there over the bottom face. Both are smooth: irradiance is tabulated by the finger's approach,
@@ -43,10 +43,10 @@ AZIMUTH_STEP = 2
 """In a coarse table every so many azimuths are computed; between them it is interpolated."""
 
 APPROACH_STEP_MM = 0.1
-"""Step of the approaches for which places in the table are kept."""
+"""Step of the approaches for which positions in the table are kept."""
 
 VIEW_STEP = 4
-"""Every so many pixels of a view, or blocks of so many of a frame, see the flank at one place of the table [px]."""
+"""Every so many pixels of a view, or blocks of so many of a frame, share one position in the table [px]."""
 
 OUTLINE_PARTS = 8
 """Rays along each side of a cell of the flank's outline."""
@@ -196,7 +196,7 @@ def closed_table(table: Array) -> Image:
     return np.concatenate([table, table[:, :1]], axis=1).astype(np.float32)
 
 
-# --- places in the table ---------------------------------------------------------------------------------------------
+# --- positions in the table -------------------------------------------------------------------------------------------
 
 
 def clipped_approach(scene: Scene, state: ContactState) -> float:
@@ -210,7 +210,7 @@ def rounded_approach(scene: Scene, state: ContactState) -> float:
     return round(clipped_approach(scene, state), 1)
 
 
-def table_place(scene: Scene, u: Array, v: Array, approach_mm: float) -> tuple[Image, Image, Image]:
+def table_position(scene: Scene, u: Array, v: Array, approach_mm: float) -> tuple[Image, Image, Image]:
     """Return column and row in the flank's table that directions (u, v, 1) see, and the share that see the flank.
 
     Directions are those of a grid (rows, cols); at the flank's outline each stands for its cell, so that the outline
@@ -285,7 +285,7 @@ def flank_image(
         if share > 0:
             depth = round(min(number * APPROACH_STEP_MM, float(tabulated_approaches(scene)[-1])), 3)
             key = f"{geometry_digest(scene)}{view}{step}{depth:.3f}"
-            column, row, seen = kept("flank", key, partial(table_place, scene, *rays, depth))
+            column, row, seen = kept("flank", key, partial(table_position, scene, *rays, depth))
             lit = cv2.remap(light.radiance(depth, taken), column, row, cv2.INTER_LINEAR)
             coarse = coarse + np.float32(share) * (lit * seen)
     return enlarged(np.asarray(coarse, np.float32), step, view.shape)
@@ -300,7 +300,7 @@ class FlankView:
     first_row, first_col : int
         Pixel at which the next three start.
     column, row : ndarray of float32 (rows / VIEW_STEP, cols / VIEW_STEP)
-        Place in the flank's table that each block sees.
+        Position in the flank's table that each block sees.
     charge : ndarray of float32 (rows / VIEW_STEP, cols / VIEW_STEP)
         Mean charge per radiance, 0 where no flank is seen [e- mm^2 sr/W].
     lit : ndarray (stations, azimuths)
@@ -335,7 +335,7 @@ class FlankView:
             Mean charge per radiance of the blocks [e- mm^2 sr/W].
         """
         tables = light.at(approach_mm)
-        column, row, seen = table_place(scene, *direction, approach_mm)
+        column, row, seen = table_position(scene, *direction, approach_mm)
         charge = charge * seen
         rows, cols = np.nonzero(seen.any(axis=1))[0], np.nonzero(seen.any(axis=0))[0]
         if rows.size == 0:

@@ -116,7 +116,7 @@ def _dark_steps(full_well: float, noise: float, gain: float, black: float, tone:
     readout = Readout((1, 1), 0.0, full_well, noise, gain, black, values)
     staircase = values[raw_numbers(np.zeros(NORMALS, np.float32), normal_table(), readout)].astype(int)
     rise = np.diff(staircase)
-    places = np.flatnonzero(rise)
-    if places.size > MOST_STEPS or (rise < 0).any():
+    positions = np.flatnonzero(rise)
+    if positions.size > MOST_STEPS or (rise < 0).any():
         return None
-    return DarkSteps(int(staircase[0]), tuple((int(p) + 1, int(rise[p])) for p in places))
+    return DarkSteps(int(staircase[0]), tuple((int(p) + 1, int(rise[p])) for p in positions))

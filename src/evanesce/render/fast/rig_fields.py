@@ -1,4 +1,4 @@
-"""What the fast renderer computes once per rig: the light of each LED and each stretch of edge, and what answers it.
+"""What the fast renderer computes once per rig: the light of LEDs and edges, and the plate's response to contact.
 
 Two stages. The light of unit sources in the empty plate takes seconds, is independent of what edges and finger reflect,
 and is kept on disk. The rig's own fields follow from it by linear algebra.
@@ -123,7 +123,7 @@ def compute_unit_light(scene: Scene, approaches: NDArray[np.intp] | None = None)
     ----------
     scene : Scene
     approaches : ndarray of int, optional
-        Indices of the flank's approaches that will be asked for; the flank is then coarse, a fifth of the time
+        Indices of the flank's approaches that are needed; the flank is then coarse, a fifth of the time
         (:func:`evanesce.render.fast.flank.coarse_unit_tables`).
     """
     light = edge_light(scene)
@@ -203,7 +203,7 @@ def _kernels(scene: Scene, interface: Interface, theta: Array, radiance: Array) 
     r = np.hypot(steps[None, :], steps[:, None])
     # A cell onto itself: its mean distance; the annuli there have theta near 0, where little is guided.
     r[reach, reach] = 0.3826 * FEEDBACK_CELL
-    distinct, place = np.unique(np.round(r, 9), return_inverse=True)
+    distinct, which = np.unique(np.round(r, 9), return_inverse=True)
     found = feedback(
         distinct,
         scene.plate.thickness_mm,
@@ -212,7 +212,7 @@ def _kernels(scene: Scene, interface: Interface, theta: Array, radiance: Array) 
         radiance,
         absorption_coefficient=scene.plate.absorption_coefficient_per_mm,
     )
-    return tuple(table[place].reshape(r.shape) * FEEDBACK_CELL**2 for table in (found.loss, found.gain))  # type: ignore[return-value]
+    return tuple(table[which].reshape(r.shape) * FEEDBACK_CELL**2 for table in (found.loss, found.gain))  # type: ignore[return-value]
 
 
 def rig_digest(scene: Scene) -> str:

@@ -125,7 +125,7 @@ def body_light(kernel: Array, irradiance: Array, inside: Array) -> Array:
 def subsurface_radiance(
     tables: Subsurface, irradiance: Image, share: Image, low: NDArray[np.int32], part: Image, pitch: float
 ) -> Image:
-    """Return the radiance towards the lens on the fine grid.
+    """Return the radiance towards the lens on the refined grid.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def subsurface_radiance(
     low, part : ndarray (rows, cols)
         Position of the other part's gap in the tables: node below, and the fraction beyond it.
     pitch : float
-        Of the fine grid [mm].
+        Of the refined grid [mm].
     """
 
     def at(table: Array) -> Image:

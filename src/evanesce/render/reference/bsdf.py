@@ -2,9 +2,9 @@
 
 Model
 -----
-The shape's normal points into the glass (index n1). At each point a share ``s`` of the surface touches (gap 0) and the
-rest stands off by the gap g of a texture. Where g is below ``near_gap`` the silicone (index n3) lies right behind the
-film; farther away only glass and air are local, light leaves by refraction and meets the finger as a body of its own.
+The shape's normal points into the glass (index n1). At each point a share ``s`` of the surface is in contact (gap 0),
+the rest stands off by the gap g of a texture. Where g is below ``near_gap`` the silicone (index n3) lies right behind
+the film; farther away only glass and air are local, light leaves by refraction and meets the finger as a separate body.
 
 Behind the film the silicone is a Lambertian body of reflectance rho. Let T(theta, g) be the transmittance of glass,
 film and silicone, seen from the glass, and R_i(g) the reflectance that diffuse light in the silicone meets at the film
@@ -301,8 +301,8 @@ def frustrated_bsdf(gap: Any, share: Any, optics: InterfaceOptics) -> Any:
 def blended_bsdf(weight: Any, optics: InterfaceOptics) -> dict[str, Any]:
     """Return the interface as a dictionary of built-in plugins, for scalar variants.
 
-    ``blendbsdf`` mixes bare glass with ``plastic``, which is glass touching a diffuse body. Exact where the weight is 0
-    or 1; in between the angular dependence of the coupling is replaced by its mean over guided light, and escaping
+    ``blendbsdf`` mixes bare glass with ``plastic``, which is glass in contact with a diffuse body. Exact where the weight
+    is 0 or 1; in between the angular dependence of the coupling is replaced by its mean over guided light, and escaping
     light still meets the finger as a body of its own. The shape's normal points into the glass.
 
     Parameters

@@ -38,7 +38,7 @@ class Welford:
 
     @property
     def variance_of_mean(self) -> Array:
-        """Variance of the mean; infinite after a single pass, which tells nothing of it."""
+        """Variance of the mean; infinite after a single pass."""
         if self.count < 2:
             return np.full(self.mean.shape, np.inf)
         return np.asarray(self._squares / (self.count - 1) / self.count)
@@ -103,7 +103,7 @@ class Until:
         sums : Welford
             Of (rows, cols, channels).
         levels : ndarray (channels,)
-            What ``error`` is relative to, by channel; an infinite one asks for nothing.
+            What ``error`` is relative to, by channel; an infinite one sets no limit.
         """
         if self.error is None or sums.count < self.passes:
             return self.passes

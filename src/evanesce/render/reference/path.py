@@ -41,11 +41,11 @@ __all__ = [
 Array = NDArray[np.float64]
 Powers = float | Array
 LedChoice = Literal["all", "left", "right", "top", "bottom"]
-# Where an error is asked for, the part of the variance that is left to the light beside the contact, at least.
+# Where an error is required, the part of the variance that is left to the light beside the contact, at least.
 BACKGROUND_VARIANCE = 0.1
 MAX_VIEW_PIXELS = 200_000_000
 MAX_PASSES = 4096
-"""Where an error is asked for that is not reached sooner."""
+"""Most passes, where a required error is not reached sooner."""
 POLISHED_DEPTH = 4096
 """Light goes round between polished edges until it meets an LED, a ground part, or leaves."""
 
@@ -66,13 +66,13 @@ def integrator_for(
     scene : Scene
     info : VariantInfo
     model : PlateModel or None
-        None where nothing touches and no groups are told apart.
+        None without contact and groups.
     powers : mapping
         Radiant power of one LED [W] by edge.
     connect : bool
         Whether paths are connected to the LEDs (llvm and cuda); the mean is the same without, the noise larger.
     groups : LedGroups, optional
-        To be told apart (llvm and cuda).
+        Whose light is separated (llvm and cuda).
     """
     plate, depth = scene.plate, scene.render.max_depth
     if not info.is_jit:
@@ -87,16 +87,16 @@ def integrator_for(
         plate.absorption_coefficient_per_mm, scene.leds.air_gap_share,
     )  # fmt: skip
     patch = model.patch if model else None
-    place = (patch.extent, patch.reflectance) if patch else (None, None)
+    frustrated = (patch.extent, patch.reflectance) if patch else (None, None)
     numbers = groups.numbers if groups else None
-    connector = LedConnector(led_table(plate, scene.leds, powers, numbers), guide, *place) if connect else None
+    connector = LedConnector(led_table(plate, scene.leds, powers, numbers), guide, *frustrated) if connect else None
     depth = max(depth, POLISHED_DEPTH) if plate.edge_polish > 0 else depth
     named = (groups.names, model.group_of) if groups and model else ()
     return guided_integrator(guide, depth, connector, *named)
 
 
 def require_traceable(scene: Scene, jit: bool = True) -> None:
-    """Refuse what only the fast renderer knows, or only the path tracer's llvm and cuda variants.
+    """Refuse what only the fast renderer models, or only the path tracer's llvm and cuda variants.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def require_traceable(scene: Scene, jit: bool = True) -> None:
 
 @dataclass(frozen=True)
 class LedGroups:
-    """LEDs that are told apart in one rendering.
+    """LEDs whose light is separated in one rendering.
 
     Attributes
     ----------
@@ -194,26 +194,22 @@ def render(
     connect: bool = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> PlateLight:
-    """Path trace the light that leaves the plate towards the lens.
-
-    The same arguments give the same bytes.
+    """Path trace the light that leaves the plate towards the lens; the same arguments give the same bytes.
 
     Parameters
     ----------
     scene : Scene
     state : ContactState or None
-        What touches the glass; None with the finger lifted away.
+        None with the finger lifted away.
     variant : {"auto", "llvm", "scalar", "cuda"}
-    samples_per_pixel : int, optional
-        In all passes together; ``scene.render`` has the default, as for the next two.
-    passes : int, optional
-        Independent passes that the variance is estimated from, at least 2.
+    samples_per_pixel, passes : int, optional
+        Samples in all passes together; independent passes that the variance is estimated from, at least 2. Defaults
+        are the scene's, as that of ``seed``.
     until_error : float, optional
-        Go on with further passes of the same size until the standard error of the radiance, RMS over the pixels, is
-        this part of its RMS (:func:`evanesce.render.reference.passes.relative_error`). With ``focus`` window and rest
-        go on apart.
+        Add passes until the standard error of the radiance, RMS over the pixels, is this part of its RMS
+        (:func:`evanesce.render.reference.passes.relative_error`); with ``focus`` window and rest apart.
     max_passes : int
-        Where that error is not reached sooner; the result then has the error that it has.
+        Where that error is not reached sooner.
     seed : int, optional
     view : IdealView, optional
         Pixels to render; all that the camera's distorted frame sees if not given.
@@ -222,12 +218,12 @@ def render(
     powers : mapping, optional
         Radiant power [W] by edge, of each LED there or of every one, instead of what the supply voltages give.
     focus : bool
-        Spend the samples around the contact and an eighth of them elsewhere, there on coarser pixels: what little
-        light there is beside a contact is smooth, and few samples a pixel would leave it as bright single specks.
+        Spend the samples around the contact and an eighth of them elsewhere, there on coarser pixels: light beside
+        a contact is dim and smooth, and few samples a pixel would leave single bright pixels.
     connect : bool
         See :func:`integrator_for`.
     progress : callable, optional
-        Called as ``progress(done, total)`` after each pass; where an error is asked for, ``total`` is what is expected.
+        Called as ``progress(done, total)`` after each pass; where an error is required, ``total`` is what is expected.
 
     Returns
     -------
@@ -375,7 +371,7 @@ class _Job:
             before += sums.count
             results.append((run, sums))
             if run.window is not None:
-                # So that variances and squares, each summed over the whole view, have the ratio that is asked for.
+                # So that variances and squares, each summed over the whole view, have the ratio that is required.
                 share = np.prod(run.window.shape) / np.prod(view.shape)
                 budget = 1.0 - sampling.until.used(sums, channel_levels(sums))
                 levels = channel_levels(sums) * np.sqrt(share / max(1.0 - share, 1e-9))

@@ -33,7 +33,8 @@ from evanesce.optics.projection import Projection
 from evanesce.render.fast.operators_llvm import llvm_works
 from evanesce.render.fast.rig_fields import compute_rig_fields
 from evanesce.render.fast.transport import render_fast
-from evanesce.render.reference.path import render, scaled_view
+from evanesce.render.reference.path import render
+from evanesce.render.reference.views import scaled_view
 from evanesce.rig import load_scene
 
 

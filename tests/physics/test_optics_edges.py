@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from evanesce.optics.guided_field import EdgeLight, azimuthal_radiance, edge_radiance
-from evanesce.optics.guided_field import radiance_entering as entering
+from evanesce.optics.edge_rays import EdgeLight
+from evanesce.optics.edge_rays import radiance_entering as entering
+from evanesce.optics.guided_field import azimuthal_radiance, edge_radiance
 from evanesce.optics.spectrum import (
     BAND_NM,
     luminous_efficiency,

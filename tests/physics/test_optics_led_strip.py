@@ -7,14 +7,10 @@ import pytest
 from scipy.optimize import brentq
 
 from evanesce.core.errors import InputError
-from evanesce.optics.led import (
-    emitter_radiance,
-    led_positions,
-    led_powers,
-    led_radiances,
+from evanesce.optics.led import emitter_radiance, led_positions, led_powers, led_radiances, scale_leds
+from evanesce.optics.led_circuit import (
     radiant_power,
     relative_efficiency,
-    scale_leds,
     segment_current,
     series_resistor,
     strip_voltages,

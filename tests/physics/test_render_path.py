@@ -15,8 +15,9 @@ from evanesce.optics.led import led_powers
 from evanesce.optics.projection import Projection
 from evanesce.render.reference.bsdf import InterfaceOptics
 from evanesce.render.reference.passes import Until, Welford, trace
-from evanesce.render.reference.path import focus_window, integrator_for, render, scaled_view
+from evanesce.render.reference.path import integrator_for, render
 from evanesce.render.reference.scene import camera_dict, edge_spans, finger_mesh, interface_maps, plate_scene
+from evanesce.render.reference.views import focus_window, scaled_view
 from evanesce.render.variant import select
 from support.rigs import hard_contact, need, small_rig, view_around
 

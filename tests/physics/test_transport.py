@@ -10,6 +10,7 @@ import pytest
 from numpy.polynomial.legendre import leggauss
 
 from evanesce.contact.solve import contact_state
+from evanesce.optics.edge_rays import EdgeLight, led_count
 from evanesce.optics.flank.escape import escaping_irradiance, exit_slope
 from evanesce.optics.flank.irradiance import (
     contact_on_flank,
@@ -18,7 +19,7 @@ from evanesce.optics.flank.irradiance import (
     sampled_irradiance,
 )
 from evanesce.optics.flank.surface import FingerSurface
-from evanesce.optics.guided_field import EdgeLight, azimuthal_radiance, edge_radiance, led_count
+from evanesce.optics.guided_field import azimuthal_radiance, edge_radiance
 from evanesce.optics.interface import fresnel_reflectance, frustrated_transmittance
 from evanesce.optics.patch_light import (
     Interface,

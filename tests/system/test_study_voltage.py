@@ -14,7 +14,7 @@ from evanesce.cli.app import app
 from evanesce.cli.study_voltage import parse_forces, parse_volts
 from evanesce.core.errors import InputError
 from evanesce.measurement.reference.segment import Chain, segment
-from evanesce.optics.led import radiant_power
+from evanesce.optics.led_circuit import radiant_power
 from evanesce.render.fast.fields import fields_of
 from evanesce.render.fast.patch import patch_radiance
 from evanesce.rig import load_scene

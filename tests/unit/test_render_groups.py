@@ -7,13 +7,15 @@ import pytest
 from scipy.stats import norm
 
 from evanesce.core.errors import InputError
+from evanesce.optics.edge_rays import EdgeLight
 from evanesce.optics.emitters import led_table
 from evanesce.optics.guide import contact_radiance, guided_irradiance
-from evanesce.optics.guided_field import EdgeLight, azimuthal_radiance
+from evanesce.optics.guided_field import azimuthal_radiance
 from evanesce.optics.interface import fresnel_reflectance, frustrated_transmittance
 from evanesce.optics.led import led_positions, led_powers, led_radiances
+from evanesce.render.reference.led_groups import LedGroups
 from evanesce.render.reference.passes import Until, Welford, average, relative_error
-from evanesce.render.reference.path import LedGroups, render, render_groups
+from evanesce.render.reference.path import render, render_groups
 from support.rigs import hard_contact, need, small_rig, view_around
 
 CENTRE = (3.3, -2.1)

@@ -1,7 +1,7 @@
 """The fast camera: from a contact state to a noisy 8-bit frame at video rate, what does not change computed once.
 
 It is the chain of :mod:`evanesce.chain.simulate` for the ideal rig, behind the fast renderer. A scene with an effect,
-or with a camera that the fast way does not model, goes through the general chain: slower, the same model.
+or with a camera that it does not model, goes through the general chain: slower, the same model.
 """
 
 from __future__ import annotations

@@ -18,7 +18,8 @@ from evanesce.render.fast.readout import Readout
 from evanesce.render.fast.sampling import BLOCK, Maps, block_means, spread_blocks
 from evanesce.render.fast.transport import plate_maps
 from evanesce.rig import Scene
-from evanesce.sensor.lens import FieldBlur, lens_blur, prepared_lens
+from evanesce.sensor.blur import FieldBlur
+from evanesce.sensor.lens import lens_blur, prepared_lens
 from evanesce.sensor.pixel import photon_count
 from evanesce.sensor.tone import develop
 
@@ -185,7 +186,12 @@ def pixel_kernel(samples_per_px: float, sub_samples: int, averaged: int = 1) -> 
 
 
 def readout_of(scene: Scene) -> Readout:
-    """Return the camera of a scene from mean charge to 8 bits."""
+    """Return the camera of a scene from mean charge to 8 bits.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
     camera, pixel = scene.camera, scene.camera.pixel
     every = np.arange(2**pixel.bits, dtype=np.uint16)
     cols, rows = camera.resolution_px
@@ -201,7 +207,12 @@ def readout_of(scene: Scene) -> Readout:
 
 
 def charge_per_irradiance(scene: Scene) -> float:
-    """Return mean charge over irradiance [e- mm^2/W]."""
+    """Return mean charge over irradiance [e- mm^2/W].
+
+    Parameters
+    ----------
+    scene : Scene
+    """
     camera, pixel = scene.camera, scene.camera.pixel
     photons = photon_count(
         np.ones(1),
@@ -214,7 +225,14 @@ def charge_per_irradiance(scene: Scene) -> float:
 
 
 def prepare(scene: Scene, grid: PlateGrid) -> Optics:
-    """Compute what all frames on one contact grid share."""
+    """Compute what all frames on one contact grid share.
+
+    Parameters
+    ----------
+    scene : Scene
+    grid : PlateGrid
+        Of the contact states.
+    """
     fields, projection = fields_of(scene), Projection.of(scene.camera, scene.plate)
     lens = prepared_lens(scene.camera, scene.plate, projection.ideal_view())
     refine, sub_samples = refinement(grid.pitch, 1.0 / scene.camera.scale_px_per_mm), round(np.sqrt(len(lens.maps)))

@@ -102,7 +102,12 @@ def solve_contact(
     contact: Callable[..., ContactState] | None = None,
     file: Path | str = ANY_SCENE,
 ) -> tuple[Scene, ContactState | None]:
-    """Solve the contact: the half of the chain before the light. Parameters as for :func:`simulate`.
+    """Solve the contact: the half of the chain before the light.
+
+    Parameters
+    ----------
+    scene, force_N, seed, time_s, index, contact, file
+        As for :func:`simulate`.
 
     Returns
     -------
@@ -173,9 +178,28 @@ def expose(
 ) -> tuple[SensorLight, Frame]:
     """Expose a frame: the half of the chain behind the plate, so that one rendered light serves many cameras.
 
-    ``without`` leaves parts of the camera out (:data:`Omission`); quantisation and tone curve always stay. The light
-    comes on the view of a camera with ``finer`` times finer pixels (:func:`evanesce.rig.coarser.finer_pixels`) and
-    is added up behind the lens.
+    Parameters
+    ----------
+    scene : Scene
+        After effects of the stage ``rig``.
+    plate_light : PlateLight
+    seed, time_s, index, file
+        As for :func:`simulate`.
+    without : collection of str
+        Parts of the camera that are left out (:data:`Omission`); quantisation and tone curve always stay.
+    finer : int
+        The light comes on the view of a camera with so many times finer pixels
+        (:func:`evanesce.rig.coarser.finer_pixels`) and is averaged over them behind the lens.
+
+    Returns
+    -------
+    sensor_light : SensorLight
+    frame : Frame
+
+    Raises
+    ------
+    ValueError
+        If a part to be left out is unknown.
     """
     if unknown := set(without) - set(get_args(Omission)):
         raise ValueError(f"a camera cannot leave out {sorted(unknown)}; known: {get_args(Omission)}")
@@ -211,9 +235,16 @@ def expose(
 
 
 def simulate_press(scene: Scene, *, seed: int, **options: Any) -> Iterator[SimulatedFrame]:
-    """Simulate the scene's loading programme, frame by frame; options as for :func:`simulate`.
+    """Simulate the scene's loading programme, frame by frame.
 
     A ramp in mm/min moves the finger after its effects at time 0: a stiffer one responds with more force.
+
+    Parameters
+    ----------
+    scene : Scene
+    seed : int
+    **options
+        As for :func:`simulate`.
     """
     from evanesce.contact.solve import press_programme
 

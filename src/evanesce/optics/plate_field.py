@@ -11,17 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from evanesce.optics.guided_field import (
-    EDGES,
-    EdgeExchange,
-    EdgeLight,
-    arrivals,
-    edge_exchange,
-    edge_response,
-    led_count,
-    radiance_entering,
-    segment_of,
-)
+from evanesce.optics.edge_rays import EDGES, EdgeLight, arrivals, led_count, radiance_entering, segment_of
+from evanesce.optics.guided_field import EdgeExchange, edge_exchange, edge_response
 from evanesce.optics.interface import fresnel_reflectance
 
 Array = NDArray[np.float64]
@@ -108,7 +99,18 @@ class UnitFields:
 
 
 def segment_areas(light: EdgeLight, per_edge: int) -> Array:
-    """Return the area of each segment of the edges [mm^2]."""
+    """Return the area of each segment of the edges [mm^2].
+
+    Parameters
+    ----------
+    light : EdgeLight
+    per_edge : int
+        Segments of each edge.
+
+    Returns
+    -------
+    ndarray (4 per_edge,)
+    """
     lengths = np.array([light.size[1], light.size[1], light.size[0], light.size[0]])
     return np.asarray(np.repeat(lengths, per_edge) / per_edge * light.thickness)
 

@@ -37,6 +37,18 @@ def rotation(tilt_x: float, tilt_y: float, roll: float) -> Array:
 def distort(x: ArrayLike, y: ArrayLike, coefficients: tuple[float, float, float, float, float]) -> tuple[Array, Array]:
     """Apply OpenCV's radial-tangential distortion (k1, k2, p1, p2, k3) to normalised coordinates (any shape).
 
+    Parameters
+    ----------
+    x, y : array_like
+        Normalised coordinates (x, y, 1) before distortion [1].
+    coefficients : tuple of float
+        k1, k2, p1, p2, k3 [1].
+
+    Returns
+    -------
+    x, y : ndarray
+        Distorted [1].
+
     References
     ----------
     Brown, "Decentering distortion of lenses", Photogrammetric Engineering 32 (1966) 444.

@@ -26,6 +26,11 @@ def in_band(scene: Scene, band: Band) -> Scene:
     The scene's indices are those at 589 nm; glass and silicone are shifted as soda-lime and PDMS disperse. Silicone's
     scattering and absorption are those at the scene's wavelength and follow the finger's powers of wavelength; the
     glass's absorption stays, which for the rig's glass is not known by wavelength.
+
+    Parameters
+    ----------
+    scene : Scene
+    band : Band
     """
 
     def shift(index: Callable[[float], Any]) -> float:

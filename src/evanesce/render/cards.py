@@ -67,7 +67,12 @@ class Card:
 
 
 def checkerboard_of(cards: Cards) -> Card:
-    """Return the checkerboard that a rig's ``[card]`` table describes."""
+    """Return the checkerboard that a rig's ``[card]`` table describes.
+
+    Parameters
+    ----------
+    cards : Cards
+    """
     return Card(
         squares=cards.checkerboard_squares,
         side=cards.checkerboard_side_mm,
@@ -78,7 +83,12 @@ def checkerboard_of(cards: Cards) -> Card:
 
 
 def square_of(cards: Cards) -> Card:
-    """Return the plain square that a rig's ``[card]`` table describes."""
+    """Return the plain square that a rig's ``[card]`` table describes.
+
+    Parameters
+    ----------
+    cards : Cards
+    """
     return Card(
         side=cards.square_side_mm,
         margin=cards.square_margin_mm,
@@ -94,7 +104,7 @@ SQUARE = square_of(Cards())
 
 @dataclass(frozen=True, kw_only=True)
 class Pose:
-    """Where a card is held: turned by tilts and rotation, then shifted; lying flat at the origin by default.
+    """Position and orientation of a card: tilted, rotated, then shifted; flat on the glass at the origin by default.
 
     Attributes
     ----------

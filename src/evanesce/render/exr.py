@@ -50,6 +50,12 @@ class LightFile:
 def contact_channels(scene: Scene, state: ContactState, view: IdealView) -> dict[str, NDArray[np.float32]]:
     """Carry a contact state to the pixel centres of a view.
 
+    Parameters
+    ----------
+    scene : Scene
+    state : ContactState
+    view : IdealView
+
     Returns
     -------
     dict of ndarray of float32 (rows, cols)
@@ -131,6 +137,14 @@ def write_light(
 
 def read_light(path: Path) -> LightFile:
     """Read a file of :func:`write_light`.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    LightFile
 
     Raises
     ------

@@ -37,6 +37,10 @@ _ENCODERS = {"h264": "libx264", "ffv1": "ffv1"}
 def replacing(path: Path) -> Iterator[Path]:
     """Give a temporary path beside ``path`` to write to; it replaces ``path`` only if no error occurred.
 
+    Parameters
+    ----------
+    path : Path
+
     Raises
     ------
     WorkError
@@ -233,7 +237,15 @@ def write_video(
     frame_rate_hz: float = 30.0,
     quality: int = 18,
 ) -> None:
-    """Write all frames as one video; see :class:`VideoWriter`."""
+    """Write all frames as one video; see :class:`VideoWriter`.
+
+    Parameters
+    ----------
+    path : Path
+    frames : iterable of Frame
+    codec, frame_rate_hz, quality
+        As for :class:`VideoWriter`.
+    """
     with VideoWriter(path, codec=codec, frame_rate_hz=frame_rate_hz, quality=quality) as video:
         for frame in frames:
             video.add(frame)

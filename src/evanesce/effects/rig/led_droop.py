@@ -24,7 +24,7 @@ class Parameters(Strict):
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
-    """Set the circuit's droop; :func:`evanesce.optics.led.relative_efficiency` does the rest."""
+    """Set the circuit's droop; :func:`evanesce.optics.led_circuit.relative_efficiency` does the rest."""
     if parameters.droop == 0.0:
         return scene
     changes = {"droop": parameters.droop, "peak_current_mA": parameters.peak_current_mA}

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.optics.guided_field import EDGES, EdgeLight, led_count, radiance_entering
+from evanesce.optics.edge_rays import EDGES, EdgeLight, led_count, radiance_entering
 from evanesce.optics.interface import fresnel_reflectance
 
 Array = NDArray[np.float64]

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from evanesce.optics.edge_rays import EdgeLight, arrivals, led_count, segment_of
 from evanesce.optics.flank.escape import ON_GLASS, escaping_irradiance
-from evanesce.optics.guided_field import EdgeLight, arrivals, led_count, segment_of
 from evanesce.optics.interface import fresnel_reflectance
 from evanesce.optics.patch_light import Interface, external_diffuse_reflectance, returned_radiance
 
@@ -68,6 +68,18 @@ def sampled_irradiance(
     Points of the top face, denser towards the edges and below the point; from each the straight path is
     followed back into the glass. A convex body does not shade itself beyond its horizon, and nothing else stands on
     the plate. Points on the glass itself get nothing: no path leads there from beside it.
+
+    Parameters
+    ----------
+    light, points, normals, samples, per_edge
+        As for :func:`flank_irradiance`.
+    mirrorings : int
+        Fewest reflections at edges.
+
+    Returns
+    -------
+    led, edge : ndarray
+        As of :func:`flank_irradiance`.
     """
     n = light.refractive_index
     leds, segments, count = led_count(light), 4 * per_edge, points.shape[0]

@@ -15,7 +15,7 @@ from scipy.interpolate import RectBivariateSpline
 
 from evanesce.core.provenance import digest
 from evanesce.core.states import PlateLight
-from evanesce.optics.guided_field import stacked_radiances
+from evanesce.optics.edge_rays import stacked_radiances
 from evanesce.optics.interface import frustrated_transmittance
 from evanesce.optics.led import led_positions, led_radiances
 from evanesce.optics.patch_light import returned_radiance, window_transmittance
@@ -123,14 +123,34 @@ def _contact_field(scene: Scene, level: float) -> tuple[Array, Array, Array]:
 
 
 def view_position(scene: Scene, light: PlateLight, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
-    """Return where plate points [mm] appear on the light's pinhole grid (column, row) [px]."""
+    """Return where plate points [mm] appear on the light's pinhole grid (column, row) [px].
+
+    Parameters
+    ----------
+    scene : Scene
+    light : PlateLight
+        Its pinhole grid.
+    x, y : array_like
+        Points on the top face [mm].
+    """
     xn, yn = Projection.of(scene.camera, scene.plate).plate_to_ray(x, y)
     px, py = light.principal_point
     return xn * light.focal_px + px, yn * light.focal_px + py
 
 
 def plate_points(scene: Scene, light: PlateLight) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the plate point (x, y) [mm] of each pixel of the light's pinhole grid; kept for the last few rigs."""
+    """Return the plate point (x, y) [mm] of each pixel of the light's pinhole grid; kept for the last few rigs.
+
+    Parameters
+    ----------
+    scene : Scene
+    light : PlateLight
+        Its pinhole grid.
+
+    Returns
+    -------
+    x, y : ndarray of float32 (rows, cols)
+    """
     data = scene.as_dict()
     key = digest([data["camera"], data["plate"], light.radiance.shape, light.focal_px, light.principal_point])
 
@@ -145,7 +165,16 @@ def plate_points(scene: Scene, light: PlateLight) -> tuple[NDArray[np.float32], 
 
 
 def pixel_area(scene: Scene, light: PlateLight, u: Array, v: Array) -> Array:
-    """Return the area of the contact plane [mm^2] that a pixel at (u, v) of the light's grid sees."""
+    """Return the area of the contact plane [mm^2] that a pixel at (u, v) of the light's grid sees.
+
+    Parameters
+    ----------
+    scene : Scene
+    light : PlateLight
+        Its pinhole grid.
+    u, v : ndarray
+        Column and row [px].
+    """
     projection = Projection.of(scene.camera, scene.plate)
     px, py = light.principal_point
 

@@ -50,7 +50,15 @@ def read_arrays(key: str, names: Iterable[str]) -> dict[str, NDArray[Any]] | Non
 
 
 def write_arrays(key: str, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write arrays to a key's file, whole or not at all; a folder that cannot be written is no error."""
+    """Write arrays to a key's file, whole or not at all; a folder that cannot be written is no error.
+
+    Parameters
+    ----------
+    key : str
+        Digest of all that they depend on.
+    arrays : mapping of ndarray
+        By name.
+    """
     path = cache_folder() / f"{key}.npz"
     with contextlib.suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from evanesce.core.provenance import digest
-from evanesce.optics.guided_field import stacked_radiances
+from evanesce.optics.edge_rays import stacked_radiances
 from evanesce.optics.interface import frustrated_transmittance
 from evanesce.optics.patch_light import Interface, returned_radiance, window_transmittance
 from evanesce.optics.plate_field import AngleBins
@@ -99,7 +99,12 @@ class _Tables:
 
 
 def fields_of(scene: Scene) -> Fields:
-    """Return the fields of a scene, kept for the last few; another voltage costs next to nothing."""
+    """Return the fields of a scene, kept for the last few; another voltage costs next to nothing.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
     radiances = stacked_radiances(edge_light(scene))
     tables, grid = _tables_digest(scene), scene.as_dict()["grid"]
     scattering = scene.finger.scattering_length_mm, scene.finger.scattering_share

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.states import ContactState
+from evanesce.optics.edge_rays import EdgeLight
 from evanesce.optics.flank.irradiance import contact_on_flank, flank_irradiance, mirrored_exchange
 from evanesce.optics.flank.surface import EPSILON
-from evanesce.optics.guided_field import EdgeLight
 from evanesce.optics.patch_light import Interface
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.render.fast.rig_optics import finger_surface, geometry_digest
@@ -56,11 +56,16 @@ OUTLINE_PARTS = 8
 
 
 def tabulated_approaches(scene: Scene) -> Array:
-    """Return the approaches of a scene's tables [mm]."""
+    """Return the approaches of a scene's tables [mm].
+
+    Parameters
+    ----------
+    scene : Scene
+    """
     return APPROACHES * scene.finger.tip_radius_mm
 
 
-def table_points(scene: Scene) -> tuple[Array, Array]:
+def _table_points(scene: Scene) -> tuple[Array, Array]:
     """Return points [mm] and outward normals of the tables, each (approaches, stations, azimuths, 3)."""
     azimuths = np.arange(AZIMUTHS) * 2 * np.pi / AZIMUTHS
     depth, station, azimuth = np.meshgrid(tabulated_approaches(scene), STATIONS, azimuths, indexing="ij")
@@ -86,12 +91,24 @@ def unit_tables(scene: Scene, light: EdgeLight, per_edge: int) -> tuple[Array, A
     edge : ndarray (segments, approaches * stations * azimuths)
         Per diffuse radiance of each segment [sr].
     """
-    points, normals = table_points(scene)
+    points, normals = _table_points(scene)
     return flank_irradiance(light, points.reshape(-1, 3), normals.reshape(-1, 3), per_edge=per_edge)
 
 
 def approaches_around(wanted_mm: tuple[float, ...], radius_mm: float) -> NDArray[np.intp]:
-    """Return the indices of the tabulated approaches between which those of a tip [mm] lie."""
+    """Return the indices of the tabulated approaches between which those of a tip [mm] lie.
+
+    Parameters
+    ----------
+    wanted_mm : tuple of float
+        [mm].
+    radius_mm : float
+        Of the tip [mm].
+
+    Returns
+    -------
+    ndarray of int
+    """
     share = np.asarray(wanted_mm) / radius_mm
     above = np.clip(np.searchsorted(APPROACHES, share), 1, APPROACHES.size - 1)
     return np.unique(np.concatenate([above - 1, above]))
@@ -101,8 +118,20 @@ def coarse_unit_tables(scene: Scene, light: EdgeLight, per_edge: int, some: NDAr
     """Compute :func:`unit_tables` at some approaches (their indices) and a part of the azimuths.
 
     The other approaches repeat the nearest of them, azimuths are interpolated.
+
+    Parameters
+    ----------
+    scene, light, per_edge
+        As for :func:`unit_tables`.
+    some : ndarray of int
+        Indices of the approaches.
+
+    Returns
+    -------
+    led, edge : ndarray
+        As of :func:`unit_tables`.
     """
-    points, normals = (a[some][:, :, ::AZIMUTH_STEP] for a in table_points(scene))
+    points, normals = (a[some][:, :, ::AZIMUTH_STEP] for a in _table_points(scene))
     coarse = flank_irradiance(light, points.reshape(-1, 3), normals.reshape(-1, 3), per_edge=per_edge)
     led, edge = (_filled(table.reshape(-1, *points.shape[:-1]), some) for table in coarse)
     return led, edge
@@ -141,7 +170,7 @@ def rig_tables(
     contact : ndarray (approaches, stations, azimuths, points)
         Per power that a contact at each node takes in [1/mm^2].
     """
-    points, normals = table_points(scene)
+    points, normals = _table_points(scene)
     shape = points.shape[:-1]
     led = direct.reshape(-1, *shape)
     contact = contact_on_flank(
@@ -188,10 +217,10 @@ class FlankLight:
     def radiance(self, approach_mm: float, taken: Array) -> Image:
         """Return the radiance towards the lens by station and azimuth, the first azimuth twice."""
         lit, per_taken = self.at(approach_mm)
-        return closed_table(lit + per_taken @ taken)
+        return _closed_table(lit + per_taken @ taken)
 
 
-def closed_table(table: Array) -> Image:
+def _closed_table(table: Array) -> Image:
     """Return a table (stations, azimuths) with its first azimuth repeated at the end, for interpolation all around."""
     return np.concatenate([table, table[:, :1]], axis=1).astype(np.float32)
 
@@ -199,15 +228,21 @@ def closed_table(table: Array) -> Image:
 # --- positions in the table -------------------------------------------------------------------------------------------
 
 
-def clipped_approach(scene: Scene, state: ContactState) -> float:
+def _clipped_approach(scene: Scene, state: ContactState) -> float:
     """Return a state's approach, within those of the tables [mm]."""
     tabulated = tabulated_approaches(scene)
     return float(np.clip(approach(state, scene.finger), tabulated[0], tabulated[-1]))
 
 
 def rounded_approach(scene: Scene, state: ContactState) -> float:
-    """Return a state's approach to a tenth of a millimetre: a single frame shows no difference [mm]."""
-    return round(clipped_approach(scene, state), 1)
+    """Return a state's approach to a tenth of a millimetre: a single frame shows no difference [mm].
+
+    Parameters
+    ----------
+    scene : Scene
+    state : ContactState
+    """
+    return round(_clipped_approach(scene, state), 1)
 
 
 def table_position(scene: Scene, u: Array, v: Array, approach_mm: float) -> tuple[Image, Image, Image]:
@@ -215,6 +250,19 @@ def table_position(scene: Scene, u: Array, v: Array, approach_mm: float) -> tupl
 
     Directions are those of a grid (rows, cols); at the flank's outline each stands for its cell, so that the outline
     moves with a camera that moves, and does not jump from cell to cell.
+
+    Parameters
+    ----------
+    scene : Scene
+    u, v : ndarray (rows, cols)
+        [1].
+    approach_mm : float
+        [mm].
+
+    Returns
+    -------
+    column, row, share : ndarray of float32 (rows, cols)
+        [1].
     """
     station, azimuth = _intersection(scene, u, v, approach_mm)
     met = np.isfinite(station)
@@ -239,7 +287,7 @@ def table_position(scene: Scene, u: Array, v: Array, approach_mm: float) -> tupl
 
 
 def _outline(met: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return where a neighbour is of the other kind."""
+    """Return where a neighbour differs."""
     kind, around = met.astype(np.uint8), np.ones((3, 3), np.uint8)
     return np.asarray(cv2.dilate(kind, around) != cv2.erode(kind, around))
 
@@ -277,7 +325,7 @@ def flank_image(
         [W mm^-2 sr^-1]; 0 where the view sees no flank.
     """
     rays = view_rays(view, step)
-    between = clipped_approach(scene, state)
+    between = _clipped_approach(scene, state)
     low = int(np.floor(between / APPROACH_STEP_MM))
     coarse: Any = 0.0
     # Between two approaches that are kept: one rounded approach would jump where a force grows.
@@ -355,5 +403,5 @@ class FlankView:
 
     def mean_charge(self, taken: Array) -> Image:
         """Return the flank's mean charge at all pixels of the view, for the power that the contact takes in [e-]."""
-        table = closed_table(self.lit + self.per_taken @ taken)
+        table = _closed_table(self.lit + self.per_taken @ taken)
         return spread_blocks(cv2.remap(table, self.column, self.row, cv2.INTER_LINEAR) * self.charge, VIEW_STEP)

@@ -64,7 +64,12 @@ class Operators:
 
 
 def operators(backend: Backend) -> Operators:
-    """Return the operators of a backend; llvm has to work (:func:`~evanesce.render.fast.operators_llvm.llvm_works`)."""
+    """Return the operators of a backend; llvm has to work (:func:`~evanesce.render.fast.operators_llvm.llvm_works`).
+
+    Parameters
+    ----------
+    backend : {"llvm", "numpy"}
+    """
 
     def exposure(readout: Readout, keys: tuple[int, int], with_raw: bool) -> Exposure:
         return Exposure(readout, keys, with_raw, backend)

@@ -138,7 +138,18 @@ def _llvm_keys(keys: tuple[int, int]) -> Any:
 
 
 def begin_dark(readout: Readout, keys: tuple[int, int]) -> Any:
-    """Start the kernel of a frame without light, if there is one, and return its pixels; other work goes on."""
+    """Start the kernel of a frame without light, if there is one, and return its pixels; other work goes on.
+
+    Parameters
+    ----------
+    readout : Readout
+    keys : tuple of int
+        Two words of 32 bits that the noise depends on.
+
+    Returns
+    -------
+    drjit.llvm.UInt8 or None
+    """
     import drjit as dr
 
     steps = dark_steps(readout)
@@ -157,13 +168,20 @@ def expose_llvm(
     By two kernels: all pixels as if dark, then those of the box.
 
     ``begun`` is the first, where it runs already.
+
+    Parameters
+    ----------
+    lit, readout, keys, with_raw
+        As for :func:`~evanesce.render.fast.operators_numpy.expose_numpy`.
+    begun : drjit.llvm.UInt8, optional
+        Of :func:`begin_dark`, where it runs already.
     """
     words = _llvm_keys(keys)
     raw: NDArray[Any] | None = None
     begun = begin_dark(readout, keys) if begun is None and not with_raw else begun
     box = _expose_box(lit, readout, words) if lit.charge.size else None
     if begun is not None and not with_raw:
-        # Kernels end in the order of their start: a box that is there says that the rest is.
+        # Kernels end in the order of their start: once the box is done, so is the rest.
         if box is None:
             import drjit as dr
 
@@ -183,7 +201,13 @@ def expose_llvm(
 
 
 def coupling_llvm(gap: Image, share: Image, end: float, table: Image) -> Image:
-    """Return the same as :func:`~evanesce.render.fast.operators_numpy.coupling_numpy`, by one kernel."""
+    """Return the same as :func:`~evanesce.render.fast.operators_numpy.coupling_numpy`, by one kernel.
+
+    Parameters
+    ----------
+    gap, share, end, table
+        As for :func:`~evanesce.render.fast.operators_numpy.coupling_numpy`.
+    """
     import drjit as dr
     from drjit.llvm import Float
 

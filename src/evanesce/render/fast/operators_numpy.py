@@ -26,7 +26,18 @@ def _mix(x: NDArray[np.uint32], work: NDArray[np.uint32]) -> None:
 
 
 def pixel_bits(first: int, count: int, keys: tuple[int, int]) -> NDArray[np.uint32]:
-    """Return 32 random bits for pixels ``first`` to ``first + count``; two keyed rounds, so that frames differ."""
+    """Return 32 random bits for pixels ``first`` to ``first + count``; two keyed rounds, so that frames differ.
+
+    Parameters
+    ----------
+    first, count : int
+    keys : tuple of int
+        Two words of 32 bits.
+
+    Returns
+    -------
+    ndarray of uint32 (count,)
+    """
     x = np.arange(first, first + count, dtype=np.uint32)
     work = np.empty_like(x)
     np.add(x, np.uint32(keys[0]), out=x)
@@ -78,7 +89,22 @@ def _quantised(charge: Image, bits: NDArray[np.uint32], readout: Readout) -> NDA
 def expose_numpy(
     lit: ChargeBox, readout: Readout, keys: tuple[int, int], *, with_raw: bool = False
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint16] | None]:
-    """Return 8-bit frame and, if asked for, raw numbers."""
+    """Return 8-bit frame and, if asked for, raw numbers.
+
+    Parameters
+    ----------
+    lit : ChargeBox
+    readout : Readout
+    keys : tuple of int
+        Two words of 32 bits that the noise depends on.
+    with_raw : bool
+
+    Returns
+    -------
+    data : ndarray of uint8 (rows, cols)
+    raw : ndarray of uint16 (rows, cols) or None
+        [DN].
+    """
     out = np.empty(readout.shape, np.uint8)
     raw = np.empty(readout.shape, np.uint16) if with_raw else None
     in_threads(lambda rows: _expose_rows(out, raw, rows, lit, readout, keys), readout.shape[0], _ROWS)

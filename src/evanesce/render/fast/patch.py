@@ -46,12 +46,29 @@ def refinement(pitch: float, pixel_mm: float) -> int:
 
 
 def field_images(fields: Fields, x: Array, y: Array) -> list[Image]:
-    """Return the field's modes at plate points x, y [mm] (rows, cols), cubic between the nodes."""
+    """Return the field's modes at plate points x, y [mm] (rows, cols), cubic between the nodes.
+
+    Parameters
+    ----------
+    fields : Fields
+    x, y : ndarray (rows, cols)
+    """
     return [field_image(fields, mode, x, y) for mode in fields.modes]
 
 
 def field_image(fields: Fields, values: Array, x: Array, y: Array) -> Image:
-    """Return values at the field's nodes (y, x) at plate points x, y [mm] (rows, cols), cubic between the nodes."""
+    """Return values at the field's nodes (y, x) at plate points x, y [mm] (rows, cols), cubic between the nodes.
+
+    Parameters
+    ----------
+    fields : Fields
+    values : ndarray (y, x)
+    x, y : ndarray (rows, cols)
+
+    Returns
+    -------
+    ndarray of float32 (rows, cols)
+    """
     map_x = ((x - fields.x[0]) / (fields.x[1] - fields.x[0])).astype(np.float32)
     map_y = ((y - fields.y[0]) / (fields.y[1] - fields.y[0])).astype(np.float32)
     found = cv2.remap(values.astype(np.float32), map_x, map_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
@@ -171,7 +188,21 @@ class _Modes:
 
 
 def gap_position(gap: Image, end: float) -> tuple[NDArray[np.int32], Image]:
-    """Return each gap's node below in the tables, and the part beyond it; all wide gaps are at the last node."""
+    """Return each gap's node below in the tables, and the part beyond it; all wide gaps are at the last node.
+
+    Parameters
+    ----------
+    gap : ndarray
+        [mm].
+    end : float
+        Gap of the tables' last entry [mm].
+
+    Returns
+    -------
+    low : ndarray of int32
+    part : ndarray of float32
+        0 to 1.
+    """
     # The gap between rough asperities is set just below the end; there the glass is bare.
     wide = gap >= np.float32(0.998 * end)
     index = np.where(wide, GAP_STEPS - 1, np.sqrt(np.minimum(gap / np.float32(end), 1)) * np.float32(GAP_STEPS - 1))
@@ -193,7 +224,15 @@ def _modes(fields: Fields, grid: PlateGrid, box: InterfaceBox, end: float) -> _M
 
 
 def patch_light(fields: Fields, state: ContactState, refine: int = 2) -> PatchLight:
-    """Return the light of a contact on its grid, ``refine`` times as fine."""
+    """Return the light of a contact on its grid, ``refine`` times as fine.
+
+    Parameters
+    ----------
+    fields : Fields
+    state : ContactState
+    refine : int
+        Samples a side of one cell.
+    """
     grid, end = state.grid, float(fields.gaps[-1])
     # Light scattered below the surface leaves beside the contact, too.
     box = InterfaceBox.of(state, end, refine, whole=fields.subsurface is not None)
@@ -233,7 +272,20 @@ def _rise(change: Array, box: InterfaceBox, fine: tuple[int, int]) -> Image:
 
 
 def patch_radiance(fields: Fields, state: ContactState, refine: int = 2) -> tuple[Image, float]:
-    """Return the radiance of :func:`patch_light` on the whole refined grid, and its pitch [mm]."""
+    """Return the radiance of :func:`patch_light` on the whole refined grid, and its pitch [mm].
+
+    Parameters
+    ----------
+    fields, state, refine
+        As for :func:`patch_light`.
+
+    Returns
+    -------
+    radiance : ndarray of float32 (rows, cols)
+        [W mm^-2 sr^-1].
+    pitch : float
+        [mm].
+    """
     found = patch_light(fields, state, refine)
     whole = np.zeros((state.grid.shape[0] * refine, state.grid.shape[1] * refine), np.float32)
     rows, cols = found.radiance.shape

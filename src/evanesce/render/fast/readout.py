@@ -102,7 +102,12 @@ class DarkSteps:
 
 
 def dark_steps(readout: Readout) -> DarkSteps | None:
-    """Return the staircase of a camera without dark charge; None with such charge or over ``MOST_STEPS``."""
+    """Return the staircase of a camera without dark charge; None with such charge or over ``MOST_STEPS``.
+
+    Parameters
+    ----------
+    readout : Readout
+    """
     if readout.dark_e != 0.0:
         return None
     return _dark_steps(

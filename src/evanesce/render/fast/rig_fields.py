@@ -96,7 +96,12 @@ class RigFields:
 
 
 def node_axes(scene: Scene) -> tuple[Array, Array]:
-    """Return the field's nodes along x and y, over the contact grid and off the plate's edges [mm]."""
+    """Return the field's nodes along x and y, over the contact grid and off the plate's edges [mm].
+
+    Parameters
+    ----------
+    scene : Scene
+    """
     half = scene.grid.size_mm / 2
     axes = []
     for centre, size in zip(scene.finger.position_mm, scene.plate.size_mm, strict=True):
@@ -137,7 +142,12 @@ def compute_unit_light(scene: Scene, approaches: NDArray[np.intp] | None = None)
 
 
 def unit_digest(scene: Scene) -> str:
-    """Return the digest of all that :class:`UnitLight` depends on: no voltage, reflectance, load or camera."""
+    """Return the digest of all that :class:`UnitLight` depends on: no voltage, reflectance, load or camera.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
     data = scene.as_dict()
     plate = ("size_mm", "thickness_mm", "refractive_index", "absorption_coefficient_per_mm", "edge_polish")
     leds = ("emitting_width_mm", "emitting_height_mm", "air_gap_share")
@@ -149,7 +159,12 @@ def unit_digest(scene: Scene) -> str:
 
 
 def unit_light(scene: Scene) -> UnitLight:
-    """Return the unit light of a rig from this process, from disk, or computed."""
+    """Return the unit light of a rig from this process, from disk, or computed.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
     key = unit_digest(scene)
 
     def make() -> UnitLight:
@@ -166,7 +181,13 @@ def unit_light(scene: Scene) -> UnitLight:
 
 
 def compute_rig_fields(scene: Scene, unit: UnitLight | None = None) -> RigFields:
-    """Compute the fields of a rig from its unit light, which is computed, too, if not given."""
+    """Compute the fields of a rig from its unit light, which is computed, too, if not given.
+
+    Parameters
+    ----------
+    scene : Scene
+    unit : UnitLight, optional
+    """
     unit = compute_unit_light(scene) if unit is None else unit
     light, interface, bins, nodes = edge_light(scene), interface_of(scene), _bins(scene), _nodes(scene)
     exchange = EdgeExchange(unit.edge_from_led.astype(float), unit.edge_from_edge.astype(float))
@@ -216,13 +237,23 @@ def _kernels(scene: Scene, interface: Interface, theta: Array, radiance: Array) 
 
 
 def rig_digest(scene: Scene) -> str:
-    """Return the digest of all that :class:`RigFields` depend on: voltages, load and camera are not among it."""
+    """Return the digest of all that :class:`RigFields` depend on: voltages, load and camera are not among it.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
     optical = (scene.plate.edge_reflectance, scene.finger.diffuse_reflectance, scene.camera.wavelength_nm)
     return digest([unit_digest(scene), optical])
 
 
 def rig_fields(scene: Scene) -> RigFields:
-    """Return the fields of a rig, kept for the last few."""
+    """Return the fields of a rig, kept for the last few.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
     return kept("rig", rig_digest(scene), lambda: compute_rig_fields(scene, unit_light(scene)))
 
 

@@ -42,13 +42,32 @@ def view_rays(view: IdealView, step: int = 1) -> tuple[Array, Array]:
 
 
 def enlarged(coarse: Image, step: int, shape: tuple[int, int]) -> Image:
-    """Return an image sampled at pixels 0, step, 2 step, ... at all pixels of ``shape`` (rows, cols)."""
+    """Return an image sampled at pixels 0, step, 2 step, ... at all pixels of ``shape`` (rows, cols).
+
+    Parameters
+    ----------
+    coarse : ndarray of float32
+    step : int
+        [px].
+    shape : tuple of int
+    """
     onto = np.array([[step, 0, 0], [0, step, 0]], np.float32)
     return np.asarray(cv2.warpAffine(coarse, onto, shape[::-1], flags=cv2.INTER_LINEAR), np.float32)
 
 
 def block_means(image: Any, step: int) -> Image:
-    """Return the means of blocks of ``step`` x ``step`` pixels, of a shape in whole blocks."""
+    """Return the means of blocks of ``step`` x ``step`` pixels, of a shape in whole blocks.
+
+    Parameters
+    ----------
+    image : ndarray (rows, cols)
+    step : int
+        [px].
+
+    Returns
+    -------
+    ndarray of float32 (rows / step, cols / step)
+    """
     rows, cols = image.shape
     return np.asarray(
         cv2.resize(np.asarray(image, np.float32), (cols // step, rows // step), interpolation=cv2.INTER_AREA)
@@ -56,6 +75,17 @@ def block_means(image: Any, step: int) -> Image:
 
 
 def spread_blocks(means: Image, step: int) -> Image:
-    """Return values at the centres of blocks at all pixels, linear between them, as they are beyond the outermost."""
+    """Return values at the centres of blocks at all pixels, linear between them, as they are beyond the outermost.
+
+    Parameters
+    ----------
+    means : ndarray of float32 (rows, cols)
+    step : int
+        [px].
+
+    Returns
+    -------
+    ndarray of float32 (rows * step, cols * step)
+    """
     rows, cols = means.shape
     return np.asarray(cv2.resize(means, (cols * step, rows * step), interpolation=cv2.INTER_LINEAR))

@@ -16,5 +16,15 @@ def _pool() -> ThreadPoolExecutor:
 
 
 def in_threads(work: Callable[[range], None], rows: int, block: int) -> None:
-    """Call ``work`` on blocks of rows, in a few threads; each writes to its own rows, so order does not matter."""
+    """Call ``work`` on blocks of rows, in a few threads; each writes to its own rows, so order does not matter.
+
+    Parameters
+    ----------
+    work : callable
+        Of a range of rows.
+    rows : int
+        In all.
+    block : int
+        Rows of a block.
+    """
     list(_pool().map(work, [range(r, min(r + block, rows)) for r in range(0, rows, block)]))

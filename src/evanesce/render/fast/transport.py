@@ -2,7 +2,7 @@
 
 Guided light is smooth and nearly unchanged by a contact. What a contact sends to the lens is therefore a product of
 the guided irradiance of the empty plate (a field, by angle), the interface's transmittance at the local gap (a table)
-and the body's response (a table), corrected for what the contact takes away from itself or gives back, directly
+and the body's response (a table), corrected for what the contact absorbs of the light or returns to itself, directly
 through the plate (convolutions on a coarse grid) and over the edges (a small matrix). Beside the contact the lens sees
 the finger's flank, lit by the contact's own light and by what escapes near the plate's edges.
 """
@@ -46,11 +46,11 @@ def render_fast(
     state : ContactState or None
         None leaves the plate empty, and dark.
     seed : int
-        Not used: nothing here is random. Taken so that both renderers are called alike.
+        Not used: nothing is random. Accepted so that both renderers have one signature.
     view : IdealView, optional
         Pinhole grid; the one that covers the frame by default.
     fields : Fields, optional
-        The scene's own by default; those of a finger close by spare seconds where it has moved a little.
+        The scene's own by default; those of a finger nearby save seconds after a small shift.
 
     Returns
     -------
@@ -154,7 +154,19 @@ def plate_maps(scene: Scene, rays: tuple[Array, Array], first: tuple[float, floa
 
 
 def plate_rays(projection: Projection, u: Array, v: Array) -> tuple[Array, Array, Array, Array]:
-    """Return where directions (u, v, 1) meet the contact plane [mm], and dx/dz, dy/dz inside the glass."""
+    """Return where directions (u, v, 1) meet the contact plane [mm], and dx/dz, dy/dz inside the glass.
+
+    Parameters
+    ----------
+    projection : Projection
+    u, v : ndarray
+        [1].
+
+    Returns
+    -------
+    x, y, slope_x, slope_y : ndarray
+        Shape of ``u``.
+    """
     tan_x, tan_y = projection.tangents(u, v)
     ratio = projection.bend(tan_x, tan_y)
     reach = projection.clearance + projection.thickness * ratio

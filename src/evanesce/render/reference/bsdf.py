@@ -301,9 +301,9 @@ def frustrated_bsdf(gap: Any, share: Any, optics: InterfaceOptics) -> Any:
 def blended_bsdf(weight: Any, optics: InterfaceOptics) -> dict[str, Any]:
     """Return the interface as a dictionary of built-in plugins, for scalar variants.
 
-    ``blendbsdf`` mixes bare glass with ``plastic``, which is glass in contact with a diffuse body. Exact where the weight
-    is 0 or 1; in between the angular dependence of the coupling is replaced by its mean over guided light, and escaping
-    light still meets the finger as a body of its own. The shape's normal points into the glass.
+    ``blendbsdf`` mixes bare glass with ``plastic``, which is glass in contact with a diffuse body. Exact where the
+    weight is 0 or 1; in between the angular dependence of the coupling is replaced by its mean over guided light, and
+    escaping light still meets the finger as a separate body. The shape's normal points into the glass.
 
     Parameters
     ----------

@@ -167,6 +167,17 @@ def medium_scene(body: Body, silicone: Silicone, boundary: Boundary) -> Any:
     """Return the Mitsuba scene of a body lit through its touching faces with irradiance 1 per area.
 
     The variant is the current one.
+
+    Parameters
+    ----------
+    body : Body
+    silicone : Silicone
+    boundary : {"matched", "air"}
+        Of the faces not in contact.
+
+    Returns
+    -------
+    mitsuba.Scene
     """
     import mitsuba as mi
 

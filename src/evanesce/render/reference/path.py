@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState, PlateLight
 from evanesce.optics.emitters import led_table
-from evanesce.optics.led import each_led_power, led_positions
 from evanesce.optics.projection import IdealView, Projection
+from evanesce.render.reference.led_groups import LedChoice, LedGroups, Powers, in_units, lit_powers
 from evanesce.render.reference.passes import Until, Welford, channel_levels, pass_samples, trace
 from evanesce.render.reference.scene import PlateModel, camera_dict, plate_scene
 from evanesce.render.reference.views import (
@@ -22,25 +22,11 @@ from evanesce.render.reference.views import (
     enlarged,
     focus_window,
     sampling_runs,
-    scaled_view,
 )
 from evanesce.render.variant import VariantInfo, select
 from evanesce.rig import Scene
 
-__all__ = [
-    "LedChoice",
-    "LedGroups",
-    "Powers",
-    "focus_window",
-    "integrator_for",
-    "render",
-    "render_groups",
-    "scaled_view",
-]
-
 Array = NDArray[np.float64]
-Powers = float | Array
-LedChoice = Literal["all", "left", "right", "top", "bottom"]
 # Where an error is required, the part of the variance that is left to the light beside the contact, at least.
 BACKGROUND_VARIANCE = 0.1
 MAX_VIEW_PIXELS = 200_000_000
@@ -98,6 +84,12 @@ def integrator_for(
 def require_traceable(scene: Scene, jit: bool = True) -> None:
     """Refuse what only the fast renderer models, or only the path tracer's llvm and cuda variants.
 
+    Parameters
+    ----------
+    scene : Scene
+    jit : bool
+        Whether the variant is llvm or cuda.
+
     Raises
     ------
     InputError
@@ -115,66 +107,6 @@ def require_traceable(scene: Scene, jit: bool = True) -> None:
             raise InputError(
                 f"{value:g}: scalar variants do not model it", key=key, allowed="0, or llvm, cuda, the fast renderer"
             )
-
-
-@dataclass(frozen=True)
-class LedGroups:
-    """LEDs whose light is separated in one rendering.
-
-    Attributes
-    ----------
-    names : tuple of str
-    numbers : mapping of ndarray of int
-        Index into ``names`` of each LED, by edge, in the order of :func:`evanesce.optics.led.led_positions`.
-    """
-
-    names: tuple[str, ...]
-    numbers: Mapping[str, NDArray[np.int64]]
-
-    @classmethod
-    def of(cls, scene: Scene, membership: Mapping[str, str | Sequence[str]] | None = None) -> LedGroups:
-        """Return groups from the name of each LED's group, by edge: one for all LEDs there, or one each.
-
-        Without ``membership`` every edge is a group.
-
-        Raises
-        ------
-        InputError
-            If an edge is missing or its names do not fit its LEDs.
-        """
-        positions = led_positions(scene.plate, scene.leds)
-        wanted = {edge: edge for edge in positions} if membership is None else dict(membership)
-        if set(wanted) != set(positions):
-            raise InputError(f"{sorted(wanted)}", key="led groups", allowed="the lit edges: " + ", ".join(positions))
-        each = {}
-        for edge, centres in positions.items():
-            given = wanted[edge]
-            each[edge] = [given] * centres.size if isinstance(given, str) else list(given)
-            if len(each[edge]) != centres.size:
-                raise InputError(f"{len(each[edge])} names", key=f"led groups, {edge}", allowed=f"{centres.size} names")
-        names = tuple(dict.fromkeys(name for edge in each.values() for name in edge))
-        return cls(names, {edge: np.array([names.index(n) for n in own], np.int64) for edge, own in each.items()})
-
-
-def lit_powers(scene: Scene, leds: LedChoice) -> dict[str, Powers]:
-    """Return the radiant power of each LED [W] on the edges that are lit in this rendering."""
-    powers: dict[str, Powers] = dict(each_led_power(scene.plate, scene.leds))
-    if leds == "all":
-        return powers
-    if leds not in powers:
-        raise InputError(f"'{leds}'", key="leds", allowed=", ".join(["all", *powers]))
-    return {leds: powers[leds]}
-
-
-def in_units(powers: Mapping[str, Powers]) -> tuple[dict[str, Powers], float]:
-    """Return powers over a power of two that makes them of order one, and that unit.
-
-    Light is linear in them and the division is exact, but below the knee of the LEDs' characteristic they fall out of
-    the range of the renderer's 32-bit numbers.
-    """
-    largest = max((float(np.max(p, initial=0.0)) for p in powers.values()), default=0.0)
-    unit = 2.0 ** np.floor(np.log2(largest)) if largest > 0 else 1.0
-    return {edge: np.asarray(p) / unit for edge, p in powers.items()}, float(unit)
 
 
 def render(

@@ -42,7 +42,12 @@ class Window:
 
 
 def interface_optics(scene: Scene) -> InterfaceOptics:
-    """Return the constants of the scene's interface."""
+    """Return the constants of the scene's interface.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
     return InterfaceOptics(
         scene.plate.refractive_index,
         scene.finger.refractive_index,
@@ -56,6 +61,16 @@ def interface_maps(state: ContactState, near_gap: float) -> tuple[NDArray[np.flo
 
     In a cell partly in contact the state's gap is that of its centre, maybe 0; the part not in contact gets the
     largest gap of the neighbourhood, so that contact is counted once, by its share.
+
+    Parameters
+    ----------
+    state : ContactState
+    near_gap : float
+        Gap from which on glass and silicone are separate bodies [mm].
+
+    Returns
+    -------
+    gap, share : ndarray of float32 (rows, cols)
     """
     share = np.clip(np.asarray(state.contact_mask, float), 0.0, 1.0)
     gap = np.clip(np.nan_to_num(np.asarray(state.gap, float), posinf=np.inf), 0.0, 4 * near_gap)
@@ -125,7 +140,7 @@ def _on_edge(edge: str, half: tuple[float, float], spans: list[tuple[float, floa
 def edge_spans(
     length: float, thickness: float, centres: Array, width: float, height: float
 ) -> tuple[list[tuple[float, float, float, float]], list[tuple[float, float, float, float]]]:
-    """Tile an edge face exactly: rectangles (along0, along1, z0, z1) of the LEDs, and of what lies between them."""
+    """Tile an edge face exactly: rectangles (along0, along1, z0, z1) [mm] of the LEDs, and of what lies between them."""
     z0, z1 = -thickness / 2 - height / 2, -thickness / 2 + height / 2
     lit = [(float(c) - width / 2, float(c) + width / 2, z0, z1) for c in np.sort(centres)]
     dark = []
@@ -160,7 +175,13 @@ def finger_mesh(finger: Finger, depth: float) -> trimesh.Trimesh:
 
 
 def approach(state: ContactState, finger: Finger) -> float:
-    """Return the state's depth, or that of a sphere cut at the contact area where the law has none [mm]."""
+    """Return the state's depth, or that of a sphere cut at the contact area where the law has none [mm].
+
+    Parameters
+    ----------
+    state : ContactState
+    finger : Finger
+    """
     if np.isfinite(state.depth):
         return float(state.depth)
     return state.nominal_contact_area / (np.pi * finger.tip_radius_mm)

@@ -29,15 +29,16 @@ from evanesce.contact.solve import contact_state
 from evanesce.core.errors import InputError
 from evanesce.core.provenance import digest
 from evanesce.core.states import SensorLight
-from evanesce.optics.led import radiant_power
+from evanesce.optics.led_circuit import radiant_power
 from evanesce.optics.subsurface import profile_kernel
 from evanesce.render.fast.fields import Fields, fields_of
 from evanesce.render.fast.patch import patch_radiance
 from evanesce.render.fast.subsurface import LARGEST_CELL_MM
 from evanesce.rig import Camera, Ridges, Scene
 from evanesce.rig.finger import HertzLaw
+from evanesce.sensor.blur import defocus_disc
 from evanesce.sensor.expose import charge_of
-from evanesce.sensor.lens import defocus_disc, irradiance_per_radiance, magnification, working_f_number
+from evanesce.sensor.lens import irradiance_per_radiance, magnification, working_f_number
 from evanesce.sensor.tone import CURVES
 
 Array = NDArray[np.float64]

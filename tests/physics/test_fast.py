@@ -1,4 +1,4 @@
-"""The fast camera: both backends alike, nothing silently ignored, and the noise that the camera's figures say."""
+"""The fast camera: both backends alike, nothing ignored without notice, and the noise of the camera's figures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""LED circuit: the closed form against a root finder, its limits, and the LEDs' places."""
+"""LED circuit: the closed form against a root finder, its limits, and the LEDs' positions."""
 
 from __future__ import annotations
 

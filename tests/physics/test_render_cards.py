@@ -1,4 +1,4 @@
-"""Calibration cards: printed corners appear where the projection says, evenly lit, in every pose."""
+"""Calibration targets: printed corners appear where the projection says, evenly lit, in every pose."""
 
 from __future__ import annotations
 

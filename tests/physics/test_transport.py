@@ -121,7 +121,7 @@ def test_box_holds_what_the_path_tracers_textures_hold(rough: bool) -> None:
     assert box.gap.size < gap.size / 2
 
 
-def test_nothing_that_touches_is_dark(scene: Scene, fields: Fields) -> None:
+def test_no_point_in_contact_is_dark(scene: Scene, fields: Fields) -> None:
     state = hard_contact()
     lifted = dataclasses.replace(state, gap=np.full(state.gap.shape, 0.3), contact_mask=np.zeros(state.gap.shape))
     assert patch_radiance(fields, lifted)[0].max() == 0.0
@@ -172,8 +172,8 @@ def test_feedback_is_the_direct_sum_over_cells_and_nodes(fields: Fields) -> None
     assert -0.05 < change.min() < 0.0
 
 
-def test_rings_take_what_the_contact_took() -> None:
-    """Over the whole plane the first ring's loss is the mean transmittance of guided light, weighted by itself."""
+def test_annuli_lose_what_the_contact_took() -> None:
+    """Over the whole plane the first annulus' loss is the mean transmittance of guided light, weighted by itself."""
     interface = Interface(1.523, 1.41, 0.6, 550.0)
     theta, weights = angle_nodes(96, 1.523)
     guided = theta > np.arcsin(1 / 1.523)
@@ -190,7 +190,7 @@ def test_rings_take_what_the_contact_took() -> None:
     assert np.sum(2 * np.pi * r * first.gain * w) == pytest.approx(expected, rel=5e-3)
 
 
-def test_edges_answer_reciprocally_but_for_what_is_withheld(scene: Scene) -> None:
+def test_edges_respond_reciprocally_but_for_light_withheld(scene: Scene) -> None:
     """Light that nodes send to each other over the edges: the same both ways, because etendue is."""
     unit = rig_fields.unit_light(scene)
     light, interface = rig_optics.edge_light(scene), rig_optics.interface_of(scene)
@@ -270,7 +270,7 @@ def test_normals_are_across_the_surface() -> None:
 def test_contacts_light_on_a_plane_is_what_leaves_the_glass() -> None:
     """All that the bottom face mirrors below the critical angle crosses a plane above the plate."""
     interface, thickness, height = Interface(1.523, 1.41, 0.6, 550.0), 6.0, 2.2
-    # Rings of equal steps in the sine of the angle in the air, in closed form for where they land.
+    # Annuli of equal steps in the sine of the angle in the air, in closed form for where they land.
     u, w = leggauss(200)
     sine, weight = 0.4995 * (u + 1), 0.4995 * w
     glass = sine / 1.523
@@ -324,7 +324,7 @@ def test_flank_of_an_invisible_plate_sees_the_edges_form_factor() -> None:
 
 @pytest.mark.parametrize("polish", [0.0, 0.6])
 def test_flank_light_by_images_is_that_of_rays(polish: float) -> None:
-    """Images and Snell's law against rays traced from random places of the top face, which share no formula of it."""
+    """Images and Snell's law against rays traced from random points of the top face, which share no formula of it."""
     light = invisible_plate(
         refractive_index=1.523,
         absorption_coefficient=0.004,
@@ -382,7 +382,7 @@ def test_mirrored_light_vanishes_without_mirror_or_body() -> None:
     assert 0.0 < real.sum(axis=1).max() < 0.6
 
 
-def test_field_of_marks_holds_for_narrow_cones() -> None:
+def test_field_of_surface_scatterers_holds_for_narrow_cones() -> None:
     """Behind an air film LEDs light cones with steep edges; against dense rays, the ratio of two nodes."""
     from evanesce.render.fast.defects import _contact_field
 
@@ -427,7 +427,7 @@ def test_light_is_linear_in_the_leds(scene: Scene) -> None:
     np.testing.assert_allclose(sum(dark), whole, atol=2e-5 * whole.max())
 
 
-def test_disk_gives_back_the_same_bytes_and_refuses_rubbish(
+def test_disk_gives_back_the_same_bytes_and_refuses_damaged_files(
     scene: Scene, tmp_path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     light = rig_fields.unit_light(scene)
@@ -444,8 +444,8 @@ def test_disk_gives_back_the_same_bytes_and_refuses_rubbish(
         assert getattr(again, name).tobytes() == getattr(light, name).tobytes()
     made = []
     monkeypatch.setattr(rig_fields, "compute_unit_light", lambda _: made.append(1) or light)
-    for rubbish in (b"", b"PK\x03\x04 half a file", file.read_bytes()[:-1000]):
-        file.write_bytes(rubbish)
+    for damaged in (b"", b"PK\x03\x04 half a file", file.read_bytes()[:-1000]):
+        file.write_bytes(damaged)
         forget()
         assert rig_fields.unit_light(scene) is light
     assert len(made) == 3

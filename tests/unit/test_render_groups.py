@@ -1,4 +1,4 @@
-"""LED groups told apart by the same paths, passes until an error, polished edges and parted LEDs of the path tracer."""
+"""LED groups separated by the same paths, passes until an error, polished edges and parted LEDs of the path tracer."""
 
 from __future__ import annotations
 
@@ -217,7 +217,7 @@ def test_parting_keeps_power():
 
 @pytest.mark.parametrize("polish", [0.4, pytest.param(1.0, marks=pytest.mark.slow)])
 def test_polished_edges_mirror_as_straight_rays_do(polish):
-    """Ground share black: radiance followed as straight lines over mirroring edges, no path sampled (guided_field)."""
+    """Ground share black: radiance followed as straight lines over mirroring edges, no path sampled (edge_rays)."""
     need("llvm")
     scene = small_rig(plate__edge_reflectance=0.0, plate__edge_polish=polish)
     plate, leds = scene.plate, scene.leds

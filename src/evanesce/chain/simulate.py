@@ -188,8 +188,7 @@ def expose(
     without : collection of str
         Parts of the camera that are left out (:data:`Omission`); quantisation and tone curve always stay.
     finer : int
-        The light comes on the view of a camera with so many times finer pixels
-        (:func:`evanesce.rig.coarser.finer_pixels`) and is averaged over them behind the lens.
+        The light comes on the view of a camera with so many times finer pixels, averaged behind the lens.
 
     Returns
     -------
@@ -207,19 +206,12 @@ def expose(
     camera, noisy = scene.camera, "noise" not in without
     cols, rows = camera.resolution_px
 
-    gathering = finer_pixels(scene, finer)
-    plate_light = apply_stage(Stage.PLATE_LIGHT, plate_light, effects, replace(context, scene=gathering))
+    fine = finer_pixels(scene, finer)
+    plate_light = apply_stage(Stage.PLATE_LIGHT, plate_light, effects, replace(context, scene=fine))
 
-    sensor_light = form_image(
-        plate_light,
-        gathering.camera,
-        scene.plate,
-        distortion="distortion" not in without,
-        blurred="blur" not in without,
-    )
-    if finer > 1:
-        parts = sensor_light.irradiance.reshape(rows, finer, cols, finer)
-        sensor_light = SensorLight(irradiance=parts.mean(axis=(1, 3)))
+    lens = {"distortion": "distortion" not in without, "blurred": "blur" not in without}
+    sensor_light = form_image(plate_light, fine.camera, scene.plate, **lens)
+    sensor_light = _averaged(sensor_light, finer)
     sensor_light = apply_stage(Stage.SENSOR_LIGHT, sensor_light, effects, context)
 
     pixel = camera.pixel
@@ -232,6 +224,14 @@ def expose(
 
     frame = frame_of(signal_DN, camera, time_s=time_s, index=index)
     return sensor_light, apply_stage(Stage.FRAME, frame, effects, context)
+
+
+def _averaged(light: SensorLight, finer: int) -> SensorLight:
+    """Return the mean of each ``finer`` x ``finer`` pixels."""
+    if finer == 1:
+        return light
+    rows, cols = (n // finer for n in light.irradiance.shape)
+    return SensorLight(irradiance=light.irradiance.reshape(rows, finer, cols, finer).mean(axis=(1, 3)))
 
 
 def simulate_press(scene: Scene, *, seed: int, **options: Any) -> Iterator[SimulatedFrame]:

@@ -235,13 +235,7 @@ def _clipped_approach(scene: Scene, state: ContactState) -> float:
 
 
 def rounded_approach(scene: Scene, state: ContactState) -> float:
-    """Return a state's approach to a tenth of a millimetre: a single frame shows no difference [mm].
-
-    Parameters
-    ----------
-    scene : Scene
-    state : ContactState
-    """
+    """Return a state's approach to a tenth of a millimetre: a single frame shows no difference [mm]."""
     return round(_clipped_approach(scene, state), 1)
 
 

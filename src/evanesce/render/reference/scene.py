@@ -140,7 +140,7 @@ def _on_edge(edge: str, half: tuple[float, float], spans: list[tuple[float, floa
 def edge_spans(
     length: float, thickness: float, centres: Array, width: float, height: float
 ) -> tuple[list[tuple[float, float, float, float]], list[tuple[float, float, float, float]]]:
-    """Tile an edge face exactly: rectangles (along0, along1, z0, z1) [mm] of the LEDs, and of what lies between them."""
+    """Tile an edge face exactly: rectangles (along0, along1, z0, z1) [mm] of the LEDs, and of what is between."""
     z0, z1 = -thickness / 2 - height / 2, -thickness / 2 + height / 2
     lit = [(float(c) - width / 2, float(c) + width / 2, z0, z1) for c in np.sort(centres)]
     dark = []

@@ -161,5 +161,5 @@ def test_an_open_mesh_is_refused() -> None:
     holed = trimesh.Trimesh(mesh.vertices, mesh.faces[1:], process=False)
     with pytest.raises(ValueError, match="not closed"):
         Body(holed, np.zeros(len(holed.faces), bool))
-    with pytest.raises(ValueError, match="marks"):
+    with pytest.raises(ValueError, match="flags"):
         Body(mesh, np.zeros(3, bool))

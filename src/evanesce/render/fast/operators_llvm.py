@@ -61,8 +61,8 @@ def _dark_kernel(pixels: int, steps: DarkSteps) -> Any:
     def dark(keys: Any) -> Any:
         high = _random_bits(dr.arange(UInt32, pixels), keys) >> 16
         value = UInt32(steps.base)
-        for place, rise in steps.rises:
-            value += dr.select(high >= place, UInt32(rise), UInt32(0))
+        for position, rise in steps.rises:
+            value += dr.select(high >= position, UInt32(rise), UInt32(0))
         return UInt8(value)
 
     return dr.freeze(dark)

@@ -58,8 +58,8 @@ def _expose_rows(
     if steps is not None and raw is None:
         high = (bits >> np.uint32(16)).astype(np.uint16)
         out[here] = steps.base
-        for place, rise in steps.rises:
-            out[here] += (high >= np.uint16(place)).view(np.uint8) * np.uint8(rise)
+        for position, rise in steps.rises:
+            out[here] += (high >= np.uint16(position)).view(np.uint8) * np.uint8(rise)
     else:
         values = _quantised(np.full(bits.shape, readout.dark_e, np.float32), bits, readout)
         readout.tone.take(values, out=out[here])

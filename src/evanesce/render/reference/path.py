@@ -288,7 +288,7 @@ class _Job:
         scale = self.scene.camera.scale_px_per_mm * view.focal_px / self.projection.focal_px
         runs, results = sampling_runs(view, window, sampling.per_pass, scale), []
         levels, before, budget = None, 0, 1.0 - BACKGROUND_VARIANCE if window is not None else 1.0
-        # The window around the contact comes first: it says how bright the light is that errors are relative to.
+        # The window around the contact comes first: it gives the level that errors are relative to.
         for left, run in enumerate(reversed(runs), 1 - len(runs)):
 
             def tick(done: int, total: int, before: int = before, left: int = left) -> None:

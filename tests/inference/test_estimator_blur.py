@@ -11,7 +11,7 @@ from test_estimator import SCALE_PX_PER_MM, developed, ellipse, uniform_calibrat
 from evanesce.core.errors import InputError
 from evanesce.measurement.calibration.corners import find_corners
 from evanesce.measurement.calibration.model import Calibration
-from evanesce.measurement.refined.blur import BELIEVED_PX, Blur, blur_of_board
+from evanesce.measurement.refined.blur import NOMINAL_PX, Blur, blur_of_board
 from evanesce.measurement.refined.estimator import Estimator
 from evanesce.measurement.refined.light import tone_table
 from evanesce.measurement.uncertainty.area import refined_uncertainty
@@ -87,7 +87,7 @@ def test_edge_is_learnt_from_an_unsaturated_contact():
     teacher = developed(0.7 * light, 5, noise=0.003)
     halfway = plain.area(teacher).area_mm2
     worst = {}
-    for name, estimator in (("taught", plain.taught(teacher)), ("plain", plain)):
+    for name, estimator in (("taught", plain.tuned_on(teacher)), ("plain", plain)):
         errors = [
             estimator.area(developed(over * light, 7, noise=0.003)).area_mm2 / halfway - 1 for over in (1.5, 2.5, 4)
         ]
@@ -174,5 +174,5 @@ def test_damaged_blur_names_its_key(value):
 
 def test_no_blur_is_the_believed_one():
     for details in ({}, {"blur_px": []}):
-        assert Estimator.of(uniform_calibration(**details)).settings.blur == Blur(px=BELIEVED_PX)
+        assert Estimator.of(uniform_calibration(**details)).settings.blur == Blur(px=NOMINAL_PX)
     assert Estimator.of(uniform_calibration(blur_px=2.0)).settings.blur == Blur.stated(2.0)

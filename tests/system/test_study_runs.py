@@ -12,7 +12,9 @@ from typer.testing import CliRunner
 
 from evanesce.cli.app import app
 from evanesce.rig import Camera, load_scene
+from evanesce.studies.threshold import page as threshold_page
 from evanesce.studies.threshold import study as threshold_study
+from evanesce.studies.time import page as time_page
 from evanesce.studies.time import study as time_study
 from support.tiny import TINY
 
@@ -73,18 +75,18 @@ def rerun_without_work(part, scene, folder: Path, module, name: str, monkeypatch
 @pytest.mark.system
 def test_threshold_part_of_a_small_rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = load_scene("thesis", TINY)
-    found = threshold_study.STUDY.run(scene, tmp_path, silent, quick=True, seed=1)
+    found = threshold_page.STUDY.run(scene, tmp_path, silent, quick=True, seed=1)
     check_threshold(json.loads(json.dumps(dict(found.data))), best=0.045)  # a pixel is 0.08 mm here
-    again = rerun_without_work(threshold_study.STUDY, scene, tmp_path, threshold_study, "_frame", monkeypatch)
+    again = rerun_without_work(threshold_page.STUDY, scene, tmp_path, threshold_study, "_frame", monkeypatch)
     assert again["frames"] == found.data["frames"]
 
 
 @pytest.mark.system
 def test_time_part_of_a_small_rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = load_scene("thesis", TINY)
-    found = time_study.STUDY.run(scene, tmp_path, silent, quick=True, seed=1)
+    found = time_page.STUDY.run(scene, tmp_path, silent, quick=True, seed=1)
     check_time(json.loads(json.dumps(dict(found.data))), scene.camera, late_ms=25.0, rows=5e-3)
-    again = rerun_without_work(time_study.STUDY, scene, tmp_path, time_study, "render_fast", monkeypatch)
+    again = rerun_without_work(time_page.STUDY, scene, tmp_path, time_study, "render_fast", monkeypatch)
     assert again["onset"] == found.data["onset"]
 
 

@@ -9,14 +9,14 @@ from skimage import filters
 from evanesce.measurement.reference.segment import Crop
 from evanesce.rig import load_scene
 from evanesce.studies.scenes import Finger, check_studied, every_finger
+from evanesce.studies.threshold.page import findings
 from evanesce.studies.threshold.study import (
-    AUTHORS,
     FORCES,
     RULES,
+    THESIS_THRESHOLDS,
     THRESHOLDS,
     cliff,
     errors_by_setting,
-    findings,
     flat_range,
     frame_row,
     ranked,
@@ -33,7 +33,7 @@ def two_levels(inside: int = 171, outside: int = 23) -> np.ndarray:
 
 
 def test_settings_of_the_thesis_are_among_the_levels_once() -> None:
-    assert set(AUTHORS) <= set(THRESHOLDS)
+    assert set(THESIS_THRESHOLDS) <= set(THRESHOLDS)
     assert list(THRESHOLDS) == sorted(set(THRESHOLDS))
 
 

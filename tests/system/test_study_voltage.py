@@ -17,6 +17,7 @@ from evanesce.measurement.reference.segment import Chain, segment
 from evanesce.optics.led import radiant_power
 from evanesce.render.fast.transport import fields_of, patch_radiance
 from evanesce.rig import load_scene
+from evanesce.studies.voltage.analysis import best_setting, claims, converged, held_from, onset, sensitivity, up_to
 from evanesce.studies.voltage.curve import (
     SOURCES,
     Press,
@@ -28,7 +29,6 @@ from evanesce.studies.voltage.curve import (
     unclipped_levels,
     without_sources,
 )
-from evanesce.studies.voltage.findings import best_setting, claims, converged, held_from, onset, sensitivity, up_to
 from evanesce.studies.voltage.unknowns import (
     RATIOS,
     THRESHOLDS,

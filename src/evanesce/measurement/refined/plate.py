@@ -1,8 +1,8 @@
 """Where on the plate a pixel lies, and how much of it the pixel sees: from a checkerboard that lay on the glass.
 
 The reference segmentation has one area per pixel for the whole undistorted view. Seen through thick glass the scale
-changes over the view, and a tilted camera changes it as well. A board of known squares on the glass tells both, place
-by place.
+changes over the view, and a tilted camera changes it as well. A board of known squares on the glass determines both
+locally.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ class PlateMap:
         return np.asarray(_terms((straight - self.middle) / self.reach, self.powers) @ self.coefficients)
 
     def pixel_area(self, points: Floats) -> Floats:
-        """Return the area of the plate that a pixel at each point (n, 2) sees [mm^2]."""
+        """Return the area of the plate that a pixel sees [mm^2], (n,), at points (x, y) (n, 2) in the frame [px]."""
         right, below = np.array([0.5, 0.0]), np.array([0.0, 0.5])
         across = self.to_plate(points + right) - self.to_plate(points - right)
         down = self.to_plate(points + below) - self.to_plate(points - below)
@@ -109,8 +109,8 @@ class PlateMap:
         for polygon in polygons:
             straight = undistort_points(polygon, self.calibration.camera_matrix, self.calibration.distortion)
             terms = _terms((straight[:-1] - self.middle) / self.reach, self.powers)
-            place = terms @ self.coefficients
-            chord = 0.5 * (np.roll(place, -1, axis=0) - np.roll(place, 1, axis=0))
+            position = terms @ self.coefficients
+            chord = 0.5 * (np.roll(position, -1, axis=0) - np.roll(position, 1, axis=0))
             gradient += np.stack([terms.T @ chord[:, 1], -terms.T @ chord[:, 0]], axis=-1)
         return float(np.sqrt(np.einsum("ik,ij,jk->", gradient, self.covariance, gradient)))
 
@@ -144,7 +144,7 @@ def _terms(points: Floats, powers: NDArray[np.int64]) -> Floats:
 def _flattest(calibration: Calibration) -> tuple[int, Floats, Floats] | None:
     """Return number, board [mm] and straight picture [px] of the view whose scale changes least across it, if any."""
     best: tuple[int, Floats, Floats] | None = None
-    least = math.inf
+    smallest = math.inf
     for number, world, image in _views(calibration.details):
         straight = undistort_points(image, calibration.camera_matrix, calibration.distortion)
         homography, _ = cv2.findHomography(world, straight)
@@ -152,8 +152,8 @@ def _flattest(calibration: Calibration) -> tuple[int, Floats, Floats] | None:
             continue
         depth = world @ homography[2, :2] + homography[2, 2]  # proportional to the corners' distance from the lens
         spread = float(depth.max() / depth.min()) if depth.min() > 0 else math.inf
-        if spread < least:
-            best, least = (number, world, straight), spread
+        if spread < smallest:
+            best, smallest = (number, world, straight), spread
     return best
 
 

@@ -22,7 +22,7 @@ from evanesce.measurement.calibration.rectify import rectification
 from evanesce.measurement.reference.area import measure_frame
 from evanesce.measurement.reference.segment import Chain
 from evanesce.measurement.refined.estimator import Estimator, RefinedArea, Unseen
-from evanesce.measurement.refined.subsurface import Walk
+from evanesce.measurement.refined.subsurface import Scattering
 from evanesce.measurement.uncertainty.area import lens_distance, reference_boundary, refined_uncertainty
 from evanesce.measurement.uncertainty.budget import (
     CARD_HEIGHT_MM,
@@ -36,7 +36,7 @@ from evanesce.measurement.uncertainty.budget import (
 from evanesce.optics.projection import Projection
 from evanesce.rig import Scene
 from evanesce.studies.estimator.study import PLACES, REFERENCE_V, Lit, fingers_of, placed
-from evanesce.studies.registry import Keep, not_kept
+from evanesce.studies.ledger import Keep, not_kept
 
 FORCES = (0.8, 1.1, 1.7, 2.3, 3.6, 4.4)
 """At 0.8 N a ridge is about to touch: the widest film of air [N]."""
@@ -64,8 +64,8 @@ class Shot:
     perimeter_px, away_px : float
         Of the reference segmentation (:func:`~evanesce.measurement.uncertainty.area.reference_boundary`).
     unseen : str
-    walk : Walk
-    blur_doubt_px : float
+    scattering : Scattering
+    blur_uncertainty_px : float
         Of the refined estimator: what of the edge the frame does not show.
     """
 
@@ -76,19 +76,19 @@ class Shot:
     perimeter_px: float
     away_px: float
     unseen: Unseen = ""
-    walk: Walk = field(default_factory=Walk)
-    blur_doubt_px: float = 0.0
+    scattering: Scattering = field(default_factory=Scattering)
+    blur_uncertainty_px: float = 0.0
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data, from which :meth:`of` makes the same shot to the last bit."""
         contours = [contour.tolist() for contour in self.contours]
-        return {**vars(self), "contours": contours, "walk": asdict(self.walk)}
+        return {**vars(self), "contours": contours, "scattering": asdict(self.scattering)}
 
     @classmethod
     def of(cls, data: Mapping[str, Any]) -> Shot:
         """Return a shot of plain data."""
         contours = [np.array(contour, np.float64) for contour in data["contours"]]
-        return cls(**{**data, "contours": contours, "walk": Walk(**data["walk"])})
+        return cls(**{**data, "contours": contours, "scattering": Scattering(**data["scattering"])})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,7 +150,7 @@ def shots_of(
 ) -> list[Shot]:
     """Return the frames of one finger at one place, at each force and voltage."""
     presses = [Lit.of(scene, force, seed) for force in forces]
-    estimator = Estimator.of(calibration).taught(presses[0].frame(REFERENCE_V, rng.integer_seed(seed, "teach")).data)
+    estimator = Estimator.of(calibration).tuned_on(presses[0].frame(REFERENCE_V, rng.integer_seed(seed, "teach")).data)
     view, chain = rectification(calibration), Chain(threshold=threshold)
     assert calibration.mm2_per_px is not None
     shots = []
@@ -164,7 +164,7 @@ def shots_of(
                 Shot(
                     true_mm2=press.true_mm2, contours=found.contours, spread_mm=found.spread_mm,
                     pixels=author.segmentation.pixels, perimeter_px=perimeter, away_px=away,
-                    unseen=found.unseen, walk=found.walk, blur_doubt_px=found.blur_doubt_px,
+                    unseen=found.unseen, scattering=found.scattering, blur_uncertainty_px=found.blur_uncertainty_px,
                 )
             )  # fmt: skip
     return shots
@@ -211,7 +211,7 @@ def run_study(
         ``tick(what, done, total)``.
     keep : callable
         Puts the frames of a class and each block of measurements away, so that an interrupted run goes on; see
-        :data:`~.studies.Keep`.
+        :data:`~evanesce.studies.ledger.Keep`.
     """
     perfect = calibrated(smooth, rng.generator(seed, "nominal"), CardErrors(corner_noise_px=0.0))
     nominal = with_board_blur(perfect, smooth, seed)
@@ -279,8 +279,8 @@ def _measure(
     perimeter = sum(float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum()) for curve in on_plate)
     found = RefinedArea(
         area_mm2=plate.area(shot.contours), perimeter_mm=perimeter, contours=shot.contours,
-        mask=np.zeros((0, 0), np.bool_), walk=shot.walk, saturated_pixels=0, islands=1, dropped=0, step=0.0,
-        spread_mm=shot.spread_mm, unseen=shot.unseen, blur_doubt_px=shot.blur_doubt_px,
+        mask=np.zeros((0, 0), np.bool_), scattering=shot.scattering, saturated_pixels=0, islands=1, dropped=0, step=0.0,
+        spread_mm=shot.spread_mm, unseen=shot.unseen, blur_uncertainty_px=shot.blur_uncertainty_px,
     )  # fmt: skip
     refined = refined_uncertainty(found, estimator, draws, finger=finger)
     assert calibration.mm2_per_px is not None

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,6 +23,7 @@ from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
 from evanesce.sensor.expose import charge_of, frame_of, signal_of
 from evanesce.sensor.lens import form_image
+from evanesce.studies.ledger import Keep, not_kept
 from evanesce.studies.voltage.curve import power_ratio
 
 VOLTAGES = (8.0, 8.5, 9.0, 10.0, 11.0, 12.0)
@@ -136,7 +136,7 @@ def rows_of(
     chain, view = Chain(threshold=threshold), rectification(calibration)
     presses = {force: Lit.of(scene, force, seed) for force in forces}
     first = presses[forces[0]]
-    estimator = Estimator.of(calibration).taught(first.frame(REFERENCE_V, rng.integer_seed(seed, "teach")).data)
+    estimator = Estimator.of(calibration).tuned_on(first.frame(REFERENCE_V, rng.integer_seed(seed, "teach")).data)
     for force, press in presses.items():
         for voltage in voltages:
             frame = press.frame(voltage, rng.integer_seed(seed, name, place, f"{force:g}"))
@@ -211,7 +211,7 @@ def run_study(
     fingers: Sequence[str] | None = None,
     threshold: float = 0.15,
     seed: int = 1,
-    keep: Path | None = None,
+    keep: Keep = not_kept,
     tick: Tick = lambda done, total: None,
 ) -> EstimatorStudy:
     """Run the study.
@@ -226,53 +226,29 @@ def run_study(
     threshold : float
         Of the reference segmentation.
     seed : int
-    keep : Path, optional
-        File of finished rows, one JSON object a line, from which an interrupted run goes on.
+    keep : callable
+        Keeps the rows of a finger at a place, so that an interrupted run goes on; see
+        :data:`~evanesce.studies.ledger.Keep`.
     tick : callable
         ``tick(done, total)``.
     """
     chosen = {n: s for n, s in fingers_of(smooth, ridged).items() if fingers is None or n in fingers}
     calibration = with_board_blur(calibrated(smooth, rng.generator(seed, "corners")), smooth, seed)
     origin = dict(provenance.record(seed=seed, config={"smooth": smooth.as_dict(), "ridged": ridged.as_dict()}))
-    digest = provenance.digest([provenance.code_digest(), smooth.as_dict(), ridged.as_dict(), threshold, seed])
-    done = _kept(keep, digest)
     total = len(chosen) * len(PLACES) * len(voltages) * len(forces)
     rows: list[Row] = []
-    for place, at in PLACES.items():
-        for name, scene in chosen.items():
-            wanted = [(name, place, f, v) for f in forces for v in voltages]
-            found = [done[key] for key in wanted if key in done]
-            if len(found) < len(wanted):
-                found = []
-                for row in rows_of(
-                    name, place, placed(scene, at), calibration, voltages, forces, threshold=threshold, seed=seed
-                ):
-                    found.append(row)
-                    tick(len(rows) + len(found), total)
-                _keep(keep, digest, found)
-            rows += found
+
+    def measured(name: str, place: str, done: int) -> dict[str, Any]:
+        found = []
+        scene = placed(chosen[name], PLACES[place])
+        for row in rows_of(name, place, scene, calibration, voltages, forces, threshold=threshold, seed=seed):
+            found.append(asdict(row))
+            tick(done + len(found), total)
+        return {"rows": found}
+
+    for place in PLACES:
+        for name in chosen:
+            kept = keep(f"{name}, {place}", partial(measured, name, place, len(rows)))
+            rows += [Row(**data) for data in kept["rows"]]
             tick(len(rows), total)
     return EstimatorStudy(rows=rows, threshold=threshold, provenance=origin)
-
-
-def _kept(path: Path | None, digest: str) -> dict[tuple[str, str, float, float], Row]:
-    """Return the rows that an earlier run with the same settings finished; a line cut short is left out."""
-    if path is None or not path.is_file():
-        return {}
-    found = {}
-    for line in path.read_text(encoding="utf-8").splitlines():
-        try:
-            data = json.loads(line)
-            if data.pop("digest") == digest:
-                row = Row(**data)
-                found[row.finger, row.place, row.force_N, row.voltage_V] = row
-        except (ValueError, KeyError, TypeError):
-            continue
-    return found
-
-
-def _keep(path: Path | None, digest: str, rows: Sequence[Row]) -> None:
-    if path is None:
-        return
-    with path.open("a", encoding="utf-8") as stream:
-        stream.writelines(json.dumps(asdict(row) | {"digest": digest}) + "\n" for row in rows)

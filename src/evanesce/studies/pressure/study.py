@@ -20,7 +20,7 @@ from evanesce.measurement.refined.light import Radiometry, tone_table
 from evanesce.optics.projection import Projection
 from evanesce.rig import Scene
 from evanesce.studies.estimator.study import Lit
-from evanesce.studies.registry import Keep, not_kept
+from evanesce.studies.ledger import Keep, not_kept
 
 Floats = NDArray[np.float64]
 
@@ -135,7 +135,7 @@ def run_study(
     tick : callable
         ``tick(done, total)``.
     keep : callable
-        Puts the rows of a press away, so that an interrupted run goes on; see :data:`~.studies.Keep`.
+        Puts the rows of a press away, so that an interrupted run goes on; see :data:`~evanesce.studies.ledger.Keep`.
     show : callable
         ``show(maps, row)`` gets every frame's maps, before the rows of its press are put away.
     """

@@ -25,10 +25,10 @@ from evanesce.evaluation.perfect_view import PerfectView
 from evanesce.measurement.reference.segment import Chain, segment
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
-from evanesce.studies.registry import Findings, Ledger, Part, Progress
+from evanesce.studies.ledger import Ledger
+from evanesce.studies.registry import Progress
 from evanesce.studies.scenes import check_studied
 from evanesce.studies.time.area import EXPOSED_SPEED, FINE_HZ, LEVELS, READOUT_S, TRUE_HZ, film_row
-from evanesce.studies.time.findings import findings
 
 Floats = NDArray[np.float64]
 
@@ -76,8 +76,23 @@ def smeared(light: PlateLight, way_px: float) -> PlateLight:
     return replace(light, radiance=spread)
 
 
-def run(scene: Scene, out: Path, progress: Progress, *, quick: bool = False, seed: int = 1) -> Findings:
-    """Do the study; see :class:`evanesce.studies.registry.Study`."""
+def compute(
+    scene: Scene, out: Path, progress: Progress, *, quick: bool = False, seed: int = 1
+) -> tuple[dict[str, dict[str, Any]], tuple[float, ...]]:
+    """Measure slides, a press, smeared frames and frames with a rolling shutter.
+
+    Parameters
+    ----------
+    scene, out, progress, quick, seed
+        See :meth:`evanesce.studies.registry.Study.run`.
+
+    Returns
+    -------
+    rows : dict
+        Results by what was measured: ``slide 25``, ``press``, ``exposed``, ``smear``, ``rows 25 0`` ...
+    speeds : tuple of float
+        Of the slides [mm/s].
+    """
     check_studied(scene)
     speeds = QUICK_SPEEDS if quick else SPEEDS
     ledger = Ledger(out / "time.jsonl", {"scene": scene.as_dict(), "seed": seed})
@@ -87,12 +102,12 @@ def run(scene: Scene, out: Path, progress: Progress, *, quick: bool = False, see
     jobs += [("press", partial(_press_row, view, smooth, seed)), ("exposed", partial(_exposed_row, view, smooth, seed))]
     jobs += [("smear", partial(_smear_row, view, smooth, seed))]
     jobs += [(f"rows {x:g} {y:g}", partial(_rows_row, view, smooth, (x, y), seed)) for x, y in VELOCITIES]
-    rows = {}
+    rows: dict[str, dict[str, Any]] = {}
     for done, (key, make) in enumerate(jobs):
         progress("time: slides", done, len(jobs))
         rows[key] = ledger.row(key, make)
     progress("time: slides", len(jobs), len(jobs))
-    return findings(rows, speeds, seed)
+    return rows, speeds
 
 
 def _slide_row(view: PerfectView, scene: Scene, speed: float, seed: int) -> dict[str, Any]:
@@ -173,6 +188,3 @@ def _rows_row(view: PerfectView, scene: Scene, velocity: tuple[float, float], se
         # rows are read at height/readout; a patch that runs with them is seen for longer
         "expected": 1.0 / (1.0 - velocity[1] * READOUT_S / height) - 1.0,
     }
-
-
-STUDY = Part("time", "Clock, exposure, rows and the onset of slip", 50, run)

@@ -12,8 +12,8 @@ from skimage.measure import find_contours
 
 from evanesce.measurement.reference.segment import Chain, segment
 from evanesce.report.html import Page, Picture, Section, Table, figure_png
+from evanesce.studies.voltage.analysis import CONVERGED_V, ONSET_V, RISE
 from evanesce.studies.voltage.curve import SOURCES
-from evanesce.studies.voltage.findings import CONVERGED_V, ONSET_V, RISE
 from evanesce.studies.voltage.study import VoltageStudy
 from evanesce.studies.voltage.unknowns import FLAT, SEEN, THRESHOLDS, UNKNOWNS
 

@@ -18,8 +18,7 @@ from evanesce.effects import Context, Stage, active_effects, apply_stage
 from evanesce.measurement.reference.segment import Chain
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
-from evanesce.studies.voltage.curve import Excess, Press, study_scene, voltage_curve
-from evanesce.studies.voltage.findings import (
+from evanesce.studies.voltage.analysis import (
     BestSetting,
     Claims,
     best_setting,
@@ -31,6 +30,7 @@ from evanesce.studies.voltage.findings import (
     up_to,
     where_it_holds,
 )
+from evanesce.studies.voltage.curve import Excess, Press, study_scene, voltage_curve
 from evanesce.studies.voltage.unknowns import (
     THRESHOLDS,
     UNKNOWNS,

@@ -1,14 +1,18 @@
-"""Tables, figures and verdict of the time study."""
+"""Findings of the time study: charts, tables and verdict."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.studies.registry import Chart, Findings, Listing, Panel, Series
+from evanesce.report.charts import Chart, Panel, Series
+from evanesce.report.html import Table
+from evanesce.rig import Scene
+from evanesce.studies.registry import Findings, Progress, Study
 from evanesce.studies.time.area import (
     BELIEVED_HZ,
     DROPPED,
@@ -23,6 +27,7 @@ from evanesce.studies.time.area import (
     reading_errors,
     stamped,
 )
+from evanesce.studies.time.study import compute
 
 Floats = NDArray[np.float64]
 
@@ -194,8 +199,8 @@ def _span(values: Sequence[float], form: str) -> str:
     return f"{min(values):{form}} to {max(values):{form}}"
 
 
-def _onset_table(slips: Sequence[Mapping[str, Any]]) -> Listing:
-    return Listing(
+def _onset_table(slips: Sequence[Mapping[str, Any]]) -> Table:
+    return Table(
         columns=(
             "speed [mm/s]",
             "camera",
@@ -219,8 +224,8 @@ def _onset_table(slips: Sequence[Mapping[str, Any]]) -> Listing:
     )  # fmt: skip
 
 
-def _read_table(read: Sequence[Mapping[str, Any]]) -> Listing:
-    return Listing(
+def _read_table(read: Sequence[Mapping[str, Any]]) -> Table:
+    return Table(
         columns=("camera", "error of the area at its stated time [mm²]", "RMS [mm²]", "growth as read over true [1]"),
         rows=[
             (r["camera"], _span(r["error_mm2"], "+.2f"), f"{r['rms_mm2']:.2f}", _span(r["growth"], ".3f")) for r in read
@@ -230,8 +235,8 @@ def _read_table(read: Sequence[Mapping[str, Any]]) -> Listing:
     )
 
 
-def _smear_table(smear: Mapping[str, Any], change: Floats) -> Listing:
-    return Listing(
+def _smear_table(smear: Mapping[str, Any], change: Floats) -> Table:
+    return Table(
         columns=("way during the exposure [mm]", *(f"area change at {t:g} [%]" for t in LEVELS)),
         rows=[
             (f"{way:g}", *(f"{c:+.2f}" for c in line))
@@ -241,8 +246,8 @@ def _smear_table(smear: Mapping[str, Any], change: Floats) -> Listing:
     )
 
 
-def _rows_table(skews: Sequence[Mapping[str, Any]]) -> Listing:
-    return Listing(
+def _rows_table(skews: Sequence[Mapping[str, Any]]) -> Table:
+    return Table(
         columns=("velocity right, down [mm/s]", "area change [%]", "1/(1 - v/v rows) - 1 [%]"),
         rows=[
             (
@@ -255,3 +260,11 @@ def _rows_table(skews: Sequence[Mapping[str, Any]]) -> Listing:
         caption="Readout of 22.75 ms from the first row to the last (IMX477, 2028 x 1520 mode). Across the rows the"
         " patch is sheared, which keeps its area.",
     )
+
+
+def run(scene: Scene, out: Path, progress: Progress, *, quick: bool = False, seed: int = 1) -> Findings:
+    """Compute the study; see :meth:`evanesce.studies.registry.Study.run`."""
+    return findings(*compute(scene, out, progress, quick=quick, seed=seed), seed)
+
+
+STUDY = Study("time", "Clock, exposure, rows and the onset of slip", 50, run)

@@ -22,7 +22,7 @@ MAX_SIDE_PX = 100_000
 
 @dataclass(frozen=True, kw_only=True)
 class Calibration:
-    """What a measurement needs to know of the camera.
+    """Calibration of a camera.
 
     Attributes
     ----------
@@ -59,6 +59,14 @@ class Calibration:
 def load_calibration(path: str | Path) -> Calibration:
     """Read a calibration that :func:`save_calibration` or ``evanesce calibrate --json`` wrote.
 
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    Calibration
+
     Raises
     ------
     InputError
@@ -80,6 +88,11 @@ def load_calibration(path: str | Path) -> Calibration:
 
 def save_calibration(path: str | Path, calibration: Calibration) -> None:
     """Write a calibration as JSON, whole or not at all.
+
+    Parameters
+    ----------
+    path : str or Path
+    calibration : Calibration
 
     Raises
     ------
@@ -103,7 +116,17 @@ def save_calibration(path: str | Path, calibration: Calibration) -> None:
 
 
 def as_plain(calibration: Calibration) -> dict[str, Any]:
-    """Return JSON-able data; the details stand beside the calibration's own keys, which win. NaN becomes null."""
+    """Return a calibration as JSON-able data.
+
+    Parameters
+    ----------
+    calibration : Calibration
+
+    Returns
+    -------
+    dict
+        The details beside the calibration's own keys, which win; NaN becomes None.
+    """
     return {
         **{str(key): _plain(value) for key, value in calibration.details.items()},
         "image_size": [int(n) for n in calibration.image_size],

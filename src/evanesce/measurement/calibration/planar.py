@@ -1,7 +1,7 @@
 """Planar rectification: a homography for each view, and the distortion that all views share.
 
-One flat board, or several that lie in parallel planes, cannot tell the focal length: any focal length f can be
-absorbed by the homographies. What they do tell is the distortion as a function of pixels from its centre. So f is
+One flat board, or several that lie in parallel planes, cannot determine the focal length: any focal length f can
+be absorbed by the homographies. They do determine the distortion as a function of pixels from its centre. So f is
 assumed, the coefficients are those that belong to it (k1/f^2 and k2/f^4 are what the picture holds), and the
 undistorted picture does not depend on the choice.
 """
@@ -67,7 +67,17 @@ class BoardFit:
 
 
 def apply_homography(homography: Array, points: Array) -> Array:
-    """Map points (n, 2)."""
+    """Map points by a homography.
+
+    Parameters
+    ----------
+    homography : ndarray (3, 3)
+    points : ndarray (n, 2)
+
+    Returns
+    -------
+    ndarray (n, 2)
+    """
     mapped = points @ homography[:, :2].T + homography[:, 2]
     return np.asarray(mapped[:, :2] / mapped[:, 2:])
 
@@ -75,7 +85,7 @@ def apply_homography(homography: Array, points: Array) -> Array:
 def fit_planar(
     views: Sequence[BoardView], image_size: tuple[int, int], focal_px: float, model: str = "radial2"
 ) -> BoardFit:
-    """Fit homographies, centre and coefficients of distortion by least squares on the corners' places in the picture.
+    """Fit homographies, centre and coefficients of distortion by least squares on the corners' image positions.
 
     Parameters
     ----------
@@ -86,6 +96,10 @@ def fit_planar(
         Assumed focal length [px].
     model : str
         A key of ``MODELS``.
+
+    Returns
+    -------
+    BoardFit
 
     Raises
     ------

@@ -34,7 +34,7 @@ class BoardView:
     name : str
         Of the picture.
     world : ndarray (n, 2)
-        Corner places on the board [mm].
+        Corner positions on the board [mm].
     image : ndarray (n, 2)
         The same corners in the picture, (x, y) [px]; integer coordinates are pixel centres.
     """

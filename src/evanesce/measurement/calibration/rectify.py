@@ -1,6 +1,6 @@
 """Undistort to the "valid" view: no undefined pixel, focal length kept, so nothing is rescaled.
 
-This is the author's step, MATLAB's ``undistortImage(I, params, "OutputView", "valid")``: the ideal image is cut to
+This is the thesis's step, MATLAB's ``undistortImage(I, params, "OutputView", "valid")``: the ideal image is cut to
 whole pixels at the innermost point of each of its four curved edges, the principal point moves with the cut, and the
 focal length stays [1]_. Two things are done otherwise. MATLAB traces the edges on a pixel mask; here they are carried
 through the inverse distortion, so a cut may differ by a pixel. And a pixel counts as defined if bilinear interpolation
@@ -161,7 +161,15 @@ def _valid_bounds(size: tuple[int, int], camera_matrix: Floats, distortion: Floa
 def rectification(calibration: Calibration) -> Rectification:
     """Return the map to the "valid" view of a calibration.
 
-    All coefficients of the calibration are used; the author's model has two radial ones, the others zero.
+    All coefficients of the calibration are used; the thesis's model has two radial ones, the others zero.
+
+    Parameters
+    ----------
+    calibration : Calibration
+
+    Returns
+    -------
+    Rectification
 
     Raises
     ------
@@ -204,6 +212,10 @@ def rectify(image: NDArray[np.uint8], rectified: Rectification) -> NDArray[np.ui
     image : ndarray of uint8, (rows, cols) or (rows, cols, 3)
         Distorted frame [DN].
     rectified : Rectification
+
+    Returns
+    -------
+    ndarray of uint8 (rows, cols) or (rows, cols, 3)
 
     Raises
     ------

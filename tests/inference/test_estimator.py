@@ -1,4 +1,4 @@
-"""The refined estimator against closed forms: ellipses of known area, blurred, unevenly lit, glowing, over the top."""
+"""The refined estimator against closed forms: ellipses of known area, blurred, unevenly lit, with scattering, saturated."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ def test_entered_and_spread_are_inverse():
     np.testing.assert_allclose(entered(there, scattering, 0.0), share, atol=0.02)
 
 
-def test_contact_is_parted_from_its_glow():
+def test_contact_is_separated_from_scattered_light():
     """Rationale: light by a kernel in real space; two ridges 20 px wide with a bright groove between."""
     length, albedo, cell = 0.4, 0.6, 1 / SCALE_PX_PER_MM
     ridges = ellipse(70.3, 10.6, (190.2, 140.4), 0.25) + ellipse(80.8, 11.3, (196.7, 170.9), 0.25)
@@ -168,7 +168,7 @@ def test_scattering_that_is_found_is_the_least_across_the_valley():
     assert left(found) < 0.2 * left(Scattering())
 
 
-def test_area_under_glow_and_over_the_top_says_what_it_cannot_see():
+def test_saturated_area_under_scattered_light_states_what_it_cannot_see():
     """What saturation hides is told, and its interval is wider and holds the truth."""
     share, scattering = ellipse(93.4, 81.7, (171.3, 158.8), 0.4), Scattering(6.2, 0.08)
     light = spread(share, scattering, BLUR_PX)
@@ -248,13 +248,13 @@ def test_width_of_an_edge_that_is_softer_on_one_side():
 
 
 def test_frames_whose_edge_saturation_hides_are_named():
-    """Two of four frames, one of them under glow; none, nothing to say."""
+    """Two of four frames, one of them under scattered light; none, no warning."""
     log = EdgeLog()
     for index, unseen in ((3, ""), (4, "top"), (5, "modelled"), (6, "")):
         log.add(index, unseen)
     (found,) = log.warnings(4)
     assert found.code == "saturated_edge"
-    assert "2 of 4 frame(s), first 4, in 1 of them under glow" in found.text
+    assert "2 of 4 frame(s), first 4, in 1 of them under scattered light" in found.text
     assert EdgeLog().warnings(4) == []
     blind = EdgeLog(blur_known=False)
     assert blind.warnings(4) == []

@@ -98,16 +98,16 @@ def test_command_learns_the_edge_of_a_contact_and_keeps_it_in_the_record(tmp_pat
     halfway = measured(teacher)["frames"][0]["area_mm2"]
     for over in (1.5, 4.0):
         frame = written("over.png", over, (497.3, 383.9))
-        taught, blind = measured(frame, "--teach", teacher), measured(frame)
-        assert taught["frames"][0]["area_mm2"] == pytest.approx(halfway, rel=0.005)
+        tuned, blind = measured(frame, "--teach", teacher), measured(frame)
+        assert tuned["frames"][0]["area_mm2"] == pytest.approx(halfway, rel=0.005)
         assert abs(blind["frames"][0]["area_mm2"] / halfway - 1) > 0.01
-        assert taught["settings"]["camera_blur"]["origin"] == "board"
-        learnt, board = (run["settings"]["camera_blur"]["edge"] for run in (taught, blind))
-        assert learnt != board
-        assert np.interp(0.0, learnt["positions_px"], learnt["light"]) == pytest.approx(0.5, abs=0.03)
+        assert tuned["settings"]["camera_blur"]["origin"] == "board"
+        fitted, board = (run["settings"]["camera_blur"]["edge"] for run in (tuned, blind))
+        assert fitted != board
+        assert np.interp(0.0, fitted["positions_px"], fitted["light"]) == pytest.approx(0.5, abs=0.03)
 
 
-def glowing_frame(path, over: float, middle: tuple[float, float]):
+def scattering_frame(path, over: float, middle: tuple[float, float]):
     """Write a frame of an ellipse in silicone that scatters, so many times over full scale; return the area."""
     y, x = np.mgrid[: 750 * 4, : 1000 * 4] / 4 - 0.375
     share = (((x - middle[0]) / 71.2) ** 2 + ((y - middle[1]) / 57.7) ** 2 < 1).astype(np.float32)
@@ -125,8 +125,8 @@ def test_command_fits_the_scattering_length_to_an_unsaturated_frame(tmp_path):
     length. Tuned on another press of the same finger the command is right to 1 %; otherwise it errs by over 5 %."""
     scene = load_scene("thesis", SMALL | {"camera.lens.distortion": {"k1": 0.0, "k2": 0.0}})
     save_calibration(tmp_path / "calibration.json", calibrated(scene, np.random.default_rng(2)))
-    true = glowing_frame(tmp_path / "over.png", 1.8, (497.3, 383.9))
-    glowing_frame(tmp_path / "teach.png", 0.6, (531.6, 350.2))
+    true = scattering_frame(tmp_path / "over.png", 1.8, (497.3, 383.9))
+    scattering_frame(tmp_path / "teach.png", 0.6, (531.6, 350.2))
 
     def measured(name: str, *more: str):
         target = tmp_path / "found.json"
@@ -138,16 +138,16 @@ def test_command_fits_the_scattering_length_to_an_unsaturated_frame(tmp_path):
         return done, json.loads(target.read_text()) if done.exit_code == 0 else {}
 
     _, blind = measured("over.png")
-    done, taught = measured("over.png", "--teach", str(tmp_path / "teach.png"))
+    done, tuned = measured("over.png", "--teach", str(tmp_path / "teach.png"))
     assert done.exit_code == 0, done.output
     assert blind["frames"][0]["area_mm2"] > 1.05 * true
-    assert taught["frames"][0]["area_mm2"] == pytest.approx(true, rel=0.01)
-    assert taught["settings"]["teach"].endswith("teach.png")
-    assert taught["settings"]["scattering"]["length_px"] > 5.0  # along a valley with its return, so no more is asked
+    assert tuned["frames"][0]["area_mm2"] == pytest.approx(true, rel=0.01)
+    assert tuned["settings"]["teach"].endswith("teach.png")
+    assert tuned["settings"]["scattering"]["length_px"] > 5.0  # along a valley with its return, so no more is asked
     assert blind["settings"]["teach"] is None
-    assert "blur_not_known" in [w["code"] for w in taught["warnings"]]
+    assert "blur_not_known" in [w["code"] for w in tuned["warnings"]]
     # the budget is in the file: its parts add in squares, and those of the conversion factor are some of them
-    budget = taught["budget"]
+    budget = tuned["budget"]
     parts = {row["name"]: row for row in budget["components"]}
     assert {"card print", "scale fit", "saturated edge", "subsurface scattering", "camera's blur"} <= set(parts)
     assert 0.01 * budget["together"]["area_percent"] * budget["area_mm2"] == pytest.approx(budget["standard_mm2"])
@@ -183,7 +183,7 @@ def test_bad_input_ends_with_2_and_names_its_key(arguments, part):
 
 
 @pytest.mark.system
-@pytest.mark.parametrize(("finger", "goal"), [("smooth", 0.5), ("smooth, glow", 1.0)])
+@pytest.mark.parametrize(("finger", "goal"), [("smooth", 0.5), ("smooth, scattering", 1.0)])
 def test_rendered_frames_are_read_blind(finger, goal):
     """One press on the small rig at 9 V, off the middle; the reference segmentation at 0.15 errs several times more."""
     scenes = [load_scene(name, SMALL) for name in ("thesis", "thesis_ridged")]
@@ -196,7 +196,7 @@ def test_rendered_frames_are_read_blind(finger, goal):
 
 @pytest.mark.slow
 def test_blind_error_of_both_estimators(tmp_path):
-    """The goal: under 0.5 % smooth, under 2 % ridged, at the frame's centre, where the author errs by 2 % and more."""
+    """The goal: under 0.5 % smooth, under 2 % ridged, at the frame's centre, where the reference errs by 2 % and more."""
     scenes = [load_scene(name, SMALL) for name in ("thesis", "thesis_ridged")]
     options = {"voltages": (8.0, 9.0), "forces": (3.0,), "fingers": ("smooth", "ridged")}
     found = estimator_study.run_study(*scenes, **options, keep=Ledger(tmp_path / "rows.jsonl", "a run").row)
@@ -224,7 +224,7 @@ def test_coverage_of_a_reduced_run(tmp_path):
 
 @pytest.mark.slow
 def test_pressure_of_a_rough_skin(tmp_path):
-    """The model turned round errs by a fraction of what the author's map does."""
+    """The inverted model errs by a fraction of what the thesis's map does."""
     scene = load_scene("thesis", SMALL)
     found = pressure_study.run_study(scene, slopes=(0.5,), forces=(2.0,), voltages=(9.0,))
     row = found.rows[0]

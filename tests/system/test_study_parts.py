@@ -23,11 +23,11 @@ def row(finger: str, place: str, voltage: float, refined: float, reference: floa
 def test_estimators_verdict_names_the_worst_frames_and_counts_kept_goals() -> None:
     rows = [
         row("smooth", "centre", 8.0, 0.3, 3.0), row("smooth", "centre", 12.0, -0.45, 8.0),
-        row("smooth", "corner", 8.0, 0.7, 4.0), row("ridged with glow", "corner", 9.0, -1.9, 141.0),
+        row("smooth", "corner", 8.0, 0.7, 4.0), row("ridged with scattering", "corner", 9.0, -1.9, 141.0),
     ]  # fmt: skip
     found = estimator_page.findings(EstimatorStudy(rows=rows, threshold=0.15, provenance={}))
-    assert "at most 1.90 % (ridged with glow, corner)" in found.verdict[0]
-    assert "up to 141 % (ridged with glow, corner)" in found.verdict[0]
+    assert "at most 1.90 % (ridged with scattering, corner)" in found.verdict[0]
+    assert "up to 141 % (ridged with scattering, corner)" in found.verdict[0]
     assert "2 of 3 classes" in found.verdict[1]
     assert len(found.tables[0].rows) == 3
     assert [panel.title for panel in found.charts[0].panels] == ["centre", "corner"]

@@ -26,14 +26,14 @@ def silent(what: str, done: int, total: int) -> None:
 
 
 def check_threshold(data: dict, *, best: float) -> None:
-    """Areas fall with the threshold; half-way the contact has its own area; glow adds area and never takes from it."""
+    """Areas fall with the threshold; half-way the contact has its own area; scattering adds area and never takes from it."""
     levels = np.array(data["thresholds"])
     frames = {(f["material"], f["finger"], f["force_N"]): f for f in data["frames"]}
     for (material, finger, force), frame in frames.items():
         ratio = np.array(frame["manual"]) / frame["true_area_mm2"]
         assert (np.diff(ratio) <= 1e-12).all()
-        if "glow" in finger:
-            clear = frames[material, finger.removesuffix(", glow and specks"), force]
+        if "scattering" in finger:
+            clear = frames[material, finger.removesuffix(", scattering and specks"), force]
             low = levels <= 0.3
             assert (np.array(frame["manual"])[low] > np.array(clear["manual"])[low]).all()
         else:
@@ -100,7 +100,7 @@ def test_every_part_at_full_size(tmp_path: Path) -> None:
     check_time(result["time"], load_scene("thesis").camera, late_ms=20.0, rows=2e-3)
     for row in result["estimator"]["rows"]:
         goal = 0.5 if row["finger"].startswith("smooth") else 2.0
-        if "glow" in row["finger"]:  # at 12 V nearly all of it is at full scale
+        if "scattering" in row["finger"]:  # at 12 V nearly all of it is at full scale
             goal = 6.0 if row["voltage_V"] > 11 else goal
         assert abs(row["refined_percent"]) < goal
         assert abs(row["reference_percent"]) > abs(row["refined_percent"])

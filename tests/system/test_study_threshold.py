@@ -85,7 +85,7 @@ def rows() -> dict:
     for finger in every_finger():
         for force in FORCES:
             truth = 7.0 + force
-            areas = [truth * (1.5 if finger.glowing else 1.1) - 2.0 * t for t in THRESHOLDS]
+            areas = [truth * (1.5 if finger.scattering else 1.1) - 2.0 * t for t in THRESHOLDS]
             rules = {n: {"threshold": 0.3, "area_mm2": truth * (1.0 + 0.01 * k)} for k, n in enumerate(RULES)}
             found[finger, force] = {
                 "true_area_mm2": truth, "manual": areas, "manual_whole_frame": [truth] * 4,
@@ -113,7 +113,7 @@ def test_ranking_is_by_root_mean_square_and_names_the_best_rule() -> None:
 
 def test_fingers_differ_in_what_they_say() -> None:
     scene = load_scene("thesis")
-    plain, full = (Finger("silskin_20", ridged=True, glowing=g).on(scene) for g in (False, True))
+    plain, full = (Finger("silskin_20", ridged=True, scattering=g).on(scene) for g in (False, True))
     assert plain.finger.material == full.finger.material == "silskin_20"
     assert plain.finger.ridges is not None
     assert not plain.effects

@@ -44,7 +44,7 @@ def overlay(view: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint
 def intensity_map(measured: Measured) -> NDArray[np.float64]:
     """Return the grey level 0 to 1 under the surviving dilated blobs, NaN elsewhere.
 
-    This is what the author calls pressure. It has no unit: no calibration from grey level to pressure exists.
+    The thesis calls this pressure. It has no unit: no calibration from grey level to pressure exists.
     """
     return np.where(measured.segmentation.dilated, grey(measured.view), np.nan)
 
@@ -90,7 +90,7 @@ def intensity_figure(measured: Measured, mm2_per_px: float) -> Figure:
 
 
 def histogram_figure(measured: Measured, threshold: float, blur: float) -> Figure:
-    """Return the histogram of blurred grey levels with the threshold, by which the author chose it."""
+    """Return the histogram of blurred grey levels with the threshold, by which the thesis chose it."""
     figure, axes = _axes(f"blurred grey levels, {_label(measured)}")
     levels = blurred_grey(measured.view, blur)
     axes.hist(levels.ravel(), bins=256, range=(0, 1), log=True, color="0.45")
@@ -104,7 +104,7 @@ def histogram_figure(measured: Measured, threshold: float, blur: float) -> Figur
 
 def area_figure(rows: Sequence[AreaRow]) -> Figure:
     """Return area against time, or against the frame's index where times are unknown."""
-    figure, axes = _axes("contact area by the thresholding chain", (7.0, 4.0))
+    figure, axes = _axes("contact area by the reference segmentation", (7.0, 4.0))
     timed = not any(math.isnan(row.time_s) for row in rows)
     x = [row.time_s if timed else row.index for row in rows]
     axes.plot(x, [row.area_mm2 for row in rows], "o-", markersize=3, linewidth=1)
@@ -154,7 +154,7 @@ class OverlayVideo:
     Parameters
     ----------
     path : Path
-        Ends in .mp4 (H.264, as any player takes it; for the eye, not for measuring again).
+        Ends in .mp4 (H.264, as any player takes it; not for measuring again).
     frame_rate : float
         [Hz].
     """

@@ -30,7 +30,7 @@ def run(scene: Scene, out: Path, progress: Progress, *, quick: bool = False, see
     check_studied(scene)
     count = QUICK_MEASUREMENTS if quick else MEASUREMENTS
     ledger = Ledger(out / "budget.jsonl", {"scene": scene.as_dict(), "seed": seed, "measurements": count})
-    fingers = [Finger(scene.finger.material, ridged, glowing=False).on(scene) for ridged in (False, True)]
+    fingers = [Finger(scene.finger.material, ridged, scattering=False).on(scene) for ridged in (False, True)]
 
     def tick(what: str, done: int, total: int) -> None:
         progress(f"budget: {what}", done, total)

@@ -1,5 +1,4 @@
-"""Whether stated intervals hold the truth: cards and corners drawn anew, one of a class's frames drawn, per finger and
-place.
+"""Coverage of the stated intervals: cards and corners drawn anew, one of a class's frames drawn, per finger and place.
 
 Each measurement draws one calibration (print, height and square of the cards, scatter of the corners) and one frame of
 each class. What a frame's boundary is does not depend on the calibration, so that it is found once per frame.
@@ -39,19 +38,19 @@ from evanesce.studies.estimator.study import PLACES, REFERENCE_V, Lit, fingers_o
 from evanesce.studies.ledger import Keep, not_kept
 
 FORCES = (0.8, 1.1, 1.7, 2.3, 3.6, 4.4)
-"""At 0.8 N a ridge is about to touch: the widest film of air [N]."""
+"""At 0.8 N a ridge is about to come into contact: the widest film of air [N]."""
 
 VOLTAGES = (8.4, 9.7)
 FINGERS = ("smooth", "ridged")
 BLOCK = 50
-"""Measurements that are put away together."""
+"""Measurements that are kept together."""
 
 Tick = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Shot:
-    """One frame, measured as far as that needs no calibration.
+    """What one frame gives without a calibration.
 
     Attributes
     ----------
@@ -66,7 +65,7 @@ class Shot:
     unseen : str
     scattering : Scattering
     blur_uncertainty_px : float
-        Of the refined estimator: what of the edge the frame does not show.
+        Of the refined estimator.
     """
 
     true_mm2: float
@@ -110,7 +109,7 @@ class ClassCoverage:
     contributions_percent : dict
         Median standard uncertainty of the refined area from each component [%].
     reference_contributions_percent : dict
-        The same of the author's area.
+        The same of the area by the reference segmentation.
     """
 
     finger: str
@@ -157,13 +156,13 @@ def shots_of(
     for k, press in enumerate(presses):
         for voltage in voltages:
             frame = press.frame(voltage, rng.integer_seed(seed, "frame", k))
-            author = measure_frame(frame, chain, calibration.mm2_per_px, view)
-            perimeter, away = reference_boundary(author, scene.camera.tone_curve)
+            reference = measure_frame(frame, chain, calibration.mm2_per_px, view)
+            perimeter, away = reference_boundary(reference, scene.camera.tone_curve)
             found = estimator.area(frame.data)
             shots.append(
                 Shot(
                     true_mm2=press.true_mm2, contours=found.contours, spread_mm=found.spread_mm,
-                    pixels=author.segmentation.pixels, perimeter_px=perimeter, away_px=away,
+                    pixels=reference.segmentation.pixels, perimeter_px=perimeter, away_px=away,
                     unseen=found.unseen, scattering=found.scattering, blur_uncertainty_px=found.blur_uncertainty_px,
                 )
             )  # fmt: skip
@@ -210,7 +209,7 @@ def run_study(
     tick : callable
         ``tick(what, done, total)``.
     keep : callable
-        Puts the frames of a class and each block of measurements away, so that an interrupted run goes on; see
+        Keeps the frames of a class and each block of measurements, so that an interrupted run goes on; see
         :data:`~evanesce.studies.ledger.Keep`.
     """
     perfect = calibrated(smooth, rng.generator(seed, "nominal"), CardErrors(corner_noise_px=0.0))
@@ -221,11 +220,11 @@ def run_study(
     for finger, place in keys:
         scene = placed(scenes[finger], PLACES[place])
 
-        def photographed(scene: Scene = scene) -> dict[str, Any]:
+        def exposed(scene: Scene = scene) -> dict[str, Any]:
             taken = shots_of(scene, nominal, forces, voltages, threshold, seed)
             return {"shots": [shot.as_dict() for shot in taken]}
 
-        kept = keep(f"frames: {finger}, {place}", photographed)["shots"]
+        kept = keep(f"frames: {finger}, {place}", exposed)["shots"]
         shots[finger, place] = [Shot.of(data) for data in kept]
         tick("frames", len(shots), len(keys))
     tallies: dict[tuple[str, str], list[Mapping[str, Any]]] = {key: [] for key in keys}
@@ -294,25 +293,25 @@ def _measure(
     parts = reference_components(
         side, square_px=calibration.square_side_mm / side, spread=spread, threshold_mm=shot.away_px * side
     )
-    author = propagate(reading, [*card_components(), nearness, *parts], draws)
+    reference = propagate(reading, [*card_components(), nearness, *parts], draws)
     true = shot.true_mm2
-    intervals = (refined.interval_mm2, refined.linear_mm2, author.interval_mm2)
+    intervals = (refined.interval_mm2, refined.linear_mm2, reference.interval_mm2)
     return {
         "covered": [bool(low < true < high) for low, high in intervals],
-        "widths": [50 * (u.interval_mm2[1] - u.interval_mm2[0]) / true for u in (refined, author)],
+        "widths": [50 * (u.interval_mm2[1] - u.interval_mm2[0]) / true for u in (refined, reference)],
         "errors": [100 * (found.area_mm2 / true - 1), 100 * (area / true - 1)],
         "parts": {name: 100 * u / true for name, u in refined.contributions_mm2.items()},
-        "reference_parts": {name: 100 * u / true for name, u in author.contributions_mm2.items()},
+        "reference_parts": {name: 100 * u / true for name, u in reference.contributions_mm2.items()},
     }
 
 
 def _summed(key: tuple[str, str], tally: Sequence[Mapping[str, Any]], frames: int) -> ClassCoverage:
-    refined, linear, author = np.mean([m["covered"] for m in tally], axis=0)
+    refined, linear, reference = np.mean([m["covered"] for m in tally], axis=0)
     widths = np.median([m["widths"] for m in tally], axis=0)
     errors = np.mean([m["errors"] for m in tally], axis=0)
     return ClassCoverage(
         finger=key[0], place=key[1], measurements=len(tally), frames=frames,
-        refined_covered=float(refined), refined_linear_covered=float(linear), reference_covered=float(author),
+        refined_covered=float(refined), refined_linear_covered=float(linear), reference_covered=float(reference),
         refined_half_width_percent=float(widths[0]), reference_half_width_percent=float(widths[1]),
         refined_bias_percent=float(errors[0]), reference_bias_percent=float(errors[1]),
         contributions_percent=_medians([m["parts"] for m in tally]),

@@ -25,7 +25,7 @@ GOALS = {"smooth": 0.5, "ridged": 2.0}
 def run(scene: Scene, out: Path, progress: Progress, *, quick: bool = False, seed: int = 1) -> Findings:
     """Compute the study; see :meth:`evanesce.studies.registry.Study.run`."""
     check_studied(scene)
-    fingers = [Finger(scene.finger.material, ridged, glowing=False).on(scene) for ridged in (False, True)]
+    fingers = [Finger(scene.finger.material, ridged, scattering=False).on(scene) for ridged in (False, True)]
     ledger = Ledger(out / "estimator.jsonl", {"scene": scene.as_dict(), "seed": seed, "quick": quick})
     found = run_study(
         *fingers, voltages=QUICK_VOLTAGES if quick else VOLTAGES, forces=FORCES[:1] if quick else FORCES, seed=seed,

@@ -1,4 +1,4 @@
-"""Refined estimator and reference segmentation on the same frames: fingers, places in the view, LED voltages."""
+"""Refined estimator and reference segmentation on the same frames: fingers, positions, LED voltages."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ VOLTAGES = (8.0, 8.5, 9.0, 10.0, 11.0, 12.0)
 FORCES = (1.0, 3.0)
 PLACES = {"centre": (0.37, -0.21), "corner": (11.3, 7.9)}
 REFERENCE_V = 9.0
-"""Voltage of the one press from which the estimator learns how far light walks; it does not saturate."""
+"""Voltage of the one press to which the estimator's scattering length is fitted; it does not saturate."""
 
-GLOW_MM = 0.5
+SCATTERING_LENGTH_MM = 0.5
 STIFF_MPA = 4.0
 """Reduced modulus at which grooves stay open under the study's forces."""
 
@@ -73,19 +73,21 @@ class Row:
 
 
 def fingers_of(smooth: Scene, ridged: Scene) -> dict[str, Scene]:
-    """Return the fingers of the study by name: plain, with open grooves, and with silicone that glows."""
+    """Return the fingers of the study by name: plain, with open grooves, and with subsurface scattering."""
     stiff = ridged.model_copy(update={"contact": ridged.contact.model_copy(update={"reduced_modulus_MPa": STIFF_MPA})})
 
-    def glowing(scene: Scene) -> Scene:
-        return scene.model_copy(update={"finger": scene.finger.model_copy(update={"scattering_length_mm": GLOW_MM})})
+    def scattering(scene: Scene) -> Scene:
+        return scene.model_copy(
+            update={"finger": scene.finger.model_copy(update={"scattering_length_mm": SCATTERING_LENGTH_MM})}
+        )
 
     return {
         "smooth": smooth,
         "ridged": ridged,
         "ridged, open grooves": stiff,
-        "smooth, glow": glowing(smooth),
-        "ridged, glow": glowing(ridged),
-        "ridged, open grooves, glow": glowing(stiff),
+        "smooth, scattering": scattering(smooth),
+        "ridged, scattering": scattering(ridged),
+        "ridged, open grooves, scattering": scattering(stiff),
     }
 
 
@@ -112,7 +114,7 @@ class Lit:
 
     @classmethod
     def of(cls, scene: Scene, force: float, seed: int) -> Lit:
-        """Press and render by fast transport."""
+        """Solve the contact and render it by the fast renderer."""
         rig, state = solve_contact(scene, force, seed=seed)
         assert state is not None  # a force was given
         image = form_image(render_fast(rig, state), rig.camera, rig.plate)
@@ -133,13 +135,14 @@ def rows_of(
     *, threshold: float, seed: int,
 ) -> Iterator[Row]:  # fmt: skip
     """Yield the rows of one finger at one place; the estimator sees frames and calibration only."""
+    stream = name.replace("scattering", "glow")  # the random stream's label: frames of a seed stay the same
     chain, view = Chain(threshold=threshold), rectification(calibration)
     presses = {force: Lit.of(scene, force, seed) for force in forces}
     first = presses[forces[0]]
     estimator = Estimator.of(calibration).tuned_on(first.frame(REFERENCE_V, rng.integer_seed(seed, "teach")).data)
     for force, press in presses.items():
         for voltage in voltages:
-            frame = press.frame(voltage, rng.integer_seed(seed, name, place, f"{force:g}"))
+            frame = press.frame(voltage, rng.integer_seed(seed, stream, place, f"{force:g}"))
             yield _row(name, place, force, voltage, press.true_mm2, frame, (estimator, chain, view, calibration))
 
 
@@ -150,9 +153,9 @@ def _row(
     estimator, chain, view, calibration = tools
     found = estimator.area(frame.data)
     assert calibration.mm2_per_px is not None
-    author = measure_frame(frame, chain, calibration.mm2_per_px, view).estimate.area
+    reference = measure_frame(frame, chain, calibration.mm2_per_px, view).estimate.area
     return Row(
-        finger=name, place=place, force_N=force, voltage_V=voltage, true_mm2=true_mm2, reference_mm2=author,
+        finger=name, place=place, force_N=force, voltage_V=voltage, true_mm2=true_mm2, reference_mm2=reference,
         refined_mm2=found.area_mm2, saturated_share=found.saturated_pixels / max(1, int(found.mask.sum())),
     )  # fmt: skip
 
@@ -187,7 +190,7 @@ class EstimatorStudy:
         for finger, place in dict.fromkeys((r.finger, r.place) for r in self.rows):
             own = [r for r in self.rows if (r.finger, r.place) == (finger, place)]
             refined = np.array([r.refined_percent for r in own])
-            author = np.array([r.reference_percent for r in own])
+            reference = np.array([r.reference_percent for r in own])
             found.append(
                 {
                     "finger": finger,
@@ -195,8 +198,8 @@ class EstimatorStudy:
                     "frames": len(own),
                     "refined_rms_percent": float(np.sqrt((refined**2).mean())),
                     "refined_worst_percent": float(refined[np.abs(refined).argmax()]),
-                    "reference_rms_percent": float(np.sqrt((author**2).mean())),
-                    "reference_worst_percent": float(author[np.abs(author).argmax()]),
+                    "reference_rms_percent": float(np.sqrt((reference**2).mean())),
+                    "reference_worst_percent": float(reference[np.abs(reference).argmax()]),
                 }
             )
         return found

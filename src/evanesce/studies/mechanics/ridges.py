@@ -1,7 +1,7 @@
 """What ridges do to a smooth contact that finite elements have solved: each furrow closed by a half-space.
 
 The smooth macroscopic contact stands (:func:`evanesce.contact.halfspace.resolved.pressed_profile`); the ridges lie on
-it and feel a half-space of the silicone's small-strain modulus. Pitch, place and direction of the ridges are not
+it and feel a half-space of the silicone's small-strain modulus. Pitch, position and direction of the ridges are not
 published: every ratio is a list over what they may be.
 """
 

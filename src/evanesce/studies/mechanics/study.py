@@ -1,7 +1,7 @@
-"""What follows for contact area and sliding from the thesis's inputs alone, with intervals; nothing is fitted.
+"""Predict contact area and sliding from the thesis's inputs alone, with intervals; nothing is fitted.
 
 Inputs: the shapes, Mooney-Rivlin coefficients (table 6), moulded ridges (table 4), coefficients of friction (chapter
-6). Not published, and therefore spanned: the bone (none, or rigid with half the shaft's radius), the pitch, place and
+6). Not published, and therefore varied: the bone (none, or rigid with half the shaft's radius), pitch, position and
 direction of the ridges, whether a tip of 10 mm radius has a shaft of 15 or of 20 mm. The finite elements' own error
 comes from second meshes and is added to both ends. A value without further word is that of the solid finger.
 """
@@ -150,15 +150,15 @@ def ridged_press() -> Prediction:
 
 
 def overshoot(found: LibrarySlide) -> float:
-    """Return the largest departure of the normal force from that of the press, with its sign, over its amount there."""
+    """Return the largest deviation of the normal force from that of the press, with its sign, over its amount there."""
     change = found.scalars["normal_force"] / found.scalars["normal_force"][0] - 1.0
     return float(change[np.argmax(np.abs(change))])
 
 
 def normal_force_overshoot(friction: float) -> Prediction:
-    """Return the departure of the normal force while Silskin 0 % slides at the depth that 1 N pressed."""
+    """Return the deviation of the normal force while Silskin 0 % slides at the depth that 1 N pressed."""
     found = {bone: solved_slide(SlideCase(friction, bone, "depth")) for bone in BONES}
-    # what the mesh does at 0.67 is taken to scale with the departure itself
+    # what the mesh does at 0.67 is taken to scale with the deviation itself
     at_067 = {check: [overshoot(solved_slide(SlideCase(0.67, bone, "depth", check))) for bone in BONES]
               for check in (False, True)}  # fmt: skip
     relative = [abs(other / usual - 1.0) for usual, other in zip(at_067[False], at_067[True], strict=True)]
@@ -168,7 +168,7 @@ def normal_force_overshoot(friction: float) -> Prediction:
     basis = (
         f"Silskin 0 %, pressed to 1 N, depth then held, mu {friction:g}, slid by {ways['none']:.1f} mm"
         f" ({ways['half']:.1f} with the bone; below 10 mm the run met its material or step limit before gross slip):"
-        " largest departure of the normal force, signed, over 1 N; negative is a drop. Value: no bone. Interval: no"
+        " largest deviation of the normal force, signed, over 1 N; negative is a drop. Value: no bone. Interval: no"
         " bone to a rigid one of half the radius, each with its mesh error (mu 0.67: 0.8 against 0.6 mm)."
         " A bone turns the drop into an overshoot."
     )

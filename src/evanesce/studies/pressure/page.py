@@ -32,7 +32,7 @@ LOST = 0.5
 def run(scene: Scene, out: Path, progress: Progress, *, quick: bool = False, seed: int = 1) -> Findings:
     """Compute the study; see :meth:`evanesce.studies.registry.Study.run`."""
     check_studied(scene)
-    smooth = Finger(scene.finger.material, ridged=False, glowing=False).on(scene)
+    smooth = Finger(scene.finger.material, ridged=False, scattering=False).on(scene)
     ledger = Ledger(out / "pressure.jsonl", {"scene": scene.as_dict(), "seed": seed, "quick": quick, "maps": KEPT})
     paths = {name: out / f"pressure-{name}.npy" for name in ("clear", "lost")}
     if not len(ledger):  # the pictures belong to the rows
@@ -162,9 +162,8 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> Table:
             )
             for r in rows
         ],
-        caption="Errors over the true contact's pixels, in per cent of the true peak; halo: force that a map puts where"
-        " nothing touches. What counts as background, whose median light is taken off, and the area of each pixel are"
-        " the true ones: neither map has to find them.",
+        caption="Errors over the true contact's pixels, in per cent of the true peak; halo: force that a map puts"
+        " outside the contact. Background, whose median light is subtracted, and the area of each pixel are the true ones.",
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Pressure from grey levels, by the roughness model turned round and by the author's map, against the true pressure."""
+"""Pressure from grey levels, by the inverted roughness model and by the thesis's map, against the true pressure."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Row:
     saturated_share : float
         Of the contact.
     halo_percent, reference_halo_percent : float
-        Force that a map puts where nothing touches [% of the force].
+        Force that a map puts outside the contact [% of the force].
     factor : float
         See :class:`~evanesce.measurement.pressure.PressureMap`.
     """
@@ -74,7 +74,7 @@ class PressureStudy:
     ----------
     rows : list of Row
     maps : dict of ndarray
-        ``true``, ``model`` and ``author`` pressure [MPa] of the first frame that does not saturate, and ``full``, 1
+        ``true``, ``model`` and ``reference`` pressure [MPa] of the first frame that does not saturate, and ``full``, 1
         where a pixel is at full scale.
     provenance : dict
     """
@@ -89,7 +89,7 @@ class PressureStudy:
 
 
 def roughness_curve(modulus: float, slope: float, peak_MPa: float) -> PressureCurve:
-    """Return light against pressure of a rough skin: the share that touches, after Persson.
+    """Return light against pressure of a rough skin: the share in real contact, after Persson.
 
     Parameters
     ----------
@@ -135,9 +135,9 @@ def run_study(
     tick : callable
         ``tick(done, total)``.
     keep : callable
-        Puts the rows of a press away, so that an interrupted run goes on; see :data:`~evanesce.studies.ledger.Keep`.
+        Keeps the rows of a press, so that an interrupted run goes on; see :data:`~evanesce.studies.ledger.Keep`.
     show : callable
-        ``show(maps, row)`` gets every frame's maps, before the rows of its press are put away.
+        ``show(maps, row)`` gets every frame's maps, before the rows of its press are kept.
     """
     rows: list[Row] = []
     maps: dict[str, Floats] = {}
@@ -186,7 +186,7 @@ def _compare(
     true, inside, area = truth.pressure[box].astype(float), truth.mask[box] > 0.5, truth.pixel_area[box]
     light, full = Radiometry(tone_table(tone)).light(image[box])
     found = pressure_map(light - float(np.median(light[truth.mask[box] == 0])), full, area, force, curve)
-    theirs = reference_map(image[box] / 255.0, segment(image, Chain(threshold=threshold)).dilated[box], area, force)
+    thesis = reference_map(image[box] / 255.0, segment(image, Chain(threshold=threshold)).dilated[box], area, force)
     peak = float(true.max())
 
     def scores(pressure: Floats) -> tuple[float, float | None, float]:
@@ -196,11 +196,11 @@ def _compare(
         alike = None if flat else float(np.corrcoef(pressure[inside], true[inside])[0, 1])
         return 100 * float(np.sqrt((error**2).mean())) / peak, alike, 100 * halo
 
-    ours, other = scores(found.pressure), scores(theirs)
+    ours, other = scores(found.pressure), scores(thesis)
     row = Row(
         rms_slope=slope, force_N=force, voltage_V=voltage, peak_MPa=peak, rms_percent=ours[0],
         reference_rms_percent=other[0], correlation=ours[1], reference_correlation=other[1],
         saturated_share=float((full & inside).sum() / inside.sum()), halo_percent=ours[2],
         reference_halo_percent=other[2], factor=found.factor,
     )  # fmt: skip
-    return row, {"true": true, "model": found.pressure, "reference": theirs, "full": (full & inside).astype(float)}
+    return row, {"true": true, "model": found.pressure, "reference": thesis, "full": (full & inside).astype(float)}

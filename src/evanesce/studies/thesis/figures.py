@@ -1,4 +1,4 @@
-"""Figures of the thesis beside what its own inputs give: areas, depths, friction, voltages; and its words."""
+"""Figures and observations of the thesis beside what its own inputs give: areas, depths, friction, voltages."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ POSSIBLE = ("measured", "Hertz, ", "finite")
 
 @dataclass(frozen=True, kw_only=True)
 class Reproduced:
-    """A figure of the thesis beside ours.
+    """A figure of the thesis beside the one computed from its inputs.
 
     Attributes
     ----------
@@ -112,7 +112,7 @@ def area_figures() -> Iterator[Reproduced]:
     """Yield area against force and the factors between laws and waveguide."""
     measured, laws = material("silskin_20").measured_area, area_laws("silskin_20")
     assert measured is not None  # in the tables
-    reason = "the finite elements know no adhesion and no creep; the waveguide's patch may hold glow beside the contact"
+    reason = "no adhesion and no creep in the finite elements; the waveguide's patch may hold scattered light beside it"
     for force in FORCES:
         yield spanning("area against force, Silskin 20 %", f"area at {force:g} N", "mm²", float(measured.area(force)),
                        fe_interval("silskin_20", force, "area"), reason)  # fmt: skip
@@ -173,12 +173,12 @@ def voltage_figures(volts: Mapping[str, Any]) -> Iterator[Reproduced]:
     settled = [entry["converged_V"] for entry in some]
     yield spanning("estimated area against voltage", "converged from", "V", 9.0,
                    [*settled, min(settled) - step, max(settled) + step],
-                   "at a fixed exposure glow goes on growing; a camera that sets its own exposure would settle"
+                   "at a fixed exposure scattered light grows with voltage; with exposure control it would settle"
                    " (docs/voltage.md)")  # fmt: skip
 
 
 def observations(curves: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str, str]]:
-    """Return what the thesis says in words, what follows here, and a verdict.
+    """Return the thesis's observations in words, what follows from its inputs, and a verdict.
 
     Parameters
     ----------

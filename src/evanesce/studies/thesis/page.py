@@ -34,12 +34,12 @@ def findings(found: ThesisStudy) -> Findings:
     far = Counter(entry.figure for entry in entries if not entry.agrees)
     verdict = [
         f"{agreed} of the thesis's figures that were simulated lie in the interval that its own inputs leave; of those"
-        f" that only set the thesis's own laws beside each other, without simulation, {published}. Intervals are no"
+        f" that only compare the thesis's own laws, without simulation, {published}. Intervals are no"
         " 95 % intervals: they are the hull of what the thesis leaves open, bone or none above all, and many are wide.",
         f"Outside lie: {'; '.join(f'{figure} ({count})' for figure, count in far.items())}. Reasons are in the tables."
         if far
         else "None lies outside.",
-        _glow_sentence(seen),
+        _scattering_sentence(seen),
         "Textured against smooth, short against long, the larger tip and the bone are predictions: the thesis's own"
         " figures of them were not used and are not known here.",
     ]
@@ -50,7 +50,7 @@ def findings(found: ThesisStudy) -> Findings:
         Table(
             columns=("the thesis says", "here", "verdict"),
             rows=observations(slide_curves()),
-            caption="What the thesis says in words.",
+            caption="Observations that the thesis states in words.",
         )
     )
     tables += [_law_table(name) for name in ("silskin_0", "silskin_20")]
@@ -69,19 +69,20 @@ def findings(found: ThesisStudy) -> Findings:
     )
 
 
-def _glow_sentence(seen: Sequence[Mapping[str, Any]]) -> str:
+def _scattering_sentence(seen: Sequence[Mapping[str, Any]]) -> str:
     law = material("silskin_20").measured_area
     assert law is not None  # in the tables
     some = [row for row in seen if row["material"] == "silskin_20"]
-    told = "; ".join(
-        f"{r['force_N']:g} N: true {r['true_area_mm2']:.0f}, reported {r['glowing_mm2']:.0f}, thesis"
+    areas = "; ".join(
+        f"{r['force_N']:g} N: true {r['true_area_mm2']:.0f}, reported {r['scattering_mm2']:.0f}, thesis"
         f" {float(law.area(r['force_N'])):.0f}"
         for r in some
     )
     return (
-        "With the assumed glow the rig's chain at a threshold of 0.15 reports areas of the size of the thesis's from a"
-        f" finite-element contact that is much smaller (Silskin 20 %, mm²: {told}): glow is a candidate for the factor"
-        " of 1.8, beside adhesion."
+        "With the assumed subsurface scattering the reference segmentation at a threshold of 0.15 reports areas of the"
+        " size of the thesis's from a"
+        f" finite-element contact that is much smaller (Silskin 20 %, mm²: {areas}): scattering is a candidate for the"
+        " factor of 1.8, beside adhesion."
     )
 
 
@@ -132,7 +133,7 @@ def _seen_table(seen: Sequence[Mapping[str, Any]]) -> Table:
             "force [N]",
             "true area [mm²]",
             "reported, clear [mm²]",
-            "reported, glow and specks [mm²]",
+            "reported, scattering and specks [mm²]",
         ),
         rows=[
             (
@@ -140,7 +141,7 @@ def _seen_table(seen: Sequence[Mapping[str, Any]]) -> Table:
                 f"{r['force_N']:g}",
                 f"{r['true_area_mm2']:.2f}",
                 f"{r['clear_mm2']:.2f}",
-                f"{r['glowing_mm2']:.2f}",
+                f"{r['scattering_mm2']:.2f}",
             )
             for r in seen
         ],
@@ -164,13 +165,16 @@ def _area_chart(seen: Sequence[Mapping[str, Any]]) -> Chart:
             Series(label="finite elements, no bone to bone", x=FORCES, y=fe[0].tolist(),
                    low=np.minimum(*fe).tolist(), high=np.maximum(*fe).tolist())
         )  # fmt: skip
-        for key, label in (("clear_mm2", "reported by the rig, clear"), ("glowing_mm2", "reported, glow and specks")):
+        for key, label in (
+            ("clear_mm2", "reported by the rig, clear"),
+            ("scattering_mm2", "reported, scattering and specks"),
+        ):
             series.append(Series(label=label, x=[r["force_N"] for r in some], y=[r[key] for r in some], points=True))
         panels.append(Panel(title=title, x_label="normal force [N]", y_label="contact area [mm²]", series=series))
     return Chart(
         panels=panels,
         caption="Finite elements, bone or none, fall short of the waveguide's areas of Silskin 20 %; what the simulated"
-        " rig reports of their smaller contact comes near those areas up to 3 N once glow is assumed.",
+        " rig reports of their smaller contact comes near those areas up to 3 N once scattering is assumed.",
     )
 
 
@@ -200,7 +204,7 @@ def _depth_and_voltage(volts: Mapping[str, Any]) -> Chart:
                   y_label="estimated over true area [1]", series=shown),
         ],
         caption="The published material sinks deeper than the published modulus says unless a bone stiffens it (bands:"
-        " no bone to bone), and with assumed glow the estimated area goes on growing with voltage instead of settling.",
+        " no bone to bone), and with assumed scattering the estimated area grows with voltage instead of settling.",
     )  # fmt: skip
 
 

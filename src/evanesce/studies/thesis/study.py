@@ -1,7 +1,7 @@
-"""The thesis's own experiments in simulation: predictions stated first, then a table per figure.
+"""The thesis's own experiments in simulation: predictions, then a table per figure.
 
 Nothing is fitted. Inputs are the thesis's shapes, materials, coefficients and programmes; what it does not state (the
-bone, first of all) is spanned and makes the interval. An entry that disagrees names its reason.
+bone, first of all) is varied over its range, which makes the interval. An entry that disagrees names its reason.
 """
 
 from __future__ import annotations
@@ -111,23 +111,25 @@ def _flat(found: Mapping[str, Any]) -> Iterator[tuple[str, Prediction]]:
 def _seen(
     scene: Scene, view: PerfectView, forces: Sequence[float], seed: int, ledger: Ledger
 ) -> Iterator[dict[str, Any]]:
-    """Yield what the rig reports of finite-element contacts, clear and with glow and specks [mm^2]."""
+    """Yield what the rig reports of finite-element contacts, clear and with scattering and specks [mm^2]."""
     law = {"contact": load_scene("thesis_slide").contact}
     for name in ("silskin_0", "silskin_20"):
-        fingers = [Finger(name, ridged=False, glowing=glowing) for glowing in (False, True)]
+        fingers = [Finger(name, ridged=False, scattering=scattering) for scattering in (False, True)]
         cameras: dict[bool, FastCamera] = {}
 
         def reported(force: float, fingers: Sequence[Finger] = fingers, cameras: Any = cameras) -> dict[str, Any]:
             row: dict[str, Any] = {}
             for finger in fingers:
-                if finger.glowing not in cameras:
-                    cameras[finger.glowing] = FastCamera(finger.on(scene.model_copy(update=law)))
-                camera = cameras[finger.glowing]
+                if finger.scattering not in cameras:
+                    cameras[finger.scattering] = FastCamera(finger.on(scene.model_copy(update=law)))
+                camera = cameras[finger.scattering]
                 _, state = solve_contact(camera.scene, force, seed=seed)
                 assert state is not None  # a force was given
                 image = view.straight(camera.press(force, seed=seed).data)
                 row["true_area_mm2"] = state.nominal_contact_area
-                row["glowing_mm2" if finger.glowing else "clear_mm2"] = segment(image, CHAIN).pixels * view.mm2_per_px
+                row["scattering_mm2" if finger.scattering else "clear_mm2"] = (
+                    segment(image, CHAIN).pixels * view.mm2_per_px
+                )
             return row
 
         for force in forces:
@@ -137,7 +139,7 @@ def _seen(
 
 def _voltage(scene: Scene, seed: int) -> dict[str, Any]:
     """Return the area that the ridged finger shows at each voltage [mm^2], and the voltages that the thesis names."""
-    ridged = study_scene(Finger("silskin_0", ridged=True, glowing=False).on(scene))[0]
+    ridged = study_scene(Finger("silskin_0", ridged=True, scattering=False).on(scene))[0]
     found: dict[str, Any] = {"voltage_V": VOLTAGES}
     for force in (1.0, 5.0):
         press = Press.of(ridged, force, seed=seed)

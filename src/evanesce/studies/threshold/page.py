@@ -30,18 +30,28 @@ from evanesce.studies.threshold.study import (
 
 
 def findings(rows: Mapping[tuple[Finger, float], Mapping[str, Any]], card: Mapping[str, Any]) -> Findings:
-    """Return tables, charts and verdict from the rows of all frames and of the card."""
+    """Return tables, charts and verdict.
+
+    Parameters
+    ----------
+    rows, card : mapping
+        Of :func:`evanesce.studies.threshold.study.compute`.
+
+    Returns
+    -------
+    Findings
+    """
     table = ranked(errors_by_setting(rows))
-    clear = ranked(errors_by_setting({k: r for k, r in rows.items() if not k[0].glowing}))
+    clear = ranked(errors_by_setting({k: r for k, r in rows.items() if not k[0].scattering}))
     rules = [entry for entry in table if "," in entry[0]]
     best, second = rules[0], next(r for r in rules[1:] if r[0].split(",")[0] != rules[0][0].split(",")[0])
     fixed = next(entry for entry in table if "," not in entry[0])
     clear_rule = next(entry for entry in clear if "," in entry[0])
     verdict = [
-        f"Of scikit-image's rules {best[0]} errs least over all fingers (RMS {_percent(best[2])}), ahead of {second[0]}"
-        f" ({_percent(second[2])}); the best fixed level, {fixed[0]}, has {_percent(fixed[2])}, but was chosen by"
-        f" these frames' own truth.",
-        f"Without glow and specks the best rule is {clear_rule[0]} (RMS {_percent(clear_rule[2])}, worst"
+        f"Of scikit-image's rules {best[0]} has the smallest error over all fingers (RMS {_percent(best[2])}), ahead of"
+        f" {second[0]} ({_percent(second[2])}); the best fixed level, {fixed[0]}, has {_percent(fixed[2])}, but was"
+        " chosen with these frames' own truth.",
+        f"Without scattering and specks the best rule is {clear_rule[0]} (RMS {_percent(clear_rule[2])}, worst"
         f" {_percent(clear_rule[3])}).",
         _card_sentence(card),
     ]
@@ -83,7 +93,7 @@ def _card_sentence(card: Mapping[str, Any]) -> str:
 
 def _threshold_chart(rows: Mapping[tuple[Finger, float], Mapping[str, Any]]) -> Chart:
     panels = []
-    for glowing in (False, True):
+    for scattering in (False, True):
         series = [
             Series(
                 label=f"{f.material.replace('silskin_', 'Silskin ')} %, {'ridged' if f.ridged else 'smooth'}, {n:g} N",
@@ -92,9 +102,9 @@ def _threshold_chart(rows: Mapping[tuple[Finger, float], Mapping[str, Any]]) -> 
                 group=f"{f.material} {f.ridged}",
             )
             for (f, n), row in rows.items()
-            if f.glowing == glowing and n in (0.5, 5.0)
+            if f.scattering == scattering and n in (0.5, 5.0)
         ]
-        title = "with glow and specks (assumed)" if glowing else "clear silicone, clean glass"
+        title = "with scattering and specks (assumed)" if scattering else "clear silicone, clean glass"
         panels.append(
             Panel(
                 title=title,
@@ -107,14 +117,14 @@ def _threshold_chart(rows: Mapping[tuple[Finger, float], Mapping[str, Any]]) -> 
     return Chart(
         panels=panels,
         caption="Where a curve is flat the threshold hardly matters; where it falls the light of the contact ends. With"
-        " light that wanders in the silicone there is no flat part.",
+        " subsurface scattering there is no flat part.",
     )
 
 
 def _settings_chart(rows: Mapping[tuple[Finger, float], Mapping[str, Any]]) -> Chart:
     panels = []
     for what, settings, label in (
-        ("blob", BLOBS, "least size of a dilated blob [px]"),
+        ("blob", BLOBS, "minimum size of a dilated blob [px]"),
         ("blur", BLURS, "standard deviation of the blur [px]"),
     ):
         series = []
@@ -191,7 +201,7 @@ def _rule_table(rows: Mapping[tuple[Finger, float], Mapping[str, Any]]) -> Table
 
 
 def _crop_table(rows: Mapping[tuple[Finger, float], Mapping[str, Any]]) -> Table:
-    """Return the effect of the crop at the thesis's levels, which no rule sets."""
+    """Return the effect of the crop at the thesis's fixed levels."""
     lines = []
     for name in sorted({f.name for f, _ in rows}):
         some = [r for (f, _), r in rows.items() if f.name == name]
@@ -206,8 +216,8 @@ def _crop_table(rows: Mapping[tuple[Finger, float], Mapping[str, Any]]) -> Table
         columns=("finger", *(f"whole frame less crop, at {t:g} [% of the true area]" for t in THESIS_THRESHOLDS)),
         rows=lines,
         caption="Effect of the crop at fixed levels: the whole frame's area less that of a window around the finger,"
-        f" {2 * WINDOW_MM:g} mm a side; extremes over materials and forces. The rest is specks and glow"
-        " beyond the window.",
+        f" {2 * WINDOW_MM:g} mm a side; extremes over materials and forces. The rest is specks and scattered"
+        " light beyond the window.",
     )
 
 
@@ -216,7 +226,7 @@ def _ranking(
 ) -> Table:
     other = {entry[0]: entry for entry in clear}
     return Table(
-        columns=("setting", "median |error| [%]", "RMS [%]", "worst [%]", "RMS without glow [%]", "worst [%]"),
+        columns=("setting", "median |error| [%]", "RMS [%]", "worst [%]", "RMS without scattering [%]", "worst [%]"),
         rows=[
             (name, *(f"{100 * v:.1f}" for v in (median, rms, worst, other[name][2], other[name][3])))
             for name, median, rms, worst in table

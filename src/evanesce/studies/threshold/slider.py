@@ -24,9 +24,9 @@ from evanesce.studies.scenes import Finger
 HALF_MM = 6.5
 CURVE = tuple(round(0.02 * k, 2) for k in range(1, 45))
 SHOWN = (
-    (Finger("silskin_0", ridged=False, glowing=False), 2.0),
-    (Finger("silskin_0", ridged=True, glowing=False), 0.5),
-    (Finger("silskin_0", ridged=True, glowing=True), 1.0),
+    (Finger("silskin_0", ridged=False, scattering=False), 2.0),
+    (Finger("silskin_0", ridged=True, scattering=False), 0.5),
+    (Finger("silskin_0", ridged=True, scattering=True), 1.0),
 )
 
 
@@ -43,7 +43,7 @@ class SliderFrame:
         Share of each pixel in contact times 255.
     true_area_mm2, mm2_per_px : float
     chain : Chain
-        Blur, radius and least blob; its threshold is where the slider starts.
+        Blur, radius and minimum blob size; its threshold is where the slider starts.
     curve : tuple of tuple of float
         (threshold, area error [%]).
     """
@@ -58,7 +58,20 @@ class SliderFrame:
 
 
 def slider_frame(finger: Finger, scene: Scene, force: float, *, seed: int = 1) -> SliderFrame:
-    """Press a finger on a scene's rig with a force [N] and return its frame."""
+    """Return a frame of a finger pressed on a scene's rig.
+
+    Parameters
+    ----------
+    finger : Finger
+    scene : Scene
+    force : float
+        [N].
+    seed : int
+
+    Returns
+    -------
+    SliderFrame
+    """
     pressed = finger.on(scene)
     view = PerfectView.of(pressed)
     _, state = solve_contact(pressed, force, seed=seed)

@@ -1,7 +1,7 @@
 """Area error of the reference segmentation by threshold, blob size, blur and crop, and by rules that set it.
 
-Lens distortion is undone without error and the pixel's area is the true one, so that the error is the chain's own.
-What the card's threshold does to that area per pixel is a table of its own.
+Lens distortion is undone without error and the pixel's area is the true one, so that the error is that of
+the segmentation alone. The effect of the card's threshold on that area per pixel is a table of its own.
 """
 
 from __future__ import annotations
@@ -68,12 +68,26 @@ RULES: dict[str, Callable[[Floats], float]] = {
 
 
 def chain_areas(image: Image, chains: Sequence[Chain], mm2_per_px: float) -> list[float]:
-    """Return the area that each chain finds on one image [mm^2]."""
+    """Return the area of one image by several settings of the segmentation.
+
+    Parameters
+    ----------
+    image : ndarray of uint8 (rows, cols)
+        [DN].
+    chains : sequence of Chain
+    mm2_per_px : float
+        Area of a pixel [mm^2].
+
+    Returns
+    -------
+    list of float
+        [mm^2].
+    """
     return [segment(image, chain).pixels * mm2_per_px for chain in chains]
 
 
 def frame_row(image: Image, truth: float, mm2_per_px: float, window: Crop) -> dict[str, Any]:
-    """Return everything the study asks of one frame; areas in mm^2.
+    """Return the areas of one frame by every setting of the study [mm^2].
 
     Parameters
     ----------
@@ -84,6 +98,11 @@ def frame_row(image: Image, truth: float, mm2_per_px: float, window: Crop) -> di
     mm2_per_px : float
     window : Crop
         Around the finger.
+
+    Returns
+    -------
+    dict
+        True area and areas by threshold, blob size, blur and rule.
     """
     rules: dict[str, Any] = {}
     for where, crop in (("whole frame", Crop()), ("around the finger", window)):
@@ -104,7 +123,17 @@ def frame_row(image: Image, truth: float, mm2_per_px: float, window: Crop) -> di
 def flat_range(thresholds: Sequence[float], areas: Sequence[float], span: float = 0.02) -> tuple[float, float]:
     """Return the widest range of thresholds over which the area varies by no more than a share of its mean.
 
-    NaN where not even neighbours agree, or nothing is found.
+    Parameters
+    ----------
+    thresholds, areas : sequence of float (n,)
+        Grey levels [1], ascending, and areas.
+    span : float
+        Share of the mean [1].
+
+    Returns
+    -------
+    low, high : float
+        NaN where not even neighbours agree, or nothing is found.
     """
     t, a = np.asarray(thresholds), np.asarray(areas)
     best = (float("nan"), float("nan"))
@@ -117,7 +146,17 @@ def flat_range(thresholds: Sequence[float], areas: Sequence[float], span: float 
 
 
 def cliff(thresholds: Sequence[float], areas: Sequence[float], truth: float, loss: float = 0.2) -> float:
-    """Return the least threshold from which on more than ``loss`` of the true area is missing; NaN if there is none."""
+    """Return the smallest threshold from which on more than ``loss`` of the true area is missing; NaN if there is none.
+
+    Parameters
+    ----------
+    thresholds, areas : sequence of float (n,)
+        Grey levels [1], ascending, and areas.
+    truth : float
+        In the same unit.
+    loss : float
+        Share of the true area [1].
+    """
     missing = np.asarray(areas) < (1.0 - loss) * truth
     if not missing[-1]:
         return float("nan")
@@ -196,7 +235,7 @@ def _frame(view: PerfectView, camera: FastCamera | None, force: float, seed: int
 
 
 def _card(scene: Scene, view: PerfectView, out: Path, seed: int) -> dict[str, Any]:
-    """Return what the card's threshold does to the area per pixel; relative errors."""
+    """Return the relative error of the area per pixel by the card's threshold."""
     path = out / "square.png"
     frame = simulate_card(scene, "square", seed=seed, **CARD_PATHS)
     write_png(path, frame.data)
@@ -207,7 +246,7 @@ def _card(scene: Scene, view: PerfectView, out: Path, seed: int) -> dict[str, An
         colour: Literal["white", "black"] = "black" if scene.card.square_inverted else "white"
         try:
             return square_scale(straight, side, chain, square=colour).mm2_per_px / view.mm2_per_px - 1.0
-        except InputError:  # at this level the card is no square
+        except InputError:  # at this level the card is not a square
             return float("nan")
 
     return {

@@ -1,4 +1,4 @@
-"""Area against time, and the onset of slip, as a camera's stamps, exposure and rows let them be read.
+"""Area against time, and the onset of slip, as read with a camera's time stamps, exposure and rolling shutter.
 
 Frames are taken at ``FINE_HZ``. A longer exposure is the mean of successive frames' light; rows that are read one after
 the other are rows of neighbouring frames, each at its own time. Stamps need no frames of their own.
@@ -34,7 +34,7 @@ LEVELS = (0.05, 0.15, 0.35)
 MERGED = {"6 ms": 1, "20 ms": 3, "33 ms": 5}
 """Successive frames whose mean stands for an exposure."""
 
-TRUE_HZ, BELIEVED_HZ = 30.0, 25.0
+TRUE_HZ, ASSUMED_HZ = 30.0, 25.0
 """The camera is said to run at 30 Hz; the published scripts divide by 25."""
 
 OFF_MM = 8.0
@@ -158,7 +158,7 @@ def reading_errors(
     press: Mapping[str, Any], seen: str = "6 ms", *, rate: float, clock: float, jitter_s: float = 0.0,
     dropped: float = 0.0, seed: int = 1,
 ) -> tuple[Floats, Floats]:  # fmt: skip
-    """Return how wrong the area is that a film of a press gives for a time, and its rate of growth.
+    """Return the error of the area that a film of a press gives for a time, and its rate of growth.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def reading_errors(
     seen : str
         Exposure or way of reading rows.
     rate, clock : float
-        True and believed frame rate [Hz].
+        True and assumed frame rate [Hz].
     jitter_s, dropped : float
         See :func:`stamped`.
     seed : int
@@ -225,14 +225,14 @@ def broken_line(time: Floats, way: Floats) -> tuple[float, float]:
 def onsets(
     row: Mapping[str, Any], rate: float, clock: float, *, jitter_s: float = 0.0, dropped: float = 0.0, seed: int = 1
 ) -> list[float]:
-    """Return the detected onset of slip at each phase of a camera, by a clock that believes in another rate [s].
+    """Return the detected onset of slip at each phase of a camera, by a clock that assumes another rate [s].
 
     Parameters
     ----------
     row : mapping
         Of one slide: ``time_s``, ``x_mm``, ``slide_starts_s``.
     rate, clock : float
-        True and believed frame rate [Hz]; time counts from the start of the slide.
+        True and assumed frame rate [Hz]; time counts from the start of the slide.
     jitter_s, dropped : float
         See :func:`stamped`; with either, each phase is drawn ``DRAWS`` times.
     seed : int

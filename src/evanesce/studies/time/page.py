@@ -14,7 +14,7 @@ from evanesce.report.html import Table
 from evanesce.rig import Scene
 from evanesce.studies.registry import Findings, Progress, Study
 from evanesce.studies.time.area import (
-    BELIEVED_HZ,
+    ASSUMED_HZ,
     DROPPED,
     EXPOSED_SPEED,
     FINE_HZ,
@@ -34,8 +34,8 @@ Floats = NDArray[np.float64]
 CAMERAS: tuple[tuple[str, dict[str, float]], ...] = (
     ("150 Hz", {"rate": FINE_HZ, "clock": FINE_HZ}),
     ("30 Hz", {"rate": TRUE_HZ, "clock": TRUE_HZ}),
-    ("25 Hz", {"rate": BELIEVED_HZ, "clock": BELIEVED_HZ}),
-    ("30 Hz read as 25", {"rate": TRUE_HZ, "clock": BELIEVED_HZ}),
+    ("25 Hz", {"rate": ASSUMED_HZ, "clock": ASSUMED_HZ}),
+    ("30 Hz read as 25", {"rate": TRUE_HZ, "clock": ASSUMED_HZ}),
     (f"30 Hz, stamps jitter by {1e3 * JITTER_S:g} ms", {"rate": TRUE_HZ, "clock": TRUE_HZ, "jitter_s": JITTER_S}),
     (f"30 Hz, {DROPPED:.0%} of frames lost unnoticed", {"rate": TRUE_HZ, "clock": TRUE_HZ, "dropped": DROPPED}),
 )
@@ -47,7 +47,7 @@ SEEN = {
     "rows, above": f"30 Hz, rolling rows, {OFF_MM:g} mm higher in the frame",
     "rows, below": f"30 Hz, rolling rows, {OFF_MM:g} mm lower in the frame",
 }
-"""Ways to see, beside an exposure of 6 ms with all rows at once."""
+"""Exposures and ways of reading rows, beside an exposure of 6 ms with all rows at once."""
 
 RIGHT, SHORT = "30 Hz", "30 Hz, 6 ms of exposure"
 
@@ -61,8 +61,8 @@ def findings(rows: Mapping[str, Mapping[str, Any]], speeds: Sequence[float], see
     worst = {(one["camera"], one["speed_mm_per_s"]): float(np.abs(one["error_ms"]).max()) for one in slips}
     by_name = {one["camera"]: one for one in read}
     verdict = [
-        f"A clock of {BELIEVED_HZ:g} for {TRUE_HZ:g} Hz makes every time {TRUE_HZ / BELIEVED_HZ:.2f} times too long and"
-        f" every rate {1 - BELIEVED_HZ / TRUE_HZ:.0%} too small; no area changes, but the area that the film gives for"
+        f"A clock of {ASSUMED_HZ:g} for {TRUE_HZ:g} Hz makes every time {TRUE_HZ / ASSUMED_HZ:.2f} times too long and"
+        f" every rate {1 - ASSUMED_HZ / TRUE_HZ:.0%} too small; no area changes, but the area that the film gives for"
         f" a time of the press is wrong by up to {_most(by_name['30 Hz read as 25']):.1f} mm².",
         f"With the right clock a camera of {TRUE_HZ:g} Hz finds the onset of slip to"
         f" {', '.join(f'{worst[RIGHT, v]:.0f} ms at {v:g} mm/s' for v in speeds)} at worst.",
@@ -113,7 +113,7 @@ def slip_onsets(rows: Mapping[str, Mapping[str, Any]], speeds: Sequence[float], 
 
 
 def read_areas(press: Mapping[str, Any], seed: int) -> list[dict[str, Any]]:
-    """Return how wrong the area at a stated time of the press is, and its growth, by every camera and way to see."""
+    """Return the error of the area at a stated time of the press, and its growth, by camera and way of reading."""
     cases = [(name, "6 ms", how) for name, how in CAMERAS]
     cases += [(name, key, dict(CAMERAS)[RIGHT]) for key, name in SEEN.items()]
     found = []
@@ -134,7 +134,7 @@ def _area_chart(rows: Mapping[str, Mapping[str, Any]]) -> Chart:
     left = [
         Series(label="true", x=time.tolist(), y=press["true_area_mm2"]),
         Series(label="30 Hz", x=time[::step].tolist(), y=area[::step].tolist(), points=True),
-        Series(label="30 Hz read as 25", x=(time[::step] * TRUE_HZ / BELIEVED_HZ).tolist(), y=area[::step].tolist(),
+        Series(label="30 Hz read as 25", x=(time[::step] * TRUE_HZ / ASSUMED_HZ).tolist(), y=area[::step].tolist(),
                points=True),
         Series(label="30 Hz, a fifth of the frames lost unnoticed", x=late.tolist(), y=area[::step][lost].tolist(),
                points=True),
@@ -174,13 +174,13 @@ def _chart(rows: Mapping[str, Mapping[str, Any]], speeds: Sequence[float]) -> Ch
             Panel(
                 title=f"slide at {speed:g} mm/s",
                 x_label="time since the slide began [s]",
-                y_label="way of the patch [mm]",
+                y_label="displacement of the patch [mm]",
                 series=[
                     Series(label="150 Hz", x=time, y=way),
                     Series(label="30 Hz", x=time[::step], y=way[::step], points=True),
                     Series(
                         label="30 Hz read as 25",
-                        x=[t * TRUE_HZ / BELIEVED_HZ for t in time[::step]],
+                        x=[t * TRUE_HZ / ASSUMED_HZ for t in time[::step]],
                         y=way[::step],
                         points=True,
                     ),
@@ -207,7 +207,7 @@ def _onset_table(slips: Sequence[Mapping[str, Any]]) -> Table:
             "true onset [ms]",
             "detected, mean [ms]",
             "error [ms]",
-            "mean error as way [mm]",
+            "mean error as displacement [mm]",
         ),
         rows=[
             (
@@ -237,7 +237,7 @@ def _read_table(read: Sequence[Mapping[str, Any]]) -> Table:
 
 def _smear_table(smear: Mapping[str, Any], change: Floats) -> Table:
     return Table(
-        columns=("way during the exposure [mm]", *(f"area change at {t:g} [%]" for t in LEVELS)),
+        columns=("displacement during the exposure [mm]", *(f"area change at {t:g} [%]" for t in LEVELS)),
         rows=[
             (f"{way:g}", *(f"{c:+.2f}" for c in line))
             for way, line in zip(smear["way_mm"], change.tolist(), strict=True)

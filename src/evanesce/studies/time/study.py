@@ -1,4 +1,4 @@
-"""What a wrong clock, a long exposure, rows read one by one and few frames do to areas and to the onset of slip.
+"""Effect of a wrong clock, a long exposure, a rolling shutter and few frames on areas and on the onset of slip.
 
 The finger of the scene is pressed to 1 N and slid until it slips as a whole; frames are taken five times as often as
 the camera takes them, so that the camera's own phase against the slide can be moved.
@@ -38,7 +38,7 @@ QUICK_SPEEDS = (25.0,)  # [mm/s]
 DISTANCE = 10.0  # [mm]
 CHAIN = Chain(threshold=0.15)
 SMEARS_MM = (0.0, 0.03, 0.15, 0.5, 0.825)
-"""Way during an exposure: 5 mm/s for 6 ms, 25 for 6, 25 for 20, 25 for 33 ms."""
+"""Displacement during an exposure: 5 mm/s for 6 ms, 25 for 6, 25 for 20, 25 for 33 ms."""
 
 VELOCITIES = ((25.0, 0.0), (0.0, 25.0), (0.0, -25.0), (0.0, 5.0))  # [mm/s], image's right and down
 HALF_MM = 7.5
@@ -61,12 +61,23 @@ def sliding(scene: Scene, speed: float) -> Scene:
 
 
 def smeared(light: PlateLight, way_px: float) -> PlateLight:
-    """Return light that moved along the rows by a way [px] during the exposure, with its mean place unchanged."""
+    """Return light displaced along the rows during the exposure, its mean position unchanged.
+
+    Parameters
+    ----------
+    light : PlateLight
+    way_px : float
+        Displacement during the exposure [px].
+
+    Returns
+    -------
+    PlateLight
+    """
     if way_px <= 0:
         return light
     reach = int(np.ceil(way_px / 2 + 0.5))
     taps = np.arange(-reach, reach + 1)
-    # the share of the way spent over each pixel
+    # the share of the displacement over each pixel
     box = np.clip(np.minimum(taps + 0.5, way_px / 2) - np.maximum(taps - 0.5, -way_px / 2), 0.0, None)
     kernel = (box / box.sum()).astype(np.float32)
     still = np.array([1.0], np.float32)

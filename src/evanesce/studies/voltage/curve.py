@@ -31,25 +31,25 @@ from evanesce.sensor.tone import CURVES
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Source = Literal["groove glow", "blur", "saturation", "specks"]
+Source = Literal["subsurface scattering", "blur", "saturation", "specks"]
 SOURCES: tuple[Source, ...] = get_args(Source)
 Omitted = frozenset[Source]
 NOTHING: Omitted = frozenset()
 
 MARGIN_MM = 6.0
-"""Around the contact: glow beyond it is below any threshold in use, with LEDs at their rated voltage as well."""
+"""Around the contact: scattered light beyond it is below any threshold in use, at the LEDs' rated voltage as well."""
 
-UNSPILT = 1e12
-"""A full well that nothing fills [e-]."""
+UNLIMITED_WELL_E = 1e12
+"""A full well that no exposure fills [e-]."""
 
 DEFAULT_LENGTH_MM = 0.5
 DEFAULT_SPECKS_PER_CM2 = 418.0
 
 
 def study_scene(scene: Scene) -> tuple[Scene, list[str]]:
-    """Return a scene with the departures that the study switches off, and notes of what was put in.
+    """Return a scene with the effects that the study switches off, and notes of what was added.
 
-    A scene without lateral glow or specks gets them: a body whose light stays where it entered has no grooves to light.
+    A scene without subsurface scattering or specks gets them: without scattering no light enters the grooves.
     """
     notes = []
     effects: dict[str, Any] = {name: dict(table) for name, table in scene.effects.items()}
@@ -63,10 +63,10 @@ def study_scene(scene: Scene) -> tuple[Scene, list[str]]:
 
 
 def without_sources(scene: Scene, omitted: Omitted) -> Scene:
-    """Return a scene without groove glow or specks (blur and saturation are the camera's)."""
+    """Return a scene without subsurface scattering or specks (blur and saturation belong to the camera)."""
     effects = dict(scene.effects)
     finger = scene.finger
-    if "groove glow" in omitted:
+    if "subsurface scattering" in omitted:
         effects.pop("lateral_glow", None)
         finger = finger.model_copy(update={"scattering_length_mm": 0.0})
     if "specks" in omitted:
@@ -109,10 +109,10 @@ class Window:
         """Return the frame's part around a contact; the whole where effects need the whole sensor."""
         cols, rows = scene.camera.resolution_px
         late = (Stage.CHARGE, Stage.READOUT, Stage.FRAME)
-        touched = np.asarray(state.contact_mask) > 0
-        if any(e.effect.stage in late for e in active_effects(scene)) or not touched.any():
+        contact = np.asarray(state.contact_mask) > 0
+        if any(e.effect.stage in late for e in active_effects(scene)) or not contact.any():
             return cls(0, rows, 0, cols)
-        at_rows, at_cols = np.nonzero(touched)
+        at_rows, at_cols = np.nonzero(contact)
         x, y = state.grid.x[at_cols], state.grid.y[at_rows]
         corners = np.array([(a, b) for a in (x.min(), x.max()) for b in (y.min(), y.max())])
         projection = Projection.of(scene.camera, scene.plate)
@@ -224,7 +224,7 @@ class Press:
         camera = self.rig.camera
         effects, context = active_effects(self.scene), Context(self.rig, self.seed)
         if not saturation:
-            pixel = camera.pixel.model_copy(update={"full_well_capacity_e": UNSPILT})
+            pixel = camera.pixel.model_copy(update={"full_well_capacity_e": UNLIMITED_WELL_E})
             camera = camera.model_copy(update={"pixel": pixel})
         charge = charge_of(SensorLight(irradiance=self.at(voltage)), camera)
         charge = apply_stage(Stage.CHARGE, charge, effects, context)
@@ -235,11 +235,11 @@ class Press:
         return np.asarray(apply_stage(Stage.FRAME, frame_of(signal, camera), effects, context).data)
 
     def area(self, voltage: float, chain: Chain, saturation: bool = True) -> float:
-        """Return the area that the chain finds at a voltage [mm^2]."""
+        """Return the area by the reference segmentation at a voltage [mm^2]."""
         return self.areas(voltage, [chain], saturation)[0]
 
     def areas(self, voltage: float, chains: Sequence[Chain], saturation: bool = True) -> list[float]:
-        """Return the areas that several chains find on the same frame [mm^2]."""
+        """Return the areas of the same frame by several settings of the segmentation [mm^2]."""
         levels = self.levels(voltage, saturation)
         find = (lambda c: segment(levels, c).mask) if saturation else (lambda c: segment_levels(levels, c))
         return [int(find(c).sum()) / self.rig.camera.scale_px_per_mm**2 for c in chains]
@@ -282,7 +282,24 @@ class Excess:
 
 
 def excess_parts(area: Callable[[Omitted], float], true_area: float) -> tuple[dict[Source, float], float, float]:
-    """Return what each source adds to a measured area, what stays with none, and their interaction [mm^2]."""
+    """Split the excess of a measured area over the true one by its sources.
+
+    Parameters
+    ----------
+    area : callable
+        ``area(omitted)`` [mm^2].
+    true_area : float
+        [mm^2].
+
+    Returns
+    -------
+    parts : dict of str to float
+        What each source adds while all others are present [mm^2].
+    residual : float
+        Excess with all sources omitted [mm^2].
+    interaction : float
+        Excess less residual and parts [mm^2].
+    """
     full = area(NOTHING)
     parts: dict[Source, float] = {source: full - area(frozenset({source})) for source in SOURCES}
     residual = area(frozenset(SOURCES)) - true_area
@@ -315,6 +332,11 @@ def voltage_curve(
     render : Render
     tick : callable
         Called after each voltage.
+
+    Returns
+    -------
+    list of Excess
+        One per voltage.
 
     Raises
     ------

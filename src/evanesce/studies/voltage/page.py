@@ -17,7 +17,7 @@ from evanesce.studies.voltage.curve import SOURCES
 from evanesce.studies.voltage.study import VoltageStudy
 from evanesce.studies.voltage.unknowns import FLAT, SEEN, THRESHOLDS, UNKNOWNS
 
-COLOURS = {"groove glow": "tab:orange", "blur": "tab:blue", "saturation": "tab:red", "specks": "tab:green"}
+COLOURS = {"subsurface scattering": "tab:orange", "blur": "tab:blue", "saturation": "tab:red", "specks": "tab:green"}
 OUTPUTS = {
     "onset_V": "voltage at which the patch appears",
     "converged_V": "voltage from which the estimate is within 5 % of its last",
@@ -88,21 +88,21 @@ def _curves(found: VoltageStudy) -> Section:
         lines = []
         for row in shown:
             excess = row.area_mm2 - row.true_area_mm2
-            glow = row.parts_mm2["groove glow"]
-            share = f"{100 * glow / excess:.0f}" if excess > 0.01 * row.true_area_mm2 else "-"
+            scattered = row.parts_mm2["subsurface scattering"]
+            share = f"{100 * scattered / excess:.0f}" if excess > 0.01 * row.true_area_mm2 else "-"
             parts = [_plain(row.parts_mm2[s]) for s in SOURCES]
             lines.append(
                 (f"{row.voltage_V:g}", f"{row.area_mm2:.2f}", f"{row.true_area_mm2:.2f}", f"{excess:.2f}", *parts,
                  _plain(row.residual_mm2), _plain(row.interaction_mm2), share)
             )  # fmt: skip
         columns = ("voltage [V]", "estimated [mm²]", "true [mm²]", "excess [mm²]", *(f"{s} [mm²]" for s in SOURCES),
-                   "residual [mm²]", "interaction [mm²]", "glow / excess [%]")  # fmt: skip
+                   "residual [mm²]", "interaction [mm²]", "scattering / excess [%]")  # fmt: skip
         tables.append(Table(columns, lines, f"{force:g} N"))
     text = (
-        "Each source is switched off in turn; its part is what it adds while the others are present. Groove glow is "
-        "light that wandered through the silicone: switching it off also gives the contact back the light that left "
-        "sideways, so that its part may be negative where the patch is barely bright enough. Saturation clips the "
-        "contact, not its rim, so a threshold below full scale hardly feels it. Residual is the excess with all "
+        "Each source is switched off in turn; its part is what it adds while the others are present. Without "
+        "subsurface scattering the contact also keeps the light that would leave sideways, so that its part may be "
+        "negative where the patch is barely bright enough. Saturation clips the contact, not its rim, so that a "
+        "threshold below full scale is insensitive to it. Residual is the excess with all "
         "four switched off. Parts, residual and interaction add up to the excess."
     )
     caption = "Estimated area against voltage at a fixed threshold, the true area, and what each source adds."
@@ -142,7 +142,7 @@ def _grooves(found: VoltageStudy) -> Section:
         sampled = ", ".join(f"{_percent(s)} at {f:g} N" for f, s in zip(found.forces, shares, strict=True))
         text = (
             f"At {', '.join(f'{g.force_N:g}' for g in closed)} N the pressure in the middle exceeds what closes the "
-            "grooves: the silicone fills them and there is no groove left to glow. Light that enters still lights "
+            "grooves: the silicone fills them and no groove is left for light. Light that enters still lights "
             "open grooves near the rim, and the skin around the contact. Grooves that stay open to the middle at "
             "these forces need stiffer, higher or closer ridges than the published figures give (or air shut in "
             f"under them, which is not modelled): among the sampled rigs they are open in {sampled}. If the thesis "
@@ -173,8 +173,8 @@ def _bins(found: VoltageStudy) -> Section:
     )
     text = (
         "Below its knee an LED's current falls by a factor of ten in a few tenths of a volt, so that the patch "
-        "vanishes within such a span, and the bin says where. Exposure and threshold move it as well, but only with "
-        "their logarithm."
+        "vanishes within such a span, at a voltage that depends on the bin. Exposure and threshold move it as "
+        "well, but only with their logarithm."
     )
     picture = Picture(figure_png(figure), "The same finger, exposure and threshold with LEDs of other bins.")
     return Section("The LEDs' bin", [text], [picture], [Table(columns, rows)])
@@ -315,9 +315,9 @@ def _best(found: VoltageStudy) -> Section:
          f"{100 * b.ratio_error:.1f} ({two(b.ratio_error_interval, 100)})"),
     ]  # fmt: skip
     text = [
-        "Voltage, exposure and threshold act as one: what matters is where the threshold lies between the light of "
+        "Voltage, exposure and threshold are confounded: what matters is where the threshold lies between the light of "
         "the contact and that of its surroundings. So the setting of least error is a valley, not a point, and a "
-        "voltage without an exposure says nothing about another rig. In brackets: 5 to 95 % by bootstrap over "
+        "voltage without an exposure cannot be transferred to another rig. In brackets: 5 to 95 % by bootstrap over "
         f"{b.rigs} independent rigs; errors are medians over the rigs.",
         f"A cut at {b.ratio:g} of the mean linear light of the contact itself needs no voltage: its error is "
         f"{three(b.ratio_errors, 100)} % (5, 50 and 95 % of the rigs). It asks for raw or linearised frames that do "
@@ -341,5 +341,5 @@ def _method(found: VoltageStudy) -> Section:
         "roughness; droop and warming of the LEDs.",
     ]
     if found.notes:
-        text.append("Put in where the scene is silent: " + "; ".join(found.notes) + ".")
+        text.append("Added where the scene states nothing: " + "; ".join(found.notes) + ".")
     return Section("How it was computed", text)

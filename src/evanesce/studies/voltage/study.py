@@ -51,7 +51,7 @@ EXPOSURE_CONTROL_V = 9.0
 
 @dataclass(frozen=True, kw_only=True)
 class Grooves:
-    """Whether a force leaves grooves open in the middle of the scene's contact.
+    """State of the grooves in the middle of the scene's contact.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ class VoltageStudy:
     ----------
     scene : Scene
     notes : list of str
-        What the scene did not say.
+        What was added to the scene.
     forces, voltages : tuple of float
     threshold : float
     curves : dict of list of Excess
@@ -145,7 +145,7 @@ class VoltageStudy:
 
     @property
     def scene_best(self) -> tuple[float, float, float]:
-        """Voltage [V], threshold and relative error of the scene's own least error."""
+        """Voltage [V], threshold and relative error of the scene's own smallest error."""
         i, j = np.unravel_index(int(self.error_map.argmin()), self.error_map.shape)
         return self.voltages[i], THRESHOLDS[j], float(self.error_map[i, j])
 

@@ -1,4 +1,4 @@
-"""For which unpublished parameters the thesis's observation on voltage holds, and where the area error is least.
+"""For which unpublished parameters the thesis's observation on voltage holds, and where the area error is smallest.
 
 Every sample of the unknowns is a rig of its own: contact, fast light on the contact grid (without a camera's pixels),
 a blur as wide as lens and chain together, exposure, tone curve, threshold. Variance is attributed by Sobol' indices.
@@ -87,7 +87,7 @@ SHAPING = 3
 
 @dataclass(frozen=True)
 class Plan:
-    """What is asked of the samples.
+    """Settings of the samples.
 
     Attributes
     ----------
@@ -229,14 +229,14 @@ class ReducedRig:
 
 
 def with_length(fields: Fields, reflectance: float, length: float, pitch: float) -> Fields:
-    """Return fields whose lateral glow has another transport mean free path [mm]: only its kernel depends on it.
+    """Return fields whose subsurface scattering has another length [mm]: only its kernel depends on it.
 
-    At 0 there is no glow: light leaves where it entered.
+    At 0 there is no scattering: light leaves where it entered.
     """
     if length == 0.0:
         return replace(fields, glow=None)
     if fields.glow is None:
-        raise ValueError("fields without glow have no glow to change")
+        raise ValueError("the fields have no subsurface scattering")
     cell = min(GLOW_CELL, max(length / 4, pitch))
     kernel = profile_kernel(reflectance, length, cell, math.ceil(GRID_MM / cell))
     return replace(fields, glow=replace(fields.glow, cell=cell, kernel=kernel))
@@ -269,7 +269,7 @@ def grey_levels(charge: Array, camera: Camera) -> NDArray[np.float32]:
 
 
 def middle_open(share: Array, period: float) -> bool:
-    """Tell whether some cell within one ridge's period [cells] of the grid's middle is not in contact."""
+    """Return whether some cell within one ridge's period [cells] of the grid's middle is not in contact."""
     reach, (rows, cols) = math.ceil(period / 2) + 1, share.shape
     middle = share[rows // 2 - reach : rows // 2 + reach + 1, cols // 2 - reach : cols // 2 + reach + 1]
     return bool(middle.min() < 0.5)
@@ -327,7 +327,7 @@ def run_samples(
 
 
 def _resume(keep: Path | None, key: str, shape: tuple[int, int, int, int]) -> dict[str, NDArray[Any]]:
-    fresh: dict[str, NDArray[Any]] = {
+    empty: dict[str, NDArray[Any]] = {
         "areas": np.zeros(shape),
         "truth": np.zeros(shape[:2]),
         "by_ratio": np.zeros((*shape[:2], len(RATIOS))),
@@ -335,15 +335,15 @@ def _resume(keep: Path | None, key: str, shape: tuple[int, int, int, int]) -> di
         "done": np.zeros(shape[0], bool),
     }
     if keep is None or not keep.is_file():
-        return fresh
+        return empty
     try:
         with np.load(keep, allow_pickle=False) as data:
             same = str(data["key"]) == key
-            found = {name: np.array(data[name]) for name in fresh}
+            found = {name: np.array(data[name]) for name in empty}
     except (OSError, ValueError, KeyError, EOFError):
-        return fresh
-    fits = all(found[name].shape == fresh[name].shape and found[name].dtype == fresh[name].dtype for name in fresh)
-    return found if same and fits else fresh
+        return empty
+    fits = all(found[name].shape == empty[name].shape and found[name].dtype == empty[name].dtype for name in empty)
+    return found if same and fits else empty
 
 
 def _keep(path: Path, key: str, found: dict[str, NDArray[Any]]) -> None:

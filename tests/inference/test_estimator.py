@@ -1,4 +1,4 @@
-"""The refined estimator against closed forms: ellipses of known area, blurred, unevenly lit, with scattering, saturated."""
+"""The refined estimator against closed forms: ellipses of known area, blurred, uneven, scattering, saturated."""
 
 from __future__ import annotations
 

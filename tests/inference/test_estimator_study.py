@@ -196,7 +196,7 @@ def test_rendered_frames_are_read_blind(finger, goal):
 
 @pytest.mark.slow
 def test_blind_error_of_both_estimators(tmp_path):
-    """The goal: under 0.5 % smooth, under 2 % ridged, at the frame's centre, where the reference errs by 2 % and more."""
+    """The goal: under 0.5 % smooth, under 2 % ridged, at the frame's centre, where the reference errs by over 2 %."""
     scenes = [load_scene(name, SMALL) for name in ("thesis", "thesis_ridged")]
     options = {"voltages": (8.0, 9.0), "forces": (3.0,), "fingers": ("smooth", "ridged")}
     found = estimator_study.run_study(*scenes, **options, keep=Ledger(tmp_path / "rows.jsonl", "a run").row)

@@ -26,7 +26,7 @@ def silent(what: str, done: int, total: int) -> None:
 
 
 def check_threshold(data: dict, *, best: float) -> None:
-    """Areas fall with the threshold; half-way the contact has its own area; scattering adds area and never takes from it."""
+    """Areas fall with the threshold; half-way the contact has its own area; scattering only adds area."""
     levels = np.array(data["thresholds"])
     frames = {(f["material"], f["finger"], f["force_N"]): f for f in data["frames"]}
     for (material, finger, force), frame in frames.items():

@@ -1,8 +1,8 @@
-"""A printed card on the glass without path tracing: paper, ink and two faces of glass under an even room.
+"""A printed card on the glass without path tracing: paper, ink and two faces of glass in a uniformly bright room.
 
 Each pixel's share of paper comes in closed form where the card lies flat: the pixel's footprint is taken as a rectangle
 along the card's axes, so that a checkerboard's mean over it is a product of two means of square waves. A tilted card's
-is counted by sub-rays. Fresnel's equations give what the glass adds and takes. The path tracer's
+is counted by sub-rays. Fresnel's equations give the light that the glass reflects and transmits. The path tracer's
 :func:`evanesce.render.cards.render_card` is the reference.
 """
 
@@ -35,7 +35,7 @@ def card_light(
     view: IdealView | None = None,
     points: tuple[Array, Array, Array] | None = None,
 ) -> PlateLight:
-    """Return the light of a card under an even room, LEDs off.
+    """Render a card in a uniformly bright room, LEDs off.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def card_light(
     """
     pose, room = pose or Pose(), room or Room()
     if any(room.gradient):
-        raise ValueError("only an even room is modelled; use render_card")
+        raise ValueError("only a uniform room is modelled; use render_card")
     projection = Projection.of(scene.camera, scene.plate)
     view = projection.ideal_view() if view is None else view
     x, y, cosine = points or plane_points(projection, view, pose.height)
@@ -82,7 +82,22 @@ def card_light(
 
 
 def plane_points(projection: Projection, view: IdealView, height_mm: float) -> tuple[Array, Array, Array]:
-    """Return where the pixels of a view meet the plane at a height over the glass [mm], and their cosine to it."""
+    """Return where the pixels of a view meet a plane above the glass, and their cosine to it.
+
+    Parameters
+    ----------
+    projection : Projection
+    view : IdealView
+    height_mm : float
+        Of the plane above the glass [mm].
+
+    Returns
+    -------
+    x, y : ndarray (rows, cols)
+        [mm].
+    cosine : ndarray (rows, cols)
+        [1].
+    """
     rows, cols = view.shape
     px, py = view.principal_point
     u, v = (np.arange(cols) - px) / view.focal_px, (np.arange(rows)[:, None] - py) / view.focal_px
@@ -100,7 +115,19 @@ def _on_card(pose: Pose, x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def mean_reflectance(card: Card, x: Array, y: Array) -> Array:
-    """Return the mean reflectance [1] of each pixel, given card coordinates of the pixels' middles [mm]."""
+    """Return the mean reflectance of each pixel.
+
+    Parameters
+    ----------
+    card : Card
+    x, y : ndarray (rows, cols)
+        Card coordinates of the pixels' middles [mm].
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        [1].
+    """
     wide, high = np.abs(np.gradient(x, axis=1)), np.abs(np.gradient(y, axis=0))
     width, height = card.size
     inside = _covered(x, wide, width / 2) * _covered(y, high, height / 2)
@@ -187,7 +214,7 @@ def _cosine(tan_x: Array, tan_y: Array) -> Array:
 
 
 def through_glass(scene: Scene, albedo: Array, cosine: Array, mean_albedo: float) -> Array:
-    """Return radiance over that of the room: what the plate mirrors, and what paper behind it sends back.
+    """Return radiance over that of the room: what the plate reflects, and what paper behind it reflects.
 
     Parameters
     ----------
@@ -198,7 +225,7 @@ def through_glass(scene: Scene, albedo: Array, cosine: Array, mean_albedo: float
     cosine : ndarray
         Of the viewing angle in air.
     mean_albedo : float
-        Of the paper around, for light that the far face sends back beside where it left [1].
+        Of the paper around, for light that the far face reflects beside where it left [1].
     """
     n = scene.plate.refractive_index
     absorbed = np.exp(-2 * scene.plate.absorption_coefficient_per_mm * scene.plate.thickness_mm)

@@ -1,4 +1,4 @@
-"""Files of a bundle: none outside its folder, frames as PNG and of one size."""
+"""Check the files of a bundle: none outside its folder, frames as PNG and of one size."""
 
 from __future__ import annotations
 
@@ -92,9 +92,9 @@ def check_header(path: Path, scene: Scene) -> None:
 
 
 def check_size(size: tuple[int, int], scene: Scene, path: Path) -> None:
-    """Refuse an image whose (columns, rows) are not those of the believed camera."""
+    """Refuse an image whose (columns, rows) are not those of the nominal camera."""
     cols, rows = scene.camera.resolution_px
     if size != (cols, rows):
         raise InputError(
-            f"{size[0]} x {size[1]} pixels", file=path, allowed=f"{cols} x {rows}, the believed camera's resolution_px"
+            f"{size[0]} x {size[1]} pixels", file=path, allowed=f"{cols} x {rows}, the nominal camera's resolution_px"
         )

@@ -1,4 +1,4 @@
-"""Tables of a bundle, strictly: every refusal names file, line and column."""
+"""Read the tables of a bundle strictly: every error names file, line and column."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def read_shots(path: Path, voltage_V: float) -> tuple[Shot, ...]:
     ----------
     path : Path
     voltage_V : float
-        The believed rig's, used where the table gives none [V].
+        Of the nominal model, used where the table gives none [V].
 
     Raises
     ------

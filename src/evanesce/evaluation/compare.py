@@ -1,4 +1,4 @@
-"""What a measurement got wrong: area error, overlap of the masks, displacement of the boundary."""
+"""Compare a measurement with the truth: area error, overlap of the masks, displacement of the boundary."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PERCENTILES = (5, 50, 95)
 
 @dataclass(frozen=True, kw_only=True)
 class Displacement:
-    """Where the measured boundary lies relative to the true one; positive outside it. NaN where there is none.
+    """Displacement of the measured boundary from the true one; positive outside it. NaN where there is none.
 
     Attributes
     ----------
@@ -95,6 +95,10 @@ def compare(mask: Mask, area_mm2: float, labels: FrameLabels) -> Comparison:
         The measurement's own area [mm^2].
     labels : FrameLabels
 
+    Returns
+    -------
+    Comparison
+
     Raises
     ------
     ValueError
@@ -116,7 +120,17 @@ def compare(mask: Mask, area_mm2: float, labels: FrameLabels) -> Comparison:
 
 
 def overlap(estimate: Mask, truth: Mask) -> float:
-    """Return intersection over union; 1 where both masks are empty."""
+    """Return the intersection over union of two masks.
+
+    Parameters
+    ----------
+    estimate, truth : ndarray of bool (rows, cols)
+
+    Returns
+    -------
+    float
+        1 where both masks are empty.
+    """
     union = int((estimate | truth).sum())
     return int((estimate & truth).sum()) / union if union else 1.0
 

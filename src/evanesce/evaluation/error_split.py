@@ -1,7 +1,7 @@
-"""Where an area error comes from: scale, distortion, blur, threshold and noise, each switched off in turn.
+"""Split of an area error into scale, distortion, blur, threshold and noise, each switched off in turn.
 
-The whole is a function of what is left out, A(S): the area that the measurement reports when the sources S are absent.
-The share of a source is A(nothing left out) - A(that source left out): what it adds in the presence of all others.
+Let A(S) be the area that the measurement reports when the sources S are absent. The share of a source is A(nothing left
+out) - A(that source left out): what it adds in the presence of all others.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class ErrorSplit:
     residual_mm2 : float
         Error that stays with every source left out: counting whole pixels, light that is not contact [mm^2].
     interaction_mm2 : float
-        What the sources do together and none alone: a low threshold displaces nothing without blur [mm^2].
+        Joint effect of the sources: a low threshold displaces nothing without blur [mm^2].
     """
 
     true_area_mm2: float
@@ -72,6 +72,10 @@ def split(measured_area: Callable[[frozenset[Source]], float], true_area_mm2: fl
         ``measured_area(without) -> mm^2``; :class:`MeasuredArea` makes one. Called seven times.
     true_area_mm2 : float
         [mm^2].
+
+    Returns
+    -------
+    ErrorSplit
     """
     full = measured_area(frozenset())
     parts = {source: full - measured_area(frozenset({source})) for source in SOURCES}
@@ -88,7 +92,7 @@ def split(measured_area: Callable[[frozenset[Source]], float], true_area_mm2: fl
 
 @dataclass(frozen=True)
 class Viewing:
-    """How a measurement looks at frames, and what its pixels truly cover.
+    """Mapping of frames into a measurement's view, with the true area of its pixels.
 
     Attributes
     ----------
@@ -123,11 +127,11 @@ class MeasuredArea:
         ``expose(without) -> Frame`` for any set of "distortion", "blur", "noise"
         (:func:`evanesce.chain.simulate.expose` with its plate light bound).
     segment : callable
-        ``segment(image) -> mask``: the measurement's own chain on a view's 8-bit picture.
+        ``segment(image) -> mask``: the measurement's own segmentation of a view's 8-bit picture.
     mm2_per_px : float
         Calibrated scale [mm^2].
     viewing : Viewing
-        As the measurement looks, by its own calibration.
+        By the measurement's own calibration.
     straight : Viewing
         Frames of the same camera without distortion, which need no undistortion.
     linear_light : callable, optional
@@ -178,8 +182,8 @@ def half_level_mask(
 ) -> Mask:
     """Move a mask's edge to where the light is halfway between the levels on its two sides.
 
-    Half a level is where the edge of an even patch lies before any symmetric blur, so this is the threshold that a blur
-    cannot displace, wherever the light is uneven.
+    The edge of an even patch lies at half the level under any symmetric blur, so that a blur does not displace this
+    threshold, even where the light is uneven.
 
     Parameters
     ----------
@@ -192,9 +196,9 @@ def half_level_mask(
     window_px : int
         Side of the window over which the levels inside and outside the band are averaged.
     smooth_px : float
-        Standard deviation of a Gaussian that quietens the light first [px]; being symmetric it moves no half level.
+        Standard deviation of a Gaussian against noise [px]; it moves no half level.
     passes : int
-        The band is laid around the new edge and decided again.
+        Number of times that the band is decided, each time around the new edge.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""A measurement whose calibration of the lens is perfect: what then remains wrong is the study's own subject."""
+"""Undistortion without calibration error, for studies of the errors that remain."""
 
 from __future__ import annotations
 
@@ -18,7 +18,16 @@ from evanesce.rig import Scene
 
 
 def true_calibration(scene: Scene) -> Calibration:
-    """Return the lens of a scene as a calibration without any error; it has no scale."""
+    """Return the lens of a scene as a calibration without error and without scale.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    Calibration
+    """
     projection = Projection.of(scene.camera, scene.plate)
     x, y = projection.principal_point
     matrix = np.array([[projection.focal_px, 0.0, x], [0.0, projection.focal_px, y], [0.0, 0.0, 1.0]])
@@ -44,7 +53,7 @@ class PerfectView:
 
     @classmethod
     def of(cls, scene: Scene) -> PerfectView:
-        """Make it once for all frames of a camera."""
+        """Return the view of a scene's camera; make it once for all its frames."""
         calibration = true_calibration(scene)
         rectified = rectification(calibration)
         view = RectifiedView(

@@ -163,7 +163,7 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> Table:
             for r in rows
         ],
         caption="Errors over the true contact's pixels, in per cent of the true peak; halo: force that a map puts"
-        " outside the contact. Background, whose median light is subtracted, and the area of each pixel are the true ones.",
+        " outside the contact. The background, whose median light is subtracted, and the pixels' areas are true.",
     )  # fmt: skip
 
 

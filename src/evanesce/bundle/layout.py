@@ -1,4 +1,4 @@
-"""Files of a bundle and the values read from them. See docs/bundle.md."""
+"""Files of a bundle and the values read from them. See docs/reference/bundle.md."""
 
 from __future__ import annotations
 

@@ -205,7 +205,7 @@ def run(job: Job) -> Result:
     """
     stream = job.stream
     rows: list[AreaRow] = []
-    known = job.estimator is None or job.estimator.settings.blur.origin != "believed"
+    known = job.estimator is None or job.estimator.settings.blur.origin != "nominal"
     log, edges = FrameLog(job.chain.threshold), EdgeLog(blur_known=known)
     peak: tuple[Measured, Uncertain] | None = None
     with ExitStack() as stack:

@@ -215,7 +215,7 @@ def test_coverage_of_a_reduced_run(tmp_path):
     """200 measurements: the interval's share within 4 standard errors of 93 to 97 %."""
     scenes = [load_scene(name, SMALL) for name in ("thesis", "thesis_ridged")]
     found = budget_study.run_study(
-        *scenes, measurements=200, forces=(1.7,), voltages=(9.0,), fingers=("smooth",), places=("centre",)
+        *scenes, measurements=200, forces=(1.7,), voltages=(9.0,), fingers=("smooth",), positions=("centre",)
     )
     error = 4 * np.sqrt(0.05 * 0.95 / 200)
     assert 0.93 - error < found.classes[0].refined_covered < 0.97 + error
@@ -240,7 +240,9 @@ class Killed(Exception):
 def test_budget_goes_on_after_a_kill(tmp_path, monkeypatch):
     """Killed after the first block, its next line cut short: the rest alone is done, the result is that of one run."""
     scenes = [load_scene(name, TINY) for name in ("thesis", "thesis_ridged")]
-    options = {"measurements": 10, "forces": (1.3,), "voltages": (9.0,), "fingers": ("smooth",), "places": ("centre",)}
+    options = {
+        "measurements": 10, "forces": (1.3,), "voltages": (9.0,), "fingers": ("smooth",), "positions": ("centre",),
+    }  # fmt: skip
     monkeypatch.setattr(budget_study, "BLOCK", 4)
     whole = budget_study.run_study(*scenes, **options)
     path = tmp_path / "budget.jsonl"
@@ -276,7 +278,7 @@ def test_pressure_part_goes_on_after_a_kill(tmp_path, monkeypatch):
     (tmp_path / "whole").mkdir()
     (tmp_path / "cut").mkdir()
     pressed: list[float] = []
-    real, stop = pressure_study.Lit.of, [99]
+    real, stop = pressure_study.LitPress.of, [99]
 
     def of(rig, force, seed):
         if len(pressed) == stop[0]:
@@ -284,7 +286,7 @@ def test_pressure_part_goes_on_after_a_kill(tmp_path, monkeypatch):
         pressed.append(force)
         return real(rig, force, seed)
 
-    monkeypatch.setattr(pressure_study.Lit, "of", staticmethod(of))
+    monkeypatch.setattr(pressure_study.LitPress, "of", staticmethod(of))
     whole = pressure_page.run(scene, tmp_path / "whole", lambda *a: None)
     pressed.clear()
     stop[0] = 2

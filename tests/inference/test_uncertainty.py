@@ -16,15 +16,8 @@ from evanesce.measurement.reference.area import measure_frame
 from evanesce.measurement.reference.segment import Chain
 from evanesce.measurement.refined.plate import PlateMap
 from evanesce.measurement.uncertainty.area import lens_distance, reference_uncertainty
-from evanesce.measurement.uncertainty.budget import (
-    FILM,
-    Component,
-    Reading,
-    card_components,
-    nearness_component,
-    propagate,
-    refined_components,
-)
+from evanesce.measurement.uncertainty.budget import Component, Reading, propagate
+from evanesce.measurement.uncertainty.components import FILM, card_components, nearness_component, refined_components
 from evanesce.measurement.uncertainty.table import budget_table
 from evanesce.rig import load_scene
 

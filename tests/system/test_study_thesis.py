@@ -74,7 +74,7 @@ def test_what_was_not_simulated_is_counted_apart_and_wide_hulls_are_named() -> N
     found = thesis_page.findings(study)
     assert found.verdict[0].startswith("1 of 2 of the thesis's figures that were simulated")
     assert "without simulation, 1 of 1." in found.verdict[0]
-    cells = {row[0]: row for table in found.tables for row in table.rows if "ours over thesis" in table.columns}
+    cells = {row[0]: row for table in found.tables for row in table.rows if "computed over thesis" in table.columns}
     assert cells["at 5 N [mm²]"][4:] == ("1.25", "2 to 5 (2.5 times)", "within a wide hull")
     assert cells["at 1 N [mm²]"][4:6] == ("0.56", "4.9 to 5")
     assert cells["ratio [1]"][1] == "the thesis's own laws"

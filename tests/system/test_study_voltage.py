@@ -18,29 +18,12 @@ from evanesce.optics.led import radiant_power
 from evanesce.render.fast.transport import fields_of, patch_radiance
 from evanesce.rig import load_scene
 from evanesce.studies.voltage.analysis import best_setting, claims, converged, held_from, onset, sensitivity, up_to
-from evanesce.studies.voltage.curve import (
-    SOURCES,
-    Press,
-    at_voltage,
-    excess_parts,
-    power_ratio,
-    segment_levels,
-    study_scene,
-    unclipped_levels,
-    without_sources,
-)
-from evanesce.studies.voltage.unknowns import (
-    RATIOS,
-    THRESHOLDS,
-    UNKNOWNS,
-    Plan,
-    ReducedRig,
-    Samples,
-    grey_levels,
-    middle_open,
-    run_samples,
-    with_length,
-)
+from evanesce.studies.voltage.curve import excess_parts
+from evanesce.studies.voltage.press import Press, power_ratio, segment_levels, unclipped_levels
+from evanesce.studies.voltage.reduced_rig import ReducedRig, grey_levels, middle_open, with_length
+from evanesce.studies.voltage.samples import run_samples
+from evanesce.studies.voltage.sources import SOURCES, at_voltage, study_scene, without_sources
+from evanesce.studies.voltage.unknowns import RATIOS, THRESHOLDS, UNKNOWNS, Plan, Samples
 from support.rigs import need
 
 # An ugly camera: small, off centre, the finger beside its axis.
@@ -234,7 +217,7 @@ def test_sobol_indices_are_those_of_a_function_whose_indices_are_known() -> None
 
 def test_fields_with_no_length_are_those_without_scattering(scene) -> None:
     from evanesce.render.fast.fields import fields_of
-    from evanesce.studies.voltage.unknowns import with_length
+    from evanesce.studies.voltage.reduced_rig import with_length
 
     plain = scene.model_copy(update={"finger": scene.finger.model_copy(update={"scattering_length_mm": 0.0})})
     scattering = scene.model_copy(update={"finger": scene.finger.model_copy(update={"scattering_length_mm": 0.4})})

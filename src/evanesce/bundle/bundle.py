@@ -76,6 +76,11 @@ class Bundle:
         shot : Shot
             One of :attr:`press`.
 
+        Returns
+        -------
+        ndarray of uint8 (rows, cols)
+            [DN].
+
         Raises
         ------
         InputError
@@ -89,7 +94,18 @@ class Bundle:
         return self._read(self._files[PRESS_FOLDER][number])
 
     def frames(self, kind: str) -> tuple[Grey, ...]:
-        """Return all frames of ``press``, ``replicates`` or one of :data:`AUXILIARY`; empty where there are none."""
+        """Return all frames of ``press``, ``replicates`` or one of :data:`AUXILIARY`; empty where there are none.
+
+        Parameters
+        ----------
+        kind : str
+            ``press``, ``replicates`` or one of :data:`~evanesce.bundle.layout.AUXILIARY`.
+
+        Returns
+        -------
+        tuple of ndarray of uint8 (rows, cols)
+            [DN].
+        """
         if kind == PRESS_FOLDER:
             return tuple(self.frame(shot) for shot in self.press)
         if kind not in (REPLICATES_FOLDER, *AUXILIARY):
@@ -97,7 +113,17 @@ class Bundle:
         return tuple(self._read(path) for path in self._files.get(kind, ()))
 
     def count(self, kind: str) -> int:
-        """Return how many frames of a kind there are."""
+        """Return how many frames of a kind there are.
+
+        Parameters
+        ----------
+        kind : str
+            As for :meth:`frames`.
+
+        Returns
+        -------
+        int
+        """
         return len(self.press) if kind == PRESS_FOLDER else len(self._files.get(kind, ()))
 
     @cached_property

@@ -178,6 +178,11 @@ def reflectance_seen(projection: Projection, card: Card, pose: Pose, u: Array, v
     pose : Pose
     u, v : ndarray
         Undistorted normalised directions.
+
+    Returns
+    -------
+    ndarray
+        [1].
     """
     x, y = projection.ray_to_plate(u, v)
     tan_x, tan_y = projection.tangents(u, v)
@@ -226,6 +231,11 @@ def through_glass(scene: Scene, albedo: Array, cosine: Array, mean_albedo: float
         Of the viewing angle in air.
     mean_albedo : float
         Of the paper around, for light that the far face reflects beside where it left [1].
+
+    Returns
+    -------
+    ndarray
+        [1].
     """
     n = scene.plate.refractive_index
     absorbed = np.exp(-2 * scene.plate.absorption_coefficient_per_mm * scene.plate.thickness_mm)

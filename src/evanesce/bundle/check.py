@@ -77,7 +77,16 @@ def contents(bundle: Bundle) -> dict[str, Any]:
 
 
 def unread(bundle: Bundle) -> list[str]:
-    """Return folders and tables that nothing reads, by name: a misspelt one would otherwise go unnoticed."""
+    """Return folders and tables that nothing reads, by name: a misspelt one would otherwise go unnoticed.
+
+    Parameters
+    ----------
+    bundle : Bundle
+
+    Returns
+    -------
+    list of str
+    """
     known = {PRESS_FOLDER, REPLICATES_FOLDER, SERIES_FOLDER, *AUXILIARY, PRESS_TABLE}
     found = [p for p in bundle.path.iterdir() if not p.name.startswith(".") and (p.is_dir() or p.suffix == ".csv")]
     return sorted(p.name for p in found if p.name not in known)

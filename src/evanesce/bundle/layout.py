@@ -218,13 +218,32 @@ def conditions(shots: list[Shot]) -> tuple[Shot, ...]:
 
 
 def same_force(one: float, other: float) -> bool:
-    """Return whether two forces [N] agree within the repeatability of a load cell."""
+    """Return whether two forces [N] agree within the repeatability of a load cell.
+
+    Parameters
+    ----------
+    one, other : float
+        [N].
+
+    Returns
+    -------
+    bool
+    """
     absolute, relative = SAME_FORCE
     return abs(one - other) <= absolute + relative * max(abs(one), abs(other))
 
 
 def same_condition(one: Shot, other: Shot) -> bool:
-    """Return whether two shots are of one session, force and voltage."""
+    """Return whether two shots are of one session, force and voltage.
+
+    Parameters
+    ----------
+    one, other : Shot
+
+    Returns
+    -------
+    bool
+    """
     return (
         one.session == other.session
         and same_force(one.force_N, other.force_N)

@@ -81,7 +81,20 @@ class Rig:
         self._kept: tuple[str, PlateLight] | None = None
 
     def press(self, shot: Shot, index: int | None = None) -> tuple[Grey, ContactState]:
-        """Return the frame of a press [DN], and the contact."""
+        """Return the frame of a press [DN], and the contact.
+
+        Parameters
+        ----------
+        shot : Shot
+        index : int, optional
+            Number of the frame, which selects its noise; that of the shot by default.
+
+        Returns
+        -------
+        frame : ndarray of uint8 (rows, cols)
+            [DN].
+        state : ContactState
+        """
         index = shot.index if index is None else index
         scene, state = solve_contact(
             scene_at(self.scene, shot), shot.force_N, seed=self.seed, time_s=shot.time_s, index=index
@@ -91,7 +104,17 @@ class Rig:
         return self._expose(scene, light, shot.time_s, index), state
 
     def led_off(self, index: int) -> Grey:
-        """Return a frame with the LEDs off and the finger away [DN]."""
+        """Return a frame with the LEDs off and the finger away [DN].
+
+        Parameters
+        ----------
+        index : int
+            Number of the frame, which selects its noise.
+
+        Returns
+        -------
+        ndarray of uint8 (rows, cols)
+        """
         dark = self.scene.leds.model_copy(
             update={
                 "voltage_V": 0.0,
@@ -104,14 +127,36 @@ class Rig:
         return self._expose(scene, no_light(finer_pixels(scene, self.finer)), 0.0, index)
 
     def lens_cap(self, index: int) -> Grey:
-        """Return a frame with the lens covered [DN]: only effects behind the lens are left."""
+        """Return a frame with the lens covered [DN]: only effects behind the lens are left.
+
+        Parameters
+        ----------
+        index : int
+            Number of the frame, which selects its noise.
+
+        Returns
+        -------
+        ndarray of uint8 (rows, cols)
+        """
         known = all_effects()
         behind = {name: table for name, table in self.scene.effects.items() if known[name].stage in BEHIND_THE_LENS}
         scene = self.scene.model_copy(update={"effects": behind})
         return self._expose(scene, no_light(finer_pixels(scene, self.finer)), 0.0, index)
 
     def card(self, kind: str, index: int) -> Grey:
-        """Return the shot of ``checkerboard`` or ``square`` lying on the glass [DN]."""
+        """Return the shot of ``checkerboard`` or ``square`` lying on the glass [DN].
+
+        Parameters
+        ----------
+        kind : str
+            ``checkerboard`` or ``square``.
+        index : int
+            Number of the frame, which selects its noise.
+
+        Returns
+        -------
+        ndarray of uint8 (rows, cols)
+        """
         context = Context(self.scene, self.seed, 0.0, index)
         scene = apply_stage(Stage.RIG, self.scene, active_effects(self.scene), context)
         card = checkerboard_of(scene.card) if kind == "checkerboard" else square_of(scene.card)
@@ -147,7 +192,17 @@ def _rays(scene: Scene) -> IdealView:
 
 
 def no_light(scene: Scene) -> PlateLight:
-    """Return darkness on the scene's pinhole view."""
+    """Return darkness on the scene's pinhole view.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    PlateLight
+        Zero radiance and variance.
+    """
     view = Projection.of(scene.camera, scene.plate).ideal_view()
     dark = np.zeros(view.shape)
     return PlateLight(

@@ -119,7 +119,17 @@ def cases(camera: dict[str, Any]) -> list[Case]:
 
 
 def coarser(factor: int) -> dict[str, Any]:
-    """Return keys of a camera that sees the same field with pixels ``factor`` times as large."""
+    """Return keys of a camera that sees the same field with pixels ``factor`` times as large.
+
+    Parameters
+    ----------
+    factor : int
+
+    Returns
+    -------
+    dict
+        Dotted keys of a scene.
+    """
     return {
         "camera.resolution_px": [2000 // factor, 1500 // factor],
         "camera.scale_px_per_mm": 58.37 / factor,

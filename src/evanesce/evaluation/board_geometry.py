@@ -56,7 +56,18 @@ class PrintedBoard:
     ink_mm: float = 0.0
 
     def to_plate(self, world: Array) -> Array:
-        """Return plate coordinates (n, 2) [mm] of corners given by their nominal position [mm]."""
+        """Return plate coordinates (n, 2) [mm] of corners given by their nominal position [mm].
+
+        Parameters
+        ----------
+        world : ndarray (n, 2)
+            Nominal corners [mm].
+
+        Returns
+        -------
+        ndarray (n, 2)
+            [mm].
+        """
         placed = self.lines.place(world) - self.middle
         return np.stack([placed[:, 0] + self.shear * placed[:, 1], self.stretch * placed[:, 1]], axis=-1)
 
@@ -65,6 +76,18 @@ class PrintedBoard:
 
         Bright squares are products of two stripes, so that their mean over a rectangle along the lines is a product of
         two means. A footprint turned against the lines is taken as one along them: same second moment.
+
+        Parameters
+        ----------
+        x, y : ndarray
+            Plate coordinates [mm], any shape.
+        footprint_mm : float
+            Side of the square footprint [mm].
+
+        Returns
+        -------
+        ndarray
+            0 to 1, of the same shape.
         """
         shares: list[list[Array]] = [[], []]
         along = y / self.stretch
@@ -105,14 +128,35 @@ class FittedRig:
     board: PrintedBoard
 
     def predict(self, plate: Plate, world: Array) -> Array:
-        """Return where nominal corners (n, 2) [mm] appear, (x, y) [px]."""
+        """Return where nominal corners (n, 2) [mm] appear, (x, y) [px].
+
+        Parameters
+        ----------
+        plate : Plate
+        world : ndarray (n, 2)
+            Nominal corners [mm].
+
+        Returns
+        -------
+        ndarray (n, 2)
+            (x, y) [px].
+        """
         placed = self.board.to_plate(world)
         u, v = Projection.of(self.camera, plate).to_image(placed[:, 0], placed[:, 1])
         return np.stack([u, v], axis=-1)
 
 
 def bright_even(grid: CornerGrid) -> bool:
-    """Return whether the square between lines 0 and 1 of both axes is bright, by the corners' contrasts."""
+    """Return whether the square between lines 0 and 1 of both axes is bright, by the corners' contrasts.
+
+    Parameters
+    ----------
+    grid : CornerGrid
+
+    Returns
+    -------
+    bool
+    """
     return bool(np.median(np.sign(grid.fit.contrast) * (1 - 2 * (grid.index.sum(axis=1) % 2))) > 0)
 
 

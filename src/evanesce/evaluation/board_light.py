@@ -50,7 +50,17 @@ class Squares:
 
 
 def held_out_block(index: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return which grid positions (n, 2) belong to blocks that are held out of every fit."""
+    """Return which grid positions (n, 2) belong to blocks that are held out of every fit.
+
+    Parameters
+    ----------
+    index : ndarray of int (n, 2)
+        Of squares or corners.
+
+    Returns
+    -------
+    ndarray of bool (n,)
+    """
     return np.asarray((index // BLOCK).sum(axis=1) % 2 == 1)
 
 
@@ -73,6 +83,10 @@ def squares(image: Array, grid: CornerGrid, even_is_bright: bool) -> Squares:
     grid : CornerGrid
     even_is_bright : bool
         Whether the square between lines 0 and 1 of both axes is bright.
+
+    Returns
+    -------
+    Squares
     """
     cells, around = _whole_squares(grid)
     inner = np.linspace(0.3, 0.7, 7)
@@ -94,6 +108,11 @@ def smooth_field(centre: Array, value: Array, shape: tuple[int, int]) -> Array:
     value : ndarray (n,)
     shape : tuple of int
         (rows, cols).
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        In the unit of ``value``.
 
     Raises
     ------
@@ -123,7 +142,20 @@ def smooth_field(centre: Array, value: Array, shape: tuple[int, int]) -> Array:
 
 
 def block_mask(grid: CornerGrid, shape: tuple[int, int], held_out: bool) -> NDArray[np.bool_]:
-    """Return the pixels of whole squares that belong to the held-out blocks, or to those of the fit; never to both."""
+    """Return the pixels of whole squares that belong to the held-out blocks, or to those of the fit; never to both.
+
+    Parameters
+    ----------
+    grid : CornerGrid
+    shape : tuple of int
+        (rows, cols).
+    held_out : bool
+        Whether the held-out blocks are meant, or those of the fit.
+
+    Returns
+    -------
+    ndarray of bool (rows, cols)
+    """
     cells, around = _whole_squares(grid)
     outlines = np.rint(around * 16).astype(np.int32)
     masks = {True: np.zeros(shape, dtype=np.uint8), False: np.zeros(shape, dtype=np.uint8)}

@@ -127,7 +127,20 @@ def drawn_corners(
     rotation_deg: float = 1.3,
     shift_mm: tuple[float, float] = (0.37, -0.21),
 ) -> list[dict[str, float]]:
-    """Return the corners of a board as a calibration keeps them; parameters as for :func:`calibrated`."""
+    """Return the corners of a board as a calibration keeps them; parameters as for :func:`calibrated`.
+
+    Parameters
+    ----------
+    scene : Scene
+    errors : CardErrors
+    rng : numpy.random.Generator
+    rotation_deg, shift_mm : float, tuple of float
+        Orientation and position of the board [deg], [mm].
+
+    Returns
+    -------
+    list of dict
+    """
     world, seen = _board(scene, errors, _above(scene, errors.height_mm), rng, rotation_deg, shift_mm)
     keys = ("view", "world_x_mm", "world_y_mm", "image_x_px", "image_y_px")
     rows = np.column_stack([np.ones(len(world)), world, seen]).tolist()

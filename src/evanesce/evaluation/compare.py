@@ -40,7 +40,17 @@ class Displacement:
 
     @classmethod
     def of(cls, values: Array) -> Displacement:
-        """Summarise signed displacements."""
+        """Summarise signed displacements.
+
+        Parameters
+        ----------
+        values : ndarray (n,)
+            Signed displacements.
+
+        Returns
+        -------
+        Displacement
+        """
         if values.size == 0:
             nan = float("nan")
             return cls(mean=nan, rms=nan, percentile_5=nan, percentile_50=nan, percentile_95=nan, points=0)
@@ -80,7 +90,13 @@ class Comparison:
     displacement_mm: Displacement
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return plain data.
+
+        Returns
+        -------
+        dict
+            Units in the keys.
+        """
         return asdict(self)
 
 

@@ -49,11 +49,27 @@ class ErrorSplit:
     interaction_mm2: float
 
     def percent(self, value_mm2: float) -> float:
-        """Return a part as percent of the true area, NaN where that is zero."""
+        """Return a part as percent of the true area, NaN where that is zero.
+
+        Parameters
+        ----------
+        value_mm2 : float
+            [mm^2].
+
+        Returns
+        -------
+        float
+            [%].
+        """
         return 100.0 * value_mm2 / self.true_area_mm2 if self.true_area_mm2 > 0 else float("nan")
 
     def rows(self) -> list[tuple[str, float, float]]:
-        """Return (name, mm^2, percent) of every part, then of the total."""
+        """Return (name, mm^2, percent) of every part, then of the total.
+
+        Returns
+        -------
+        list of tuple
+        """
         named = [
             *self.parts_mm2.items(),
             ("residual", self.residual_mm2),
@@ -107,11 +123,32 @@ class Viewing:
 
     @classmethod
     def of(cls, projection: Projection, view: RectifiedView | None = None) -> Viewing:
-        """Return the viewing of a camera's frames through a rectified view, or as they are."""
+        """Return the viewing of a camera's frames through a rectified view, or as they are.
+
+        Parameters
+        ----------
+        projection : Projection
+            True geometry of the camera.
+        view : RectifiedView, optional
+
+        Returns
+        -------
+        Viewing
+        """
         return cls(view_geometry(projection, view).pixel_area, None if view is None else view.maps())
 
     def look(self, image: NDArray[Any]) -> NDArray[Any]:
-        """Return the view's picture of a frame's array."""
+        """Return the view's picture of a frame's array.
+
+        Parameters
+        ----------
+        image : ndarray
+            Of the frame's size.
+
+        Returns
+        -------
+        ndarray (rows, cols)
+        """
         if self.maps is None:
             return image
         return np.asarray(cv2.remap(image, *self.maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
@@ -154,7 +191,18 @@ class MeasuredArea:
         return int(mask.sum()) * self.mm2_per_px
 
     def mask(self, without: frozenset[Source] = frozenset()) -> tuple[Mask, Viewing]:
-        """Return the segmented mask and the view in which it lies."""
+        """Return the segmented mask and the view in which it lies.
+
+        Parameters
+        ----------
+        without : frozenset of str
+            Sources left out.
+
+        Returns
+        -------
+        mask : ndarray of bool (rows, cols)
+        viewing : Viewing
+        """
         omitted: frozenset[Omission] = frozenset(part for part in get_args(Omission) if part in without)
         frame = self.expose(omitted)
         viewing = self.straight if "distortion" in without else self.viewing

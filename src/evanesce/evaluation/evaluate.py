@@ -55,6 +55,10 @@ class Camera:
             None leaves frames distorted.
         mm2_per_px : float
             Calibrated area of a pixel [mm^2].
+
+        Returns
+        -------
+        Camera
         """
         projection = Projection.of(scene.camera, scene.plate)
         rectified = view = None
@@ -91,7 +95,12 @@ class Evaluation:
     error: ErrorSplit | None
 
     def row(self) -> dict[str, Any]:
-        """Return the table's row, units in the keys."""
+        """Return the table's row, units in the keys.
+
+        Returns
+        -------
+        dict
+        """
         row: dict[str, Any] = {
             "true_area_mm2": self.comparison.true_area_mm2,
             "measured_area_mm2": self.comparison.area_mm2,

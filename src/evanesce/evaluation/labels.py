@@ -42,7 +42,18 @@ class RectifiedView:
     origin: tuple[int, int] = (0, 0)
 
     def to_frame(self, u: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
-        """Return the frame's pixel position (u, v) that a position of this view shows."""
+        """Return the frame's pixel position (u, v) that a position of this view shows.
+
+        Parameters
+        ----------
+        u, v : array_like
+            Column and row in this view [px].
+
+        Returns
+        -------
+        u, v : ndarray
+            In the frame [px].
+        """
         inverse = np.linalg.inv(self.camera_matrix_new)
         u, v = np.asarray(u, float) + self.origin[1], np.asarray(v, float) + self.origin[0]
         k1, k2, p1, p2, k3 = (float(k) for k in np.resize(np.append(self.distortion, np.zeros(5)), 5))
@@ -55,7 +66,13 @@ class RectifiedView:
         return matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2], matrix[1, 1] * y + matrix[1, 2]
 
     def maps(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return the cv2.remap maps (x, y) that carry a frame into this view."""
+        """Return the cv2.remap maps (x, y) that carry a frame into this view.
+
+        Returns
+        -------
+        x, y : ndarray of float32 (rows, cols)
+            [px].
+        """
         u, v = np.meshgrid(np.arange(self.shape[1]), np.arange(self.shape[0]))
         x, y = self.to_frame(u, v)
         return x.astype(np.float32), y.astype(np.float32)

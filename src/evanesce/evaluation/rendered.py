@@ -57,11 +57,20 @@ class Rendered:
         return self.folder / f"light_{index:06d}.exr"
 
     def true_scene(self) -> Scene:
-        """Return the true rig, after effects of the stage ``rig``."""
+        """Return the true rig, after effects of the stage ``rig``.
+
+        Returns
+        -------
+        Scene
+        """
         return solve_contact(self.scene, None, seed=self.seed, file=self.folder / "scene.toml")[0]
 
     def shots(self) -> Iterator[SimulatedFrame]:
         """Yield the frames with their truth, and with their light where it is there (dark otherwise).
+
+        Yields
+        ------
+        SimulatedFrame
 
         Raises
         ------

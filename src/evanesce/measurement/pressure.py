@@ -52,7 +52,18 @@ class PressureCurve:
             )
 
     def pressure(self, light: ArrayLike) -> Floats:
-        """Return the pressure [MPa] of light over that of complete contact; beyond the table, its last."""
+        """Return the pressure [MPa] of light over that of complete contact; beyond the table, its last.
+
+        Parameters
+        ----------
+        light : array_like
+            Over that of complete contact [1].
+
+        Returns
+        -------
+        ndarray
+            [MPa].
+        """
         rising = np.maximum.accumulate(self.light + 1e-15 * np.arange(len(self.light)))
         return np.asarray(np.interp(np.asarray(light, np.float64), rising, self.pressure_MPa))
 

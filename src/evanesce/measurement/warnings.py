@@ -96,7 +96,12 @@ class FrameLog:
     _dropped: int = 0
 
     def add(self, figures: FrameFigures) -> None:
-        """Add one frame."""
+        """Add one frame.
+
+        Parameters
+        ----------
+        figures : FrameFigures
+        """
         self.frames += 1
         if figures.pixels == 0:
             self._empty.add(figures.index, 0.0)
@@ -111,7 +116,12 @@ class FrameLog:
         self._greatest = max(self._greatest, figures.grey_range[1])
 
     def warnings(self) -> list[Warning]:
-        """Return the warnings about the frames so far."""
+        """Return the warnings about the frames so far.
+
+        Returns
+        -------
+        list of Warning
+        """
         if not self.frames:
             return []
         found = [*self._threshold_warning()]
@@ -172,7 +182,14 @@ class EdgeLog:
     first: int = -1
 
     def add(self, index: int, unseen: str) -> None:
-        """Add one frame; see :class:`~evanesce.measurement.refined.estimator.RefinedArea` for ``unseen``."""
+        """Add one frame; see :class:`~evanesce.measurement.refined.estimator.RefinedArea` for ``unseen``.
+
+        Parameters
+        ----------
+        index : int
+            Number of the frame.
+        unseen : str
+        """
         if not unseen:
             return
         if self.count == 0:
@@ -181,7 +198,16 @@ class EdgeLog:
         self.modelled += unseen == "modelled"
 
     def warnings(self, frames: int) -> list[Warning]:
-        """Return the warnings about so many frames."""
+        """Return the warnings about so many frames.
+
+        Parameters
+        ----------
+        frames : int
+
+        Returns
+        -------
+        list of Warning
+        """
         if not self.count:
             return []
         scattered = (
@@ -216,6 +242,10 @@ def frame_rate_warning(stated: float | None, given: float | None, where: str) ->
         Of the command line [Hz].
     where : str
         Name of the file or folder.
+
+    Returns
+    -------
+    Warning or None
     """
     if stated is None and given is None:
         return Warning("frame_rate_missing", f"{where} states no frame rate and none was given: times are unknown")
@@ -229,7 +259,17 @@ def frame_rate_warning(stated: float | None, given: float | None, where: str) ->
 
 
 def scale_warning(stored: float | None, given: float | None) -> Warning | None:
-    """Compare the area of a pixel in a calibration with the one the user gives [mm^2]; the latter is used."""
+    """Compare the area of a pixel in a calibration with the one the user gives [mm^2]; the latter is used.
+
+    Parameters
+    ----------
+    stored, given : float or None
+        Area of a pixel [mm^2].
+
+    Returns
+    -------
+    Warning or None
+    """
     if stored is None or given is None or abs(stored / given - 1) <= SCALE_TOLERANCE:
         return None
     return Warning(

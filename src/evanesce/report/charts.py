@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 COLOURS = ("#1f6feb", "#d1571b", "#2a8f4f", "#8250df", "#b8860b", "#c2255c", "#0b7285", "#57606a", "#000000")
 
-MOST_INSIDE = 9
+MAX_INSIDE = 9
 """Entries of a legend that have room inside their panel; more stand below it."""
 
 
@@ -92,9 +92,18 @@ class Maps:
 
 
 def chart_figure(chart: Chart) -> Figure:
-    """Return a chart's panels side by side."""
+    """Return a chart's panels side by side.
+
+    Parameters
+    ----------
+    chart : Chart
+
+    Returns
+    -------
+    Figure
+    """
     count = len(chart.panels)
-    crowded = any(len(panel.series) > MOST_INSIDE for panel in chart.panels)
+    crowded = any(len(panel.series) > MAX_INSIDE for panel in chart.panels)
     figure = Figure(figsize=(5.8 * count + 0.6, 5.8 if crowded else 4.6), layout="constrained")
     for axis, panel in zip(np.atleast_1d(figure.subplots(1, count)), chart.panels, strict=True):
         _draw(axis, panel)
@@ -132,14 +141,23 @@ def _draw(axis: Any, panel: Panel) -> None:
     if panel.y_range:
         axis.set_ylim(*panel.y_range)
     axis.grid(alpha=0.3)
-    if len(panel.series) > MOST_INSIDE:
+    if len(panel.series) > MAX_INSIDE:
         axis.legend(fontsize=7.5, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2, frameon=False)
     elif len(panel.series) > 1:
         axis.legend(fontsize=7.5, framealpha=0.85)
 
 
 def maps_figure(maps: Maps) -> Figure:
-    """Return rows of maps, each row with its scale; pixels that are not known are grey."""
+    """Return rows of maps, each row with its scale; pixels that are not known are grey.
+
+    Parameters
+    ----------
+    maps : Maps
+
+    Returns
+    -------
+    Figure
+    """
     count = max(len(row) for row in maps.rows)
     figure = Figure(figsize=(3.4 * count + 1.2, 3.2 * len(maps.rows)), layout="constrained")
     grid = figure.subplots(len(maps.rows), count, squeeze=False)

@@ -12,11 +12,21 @@ from typing import Any
 from evanesce.core import provenance
 
 Keep = Callable[[str, Callable[[], Mapping[str, Any]]], Mapping[str, Any]]
-"""``keep(key, make)`` returns a row: the one put away under the key, else what ``make`` returns."""
+"""``keep(key, make)`` returns a row: the one stored under the key, else what ``make`` returns."""
 
 
 def not_kept(key: str, make: Callable[[], Mapping[str, Any]]) -> Mapping[str, Any]:
-    """Return the row anew: the :data:`Keep` of a run without a folder."""
+    """Return ``make()``: the :data:`Keep` of a run without a folder.
+
+    Parameters
+    ----------
+    key : str
+    make : callable
+
+    Returns
+    -------
+    mapping
+    """
     return make()
 
 
@@ -26,7 +36,7 @@ class Ledger:
     Parameters
     ----------
     path : Path
-        Of the file. It is begun anew where it belongs to another scene, other settings or other source code.
+        Of the file. It is replaced where it belongs to another scene, other settings or other source code.
     belongs_to : object
         JSON-able: everything that the rows depend on.
     """
@@ -58,7 +68,19 @@ class Ledger:
         return len(self._rows)
 
     def row(self, key: str, make: Callable[[], Mapping[str, Any]]) -> dict[str, Any]:
-        """Return a row, computed and put away if it is not there yet; NaN and infinity become None."""
+        """Return a row, computed and stored if it is not there yet.
+
+        Parameters
+        ----------
+        key : str
+        make : callable
+            ``make() -> mapping`` of what JSON can hold, arrays included.
+
+        Returns
+        -------
+        dict
+            NaN and infinity become None.
+        """
         if key not in self._rows:
             row = {name: _finite(value) for name, value in make().items()}
             with self.path.open("a", encoding="utf-8") as stream:

@@ -32,6 +32,10 @@ def page(
         Of :func:`evanesce.studies.threshold.slider.slider`.
     lead : str
         One sentence under the title.
+
+    Returns
+    -------
+    Page
     """
     sections = []
     if slider is not None:
@@ -46,7 +50,16 @@ def page(
 
 
 def pictures(parts: Sequence[tuple[Study, Findings]]) -> dict[str, bytes]:
-    """Return every figure of the page as PNG by a name, ``threshold-1`` and so on."""
+    """Return every figure of the page as PNG by a name, ``threshold-1`` and so on.
+
+    Parameters
+    ----------
+    parts : sequence of (Study, Findings)
+
+    Returns
+    -------
+    dict of str to bytes
+    """
     found = {}
     for study, findings in parts:
         for k, picture in enumerate(_pictures(findings), start=1):

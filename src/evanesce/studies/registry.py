@@ -80,12 +80,21 @@ class Study:
             Whether to take fewer samples.
         seed : int
             Of all random numbers.
+
+        Returns
+        -------
+        Findings
         """
         return self.compute(scene, out, progress, quick=quick, seed=seed)
 
 
 def studies() -> list[Study]:
-    """Return every part, in the order of the page."""
+    """Return every part, in the order of the page.
+
+    Returns
+    -------
+    list of Study
+    """
     found: list[Study] = []
     for folder in pkgutil.iter_modules(here.__path__):
         module = f"{here.__name__}.{folder.name}.page"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from evanesce.core.errors import InputError
 from evanesce.rig import Scene, load_scene
-from evanesce.studies.voltage.curve import study_scene
+from evanesce.studies.voltage.sources import study_scene
 
 MATERIALS = ("silskin_0", "silskin_20")
 
@@ -22,7 +22,7 @@ class Finger:
     ridged : bool
     scattering : bool
         With what the thesis does not state and its photographs show: subsurface scattering in the silicone, and specks
-        on the glass (:func:`evanesce.studies.voltage.curve.study_scene`).
+        on the glass (:func:`evanesce.studies.voltage.sources.study_scene`).
     """
 
     material: str
@@ -35,7 +35,16 @@ class Finger:
         return ("ridged" if self.ridged else "smooth") + (", scattering and specks" if self.scattering else "")
 
     def on(self, scene: Scene) -> Scene:
-        """Return a scene with this finger, pressed without a slide."""
+        """Return a scene with this finger, pressed without a slide.
+
+        Parameters
+        ----------
+        scene : Scene
+
+        Returns
+        -------
+        Scene
+        """
         ridges = (scene.finger.ridges or load_scene("thesis_ridged").finger.ridges) if self.ridged else None
         finger = scene.finger.model_copy(update={"material": self.material, "ridges": ridges})
         # sources and assumptions concern the scene's own finger
@@ -44,7 +53,12 @@ class Finger:
 
 
 def every_finger() -> Iterator[Finger]:
-    """Yield each finger of the studies."""
+    """Yield each finger of the studies.
+
+    Yields
+    ------
+    Finger
+    """
     for material in MATERIALS:
         for ridged in (False, True):
             for scattering in (False, True):

@@ -38,7 +38,18 @@ class BoardLines:
     offset: tuple[Array, Array]
 
     def place(self, world: Array) -> Array:
-        """Return nominal corners (n, 2) [mm] moved to the fitted lines; corners between known lines move by neither."""
+        """Return nominal corners (n, 2) [mm] moved to the fitted lines; corners between known lines move by neither.
+
+        Parameters
+        ----------
+        world : ndarray (n, 2)
+            Nominal corners [mm].
+
+        Returns
+        -------
+        ndarray (n, 2)
+            [mm].
+        """
         moved = world.copy()
         for axis in (0, 1):
             index = np.clip(np.searchsorted(self.nominal[axis], world[:, axis]), 0, len(self.nominal[axis]) - 1)
@@ -53,7 +64,16 @@ class BoardLines:
 
 
 def nominal_lines(view: BoardView) -> BoardLines:
-    """Return the lines of a view's corners without any offset."""
+    """Return the lines of a view's corners without any offset.
+
+    Parameters
+    ----------
+    view : BoardView
+
+    Returns
+    -------
+    BoardLines
+    """
     lines = (np.unique(view.world[:, 0]), np.unique(view.world[:, 1]))
     return BoardLines(lines, (np.zeros(len(lines[0])), np.zeros(len(lines[1]))))
 

@@ -59,6 +59,10 @@ class CornerGrid:
             Of the image.
         square_mm : float
             Side of a square [mm].
+
+        Returns
+        -------
+        BoardView
         """
         origin = [_first_filled(self.index[:, 0]), _first_filled(self.index[:, 1])]
         return BoardView(name, (self.index - origin).astype(np.float64) * square_mm, self.fit.position)

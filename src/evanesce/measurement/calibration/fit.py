@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from evanesce.core import rng
 from evanesce.core.errors import InputError, WorkError
+from evanesce.measurement.calibration.distinct import distinct_views
 from evanesce.measurement.calibration.local_scale import ScaleMap, local_scale
 from evanesce.measurement.calibration.model import Calibration
 from evanesce.measurement.calibration.pinhole import PinholeFit, fit_pinhole
@@ -24,9 +24,6 @@ from evanesce.measurement.calibration.points import BoardView
 from evanesce.measurement.warnings import Warning
 
 Array = NDArray[np.float64]
-
-STILL_PX = 0.1
-"""RMS difference of corners below which two views show the same scene: more than noise moves those of a still board."""
 
 MIN_TILT_DEG = 5.0
 """Spread of the boards' normals below which the focal length is not accepted, whatever its standard error."""
@@ -92,7 +89,17 @@ class Calibrated:
 
 
 def rms(residual: Array) -> float:
-    """Return the root-mean-square length of residual vectors (n, 2)."""
+    """Return the root-mean-square length of residual vectors (n, 2).
+
+    Parameters
+    ----------
+    residual : ndarray (n, 2)
+
+    Returns
+    -------
+    float
+        In the same unit.
+    """
     return float(np.sqrt((residual**2).sum(axis=1).mean()))
 
 
@@ -175,53 +182,6 @@ def _check(views: list[BoardView], image_size: tuple[int, int]) -> None:
                 key="image size",
                 allowed=f"corners within {cols} x {rows} px: give the size of the pictures the corners were found in",
             )
-
-
-def distinct_views(views: Sequence[BoardView]) -> tuple[list[BoardView], list[Warning]]:
-    """Return one of each set of views that show the same scene, and a warning that names the sets.
-
-    Parameters
-    ----------
-    views : sequence of BoardView
-
-    Returns
-    -------
-    distinct : list of BoardView
-    warnings : list of Warning
-    """
-    groups: list[list[BoardView]] = []
-    worst = 0.0
-    for view in views:
-        for group in groups:
-            difference = _still(group[0], view)
-            if difference < STILL_PX:
-                group.append(view)
-                worst = max(worst, difference)
-                break
-        else:
-            groups.append([view])
-    if len(groups) == len(views):
-        return [group[0] for group in groups], []
-    repeated = [group for group in groups if len(group) > 1]
-    sets = "; ".join(_listed([v.name for v in group]) for group in repeated)
-    text = (
-        f"{len(views)} views are {len(groups)}: the corners of views {sets} differ by at most {worst:.2g} px RMS "
-        f"(limit {STILL_PX} px), so repeated pictures of a board that did not move count once"
-    )
-    return [group[0] for group in groups], [Warning("identical_views", text)]
-
-
-def _listed(names: list[str]) -> str:
-    return ", ".join(names if len(names) <= 4 else [*names[:2], "...", names[-1]])
-
-
-def _still(one: BoardView, other: BoardView) -> float:
-    """Return the RMS distance [px] of the corners two views share; infinite unless nine in ten coincide to 1 px."""
-    distance, _ = KDTree(one.image).query(other.image, distance_upper_bound=1.0)
-    near = distance[np.isfinite(distance)]
-    if len(near) < 0.9 * max(len(one), len(other)):
-        return float("inf")
-    return float(np.sqrt((near**2).mean()))
 
 
 def _fit(

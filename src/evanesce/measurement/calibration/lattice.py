@@ -74,7 +74,17 @@ class Lattice:
             self._prune()
 
     def covers(self, points: Array) -> NDArray[np.bool_]:
-        """Return which points (n, 2) [px] lie within a third of a square of a corner of this lattice."""
+        """Return which points (n, 2) [px] lie within a third of a square of a corner of this lattice.
+
+        Parameters
+        ----------
+        points : ndarray (n, 2)
+            (x, y) [px].
+
+        Returns
+        -------
+        ndarray of bool (n,)
+        """
         if self.count < 9 or not len(points):
             return np.zeros(len(points), dtype=bool)
         cells = np.argwhere(self.known)
@@ -88,6 +98,13 @@ class Lattice:
         """Return index (n, 2), fit and lattice vectors (n, 2, 2) [px] of the corners after a last fit of each.
 
         The first axis runs along the image's x; indices start at 0.
+
+        Returns
+        -------
+        index : ndarray of int (n, 2)
+        fit : SaddleFit
+        lattice : ndarray (n, 2, 2)
+            [px].
         """
         cells = np.argwhere(self.known)
         _, lattice, _ = self._predict(cells)

@@ -28,7 +28,13 @@ class ScaleMap:
     px_per_mm2: Array
 
     def summary(self) -> dict[str, float]:
-        """Return median, smallest and greatest scale and the 5th and 95th percentile [px/mm^2]; NaN without cells."""
+        """Return median, smallest and greatest scale and the 5th and 95th percentile [px/mm^2]; NaN without cells.
+
+        Returns
+        -------
+        dict of str to float
+            ``median``, ``min``, ``max``, ``p05``, ``p95``.
+        """
         names = {"median": 50, "min": 0, "max": 100, "p05": 5, "p95": 95}
         if not len(self.px_per_mm2):
             return dict.fromkeys(names, float("nan"))

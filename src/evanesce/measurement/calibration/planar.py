@@ -52,15 +52,52 @@ class BoardFit:
     standard_errors: dict[str, float]
 
     def undistort(self, points: Array) -> Array:
-        """Return where pixels (n, 2) lie in the undistorted picture [px]."""
+        """Return where pixels (n, 2) lie in the undistorted picture [px].
+
+        Parameters
+        ----------
+        points : ndarray (n, 2)
+            (x, y) in the picture [px].
+
+        Returns
+        -------
+        ndarray (n, 2)
+            [px].
+        """
         return undistort_points(points, self.camera_matrix, self.distortion)
 
     def straight(self, view: int, world: Array) -> Array:
-        """Return where the grid of a view [mm] lies in the undistorted picture [px]."""
+        """Return where the grid of a view [mm] lies in the undistorted picture [px].
+
+        Parameters
+        ----------
+        view : int
+            Number of the view, from 0.
+        world : ndarray (n, 2)
+            On the board [mm].
+
+        Returns
+        -------
+        ndarray (n, 2)
+            [px].
+        """
         return apply_homography(self.homographies[view], world)
 
     def predict(self, view: int, world: Array) -> Array:
-        """Return where the grid of a view [mm] lies in the picture as taken [px]."""
+        """Return where the grid of a view [mm] lies in the picture as taken [px].
+
+        Parameters
+        ----------
+        view : int
+            Number of the view, from 0.
+        world : ndarray (n, 2)
+            On the board [mm].
+
+        Returns
+        -------
+        ndarray (n, 2)
+            [px].
+        """
         middle, focal = self.camera_matrix[:2, 2], np.diag(self.camera_matrix)[:2]
         bent = distort_normalized((self.straight(view, world) - middle) / focal, self.distortion)
         return np.asarray(bent * focal + middle)

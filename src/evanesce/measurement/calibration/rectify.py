@@ -83,7 +83,19 @@ def distort_normalized(points: Floats, distortion: Floats) -> Floats:
 
 
 def distortion_jacobian(points: Floats, distortion: Floats) -> Floats:
-    """Return the derivative of :func:`distort_normalized` by its points, shape (..., 2, 2); it is symmetric."""
+    """Return the derivative of :func:`distort_normalized` by its points, shape (..., 2, 2); it is symmetric.
+
+    Parameters
+    ----------
+    points : ndarray (..., 2)
+        Ideal (x/z, y/z) [1].
+    distortion : ndarray (5,)
+        k1, k2, p1, p2, k3.
+
+    Returns
+    -------
+    ndarray (..., 2, 2)
+    """
     k1, k2, p1, p2, k3 = distortion
     x, y = points[..., 0], points[..., 1]
     r2 = x * x + y * y

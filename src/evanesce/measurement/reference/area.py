@@ -117,7 +117,18 @@ class AreaRow:
 
     @classmethod
     def of(cls, measured: Measured, interval: tuple[float, float] = (math.nan, math.nan)) -> AreaRow:
-        """Return the line of one frame, with the 95 % interval of its area [mm^2] if that is known."""
+        """Return the line of one frame, with the 95 % interval of its area [mm^2] if that is known.
+
+        Parameters
+        ----------
+        measured : Measured
+        interval : tuple of float
+            95 % interval of the area [mm^2]; NaN where unknown.
+
+        Returns
+        -------
+        AreaRow
+        """
         e = measured.estimate
         return cls(e.index, e.time, e.pixels, e.area, measured.segmentation.blobs, *interval)
 

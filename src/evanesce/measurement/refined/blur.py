@@ -61,14 +61,32 @@ class Blur:
     response: tuple[Floats, Floats] | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data: widths, origin and, where known, the edge's profile as positions [px] and light [1]."""
+        """Return plain data: widths, origin and, where known, the edge's profile as positions [px] and light [1].
+
+        Returns
+        -------
+        dict
+        """
         found: dict[str, Any] = {"px": self.px, "low_px": self.low_px, "high_px": self.high_px, "origin": self.origin}
         if self.response is not None:
             found["edge"] = {"positions_px": self.response[0].tolist(), "light": self.response[1].tolist()}
         return found
 
     def edge(self, distance: Floats, px: float | None = None) -> Floats:
-        """Return the light of a unit step at distances outside it [px], as if the blur were ``px`` wide."""
+        """Return the light of a unit step at distances outside it [px], as if the blur were ``px`` wide.
+
+        Parameters
+        ----------
+        distance : ndarray
+            Outside the step [px].
+        px : float, optional
+            Standard deviation of the blur; its own by default [px].
+
+        Returns
+        -------
+        ndarray
+            0 to 1.
+        """
         width = self.px if px is None else px
         if self.response is None:
             return edge_response(distance, width)
@@ -77,7 +95,17 @@ class Blur:
 
     @classmethod
     def stated(cls, px: float) -> Blur:
-        """Return a blur that is known to 5 %."""
+        """Return a blur that is known to 5 %.
+
+        Parameters
+        ----------
+        px : float
+            Standard deviation [px].
+
+        Returns
+        -------
+        Blur
+        """
         return cls(px=px, low_px=px * (1 - MIN_HALF_WIDTH), high_px=px * (1 + MIN_HALF_WIDTH), origin="stated")
 
     @classmethod
@@ -94,6 +122,10 @@ class Blur:
         view : int, optional
             Number of the picture, from 1, whose board lay on the glass: a tilted one is out of focus somewhere. Without
             it the sharpest counts.
+
+        Returns
+        -------
+        Blur
 
         Raises
         ------
@@ -123,7 +155,20 @@ class Blur:
 
 
 def edge_response(distance: Floats, blur_px: float) -> Floats:
-    """Return the light of a unit step at distances outside it [px], blurred by a Gaussian."""
+    """Return the light of a unit step at distances outside it [px], blurred by a Gaussian.
+
+    Parameters
+    ----------
+    distance : ndarray
+        Outside the step [px].
+    blur_px : float
+        Standard deviation [px].
+
+    Returns
+    -------
+    ndarray
+        0 to 1.
+    """
     return np.asarray(0.5 * erfc(distance / (np.sqrt(2.0) * blur_px)))
 
 
@@ -157,6 +202,11 @@ def widened(dark_DN: float, bright_DN: float, tone: Floats) -> float:
     dark_DN, bright_DN : float
         Of the two sides, 0 to 255.
     tone : ndarray (256,)
+
+    Returns
+    -------
+    float
+        [1].
     """
     levels = np.arange(len(tone), dtype=np.float64)
     dark, bright = np.interp([dark_DN, bright_DN], levels, tone)

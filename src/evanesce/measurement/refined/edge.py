@@ -166,6 +166,15 @@ def edge_spread(boundary: Boundary) -> float:
 
     A blur is the same all along; what widens the edge locally is a film of air that opens slowly beside the contact.
     An edge's width is one over the slope of its level.
+
+    Parameters
+    ----------
+    boundary : Boundary
+
+    Returns
+    -------
+    float
+        [px].
     """
     slope = np.hypot(*np.gradient(boundary.level))
     widths, lengths = [], []
@@ -181,6 +190,16 @@ def edge_spread(boundary: Boundary) -> float:
 
 
 def half_contours(level: Floats) -> list[Floats]:
-    """Return the closed curves (x, y) where a map passes one half [px]; they close along the map's border."""
+    """Return the closed curves (x, y) where a map passes one half [px]; they close along the map's border.
+
+    Parameters
+    ----------
+    level : ndarray (rows, cols)
+
+    Returns
+    -------
+    list of ndarray (n, 2)
+        (x, y) [px].
+    """
     found = find_contours(np.pad(level, 1, constant_values=0.0), 0.5)
     return [(contour - 1)[:, ::-1] for contour in found if len(contour) > 3]

@@ -152,6 +152,18 @@ class Estimator:
 
         ``blur_px`` states the camera's blur; without it (or ``blur``) it is what the calibration's board shows.
 
+        Parameters
+        ----------
+        calibration : Calibration
+        radiometry : Radiometry, optional
+            From the calibration's tone curve by default.
+        **settings
+            Of :class:`Settings`, and ``blur_px``.
+
+        Returns
+        -------
+        Estimator
+
         Raises
         ------
         InputError
@@ -197,6 +209,10 @@ class Estimator:
         ----------
         image : ndarray of uint8, (rows, cols) or (rows, cols, 3)
             As taken, not undistorted [DN].
+
+        Returns
+        -------
+        RefinedArea
 
         Raises
         ------

@@ -84,6 +84,17 @@ class Radiometry:
     def of(cls, details: Mapping[str, Any], dark: Iterable[Image] = (), flat: Iterable[Image] = ()) -> Radiometry:
         """Combine a calibration's ``tone_curve`` (bt709 if it has none) with the rig's own dark and flat shots.
 
+        Parameters
+        ----------
+        details : mapping
+            Of a calibration; ``tone_curve`` is read.
+        dark, flat : iterable of ndarray of uint8
+            Frames without contact, and of a uniform target [DN].
+
+        Returns
+        -------
+        Radiometry
+
         Raises
         ------
         InputError
@@ -106,6 +117,11 @@ class Radiometry:
         ----------
         image : ndarray of uint8, (rows, cols) or (rows, cols, 3)
             [DN]; of colour frames each channel is made linear before the luma weights.
+
+        Returns
+        -------
+        light : ndarray (rows, cols)
+        saturated : ndarray of bool (rows, cols)
         """
         for name, part in (("dark", self.dark), ("flat", self.flat)):
             if isinstance(part, np.ndarray) and part.shape != image.shape[:2]:

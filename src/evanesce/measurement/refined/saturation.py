@@ -115,6 +115,11 @@ def edge_uncertainty(tried: Floats) -> float:
     ----------
     tried : ndarray (n, 2)
         Of :func:`shift_of_edge`.
+
+    Returns
+    -------
+    float
+        [px].
     """
     shifts, residuals = tried.T
     allowed = residuals <= FOOT_ALLOWS * residuals.min()
@@ -188,6 +193,10 @@ def filled_by(light: Floats, full: Mask, mask: Mask, scattering: Scattering, blu
     scattering : Scattering
     blur_px : float
         Standard deviation of the camera's blur [px].
+
+    Returns
+    -------
+    ndarray (rows, cols)
     """
     beside = (cv2.dilate(full.astype(np.uint8), np.ones((41, 41), np.uint8)) > 0) & ~full
     model = spread(mask.astype(float), scattering, blur_px)
@@ -196,7 +205,19 @@ def filled_by(light: Floats, full: Mask, mask: Mask, scattering: Scattering, blu
 
 
 def lies_within(mask: Mask, full: Mask) -> bool:
-    """Return whether most of a contact's boundary lies where the frame is saturated."""
+    """Return whether most of a contact's boundary lies where the frame is saturated.
+
+    Parameters
+    ----------
+    mask : ndarray of bool (rows, cols)
+        Contact.
+    full : ndarray of bool (rows, cols)
+        Saturated pixels.
+
+    Returns
+    -------
+    bool
+    """
     shape = np.ones((3, 3), np.uint8)
     rim = mask & ~(cv2.erode(mask.astype(np.uint8), shape) > 0)
     return bool((rim & full).sum() > 0.5 * rim.sum())

@@ -14,14 +14,11 @@ from evanesce.measurement.reference.area import Measured
 from evanesce.measurement.reference.segment import grey
 from evanesce.measurement.refined.estimator import Estimator, RefinedArea
 from evanesce.measurement.refined.light import tone_table
-from evanesce.measurement.uncertainty.budget import (
-    Component,
+from evanesce.measurement.uncertainty.budget import Component, Reading, Uncertain, propagate
+from evanesce.measurement.uncertainty.components import (
     Finger,
-    Reading,
-    Uncertain,
     card_components,
     nearness_component,
-    propagate,
     reference_components,
     refined_components,
 )

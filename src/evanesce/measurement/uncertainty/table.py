@@ -25,6 +25,14 @@ def budget_table(found: Uncertain) -> dict[str, Any]:
 
     Percentages are standard uncertainties, of the area as read and of the factor [mm^2 per px]; the factor's are None
     where a component does not enter it. Of no area they are 0.
+
+    Parameters
+    ----------
+    found : Uncertain
+
+    Returns
+    -------
+    dict
     """
     rows = []
     for part in found.components:

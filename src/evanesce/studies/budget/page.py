@@ -26,7 +26,17 @@ FACTOR_PARTS = (
 
 
 def run(scene: Scene, out: Path, progress: Progress, *, quick: bool = False, seed: int = 1) -> Findings:
-    """Compute the study; see :meth:`evanesce.studies.registry.Study.run`."""
+    """Compute the study and return its findings.
+
+    Parameters
+    ----------
+    scene, out, progress, quick, seed
+        As for :meth:`evanesce.studies.registry.Study.run`.
+
+    Returns
+    -------
+    Findings
+    """
     check_studied(scene)
     count = QUICK_MEASUREMENTS if quick else MEASUREMENTS
     ledger = Ledger(out / "budget.jsonl", {"scene": scene.as_dict(), "seed": seed, "measurements": count})
@@ -40,7 +50,17 @@ def run(scene: Scene, out: Path, progress: Progress, *, quick: bool = False, see
 
 
 def findings(classes: Sequence[Mapping[str, Any]]) -> Findings:
-    """Return table, chart and verdict."""
+    """Return table, chart and verdict.
+
+    Parameters
+    ----------
+    classes : sequence of mapping
+        Of :meth:`~evanesce.studies.budget.study.BudgetStudy.as_dict`.
+
+    Returns
+    -------
+    Findings
+    """
     inside = [c for c in classes if WANTED[0] <= c["refined_covered"] <= WANTED[1]]
     covered = [100 * c["refined_covered"] for c in classes]
     reference = [100 * c["reference_covered"] for c in classes]
@@ -132,7 +152,16 @@ def _chart(classes: Sequence[Mapping[str, Any]]) -> Chart:
 
 
 def page(study: BudgetStudy) -> Page:
-    """Return the report of ``evanesce study budget``."""
+    """Return the report of ``evanesce study budget``.
+
+    Parameters
+    ----------
+    study : BudgetStudy
+
+    Returns
+    -------
+    Page
+    """
     lead = (
         "Cards and corners are drawn anew for each measurement, and one of each class's "
         f"{study.classes[0].frames} frames; the interval must hold the truth. Print, height and edges of the cards are "

@@ -23,18 +23,17 @@ from evanesce.measurement.reference.segment import Chain
 from evanesce.measurement.refined.estimator import Estimator, RefinedArea, Unseen
 from evanesce.measurement.refined.subsurface import Scattering
 from evanesce.measurement.uncertainty.area import lens_distance, reference_boundary, refined_uncertainty
-from evanesce.measurement.uncertainty.budget import (
+from evanesce.measurement.uncertainty.budget import Reading, propagate
+from evanesce.measurement.uncertainty.components import (
     CARD_HEIGHT_MM,
     PRINT_TOLERANCE,
     Finger,
-    Reading,
     card_components,
-    propagate,
     reference_components,
 )
 from evanesce.optics.projection import Projection
 from evanesce.rig import Scene
-from evanesce.studies.estimator.study import PLACES, REFERENCE_V, Lit, fingers_of, placed
+from evanesce.studies.estimator.study import POSITIONS, REFERENCE_V, LitPress, fingers_of, placed
 from evanesce.studies.ledger import Keep, not_kept
 
 FORCES = (0.8, 1.1, 1.7, 2.3, 3.6, 4.4)
@@ -79,13 +78,28 @@ class Shot:
     blur_uncertainty_px: float = 0.0
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data, from which :meth:`of` makes the same shot to the last bit."""
+        """Return plain data, from which :meth:`of` makes the same shot to the last bit.
+
+        Returns
+        -------
+        dict
+        """
         contours = [contour.tolist() for contour in self.contours]
         return {**vars(self), "contours": contours, "scattering": asdict(self.scattering)}
 
     @classmethod
     def of(cls, data: Mapping[str, Any]) -> Shot:
-        """Return a shot of plain data."""
+        """Return a shot of plain data.
+
+        Parameters
+        ----------
+        data : mapping
+            Of :meth:`as_dict`.
+
+        Returns
+        -------
+        Shot
+        """
         contours = [np.array(contour, np.float64) for contour in data["contours"]]
         return cls(**{**data, "contours": contours, "scattering": Scattering(**data["scattering"])})
 
@@ -135,7 +149,12 @@ class BudgetStudy:
     provenance: dict[str, Any]
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the JSON result."""
+        """Return the JSON result.
+
+        Returns
+        -------
+        dict
+        """
         return {"classes": [asdict(c) for c in self.classes], "provenance": self.provenance}
 
 
@@ -147,8 +166,24 @@ def shots_of(
     threshold: float,
     seed: int,
 ) -> list[Shot]:
-    """Return the frames of one finger at one place, at each force and voltage."""
-    presses = [Lit.of(scene, force, seed) for force in forces]
+    """Return the frames of one finger at one place, at each force and voltage.
+
+    Parameters
+    ----------
+    scene : Scene
+    calibration : Calibration
+        Nominal.
+    forces, voltages : sequence of float
+        [N], [V].
+    threshold : float
+        Of the reference segmentation, 0 to 1.
+    seed : int
+
+    Returns
+    -------
+    list of Shot
+    """
+    presses = [LitPress.of(scene, force, seed) for force in forces]
     estimator = Estimator.of(calibration).tuned_on(presses[0].frame(REFERENCE_V, rng.integer_seed(seed, "teach")).data)
     view, chain = rectification(calibration), Chain(threshold=threshold)
     assert calibration.mm2_per_px is not None
@@ -170,7 +205,18 @@ def shots_of(
 
 
 def draw_errors(draws: np.random.Generator) -> tuple[CardErrors, float]:
-    """Return card errors from the distributions that the budget states, and the error of the square's area [1]."""
+    """Draw card errors from the distributions that the budget states.
+
+    Parameters
+    ----------
+    draws : numpy.random.Generator
+
+    Returns
+    -------
+    errors : CardErrors
+    edge : float
+        Displacement of the square's edges [px].
+    """
     errors = CardErrors(
         board_scale=1.0 + draws.uniform(-PRINT_TOLERANCE, PRINT_TOLERANCE), height_mm=draws.uniform(0.0, CARD_HEIGHT_MM)
     )
@@ -186,7 +232,7 @@ def run_study(
     forces: Sequence[float] = FORCES,
     voltages: Sequence[float] = VOLTAGES,
     fingers: Sequence[str] = FINGERS,
-    places: Sequence[str] = tuple(PLACES),
+    positions: Sequence[str] = tuple(POSITIONS),
     threshold: float = 0.15,
     seed: int = 1,
     tick: Tick = lambda what, done, total: None,
@@ -201,8 +247,8 @@ def run_study(
         Of each class.
     forces, voltages : sequence of float
         Of the frames that are measured [N], [V].
-    fingers, places : sequence of str
-        Names of :func:`~evanesce.studies.estimator.study.fingers_of` and of its places.
+    fingers, positions : sequence of str
+        Names of :func:`~evanesce.studies.estimator.study.fingers_of` and of its positions.
     threshold : float
         Of the reference segmentation.
     seed : int
@@ -211,14 +257,18 @@ def run_study(
     keep : callable
         Keeps the frames of a class and each block of measurements, so that an interrupted run goes on; see
         :data:`~evanesce.studies.ledger.Keep`.
+
+    Returns
+    -------
+    BudgetStudy
     """
     perfect = calibrated(smooth, rng.generator(seed, "nominal"), CardErrors(corner_noise_px=0.0))
     nominal = with_board_blur(perfect, smooth, seed)
     scenes = fingers_of(smooth, ridged)
-    keys = [(finger, place) for place in places for finger in fingers]
+    keys = [(finger, place) for place in positions for finger in fingers]
     shots: dict[tuple[str, str], list[Shot]] = {}
     for finger, place in keys:
-        scene = placed(scenes[finger], PLACES[place])
+        scene = placed(scenes[finger], POSITIONS[place])
 
         def exposed(scene: Scene = scene) -> dict[str, Any]:
             taken = shots_of(scene, nominal, forces, voltages, threshold, seed)

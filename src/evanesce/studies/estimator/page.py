@@ -23,7 +23,17 @@ GOALS = {"smooth": 0.5, "ridged": 2.0}
 
 
 def run(scene: Scene, out: Path, progress: Progress, *, quick: bool = False, seed: int = 1) -> Findings:
-    """Compute the study; see :meth:`evanesce.studies.registry.Study.run`."""
+    """Compute the study and return its findings.
+
+    Parameters
+    ----------
+    scene, out, progress, quick, seed
+        As for :meth:`evanesce.studies.registry.Study.run`.
+
+    Returns
+    -------
+    Findings
+    """
     check_studied(scene)
     fingers = [Finger(scene.finger.material, ridged, scattering=False).on(scene) for ridged in (False, True)]
     ledger = Ledger(out / "estimator.jsonl", {"scene": scene.as_dict(), "seed": seed, "quick": quick})
@@ -35,7 +45,16 @@ def run(scene: Scene, out: Path, progress: Progress, *, quick: bool = False, see
 
 
 def findings(found: EstimatorStudy) -> Findings:
-    """Return table, chart and verdict."""
+    """Return table, chart and verdict.
+
+    Parameters
+    ----------
+    found : EstimatorStudy
+
+    Returns
+    -------
+    Findings
+    """
     worst = found.worst()
     held = [w for w in worst if abs(w["refined_worst_percent"]) <= _goal(w["finger"])]
     refined = max(worst, key=lambda w: abs(w["refined_worst_percent"]))
@@ -96,7 +115,16 @@ def _chart(rows: Sequence[Row]) -> Chart:
 
 
 def page(study: EstimatorStudy) -> Page:
-    """Return the report of ``evanesce study estimator``."""
+    """Return the report of ``evanesce study estimator``.
+
+    Parameters
+    ----------
+    study : EstimatorStudy
+
+    Returns
+    -------
+    Page
+    """
     found = findings(study)
     lead = (
         "Area errors of both; neither sees the truth, only frames and a calibration. Subsurface scattering is the "

@@ -24,11 +24,11 @@ from evanesce.rig import Scene
 from evanesce.sensor.expose import charge_of, frame_of, signal_of
 from evanesce.sensor.lens import form_image
 from evanesce.studies.ledger import Keep, not_kept
-from evanesce.studies.voltage.curve import power_ratio
+from evanesce.studies.voltage.press import power_ratio
 
 VOLTAGES = (8.0, 8.5, 9.0, 10.0, 11.0, 12.0)
 FORCES = (1.0, 3.0)
-PLACES = {"centre": (0.37, -0.21), "corner": (11.3, 7.9)}
+POSITIONS = {"centre": (0.37, -0.21), "corner": (11.3, 7.9)}
 REFERENCE_V = 9.0
 """Voltage of the one press to which the estimator's scattering length is fitted; it does not saturate."""
 
@@ -73,7 +73,16 @@ class Row:
 
 
 def fingers_of(smooth: Scene, ridged: Scene) -> dict[str, Scene]:
-    """Return the fingers of the study by name: plain, with open grooves, and with subsurface scattering."""
+    """Return the fingers of the study by name: plain, with open grooves, and with subsurface scattering.
+
+    Parameters
+    ----------
+    smooth, ridged : Scene
+
+    Returns
+    -------
+    dict of str to Scene
+    """
     stiff = ridged.model_copy(update={"contact": ridged.contact.model_copy(update={"reduced_modulus_MPa": STIFF_MPA})})
 
     def scattering(scene: Scene) -> Scene:
@@ -92,13 +101,24 @@ def fingers_of(smooth: Scene, ridged: Scene) -> dict[str, Scene]:
 
 
 def placed(scene: Scene, place: tuple[float, float]) -> Scene:
-    """Return a scene whose finger presses elsewhere on the plate [mm]."""
+    """Return a scene whose finger presses elsewhere on the plate [mm].
+
+    Parameters
+    ----------
+    scene : Scene
+    place : tuple of float
+        (x, y) [mm].
+
+    Returns
+    -------
+    Scene
+    """
     return scene.model_copy(update={"finger": scene.finger.model_copy(update={"position_mm": place})})
 
 
 @dataclass(frozen=True)
-class Lit:
-    """A press as light on the sensor, from which frames at any voltage are exposed.
+class LitPress:
+    """Light of a press on the sensor, from which frames at any voltage are exposed.
 
     Attributes
     ----------
@@ -113,15 +133,39 @@ class Lit:
     true_mm2: float
 
     @classmethod
-    def of(cls, scene: Scene, force: float, seed: int) -> Lit:
-        """Solve the contact and render it by the fast renderer."""
+    def of(cls, scene: Scene, force: float, seed: int) -> LitPress:
+        """Solve the contact and render it by the fast renderer.
+
+        Parameters
+        ----------
+        scene : Scene
+        force : float
+            [N].
+        seed : int
+
+        Returns
+        -------
+        LitPress
+        """
         rig, state = solve_contact(scene, force, seed=seed)
         assert state is not None  # a force was given
         image = form_image(render_fast(rig, state), rig.camera, rig.plate)
         return cls(scene, np.asarray(image.irradiance, np.float32), state.nominal_contact_area)
 
     def frame(self, voltage: float, seed: int) -> Frame:
-        """Expose at a voltage."""
+        """Expose at a voltage.
+
+        Parameters
+        ----------
+        voltage : float
+            [V].
+        seed : int
+            Of the noise.
+
+        Returns
+        -------
+        Frame
+        """
         ratio = power_ratio(self.scene, voltage)
         if ratio is None:
             raise ValueError("the LEDs do not all change alike")
@@ -134,10 +178,27 @@ def rows_of(
     name: str, place: str, scene: Scene, calibration: Calibration, voltages: Sequence[float], forces: Sequence[float],
     *, threshold: float, seed: int,
 ) -> Iterator[Row]:  # fmt: skip
-    """Yield the rows of one finger at one place; the estimator sees frames and calibration only."""
+    """Yield the rows of one finger at one place; the estimator sees frames and calibration only.
+
+    Parameters
+    ----------
+    name, place : str
+        Of finger and position.
+    scene : Scene
+    calibration : Calibration
+    voltages, forces : sequence of float
+        [V], [N].
+    threshold : float
+        Of the reference segmentation, 0 to 1.
+    seed : int
+
+    Yields
+    ------
+    Row
+    """
     stream = name.replace("scattering", "glow")  # the random stream's label: frames of a seed stay the same
     chain, view = Chain(threshold=threshold), rectification(calibration)
-    presses = {force: Lit.of(scene, force, seed) for force in forces}
+    presses = {force: LitPress.of(scene, force, seed) for force in forces}
     first = presses[forces[0]]
     estimator = Estimator.of(calibration).tuned_on(first.frame(REFERENCE_V, rng.integer_seed(seed, "teach")).data)
     for force, press in presses.items():
@@ -177,7 +238,12 @@ class EstimatorStudy:
     provenance: dict[str, Any]
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the JSON result."""
+        """Return the JSON result.
+
+        Returns
+        -------
+        dict
+        """
         plain = [
             asdict(r) | {"reference_percent": r.reference_percent, "refined_percent": r.refined_percent}
             for r in self.rows
@@ -185,7 +251,12 @@ class EstimatorStudy:
         return {"threshold": self.threshold, "rows": plain, "worst": self.worst(), "provenance": self.provenance}
 
     def worst(self) -> list[dict[str, Any]]:
-        """Return greatest error and RMS of each finger and place, over voltages and forces [%]."""
+        """Return greatest error and RMS of each finger and place, over voltages and forces [%].
+
+        Returns
+        -------
+        list of dict
+        """
         found = []
         for finger, place in dict.fromkeys((r.finger, r.place) for r in self.rows):
             own = [r for r in self.rows if (r.finger, r.place) == (finger, place)]
@@ -234,22 +305,26 @@ def run_study(
         :data:`~evanesce.studies.ledger.Keep`.
     tick : callable
         ``tick(done, total)``.
+
+    Returns
+    -------
+    EstimatorStudy
     """
     chosen = {n: s for n, s in fingers_of(smooth, ridged).items() if fingers is None or n in fingers}
     calibration = with_board_blur(calibrated(smooth, rng.generator(seed, "corners")), smooth, seed)
     origin = dict(provenance.record(seed=seed, config={"smooth": smooth.as_dict(), "ridged": ridged.as_dict()}))
-    total = len(chosen) * len(PLACES) * len(voltages) * len(forces)
+    total = len(chosen) * len(POSITIONS) * len(voltages) * len(forces)
     rows: list[Row] = []
 
     def measured(name: str, place: str, done: int) -> dict[str, Any]:
         found = []
-        scene = placed(chosen[name], PLACES[place])
+        scene = placed(chosen[name], POSITIONS[place])
         for row in rows_of(name, place, scene, calibration, voltages, forces, threshold=threshold, seed=seed):
             found.append(asdict(row))
             tick(done + len(found), total)
         return {"rows": found}
 
-    for place in PLACES:
+    for place in POSITIONS:
         for name in chosen:
             kept = keep(f"{name}, {place}", partial(measured, name, place, len(rows)))
             rows += [Row(**data) for data in kept["rows"]]

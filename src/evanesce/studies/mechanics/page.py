@@ -22,6 +22,10 @@ def mechanics_figure(result: Mapping[str, Any]) -> Figure:
     ----------
     result : mapping
         With ``press`` and ``slide`` of :func:`evanesce.studies.mechanics.study.as_json`.
+
+    Returns
+    -------
+    Figure
     """
     figure = Figure(figsize=(15.5, 4.2), layout="constrained")
     left, middle, right = figure.subplots(1, 3)

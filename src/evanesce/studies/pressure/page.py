@@ -30,7 +30,17 @@ LOST = 0.5
 
 
 def run(scene: Scene, out: Path, progress: Progress, *, quick: bool = False, seed: int = 1) -> Findings:
-    """Compute the study; see :meth:`evanesce.studies.registry.Study.run`."""
+    """Compute the study and return its findings.
+
+    Parameters
+    ----------
+    scene, out, progress, quick, seed
+        As for :meth:`evanesce.studies.registry.Study.run`.
+
+    Returns
+    -------
+    Findings
+    """
     check_studied(scene)
     smooth = Finger(scene.finger.material, ridged=False, scattering=False).on(scene)
     ledger = Ledger(out / "pressure.jsonl", {"scene": scene.as_dict(), "seed": seed, "quick": quick, "maps": KEPT})
@@ -69,6 +79,10 @@ def findings(rows: Sequence[Mapping[str, Any]], maps: Mapping[str, Floats] | Non
     maps : mapping of ndarray (4, rows, cols), optional
         :data:`KEPT` [MPa] of the first frame without saturation (``clear``) and the first whose contact is mostly at
         full scale (``lost``).
+
+    Returns
+    -------
+    Findings
     """
     clear = [r for r in rows if r["saturated_share"] == 0]
     lost = [r for r in rows if r["saturated_share"] > LOST]
@@ -83,8 +97,8 @@ def findings(rows: Sequence[Mapping[str, Any]], maps: Mapping[str, Floats] | Non
         verdict.append(
             "The halo of the dilated mask carries"
             f" {min(r['reference_halo_percent'] for r in clear):.1f} to"
-            f" {max(r['reference_halo_percent'] for r in clear):.1f} % of the force in the thesis's map, where nothing"
-            " touches."
+            f" {max(r['reference_halo_percent'] for r in clear):.1f} % of the force in the thesis's map, outside the"
+            " contact."
         )
     if lost:
         verdict.append(
@@ -143,7 +157,18 @@ def _maps(name: str, maps: Floats, row: Mapping[str, Any]) -> Maps:
 
 
 def number(value: float | None, form: str = ".3f") -> str:
-    """Return a number as text, ``none`` for None."""
+    """Return a number as text, ``none`` for None.
+
+    Parameters
+    ----------
+    value : float or None
+    form : str
+        Format specification.
+
+    Returns
+    -------
+    str
+    """
     return "none" if value is None else format(value, form)
 
 
@@ -168,7 +193,16 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def page(study: PressureStudy) -> Page:
-    """Return the report of ``evanesce study pressure``."""
+    """Return the report of ``evanesce study pressure``.
+
+    Parameters
+    ----------
+    study : PressureStudy
+
+    Returns
+    -------
+    Page
+    """
     maps = {"clear": np.stack([study.maps[name] for name in KEPT])} if study.maps else None
     found = findings([asdict(row) for row in study.rows], maps)
     lead = (

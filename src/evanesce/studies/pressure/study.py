@@ -19,7 +19,7 @@ from evanesce.measurement.reference.segment import Chain, segment
 from evanesce.measurement.refined.light import Radiometry, tone_table
 from evanesce.optics.projection import Projection
 from evanesce.rig import Scene
-from evanesce.studies.estimator.study import Lit
+from evanesce.studies.estimator.study import LitPress
 from evanesce.studies.ledger import Keep, not_kept
 
 Floats = NDArray[np.float64]
@@ -84,7 +84,12 @@ class PressureStudy:
     provenance: dict[str, Any]
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the JSON result."""
+        """Return the JSON result.
+
+        Returns
+        -------
+        dict
+        """
         return {"rows": [asdict(r) for r in self.rows], "provenance": self.provenance}
 
 
@@ -99,13 +104,28 @@ def roughness_curve(modulus: float, slope: float, peak_MPa: float) -> PressureCu
         RMS slope of the roughness [1].
     peak_MPa : float
         End of the table [MPa].
+
+    Returns
+    -------
+    PressureCurve
     """
     pressure = np.linspace(0.0, peak_MPa, CURVE_POINTS)
     return PressureCurve(pressure, persson_contact_fraction(pressure, modulus, slope))
 
 
 def rough(scene: Scene, slope: float) -> Scene:
-    """Return a scene whose skin has an RMS slope."""
+    """Return a scene whose skin has an RMS slope.
+
+    Parameters
+    ----------
+    scene : Scene
+    slope : float
+        RMS slope [1].
+
+    Returns
+    -------
+    Scene
+    """
     return scene.model_copy(update={"finger": scene.finger.model_copy(update={"roughness_rms_slope": slope})})
 
 
@@ -138,6 +158,10 @@ def run_study(
         Keeps the rows of a press, so that an interrupted run goes on; see :data:`~evanesce.studies.ledger.Keep`.
     show : callable
         ``show(maps, row)`` gets every frame's maps, before the rows of its press are kept.
+
+    Returns
+    -------
+    PressureStudy
     """
     rows: list[Row] = []
     maps: dict[str, Floats] = {}
@@ -162,7 +186,7 @@ def _press(
     show: Callable[[dict[str, Floats], Row], None],
 ) -> dict[str, Any]:  # fmt: skip
     """Return the rows of one press as plain data."""
-    press, state = Lit.of(rig, force, seed), contact_state(rig, force)
+    press, state = LitPress.of(rig, force, seed), contact_state(rig, force)
     truth = label(state, view_geometry(Projection.of(rig.camera, rig.plate)), supersample=2)
     curve = roughness_curve(float(state.parameters["reduced_modulus_MPa"]), slope, 4.0 * float(state.pressure.max()))
     rows = []
@@ -196,11 +220,11 @@ def _compare(
         alike = None if flat else float(np.corrcoef(pressure[inside], true[inside])[0, 1])
         return 100 * float(np.sqrt((error**2).mean())) / peak, alike, 100 * halo
 
-    ours, other = scores(found.pressure), scores(thesis)
+    model, reference = scores(found.pressure), scores(thesis)
     row = Row(
-        rms_slope=slope, force_N=force, voltage_V=voltage, peak_MPa=peak, rms_percent=ours[0],
-        reference_rms_percent=other[0], correlation=ours[1], reference_correlation=other[1],
-        saturated_share=float((full & inside).sum() / inside.sum()), halo_percent=ours[2],
-        reference_halo_percent=other[2], factor=found.factor,
+        rms_slope=slope, force_N=force, voltage_V=voltage, peak_MPa=peak, rms_percent=model[0],
+        reference_rms_percent=reference[0], correlation=model[1], reference_correlation=reference[1],
+        saturated_share=float((full & inside).sum() / inside.sum()), halo_percent=model[2],
+        reference_halo_percent=reference[2], factor=found.factor,
     )  # fmt: skip
     return row, {"true": true, "model": found.pressure, "reference": thesis, "full": (full & inside).astype(float)}

@@ -16,15 +16,25 @@ from evanesce.materials.tables import material
 from evanesce.report.charts import Chart, Panel, Series
 from evanesce.report.html import Table
 from evanesce.rig import Scene
+from evanesce.studies.mechanics.curves import slide_curves
 from evanesce.studies.mechanics.runs import BONES
-from evanesce.studies.mechanics.study import modulus_at_ridges, slide_curves
+from evanesce.studies.mechanics.study import modulus_at_ridges
 from evanesce.studies.registry import Findings, Progress, Study
 from evanesce.studies.thesis.figures import FORCES, RADIUS, Reproduced, area_laws, observations, published_depth
 from evanesce.studies.thesis.study import ThesisStudy, compute
 
 
 def findings(found: ThesisStudy) -> Findings:
-    """Return tables, charts and verdict."""
+    """Return tables, charts and verdict.
+
+    Parameters
+    ----------
+    found : ThesisStudy
+
+    Returns
+    -------
+    Findings
+    """
     stated, entries, seen, volts = found.stated, found.entries, found.seen, found.volts
     simulated = [entry for entry in entries if entry.simulated]
     agreed, published = (
@@ -99,7 +109,15 @@ def _prediction_table(stated: Mapping[str, Mapping[str, Any]]) -> Table:
 
 def _figure_table(figure: str, entries: Sequence[Reproduced]) -> Table:
     return Table(
-        columns=("quantity", "basis", "thesis", "ours", "ours over thesis", "hull of the open inputs", "verdict"),
+        columns=(
+            "quantity",
+            "basis",
+            "thesis",
+            "computed",
+            "computed over thesis",
+            "hull of the open inputs",
+            "verdict",
+        ),
         rows=[
             (
                 f"{e.what} [{e.unit}]",
@@ -209,7 +227,17 @@ def _depth_and_voltage(volts: Mapping[str, Any]) -> Chart:
 
 
 def run(scene: Scene, out: Path, progress: Progress, *, quick: bool = False, seed: int = 1) -> Findings:
-    """Compute the study; see :meth:`evanesce.studies.registry.Study.run`."""
+    """Compute the study and return its findings.
+
+    Parameters
+    ----------
+    scene, out, progress, quick, seed
+        As for :meth:`evanesce.studies.registry.Study.run`.
+
+    Returns
+    -------
+    Findings
+    """
     return findings(compute(scene, out, progress, quick=quick, seed=seed))
 
 

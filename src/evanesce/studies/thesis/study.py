@@ -37,7 +37,8 @@ from evanesce.studies.thesis.figures import (
     voltage_figures,
 )
 from evanesce.studies.voltage.analysis import converged, onset
-from evanesce.studies.voltage.curve import Press, study_scene
+from evanesce.studies.voltage.press import Press
+from evanesce.studies.voltage.sources import study_scene
 
 Floats = NDArray[np.float64]
 
@@ -79,6 +80,10 @@ def compute(scene: Scene, out: Path, progress: Progress, *, quick: bool = False,
     ----------
     scene, out, progress, quick, seed
         See :meth:`evanesce.studies.registry.Study.run`.
+
+    Returns
+    -------
+    ThesisStudy
     """
     check_studied(scene)
     ledger = Ledger(out / "thesis.jsonl", {"scene": scene.as_dict(), "seed": seed})
@@ -154,7 +159,18 @@ def _voltage(scene: Scene, seed: int) -> dict[str, Any]:
 
 
 def slide_picture(scene: Scene, seed: int) -> CaptionedImage:
-    """Return four moments of a slide with true (blue) and measured (orange) outline."""
+    """Return four moments of a slide with true (blue) and measured (orange) outline.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its camera, plate and LEDs are used.
+    seed : int
+
+    Returns
+    -------
+    CaptionedImage
+    """
     sliding = load_scene("thesis_slide")
     scene = sliding.model_copy(update={"camera": scene.camera, "plate": scene.plate, "leds": scene.leds})
     states, camera, view = contact_sequence(scene), FastCamera(scene), PerfectView.of(scene)
@@ -174,7 +190,21 @@ def slide_picture(scene: Scene, seed: int) -> CaptionedImage:
 def outlined(
     image: NDArray[np.uint8], mask: NDArray[np.bool_], view: PerfectView, state: ContactState
 ) -> NDArray[np.uint8]:
-    """Return a crop around the finger in colour, with both outlines."""
+    """Return a crop around the finger in colour, with both outlines.
+
+    Parameters
+    ----------
+    image : ndarray of uint8 (rows, cols)
+        Crop [DN].
+    mask : ndarray of bool (rows, cols)
+        Measured.
+    view : PerfectView
+    state : ContactState
+
+    Returns
+    -------
+    ndarray of uint8 (rows, cols, 3)
+    """
     picture = cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
     truth = view.labels(state, view.window(HALF_MM)).mask >= 0.5
     for found, colour, width in ((mask, MEASURED, 5), (truth, TRUE, 2)):

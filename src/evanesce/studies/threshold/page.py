@@ -247,7 +247,17 @@ def _card_table(card: Mapping[str, Any]) -> Table:
 
 
 def run(scene: Scene, out: Path, progress: Progress, *, quick: bool = False, seed: int = 1) -> Findings:
-    """Compute the study; see :meth:`evanesce.studies.registry.Study.run`."""
+    """Compute the study and return its findings.
+
+    Parameters
+    ----------
+    scene, out, progress, quick, seed
+        As for :meth:`evanesce.studies.registry.Study.run`.
+
+    Returns
+    -------
+    Findings
+    """
     return findings(*compute(scene, out, progress, quick=quick, seed=seed))
 
 

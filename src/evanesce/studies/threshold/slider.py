@@ -86,12 +86,31 @@ def slider_frame(finger: Finger, scene: Scene, force: float, *, seed: int = 1) -
 
 
 def slider_frames(scene: Scene, *, seed: int = 1) -> list[SliderFrame]:
-    """Return the frames that the page shows."""
+    """Return the frames that the page shows.
+
+    Parameters
+    ----------
+    scene : Scene
+    seed : int
+
+    Returns
+    -------
+    list of SliderFrame
+    """
     return [slider_frame(finger, scene, force, seed=seed) for finger, force in SHOWN]
 
 
 def slider(frames: Sequence[SliderFrame]) -> Markup:
-    """Return the slider as HTML for :attr:`evanesce.report.html.Section.widget`."""
+    """Return the slider as HTML for :attr:`evanesce.report.html.Section.widget`.
+
+    Parameters
+    ----------
+    frames : sequence of SliderFrame
+
+    Returns
+    -------
+    Markup
+    """
     # "<" may not end the script element that holds the data
     data = json.dumps([_plain(frame) for frame in frames]).replace("<", "\\u003c")
     script = (resources.files("evanesce.report") / "templates" / "slider.js").read_text(encoding="utf-8")

@@ -156,6 +156,11 @@ def cliff(thresholds: Sequence[float], areas: Sequence[float], truth: float, los
         In the same unit.
     loss : float
         Share of the true area [1].
+
+    Returns
+    -------
+    float
+        [1].
     """
     missing = np.asarray(areas) < (1.0 - loss) * truth
     if not missing[-1]:
@@ -164,7 +169,18 @@ def cliff(thresholds: Sequence[float], areas: Sequence[float], truth: float, los
 
 
 def errors_by_setting(rows: Mapping[tuple[Finger, float], Mapping[str, Any]]) -> dict[str, Floats]:
-    """Return the relative area error of each fixed threshold and each rule, over all frames."""
+    """Return the relative area error of each fixed threshold and each rule, over all frames.
+
+    Parameters
+    ----------
+    rows : mapping
+        Of :func:`frame_row`, by finger and force [N].
+
+    Returns
+    -------
+    dict of str to ndarray (frames,)
+        [1].
+    """
     found: dict[str, list[float]] = {}
     for row in rows.values():
         truth = row["true_area_mm2"]
@@ -180,6 +196,15 @@ def ranked(errors: Mapping[str, Floats]) -> list[tuple[str, float, float, float]
     """Return (setting, median size, root mean square, worst size of the relative error), best root mean square first.
 
     A frame in which nothing is found counts with its error of -1.
+
+    Parameters
+    ----------
+    errors : mapping of str to ndarray (frames,)
+        Of :func:`errors_by_setting`.
+
+    Returns
+    -------
+    list of tuple
     """
     table = [
         (name, float(np.median(np.abs(e))), float(np.sqrt((e**2).mean())), float(np.abs(e).max()))

@@ -54,6 +54,10 @@ def averaged(images: Sequence[NDArray[np.uint8]], curve: Any) -> NDArray[np.uint
     images : sequence of ndarray of uint8 (rows, cols)
     curve : str or sequence of float
         The tone curve, see :func:`~evanesce.measurement.refined.light.tone_table`.
+
+    Returns
+    -------
+    ndarray of uint8 (rows, cols)
     """
     if len(images) == 1:
         return images[0]
@@ -96,6 +100,22 @@ def film_row(
 
     Stamps are mid-exposure, and those of the frame's middle row. The first and last two frames, whose neighbours are
     missing, are left out.
+
+    Parameters
+    ----------
+    view : PerfectView
+    moving : Scene
+    states : sequence of ContactState
+        One per frame.
+    chain : Chain
+    half_mm : float
+        Half the side of the crop [mm].
+    seed : int
+
+    Returns
+    -------
+    dict
+        Units in the keys.
     """
     camera, crop = FastCamera(moving), view.window(half_mm)
     time = np.array([state.time for state in states])
@@ -145,6 +165,13 @@ def stamped(
         Standard deviation of a stamp [s].
     dropped : float
         Share of frames that are lost unnoticed: those that arrive are numbered on, and number over rate is the time.
+
+    Returns
+    -------
+    kept : ndarray of int
+        Numbers of the frames that arrive.
+    time : ndarray
+        Their stamps [s].
     """
     before = max(0, int(np.floor(time[0] * rate + 1e-6)))
     arrives = generator.random(before + len(time)) >= dropped
@@ -236,6 +263,11 @@ def onsets(
     jitter_s, dropped : float
         See :func:`stamped`; with either, each phase is drawn ``DRAWS`` times.
     seed : int
+
+    Returns
+    -------
+    list of float
+        [s].
     """
     step = round(FINE_HZ / rate)
     time = np.array(row["time_s"]) - row["slide_starts_s"]

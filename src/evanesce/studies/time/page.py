@@ -53,7 +53,19 @@ RIGHT, SHORT = "30 Hz", "30 Hz, 6 ms of exposure"
 
 
 def findings(rows: Mapping[str, Mapping[str, Any]], speeds: Sequence[float], seed: int = 1) -> Findings:
-    """Return tables, charts and verdict."""
+    """Return tables, charts and verdict.
+
+    Parameters
+    ----------
+    rows, speeds
+        Of :func:`evanesce.studies.time.study.compute`.
+    seed : int
+        Of jitter and lost frames.
+
+    Returns
+    -------
+    Findings
+    """
     read, slips = read_areas(rows["press"], seed), slip_onsets(rows, speeds, seed)
     smear, skews = rows["smear"], [row for key, row in rows.items() if key.startswith("rows ")]
     at_rest = np.array(smear["area_mm2"][0])
@@ -63,7 +75,7 @@ def findings(rows: Mapping[str, Mapping[str, Any]], speeds: Sequence[float], see
     verdict = [
         f"A clock of {ASSUMED_HZ:g} for {TRUE_HZ:g} Hz makes every time {TRUE_HZ / ASSUMED_HZ:.2f} times too long and"
         f" every rate {1 - ASSUMED_HZ / TRUE_HZ:.0%} too small; no area changes, but the area that the film gives for"
-        f" a time of the press is wrong by up to {_most(by_name['30 Hz read as 25']):.1f} mm².",
+        f" a time of the press is wrong by up to {_greatest(by_name['30 Hz read as 25']):.1f} mm².",
         f"With the right clock a camera of {TRUE_HZ:g} Hz finds the onset of slip to"
         f" {', '.join(f'{worst[RIGHT, v]:.0f} ms at {v:g} mm/s' for v in speeds)} at worst.",
         f"25 mm/s and 6 ms of exposure change the area by {change[2][1]:+.2f} % at a threshold of {LEVELS[1]:g}"
@@ -80,7 +92,7 @@ def findings(rows: Mapping[str, Mapping[str, Any]], speeds: Sequence[float], see
     )
 
 
-def _most(read: Mapping[str, Any]) -> float:
+def _greatest(read: Mapping[str, Any]) -> float:
     return float(max(np.abs(read["error_mm2"])))
 
 
@@ -96,7 +108,18 @@ def _onset_sentence(slips: Sequence[Mapping[str, Any]]) -> str:
 
 
 def slip_onsets(rows: Mapping[str, Mapping[str, Any]], speeds: Sequence[float], seed: int) -> list[dict[str, Any]]:
-    """Return true and detected onset of slip of each slide, by every camera, clock, exposure and way of reading."""
+    """Return true and detected onset of slip of each slide, by every camera, clock, exposure and way of reading.
+
+    Parameters
+    ----------
+    rows, speeds, seed
+        As for :func:`findings`.
+
+    Returns
+    -------
+    list of dict
+        Units in the keys.
+    """
     cases = [(speed, name, rows[f"slide {speed:g}"], how) for speed in speeds for name, how in CAMERAS]
     exposed, plain = rows["exposed"], dict(CAMERAS)[RIGHT]
     for key, name in (("6 ms", SHORT), *SEEN.items()):
@@ -113,7 +136,19 @@ def slip_onsets(rows: Mapping[str, Mapping[str, Any]], speeds: Sequence[float], 
 
 
 def read_areas(press: Mapping[str, Any], seed: int) -> list[dict[str, Any]]:
-    """Return the error of the area at a stated time of the press, and its growth, by camera and way of reading."""
+    """Return the error of the area at a stated time of the press, and its growth, by camera and way of reading.
+
+    Parameters
+    ----------
+    press : mapping
+        Of :func:`evanesce.studies.time.area.film_row`.
+    seed : int
+
+    Returns
+    -------
+    list of dict
+        Units in the keys.
+    """
     cases = [(name, "6 ms", how) for name, how in CAMERAS]
     cases += [(name, key, dict(CAMERAS)[RIGHT]) for key, name in SEEN.items()]
     found = []
@@ -263,7 +298,17 @@ def _rows_table(skews: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def run(scene: Scene, out: Path, progress: Progress, *, quick: bool = False, seed: int = 1) -> Findings:
-    """Compute the study; see :meth:`evanesce.studies.registry.Study.run`."""
+    """Compute the study and return its findings.
+
+    Parameters
+    ----------
+    scene, out, progress, quick, seed
+        As for :meth:`evanesce.studies.registry.Study.run`.
+
+    Returns
+    -------
+    Findings
+    """
     return findings(*compute(scene, out, progress, quick=quick, seed=seed), seed)
 
 

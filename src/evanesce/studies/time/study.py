@@ -46,7 +46,18 @@ PRESS_S, HOLD_S = 0.5, 0.1
 
 
 def sliding(scene: Scene, speed: float) -> Scene:
-    """Return a scene that presses to 1 N and slides at a speed [mm/s], sampled finely in time."""
+    """Return a scene that presses to 1 N and slides at a speed [mm/s], sampled finely in time.
+
+    Parameters
+    ----------
+    scene : Scene
+    speed : float
+        [mm/s].
+
+    Returns
+    -------
+    Scene
+    """
     x, y = scene.finger.position_mm
     data = scene.as_dict() | {
         "press": {"forces_N": [FORCE], "frame_rate_hz": FINE_HZ},

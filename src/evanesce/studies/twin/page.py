@@ -18,7 +18,20 @@ DIFFERENCE_DN = 50.0
 
 
 def page(twin: Twin, residuals: TwinResiduals, name: str, provenance: Mapping[str, Any]) -> Page:
-    """Return the report of one photograph and its twin."""
+    """Return the report of one photograph and its twin.
+
+    Parameters
+    ----------
+    twin : Twin
+    residuals : TwinResiduals
+    name : str
+        Of the photograph.
+    provenance : mapping
+
+    Returns
+    -------
+    Page
+    """
     lead = (
         f"The simulated rig, lens, board and light were fitted to one half of {name} and evaluated on the other: "
         f"corners agree within {residuals.corner_rms_px:.2f} px RMS, grey values within "
@@ -30,7 +43,16 @@ def page(twin: Twin, residuals: TwinResiduals, name: str, provenance: Mapping[st
 
 
 def difference_png(twin: Twin) -> bytes:
-    """Return photograph minus twin in colour: red where the photograph is brighter, blue where it is darker."""
+    """Return photograph minus twin in colour: red where the photograph is brighter, blue where it is darker.
+
+    Parameters
+    ----------
+    twin : Twin
+
+    Returns
+    -------
+    bytes
+    """
     return _picture(twin.photo - twin.mean, "RdBu_r", -DIFFERENCE_DN, DIFFERENCE_DN, "photograph − twin [DN]")
 
 

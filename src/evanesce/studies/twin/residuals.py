@@ -1,4 +1,4 @@
-"""How well a twin matches its photograph, on the blocks that no fit has seen, and what makes up the difference."""
+"""Residuals of a twin against its photograph, on the blocks held out of every fit, sorted by cause."""
 
 from __future__ import annotations
 
@@ -118,7 +118,16 @@ def _rms(values: Array) -> float:
 
 
 def twin_residuals(twin: Twin) -> TwinResiduals:
-    """Compare photograph and twin on the held-out blocks."""
+    """Compare photograph and twin on the held-out blocks.
+
+    Parameters
+    ----------
+    twin : Twin
+
+    Returns
+    -------
+    TwinResiduals
+    """
     difference = twin.photo - twin.mean
     miss = np.linalg.norm(twin.corner_miss, axis=1)
     unseen = twin.corners_held_out
@@ -139,24 +148,68 @@ def twin_residuals(twin: Twin) -> TwinResiduals:
 
 
 def spacings(twin: Twin) -> Array:
-    """Return the width of every column and row of squares minus its nominal one [um], both axes together."""
+    """Return the width of every column and row of squares minus its nominal one [um], both axes together.
+
+    Parameters
+    ----------
+    twin : Twin
+
+    Returns
+    -------
+    ndarray (n,)
+        [um].
+    """
     return np.concatenate(twin.rig.board.lines.spacings_um)
 
 
 def spacing_levels(twin: Twin) -> tuple[float, float]:
-    """Return the means of the squares below and above nominal width [um]."""
+    """Return the means of the squares below and above nominal width [um].
+
+    Parameters
+    ----------
+    twin : Twin
+
+    Returns
+    -------
+    narrow, wide : float
+        [um].
+    """
     widths = spacings(twin)
     narrow, wide = widths[widths < 0], widths[widths >= 0]
     return (float(narrow.mean()) if narrow.size else np.nan), (float(wide.mean()) if wide.size else np.nan)
 
 
 def radius(points: Array, shape: tuple[int, int]) -> Array:
-    """Return the distance of points (n, 2) from the middle of the frame [px]."""
+    """Return the distance of points (n, 2) from the middle of the frame [px].
+
+    Parameters
+    ----------
+    points : ndarray (n, 2)
+        (x, y) [px].
+    shape : tuple of int
+        (rows, cols).
+
+    Returns
+    -------
+    ndarray (n,)
+        [px].
+    """
     return np.asarray(np.hypot(points[:, 0] - (shape[1] - 1) / 2, points[:, 1] - (shape[0] - 1) / 2))
 
 
 def edge_width(sigma: Array) -> Array:
-    """Return the 10 to 90 % width [px] of blurs given across two edges (n, 2) [px]."""
+    """Return the 10 to 90 % width [px] of blurs given across two edges (n, 2) [px].
+
+    Parameters
+    ----------
+    sigma : ndarray (n, 2)
+        Standard deviations [px].
+
+    Returns
+    -------
+    ndarray (n,)
+        [px].
+    """
     return np.asarray(EDGE_10_90 * np.sqrt((sigma**2).mean(axis=1)))
 
 
@@ -205,6 +258,10 @@ def causes(difference: Array, mean: Array, held_out: Mask) -> list[Cause]:
     mean : ndarray (rows, cols)
         Noise-free twin [DN].
     held_out : ndarray of bool (rows, cols)
+
+    Returns
+    -------
+    list of Cause
     """
     local = ndimage.median_filter(difference, size=9, mode="nearest")
     high = difference - local

@@ -160,6 +160,10 @@ def make_twin(picture: NDArray[np.uint8], base: Scene, *, seed: int, curve: Curv
     curve : str
         Tone curve assumed of the photograph.
 
+    Returns
+    -------
+    Twin
+
     Raises
     ------
     WorkError

@@ -54,7 +54,20 @@ def onset(voltages: Sequence[float] | Array, area: Array, true_area: Array) -> A
 
 
 def converged(voltages: Sequence[float] | Array, area: Array) -> Array:
-    """Return the lowest voltage from which the area stays within :data:`FLAT` of that at the last one [V]."""
+    """Return the lowest voltage from which the area stays within :data:`FLAT` of that at the last one [V].
+
+    Parameters
+    ----------
+    voltages : sequence of float
+        Ascending [V].
+    area : ndarray (..., voltages)
+        [mm^2].
+
+    Returns
+    -------
+    ndarray (...)
+        [V].
+    """
     v, last = np.asarray(voltages, float), area[..., -1:]
     away = np.abs(area - last) > FLAT * np.maximum(last, 1e-12)
     # the first voltage after the last that is away
@@ -92,21 +105,52 @@ class Claims:
 
 
 def up_to(samples: Samples, voltage: float) -> Samples:
-    """Return the samples as if the study had ended at a voltage [V]."""
+    """Return the samples as if the study had ended at a voltage [V].
+
+    Parameters
+    ----------
+    samples : Samples
+    voltage : float
+        [V].
+
+    Returns
+    -------
+    Samples
+    """
     v = tuple(x for x in samples.plan.voltages if x <= voltage + 1e-9)
     plan = replace(samples.plan, voltages=v)
     return replace(samples, plan=plan, own=samples.own[..., : len(v)], area=samples.area[:, :, : len(v)])
 
 
 def held_from(samples: Samples, voltage: float) -> Samples:
-    """Return the samples as if the camera's own exposure control kept the light constant from a voltage on [V]."""
+    """Return the samples as if the camera's own exposure control kept the light constant from a voltage on [V].
+
+    Parameters
+    ----------
+    samples : Samples
+    voltage : float
+        [V].
+
+    Returns
+    -------
+    Samples
+    """
     v = np.asarray(samples.plan.voltages)
     at = np.minimum(np.arange(v.size), max(int(np.searchsorted(v, voltage + 1e-9)) - 1, 0))
     return replace(samples, own=samples.own[..., at], area=samples.area[:, :, at])
 
 
 def claims(samples: Samples) -> Claims:
-    """Evaluate every sample at its own threshold."""
+    """Evaluate every sample at its own threshold.
+
+    Parameters
+    ----------
+    samples : Samples
+
+    Returns
+    -------
+    Claims
+    """
     v = np.asarray(samples.plan.voltages)
     first = onset(v, samples.own, samples.true_area)
     settled = converged(v, samples.own)
@@ -136,6 +180,10 @@ def sensitivity(output: Array, seed: int) -> list[dict[str, Any]]:
         In Saltelli's order, finite.
     seed : int
         Of the bootstrap behind the half-widths.
+
+    Returns
+    -------
+    list of dict
     """
     from SALib.analyze import sobol  # type: ignore[import-untyped]
 
@@ -159,7 +207,18 @@ def sensitivity(output: Array, seed: int) -> list[dict[str, Any]]:
 
 
 def where_it_holds(samples: Samples, holds: NDArray[np.bool_], parts: int = 3) -> list[dict[str, Any]]:
-    """Return for each unknown the share of independent samples that hold, in equal parts of its range."""
+    """Return for each unknown the share of independent samples that hold, in equal parts of its range.
+
+    Parameters
+    ----------
+    samples : Samples
+    holds : ndarray of bool (samples,)
+    parts : int
+
+    Returns
+    -------
+    list of dict
+    """
     rows = []
     some = samples.independent
     for k, unknown in enumerate(UNKNOWNS):
@@ -216,6 +275,10 @@ def best_setting(samples: Samples, which: NDArray[np.bool_], *, bootstraps: int 
     samples : Samples
     which : ndarray of bool (samples,)
     bootstraps, seed : int
+
+    Returns
+    -------
+    BestSetting
 
     Raises
     ------

@@ -13,7 +13,7 @@ from skimage.measure import find_contours
 from evanesce.measurement.reference.segment import Chain, segment
 from evanesce.report.html import Page, Picture, Section, Table, figure_png
 from evanesce.studies.voltage.analysis import CONVERGED_V, ONSET_V, RISE
-from evanesce.studies.voltage.curve import SOURCES
+from evanesce.studies.voltage.sources import SOURCES
 from evanesce.studies.voltage.study import VoltageStudy
 from evanesce.studies.voltage.unknowns import FLAT, SEEN, THRESHOLDS, UNKNOWNS
 
@@ -26,7 +26,16 @@ OUTPUTS = {
 
 
 def page(found: VoltageStudy) -> Page:
-    """Return the report of one study."""
+    """Return the report of one study.
+
+    Parameters
+    ----------
+    found : VoltageStudy
+
+    Returns
+    -------
+    Page
+    """
     held = found.shares("as computed")
     onsets = ", ".join(f"{found.scene_voltages(f)[0]:.2f} V at {f:g} N" for f in found.forces)
     lead = (
@@ -62,7 +71,16 @@ def _figure(cols: int = 1, width: float = 9.0, height: float = 4.2) -> tuple[Fig
 
 
 def curves_figure(found: VoltageStudy) -> Figure:
-    """Return estimated and true area against voltage, and what each source adds, one panel a force."""
+    """Return estimated and true area against voltage, and what each source adds, one panel a force.
+
+    Parameters
+    ----------
+    found : VoltageStudy
+
+    Returns
+    -------
+    Figure
+    """
     figure, axes = _figure(len(found.forces), 5.0 * len(found.forces), 4.4)
     for panel, force in zip(axes, found.forces, strict=True):
         rows = found.curves[force]
@@ -110,7 +128,16 @@ def _curves(found: VoltageStudy) -> Section:
 
 
 def frames_figure(found: VoltageStudy) -> Figure:
-    """Return frames at some voltages with the estimate outlined."""
+    """Return frames at some voltages with the estimate outlined.
+
+    Parameters
+    ----------
+    found : VoltageStudy
+
+    Returns
+    -------
+    Figure
+    """
     figure, axes = _figure(len(found.frames), 2.6 * len(found.frames), 2.9)
     for panel, (volts, frame) in zip(axes, found.frames.items(), strict=True):
         panel.imshow(frame, cmap="gray", vmin=0, vmax=255)
@@ -181,7 +208,16 @@ def _bins(found: VoltageStudy) -> Section:
 
 
 def holds_figure(found: VoltageStudy) -> Figure:
-    """Return where in each unknown's range the patch vanishes near 8 V, converges by 9 V, and all is seen."""
+    """Return where in each unknown's range the patch vanishes near 8 V, converges by 9 V, and all is seen.
+
+    Parameters
+    ----------
+    found : VoltageStudy
+
+    Returns
+    -------
+    Figure
+    """
     figure, axes = _figure(len(UNKNOWNS), 2.4 * len(UNKNOWNS), 3.2)
     series = {
         "vanishes near 8 V": ("vanishes", "tab:blue"),
@@ -282,13 +318,22 @@ def _sensitivity(found: VoltageStudy) -> Section:
 
 
 def best_figure(found: VoltageStudy) -> Figure:
-    """Return the scene's area error by voltage and threshold, and the rigs' errors by cutting ratio."""
+    """Return the scene's area error by voltage and threshold, and the rigs' errors by cutting ratio.
+
+    Parameters
+    ----------
+    found : VoltageStudy
+
+    Returns
+    -------
+    Figure
+    """
     figure, axes = _figure(1, 7.5, 4.4)
     shown = axes[0].pcolormesh(
         found.voltages, THRESHOLDS, 100 * np.minimum(found.error_map, 1.0).T, cmap="viridis_r", shading="nearest"
     )
     volts, level, _ = found.scene_best
-    axes[0].plot(volts, level, "r+", markersize=12, label=f"least: {volts:g} V, {level:g}")
+    axes[0].plot(volts, level, "r+", markersize=12, label=f"minimum: {volts:g} V, {level:g}")
     axes[0].set_xlabel("LED voltage [V]")
     axes[0].set_ylabel("threshold")
     axes[0].legend(loc="upper left", fontsize=8)
@@ -316,7 +361,7 @@ def _best(found: VoltageStudy) -> Section:
     ]  # fmt: skip
     text = [
         "Voltage, exposure and threshold are confounded: what matters is where the threshold lies between the light of "
-        "the contact and that of its surroundings. So the setting of least error is a valley, not a point, and a "
+        "the contact and that of its surroundings. So the setting of smallest error is a valley, not a point, and a "
         "voltage without an exposure cannot be transferred to another rig. In brackets: 5 to 95 % by bootstrap over "
         f"{b.rigs} independent rigs; errors are medians over the rigs.",
         f"A cut at {b.ratio:g} of the mean linear light of the contact itself needs no voltage: its error is "
@@ -325,7 +370,7 @@ def _best(found: VoltageStudy) -> Section:
     ]
     columns = ("what is set", "voltage [V]", "threshold, or share of light", "area error [%]")
     picture = Picture(figure_png(best_figure(found)), "This scene: area error by voltage and threshold, full chain.")
-    return Section("Voltage and threshold of least error", text, [picture], [Table(columns, rows)])
+    return Section("Voltage and threshold of smallest error", text, [picture], [Table(columns, rows)])
 
 
 def _method(found: VoltageStudy) -> Section:

@@ -91,7 +91,7 @@ class _Key:
 
 @functools.lru_cache(maxsize=4)
 def _plate_maps(key: _Key, scale: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return maps that carry a frame onto a square grid of the contact plane, at the axis's scale."""
+    """Return maps from a frame onto a square grid of the contact plane, at the axis's scale."""
     rows, cols = key.projection.shape
     edge_u = np.concatenate([np.arange(cols), np.arange(cols), np.zeros(rows), np.full(rows, cols - 1)])
     edge_v = np.concatenate([np.zeros(cols), np.full(cols, rows - 1), np.arange(rows), np.arange(rows)])

@@ -34,8 +34,7 @@ from evanesce.measurement.reference.segment import Chain
 from evanesce.measurement.refined.estimator import Estimator, refined_measured
 from evanesce.measurement.refined.light import Radiometry
 from evanesce.measurement.uncertainty.area import reference_uncertainty, refined_uncertainty
-from evanesce.measurement.uncertainty.budget import Uncertain
-from evanesce.measurement.uncertainty.components import Finger
+from evanesce.measurement.uncertainty.budget import Finger, Uncertain
 from evanesce.measurement.uncertainty.table import budget_table
 from evanesce.measurement.warnings import EdgeLog, FrameLog, Warning, scale_warning
 

@@ -66,7 +66,7 @@ class RectifiedView:
         return matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2], matrix[1, 1] * y + matrix[1, 2]
 
     def maps(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return the cv2.remap maps (x, y) that carry a frame into this view.
+        """Return the cv2.remap maps (x, y) from a frame into this view.
 
         Returns
         -------

@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 
 REACH_PX, MIN_REACH_PX = 10.0, 5.0
 MIN_REACH_BLURS = 3.5
-"""How far the profile goes to both sides [px], and the smallest reach kept [px], [standard deviations]."""
+"""Reach of the profile to both sides [px], and the smallest reach kept [px], [standard deviations]."""
 
 STEP_PX = 0.25
 END_PX = 2.0

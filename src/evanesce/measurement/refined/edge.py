@@ -66,7 +66,7 @@ class Boundary:
 
 
 def envelopes(light: Floats, mask: Mask, settings: EdgeSettings) -> tuple[Floats, Floats]:
-    """Return inner and outer light carried to the boundary of a mask, (rows, cols) each.
+    """Extrapolate inner and outer light to the boundary of a mask.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def _carried(light: Floats, distance: Floats, settings: EdgeSettings) -> Floats:
 
 
 def coarse_mask(light: Floats, min_step: float, *, pixels: int = 1000) -> Mask | None:
-    """Return contact cut half-way between the background and its even part; None where there is no contact.
+    """Segment contact half-way between the background and the plateau of the light; None where there is no contact.
 
     Parameters
     ----------

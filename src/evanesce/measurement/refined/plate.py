@@ -1,4 +1,4 @@
-"""Where on the plate a pixel lies, and how much of it the pixel sees: from a checkerboard that lay on the glass.
+"""Map from pixels to the plate, with the area of each pixel, from a checkerboard that lay on the glass.
 
 The reference segmentation has one area per pixel for the whole undistorted view. Seen through thick glass the scale
 changes over the view, and a tilted camera changes it as well. A board of known squares on the glass determines both

@@ -14,9 +14,8 @@ from evanesce.measurement.reference.area import Measured
 from evanesce.measurement.reference.segment import grey
 from evanesce.measurement.refined.estimator import Estimator, RefinedArea
 from evanesce.measurement.refined.light import tone_table
-from evanesce.measurement.uncertainty.budget import Component, Reading, Uncertain, propagate
+from evanesce.measurement.uncertainty.budget import Component, Finger, Reading, Uncertain, propagate
 from evanesce.measurement.uncertainty.components import (
-    Finger,
     card_components,
     nearness_component,
     reference_components,
@@ -73,8 +72,8 @@ def reference_uncertainty(
 ) -> Uncertain:  # fmt: skip
     """Return an area of the reference segmentation with its uncertainty.
 
-    How far the threshold's boundary may lie off is read from the frame: the area that a threshold half-way up in linear
-    light would have given in the same surviving blobs.
+    The displacement of the threshold's boundary is estimated from the frame: by the area that a threshold half-way up in
+    linear light gives in the same surviving blobs.
 
     Parameters
     ----------

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Finger = Literal["ridged", "smooth"]
 Role = Literal["print", "height", "nearness", "scale", "boundary", "noise"]
 
 COVERAGE = 0.95
@@ -89,7 +90,7 @@ class Component:
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """What the budget must know of one area.
+    """One area as read, with what the model needs beside it.
 
     Attributes
     ----------

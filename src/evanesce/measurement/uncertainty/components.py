@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from evanesce.measurement.uncertainty.budget import Component
-
-Finger = Literal["ridged", "smooth"]
+from evanesce.measurement.uncertainty.budget import Component, Finger
 
 PRINT_TOLERANCE = 0.002
 """Relative length of a print: paper that takes up moisture, a laser printer's feed."""

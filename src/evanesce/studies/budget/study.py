@@ -23,11 +23,10 @@ from evanesce.measurement.reference.segment import Chain
 from evanesce.measurement.refined.estimator import Estimator, RefinedArea, Unseen
 from evanesce.measurement.refined.subsurface import Scattering
 from evanesce.measurement.uncertainty.area import lens_distance, reference_boundary, refined_uncertainty
-from evanesce.measurement.uncertainty.budget import Reading, propagate
+from evanesce.measurement.uncertainty.budget import Finger, Reading, propagate
 from evanesce.measurement.uncertainty.components import (
     CARD_HEIGHT_MM,
     PRINT_TOLERANCE,
-    Finger,
     card_components,
     reference_components,
 )

@@ -32,7 +32,7 @@ def press_curves() -> dict[str, dict[str, dict[str, list[float]]]]:
 
 
 def slide_curves() -> dict[str, dict[str, Any]]:
-    """Return forces [N] and area [mm^2, and over that of the press] against the way [mm], by slide.
+    """Return forces [N] and area [mm^2, and over that of the press] against displacement [mm], by slide.
 
     Returns
     -------

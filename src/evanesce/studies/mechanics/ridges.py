@@ -110,7 +110,7 @@ def pressed(bone: str, force: float) -> ContactState:
 
 
 def slid(found: LibrarySlide, way: float) -> ContactState:
-    """Return a slide's contact at a way [mm] on :data:`GRID`, brought to its middle.
+    """Return a slide's contact at a displacement [mm] on :data:`GRID`, moved to its middle.
 
     Parameters
     ----------

@@ -96,7 +96,7 @@ def rolled(time: Floats, masks: NDArray[np.bool_], delay: Floats) -> tuple[Float
 def film_row(
     view: PerfectView, moving: Scene, states: Sequence[ContactState], chain: Chain, half_mm: float, seed: int
 ) -> dict[str, Any]:
-    """Return area [mm^2] and place [mm] of the patch over time, by each exposure and way of reading rows.
+    """Return area [mm^2] and position [mm] of the patch over time, by each exposure and way of reading rows.
 
     Stamps are mid-exposure, and those of the frame's middle row. The first and last two frames, whose neighbours are
     missing, are left out.

@@ -183,7 +183,7 @@ def _exposed_row(view: PerfectView, scene: Scene, seed: int) -> dict[str, Any]:
 
 
 def _smear_row(view: PerfectView, scene: Scene, seed: int) -> dict[str, Any]:
-    """Return the area at each way during the exposure and level, the exposure's light unchanged [mm^2]."""
+    """Return the area by displacement during the exposure and threshold, at unchanged light [mm^2]."""
     rig, state = solve_contact(scene, FORCE, seed=seed)
     assert state is not None  # a force was given
     light = render_fast(rig, state, seed=rng.integer_seed(seed, "render", 0))

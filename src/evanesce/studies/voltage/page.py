@@ -150,9 +150,7 @@ def frames_figure(found: VoltageStudy) -> Figure:
 
 
 def _frames(found: VoltageStudy) -> Section:
-    caption = (
-        f"{found.forces[0]:g} N: what the camera sees, and in red what threshold {found.threshold:g} takes for it."
-    )
+    caption = f"{found.forces[0]:g} N: frames, and in red the contact by threshold {found.threshold:g}."
     return Section("What the camera sees", pictures=[Picture(figure_png(frames_figure(found)), caption)])
 
 

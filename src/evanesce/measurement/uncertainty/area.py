@@ -72,8 +72,8 @@ def reference_uncertainty(
 ) -> Uncertain:  # fmt: skip
     """Return an area of the reference segmentation with its uncertainty.
 
-    The displacement of the threshold's boundary is estimated from the frame: by the area that a threshold half-way up in
-    linear light gives in the same surviving blobs.
+    The displacement of the threshold's boundary is estimated from the frame: by the area of a threshold half-way up in
+    linear light in the same surviving blobs.
 
     Parameters
     ----------

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from evanesce.core import provenance
+from evanesce.core.plain import plain
 
 Keep = Callable[[str, Callable[[], Mapping[str, Any]]], Mapping[str, Any]]
 """``keep(key, make)`` returns a row: the one stored under the key, else what ``make`` returns."""
@@ -82,7 +82,7 @@ class Ledger:
             NaN and infinity become None.
         """
         if key not in self._rows:
-            row = {name: _finite(value) for name, value in make().items()}
+            row = {name: plain(value) for name, value in make().items()}
             with self.path.open("a", encoding="utf-8") as stream:
                 stream.write(json.dumps({"key": key, "row": row}, allow_nan=False) + "\n")
             self._rows[key] = row
@@ -95,13 +95,3 @@ def _parsed(line: str) -> dict[str, Any] | None:
     except ValueError:
         return None
     return entry if isinstance(entry, dict) else None
-
-
-def _finite(value: Any) -> Any:
-    if hasattr(value, "tolist"):
-        value = value.tolist()
-    if isinstance(value, Mapping):
-        return {str(key): _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -26,6 +26,7 @@ from evanesce.studies.ledger import Ledger
 from evanesce.studies.page import page
 from evanesce.studies.registry import Findings, Progress, Study, studies
 from evanesce.studies.threshold.slider import SliderFrame, slider
+from support.tiny import TINY
 
 CHROMIUM = next((found for name in ("chromium", "chromium-browser", "google-chrome", "chrome")
                  if (found := shutil.which(name))), None)  # fmt: skip
@@ -83,7 +84,7 @@ def test_rows_of_other_source_code_are_not_taken(tmp_path: Path, monkeypatch: py
         return [replace(row, finger=name, place=place)]
 
     monkeypatch.setattr(estimator_study, "rows_of", rows_of)
-    scene, counts = load_scene("thesis"), []
+    scene, counts = load_scene("thesis", TINY), []
     for digest in ("one", "one", "other"):
         monkeypatch.setattr(provenance, "code_digest", lambda digest=digest: digest)
         kept = "a" in Ledger(path, {"scene": 1})

@@ -195,12 +195,16 @@ def _joined_with_shifted(bits: Words, by: int) -> Words:
     if n <= 0:
         return bits
     joined = bits.copy()
+    if not shift:
+        joined[skip:] |= bits[:n]
+        joined[:n] |= bits[skip:]
+        return joined
     part = np.empty_like(bits)
     joined[skip:] |= np.left_shift(bits[:n], shift, out=part[:n])
     joined[:n] |= np.right_shift(bits[skip:], shift, out=part[:n])
-    if shift:  # what crosses from one word into the next
-        joined[skip + 1 :] |= np.right_shift(bits[: n - 1], WORD - shift, out=part[: n - 1])
-        joined[: n - 1] |= np.left_shift(bits[skip + 1 :], WORD - shift, out=part[: n - 1])
+    # what crosses from one word into the next
+    joined[skip + 1 :] |= np.right_shift(bits[: n - 1], WORD - shift, out=part[: n - 1])
+    joined[: n - 1] |= np.left_shift(bits[skip + 1 :], WORD - shift, out=part[: n - 1])
     return joined
 
 

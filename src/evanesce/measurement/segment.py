@@ -49,8 +49,8 @@ SINGLE_ROUNDING = 2.0**-24
 DOUBLE_MARGIN = 1e-13
 """What double precision leaves undecided: two sums of at most 401 terms, up to 1, of unit roundoff 1.1e-16."""
 
-STRIP_PIXELS = 262_144
-"""Pixels of a strip: a megabyte in single precision."""
+STRIP_PIXELS = 524_288
+"""Pixels of a strip: two megabytes in single precision."""
 
 THREAD_PIXELS = 1_000_000
 """Pixels of a frame for each thread: for fewer a thread is not worth its start."""

@@ -44,7 +44,7 @@ def register(app: typer.Typer) -> None:
             str,
             typer.Option(
                 "--estimator",
-                help="reference: the thesis's segmentation by threshold; refined: sub-pixel boundary, needs --calibration.",
+                help="reference: segmentation by threshold; refined: sub-pixel boundary, needs --calibration.",
             ),
         ] = "reference",
         dark: Annotated[

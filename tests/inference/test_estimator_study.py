@@ -98,7 +98,7 @@ def test_command_learns_the_edge_of_a_contact_and_keeps_it_in_the_record(tmp_pat
     halfway = measured(teacher)["frames"][0]["area_mm2"]
     for over in (1.5, 4.0):
         frame = written("over.png", over, (497.3, 383.9))
-        taught, blind = measured(frame, "--teach", teacher), measured(frame)
+        taught, blind = measured(frame, "--tune", teacher), measured(frame)
         assert taught["frames"][0]["area_mm2"] == pytest.approx(halfway, rel=0.005)
         assert abs(blind["frames"][0]["area_mm2"] / halfway - 1) > 0.01
         assert taught["settings"]["camera_blur"]["origin"] == "board"
@@ -136,7 +136,7 @@ def test_command_learns_from_an_unsaturated_frame_how_far_light_walks(tmp_path):
         return done, json.loads(target.read_text()) if done.exit_code == 0 else {}
 
     _, blind = measured("over.png")
-    done, taught = measured("over.png", "--teach", str(tmp_path / "teach.png"))
+    done, taught = measured("over.png", "--tune", str(tmp_path / "teach.png"))
     assert done.exit_code == 0, done.output
     assert blind["frames"][0]["area_mm2"] > 1.05 * true
     assert taught["frames"][0]["area_mm2"] == pytest.approx(true, rel=0.01)
@@ -153,15 +153,15 @@ def test_command_learns_from_an_unsaturated_frame_how_far_light_walks(tmp_path):
     assert parts["light's walk"]["factor_percent"] is None
     assert 0 < budget["together"]["factor_percent"] < budget["together"]["area_percent"]
     # a frame that cannot teach is refused, by name
-    refused, _ = measured("over.png", "--teach", str(tmp_path / "over.png"))
+    refused, _ = measured("over.png", "--tune", str(tmp_path / "over.png"))
     assert refused.exit_code == 2
-    assert "--teach" in refused.output
+    assert "--tune" in refused.output
 
 
 @pytest.mark.parametrize(
     ("arguments", "part"),
     [
-        (["measure", ".", "--teach", "t.png"], "--teach"),
+        (["measure", ".", "--tune", "t.png"], "--tune"),
         (["measure", ".", "--estimator", "best"], "--estimator"),
         (["measure", ".", "--dark", "d"], "--dark"),
         (["measure", ".", "--estimator", "refined"], "--calibration"),

@@ -81,14 +81,14 @@ def test_sag_darkens_the_far_end_and_the_brighter_strip_more() -> None:
             rig(**{"leds.voltage_V": 12.0}),
         )["right"]
     )
-    faint = (
+    dim = (
         1
         - ratio(
             changed(rig(**{"leds.voltage_V": 7.6}), "supply_sag", resistance_ohm_per_mm=0.01),
             rig(**{"leds.voltage_V": 7.6}),
         )["right"]
     )
-    assert (bright > 3 * faint).all()
+    assert (bright > 3 * dim).all()
 
 
 def test_the_resistance_of_a_loose_joint_goes_with_the_current_of_its_own_strip() -> None:

@@ -213,7 +213,7 @@ def simulate_press(scene: Scene, *, seed: int, **options: Any) -> Iterator[Simul
 
     A ramp in mm/min moves the finger as it really is at time 0: a stiffer one answers with more force.
     """
-    from evanesce.contact.solve import press_programme
+    from evanesce.contact.programme import press_programme
 
     rig, _ = solve_contact(scene, None, seed=seed, file=options.get("file", ANY_SCENE))
     for index, (time_s, force_N) in enumerate(press_programme(rig)):

@@ -98,7 +98,7 @@ def test_command_learns_the_edge_of_a_contact_and_keeps_it_in_the_record(tmp_pat
     halfway = measured(teacher)["frames"][0]["area_mm2"]
     for over in (1.5, 4.0):
         frame = written("over.png", over, (497.3, 383.9))
-        tuned, blind = measured(frame, "--teach", teacher), measured(frame)
+        tuned, blind = measured(frame, "--tune", teacher), measured(frame)
         assert tuned["frames"][0]["area_mm2"] == pytest.approx(halfway, rel=0.005)
         assert abs(blind["frames"][0]["area_mm2"] / halfway - 1) > 0.01
         assert tuned["settings"]["camera_blur"]["origin"] == "board"
@@ -138,7 +138,7 @@ def test_command_fits_the_scattering_length_to_an_unsaturated_frame(tmp_path):
         return done, json.loads(target.read_text()) if done.exit_code == 0 else {}
 
     _, blind = measured("over.png")
-    done, tuned = measured("over.png", "--teach", str(tmp_path / "teach.png"))
+    done, tuned = measured("over.png", "--tune", str(tmp_path / "teach.png"))
     assert done.exit_code == 0, done.output
     assert blind["frames"][0]["area_mm2"] > 1.05 * true
     assert tuned["frames"][0]["area_mm2"] == pytest.approx(true, rel=0.01)
@@ -155,15 +155,15 @@ def test_command_fits_the_scattering_length_to_an_unsaturated_frame(tmp_path):
     assert parts["subsurface scattering"]["factor_percent"] is None
     assert 0 < budget["together"]["factor_percent"] < budget["together"]["area_percent"]
     # a frame that cannot teach is refused, by name
-    refused, _ = measured("over.png", "--teach", str(tmp_path / "over.png"))
+    refused, _ = measured("over.png", "--tune", str(tmp_path / "over.png"))
     assert refused.exit_code == 2
-    assert "--teach" in refused.output
+    assert "--tune" in refused.output
 
 
 @pytest.mark.parametrize(
     ("arguments", "part"),
     [
-        (["measure", ".", "--teach", "t.png"], "--teach"),
+        (["measure", ".", "--tune", "t.png"], "--tune"),
         (["measure", ".", "--estimator", "best"], "--estimator"),
         (["measure", ".", "--dark", "d"], "--dark"),
         (["measure", ".", "--estimator", "refined"], "--calibration"),

@@ -74,7 +74,7 @@ def refined_options(
         if finger in kinds:
             return Refined(dark, flat, kinds[finger], teach)
         raise InputError(f"'{finger}'", key="--finger", allowed="ridged, smooth")
-    for key, path in (("--dark", dark), ("--flat", flat), ("--teach", teach)):
+    for key, path in (("--dark", dark), ("--flat", flat), ("--tune", teach)):
         if path is not None:
             raise InputError("the reference segmentation does not use it", key=key, allowed="with --estimator refined")
     return None
@@ -170,9 +170,9 @@ def _tuned(estimator: Estimator, path: Path) -> Estimator:
     found = estimator.area(image)
     allowed = "a frame of a contact that does not saturate"
     if found.unseen:
-        raise InputError("the contact is at full scale", file=path, key="--teach", allowed=allowed)
+        raise InputError("the contact is at full scale", file=path, key="--tune", allowed=allowed)
     if not found.contours:
-        raise InputError("nothing touches", file=path, key="--teach", allowed=allowed)
+        raise InputError("no contact", file=path, key="--tune", allowed=allowed)
     return estimator.tuned_on(image)
 
 

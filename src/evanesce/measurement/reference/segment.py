@@ -10,7 +10,8 @@ small part of the cost:
   such as a flat patch exactly at the threshold, with scikit-image's own functions on whole rows.
 * Rows are blurred and compared in strips that stay in the processor's cache, in as many threads as OpenCV may use
   (``cv2.setNumThreads``).
-* Dilation and selection by size work on one bit per pixel and on runs of pixels (:mod:`evanesce.measurement.reference.blobs`).
+* Dilation and selection by size work on one bit per pixel and on runs of pixels
+  (:mod:`evanesce.measurement.reference.blobs`).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""After the search: which designs won, and all that is found out about them, kept step by step in JSON files."""
+"""Select the winners of a search and assess them; results are kept step by step in JSON files."""
 
 from __future__ import annotations
 
@@ -23,35 +23,38 @@ from evanesce.design.verify import verified
 
 BASE = "base"
 BETWEEN = "between the objectives, on the Pareto front"
-SUSPECTS = 3
-"""So many effects, those that change one measurement most, are taken out of the draws one by one."""
+LARGEST = 3
+"""Number of effects, those that change one measurement most, each of which is left out of the draws once."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Depth:
-    """How much is found out about each winner.
+class Assessment:
+    """What is computed of the winners.
 
     Attributes
     ----------
+    designs : int
+        Number of winners, the base not counted.
     rigs : int
-        Drawn anew for its errors by load and place.
+        Drawn anew for the errors of each by load and position.
     trajectories : int
-        Of Morris' plan; 0: no sensitivity.
+        Of Morris' plan about the best; 0: no sensitivity.
     renderings : int
-        By the reference for each case that is verified; 0: none.
-    samples : int
-        Paths per pixel of each.
+        Of each verified case by the path tracer; 0: none.
+    samples_per_pixel : int
+        Of each rendering.
     """
 
+    designs: int = 3
     rigs: int = 48
     trajectories: int = 4
     renderings: int = 2
-    samples: int = 16
+    samples_per_pixel: int = 16
 
 
 @dataclass(frozen=True, kw_only=True)
 class Chosen:
-    """A design that is looked at closely.
+    """A design that is assessed: the base or a winner.
 
     Attributes
     ----------
@@ -74,7 +77,7 @@ def _in_turn(calls: Sequence[Call]) -> Iterator[tuple[int, Any]]:
 
 
 def choose(plan: Plan, trials: Sequence[Trial], count: int) -> list[Chosen]:
-    """Return the base and up to ``count`` winners: least error, least error at no more than the base's cost, the rest.
+    """Return the base and up to ``count`` winners: smallest error, smallest error within the base's cost, the rest.
 
     The rest are those of the Pareto front nearest to the best of every objective, by rank.
     """
@@ -83,11 +86,11 @@ def choose(plan: Plan, trials: Sequence[Trial], count: int) -> list[Chosen]:
     wanted: list[tuple[str, Trial | None]] = []
     able = [t for t in trials if t.feasible]
     if able:
-        wanted.append(("least predicted area error", min(able, key=_error)))
+        wanted.append(("smallest predicted area error", min(able, key=_error)))
     if plan.parts is not None:
         most = cost(plan.parts, plan.base)
         equal = [t for t in able if t.figures["cost"] <= most * (1 + 1e-9)]
-        text = f"least predicted area error at no more than the base's cost, {most:.2f} {plan.parts.currency}"
+        text = f"smallest predicted area error at no more than the base's cost, {most:.2f} {plan.parts.currency}"
         wanted.append((text, min(equal, key=_error) if equal else None))
     wanted += [(BETWEEN, t) for t in _between(front, plan.objectives)]
     reasons: dict[int, list[str]] = {}
@@ -121,59 +124,59 @@ def _between(front: Sequence[Trial], objectives: Sequence[str]) -> list[Trial]:
 
 
 def study(
-    plan: Plan, chosen: Sequence[Chosen], folder: Path, depth: Depth, client: Any = None,
-    tick: Callable[[int, int], None] = lambda done, total: None,
+    plan: Plan, chosen: Sequence[Chosen], folder: Path, settings: Assessment, client: Any = None,
+    on_progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> dict[str, dict[str, Any]]:  # fmt: skip
-    """Find out about chosen designs; steps whose file is there already are read from it.
+    """Assess designs; steps whose file exists are read from it.
 
     Returns
     -------
     dict
-        Name -> ``assessed``, ``tolerances``, ``sensitivity``, ``without``, ``verified``; the last four not of all.
+        Name -> ``assessed``, ``tolerances``, ``sensitivity``, ``without``, ``verified``; the last four not for all.
     """
-    keeper = _Keeper(plan, folder)
+    store = _ResultStore(plan, folder)
     submitted = _in_turn if client is None else partial(done_by, client)
     best = _best(chosen)
-    steps = [call for c in chosen for call in _first_steps(plan, c, depth, sensitive=c is best)]
-    total = len(steps) + (SUSPECTS if best else 0)
+    steps = [call for c in chosen for call in _first_steps(plan, c, settings, sensitive=c is best)]
+    total = len(steps) + (LARGEST if best else 0)
     done = 0
 
     def work(calls: list[_Step]) -> None:
         nonlocal done
-        left = [s for s in calls if keeper.get(s.file) is None]
+        left = [s for s in calls if store.get(s.file) is None]
         done += len(calls) - len(left)
-        tick(done, total)
+        on_progress(done, total)
         for number, result in submitted([s.call for s in left]):
-            keeper.put(left[number].file, result)
+            store.put(left[number].file, result)
             done += 1
-            tick(done, total)
+            on_progress(done, total)
 
     work(steps)
     if best is not None:
-        rows = keeper.get(f"{best.name}/tolerances")["rows"]
+        rows = store.get(f"{best.name}/tolerances")["rows"]
         effects = list(dict.fromkeys(row["name"].split(".")[0] for row in ranked(rows) if "." in row["name"]))
-        new = {d.effect for d in keeper.new_light}
+        new = {d.effect for d in store.new_fields}
         work(
             [
                 _Step(
-                    f"{best.name}/without-{effect}-{depth.rigs}",
+                    f"{best.name}/without-{effect}-{settings.rigs}",
                     winner.without,
-                    (plan.job, best.values, effect, depth.rigs),
+                    (plan.job, best.values, effect, settings.rigs),
                     {},
                 )
-                for effect in [e for e in effects if e not in new][:SUSPECTS]
+                for effect in [e for e in effects if e not in new][:LARGEST]
             ]
         )
-    return {c.name: _gathered(keeper, plan, c, depth, sensitive=c is best) for c in chosen}
+    return {c.name: _gathered(store, plan, c, settings, sensitive=c is best) for c in chosen}
 
 
 def ranked(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """Return rows of tolerances, the one that changes the measurement most first; those that cannot be left out."""
+    """Return rows of tolerances by the size of their change, largest first; infeasible ones left out."""
     return sorted((r for r in rows if "reason" not in r), key=lambda r: -change(r))
 
 
 def change(row: Mapping[str, Any]) -> float:
-    """Return the larger change of the area's error by one standard deviation [% of the area]."""
+    """Return the larger change of the area error by one standard deviation [% of the area]."""
     return max(abs(row["low_percent"]), abs(row["high_percent"]))
 
 
@@ -193,66 +196,77 @@ def _best(chosen: Sequence[Chosen]) -> Chosen | None:
     return next((c for c in chosen if c.trial is not None), None)
 
 
-def _first_steps(plan: Plan, chosen: Chosen, depth: Depth, *, sensitive: bool) -> list[_Step]:
+def _first_steps(plan: Plan, chosen: Chosen, settings: Assessment, *, sensitive: bool) -> list[_Step]:
     job, values, name = plan.job, dict(chosen.values), chosen.name
-    steps = [_Step(f"{name}/assessed-{depth.rigs}", winner.assessed, (job, values, depth.rigs), {})]
-    if depth.renderings:
+    steps = [_Step(f"{name}/assessed-{settings.rigs}", winner.assessed, (job, values, settings.rigs), {})]
+    if settings.renderings:
         for k in _verified_cases(plan):
             options = {
                 "case": k,
-                "count": depth.renderings,
-                "samples": depth.samples,
+                "count": settings.renderings,
+                "samples": settings.samples_per_pixel,
                 "seed": plan.question.seed + 1000,
             }
             steps.append(
-                _Step(f"{name}/verified-{k}-{depth.renderings}-{depth.samples}", verified, (job, values), options)
+                _Step(
+                    f"{name}/verified-{k}-{settings.renderings}-{settings.samples_per_pixel}",
+                    verified,
+                    (job, values),
+                    options,
+                )
             )
     if chosen.trial is None:
         return [*steps, _Step(f"{name}/searched", evaluate, (job, values), {})]
     steps.append(_Step(f"{name}/tolerances", winner.tolerances, (job, values), {}))
-    if depth.trajectories and sensitive:
-        for k, row in enumerate(sensitivity.sample(plan.vary, values, depth.trajectories, plan.question.seed)):
-            moved = dict(zip((v.key for v in plan.vary), map(float, row), strict=True))
-            steps.append(_Step(f"{name}/morris-{depth.trajectories}-{k}", evaluate, (job, moved), {}))
+    if settings.trajectories and sensitive:
+        for k, row in enumerate(sensitivity.sample(plan.variables, values, settings.trajectories, plan.question.seed)):
+            moved = dict(zip((v.key for v in plan.variables), map(float, row), strict=True))
+            steps.append(_Step(f"{name}/morris-{settings.trajectories}-{k}", evaluate, (job, moved), {}))
     return steps
 
 
 def _verified_cases(plan: Plan) -> list[int]:
-    """Return the numbers of the cases that the reference measures: that of the tolerances."""
+    """Return the numbers of the cases that the path tracer verifies: that of the tolerances."""
     return [len(plan.question.cases) // 2]
 
 
-def _gathered(keeper: _Keeper, plan: Plan, chosen: Chosen, depth: Depth, *, sensitive: bool) -> dict[str, Any]:
+def _gathered(
+    store: _ResultStore, plan: Plan, chosen: Chosen, settings: Assessment, *, sensitive: bool
+) -> dict[str, Any]:
     name = chosen.name
     found: dict[str, Any] = {"why": chosen.why, "values": dict(chosen.values)}
-    found["assessed"] = keeper.get(f"{name}/assessed-{depth.rigs}")
-    if depth.renderings:
-        files = [f"{name}/verified-{k}-{depth.renderings}-{depth.samples}" for k in _verified_cases(plan)]
-        found["verified"] = [keeper.get(file) for file in files]
+    found["assessed"] = store.get(f"{name}/assessed-{settings.rigs}")
+    if settings.renderings:
+        files = [
+            f"{name}/verified-{k}-{settings.renderings}-{settings.samples_per_pixel}" for k in _verified_cases(plan)
+        ]
+        found["verified"] = [store.get(file) for file in files]
     if chosen.trial is None:
-        return found | {"searched": keeper.get(f"{name}/searched")}
-    found["tolerances"] = keeper.get(f"{name}/tolerances")
-    kept = sorted((keeper.folder / name).glob(f"without-*-{depth.rigs}.json"))
-    found["without"] = [own for p in kept if (own := keeper.get(f"{name}/{p.stem}")) is not None]
-    if depth.trajectories and sensitive:
-        designs = sensitivity.sample(plan.vary, chosen.values, depth.trajectories, plan.question.seed)
-        tried = [keeper.get(f"{name}/morris-{depth.trajectories}-{k}") for k in range(len(designs))]
+        return found | {"searched": store.get(f"{name}/searched")}
+    found["tolerances"] = store.get(f"{name}/tolerances")
+    kept = sorted((store.folder / name).glob(f"without-*-{settings.rigs}.json"))
+    found["without"] = [own for p in kept if (own := store.get(f"{name}/{p.stem}")) is not None]
+    if settings.trajectories and sensitive:
+        designs = sensitivity.sample(plan.variables, chosen.values, settings.trajectories, plan.question.seed)
+        tried = [store.get(f"{name}/morris-{settings.trajectories}-{k}") for k in range(len(designs))]
         errors = np.array([t["figures"]["area_error"] if "figures" in t else math.nan for t in tried])
         if np.isfinite(errors).all():
-            found["sensitivity"] = sensitivity.indices(plan.vary, chosen.values, designs, errors, plan.question.seed)
+            found["sensitivity"] = sensitivity.indices(
+                plan.variables, chosen.values, designs, errors, plan.question.seed
+            )
         else:
             found["sensitivity_reason"] = next(t["reason"] for t in tried if "reason" in t)
     return found
 
 
-class _Keeper:
-    """Results of steps as JSON files, each with the digest of what it is an answer to."""
+class _ResultStore:
+    """Results of steps as JSON files, each with the digest of its search."""
 
     def __init__(self, plan: Plan, folder: Path) -> None:
         from evanesce.design.uncertainty import uncertainty_of
 
         self.folder, self.key = folder, plan.signature
-        self.new_light = uncertainty_of(plan.base.scene, plan.question.sizes).new_light
+        self.new_fields = uncertainty_of(plan.base.scene, plan.question.standard_deviations).new_fields
         self._known: dict[str, Any] = {}
 
     def get(self, file: str) -> Any:

@@ -1,4 +1,4 @@
-"""What a search may vary: a key of the scene, or of the measurement, with its range."""
+"""Design variables: numeric keys of the scene or of the measurement that a search varies, with their ranges."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import difflib
 import math
 import types
 import typing
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,19 +18,22 @@ from evanesce.design.question import Design
 from evanesce.rig import Scene
 from evanesce.rig.load import validate
 
-FORM = "KEY=LOW:HIGH, KEY=LOW:HIGH:STEP or KEY=LOW:HIGH:log, e.g. plate.thickness_mm=3:10"
+TABLE = "variables"
+"""Name of the question file's table of ranges."""
+
+FORM = "plate.thickness_mm = { low = 3.0, high = 10.0 }, with a step or log = true"
 
 MEASUREMENT: Mapping[str, Quantity] = {
     "measurement.threshold": Quantity("1", (0.004, 0.996), doc="grey level of the reference segmentation"),
-    "measurement.min_blob_px": Quantity("px", (0, 1_000_000), doc="least blob of the reference segmentation"),
+    "measurement.min_blob_px": Quantity("px", (0, 1_000_000), doc="minimum blob size of the reference segmentation"),
 }
 FIXED = ("grid.", "render.", "card.", "press.", "slide.", "camera.resolution_px", "finger.position_mm")
-"""Not of the rig: how it is computed, what it is calibrated and loaded with."""
+"""Not of the rig: how it is computed, calibrated and loaded."""
 
 
 @dataclass(frozen=True)
-class Vary:
-    """One key with its range.
+class DesignVariable:
+    """A key of the scene or of the measurement, and the range within which a search varies it.
 
     Attributes
     ----------
@@ -39,11 +42,11 @@ class Vary:
     low, high : float
     unit : str
     step : float or None
-        Distance of the values that are tried; none: all.
+        Distance of the values that are sampled; None: continuous.
     log : bool
-        Whether values are tried evenly in their logarithm.
+        Whether values are sampled uniformly in their logarithm.
     whole : bool
-        Whether only whole numbers are allowed.
+        Whether only integers are allowed.
     """
 
     key: str
@@ -63,7 +66,7 @@ class Vary:
 
 
 def known_keys(scene: Scene) -> dict[str, tuple[Quantity, bool]]:
-    """Return every numeric key that may be varied in a scene: its quantity and whether it is a whole number."""
+    """Return every numeric key of a scene that may vary: its quantity, and whether it is an integer."""
     found = {key: (quantity, key.endswith("_px")) for key, quantity in MEASUREMENT.items()}
     for key, quantity, value in _numbers(scene, ""):
         if key.startswith(FIXED):
@@ -93,57 +96,54 @@ def _plain_types(annotation: Any) -> tuple[Any, ...]:
     return (annotation,)
 
 
-def parse(texts: Sequence[str], scene: Scene) -> tuple[Vary, ...]:
-    """Read ``--vary`` options.
+def design_variables(ranges: Mapping[str, Mapping[str, Any]], scene: Scene) -> tuple[DesignVariable, ...]:
+    """Check the ranges of a question and return its design variables.
+
+    Parameters
+    ----------
+    ranges : mapping
+        Dotted key -> ``low``, ``high`` and perhaps ``step`` or ``log``.
+    scene : Scene
+        Whose keys may vary.
 
     Raises
     ------
     InputError
-        Naming the key and what is allowed: for another form, an unknown key, a range that is empty or outside the
-        key's limits, a key named twice, or none at all.
+        Naming the key and what is allowed: for an unknown key, a range that is empty or outside the key's limits, or no
+        range at all.
     """
-    if not texts:
-        raise InputError("nothing to vary", key="--vary", allowed=FORM)
+    if not ranges:
+        raise InputError("nothing to vary", key=TABLE, allowed=FORM)
     known = known_keys(scene)
-    found: dict[str, Vary] = {}
-    for text in texts:
-        key, sign, span = (part.strip() for part in text.partition("="))
-        if not sign or not key:
-            raise InputError(f"{text!r}", key="--vary", allowed=FORM)
+    found = []
+    for key, span in ranges.items():
         if key not in known:
             close = difflib.get_close_matches(key, known, n=3, cutoff=0.0)
             raise InputError(
-                "no such number in this scene", key=f"--vary {key}", allowed=f"nearest: {', '.join(close)}"
+                "no such number in this scene", key=f"{TABLE}.{key}", allowed=f"nearest: {', '.join(close)}"
             )
-        if key in found:
-            raise InputError("named twice", key=f"--vary {key}", allowed="each key once")
-        found[key] = _range(key, span, *known[key])
-    return tuple(found.values())
+        found.append(_variable(key, span, *known[key]))
+    return tuple(found)
 
 
-def _range(key: str, span: str, quantity: Quantity, whole: bool) -> Vary:
-    name = f"--vary {key}"
-    parts = span.split(":")
-    if len(parts) not in (2, 3):
-        raise InputError(f"{span!r}", key=name, allowed=f"{FORM}; {quantity}")
-    try:
-        low, high = float(parts[0]), float(parts[1])
-        log = len(parts) == 3 and parts[2] == "log"
-        step = float(parts[2]) if len(parts) == 3 and not log else None
-    except ValueError:
-        raise InputError(f"{span!r}", key=name, allowed=f"{FORM}; {quantity}") from None
-    least, most = quantity.bounds
-    if not (math.isfinite(low) and math.isfinite(high) and least <= low and high <= most):
-        raise InputError(f"{span!r} leaves the limits", key=name, allowed=str(quantity))
+def _variable(key: str, span: Mapping[str, Any], quantity: Quantity, whole: bool) -> DesignVariable:
+    name = f"{TABLE}.{key}"
+    low, high, step, log = float(span["low"]), float(span["high"]), span.get("step"), bool(span.get("log", False))
+    text = f"{low:g} to {high:g}"
+    lower, upper = quantity.bounds
+    if not (math.isfinite(low) and math.isfinite(high) and lower <= low and high <= upper):
+        raise InputError(f"{text} leaves the limits", key=name, allowed=str(quantity))
     if not low < high:
-        raise InputError(f"{span!r} is empty", key=name, allowed=f"low < high within {quantity}")
+        raise InputError(f"{text} is empty", key=name, allowed=f"low < high within {quantity}")
     if log and not low > 0:
-        raise InputError(f"{span!r}", key=name, allowed="a range above 0 where its logarithm is meant")
+        raise InputError(text, key=name, allowed="a range above 0 where its logarithm is meant")
+    if log and step is not None:
+        raise InputError("step and log", key=name, allowed="one of the two")
     if step is not None and not 0 < step <= high - low:
         raise InputError(f"step {step:g}", key=name, allowed=f"above 0 to {high - low:g}")
     if whole and any(v != round(v) for v in (low, high, step or 1.0)):
-        raise InputError(f"{span!r}", key=name, allowed="whole numbers")
-    return Vary(key, low, high, quantity.unit, step, log, whole)
+        raise InputError(text, key=name, allowed="whole numbers")
+    return DesignVariable(key, low, high, quantity.unit, None if step is None else float(step), log, whole)
 
 
 def design_at(base: Design, values: Mapping[str, float]) -> Design:
@@ -152,26 +152,26 @@ def design_at(base: Design, values: Mapping[str, float]) -> Design:
     Raises
     ------
     InputError
-        If there can be no such rig: the reason in the scene's own words.
+        If such a rig is infeasible, with the reason.
     """
     data = base.scene.as_dict()
     threshold, min_blob = base.threshold, base.min_blob_px
-    touched = set()
+    changed = set()
     for key, value in values.items():
         if key == "measurement.threshold":
             threshold = float(value)
         elif key == "measurement.min_blob_px":
             min_blob = round(value)
         else:
-            touched.add(_set(data, key, value))
-    # What is said of a figure that a search has changed is no longer true.
+            changed.add(_set(data, key, value))
+    # Sources and assumptions of a changed figure no longer hold.
     for table in ("sources", "assumptions"):
-        data[table] = {k: v for k, v in data.get(table, {}).items() if k not in touched}
+        data[table] = {k: v for k, v in data.get(table, {}).items() if k not in changed}
     return Design(scene=validate(Scene, data, "design"), threshold=threshold, min_blob_px=min_blob)
 
 
 def value_of(design: Design, key: str) -> float | None:
-    """Return what a design has under a key; None where its scene leaves it open."""
+    """Return the value of a key in a design; None where its scene leaves it open."""
     if key == "measurement.threshold":
         return design.threshold
     if key == "measurement.min_blob_px":

@@ -193,6 +193,24 @@ def _card_shapes(card: Card, pose: Pose) -> dict[str, Any]:
     return {name: card_mesh(name, t, pose.place, level) for name, (t, level) in tiles.items() if t}
 
 
+def require_above_glass(card: Card, pose: Pose) -> None:
+    """Refuse a pose in which a corner of the card would reach into the glass.
+
+    Raises
+    ------
+    InputError
+    """
+    reach = np.array([[sx * (s + 2 * card.margin) / 2 for sx, s in zip(sign, card.size, strict=True)]
+                      for sign in ((-1, -1), (-1, 1), (1, -1), (1, 1))])  # fmt: skip
+    lowest = float(pose.place(reach)[:, 2].min())
+    if lowest <= 0:
+        raise InputError(
+            f"the card reaches {-lowest:.3g} mm into the glass",
+            key="height",
+            allowed=f"at least {pose.height - lowest + AIR_FILM:.3g} mm for this tilt",
+        )
+
+
 def render_card(
     scene: Scene,
     card: Card,
@@ -230,15 +248,7 @@ def render_card(
         If the card would reach into the glass.
     """
     pose, room = pose or Pose(), room or Room()
-    reach = np.array([[sx * (s + 2 * card.margin) / 2 for sx, s in zip(sign, card.size, strict=True)]
-                      for sign in ((-1, -1), (-1, 1), (1, -1), (1, 1))])  # fmt: skip
-    lowest = float(pose.place(reach)[:, 2].min())
-    if lowest <= 0:
-        raise InputError(
-            f"the card reaches {-lowest:.3g} mm into the glass",
-            key="height",
-            allowed=f"at least {pose.height - lowest + AIR_FILM:.3g} mm for this tilt",
-        )
+    require_above_glass(card, pose)
     projection = Projection.of(scene.camera, scene.plate)
     view = projection.ideal_view() if view is None else view
     info = select(variant)

@@ -71,7 +71,7 @@ SET ?= scored
 BUDGET ?= 1e9
 challenge: install
 	$(BIN)/python -m tests.criticism.challenge.run --set $(SET) --workers 2 --budget-s $(BUDGET) \
-	  --beside largest-prior chi-square nearest-signature --spent docs/challenge-runs/scored-*.jsonl
+	  --beside largest-prior chi-square nearest-signature --spent docs/criticism/runs/scored-*.jsonl
 
 challenge-slice: install
 	$(BIN)/python -m tests.criticism.challenge.run --set slice --workers 2 --budget-s 600

@@ -1,4 +1,4 @@
-"""Picture of docs/dataset.md: learning curves of the baselines and what randomised effects are worth.
+"""Picture of docs/reference/dataset.md: learning curves of the baselines and what randomised effects are worth.
 
 Run: python docs/pictures/baseline.py [JSON of benchmarks/baseline.py; the one the data card tells by default]
 """

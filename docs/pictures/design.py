@@ -1,4 +1,4 @@
-"""Pictures of docs/design.md, of a finished `make design-demo`.
+"""Pictures of docs/howto/design.md, of a finished `make design-demo`.
 
 Run: python docs/pictures/design.py [outputs/design-demo]
 """

@@ -1,4 +1,4 @@
-"""Pictures of docs/voltage.md: the figures of `evanesce study voltage thesis_ridged --samples 32`.
+"""Pictures of docs/background/voltage.md: the figures of `evanesce study voltage thesis_ridged --samples 32`.
 
 Run: python docs/pictures/voltage.py [FOLDER with samples.npz of such a run] (several minutes without it)
 """

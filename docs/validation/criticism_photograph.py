@@ -1,4 +1,4 @@
-"""Pictures and table of docs/criticism-photograph.md: one run of the critic on the rig's photograph.
+"""Pictures and table of docs/criticism/photograph.md: one run of the critic on the rig's photograph.
 
 Run: python docs/validation/criticism_photograph.py PHOTO_FOLDER [--out docs/pictures]
 """

@@ -12,7 +12,7 @@ from challenge.score import Rate, summary
 from evanesce.criticism.frozen import FROZEN
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-RUNS = DOCS / "challenge-runs"
+RUNS = DOCS / "criticism" / "runs"
 RUN = RUNS / "scored-o.jsonl"
 TOGETHER = [RUNS / f"scored-{name}.jsonl" for name in "hijklmno"]
 
@@ -131,7 +131,7 @@ def test_the_run_of_the_table_is_one_critics_with_the_thresholds_of_today() -> N
 
 @pytest.mark.parametrize(("name", "runs"), [("table", [RUN]), ("together", TOGETHER)])
 def test_the_docs_hold_the_tables_of_the_kept_outcomes(name: str, runs: list[Path], tmp_path: Path) -> None:
-    text = (DOCS / "criticism-challenge.md").read_text(encoding="utf-8")
+    text = (RUNS / "tables.txt").read_text(encoding="utf-8")
     begin, end = f"<!-- {name}: begin -->\n", f"<!-- {name}: end -->"
     shown = text[text.index(begin) + len(begin) : text.index(end)]
     made = tmp_path / "table.md"

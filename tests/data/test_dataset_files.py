@@ -166,9 +166,9 @@ def test_croissants_own_library_reads_the_card(whole, tmp_path, monkeypatch):
 
 
 def test_card_and_page_tell_the_baselines_as_they_were_measured(whole):
-    """Figures of one recorded run, in the data card and in the table of docs/dataset.md."""
+    """Figures of one recorded run, in the data card and in the table of docs/reference/dataset.md."""
     card = json.loads((whole / "croissant.json").read_text())["rai:dataUseCases"]
-    page = (Path(__file__).resolve().parents[2] / "docs" / "dataset.md").read_text(encoding="utf-8")
+    page = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "dataset.md").read_text(encoding="utf-8")
     run = json.loads(baselines.RECORD.read_text(encoding="utf-8"))
     for name, by_test in run["results"].items():
         for test, found in by_test.items():

@@ -1,4 +1,4 @@
-"""The gradient of benchmarks/design_gradient.py, whose figures docs/design.md gives, against finite differences."""
+"""The gradient of benchmarks/design_gradient.py, whose figures stand in docs/howto/design.md, by finite differences."""
 
 from __future__ import annotations
 

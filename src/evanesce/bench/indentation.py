@@ -1,7 +1,7 @@
 """Stiffness test of the thesis's chapter 3: a steel cylinder pressed across a finger, read by Hertz's elliptic contact.
 
 E* is the contact modulus throughout, 1/E* = (1 - nu1^2)/E1 + (1 - nu2^2)/E2. The thesis's depth formula (eq 3.3) and
-its conversion to Young's modulus (eq 3.6) use twice that, 2/E' = the same sum; see ``docs/thesis-notes-materials.md``.
+its conversion to Young's modulus (eq 3.6) use twice that, 2/E' = the same sum; see ``docs/background/thesis-notes.md``.
 """
 
 from __future__ import annotations

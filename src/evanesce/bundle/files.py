@@ -30,7 +30,7 @@ def inside(root: Path, name: str, key: str | None) -> Path:
     path = root / name
     if not path.exists():
         if key is None:
-            raise InputError("is missing", file=path, allowed="see docs/bundle.md")
+            raise InputError("is missing", file=path, allowed="see docs/reference/bundle.md")
         raise InputError(f"no such file: {name}", file=where, key=key, allowed="a file inside the folder")
     check_inside(root, path)
     if not path.is_file():

@@ -1,4 +1,4 @@
-"""What lies where in a bundle, and the values that are read from it. See docs/bundle.md."""
+"""What lies where in a bundle, and the values that are read from it. See docs/reference/bundle.md."""
 
 from __future__ import annotations
 

@@ -244,7 +244,7 @@ def read_bundle(path: str | Path, *, decode: bool = True) -> Bundle:
     """
     root = Path(path)
     if not root.is_dir():
-        raise InputError("no such folder", file=root, allowed="a measurement bundle, see docs/bundle.md")
+        raise InputError("no such folder", file=root, allowed="a measurement bundle, see docs/reference/bundle.md")
     described = _measurement(root)
     scene = _scene(root, described.scene)
     video = None if described.press.video is None else inside(root, described.press.video, "press.video")

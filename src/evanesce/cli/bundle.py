@@ -24,7 +24,8 @@ def register(app: typer.Typer) -> None:
     @group.command()
     @handles_errors
     def check(
-        folder: Annotated[Path, typer.Argument(help="The bundle, see docs/bundle.md.")], json_file: JsonOption = None
+        folder: Annotated[Path, typer.Argument(help="The bundle, see docs/reference/bundle.md.")],
+        json_file: JsonOption = None,
     ) -> None:
         """Check every table and frame; say what is there, and what cannot be named without what is missing."""
         from evanesce.bundle import read_bundle
@@ -58,7 +59,9 @@ def _show(found: dict[str, Any]) -> None:
     for name in found["missing"]:
         console.print(f"missing: {name} ({MISSING[name]})", highlight=False)
     for name in found["not_read"]:
-        console.print(escape(f"not read: {name} (folders that are read are listed in docs/bundle.md)"), highlight=False)
+        console.print(
+            escape(f"not read: {name} (folders that are read are listed in docs/reference/bundle.md)"), highlight=False
+        )
     if not any(found["frames"].values()):
         console.print("series alone: which effects they feel shows when `evanesce criticise` predicts them")
     if found["cannot_be_named"]:

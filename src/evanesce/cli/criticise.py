@@ -30,7 +30,7 @@ def register(app: typer.Typer) -> None:
     @app.command()
     @handles_errors
     def criticise(
-        folder: Annotated[Path, typer.Argument(help="The bundle, see docs/bundle.md.", metavar="BUNDLE")],
+        folder: Annotated[Path, typer.Argument(help="The bundle, see docs/reference/bundle.md.", metavar="BUNDLE")],
         json_file: JsonOption = None,
         report: Annotated[Path | None, typer.Option("--report", help="Write an HTML page to this file.")] = None,
         scene: Annotated[

@@ -37,7 +37,7 @@ def register(app: typer.Typer) -> None:
     ) -> None:
         """Show a rig live: sliders for LEDs, force, finger, focus and threshold; frame, mask, area and its error.
 
-        Open the printed address in a browser; Ctrl-C ends it. See docs/live.md.
+        Open the printed address in a browser; Ctrl-C ends it. See docs/howto/live.md.
         """
         from evanesce.contact.solve import check_skin
         from evanesce.effects import active_effects

@@ -30,7 +30,7 @@ def register(app: typer.Typer) -> None:
     ) -> None:
         """Simulate ramp, hold, voltage sweep, replicates, dark frames and cards, and write them as a bundle.
 
-        Nothing is hidden: the bundle names the very scene that made it. See docs/bundle.md.
+        Nothing is hidden: the bundle names the very scene that made it. See docs/reference/bundle.md.
         """
         from evanesce.bundle.write import write_bundle
         from evanesce.core import provenance

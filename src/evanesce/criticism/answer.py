@@ -1,4 +1,4 @@
-"""What was found, put into the stable answer that docs/criticism.md describes."""
+"""What was found, put into the stable answer that docs/criticism/index.md describes."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ def criticise(
     Returns
     -------
     result : dict
-        See docs/criticism.md.
+        See docs/criticism/index.md.
     evidence : Evidence
         What a report shows of it.
     """

@@ -174,7 +174,7 @@ def voltage_figures(volts: Mapping[str, Any]) -> Iterator[Reproduced]:
     yield spanning("estimated area against voltage", "converged from", "V", 9.0,
                    [*settled, min(settled) - step, max(settled) + step],
                    "at a fixed exposure glow goes on growing; a camera that sets its own exposure would settle"
-                   " (docs/voltage.md)")  # fmt: skip
+                   " (docs/background/voltage.md)")  # fmt: skip
 
 
 def observations(curves: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str, str]]:

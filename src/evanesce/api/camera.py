@@ -82,14 +82,14 @@ class Camera:
         if until_error is not None and not 0 < until_error < 1:
             raise InputError(f"{until_error:g}", key="until_error", allowed="above 0, below 1")
         self.scene = scene
-        self._options: dict[str, Any] = {"samples_per_pixel": samples, "passes": passes, "until_error": until_error}
+        options = {"samples_per_pixel": samples, "passes": passes, "until_error": until_error}
+        self._options: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
         self._variant, self._bands = variant, bands
         if renderer == "fast":
-            _refuse_path_options(self._options)
-            self._options = {}
-        elif renderer == "reference":
-            self._options = {name: value for name, value in self._options.items() if value is not None}
-        elif not callable(renderer):
+            for name in self._options:
+                key = "samples" if name == "samples_per_pixel" else name
+                raise InputError("the fast renderer draws no paths", key=key, allowed="with renderer='reference' only")
+        elif renderer != "reference" and not callable(renderer):
             raise InputError(f"{renderer!r}", key="renderer", allowed="'fast', 'reference', or a callable")
         self.renderer = renderer if isinstance(renderer, str) else "given"
         self._given = None if isinstance(renderer, str) else renderer
@@ -218,7 +218,17 @@ class Camera:
         return chain.simulate_card(self.scene, which, seed=seed, pose=pose, time_s=time_s, index=index, **options).data
 
     def provenance(self, *, seed: int | None = None) -> Mapping[str, Any]:
-        """Return what decides a frame: versions, seed, renderer and digest of the scene, JSON-able."""
+        """Return what decides a frame.
+
+        Parameters
+        ----------
+        seed : int, optional
+
+        Returns
+        -------
+        mapping
+            Versions, seed, renderer and digest of the scene, JSON-able.
+        """
         record: dict[str, Any] = {"renderer": {"fast": "transport", "reference": "path"}.get(self.renderer, "given")}
         if self.renderer == "reference":
             from evanesce.render.variant import select
@@ -242,12 +252,6 @@ class Camera:
 
             render = partial(trace, variant=self._variant)
         return banded(render, self._bands)
-
-
-def _refuse_path_options(options: Mapping[str, Any]) -> None:
-    for name, key in (("samples_per_pixel", "samples"), ("passes", "passes"), ("until_error", "until_error")):
-        if options[name] is not None:
-            raise InputError("the fast renderer draws no paths", key=key, allowed="with renderer='reference' only")
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

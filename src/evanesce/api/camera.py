@@ -109,6 +109,18 @@ class Camera:
         """Area of the contact plane that a pixel on the optical axis sees [mm^2], by the scene's own figures."""
         return 1.0 / self.scene.camera.scale_px_per_mm**2
 
+    @property
+    def extent_mm(self) -> tuple[float, float, float, float]:
+        """Left, right, bottom and top border of a frame on the contact plane [mm], for matplotlib's ``imshow``.
+
+        By the scale on the optical axis: towards the corners the lens's distortion makes distances larger.
+        """
+        (rows, cols), camera = self.shape, self.scene.camera
+        (x, y), (dx, dy) = camera.centre_mm, camera.principal_point_offset_px
+        scale = camera.scale_px_per_mm
+        left, top = x - (cols / 2 + dx) / scale, y - (rows / 2 + dy) / scale
+        return left, left + cols / scale, top + rows / scale, top
+
     def shoot(self, force_N: float | None, *, seed: int = 0, time_s: float = 0.0, index: int = 0) -> Shot:
         """Press with a normal force and take the frame.
 

@@ -18,7 +18,7 @@ import evanesce as ev
 
 samples = ev.make_dataset(
     ev.load("thesis").with_(leds__voltage_V=9.2),
-    trials=16,
+    trials=14,
     seed=3,
     trial={"frames": 24, "frame_rate_hz": 12.0},
     split={"by": "friction", "validation": 0.0, "test": 0.4},

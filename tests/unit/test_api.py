@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import re
 import subprocess
@@ -288,3 +289,29 @@ def test_a_dataset_has_whole_trials(trials: Any) -> None:
 def test_a_key_of_a_dataset_that_is_not_known_names_the_nearest() -> None:
     with pytest.raises(ev.InputError, match=r"make_dataset: trial\.frame: unknown key; nearest key: frames"):
         ev.make_dataset(small_rig(), trials=1, trial__frame=8)
+
+
+# --- examples ---------------------------------------------------------------------------------------------------------
+
+EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "examples").glob("plot_*.py"))
+
+
+@pytest.mark.parametrize("script", EXAMPLES, ids=[script.stem for script in EXAMPLES])
+def test_an_example_has_a_title_a_figure_and_only_public_names(script: Path) -> None:
+    """They are run, and their figures drawn, when the documentation is built."""
+    text = script.read_text()
+    tree = ast.parse(text)
+    title, underline = (ast.get_docstring(tree) or "").splitlines()[:2]
+    assert underline == "=" * len(title)
+    assert text.endswith("plt.show()\n")
+    used = {
+        node.attr
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "ev"
+    }
+    assert used
+    assert used <= set(PUBLIC)
+
+
+def test_there_are_ten_examples() -> None:
+    assert len(EXAMPLES) == 10

@@ -13,8 +13,7 @@ from evanesce.chain.simulate import expose
 from evanesce.contact.analytic.hertz import hertz_contact, hertz_radius
 from evanesce.contact.patch import axisymmetric_state
 from evanesce.contact.ridges.heightmap import RidgeRow
-from evanesce.contact.ridges.ridged_slide import with_ridges
-from evanesce.contact.sliding.friction import InterfaceFriction, coulomb
+from evanesce.contact.ridges.ridged import with_ridges
 from evanesce.contact.sliding.torsion import sliding_torque, twisted, twisted_state
 from evanesce.core.states import PlateGrid, PlateLight, SurfaceState
 from evanesce.dataset.config import KINDS
@@ -25,6 +24,7 @@ from evanesce.dataset.slip_scores import Series, alarms, choose_threshold, score
 from evanesce.dataset.trial import Trial
 from evanesce.effects import active_effects
 from evanesce.evaluation.labels import label, view_geometry
+from evanesce.materials.friction import InterfaceFriction, coulomb
 from evanesce.optics.projection import Projection
 from evanesce.sensor.lens import form_image
 from support.datasets import tiny_config

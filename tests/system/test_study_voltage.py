@@ -14,8 +14,9 @@ from evanesce.cli.app import app
 from evanesce.cli.study_voltage import parse_forces, parse_volts
 from evanesce.core.errors import InputError
 from evanesce.measurement.reference.segment import Chain, segment
-from evanesce.optics.led import radiant_power
-from evanesce.render.fast.transport import fields_of, patch_radiance
+from evanesce.optics.led_circuit import radiant_power
+from evanesce.render.fast.fields import fields_of
+from evanesce.render.fast.patch import patch_radiance
 from evanesce.rig import load_scene
 from evanesce.studies.voltage.curve import (
     SOURCES,
@@ -239,8 +240,8 @@ def test_fields_with_no_length_are_those_without_glow(scene) -> None:
     plain = scene.model_copy(update={"finger": scene.finger.model_copy(update={"scattering_length_mm": 0.0})})
     glowing = scene.model_copy(update={"finger": scene.finger.model_copy(update={"scattering_length_mm": 0.4})})
     found, expected = with_length(fields_of(glowing), 0.6, 0.0, 0.02), fields_of(plain)
-    assert found.glow is None
-    assert expected.glow is None
+    assert found.subsurface is None
+    assert expected.subsurface is None
     np.testing.assert_array_equal(found.coupling * found.response, expected.coupling * expected.response)
 
 

@@ -114,12 +114,12 @@ def _indentation(file: Path, finger: float, indenter: float, nu: float, out: Pat
 
 
 def _compression(file: Path, height: float | None, area: float | None, terms: int, out: Path | None) -> Result:
+    from evanesce.bench import compression
     from evanesce.bench.plots import compression_figure
-    from evanesce.materials import hyperelastic
 
-    stretch, stress = hyperelastic.read_compression(file, height=height, area=area)
+    stretch, stress = compression.read_compression(file, height=height, area=area)
     try:
-        fit = hyperelastic.fit_mooney_rivlin(stretch, stress, terms=terms)
+        fit = compression.fit_mooney_rivlin(stretch, stress, terms=terms)
     except ValueError as error:
         raise InputError(str(error), file=file) from None
     folder = out_dir(out, "bench-stiffness")
@@ -154,9 +154,8 @@ def _compression(file: Path, height: float | None, area: float | None, terms: in
 
 
 def _dma(file: Path, reference: float | None, out: Path | None) -> Result:
-    from evanesce.bench import dma
+    from evanesce.bench import dma, prony_fit
     from evanesce.bench.plots import dma_figure
-    from evanesce.materials import prony
 
     table = dma.read_dma(file)
     temperature = float(np.median(table.temperature)) if reference is None else reference
@@ -164,7 +163,7 @@ def _dma(file: Path, reference: float | None, out: Path | None) -> Result:
     reduced = table.frequency
     rows = []
     if np.ptp(table.temperature) > 0:
-        master = prony.fit_arrhenius(table.frequency, table.temperature, table.storage, temperature)
+        master = prony_fit.fit_arrhenius(table.frequency, table.temperature, table.storage, temperature)
         reduced = master.reduced_frequency
         shift = {
             "activation_energy_kJ_per_mol": master.activation_energy_kJ_per_mol,
@@ -177,7 +176,7 @@ def _dma(file: Path, reference: float | None, out: Path | None) -> Result:
             )
         )
     with _blames(file):
-        fit = prony.fit_prony(reduced, table.storage, table.loss_factor)
+        fit = prony_fit.fit_prony(reduced, table.storage, table.loss_factor)
     folder = out_dir(out, "bench-dma")
     _save(dma_figure(table, fit.series, reduced), folder, "dma.png")
     _csv(folder / "prony.csv", "relaxation_time_s,modulus_MPa", [fit.series.times, fit.series.moduli])

@@ -71,8 +71,8 @@ def press(
 ) -> None:
     """Press a finger straight onto the glass (axisymmetric) and print depth, area and modulus at each force."""
     from evanesce.contact.fem.mesh import FingerShape, MeshSize
-    from evanesce.contact.fem.press import press as solve
-    from evanesce.contact.fem.press import press_goals
+    from evanesce.contact.fem.programme import press as solve
+    from evanesce.contact.fem.programme import press_goals
     from evanesce.contact.fem.runs import check_friction
 
     check_json_target(json_file)
@@ -112,9 +112,9 @@ def slide(
 ) -> None:
     """Press a finger and slide it over the glass (three-dimensional): forces, area and stick against the way."""
     from evanesce.contact.fem.mesh import FingerShape, MeshSize
+    from evanesce.contact.fem.programme import SLIDE_MESH, slide_goals
+    from evanesce.contact.fem.programme import slide as solve
     from evanesce.contact.fem.runs import check_friction
-    from evanesce.contact.fem.slide import SLIDE_MESH, slide_goals
-    from evanesce.contact.fem.slide import slide as solve
 
     check_json_target(json_file)
     if hold not in get_args(Hold):
@@ -158,7 +158,7 @@ def convergence(
     from evanesce.contact.fem.convergence import FINER_SIZES, THESIS_SIZES, MeshResult, check_sizes
     from evanesce.contact.fem.convergence import convergence as study
     from evanesce.contact.fem.mesh import FingerShape
-    from evanesce.contact.fem.press import press_goals
+    from evanesce.contact.fem.programme import press_goals
     from evanesce.core import provenance
 
     check_json_target(json_file)

@@ -147,7 +147,7 @@ def _run(
     video: Any,
 ) -> dict[str, Any]:
     from evanesce.chain.simulate import simulate
-    from evanesce.contact.solve import press_programme
+    from evanesce.contact.programme import press_programme
     from evanesce.core import provenance
     from evanesce.render.exr import write_light
     from evanesce.render.reference.passes import relative_error

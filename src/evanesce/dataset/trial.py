@@ -15,18 +15,21 @@ from numpy.typing import NDArray
 
 from evanesce.contact.analytic.partial_slip import tangential_modulus
 from evanesce.contact.analytic.roughness import persson_contact_fraction
+from evanesce.contact.laws import smooth_contact
 from evanesce.contact.patch import AxisymmetricContact
-from evanesce.contact.ridges.ridged_slide import with_ridges
-from evanesce.contact.sliding.friction import InterfaceFriction, area_loss_for, tilted_compliance
+from evanesce.contact.ridges.ridged import with_ridges
+from evanesce.contact.sliding.area_loss import area_loss_for
+from evanesce.contact.sliding.shaft import tilted_compliance
 from evanesce.contact.sliding.solver import Slide, march
 from evanesce.contact.sliding.states import SlideStates, SlideView
 from evanesce.contact.sliding.torsion import Twist, sliding_torque, twisted, twisted_state
-from evanesce.contact.solve import ridge_row, smooth_contact
+from evanesce.contact.solve import ridge_row
 from evanesce.core.states import ContactState, PlateGrid
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.design import TrialPlan
 from evanesce.dataset.programme import Sampled, sample_programme
 from evanesce.materials import material
+from evanesce.materials.friction import InterfaceFriction
 from evanesce.rig import Scene
 
 Floats = NDArray[np.float64]

@@ -20,7 +20,7 @@ from scipy.stats import qmc
 from evanesce.core import rng
 from evanesce.core.errors import InputError
 from evanesce.effects import Candidate, Context, Effect, Stage, active_effects, all_effects, apply_stage
-from evanesce.effects.protocol import Observable
+from evanesce.effects.inference_hints import Observable
 from evanesce.evaluation.calibrated_rig import SQUARE_EDGE_PX, CardErrors
 from evanesce.measurement.uncertainty.budget import CARD_HEIGHT_MM, PRINT_TOLERANCE
 from evanesce.render.fast.rig_fields import unit_digest

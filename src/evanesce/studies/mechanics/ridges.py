@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.contact.fem.library import library_state
-from evanesce.contact.fem.library_slide import LibrarySlide
 from evanesce.contact.fem.state import surface_state
+from evanesce.contact.fem.stored import LibrarySlide
 from evanesce.contact.halfspace.resolved import contact_area, pressed_profile
 from evanesce.contact.halfspace.solver import press_height_map
 from evanesce.contact.ridges.heightmap import RidgeRow

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.contact.fem.library import LibraryPress, library_press
-from evanesce.contact.fem.library_slide import LibrarySlide, library_slide
+from evanesce.contact.fem.library import library_press, library_slide
+from evanesce.contact.fem.stored import LibraryPress, LibrarySlide
 from evanesce.materials.hyperelastic import of_material
 from evanesce.materials.tables import material
 from evanesce.studies.mechanics.ridges import press_ratios, slide_ratios

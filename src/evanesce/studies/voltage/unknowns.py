@@ -29,15 +29,16 @@ from evanesce.contact.solve import contact_state
 from evanesce.core.errors import InputError
 from evanesce.core.provenance import digest
 from evanesce.core.states import SensorLight
-from evanesce.optics.led import radiant_power
+from evanesce.optics.led_circuit import radiant_power
 from evanesce.optics.subsurface import profile_kernel
 from evanesce.render.fast.fields import Fields, fields_of
-from evanesce.render.fast.subsurface import GLOW_CELL
-from evanesce.render.fast.transport import patch_radiance
+from evanesce.render.fast.patch import patch_radiance
+from evanesce.render.fast.subsurface import LARGEST_CELL_MM
 from evanesce.rig import Camera, Ridges, Scene
 from evanesce.rig.finger import HertzLaw
+from evanesce.sensor.blur import defocus_disc
 from evanesce.sensor.expose import charge_of
-from evanesce.sensor.lens import defocus_disc, irradiance_per_radiance, magnification, working_f_number
+from evanesce.sensor.lens import irradiance_per_radiance, magnification, working_f_number
 from evanesce.sensor.tone import CURVES
 
 Array = NDArray[np.float64]
@@ -234,12 +235,12 @@ def with_length(fields: Fields, reflectance: float, length: float, pitch: float)
     At 0 there is no glow: light leaves where it entered.
     """
     if length == 0.0:
-        return replace(fields, glow=None)
-    if fields.glow is None:
+        return replace(fields, subsurface=None)
+    if fields.subsurface is None:
         raise ValueError("fields without glow have no glow to change")
-    cell = min(GLOW_CELL, max(length / 4, pitch))
+    cell = min(LARGEST_CELL_MM, max(length / 4, pitch))
     kernel = profile_kernel(reflectance, length, cell, math.ceil(GRID_MM / cell))
-    return replace(fields, glow=replace(fields.glow, cell=cell, kernel=kernel))
+    return replace(fields, subsurface=replace(fields.subsurface, cell=cell, kernel=kernel))
 
 
 def blur_mm(camera: Camera) -> float:

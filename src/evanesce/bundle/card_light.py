@@ -2,7 +2,7 @@
 
 Each pixel's share of paper comes in closed form where the card lies flat: the pixel's footprint is taken as a rectangle
 along the card's axes, so that a checkerboard's mean over it is a product of two means of square waves. A tilted card's
-is counted by sub-rays. Fresnel's equations give what the glass adds and takes. The path tracer's
+is counted by sub-rays. Fresnel's equations give the light that the glass reflects and transmits. The path tracer's
 :func:`evanesce.render.cards.render_card` is the reference.
 """
 
@@ -82,7 +82,22 @@ def card_light(
 
 
 def plane_points(projection: Projection, view: IdealView, height_mm: float) -> tuple[Array, Array, Array]:
-    """Return where the pixels of a view meet the plane at a height over the glass [mm], and their cosine to it."""
+    """Return where the pixels of a view meet a plane above the glass, and their cosine to it.
+
+    Parameters
+    ----------
+    projection : Projection
+    view : IdealView
+    height_mm : float
+        Of the plane above the glass [mm].
+
+    Returns
+    -------
+    x, y : ndarray (rows, cols)
+        [mm].
+    cosine : ndarray (rows, cols)
+        [1].
+    """
     rows, cols = view.shape
     px, py = view.principal_point
     u, v = (np.arange(cols) - px) / view.focal_px, (np.arange(rows)[:, None] - py) / view.focal_px
@@ -100,7 +115,19 @@ def _on_card(pose: Pose, x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def mean_reflectance(card: Card, x: Array, y: Array) -> Array:
-    """Return the mean reflectance [1] of each pixel, given card coordinates of the pixels' middles [mm]."""
+    """Return the mean reflectance of each pixel.
+
+    Parameters
+    ----------
+    card : Card
+    x, y : ndarray (rows, cols)
+        Card coordinates of the pixels' middles [mm].
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        [1].
+    """
     wide, high = np.abs(np.gradient(x, axis=1)), np.abs(np.gradient(y, axis=0))
     width, height = card.size
     inside = _covered(x, wide, width / 2) * _covered(y, high, height / 2)
@@ -151,6 +178,11 @@ def reflectance_seen(projection: Projection, card: Card, pose: Pose, u: Array, v
     pose : Pose
     u, v : ndarray
         Undistorted normalised directions.
+
+    Returns
+    -------
+    ndarray
+        [1].
     """
     x, y = projection.ray_to_plate(u, v)
     tan_x, tan_y = projection.tangents(u, v)
@@ -198,7 +230,12 @@ def through_glass(scene: Scene, albedo: Array, cosine: Array, mean_albedo: float
     cosine : ndarray
         Of the viewing angle in air.
     mean_albedo : float
-        Of the paper around, for light that the far face sends back beside where it left [1].
+        Of the paper around, for light that the far face reflects beside where it left [1].
+
+    Returns
+    -------
+    ndarray
+        [1].
     """
     n = scene.plate.refractive_index
     absorbed = np.exp(-2 * scene.plate.absorption_coefficient_per_mm * scene.plate.thickness_mm)

@@ -261,7 +261,7 @@ class Pipeline:
             raise InputError("the contact is at full scale", file=file, key="tune", allowed=allowed)
         if not found.contours:
             raise InputError("no contact is found", file=file, key="tune", allowed=allowed)
-        return estimator.taught(image)
+        return estimator.tuned_on(image)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
@@ -345,7 +345,7 @@ class Measurement:
             log.add(self.measured.figures)
             return tuple(log.warnings())
         assert self.pipeline.refined is not None  # it measured this frame
-        edges = EdgeLog(blur_known=self.pipeline.refined.settings.blur.origin != "believed")
+        edges = EdgeLog(blur_known=self.pipeline.refined.settings.blur.origin != "nominal")
         edges.add(self.index, self.refined.unseen)
         return tuple(edges.warnings(1))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -134,6 +135,7 @@ def simulate_card(
     pose: Any = None,
     time_s: float = 0.0,
     index: int = 0,
+    render: Render | None = None,
     file: Path | str = ANY_SCENE,
     **render_options: Any,
 ) -> Frame:
@@ -148,10 +150,13 @@ def simulate_card(
         Intended (:class:`evanesce.render.cards.Pose`); flat on the glass if not given.
     seed, time_s, index, file
         As for :func:`simulate`.
+    render : callable, optional
+        ``render(scene, card, pose, **render_options) -> PlateLight``; by default the path tracer,
+        :func:`evanesce.render.cards.render_card` with a ``seed``.
     **render_options
-        Passed to :func:`evanesce.render.cards.render_card`.
+        Passed to ``render``.
     """
-    from evanesce.render.cards import checkerboard_of, pose_of, render_card, square_of
+    from evanesce.render.cards import checkerboard_of, pose_of, render_card, require_above_glass, square_of
 
     # Effects that modulate the LEDs' light have none to modulate.
     modulating = {name for name in scene.effects if all_effects()[name].bands}
@@ -160,8 +165,11 @@ def simulate_card(
     )
     rig, _ = solve_contact(scene, None, seed=seed, time_s=time_s, index=index, file=file)
     card = checkerboard_of(rig.card) if which == "checkerboard" else square_of(rig.card)
-    light_seed = rng.integer_seed(seed, "card", which, index)
-    light = render_card(rig, card, pose_of(rig.card, pose), seed=light_seed, **render_options)
+    real = pose_of(rig.card, pose)
+    require_above_glass(card, real)
+    if render is None:
+        render = partial(render_card, seed=rng.integer_seed(seed, "card", which, index))
+    light = render(rig, card, real, **render_options)
     return expose(rig, light, seed=seed, time_s=time_s, index=index, file=file)[1]
 
 
@@ -246,11 +254,34 @@ def simulate_press(scene: Scene, *, seed: int, **options: Any) -> Iterator[Simul
     **options
         As for :func:`simulate`.
     """
+    for index, (time_s, force_N) in enumerate(programme(scene, seed=seed, file=options.get("file", ANY_SCENE))):
+        yield simulate(scene, force_N, seed=seed, time_s=time_s, index=index, **options)
+
+
+def programme(scene: Scene, *, seed: int, file: Path | str = ANY_SCENE) -> list[tuple[float, float]]:
+    """Return the scene's loading programme, for the rig after its effects at time 0.
+
+    Parameters
+    ----------
+    scene : Scene
+    seed : int
+    file : Path or str
+        The scene's file, for errors.
+
+    Returns
+    -------
+    list of tuple
+        Time [s] and normal force [N] of each frame.
+
+    Raises
+    ------
+    InputError
+        If it needs too many frames, or the contact law cannot follow it.
+    """
     from evanesce.contact.programme import press_programme
 
-    rig, _ = solve_contact(scene, None, seed=seed, file=options.get("file", ANY_SCENE))
-    for index, (time_s, force_N) in enumerate(press_programme(rig)):
-        yield simulate(scene, force_N, seed=seed, time_s=time_s, index=index, **options)
+    rig, _ = solve_contact(scene, None, seed=seed, file=file)
+    return press_programme(rig)
 
 
 # Fetched on first use: a caller with its own contact or light needs neither solver nor renderer installed.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -33,9 +33,10 @@ class Sample:
     ----------
     row : dict
         The frame's row of the manifest.
-    members : dict of Member
+    members : mapping
+        By name, whatever ``read`` takes: places in a shard (:class:`~evanesce.dataset.shard.Member`), or the bytes.
     read : callable
-        ``read(Member) -> bytes``.
+        ``read(member) -> bytes``.
 
     Attributes
     ----------
@@ -43,7 +44,7 @@ class Sample:
     key : str
     """
 
-    def __init__(self, row: dict[str, Any], members: dict[str, Member], read: Any) -> None:
+    def __init__(self, row: dict[str, Any], members: Mapping[str, Any], read: Callable[[Any], bytes]) -> None:
         self.row, self.key, self._members, self._read = row, str(row["key"]), members, read
 
     def bytes_of(self, name: str) -> bytes:
@@ -54,8 +55,7 @@ class Sample:
         KeyError
             If the frame has no such member.
         """
-        data: bytes = self._read(self._members[name])
-        return data
+        return self._read(self._members[name])
 
     @property
     def members(self) -> tuple[str, ...]:

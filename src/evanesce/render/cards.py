@@ -205,8 +205,13 @@ def _card_shapes(card: Card, pose: Pose) -> dict[str, Any]:
     return {name: card_mesh(name, t, pose.to_plate, level) for name, (t, level) in tiles.items() if t}
 
 
-def _require_above_glass(card: Card, pose: Pose) -> None:
-    """Refuse a pose in which the card would reach into the glass."""
+def require_above_glass(card: Card, pose: Pose) -> None:
+    """Refuse a pose in which a corner of the card would reach into the glass.
+
+    Raises
+    ------
+    InputError
+    """
     reach = np.array([[sx * (s + 2 * card.margin) / 2 for sx, s in zip(sign, card.size, strict=True)]
                       for sign in ((-1, -1), (-1, 1), (1, -1), (1, 1))])  # fmt: skip
     lowest = float(pose.to_plate(reach)[:, 2].min())
@@ -254,7 +259,7 @@ def render_card(
         If the card would reach into the glass.
     """
     pose, illumination = pose or Pose(), illumination or Illumination()
-    _require_above_glass(card, pose)
+    require_above_glass(card, pose)
     projection = Projection.of(scene.camera, scene.plate)
     view = projection.ideal_view() if view is None else view
     info = select(variant)

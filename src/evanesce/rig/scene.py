@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, Self
 
 import numpy as np
@@ -157,3 +158,71 @@ class Scene(Strict):
         dict
         """
         return self.model_dump(mode="json", exclude_none=True)
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """Build a scene from nested tables, as a TOML file has them; :meth:`as_dict` gives them back.
+
+        Parameters
+        ----------
+        data : mapping
+            Keys carry their units: ``{"plate": {"size_mm": [120.0, 80.0], ...}, ...}``.
+
+        Returns
+        -------
+        Scene
+
+        Raises
+        ------
+        InputError
+            For a missing or unknown key, naming the nearest, or a value of the wrong type or out of bounds.
+
+        Examples
+        --------
+        >>> import evanesce as ev
+        >>> scene = ev.load("thesis")
+        >>> ev.Scene.from_dict(scene.as_dict()) == scene
+        True
+        """
+        from evanesce.rig.load import validate  # which needs this class
+
+        return validate(cls, dict(data), "Scene.from_dict")
+
+    def with_(self, changes: Mapping[str, Any] | None = None, /, **keywords: Any) -> Scene:
+        """Return this scene with some keys changed; the scene itself stays as it is.
+
+        Parameters
+        ----------
+        changes : mapping, optional
+            From dotted keys to values: ``{"finger.ridges.height_um": 150.0}``.
+        **keywords
+            The same with two underscores for each dot: ``finger__ridges__height_um=150.0``. A table is given as a
+            mapping and replaces the whole table; None removes an optional key.
+
+        Returns
+        -------
+        Scene
+            Checked like a scene that is read from a file. Sentences under ``sources`` and ``assumptions`` that speak
+            of a changed key are left out: they hold for the value that was there.
+
+        Raises
+        ------
+        InputError
+            For an unknown key, naming the nearest, or a value of the wrong type or out of bounds.
+
+        Examples
+        --------
+        >>> import evanesce as ev
+        >>> scene = ev.load("thesis_ridged").with_(leds__voltage_V=9.5, finger__ridges__height_um=150)
+        >>> scene.leds.voltage_V, scene.finger.ridges.height_um
+        (9.5, 150.0)
+        >>> scene.with_(finger__ridges=None).finger.is_smooth
+        True
+        >>> scene.with_(leds__voltage=9.5)
+        Traceback (most recent call last):
+        ...
+        evanesce.core.errors.InputError: Scene.with_: leds.voltage: wrong unit: write voltage_V instead (allowed: ...
+        """
+        from evanesce.rig.change import changed  # which needs this class
+
+        return changed(self, {**(changes or {}), **keywords})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from evanesce.core.errors import WorkError
 from evanesce.measurement.calibration.corners import CornerGrid, find_corners
 from evanesce.measurement.calibration.points import BoardView
-from evanesce.measurement.io.images import read_image
+from evanesce.measurement.io.images import Loaded, read_image
 from evanesce.measurement.refined.blur import blur_of_board
 from evanesce.measurement.warnings import SATURATED_SHARE, Warning
 
@@ -70,24 +70,46 @@ def find_boards(paths: Sequence[Path], square_mm: float, *, done: Callable[[], A
     WorkError
         If there is a board in none of them.
     """
+    return boards_of(((path.name, read_image(path)) for path in paths), square_mm, done=done)
+
+
+def boards_of(
+    pictures: Iterable[tuple[str, Loaded]], square_mm: float, *, done: Callable[[], Any] = lambda: None
+) -> BoardPictures:
+    """Find the checkerboard in each picture that is read already; as :func:`find_boards`.
+
+    Parameters
+    ----------
+    pictures : iterable of (str, Loaded)
+        Name and picture; taken one at a time.
+    square_mm : float
+        Side of the printed squares [mm].
+    done : callable
+        Called after each picture.
+
+    Raises
+    ------
+    WorkError
+        If there is a board in none of them.
+    """
     views: list[BoardView] = []
     warnings: list[Warning] = []
     first: NDArray[np.uint8] | None = None
+    first_name = ""
     blurs: list[dict[str, Any]] = []
     # a video of a still card, split into files, repeats its pictures
     known: dict[bytes, tuple[CornerGrid, dict[str, Any]]] = {}
     reason = ""
-    for path in paths:
-        loaded = read_image(path)
+    for name, loaded in pictures:
         picture = loaded.data
         warnings += loaded.notes
         if first is None:
-            first = picture
+            first, first_name = picture, name
         if picture.shape[:2] != first.shape[:2]:
-            text = f"{path.name} is {_size(picture)} pixels, {paths[0].name} {_size(first)}: left out"
+            text = f"{name} is {_size(picture)} pixels, {first_name} {_size(first)}: left out"
             warnings.append(Warning("changed_resolution", text))
         else:
-            warnings += saturation(picture, path.name)
+            warnings += saturation(picture, name)
             digest = hashlib.sha256(picture.tobytes()).digest()
             try:
                 if digest not in known:
@@ -95,15 +117,15 @@ def find_boards(paths: Sequence[Path], square_mm: float, *, done: Callable[[], A
                     known[digest] = grid, blur_of_board(picture, grid)
                 grid, blur = known[digest]
             except WorkError as error:
-                reason = f"{path.name}: {error}"
+                reason = f"{name}: {error}"
                 warnings.append(Warning("no_board", f"{reason}: left out"))
             else:
-                views.append(grid.view(path.name, square_mm))
+                views.append(grid.view(name, square_mm))
                 blurs.append(blur)
         done()
     if first is None or not views:
         raise WorkError(reason or "no picture of a board")
-    return BoardPictures(views, blurs, (first.shape[1], first.shape[0]), first, paths[0].name, warnings)
+    return BoardPictures(views, blurs, (first.shape[1], first.shape[0]), first, first_name, warnings)
 
 
 def saturation(picture: NDArray[np.uint8], name: str) -> list[Warning]:

@@ -56,6 +56,16 @@ class Calibration:
             array.flags.writeable = False
             object.__setattr__(self, name, array)
 
+    def save(self, path: str | Path) -> None:
+        """Write this calibration as JSON, whole or not at all; :func:`load_calibration` reads it.
+
+        Raises
+        ------
+        WorkError
+            If the file cannot be written.
+        """
+        save_calibration(path, self)
+
 
 def load_calibration(path: str | Path) -> Calibration:
     """Read a calibration that :func:`save_calibration` or ``evanesce calibrate --json`` wrote.

@@ -1,0 +1,113 @@
+"""Change keys of a scene by name; the result is checked as strictly as a scene that is read from a file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from evanesce.core.errors import InputError
+from evanesce.core.quantities import Strict
+from evanesce.rig import height_map
+from evanesce.rig.load import validate
+from evanesce.rig.scene import Scene
+
+SEPARATOR = "__"
+"""Stands for the dot of a key where a Python name is needed: ``leds__voltage_V`` is ``leds.voltage_V``."""
+
+HEIGHT_MAP = ("finger", "height_map")
+
+
+def changed(scene: Scene, changes: Mapping[str, Any], *, file: str = "Scene.with_") -> Scene:
+    """Return a scene with some keys replaced.
+
+    Parameters
+    ----------
+    scene : Scene
+    changes : mapping
+        From keys, parts joined by a dot or by two underscores, to values; a table is given as a mapping and replaces
+        the whole table, None removes an optional key.
+    file : str
+        Named in errors.
+
+    Returns
+    -------
+    Scene
+        Without the sentences under ``sources`` and ``assumptions`` that speak of a changed key.
+
+    Raises
+    ------
+    InputError
+        For an unknown key, naming the nearest, or a value of the wrong type or out of bounds.
+    """
+    data = merged(scene.as_dict(), changes, file)
+    paths = [_path(key) for key in changes]
+    for name in ("sources", "assumptions"):
+        if (name,) not in paths:
+            data[name] = {key: text for key, text in data[name].items() if not _touched(tuple(key.split(".")), paths)}
+    found = validate(Scene, data, file)
+    return _with_map_located(found) if _touched(HEIGHT_MAP, paths) else found
+
+
+def merged(data: dict[str, Any], changes: Mapping[str, Any], file: str) -> dict[str, Any]:
+    """Return nested tables with some keys replaced; unchecked, and the tables that are given are changed.
+
+    Parameters
+    ----------
+    data : dict
+    changes : mapping
+        As for :func:`changed`.
+    file : str
+        Named in errors.
+    """
+    for key, value in changes.items():
+        _set(data, _path(key), _plain(value), file)
+    return data
+
+
+def _path(key: str) -> tuple[str, ...]:
+    return tuple(key.replace(SEPARATOR, ".").split("."))
+
+
+def _set(data: dict[str, Any], path: tuple[str, ...], value: Any, file: str) -> None:
+    *parents, last = path
+    table = data
+    for part in parents:
+        table = table.setdefault(part, {})
+        if not isinstance(table, dict):
+            raise InputError(f"{part} is not a table", file=file, key=".".join(path))
+    if value is None:
+        table.pop(last, None)
+    else:
+        table[last] = value
+
+
+def _plain(value: Any) -> Any:
+    """Return what a TOML file would hold: models as tables, arrays and tuples as lists, numpy's numbers as Python's."""
+    if isinstance(value, Strict):
+        return value.model_dump(mode="json", exclude_none=True)
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items() if item is not None}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return str(value) if isinstance(value, Path) else value
+
+
+def _touched(key: tuple[str, ...], paths: list[tuple[str, ...]]) -> bool:
+    """Tell whether one of the changed keys holds a key, is it, or lies within it."""
+    return any(key[: len(path)] == path or path[: len(key)] == key for path in paths)
+
+
+def _with_map_located(scene: Scene) -> Scene:
+    """Return the scene with its height map's digest; a relative name counts from the working folder."""
+    skin = scene.finger.height_map
+    if skin is None:
+        return scene
+    file = Path(skin.file).absolute()
+    named = skin.model_copy(update={"file": file.name})
+    finger = scene.finger.model_copy(update={"height_map": named})
+    return height_map.located(scene.model_copy(update={"finger": finger}), file.parent / "scene")

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -66,40 +68,44 @@ def find_boards(paths: Sequence[Path], square_mm: float, *, done: Callable[[], A
     WorkError
         If there is a board in none of them.
     """
+    loaded = [read_image(path) for path in paths]
+    pictures = [one.data for one in loaded]
+    first = pictures[0] if pictures else None
+    # A video of a still card, split into files, repeats its pictures: each is searched once.
+    keys = [hashlib.sha256(picture.tobytes()).digest() for picture in pictures]
+    wanted = {k: p for k, p in zip(keys, pictures, strict=True) if first is not None and p.shape[:2] == first.shape[:2]}
     views: list[BoardView] = []
     warnings: list[Warning] = []
-    first: NDArray[np.uint8] | None = None
     blurs: list[dict[str, Any]] = []
-    # a video of a still card, split into files, repeats its pictures
-    known: dict[bytes, tuple[CornerGrid, dict[str, Any]]] = {}
     reason = ""
-    for path in paths:
-        loaded = read_image(path)
-        picture = loaded.data
-        warnings += loaded.notes
-        if first is None:
-            first = picture
-        if picture.shape[:2] != first.shape[:2]:
-            text = f"{path.name} is {_size(picture)} pixels, {paths[0].name} {_size(first)}: left out"
-            warnings.append(Warning("changed_resolution", text))
-        else:
-            warnings += saturation(picture, path.name)
-            digest = hashlib.sha256(picture.tobytes()).digest()
-            try:
-                if digest not in known:
-                    grid = find_corners(picture)
-                    known[digest] = grid, blur_of_board(picture, grid)
-                grid, blur = known[digest]
-            except WorkError as error:
-                reason = f"{path.name}: {error}"
-                warnings.append(Warning("no_board", f"{reason}: left out"))
+    # NumPy and SciPy let go of the interpreter, so that threads share the work over the cores.
+    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+        jobs = {key: pool.submit(_searched, picture) for key, picture in wanted.items()}
+        for path, one, key in zip(paths, loaded, keys, strict=True):
+            warnings += one.notes
+            if key not in jobs:
+                text = f"{path.name} is {_size(one.data)} pixels, {paths[0].name} {_size(pictures[0])}: left out"
+                warnings.append(Warning("changed_resolution", text))
             else:
-                views.append(grid.view(path.name, square_mm))
-                blurs.append(blur)
-        done()
+                warnings += saturation(one.data, path.name)
+                try:
+                    grid, blur = jobs[key].result()
+                except WorkError as error:
+                    reason = f"{path.name}: {error}"
+                    warnings.append(Warning("no_board", f"{reason}: left out"))
+                else:
+                    views.append(grid.view(path.name, square_mm))
+                    blurs.append(blur)
+            done()
     if first is None or not views:
         raise WorkError(reason or "no picture of a board")
     return BoardPictures(views, blurs, (first.shape[1], first.shape[0]), first, paths[0].name, warnings)
+
+
+def _searched(picture: NDArray[np.uint8]) -> tuple[CornerGrid, dict[str, Any]]:
+    """Return the corners of a picture's board and the blur that its edges show."""
+    grid = find_corners(picture)
+    return grid, blur_of_board(picture, grid)
 
 
 def saturation(picture: NDArray[np.uint8], name: str) -> list[Warning]:

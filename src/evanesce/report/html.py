@@ -28,16 +28,17 @@ ENVIRONMENT = jinja2.Environment(
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture with the sentence that says what it means."""
+    """A picture with the sentence that says what it means; ``kind`` is the format of its bytes, png or webp."""
 
     png: bytes
     caption: str
     alt: str = ""
+    kind: str = "png"
 
     @property
     def uri(self) -> str:
         """The picture as a data URI."""
-        return "data:image/png;base64," + base64.b64encode(self.png).decode("ascii")
+        return f"data:image/{self.kind};base64," + base64.b64encode(self.png).decode("ascii")
 
 
 @dataclass(frozen=True)

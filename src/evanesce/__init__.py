@@ -5,4 +5,4 @@ Any other unit stands in the name. Arrays are indexed ``[row, col]``; integer co
 right and y down, in the image as on the plate.
 """
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

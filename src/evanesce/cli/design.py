@@ -24,6 +24,7 @@ from evanesce.cli.common import (
 )
 from evanesce.cli.render import SetOption, parse_overrides
 from evanesce.errors import InputError, WorkError
+from evanesce.extras import require
 
 if TYPE_CHECKING:
     from evanesce.design.finish import Chosen, Depth
@@ -106,7 +107,11 @@ def register(app: typer.Typer) -> None:
         from evanesce.design.uncertainty import read_sizes
         from evanesce.rig import load_scene
 
-        _needs_optuna()
+        require("design", "a search", "optuna")
+        if trajectories:
+            require("design", "sensitivity of the best (--trajectories above 0)", "SALib")
+        if workers or scheduler:
+            require("design", "work in several processes (--workers above 0)", "dask", "distributed")
         loaded = load_scene(scene, parse_overrides(settings))
         if loaded.slide is not None:
             raise InputError("the scene slides", key="slide", allowed="a scene that presses")
@@ -130,13 +135,6 @@ def register(app: typer.Typer) -> None:
         depth = Depth(rigs=fresh, trajectories=trajectories, renderings=renderings, samples=samples)
         folder = out_dir(out, f"design-{Path(scene).stem}")
         _run(plan, folder, depth, winners, workers, scheduler, json_file)
-
-
-def _needs_optuna() -> None:
-    try:
-        import optuna  # noqa: F401
-    except ImportError:
-        raise WorkError("a search needs Optuna: pip install 'evanesce[design]'") from None
 
 
 def _places(texts: list[str] | None) -> tuple[tuple[float, float], ...]:

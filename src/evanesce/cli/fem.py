@@ -22,6 +22,7 @@ from evanesce.cli.common import (
     write_json,
 )
 from evanesce.errors import InputError
+from evanesce.extras import require
 
 if TYPE_CHECKING:
     from evanesce.contact.fem.material import Rubber
@@ -273,6 +274,8 @@ def _solve_and_report(
     """Solve under a progress bar; write what was solved even where a limit ended it, then say so."""
     from evanesce.contact.fem.steps import LimitReached
 
+    if vtk:
+        require("fem", "--vtk", "meshio")
     folder = out_dir(out, f"fem-{kind}")
     limit: LimitReached | None = None
     with progress() as bar:

@@ -10,8 +10,11 @@ from pathlib import Path
 
 from evanesce.dataset.read import Dataset
 from evanesce.errors import InputError, WorkError
+from evanesce.extras import require
 
 FORMATS = ("hdf5", "lerobot", "coco", "parquet")
+
+_PACKAGES = {"hdf5": ("h5py",), "lerobot": ("pandas", "pyarrow"), "parquet": ("pyarrow",)}
 
 Advance = Callable[[int], None]
 
@@ -40,8 +43,8 @@ def export(
     Raises
     ------
     InputError
-        If the format is unknown, its library is missing, the target exists, the dataset is not finished, or a member
-        is not what the manifest says.
+        If the format is unknown, the extra ``export`` is not installed, the target exists, the dataset is not finished,
+        or a member is not what the manifest says.
     WorkError
         If the system refuses to write.
     """
@@ -49,12 +52,9 @@ def export(
         raise InputError(f"{to!r}", key="--to", allowed=", ".join(FORMATS))
     if target.exists():
         raise InputError("exists", file=target, key="--out", allowed="a new folder")
-    try:
-        module = importlib.import_module(f"evanesce.dataset.export_{to}")
-    except ImportError as error:
-        raise InputError(
-            f"{error.name} is not installed", key=f"--to {to}", allowed="pip install 'evanesce[dataset]'"
-        ) from None
+    if needed := _PACKAGES.get(to):
+        require("export", f"export to {to}", *needed)
+    module = importlib.import_module(f"evanesce.dataset.export_{to}")
     part = target.with_name(f".{target.name}.{os.getpid()}.part")
     try:
         part.mkdir(parents=True)

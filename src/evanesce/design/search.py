@@ -26,6 +26,7 @@ from evanesce.design.question import Design, Question
 from evanesce.design.secondary import OBJECTIVES
 from evanesce.design.vary import Vary, value_of
 from evanesce.errors import InputError, WorkError
+from evanesce.extras import require
 from evanesce.provenance import code_digest, digest
 
 if TYPE_CHECKING:
@@ -178,6 +179,7 @@ def read(plan: Plan, folder: Path) -> list[Trial]:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
+    require("design", "a search", "optuna")
     import optuna
     from sqlalchemy.exc import SQLAlchemyError
 

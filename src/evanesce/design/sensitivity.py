@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.design.vary import Vary
+from evanesce.extras import require
 
 Array = NDArray[np.float64]
 
@@ -39,6 +40,7 @@ def box(vary: Sequence[Vary], values: Mapping[str, float]) -> list[tuple[float, 
 
 def sample(vary: Sequence[Vary], values: Mapping[str, float], trajectories: int, seed: int) -> Array:
     """Return the designs (trajectories (keys + 1), keys) of Morris' plan, in the keys' units; whole numbers rounded."""
+    require("design", "sensitivity", "SALib")
     from SALib.sample import morris  # type: ignore[import-untyped]
 
     drawn = morris.sample(_problem(vary, values), trajectories, num_levels=LEVELS, seed=seed)
@@ -67,6 +69,7 @@ def indices(
     seed : int
         Of the bootstrap.
     """
+    require("design", "sensitivity", "SALib")
     from SALib.analyze import morris  # type: ignore[import-untyped]
 
     with warnings.catch_warnings():

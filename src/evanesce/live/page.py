@@ -15,25 +15,31 @@ from dataclasses import dataclass
 from importlib import resources
 from typing import Any
 
-import uvicorn
-from fastapi import FastAPI
-from nicegui import background_tasks, ui
-from nicegui.client import Client
-from nicegui.element import Element
-
 from evanesce.errors import EvanesceError
+from evanesce.extras import require
 from evanesce.live.controls import Controls, controls_of, knobs_of
 from evanesce.live.engine import Engine, Shown
 from evanesce.live.own import ALLOWED, MAX_BYTES, OwnFrame, OwnMeasured, measure_own, read_own
 from evanesce.live.pictures import AGREE, FALSE, MISSED
 from evanesce.live.present import Presented, present, present_own
 from evanesce.live.saved import scene_text
-from evanesce.live.server import PictureStore, guard
-from evanesce.live.widgets import KnobRow, LedMap, Picture, Screen
 from evanesce.live.worker import Worker
 from evanesce.materials.tables import material_names
 from evanesce.measurement.calibration import Calibration
 from evanesce.rig import Scene
+
+try:
+    import uvicorn
+    from fastapi import FastAPI
+    from nicegui import background_tasks, ui
+    from nicegui.client import Client
+    from nicegui.element import Element
+
+    from evanesce.live.server import PictureStore, guard
+    from evanesce.live.widgets import KnobRow, LedMap, Picture, Screen
+except ModuleNotFoundError:
+    require("page", "the live page")
+    raise
 
 log = logging.getLogger(__name__)
 

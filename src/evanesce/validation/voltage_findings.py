@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce import rng
+from evanesce.extras import require
 from evanesce.validation.voltage_unknowns import FLAT, GRID_MM, RATIOS, SEEN, THRESHOLDS, UNKNOWNS, Samples, problem
 
 Array = NDArray[np.float64]
@@ -137,6 +138,7 @@ def sensitivity(output: Array, seed: int) -> list[dict[str, Any]]:
     seed : int
         Of the bootstrap behind the half-widths.
     """
+    require("design", "Sobol' indices", "SALib")
     from SALib.analyze import sobol  # type: ignore[import-untyped]
 
     if not np.ptp(output) > 0:

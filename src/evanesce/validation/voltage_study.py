@@ -14,6 +14,7 @@ from evanesce import provenance
 from evanesce.contact.solve import contact_state
 from evanesce.effects import Context, Stage, active_effects, apply_stage
 from evanesce.errors import InputError
+from evanesce.extras import require
 from evanesce.measurement.segment import Chain
 from evanesce.render.transport import render_fast
 from evanesce.rig import Scene
@@ -250,7 +251,10 @@ def run_study(
     ------
     InputError
         If the scene cannot be studied.
+    MissingExtraError
+        If SALib, of the extra ``design``, is not installed.
     """
+    require("design", "the study of voltage", "SALib")
     render = render_fast if render is None else render
     scene, notes = study_scene(scene)
     own = scene_values(scene, threshold)

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from evanesce.contact.solve import contact_state
 from evanesce.errors import InputError
+from evanesce.extras import require
 from evanesce.optics.glow import profile_kernel
 from evanesce.optics.led import radiant_power
 from evanesce.provenance import digest
@@ -105,6 +106,7 @@ class Plan:
 
     def shares(self) -> Array:
         """Return the sample, (samples, unknowns), as shares of each range."""
+        require("design", "a sample of the unknowns", "SALib")
         from SALib.sample import sobol  # type: ignore[import-untyped]
 
         return np.asarray(sobol.sample(problem(), self.base, calc_second_order=False, seed=self.seed))

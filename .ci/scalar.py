@@ -1,8 +1,8 @@
 """The scalar fallback on a machine where no LLVM works: doctor, a small rendering and its measurement.
 
-``DRJIT_LIBLLVM_PATH`` names a file that is not there, so that no libLLVM is found. Checks that doctor and provenance name
-the scalar variant, that the frame is measured, and that light and area agree with those of llvm as far as the noise of
-both allows.
+``DRJIT_LIBLLVM_PATH`` names a file that is not there, so that no libLLVM is found. Checks that doctor and provenance
+name the scalar variant, that the frame is measured, and that light and area agree with those of llvm as far as the
+noise of both allows.
 
     python .ci/scalar.py
 """
@@ -41,10 +41,9 @@ MEASURE = ["--no-undistort", "--mm2-per-px", str(PX_PER_MM**-2), "--threshold", 
 def evanesce(folder: Path, arguments: list[str], **environ: str) -> str:
     """Run a command, with a cache of its own, and return what it prints."""
     given = {k: v for k, v in os.environ.items() if k != "DRJIT_LIBLLVM_PATH"}
+    given |= {"EVANESCE_CACHE": str(folder / "cache")} | environ
     command = [sys.executable, "-m", "evanesce.cli", *arguments]
-    done = subprocess.run(
-        command, env=given | {"EVANESCE_CACHE": str(folder / "cache")} | environ, capture_output=True, text=True, check=False
-    )
+    done = subprocess.run(command, env=given, capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"{' '.join(arguments)}: exit code {done.returncode}\n{done.stdout}{done.stderr}"
     return done.stdout + done.stderr
 

@@ -58,6 +58,12 @@ def distribution_name(module: str) -> str:
     return _DISTRIBUTIONS.get(module, module)
 
 
+def listed(modules: Sequence[str]) -> str:
+    """Return the names under which packages are installed as a part of a sentence: ``dask and distributed``."""
+    *most, last = (distribution_name(name) for name in modules)
+    return f"{', '.join(most)} and {last}" if most else last
+
+
 def missing(modules: Sequence[str]) -> tuple[str, ...]:
     """Return those of some modules (top-level import names) that are not installed; imports none of them."""
     return tuple(name for name in modules if find_spec(name) is None)
@@ -81,5 +87,4 @@ def require(extra: str, purpose: str, *modules: str) -> None:
         In one line that names what is missing and the extra that brings it.
     """
     if absent := missing(modules or EXTRAS[extra]):
-        names = " and ".join(distribution_name(name) for name in absent)
-        raise MissingExtraError(f"{purpose} needs {names}", extra)
+        raise MissingExtraError(f"{purpose} needs {listed(absent)}", extra)

@@ -61,15 +61,15 @@ def _families() -> list[dict[str, Any]]:
 
 
 def _extras() -> dict[str, dict[str, Any]]:
-    """Return, for each extra, what it is for, the versions of its packages, and which are missing."""
-    from evanesce.extras import EXTRAS, PURPOSES, distribution_name, missing
+    """Return, for each extra, what it is for, the versions of its packages, and in words which are missing."""
+    from evanesce.extras import EXTRAS, PURPOSES, distribution_name, listed, missing
     from evanesce.provenance import package_versions
 
     return {
         extra: {
             "purpose": PURPOSES[extra],
             "packages": package_versions(tuple(distribution_name(name) for name in modules)),
-            "missing": [distribution_name(name) for name in missing(modules)],
+            "missing": listed(absent) if (absent := missing(modules)) else "",
         }
         for extra, modules in EXTRAS.items()
     }
@@ -97,11 +97,8 @@ def diagnose() -> dict[str, Any]:
     if free_mb < MINIMUM_DISK_MB:
         missing.append(f"disk space: {free_mb:.0f} MB free here, a demo needs {MINIMUM_DISK_MB:.0f} MB")
     notes = [f"{f['variant']}: {f['error']}; {f['advice']}" for f in families if not f["works"]]
-    notes += [
-        f"{' and '.join(found['missing'])} not installed ({found['purpose']}): pip install 'evanesce[{extra}]'"
-        for extra, found in extras.items()
-        if found["missing"]
-    ]
+    if absent := [extra for extra, found in extras.items() if found["missing"]]:
+        notes.append(f"extras that are not installed: {', '.join(absent)}; one is added by pip install 'evanesce[NAME]'")
     return {
         "ok": not missing,
         "evanesce": __version__,
@@ -132,7 +129,7 @@ def _show(report: dict[str, Any]) -> None:
     for name, version in report["packages"].items():
         table.add_row(name, "" if version == "missing" else version, "missing" if version == "missing" else "")
     for extra, found in report["extras"].items():
-        state = "not installed" if found["missing"] else "installed"
+        state = f"{found['missing']} not installed" if found["missing"] else "installed"
         table.add_row(f"extra '{extra}'", "", f"{state} ({found['purpose']})")
     console.print(table)
     for line in report["missing"]:

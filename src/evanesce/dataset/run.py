@@ -95,7 +95,7 @@ def make(folder: Path, job: Job, engine: Engine | None = None, on_shard: Progres
         If the system refuses to write, or another generator is at work.
     """
     engine = engine or Engine()
-    _require_workers(engine)
+    require_workers(engine)
     if (folder / layout.MANIFEST).exists() and engine.part is None:
         raise InputError("there is a dataset already", file=folder, key="--out", allowed="an empty folder, or `resume`")
     if folder.is_dir() and not (folder / layout.DESCRIPTION).exists():
@@ -127,8 +127,14 @@ def resume(
         return _run(folder, job, engine, on_shard, any_versions=any_versions)
 
 
-def _require_workers(engine: Engine) -> None:
-    """Ask for the cluster's package before anything is written."""
+def require_workers(engine: Engine) -> None:
+    """Check, before anything is written, that an engine of several processes has the package that it needs.
+
+    Raises
+    ------
+    MissingExtraError
+        If the extra ``dataset`` is not installed.
+    """
     if engine.workers or engine.scheduler:
         from evanesce.dataset.cluster import require_cluster
 

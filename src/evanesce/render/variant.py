@@ -357,8 +357,8 @@ def select(variant: str = "auto") -> VariantInfo:
     info = find(variant)
     if info.family == "llvm" and (loaded := _loaded_llvm()) not in ("", f"LLVM {info.backend_version}"):
         why = (
-            f"Dr.Jit was imported before evanesce chose {Path(info.llvm_path).name} and has loaded {loaded}; import mitsuba "
-            "and drjit after the first rendering, or set DRJIT_LIBLLVM_PATH"
+            f"Dr.Jit was imported before evanesce chose {Path(info.llvm_path).name} and has loaded {loaded}; import "
+            "mitsuba and drjit after the first rendering, or set DRJIT_LIBLLVM_PATH"
         )
         if variant != "auto":
             raise InputError(why, key="--variant", allowed="auto, scalar")

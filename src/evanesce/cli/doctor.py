@@ -98,7 +98,7 @@ def diagnose() -> dict[str, Any]:
         missing.append(f"disk space: {free_mb:.0f} MB free here, a demo needs {MINIMUM_DISK_MB:.0f} MB")
     notes = [f"{f['variant']}: {f['error']}; {f['advice']}" for f in families if not f["works"]]
     if absent := [extra for extra, found in extras.items() if found["missing"]]:
-        notes.append(f"extras that are not installed: {', '.join(absent)}; one is added by pip install 'evanesce[NAME]'")
+        notes.append(f"extras that are not installed: {', '.join(absent)}; to add one: pip install 'evanesce[NAME]'")
     return {
         "ok": not missing,
         "evanesce": __version__,

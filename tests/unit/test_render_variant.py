@@ -10,7 +10,7 @@ import subprocess
 import sys
 
 import pytest
-from tests.rigs import need
+from support.rigs import need
 
 from evanesce.core.errors import InputError
 from evanesce.render import variant

@@ -32,7 +32,7 @@ from evanesce.effects import all_effects
 from evanesce.evaluation.calibrated_rig import CardErrors, calibrated
 from evanesce.measurement.calibration.model import Calibration
 from evanesce.measurement.calibration.rectify import rectification
-from evanesce.render.fast.sketch import sketch_fields
+from evanesce.render.fast.rig_fields import keep_coarse_fields
 from evanesce.render.fast.transport import render_fast
 from evanesce.render.kept import forget
 from support.design_rig import PERFECT, camera_rig, question
@@ -218,11 +218,11 @@ def test_the_refined_estimator_measures_too(bench):
 
 
 @pytest.mark.slow
-def test_a_sketch_shows_the_same_frame_as_full_fields():
+def test_coarse_fields_show_the_same_frame_as_full_fields():
     scene = camera_rig()
     state = solve_contact(scene, 1.3, seed=1)[1]
     forget()
-    sketch_fields(scene, (state.depth,))
+    keep_coarse_fields(scene, (state.depth,))
     coarse = render_fast(scene, state).radiance
     forget()
     full = render_fast(scene, state).radiance

@@ -49,16 +49,16 @@ MOST_SHOTS = 64
 
 @dataclass(frozen=True)
 class Refined:
-    """Options of the refined estimator: where its dark and flat shots are, and the frame that teaches it."""
+    """Options of the refined estimator: dark and flat frames, finger, and the frame that it is tuned on."""
 
     dark: Path | None
     flat: Path | None
     finger: Finger
-    teach: Path | None = None
+    tune: Path | None = None
 
 
 def refined_options(
-    estimator: str, dark: Path | None, flat: Path | None, finger: str, teach: Path | None = None
+    estimator: str, dark: Path | None, flat: Path | None, finger: str, tune: Path | None = None
 ) -> Refined | None:
     """Check the choice of an estimator; None is the reference segmentation.
 
@@ -72,9 +72,9 @@ def refined_options(
     if estimator == "refined":
         kinds: dict[str, Finger] = {"ridged": "ridged", "smooth": "smooth"}
         if finger in kinds:
-            return Refined(dark, flat, kinds[finger], teach)
+            return Refined(dark, flat, kinds[finger], tune)
         raise InputError(f"'{finger}'", key="--finger", allowed="ridged, smooth")
-    for key, path in (("--dark", dark), ("--flat", flat), ("--tune", teach)):
+    for key, path in (("--dark", dark), ("--flat", flat), ("--tune", tune)):
         if path is not None:
             raise InputError("the reference segmentation does not use it", key=key, allowed="with --estimator refined")
     return None
@@ -95,7 +95,7 @@ class Job:
     estimator: Estimator | None = None
     stored: Calibration | None = None
     finger: Finger = "ridged"
-    teach: Path | None = None
+    tune: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ def prepare(
         estimator=estimator,
         stored=stored,
         finger="ridged" if refined is None else refined.finger,
-        teach=None if refined is None else refined.teach,
+        tune=None if refined is None else refined.tune,
     )
 
 
@@ -161,11 +161,11 @@ def _estimator(refined: Refined, stored: Calibration | None, mm2_per_px: float |
     shots = ([frame.data for frame in islice(open_frames(p), MOST_SHOTS)] if p else [] for p in _paths(refined))
     radiometry = Radiometry.of(stored.details, *shots)
     estimator = Estimator.of(stored, radiometry, crop=chain.crop)
-    return estimator if refined.teach is None else _taught(estimator, refined.teach)
+    return estimator if refined.tune is None else _tuned(estimator, refined.tune)
 
 
-def _taught(estimator: Estimator, path: Path) -> Estimator:
-    """Return the estimator that has learnt light's walk and the contact's edge from a frame of the same finger."""
+def _tuned(estimator: Estimator, path: Path) -> Estimator:
+    """Return the estimator with scattering and edge profile fitted to a frame of the same finger."""
     image = read_image(path).data
     found = estimator.area(image)
     allowed = "a frame of a contact that does not saturate"
@@ -173,7 +173,7 @@ def _taught(estimator: Estimator, path: Path) -> Estimator:
         raise InputError("the contact is at full scale", file=path, key="--tune", allowed=allowed)
     if not found.contours:
         raise InputError("no contact", file=path, key="--tune", allowed=allowed)
-    return estimator.taught(image)
+    return estimator.tuned_on(image)
 
 
 def _paths(refined: Refined) -> tuple[Path | None, Path | None]:
@@ -205,7 +205,7 @@ def run(job: Job) -> Result:
     """
     stream = job.stream
     rows: list[AreaRow] = []
-    known = job.estimator is None or job.estimator.settings.blur.origin != "believed"
+    known = job.estimator is None or job.estimator.settings.blur.origin != "nominal"
     log, edges = FrameLog(job.chain.threshold), EdgeLog(blur_known=known)
     peak: tuple[Measured, Uncertain] | None = None
     with ExitStack() as stack:
@@ -258,10 +258,10 @@ def record(job: Job, result: Result) -> dict[str, Any]:
         "estimator": "reference" if job.estimator is None else "refined",
     }
     if job.estimator is not None:
-        walk, blur = job.estimator.settings.walk, job.estimator.settings.blur
+        scattering, blur = job.estimator.settings.scattering, job.estimator.settings.blur
         settings |= {
-            "teach": str(job.teach) if job.teach else None,
-            "walk": asdict(walk) if walk else None,
+            "tune": str(job.tune) if job.tune else None,
+            "scattering": asdict(scattering) if scattering else None,
             "camera_blur": blur.as_dict(),
         }
     view = job.rectified

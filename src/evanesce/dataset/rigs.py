@@ -15,7 +15,7 @@ from evanesce.core.states import ContactState, Frame, PlateGrid, SensorLight
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.design import FingerPlan, RigPlan
 from evanesce.effects import Active, Context, Stage, active_effects, apply_stage
-from evanesce.render.fast.fused import Lit
+from evanesce.render.fast.readout import ChargeBox
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
 from evanesce.rig.finger import Finger
@@ -229,7 +229,7 @@ class RigCamera:
     def _context(self, index: int, time_s: float) -> Context:
         return Context(self.scene, self.seed, time_s, index)
 
-    def _light(self, lit: Lit | None) -> SensorLight:
+    def _light(self, lit: ChargeBox | None) -> SensorLight:
         """Return the irradiance of a mean charge."""
         cols, rows = self.scene.camera.resolution_px
         irradiance = np.zeros((rows, cols))

@@ -32,11 +32,11 @@ def single_threaded() -> None:
     import cv2
     import OpenEXR
 
-    from evanesce.render.fast import fused
+    from evanesce.render.fast import threads
 
     cv2.setNumThreads(1)
     OpenEXR.set_global_thread_count(0)
-    fused.THREADS = 1  # its thread pool is created on first use
+    threads.THREADS = 1  # its thread pool is created on first use
 
 
 class _Cache(threading.local):

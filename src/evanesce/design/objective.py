@@ -31,7 +31,7 @@ from evanesce.measurement.reference.area import measure_frame
 from evanesce.measurement.reference.segment import Crop
 from evanesce.measurement.refined.estimator import Estimator
 from evanesce.optics.projection import Projection
-from evanesce.render.fast.sketch import sketch_fields
+from evanesce.render.fast.rig_fields import keep_coarse_fields
 from evanesce.render.fast.transport import render_fast
 from evanesce.render.reference.scene import approach
 from evanesce.rig import Scene
@@ -318,7 +318,7 @@ def prepare_fields(scene: Scene, question: Question) -> None:
                 assert state is not None
                 depth = approach(state, rig.finger)
                 depths += [LOWEST_APPROACH * depth, HIGHEST_APPROACH * depth]
-        sketch_fields(rig, tuple(depths))
+        keep_coarse_fields(rig, tuple(depths))
 
 
 def measured(

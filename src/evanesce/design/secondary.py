@@ -13,7 +13,8 @@ from evanesce.design.bending import deflection, rigidity
 from evanesce.design.objective import Prediction, contact_radius
 from evanesce.design.parts import PartsTable, cost
 from evanesce.design.question import Design, Question
-from evanesce.optics.led import led_positions, segment_current
+from evanesce.optics.led import led_positions
+from evanesce.optics.led_circuit import segment_current
 from evanesce.rig import Camera, Scene
 from evanesce.sensor.lens import magnification
 

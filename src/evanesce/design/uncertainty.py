@@ -22,7 +22,7 @@ from evanesce.core.errors import InputError
 from evanesce.effects import Candidate, Context, Effect, Stage, active_effects, all_effects, apply_stage
 from evanesce.effects.inference_hints import Observable
 from evanesce.evaluation.calibrated_rig import SQUARE_EDGE_PX, CardErrors
-from evanesce.measurement.uncertainty.budget import CARD_HEIGHT_MM, PRINT_TOLERANCE
+from evanesce.measurement.uncertainty.components import CARD_HEIGHT_MM, PRINT_TOLERANCE
 from evanesce.render.fast.rig_fields import unit_digest
 from evanesce.rig import Scene
 

@@ -18,7 +18,7 @@ from evanesce.design.uncertainty import CARDS, Draw, UncertainParameter, effects
 from evanesce.design.variables import design_at
 from evanesce.effects import all_effects
 from evanesce.evaluation.calibrated_rig import SQUARE_EDGE_PX, CardErrors
-from evanesce.measurement.uncertainty.budget import CARD_HEIGHT_MM, PRINT_TOLERANCE
+from evanesce.measurement.uncertainty.components import CARD_HEIGHT_MM, PRINT_TOLERANCE
 from evanesce.rig import Scene
 
 NEW_DRAWS = 1

@@ -24,7 +24,7 @@ class Parameters(Strict):
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
-    """Set the circuit's droop; :func:`evanesce.optics.led.relative_efficiency` applies it.
+    """Set the circuit's droop; :func:`evanesce.optics.led_circuit.relative_efficiency` applies it.
 
     Parameters
     ----------

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from evanesce.core.quantities import Strict, field
 from evanesce.effects.protocol import Context, Effect, Stage
-from evanesce.optics.led import edge_resistance, edge_supply, segment_current
+from evanesce.optics.led import edge_resistance, edge_supply
+from evanesce.optics.led_circuit import segment_current
 from evanesce.rig import Scene
 from evanesce.rig.leds import StripEdge
 
@@ -31,7 +32,7 @@ class Parameters(Strict):
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
-    """Add the resistance to that of the strips; :func:`evanesce.optics.led.strip_voltages` solves the ladder.
+    """Add the resistance to that of the strips; :func:`evanesce.optics.led_circuit.strip_voltages` solves the ladder.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Pictures of a checkerboard from files: read, judged for saturation and size, and their corners found."""
+"""Images of a checkerboard from files: read, checked for saturation and size, and their corners found."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class BoardPictures:
 
 
 def find_boards(paths: Sequence[Path], square_mm: float, *, done: Callable[[], Any] = lambda: None) -> BoardPictures:
-    """Find the checkerboard in each picture.
+    """Find the checkerboard in each image.
 
     Pictures without a board and pictures of another size than the first are left out with a warning.
 
@@ -58,6 +58,10 @@ def find_boards(paths: Sequence[Path], square_mm: float, *, done: Callable[[], A
         Side of the printed squares [mm].
     done : callable
         Called after each picture.
+
+    Returns
+    -------
+    BoardPictures
 
     Raises
     ------
@@ -103,7 +107,20 @@ def find_boards(paths: Sequence[Path], square_mm: float, *, done: Callable[[], A
 
 
 def saturation(picture: NDArray[np.uint8], name: str) -> list[Warning]:
-    """Warn if more than 1 % of the pixels have a channel at full scale, where edges lie too far outwards."""
+    """Warn if more than 1 % of the pixels have a channel at full scale, where edges lie too far outwards.
+
+    Parameters
+    ----------
+    picture : ndarray of uint8 (rows, cols) or (rows, cols, 3)
+        [DN].
+    name : str
+        Of the file.
+
+    Returns
+    -------
+    list of Warning
+        Empty or one.
+    """
     full = (picture == 255).reshape(*picture.shape[:2], -1).any(axis=2)
     if full.mean() <= SATURATED_SHARE:
         return []

@@ -1,4 +1,4 @@
-"""Sub-pixel place of checkerboard corners: a blurred-corner model fitted to the grey values, many corners at once.
+"""Sub-pixel position of checkerboard corners: a blurred-corner model fitted to the grey values, many corners at once.
 
 Where two edges of a board cross, a Gaussian blur leaves, with d_k = n_k . (p - c) / (sqrt(2) sigma_k),
 
@@ -69,7 +69,7 @@ class SaddleFit:
 def fit_saddles(
     image: Array, centres: Array, lattice: Array, half_width: float = 0.42, limit_px: float = MAX_HALF_WIDTH_PX
 ) -> SaddleFit:
-    """Fit the corner model around approximate places.
+    """Fit the corner model around approximate positions.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def fit_saddles(
     SaddleFit
     """
     pitch = np.sqrt(np.abs(np.linalg.det(lattice)))
-    widths = np.minimum(half_width, limit_px / pitch)  # fine boards are cut at the limit
+    widths = np.minimum(half_width, limit_px / pitch)  # boards of large squares are cut at the limit
     reach = int(np.ceil((widths[:, None] * np.abs(lattice).sum(axis=2)).max(initial=1.0))) + 1
     step = max(1, MAX_BATCH_SAMPLES // (2 * reach + 1) ** 2)
     starts = range(0, max(len(centres), 1), step)

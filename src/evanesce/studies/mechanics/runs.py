@@ -51,7 +51,16 @@ class Shape:
     length: float
 
     def finger(self, bone: str) -> FingerShape:
-        """Return it without a bone (``"none"``) or with one (``"half"``)."""
+        """Return it without a bone (``"none"``) or with one (``"half"``).
+
+        Parameters
+        ----------
+        bone : {"none", "half"}
+
+        Returns
+        -------
+        FingerShape
+        """
         radius = self.diameter / 4 if bone == "half" else 0.0
         return FingerShape(self.tip_radius, self.diameter, self.length, radius)
 
@@ -90,12 +99,34 @@ SLIDES = (
 
 
 def solved_press(material: str, shape: str, bone: str, folder: Path = FOLDER) -> LibraryPress:
-    """Return a press that ships with the study."""
+    """Return a press that ships with the study.
+
+    Parameters
+    ----------
+    material, shape : str
+        Keys of the tables of materials and of :data:`SHAPES`.
+    bone : {"none", "half"}
+    folder : Path
+
+    Returns
+    -------
+    LibraryPress
+    """
     return library_press(f"{material}_{shape}", bone, folder)
 
 
 def solved_slide(case: SlideCase, folder: Path = FOLDER) -> LibrarySlide:
-    """Return a slide that ships with the study."""
+    """Return a slide that ships with the study.
+
+    Parameters
+    ----------
+    case : SlideCase
+    folder : Path
+
+    Returns
+    -------
+    LibrarySlide
+    """
     return library_slide(case.name, folder)
 
 
@@ -147,7 +178,14 @@ def _jobs(folder: Path) -> Iterator[tuple[str, Callable[[], None]]]:
 
 
 def main(only: str = "", folder: Path = FOLDER) -> None:
-    """Solve and write every run whose name contains ``only``."""
+    """Solve and write every run whose name contains ``only``.
+
+    Parameters
+    ----------
+    only : str
+        Part of a run's name.
+    folder : Path
+    """
     for name, work in _jobs(folder):
         if only in name:
             work()

@@ -1,4 +1,4 @@
-"""Figure of the mechanics study: area against force, forces and area against the way slid."""
+"""Figure of the mechanics study: area against force, forces and area against displacement."""
 
 from __future__ import annotations
 
@@ -22,6 +22,10 @@ def mechanics_figure(result: Mapping[str, Any]) -> Figure:
     ----------
     result : mapping
         With ``press`` and ``slide`` of :func:`evanesce.studies.mechanics.study.as_json`.
+
+    Returns
+    -------
+    Figure
     """
     figure = Figure(figsize=(15.5, 4.2), layout="constrained")
     left, middle, right = figure.subplots(1, 3)
@@ -29,9 +33,11 @@ def mechanics_figure(result: Mapping[str, Any]) -> Figure:
     for held, axis in (("normal_force_N", middle), ("area_ratio", right)):
         _slides(axis, result["slide"], held)
     middle.set(
-        xlabel="way of the finger's top [mm]", ylabel="force [N]", title="Silskin 0 %, depth held at that of 1 N"
+        xlabel="displacement of the finger's top [mm]",
+        ylabel="force [N]",
+        title="Silskin 0 %, depth held at that of 1 N",
     )
-    right.set(xlabel="way of the finger's top [mm]", ylabel="contact area over that of the press [1]")
+    right.set(xlabel="displacement of the finger's top [mm]", ylabel="contact area over that of the press [1]")
     right.set_title("solid: depth held; dotted: 1 N held")
     middle.plot([], [], "0.5", label="normal force, solid")
     middle.plot([], [], "0.5", ls="--", label="tangential force, dashed")

@@ -1,4 +1,4 @@
-"""How well a twin matches its photograph, on the blocks that no fit has seen, and what makes up the difference."""
+"""Residuals of a twin against its photograph, on the blocks held out of every fit, sorted by cause."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from evanesce.studies.twin.model import Twin
+from evanesce.studies.twin.study import Twin
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -29,7 +29,7 @@ _SMOOTH_PX = 8.0
 
 @dataclass(frozen=True)
 class Zone:
-    """One ring around the middle of the frame, judged blocks only.
+    """One annulus around the middle of the frame, held-out blocks only.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Cause:
     ----------
     name : str
     pixels : float
-        Share of the judged pixels.
+        Share of the held-out pixels.
     energy : float
         Share of the sum of squared differences.
     rms : float
@@ -80,19 +80,19 @@ class Cause:
 
 
 @dataclass(frozen=True)
-class Judgement:
+class TwinResiduals:
     """Figures of a twin.
 
     Attributes
     ----------
     corner_rms_px, corner_median_px : float
-        Of the judged corners.
+        Of the held-out corners.
     corner_rms_fitted_px : float
         Of the fitted ones.
     grey_rms, grey_median_abs, grey_rms_fitted : float
-        Photograph minus noise-free twin: judged blocks, the same as median of the absolute value, fitted blocks [DN].
+        Photograph minus noise-free twin: held-out blocks, the same as median of the absolute value, fitted blocks [DN].
     photo_deviation : float
-        Standard deviation of the photograph's judged pixels: what a twin of one even grey would miss by [DN].
+        Standard deviation of the photograph's held-out pixels: what a twin of one even grey would miss by [DN].
     zones : list of Zone
     causes : list of Cause
         Specks, reflections, edges, even print; they add up to all.
@@ -117,46 +117,99 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
 
 
-def judge(twin: Twin) -> Judgement:
-    """Compare photograph and twin on the judged blocks."""
+def twin_residuals(twin: Twin) -> TwinResiduals:
+    """Compare photograph and twin on the held-out blocks.
+
+    Parameters
+    ----------
+    twin : Twin
+
+    Returns
+    -------
+    TwinResiduals
+    """
     difference = twin.photo - twin.mean
     miss = np.linalg.norm(twin.corner_miss, axis=1)
-    unseen = twin.corners_judged
+    unseen = twin.corners_held_out
     narrow, wide = spacing_levels(twin)
-    return Judgement(
+    return TwinResiduals(
         corner_rms_px=_rms(miss[unseen]),
         corner_median_px=float(np.median(miss[unseen])),
         corner_rms_fitted_px=_rms(miss[~unseen]),
-        grey_rms=_rms(difference[twin.judged]),
-        grey_median_abs=float(np.median(np.abs(difference[twin.judged]))),
+        grey_rms=_rms(difference[twin.held_out]),
+        grey_median_abs=float(np.median(np.abs(difference[twin.held_out]))),
         grey_rms_fitted=_rms(difference[twin.fitted]),
-        photo_deviation=float(twin.photo[twin.judged].std()),
+        photo_deviation=float(twin.photo[twin.held_out].std()),
         zones=_zones(twin, difference, miss),
-        causes=causes(difference, twin.mean, twin.judged),
+        causes=causes(difference, twin.mean, twin.held_out),
         spacing_narrow_um=narrow,
         spacing_wide_um=wide,
     )
 
 
 def spacings(twin: Twin) -> Array:
-    """Return the width of every column and row of squares minus its nominal one [um], both axes together."""
+    """Return the width of every column and row of squares minus its nominal one [um], both axes together.
+
+    Parameters
+    ----------
+    twin : Twin
+
+    Returns
+    -------
+    ndarray (n,)
+        [um].
+    """
     return np.concatenate(twin.rig.board.lines.spacings_um)
 
 
 def spacing_levels(twin: Twin) -> tuple[float, float]:
-    """Return the means of the squares below and above nominal width [um]."""
+    """Return the means of the squares below and above nominal width [um].
+
+    Parameters
+    ----------
+    twin : Twin
+
+    Returns
+    -------
+    narrow, wide : float
+        [um].
+    """
     widths = spacings(twin)
     narrow, wide = widths[widths < 0], widths[widths >= 0]
     return (float(narrow.mean()) if narrow.size else np.nan), (float(wide.mean()) if wide.size else np.nan)
 
 
 def radius(points: Array, shape: tuple[int, int]) -> Array:
-    """Return the distance of points (n, 2) from the middle of the frame [px]."""
+    """Return the distance of points (n, 2) from the middle of the frame [px].
+
+    Parameters
+    ----------
+    points : ndarray (n, 2)
+        (x, y) [px].
+    shape : tuple of int
+        (rows, cols).
+
+    Returns
+    -------
+    ndarray (n,)
+        [px].
+    """
     return np.asarray(np.hypot(points[:, 0] - (shape[1] - 1) / 2, points[:, 1] - (shape[0] - 1) / 2))
 
 
 def edge_width(sigma: Array) -> Array:
-    """Return the 10 to 90 % width [px] of blurs given across two edges (n, 2) [px]."""
+    """Return the 10 to 90 % width [px] of blurs given across two edges (n, 2) [px].
+
+    Parameters
+    ----------
+    sigma : ndarray (n, 2)
+        Standard deviations [px].
+
+    Returns
+    -------
+    ndarray (n,)
+        [px].
+    """
     return np.asarray(EDGE_10_90 * np.sqrt((sigma**2).mean(axis=1)))
 
 
@@ -168,8 +221,8 @@ def _zones(twin: Twin, difference: Array, miss: Array) -> list[Zone]:
     r = radius(twin.grid.fit.position, shape)
     found = []
     for low, high in pairwise(bounds):
-        some = twin.corners_judged & (r >= low) & (r < high)
-        pixels = twin.judged & (pixel_radius >= low) & (pixel_radius < high)
+        some = twin.corners_held_out & (r >= low) & (r < high)
+        pixels = twin.held_out & (pixel_radius >= low) & (pixel_radius < high)
         if not some.any() or not pixels.any():
             continue
         real, own = twin.grid.fit, twin.own
@@ -191,8 +244,8 @@ def _zones(twin: Twin, difference: Array, miss: Array) -> list[Zone]:
     return found
 
 
-def causes(difference: Array, mean: Array, judged: Mask) -> list[Cause]:
-    """Sort the judged pixels by what the twin lacks there.
+def causes(difference: Array, mean: Array, held_out: Mask) -> list[Cause]:
+    """Sort the held-out pixels by what the twin lacks there.
 
     A speck stands out of its surroundings by more than 12 DN and five deviations; a reflection is a patch whose mean
     over some ten pixels is off by more than 8 DN; an edge is where the twin itself changes by a third of its contrast
@@ -204,34 +257,38 @@ def causes(difference: Array, mean: Array, judged: Mask) -> list[Cause]:
         Photograph minus twin [DN].
     mean : ndarray (rows, cols)
         Noise-free twin [DN].
-    judged : ndarray of bool (rows, cols)
+    held_out : ndarray of bool (rows, cols)
+
+    Returns
+    -------
+    list of Cause
     """
     local = ndimage.median_filter(difference, size=9, mode="nearest")
     high = difference - local
     reach = ndimage.maximum_filter(mean, size=5) - ndimage.minimum_filter(mean, size=5)
-    contrast = float(np.percentile(mean[judged], 90) - np.percentile(mean[judged], 10))
+    contrast = float(np.percentile(mean[held_out], 90) - np.percentile(mean[held_out], 10))
     edge = reach > contrast / 3
-    even = judged & ~edge
+    even = held_out & ~edge
     deviation = 1.4826 * float(np.median(np.abs(high[even]))) if even.any() else 0.0
     # beside an edge the difference is large and thin as well: there only what is brighter than either side is a speck
     bright = high > max(_SPECK_DN, 5 * deviation)
     speck = bright & ~edge
     speck |= bright & edge & ndimage.binary_dilation(speck, iterations=2)
     speck = ndimage.binary_dilation(speck, structure=np.ones((3, 3)))
-    weight = ndimage.gaussian_filter((judged & ~speck & ~edge).astype(np.float64), _SMOOTH_PX)
-    total = ndimage.gaussian_filter(np.where(judged & ~speck & ~edge, difference, 0.0), _SMOOTH_PX)
+    weight = ndimage.gaussian_filter((held_out & ~speck & ~edge).astype(np.float64), _SMOOTH_PX)
+    total = ndimage.gaussian_filter(np.where(held_out & ~speck & ~edge, difference, 0.0), _SMOOTH_PX)
     smooth = np.divide(total, weight, out=np.zeros_like(total), where=weight > 0.02)
     reflection = np.abs(smooth) > _REFLECTION_DN
 
     kinds: list[tuple[str, Mask]] = []
-    left = judged.copy()
+    left = held_out.copy()
     for name, which in (("specks and scratches", speck), ("reflections, light", reflection), ("edges", edge)):
         kinds.append((name, left & which))
         left = left & ~which
     kinds.append(("even print, noise", left))
     squared = difference**2
-    whole = max(float(squared[judged].sum()), 1e-300)
+    whole = max(float(squared[held_out].sum()), 1e-300)
     return [
-        Cause(name, float(m.sum() / max(judged.sum(), 1)), float(squared[m].sum() / whole), _rms(difference[m]))
+        Cause(name, float(m.sum() / max(held_out.sum(), 1)), float(squared[m].sum() / whole), _rms(difference[m]))
         for name, m in kinds
     ]

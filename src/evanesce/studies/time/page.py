@@ -1,16 +1,20 @@
-"""Tables, figures and verdict of the time study."""
+"""Findings of the time study: charts, tables and verdict."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.studies.registry import Chart, Findings, Listing, Panel, Series
+from evanesce.report.charts import Chart, Panel, Series
+from evanesce.report.html import Table
+from evanesce.rig import Scene
+from evanesce.studies.registry import Findings, Progress, Study
 from evanesce.studies.time.area import (
-    BELIEVED_HZ,
+    ASSUMED_HZ,
     DROPPED,
     EXPOSED_SPEED,
     FINE_HZ,
@@ -23,14 +27,15 @@ from evanesce.studies.time.area import (
     reading_errors,
     stamped,
 )
+from evanesce.studies.time.study import compute
 
 Floats = NDArray[np.float64]
 
 CAMERAS: tuple[tuple[str, dict[str, float]], ...] = (
     ("150 Hz", {"rate": FINE_HZ, "clock": FINE_HZ}),
     ("30 Hz", {"rate": TRUE_HZ, "clock": TRUE_HZ}),
-    ("25 Hz", {"rate": BELIEVED_HZ, "clock": BELIEVED_HZ}),
-    ("30 Hz read as 25", {"rate": TRUE_HZ, "clock": BELIEVED_HZ}),
+    ("25 Hz", {"rate": ASSUMED_HZ, "clock": ASSUMED_HZ}),
+    ("30 Hz read as 25", {"rate": TRUE_HZ, "clock": ASSUMED_HZ}),
     (f"30 Hz, stamps jitter by {1e3 * JITTER_S:g} ms", {"rate": TRUE_HZ, "clock": TRUE_HZ, "jitter_s": JITTER_S}),
     (f"30 Hz, {DROPPED:.0%} of frames lost unnoticed", {"rate": TRUE_HZ, "clock": TRUE_HZ, "dropped": DROPPED}),
 )
@@ -42,13 +47,25 @@ SEEN = {
     "rows, above": f"30 Hz, rolling rows, {OFF_MM:g} mm higher in the frame",
     "rows, below": f"30 Hz, rolling rows, {OFF_MM:g} mm lower in the frame",
 }
-"""Ways to see, beside an exposure of 6 ms with all rows at once."""
+"""Exposures and ways of reading rows, beside an exposure of 6 ms with all rows at once."""
 
 RIGHT, SHORT = "30 Hz", "30 Hz, 6 ms of exposure"
 
 
 def findings(rows: Mapping[str, Mapping[str, Any]], speeds: Sequence[float], seed: int = 1) -> Findings:
-    """Return tables, charts and verdict."""
+    """Return tables, charts and verdict.
+
+    Parameters
+    ----------
+    rows, speeds
+        Of :func:`evanesce.studies.time.study.compute`.
+    seed : int
+        Of jitter and lost frames.
+
+    Returns
+    -------
+    Findings
+    """
     read, slips = read_areas(rows["press"], seed), slip_onsets(rows, speeds, seed)
     smear, skews = rows["smear"], [row for key, row in rows.items() if key.startswith("rows ")]
     at_rest = np.array(smear["area_mm2"][0])
@@ -56,9 +73,9 @@ def findings(rows: Mapping[str, Mapping[str, Any]], speeds: Sequence[float], see
     worst = {(one["camera"], one["speed_mm_per_s"]): float(np.abs(one["error_ms"]).max()) for one in slips}
     by_name = {one["camera"]: one for one in read}
     verdict = [
-        f"A clock of {BELIEVED_HZ:g} for {TRUE_HZ:g} Hz makes every time {TRUE_HZ / BELIEVED_HZ:.2f} times too long and"
-        f" every rate {1 - BELIEVED_HZ / TRUE_HZ:.0%} too small; no area changes, but the area that the film gives for"
-        f" a time of the press is wrong by up to {_most(by_name['30 Hz read as 25']):.1f} mm².",
+        f"A clock of {ASSUMED_HZ:g} for {TRUE_HZ:g} Hz makes every time {TRUE_HZ / ASSUMED_HZ:.2f} times too long and"
+        f" every rate {1 - ASSUMED_HZ / TRUE_HZ:.0%} too small; no area changes, but the area that the film gives for"
+        f" a time of the press is wrong by up to {_greatest(by_name['30 Hz read as 25']):.1f} mm².",
         f"With the right clock a camera of {TRUE_HZ:g} Hz finds the onset of slip to"
         f" {', '.join(f'{worst[RIGHT, v]:.0f} ms at {v:g} mm/s' for v in speeds)} at worst.",
         f"25 mm/s and 6 ms of exposure change the area by {change[2][1]:+.2f} % at a threshold of {LEVELS[1]:g}"
@@ -75,7 +92,7 @@ def findings(rows: Mapping[str, Mapping[str, Any]], speeds: Sequence[float], see
     )
 
 
-def _most(read: Mapping[str, Any]) -> float:
+def _greatest(read: Mapping[str, Any]) -> float:
     return float(max(np.abs(read["error_mm2"])))
 
 
@@ -91,7 +108,18 @@ def _onset_sentence(slips: Sequence[Mapping[str, Any]]) -> str:
 
 
 def slip_onsets(rows: Mapping[str, Mapping[str, Any]], speeds: Sequence[float], seed: int) -> list[dict[str, Any]]:
-    """Return true and detected onset of slip of each slide, by every camera, clock, exposure and way of reading."""
+    """Return true and detected onset of slip of each slide, by every camera, clock, exposure and way of reading.
+
+    Parameters
+    ----------
+    rows, speeds, seed
+        As for :func:`findings`.
+
+    Returns
+    -------
+    list of dict
+        Units in the keys.
+    """
     cases = [(speed, name, rows[f"slide {speed:g}"], how) for speed in speeds for name, how in CAMERAS]
     exposed, plain = rows["exposed"], dict(CAMERAS)[RIGHT]
     for key, name in (("6 ms", SHORT), *SEEN.items()):
@@ -108,7 +136,19 @@ def slip_onsets(rows: Mapping[str, Mapping[str, Any]], speeds: Sequence[float], 
 
 
 def read_areas(press: Mapping[str, Any], seed: int) -> list[dict[str, Any]]:
-    """Return how wrong the area at a stated time of the press is, and its growth, by every camera and way to see."""
+    """Return the error of the area at a stated time of the press, and its growth, by camera and way of reading.
+
+    Parameters
+    ----------
+    press : mapping
+        Of :func:`evanesce.studies.time.area.film_row`.
+    seed : int
+
+    Returns
+    -------
+    list of dict
+        Units in the keys.
+    """
     cases = [(name, "6 ms", how) for name, how in CAMERAS]
     cases += [(name, key, dict(CAMERAS)[RIGHT]) for key, name in SEEN.items()]
     found = []
@@ -129,7 +169,7 @@ def _area_chart(rows: Mapping[str, Mapping[str, Any]]) -> Chart:
     left = [
         Series(label="true", x=time.tolist(), y=press["true_area_mm2"]),
         Series(label="30 Hz", x=time[::step].tolist(), y=area[::step].tolist(), points=True),
-        Series(label="30 Hz read as 25", x=(time[::step] * TRUE_HZ / BELIEVED_HZ).tolist(), y=area[::step].tolist(),
+        Series(label="30 Hz read as 25", x=(time[::step] * TRUE_HZ / ASSUMED_HZ).tolist(), y=area[::step].tolist(),
                points=True),
         Series(label="30 Hz, a fifth of the frames lost unnoticed", x=late.tolist(), y=area[::step][lost].tolist(),
                points=True),
@@ -169,13 +209,13 @@ def _chart(rows: Mapping[str, Mapping[str, Any]], speeds: Sequence[float]) -> Ch
             Panel(
                 title=f"slide at {speed:g} mm/s",
                 x_label="time since the slide began [s]",
-                y_label="way of the patch [mm]",
+                y_label="displacement of the patch [mm]",
                 series=[
                     Series(label="150 Hz", x=time, y=way),
                     Series(label="30 Hz", x=time[::step], y=way[::step], points=True),
                     Series(
                         label="30 Hz read as 25",
-                        x=[t * TRUE_HZ / BELIEVED_HZ for t in time[::step]],
+                        x=[t * TRUE_HZ / ASSUMED_HZ for t in time[::step]],
                         y=way[::step],
                         points=True,
                     ),
@@ -194,15 +234,15 @@ def _span(values: Sequence[float], form: str) -> str:
     return f"{min(values):{form}} to {max(values):{form}}"
 
 
-def _onset_table(slips: Sequence[Mapping[str, Any]]) -> Listing:
-    return Listing(
+def _onset_table(slips: Sequence[Mapping[str, Any]]) -> Table:
+    return Table(
         columns=(
             "speed [mm/s]",
             "camera",
             "true onset [ms]",
             "detected, mean [ms]",
             "error [ms]",
-            "mean error as way [mm]",
+            "mean error as displacement [mm]",
         ),
         rows=[
             (
@@ -219,8 +259,8 @@ def _onset_table(slips: Sequence[Mapping[str, Any]]) -> Listing:
     )  # fmt: skip
 
 
-def _read_table(read: Sequence[Mapping[str, Any]]) -> Listing:
-    return Listing(
+def _read_table(read: Sequence[Mapping[str, Any]]) -> Table:
+    return Table(
         columns=("camera", "error of the area at its stated time [mm²]", "RMS [mm²]", "growth as read over true [1]"),
         rows=[
             (r["camera"], _span(r["error_mm2"], "+.2f"), f"{r['rms_mm2']:.2f}", _span(r["growth"], ".3f")) for r in read
@@ -230,9 +270,9 @@ def _read_table(read: Sequence[Mapping[str, Any]]) -> Listing:
     )
 
 
-def _smear_table(smear: Mapping[str, Any], change: Floats) -> Listing:
-    return Listing(
-        columns=("way during the exposure [mm]", *(f"area change at {t:g} [%]" for t in LEVELS)),
+def _smear_table(smear: Mapping[str, Any], change: Floats) -> Table:
+    return Table(
+        columns=("displacement during the exposure [mm]", *(f"area change at {t:g} [%]" for t in LEVELS)),
         rows=[
             (f"{way:g}", *(f"{c:+.2f}" for c in line))
             for way, line in zip(smear["way_mm"], change.tolist(), strict=True)
@@ -241,8 +281,8 @@ def _smear_table(smear: Mapping[str, Any], change: Floats) -> Listing:
     )
 
 
-def _rows_table(skews: Sequence[Mapping[str, Any]]) -> Listing:
-    return Listing(
+def _rows_table(skews: Sequence[Mapping[str, Any]]) -> Table:
+    return Table(
         columns=("velocity right, down [mm/s]", "area change [%]", "1/(1 - v/v rows) - 1 [%]"),
         rows=[
             (
@@ -255,3 +295,21 @@ def _rows_table(skews: Sequence[Mapping[str, Any]]) -> Listing:
         caption="Readout of 22.75 ms from the first row to the last (IMX477, 2028 x 1520 mode). Across the rows the"
         " patch is sheared, which keeps its area.",
     )
+
+
+def run(scene: Scene, out: Path, progress: Progress, *, quick: bool = False, seed: int = 1) -> Findings:
+    """Compute the study and return its findings.
+
+    Parameters
+    ----------
+    scene, out, progress, quick, seed
+        As for :meth:`evanesce.studies.registry.Study.run`.
+
+    Returns
+    -------
+    Findings
+    """
+    return findings(*compute(scene, out, progress, quick=quick, seed=seed), seed)
+
+
+STUDY = Study("time", "Clock, exposure, rows and the onset of slip", 50, run)

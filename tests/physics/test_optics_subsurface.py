@@ -1,4 +1,4 @@
-"""Light that wanders in the silicone: against a random walk written here, closed forms and conservation."""
+"""Subsurface scattering in the silicone: against a random walk written here, closed forms and conservation."""
 
 from __future__ import annotations
 
@@ -20,12 +20,13 @@ from evanesce.optics.subsurface import (
     profile_kernel,
     share_within,
 )
+from evanesce.render.fast.fields import fields_of
+from evanesce.render.fast.patch import patch_radiance
 from evanesce.render.fast.subsurface import body_light
-from evanesce.render.fast.transport import fields_of, patch_radiance
 from evanesce.rig import Scene, load_scene
 
 WALKERS = 60_000
-# What Christensen and Burley's fit may be off in the encircled share, besides the walk's own noise (they state a few
+# What Christensen and Burley's fit may be off in the encircled share, besides the random walk's noise (they state a few
 # percent of the profile; 0.022 is the largest difference that 200,000 walkers showed between A = 0.34 and 0.72).
 FIT = 0.025
 
@@ -54,9 +55,9 @@ def walk(single_albedo: float, rng: np.random.Generator, groove=None, inside: fl
             back = groove(landing[:, 0]) & (rng.random(len(landing)) < inside)
         stay, kept = place[~out] + step[~out], weight[~out] * single_albedo
         # Russian roulette, unbiased
-        faint = kept < 0.05
-        alive = ~faint | (rng.random(len(kept)) < 0.25)
-        kept = np.where(faint, kept * 4, kept)
+        dim = kept < 0.05
+        alive = ~dim | (rng.random(len(kept)) < 0.25)
+        kept = np.where(dim, kept * 4, kept)
         place, weight = stay[alive], kept[alive]
         direction = isotropic(len(place), rng)
         if groove:
@@ -102,7 +103,7 @@ def test_profile_integrates_to_the_encircled_share_and_scales_with_the_length() 
         assert share_within(500 * length, albedo, length) == pytest.approx(1.0, abs=1e-12)
 
 
-def test_dipole_has_jensens_total_and_tells_less_near_the_source() -> None:
+def test_dipole_has_jensens_total_and_falls_short_near_the_source() -> None:
     scattering, absorption = 1.3, 0.08
     total = quad(lambda r: 2 * np.pi * r * float(dipole_profile(r, scattering, absorption)), 0, 300, limit=500)[0]
     reduced = scattering / (scattering + absorption)
@@ -134,30 +135,30 @@ def test_kernel_lies_between_the_circles_in_and_around_its_square() -> None:
 # --- grooves ---------------------------------------------------------------------------------------------------------
 
 
-def test_light_entering_at_ridges_lights_the_grooves_as_the_walk_says() -> None:
+def test_light_entering_at_ridges_lights_the_grooves_as_a_random_walk_does() -> None:
     """Ridges 0.8 long, grooves 0.9, in mean free paths; what reaches a groove's surface is half sent back."""
-    single, touch, period, inside = 0.945, 0.8, 1.7, 0.55
+    single, crest, period, inside = 0.945, 0.8, 1.7, 0.55
     rng = np.random.default_rng(5)
     x, weight = walk(
         single,
         rng,
-        groove=lambda at: np.mod(at, period) >= touch,
+        groove=lambda at: np.mod(at, period) >= crest,
         inside=inside,
-        start=lambda n: touch * rng.random(n),
+        start=lambda n: crest * rng.random(n),
     )
-    in_groove = np.mod(x, period) >= touch
-    walked = weight[in_groove].sum() / (period - touch) / (weight[~in_groove].sum() / touch)
+    in_groove = np.mod(x, period) >= crest
+    walked = weight[in_groove].sum() / (period - crest) / (weight[~in_groove].sum() / crest)
 
     albedo, cell = float(half_space_reflectance(single)), 0.1
     places = (np.arange(340) + 0.5) * cell
-    groove = np.mod(places, period) >= touch
+    groove = np.mod(places, period) >= crest
     kernel = profile_kernel(albedo, 1.0, cell, 340)
     entering = np.tile(np.where(groove, 0.0, 1.0), (340, 1))
     found = body_light(kernel, entering, np.tile(np.where(groove, inside, 0.0), (340, 1)))[170]
     middle = slice(136, 204)  # four periods
     modelled = found[middle][groove[middle]].mean() / found[middle][~groove[middle]].mean()
     noise = 5 * np.sqrt(1 / in_groove.sum() + 1 / (~in_groove).sum())
-    # The walk tells the profile's fit apart by up to FIT of all light, of which a ridge's own share is about half.
+    # The random walk resolves the profile's fit to up to FIT of all light, of which a ridge's own share is about half.
     assert modelled == pytest.approx(walked, rel=noise + 2 * FIT)
     assert 0.5 < walked < 1.0
 
@@ -193,13 +194,13 @@ def ridged(**more: object) -> Scene:
     return load_scene("thesis_ridged", {"finger.position_mm": [1.3, -0.8], "grid.samples": 512, **more})
 
 
-def test_glow_lights_grooves_and_moves_light_without_making_any() -> None:
+def test_subsurface_scattering_lights_grooves_and_conserves_light() -> None:
     scene = ridged(contact={"law": "hertz", "reduced_modulus_MPa": 4.0})  # stiff, so that grooves stay open
     state = contact_state(scene, 2.0)
     effect = all_effects()["lateral_glow"]
-    glowing = effect.apply(scene, effect.parameters(length_mm=0.6), Context(scene, 1))
+    scattering = effect.apply(scene, effect.parameters(length_mm=0.6), Context(scene, 1))
     plain, _ = patch_radiance(fields_of(scene), state)
-    bright, _ = patch_radiance(fields_of(glowing), state)
+    bright, _ = patch_radiance(fields_of(scattering), state)
     grooves = (
         np.kron(
             (maximum_filter(state.contact_mask, 3) == 0)  # the textures' interpolation reaches one cell beyond contact
@@ -218,7 +219,7 @@ def test_glow_lights_grooves_and_moves_light_without_making_any() -> None:
     assert bright.sum() / plain.sum() == pytest.approx(1.0, abs=0.33)
 
 
-def test_a_share_that_wanders_mixes_both_ways_of_return() -> None:
+def test_a_scattered_share_mixes_both_kinds_of_return() -> None:
     scene = ridged(contact={"law": "hertz", "reduced_modulus_MPa": 4.0})
     state, effect = contact_state(scene, 1.3), all_effects()["lateral_glow"]
 
@@ -234,7 +235,7 @@ def test_a_share_that_wanders_mixes_both_ways_of_return() -> None:
     np.testing.assert_allclose(some, 0.87 * still + 0.13 * all_of_it, rtol=1e-4, atol=1e-5 * float(still.max()))
 
 
-def test_short_walks_leave_light_where_it_entered() -> None:
+def test_short_scattering_lengths_leave_light_where_it_entered() -> None:
     scene = load_scene("thesis", {"grid.samples": 512})
     state = contact_state(scene, 4.0)
     plain, _ = patch_radiance(fields_of(scene), state)
@@ -242,11 +243,11 @@ def test_short_walks_leave_light_where_it_entered() -> None:
         fields_of(load_scene("thesis", {"grid.samples": 512, "finger.scattering_length_mm": 0.03})), state
     )
     inner = np.kron(np.hypot(state.grid.x[None], state.grid.y[:, None]) < 1.5, np.ones((2, 2))) > 0
-    # what wanders farther than the contact's rim: below 1e-3 at twenty mean free paths; the kernel's sum to 2e-3
+    # what is scattered farther than the contact's rim: below 1e-3 at twenty mean free paths; the kernel's sum to 2e-3
     np.testing.assert_allclose(near[inner], plain[inner], rtol=0.01)
 
 
-def test_real_contact_darkens_by_the_share_that_touches() -> None:
+def test_real_contact_darkens_by_the_share_in_contact() -> None:
     scene = load_scene("thesis", {"grid.samples": 512})
     effect = all_effects()["real_contact"]
     rough = effect.apply(scene, effect.parameters(rms_slope=0.8), Context(scene, 1))

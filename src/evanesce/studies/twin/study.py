@@ -1,7 +1,7 @@
 """The simulated twin of a photographed checkerboard: same board, rig, lens and light through the simulation's chain.
 
-Everything is fitted on alternate blocks of two by two squares and judged on the others: geometry on the corners, light
-on the squares' middles, blur and ink on the grey values.
+Everything is fitted on alternate blocks of two by two squares and evaluated on the others, which are held out: geometry
+on the corners, light on the squares' middles, blur and ink on the grey values.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from evanesce.chain.simulate import expose
 from evanesce.core.errors import WorkError
 from evanesce.core.states import PlateLight
 from evanesce.evaluation.board_geometry import FittedRig, PrintedBoard, bright_even, fit_rig
-from evanesce.evaluation.board_light import block_mask, judged_block, smooth_field, squares
+from evanesce.evaluation.board_light import block_mask, held_out_block, smooth_field, squares
 from evanesce.measurement.calibration.corners import CornerGrid, find_corners, grey
 from evanesce.measurement.calibration.points import BoardView
 from evanesce.measurement.calibration.saddle import SaddleFit, fit_saddles
@@ -67,7 +67,7 @@ class Twin:
     scene : Scene
         The whole fitted rig, to simulate with.
     light : Light
-    judged : ndarray of bool (rows, cols)
+    held_out : ndarray of bool (rows, cols)
         Pixels of the blocks that no fit has seen.
     fitted : ndarray of bool (rows, cols)
         Pixels of the blocks that were fitted.
@@ -81,13 +81,13 @@ class Twin:
     rig: FittedRig
     scene: Scene
     light: Light
-    judged: NDArray[np.bool_]
+    held_out: NDArray[np.bool_]
     fitted: NDArray[np.bool_]
 
     @property
-    def corners_judged(self) -> NDArray[np.bool_]:
+    def corners_held_out(self) -> NDArray[np.bool_]:
         """Which corners no fit has seen."""
-        return judged_block(self.grid.index)
+        return held_out_block(self.grid.index)
 
     @property
     def corner_miss(self) -> Array:
@@ -160,6 +160,10 @@ def make_twin(picture: NDArray[np.uint8], base: Scene, *, seed: int, curve: Curv
     curve : str
         Tone curve assumed of the photograph.
 
+    Returns
+    -------
+    Twin
+
     Raises
     ------
     WorkError
@@ -170,7 +174,7 @@ def make_twin(picture: NDArray[np.uint8], base: Scene, *, seed: int, curve: Curv
     if len(grid) < MIN_CORNERS:
         raise WorkError(f"{len(grid)} corners found, half of which would be fitted (needed: {MIN_CORNERS})")
     size = (photo.shape[1], photo.shape[0])
-    fit_half = ~judged_block(grid.index)
+    fit_half = ~held_out_block(grid.index)
     known = BoardView("photograph", grid.index.astype(np.float64), grid.fit.position)  # numbered as the grid is
     even = bright_even(grid)
     half = BoardView("half", known.world[fit_half], known.image[fit_half])
@@ -180,7 +184,7 @@ def make_twin(picture: NDArray[np.uint8], base: Scene, *, seed: int, curve: Curv
     studio = _Studio(base, rig)
     linear = _undo(photo, curve)
     light = _first_light(linear, grid, even)
-    fitted = block_mask(grid, photo.shape, judged=False)
+    fitted = block_mask(grid, photo.shape, held_out=False)
     for _ in range(LIGHT_ROUNDS):
         rig = _fit_blur(studio, light, rig, photo, fitted, curve)
         light = _corrected(light, linear, studio.relative_light(light, rig), grid, even)
@@ -196,8 +200,8 @@ def make_twin(picture: NDArray[np.uint8], base: Scene, *, seed: int, curve: Curv
     _, frame = expose(scene, studio.radiance(light, rig.board), seed=seed)
     mean = 255.0 * CURVES[curve](np.clip(studio.relative_light(light, rig), 0.0, 1.0))
     own = fit_saddles(frame.data.astype(np.float64), grid.fit.position, grid.lattice)
-    judged = block_mask(grid, photo.shape, judged=True)
-    return Twin(photo, frame.data, mean, grid, own, rig, scene, light, judged, fitted)
+    held_out = block_mask(grid, photo.shape, held_out=True)
+    return Twin(photo, frame.data, mean, grid, own, rig, scene, light, held_out, fitted)
 
 
 def _undo(photo: Array, curve: Curve) -> Array:
@@ -208,7 +212,7 @@ def _undo(photo: Array, curve: Curve) -> Array:
 
 def _first_light(linear: Array, grid: CornerGrid, even: bool) -> Light:
     seen = squares(linear, grid, even)
-    use = ~seen.judged
+    use = ~seen.held_out
     fields = [
         smooth_field(seen.centre[use & (seen.bright == b)], seen.value[use & (seen.bright == b)], linear.shape)
         for b in (True, False)
@@ -219,7 +223,7 @@ def _first_light(linear: Array, grid: CornerGrid, even: bool) -> Light:
 def _corrected(light: Light, linear: Array, simulated: Array, grid: CornerGrid, even: bool) -> Light:
     """Take out what blur did to the squares' middles: compare photograph and twin there and move both fields."""
     real, own = squares(linear, grid, even), squares(simulated, grid, even)
-    use = ~real.judged
+    use = ~real.held_out
     fields = []
     for b, field in ((True, light.bright), (False, light.dark)):
         some = use & (real.bright == b)

@@ -1,4 +1,4 @@
-"""What the samples of the voltage study say: where the thesis's observation holds, and which setting errs least."""
+"""Analysis of the voltage study's samples: where the thesis's observation holds; the setting of smallest error."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CONVERGED_V = 9.25
 FILLED_MM2 = np.pi / 4 * GRID_MM**2
 """An estimate this large has reached the border of the sampled skin: it converges there on nothing but that border."""
 RISE = 0.05
-"""Least growth of the estimate, over the true area, that counts as rising."""
+"""Smallest growth of the estimate, over the true area, that counts as rising."""
 
 
 def onset(voltages: Sequence[float] | Array, area: Array, true_area: Array) -> Array:
@@ -54,7 +54,20 @@ def onset(voltages: Sequence[float] | Array, area: Array, true_area: Array) -> A
 
 
 def converged(voltages: Sequence[float] | Array, area: Array) -> Array:
-    """Return the lowest voltage from which the area stays within :data:`FLAT` of that at the last one [V]."""
+    """Return the lowest voltage from which the area stays within :data:`FLAT` of that at the last one [V].
+
+    Parameters
+    ----------
+    voltages : sequence of float
+        Ascending [V].
+    area : ndarray (..., voltages)
+        [mm^2].
+
+    Returns
+    -------
+    ndarray (...)
+        [V].
+    """
     v, last = np.asarray(voltages, float), area[..., -1:]
     away = np.abs(area - last) > FLAT * np.maximum(last, 1e-12)
     # the first voltage after the last that is away
@@ -92,21 +105,52 @@ class Claims:
 
 
 def up_to(samples: Samples, voltage: float) -> Samples:
-    """Return the samples as if the study had ended at a voltage [V]."""
+    """Return the samples as if the study had ended at a voltage [V].
+
+    Parameters
+    ----------
+    samples : Samples
+    voltage : float
+        [V].
+
+    Returns
+    -------
+    Samples
+    """
     v = tuple(x for x in samples.plan.voltages if x <= voltage + 1e-9)
     plan = replace(samples.plan, voltages=v)
     return replace(samples, plan=plan, own=samples.own[..., : len(v)], area=samples.area[:, :, : len(v)])
 
 
 def held_from(samples: Samples, voltage: float) -> Samples:
-    """Return the samples as if the camera's own exposure control kept the light constant from a voltage on [V]."""
+    """Return the samples as if the camera's own exposure control kept the light constant from a voltage on [V].
+
+    Parameters
+    ----------
+    samples : Samples
+    voltage : float
+        [V].
+
+    Returns
+    -------
+    Samples
+    """
     v = np.asarray(samples.plan.voltages)
     at = np.minimum(np.arange(v.size), max(int(np.searchsorted(v, voltage + 1e-9)) - 1, 0))
     return replace(samples, own=samples.own[..., at], area=samples.area[:, :, at])
 
 
 def claims(samples: Samples) -> Claims:
-    """Judge every sample by its own threshold."""
+    """Evaluate every sample at its own threshold.
+
+    Parameters
+    ----------
+    samples : Samples
+
+    Returns
+    -------
+    Claims
+    """
     v = np.asarray(samples.plan.voltages)
     first = onset(v, samples.own, samples.true_area)
     settled = converged(v, samples.own)
@@ -136,6 +180,10 @@ def sensitivity(output: Array, seed: int) -> list[dict[str, Any]]:
         In Saltelli's order, finite.
     seed : int
         Of the bootstrap behind the half-widths.
+
+    Returns
+    -------
+    list of dict
     """
     from SALib.analyze import sobol  # type: ignore[import-untyped]
 
@@ -143,7 +191,7 @@ def sensitivity(output: Array, seed: int) -> list[dict[str, Any]]:
         return [{"unknown": u.name, "first": 0.0, "first_95": 0.0, "total": 0.0, "total_95": 0.0} for u in UNKNOWNS]
     # centred: the estimators are exact in the mean only for large samples
     with warnings.catch_warnings():
-        # an unknown that a small sample never feels has a constant part, whose index is rightly 0
+        # an unknown to which a small sample is insensitive has a constant part, whose index is rightly 0
         warnings.filterwarnings("ignore", "Constant values encountered", UserWarning)
         found = sobol.analyze(problem(), output - output.mean(), calc_second_order=False, seed=seed)
     return [
@@ -159,7 +207,18 @@ def sensitivity(output: Array, seed: int) -> list[dict[str, Any]]:
 
 
 def where_it_holds(samples: Samples, holds: NDArray[np.bool_], parts: int = 3) -> list[dict[str, Any]]:
-    """Return for each unknown the share of independent samples that hold, in equal parts of its range."""
+    """Return for each unknown the share of independent samples that hold, in equal parts of its range.
+
+    Parameters
+    ----------
+    samples : Samples
+    holds : ndarray of bool (samples,)
+    parts : int
+
+    Returns
+    -------
+    list of dict
+    """
     rows = []
     some = samples.independent
     for k, unknown in enumerate(UNKNOWNS):
@@ -172,12 +231,12 @@ def where_it_holds(samples: Samples, holds: NDArray[np.bool_], parts: int = 3) -
 
 @dataclass(frozen=True, kw_only=True)
 class BestSetting:
-    """The setting of least area error. An error here is a rig's relative one, RMS over the forces.
+    """The setting of smallest area error. An error here is a rig's relative one, RMS over the forces.
 
     Attributes
     ----------
     voltage_V, threshold, error : float
-        The one setting whose median error over the rigs is least.
+        The one setting whose median error over the rigs is smallest.
     voltage_interval_V, threshold_interval, error_interval : tuple of float
         5 and 95 % of the same on bootstrap samples of the rigs.
     own_voltage_V, own_threshold, own_error : tuple of float
@@ -209,13 +268,17 @@ class BestSetting:
 
 
 def best_setting(samples: Samples, which: NDArray[np.bool_], *, bootstraps: int = 300, seed: int = 0) -> BestSetting:
-    """Find the setting of least error over the independent samples in ``which``.
+    """Find the setting of smallest error over the independent samples in ``which``.
 
     Parameters
     ----------
     samples : Samples
     which : ndarray of bool (samples,)
     bootstraps, seed : int
+
+    Returns
+    -------
+    BestSetting
 
     Raises
     ------
@@ -224,22 +287,22 @@ def best_setting(samples: Samples, which: NDArray[np.bool_], *, bootstraps: int 
     """
     rows = samples.independent[which[samples.independent]]
     if not rows.size:
-        raise ValueError("no sample to judge by")
+        raise ValueError("no sample is left")
     v, t = np.asarray(samples.plan.voltages), np.asarray(THRESHOLDS)
     truth = samples.true_area[rows]
-    # median over rigs: a few whose grooves glow to several times the true area would decide a mean
+    # median over rigs: a few with several times the true area in their grooves would decide a mean
     error = np.sqrt(((samples.area[rows] / truth[..., None, None] - 1.0) ** 2).mean(axis=1)).reshape(rows.size, -1)
     by_ratio = np.sqrt(((samples.by_ratio[rows] / truth[..., None] - 1.0) ** 2).mean(axis=1))
 
-    def least(some: NDArray[np.intp]) -> tuple[float, ...]:
+    def best_of(some: NDArray[np.intp]) -> tuple[float, ...]:
         middle, ratio = np.median(error[some], axis=0), np.median(by_ratio[some], axis=0)
         i, j = int(middle.argmin()), int(ratio.argmin())
         return float(v[i // t.size]), float(t[i % t.size]), float(middle[i]), RATIOS[j], float(ratio[j])
 
     random = rng.generator(seed, "voltage", "bootstrap")
-    again = np.array([least(random.integers(0, rows.size, rows.size)) for _ in range(bootstraps)])
+    again = np.array([best_of(random.integers(0, rows.size, rows.size)) for _ in range(bootstraps)])
     low, high = np.percentile(again, (5, 95), axis=0)
-    best = least(np.arange(rows.size))
+    best = best_of(np.arange(rows.size))
     span = [(float(a), float(b)) for a, b in zip(low, high, strict=True)]
     own = error.argmin(axis=1)
     return BestSetting(

@@ -43,8 +43,8 @@ VIEWING_RATE = 30.0
 """Frame rate of an overlay video whose source states none [Hz]; it is for the eye only."""
 
 
-MOST_SHOTS = 64
-"""Dark or flat shots that are averaged: more would take their noise below what 8 bits resolve."""
+MAX_DARK_FRAMES = 64
+"""Number of dark or flat frames that are averaged: with more their noise is below the resolution of 8 bits."""
 
 
 @dataclass(frozen=True)
@@ -156,9 +156,9 @@ def _estimator(refined: Refined, stored: Calibration | None, mm2_per_px: float |
         raise InputError("is needed by the refined estimator", key="--calibration", allowed="a calibration file")
     if mm2_per_px is not None:
         raise InputError(
-            f"{mm2_per_px:g}", key="--mm2-per-px", allowed="none: the refined estimator reads the scale place by place"
+            f"{mm2_per_px:g}", key="--mm2-per-px", allowed="none: the refined estimator uses the local scale"
         )
-    shots = ([frame.data for frame in islice(open_frames(p), MOST_SHOTS)] if p else [] for p in _paths(refined))
+    shots = ([frame.data for frame in islice(open_frames(p), MAX_DARK_FRAMES)] if p else [] for p in _paths(refined))
     radiometry = Radiometry.of(stored.details, *shots)
     estimator = Estimator.of(stored, radiometry, crop=chain.crop)
     return estimator if refined.tune is None else _tuned(estimator, refined.tune)

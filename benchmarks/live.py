@@ -29,7 +29,7 @@ from evanesce.rig import load_scene
 FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking"]
 MOVES: dict[str, Callable[[Controls, int], Controls]] = {
     "threshold": lambda c, i: c.changed(threshold=0.05 + 0.005 * i),
-    "least blob": lambda c, i: c.changed(min_blob_px=500.0 + 50 * i),
+    "minimum blob size": lambda c, i: c.changed(min_blob_px=500.0 + 50 * i),
     "profile line": lambda c, i: c.changed(line_mm=-2.0 + 0.05 * i),
     "LED voltage": lambda c, i: c.changed(voltage_V=8.0 + 0.05 * i),
     "one LED": lambda c, i: c.changed(led_power=tuple(0.02 * i if k == 3 else p for k, p in enumerate(c.led_power))),

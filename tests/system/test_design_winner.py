@@ -96,7 +96,7 @@ def test_rigs_drawn_anew_are_others_and_each_measures_every_case(job):
 
 
 def test_parameters_change_the_area_as_light_does(tolerances):
-    """At a fixed threshold less light is a smaller area: dead LEDs and darker glass take away, glow adds."""
+    """At a fixed threshold less light is a smaller area: dead LEDs and darker glass take away, subsurface scattering adds."""
     rows = {row["name"]: row for row in tolerances["rows"]}
     assert set(rows) == {
         "lateral_glow.length_mm", "led_bin.offset_V", "led_dead.loss", "led_droop.droop",
@@ -106,8 +106,8 @@ def test_parameters_change_the_area_as_light_does(tolerances):
     dead, dark = rows["led_dead.loss"], rows["glass_absorption.absorption_per_mm"]
     assert dead["high_percent"] < dead["low_percent"] <= 0
     assert dark["high_percent"] < dark["low_percent"] <= 0
-    glow = rows["lateral_glow.length_mm"]
-    assert 0 < glow["low_percent"] < glow["high_percent"]
+    scattering = rows["lateral_glow.length_mm"]
+    assert 0 < scattering["low_percent"] < scattering["high_percent"]
     # A higher forward voltage takes light away, a lower one adds.
     assert rows["led_bin.offset_V"]["high_percent"] < 0 < rows["led_bin.offset_V"]["low_percent"]
 

@@ -186,7 +186,7 @@ def test_mouse_moves_sliders_of_the_rig(page: Any, name: str, share: float, key:
     assert library.area_mm2 != before
 
 
-def test_force_and_least_blob(page: Any) -> None:
+def test_force_and_minimum_blob_size(page: Any) -> None:
     slider(page, "force_N").focus()
     for _ in range(4):
         page.keyboard.press("ArrowLeft")

@@ -396,7 +396,7 @@ def main() -> None:
     }
     show(result)
     print(
-        f"frames {sum(seconds.values()):.0f} s, the rest {result['features_and_fits_s']:.0f} s, load {result['load']:.1f}"
+        f"frames {sum(seconds.values()):.0f} s, rest {result['features_and_fits_s']:.0f} s, load {result['load']:.1f}"
     )
     if given.json:
         given.json.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")

@@ -102,8 +102,8 @@ def sheet(out: Path) -> None:
         # A few specks or hot pixels must not leave the rest white.
         scale = max(float(np.percentile(np.abs(picture), 99.7)), 1.0)
         axis.imshow(picture, cmap="RdBu_r", vmin=-scale, vmax=scale, interpolation="nearest")
-        shown = ", ".join(f"{k.split('_')[0]} {v:g}" for k, v in values.items() if isinstance(v, int | float))
-        axis.set_title(f"{effect.id}\n{shown}", fontsize=8)
+        figures = ", ".join(f"{k.split('_')[0]} {v:g}" for k, v in values.items() if isinstance(v, int | float))
+        axis.set_title(f"{effect.id}\n{figures}", fontsize=8)
         axis.text(
             0.5,
             -0.07,

@@ -1,4 +1,4 @@
-"""Subsurface scattering: the diffusion model against a participating medium in slab and finger. Figures and picture of the page.
+"""Subsurface scattering: the diffusion model against a participating medium (slab, finger). Figures and a picture.
 
 Run: python docs/validation/lateral_glow_reference.py (about two minutes)
 """

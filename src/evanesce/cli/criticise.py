@@ -38,7 +38,7 @@ def register(app: typer.Typer) -> None:
         ] = None,
         seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws of noise.")] = 0,
     ) -> None:
-        """Find what the nominal model of a rig gets wrong about measured data: name causes, extend the scene, measure the gain."""
+        """Find what a nominal model gets wrong about measured data: name causes, extend the scene, measure gain."""
         from evanesce.bundle import read_bundle
         from evanesce.criticism.critic import criticise as by_frames
         from evanesce.criticism.scalar_critic import criticise_series

@@ -96,7 +96,7 @@ def test_rigs_drawn_anew_are_others_and_each_measures_every_case(job):
 
 
 def test_parameters_change_the_area_as_light_does(tolerances):
-    """At a fixed threshold less light is less area: dead LEDs and darker glass take away, subsurface scattering adds."""
+    """At a fixed threshold less light is less area; dead LEDs and darker glass take away, scattering adds."""
     rows = {row["name"]: row for row in tolerances["rows"]}
     assert set(rows) == {
         "lateral_glow.length_mm", "led_bin.offset_V", "led_dead.loss", "led_droop.droop",

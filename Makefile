@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: baseline install demo design-demo test test-all lint types contracts check accuracy benchmarks pictures fem challenge challenge-slice clean
+.PHONY: baseline install demo design-demo test test-all lint types contracts check accuracy benchmarks pictures fem challenge challenge-slice docs docs-links clean
 
 install: $(STAMP)
 
@@ -63,6 +63,22 @@ benchmarks: install
 baseline: install
 	$(BIN)/python benchmarks/baseline.py --out outputs/baseline --json outputs/baseline.json
 
+# The site in docs/_build/html, without a network once packages are installed. A name, page or picture that is referred
+# to and missing, a link within the site that leads nowhere, and an example that fails are errors.
+DOCS_STAMP := $(VENV)/.docs
+
+$(DOCS_STAMP): pyproject.toml constraints.txt
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,docs]'
+	touch $@
+
+docs: $(DOCS_STAMP)
+	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build/html
+
+# Pages and README as they stand: every relative link and every anchor, in under ten seconds.
+docs-links: install
+	$(BIN)/python -m pytest tests/system/test_docs_links.py
+
 check: lint types contracts test
 
 # The critic against hidden causes: hours, goes on where it stopped. SET=dev while developing, BUDGET in seconds. Cases
@@ -77,4 +93,4 @@ challenge-slice: install
 	$(BIN)/python -m tests.criticism.challenge.run --set slice --workers 2 --budget-s 600
 
 clean:
-	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis docs/_build docs/gallery docs/reference/api

@@ -66,7 +66,7 @@ def digest_of(file: str | Path) -> str:
 
 
 def relative(scene: Scene) -> Scene:
-    """Return a scene whose map is named as :func:`copy_beside` names the copy."""
+    """Return a scene whose map is named as :func:`copy_height_map` names the copy."""
     skin = scene.finger.height_map
     return scene if skin is None else _with_file(scene, _name(skin.file), skin.sha256)
 

@@ -1,7 +1,7 @@
 """A ridged finger, first model: the smooth finger's pressure is handed to its ridges, each of which closes locally.
 
 Scales are separated: the macroscopic contact (radius, pressure, gap) is that of the smooth finger, and where its
-pressure is p, a ridge looks like one of an endless periodic row under the mean pressure p (:mod:`ridge_profile`). Its
+pressure is p, a ridge looks like one of an endless periodic row under the mean pressure p (:mod:`.profile`). Its
 limits: the pitch must be small against the contact radius (error of the order pitch/radius at the rim); ridges do not
 change the macroscopic radius or depth; curvature of concentric ridges is ignored, which their innermost ring feels;
 no adhesion, no friction, small slopes. The half-space solver has none of the first three limits.

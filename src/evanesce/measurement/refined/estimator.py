@@ -1,8 +1,8 @@
 """Refined contact area, to a fraction of a pixel, from frames and the rig's own calibration; no ground truth enters.
 
-The steps: grey level to linear light (:mod:`refined_light`); glow inside the silicone taken back to where it entered
-(:mod:`refined_glow`); boundary half-way between the light on its two sides (:mod:`refined_edge`); what saturates, put
-in from the light that does not; and the curve carried onto the plate point by point (:mod:`refined_plate`), so that
+The steps: grey level to linear light (:mod:`.light`); glow inside the silicone taken back to where it entered
+(:mod:`.subsurface`); boundary half-way between the light on its two sides (:mod:`.edge`); what saturates, put
+in from the light that does not; and the curve carried onto the plate point by point (:mod:`.plate`), so that
 there is no single area per pixel. Frames are read as taken: nothing is resampled.
 """
 
@@ -107,7 +107,7 @@ class RefinedArea:
     step : float
         Median light of contact over what is beside it, of full scale.
     spread_mm : float, optional
-        How much wider the edge is than at its median (:func:`~.refined_edge.edge_spread`); None where it is not the
+        How much wider the edge is than at its median (:func:`.edge_spread`); None where it is not the
         frame's own: saturated, or after light's walk was turned round.
     unseen : {"", "top", "modelled"}
         What saturation hides of the edge: nothing; its top, so that its foot was read; more, under glow, so that the

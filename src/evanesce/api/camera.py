@@ -82,14 +82,14 @@ class Camera:
         if until_error is not None and not 0 < until_error < 1:
             raise InputError(f"{until_error:g}", key="until_error", allowed="above 0, below 1")
         self.scene = scene
-        self._options: dict[str, Any] = {"samples_per_pixel": samples, "passes": passes, "until_error": until_error}
+        options = {"samples_per_pixel": samples, "passes": passes, "until_error": until_error}
+        self._options: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
         self._variant, self._bands = variant, bands
         if renderer == "fast":
-            _refuse_path_options(self._options)
-            self._options = {}
-        elif renderer == "reference":
-            self._options = {name: value for name, value in self._options.items() if value is not None}
-        elif not callable(renderer):
+            for name in self._options:
+                key = "samples" if name == "samples_per_pixel" else name
+                raise InputError("the fast renderer draws no paths", key=key, allowed="with renderer='reference' only")
+        elif renderer != "reference" and not callable(renderer):
             raise InputError(f"{renderer!r}", key="renderer", allowed="'fast', 'reference', or a callable")
         self.renderer = renderer if isinstance(renderer, str) else "given"
         self._given = None if isinstance(renderer, str) else renderer
@@ -108,6 +108,18 @@ class Camera:
     def scale_mm2_per_px(self) -> float:
         """Area of the contact plane that a pixel on the optical axis sees [mm^2], by the scene's own figures."""
         return 1.0 / self.scene.camera.scale_px_per_mm**2
+
+    @property
+    def extent_mm(self) -> tuple[float, float, float, float]:
+        """Left, right, bottom and top border of a frame on the contact plane [mm], for matplotlib's ``imshow``.
+
+        By the scale on the optical axis: towards the corners the lens's distortion makes distances larger.
+        """
+        (rows, cols), camera = self.shape, self.scene.camera
+        (x, y), (dx, dy) = camera.centre_mm, camera.principal_point_offset_px
+        scale = camera.scale_px_per_mm
+        left, top = x - (cols / 2 + dx) / scale, y - (rows / 2 + dy) / scale
+        return left, left + cols / scale, top + rows / scale, top
 
     def shoot(self, force_N: float | None, *, seed: int = 0, time_s: float = 0.0, index: int = 0) -> Shot:
         """Press with a normal force and take the frame.
@@ -218,7 +230,17 @@ class Camera:
         return chain.simulate_card(self.scene, which, seed=seed, pose=pose, time_s=time_s, index=index, **options).data
 
     def provenance(self, *, seed: int | None = None) -> Mapping[str, Any]:
-        """Return what decides a frame: versions, seed, renderer and digest of the scene, JSON-able."""
+        """Return what decides a frame.
+
+        Parameters
+        ----------
+        seed : int, optional
+
+        Returns
+        -------
+        mapping
+            Versions, seed, renderer and digest of the scene, JSON-able.
+        """
         record: dict[str, Any] = {"renderer": {"fast": "transport", "reference": "path"}.get(self.renderer, "given")}
         if self.renderer == "reference":
             from evanesce.render.variant import select
@@ -242,12 +264,6 @@ class Camera:
 
             render = partial(trace, variant=self._variant)
         return banded(render, self._bands)
-
-
-def _refuse_path_options(options: Mapping[str, Any]) -> None:
-    for name, key in (("samples_per_pixel", "samples"), ("passes", "passes"), ("until_error", "until_error")):
-        if options[name] is not None:
-            raise InputError("the fast renderer draws no paths", key=key, allowed="with renderer='reference' only")
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -42,6 +42,10 @@ def load(name: str | Path) -> Scene:
 def shipped_scenes() -> tuple[str, ...]:
     """Return the names of the scenes that ship with evanesce.
 
+    Returns
+    -------
+    tuple of str
+
     Examples
     --------
     >>> import evanesce as ev

@@ -154,7 +154,7 @@ def effect() -> Figure:
         axis.imshow(level**0.45, cmap="gray", vmin=0, vmax=1, extent=extent(shot))
         axis.set(xlim=(-6, 6), ylim=(6, -6), title=f"share {share:g}", xlabel="x [mm]")
         axes[2].semilogy(np.linspace(*extent(shot)[:2], level.shape[1]), level[level.shape[0] // 2], label=f"share {share:g}")
-    axes[2].set(xlabel="x [mm]", ylabel="irradiance over its maximum", title="along the middle row")
+    axes[2].set(ylim=(1e-4, 2), xlabel="x [mm]", ylabel="irradiance over its maximum", title="along the middle row")
     axes[2].legend(frameon=False)
     return figure
 

@@ -22,14 +22,9 @@ demo: install
 	$(BIN)/evanesce demo
 
 # Rigs of no more than the thesis rig's cost, by their predicted area error: some ten minutes on two quiet cores. An
-# interrupted or killed run goes on where it stopped.
+# interrupted run resumes where it stopped.
 design-demo: install
-	$(BIN)/evanesce design thesis --uncertainty scenes/uncertainty/lab.toml --parts scenes/parts/example.toml \
-	  --vary plate.thickness_mm=2:10:1 --vary leds.pitch_mm=8:25 --vary leds.voltage_V=8.5:11 \
-	  --vary camera.exposure_ms=2:20:log --vary camera.lens.f_number=2.8:11 --vary measurement.threshold=0.08:0.7 \
-	  --objective area_error --objective motion_blur --limit cost=161.03 --force 1 --force 3 --coarser 4 --rigs 16 \
-	  --trials 24 --workers 2 --winners 2 --fresh-rigs 24 --trajectories 1 --renderings 2 --samples 8 \
-	  --out outputs/design-demo
+	$(BIN)/evanesce design scenes/questions/same_cost.toml --workers 2 --out outputs/design-demo
 
 # Two workers of one thread each: linear algebra that takes both cores in both of them waits for itself.
 test: install

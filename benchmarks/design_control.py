@@ -17,13 +17,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from evanesce.design.evaluate import evaluate, plain_job
-from evanesce.design.parts import read_parts
-from evanesce.design.question import Design, Question
-from evanesce.design.uncertainty import read_sizes
+from evanesce.design.evaluate import evaluate
+from evanesce.design.question_file import read_question
 from evanesce.design.verify import verified
 from evanesce.design.winner import assessed
-from evanesce.rig import load_scene
 
 THRESHOLDS = (0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65)
 VOLTAGES = (9.0, 9.5, 10.0, 10.5)
@@ -32,7 +29,7 @@ UNSATURATED = 1e-4
 
 
 def unsaturated_trial(path: Path) -> tuple[str, dict[str, float]]:
-    """Return name and values of the demo's design with the least error of those without saturation."""
+    """Return name and values of the demo's design with the smallest error of those without saturation."""
     if not path.is_file():
         raise SystemExit(f"{path}: no such file; run `make design-demo` first, or name it with --demo")
     trials = json.loads(path.read_text(encoding="utf-8"))["trials"]
@@ -43,12 +40,8 @@ def unsaturated_trial(path: Path) -> tuple[str, dict[str, float]]:
 
 def demo_job() -> dict[str, Any]:
     """Return the question of `make design-demo`."""
-    scene = load_scene("thesis")
-    question = Question(
-        forces_N=(1.0, 3.0), places_mm=(scene.finger.position_mm,), materials=(scene.finger.material,), rigs=16,
-        coarser=4, sizes=read_sizes(Path("scenes/uncertainty/lab.toml")),
-    )  # fmt: skip
-    return plain_job(Design(scene=scene), question, read_parts(Path("scenes/parts/example.toml"), scene))
+    plan, _ = read_question("same_cost")
+    return plan.job
 
 
 def grid(job: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -73,7 +66,7 @@ def grid(job: Mapping[str, Any]) -> list[dict[str, Any]]:
 def named(
     rows: list[dict[str, Any]], base_voltage: float, unsaturated: tuple[str, dict[str, float]]
 ) -> dict[str, dict[str, float]]:
-    """Return the designs that are looked at closely."""
+    """Return the designs that are assessed."""
     name, values = unsaturated
 
     def best(able: list[dict[str, Any]]) -> dict[str, float]:
@@ -90,7 +83,7 @@ def named(
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--fresh-rigs", type=int, default=24)
+    parser.add_argument("--rigs", type=int, default=24)
     parser.add_argument("--renderings", type=int, default=2)
     parser.add_argument("--samples", type=int, default=8)
     parser.add_argument("--demo", type=Path, default=Path("outputs/design-demo/result.json"))
@@ -105,7 +98,7 @@ def main() -> None:
         if known is not None:
             designs[name] = known
             continue
-        own = assessed(job, values, arguments.fresh_rigs)
+        own = assessed(job, values, arguments.rigs)
         check = None
         if arguments.renderings:
             options = {"count": arguments.renderings, "samples": arguments.samples}

@@ -152,7 +152,8 @@ def mitsuba_forward(scene: Scene, samples: int, seed: int) -> dict[str, float]:
 
     from evanesce.contact.solve import contact_state
     from evanesce.optics.projection import Projection
-    from evanesce.render.reference.path import in_units, integrator_for, lit_powers
+    from evanesce.render.reference.led_groups import in_units, lit_powers
+    from evanesce.render.reference.path import integrator_for
     from evanesce.render.reference.scene import camera_dict, plate_scene
 
     info = select("llvm")

@@ -30,10 +30,11 @@ from evanesce.contact.solve import contact_state
 from evanesce.core.provenance import package_versions
 from evanesce.evaluation.agreement import Case, agreement, cases, coarser
 from evanesce.optics.projection import Projection
-from evanesce.render.fast.fused import llvm_works
+from evanesce.render.fast.operators_llvm import llvm_works
 from evanesce.render.fast.rig_fields import compute_rig_fields
 from evanesce.render.fast.transport import render_fast
-from evanesce.render.reference.path import render, scaled_view
+from evanesce.render.reference.path import render
+from evanesce.render.reference.views import scaled_view
 from evanesce.rig import load_scene
 
 

@@ -13,9 +13,8 @@ from typing import Any
 
 from evanesce.contact.fem.material import rubber
 from evanesce.contact.fem.mesh import FingerShape, MeshSize
-from evanesce.contact.fem.press import press
+from evanesce.contact.fem.programme import SLIDE_MESH, press, slide
 from evanesce.contact.fem.result import SolvedRun
-from evanesce.contact.fem.slide import SLIDE_MESH, slide
 from evanesce.core import provenance
 
 FORCES = (0.5, 1.0, 2.0, 5.0)

@@ -21,7 +21,7 @@ from evanesce.evaluation.calibrated_rig import CardErrors, calibrated
 from evanesce.measurement.calibration.model import Calibration
 from evanesce.measurement.refined.estimator import Estimator
 from evanesce.rig import Scene, load_scene
-from evanesce.studies.estimator.study import Lit
+from evanesce.studies.estimator.study import LitPress
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def drawn(draw: np.random.Generator, number: int) -> tuple[Scene, float, float]:
 
 def pressed(scene: Scene, force: float, voltage: float, calibration: Calibration) -> Press:
     """Press, photograph and measure."""
-    press = Lit.of(scene, force, 1)
+    press = LitPress.of(scene, force, 1)
     found = Estimator.of(calibration).area(press.frame(voltage, rng.integer_seed(1, "f", f"{force}")).data)
     assert found.spread_mm is not None
     assert scene.contact.reduced_modulus_MPa is not None

@@ -25,8 +25,9 @@ import numpy as np
 from evanesce.contact.solve import contact_state
 from evanesce.core.provenance import package_versions
 from evanesce.optics.projection import IdealView, Projection
+from evanesce.render.reference.led_groups import LedGroups
 from evanesce.render.reference.passes import relative_error
-from evanesce.render.reference.path import LedGroups, render, render_groups
+from evanesce.render.reference.path import render, render_groups
 from evanesce.render.variant import attempts, find
 from evanesce.rig import load_scene
 

@@ -14,11 +14,12 @@ import numpy as np
 
 from evanesce.contact.analytic.hertz import hertz_contact
 from evanesce.contact.analytic.partial_slip import tangential_modulus
-from evanesce.contact.sliding.friction import area_loss_for, interface_of
+from evanesce.contact.sliding.area_loss import area_loss_for
 from evanesce.contact.sliding.solver import march
 from evanesce.contact.sliding.states import SlideStates, SlideView
 from evanesce.core import provenance
 from evanesce.core.states import PlateGrid
+from evanesce.materials.friction import interface_of
 from evanesce.materials.tables import material
 
 

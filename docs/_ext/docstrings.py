@@ -9,8 +9,9 @@ from typing import Any
 from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.environment import BuildEnvironment
-from sphinx.util.nodes import make_refnode
+from sphinx.util.nodes import get_node_source, make_refnode
 
+DOCSTRING = re.compile(r"docstring of ([\w.]+)")
 LITERAL = re.compile(r"(``.*?``|`[^`]*`)")
 
 
@@ -35,8 +36,8 @@ def imported_name(
     """
     if node.get("refdomain") != "py":
         return None
-    target, module = node["reftarget"], node.get("py:module") or "evanesce"
-    found = next((found for start in (module, "") if (found := _find(start, target)) is not None), None)
+    target = node["reftarget"]
+    found = next((found for start in _scopes(node) if (found := _find(start, target)) is not None), None)
     if found is None:
         return None
     home, value = found
@@ -46,6 +47,13 @@ def imported_name(
         if (entry := domain.objects.get(name)) is not None:
             return make_refnode(app.builder, node["refdoc"], entry.docname, entry.node_id, [contnode], name)
     return contnode
+
+
+def _scopes(node: nodes.Element) -> list[str]:
+    """Return where a name is looked up: the docstring's object and all that holds it, then the top."""
+    source = str(get_node_source(node) or "")
+    parts = (found[1] if (found := DOCSTRING.search(source)) else node.get("py:module") or "evanesce").split(".")
+    return [".".join(parts[:end]) for end in range(len(parts), -1, -1)]
 
 
 def _find(module: str, target: str) -> tuple[str, Any] | None:

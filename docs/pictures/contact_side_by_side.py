@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from evanesce.chain.simulate import simulate
-from evanesce.contact.solve_fem import small_strain_modulus
+from evanesce.contact.laws import small_strain_modulus
 from evanesce.evaluation.labels import label, view_geometry
 from evanesce.optics.projection import Projection
 from evanesce.render.fast.transport import render_fast

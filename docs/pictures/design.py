@@ -16,11 +16,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
 
-from evanesce.design.finish import Chosen, ranked
+from evanesce.design.assessment import Chosen, ranked
 from evanesce.design.plots import cases_figure, pareto_figure, tolerance_figure
 from evanesce.design.question import Design, Question
 from evanesce.design.search import Plan, Trial
-from evanesce.design.vary import Vary
+from evanesce.design.variables import DesignVariable
 from evanesce.report.html import figure_png
 from evanesce.rig import load_scene
 
@@ -41,8 +41,9 @@ def pareto(result: dict[str, Any]) -> Figure:
         for name, c in result["chosen"].items()
     ]
     plan = Plan(
-        base=Design(scene=scene), vary=tuple(Vary(**v) for v in result["provenance"]["search"]["vary"]),
-        question=Question(forces_N=(1.0, 3.0), places_mm=((0.0, 0.0),), materials=(scene.finger.material,)),
+        base=Design(scene=scene), variables=tuple(
+            DesignVariable(**v) for v in result["provenance"]["search"]["variables"]),
+        question=Question(forces_N=(1.0, 3.0), positions_mm=((0.0, 0.0),), materials=(scene.finger.material,)),
         objectives=tuple(result["objectives"]),
     )  # fmt: skip
     return pareto_figure(plan, trials, chosen, result["chosen"]["base"]["searched"]["figures"])

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.chain.simulate import simulate
-from evanesce.contact.fem.library_slide import library_slide, library_slide_state
+from evanesce.contact.fem.library import library_slide, library_slide_state
 from evanesce.core.states import ContactState, Frame, PlateGrid, SurfaceState
 from evanesce.evaluation.labels import ViewGeometry, label, view_geometry
 from evanesce.optics.projection import Projection

@@ -16,11 +16,12 @@ from evanesce.contact.analytic.partial_slip import tangential_modulus
 from evanesce.contact.fem.library import library_press
 from evanesce.contact.fem.material import rubber
 from evanesce.contact.fem.mesh import FingerShape, MeshSize
+from evanesce.contact.fem.programme import slide
 from evanesce.contact.fem.runs import cache_folder
-from evanesce.contact.fem.slide import slide
 from evanesce.contact.fem.state import axisymmetric_contact
-from evanesce.contact.sliding.friction import coulomb, shaft_stiffness
+from evanesce.contact.sliding.shaft import shaft_stiffness
 from evanesce.contact.sliding.solver import march
+from evanesce.materials.friction import coulomb
 from evanesce.materials.hyperelastic import of_material
 from evanesce.report.html import figure_png
 

@@ -11,10 +11,11 @@ from matplotlib.figure import Figure
 from evanesce.bench.dma import prony_of
 from evanesce.bench.friction import spectrum
 from evanesce.contact.analytic.viscoelastic import press_by_force, reduced_series
-from evanesce.contact.sliding.friction import InterfaceFriction, area_loss_for, interface_of
+from evanesce.contact.sliding.area_loss import area_loss_for
 from evanesce.contact.sliding.programme import SlideProgramme, press_and_slide
 from evanesce.contact.sliding.stick_slip import Slider, simulate_stick_slip, stick_slip_period
 from evanesce.core.states import PlateGrid
+from evanesce.materials.friction import InterfaceFriction, interface_of
 from evanesce.materials.tables import material
 from evanesce.report.html import figure_png
 

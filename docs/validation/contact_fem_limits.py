@@ -6,8 +6,8 @@ import sys
 
 from evanesce.contact.fem.material import rubber
 from evanesce.contact.fem.mesh import FingerShape, MeshSize
+from evanesce.contact.fem.programme import SLIDE_STEPS, slide
 from evanesce.contact.fem.runs import cache_folder
-from evanesce.contact.fem.slide import SLIDE_STEPS, slide
 from evanesce.contact.fem.steps import LimitReached, StepSizes
 
 COARSE = MeshSize(1.1, growth=1.5, coarsest=4.0)

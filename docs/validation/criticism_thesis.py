@@ -46,7 +46,7 @@ def main() -> None:
     for (name, (kind, parameter)), colour in zip(
         SHOWN.items(), ("tab:blue", "tab:cyan", "tab:red", "tab:orange"), strict=True
     ):
-        candidate = next(c for c in candidates_of(bundle.scene, bundle.judgeable) if c.id == name)
+        candidate = next(c for c in candidates_of(bundle.scene, bundle.testable) if c.id == name)
         chosen = tuple(p for p in candidate.parameters if p.name == f"{name}:{parameter}")
         start = {p.name: float(np.clip(p.null + p.deviation, *p.bounds)) for p in chosen}
         found = fit_series(predict, table, (name,), chosen, start)

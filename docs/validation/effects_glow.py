@@ -10,7 +10,8 @@ import numpy as np
 from evanesce.contact.analytic.roughness import persson_contact_fraction
 from evanesce.contact.solve import contact_state
 from evanesce.optics.subsurface import absorption_coefficient, dipole_profile, profile, share_within
-from evanesce.render.fast.transport import fields_of, patch_radiance
+from evanesce.render.fast.fields import fields_of
+from evanesce.render.fast.patch import patch_radiance
 from evanesce.rig import load_scene
 
 

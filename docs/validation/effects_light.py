@@ -9,9 +9,10 @@ import numpy as np
 
 from evanesce.effects import Active, Context, all_effects
 from evanesce.optics.guided_field import azimuthal_radiance, edge_radiance
-from evanesce.optics.led import led_radiances, radiant_power, strip_voltages
+from evanesce.optics.led import led_radiances
+from evanesce.optics.led_circuit import radiant_power, strip_voltages
 from evanesce.optics.patch_light import angle_nodes, transmitted_irradiance_kernel
-from evanesce.render.fast.transport import edge_light, interface_of
+from evanesce.render.fast.rig_optics import edge_light, interface_of
 from evanesce.rig import Scene, load_scene
 
 PLACES = {"centre": (0.0, 0.0), "left": (-7.0, 0.0), "right": (7.0, 0.0), "top": (0.0, -7.0), "bottom": (0.0, 7.0)}

@@ -13,7 +13,7 @@ from evanesce.optics.spectrum import pdms_index, soda_lime_index, white_bands
 from evanesce.render.bands import banded, in_band
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import load_scene
-from evanesce.studies.voltage.curve import Press
+from evanesce.studies.voltage.press import Press
 
 COARSE = {
     "camera.resolution_px": [500, 375],

@@ -9,7 +9,8 @@ from evanesce.core.states import ContactState, PlateGrid
 from evanesce.optics.emitters import led_table
 from evanesce.optics.guide import contact_radiance, halo_radius
 from evanesce.optics.interface import critical_angle, guided_coupling, internal_diffuse_reflectance
-from evanesce.optics.led import led_powers, segment_current
+from evanesce.optics.led import led_powers
+from evanesce.optics.led_circuit import segment_current
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.render.reference.path import render
 from evanesce.rig import LedCircuit, Scene, load_scene

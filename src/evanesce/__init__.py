@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from evanesce.api.measure import Measurement, Pipeline, measure
     from evanesce.api.scenes import coarser, load, save_scene, shipped_scenes
     from evanesce.api.truth import Truth
-    from evanesce.bundle.read import Bundle, read_bundle
+    from evanesce.bundle import Bundle, read_bundle
     from evanesce.core.errors import EvanesceError, InputError, WorkError
     from evanesce.core.states import ContactState, SurfaceState
     from evanesce.dataset.read import Dataset, Sample
@@ -95,7 +95,7 @@ _HOMES = {
     "evanesce.api.measure": ("Measurement", "Pipeline", "measure"),
     "evanesce.api.scenes": ("coarser", "load", "save_scene", "shipped_scenes"),
     "evanesce.api.truth": ("Truth",),
-    "evanesce.bundle.read": ("Bundle", "read_bundle"),
+    "evanesce.bundle": ("Bundle", "read_bundle"),
     "evanesce.core.errors": ("EvanesceError", "InputError", "WorkError"),
     "evanesce.core.states": ("ContactState", "SurfaceState"),
     "evanesce.dataset.read": ("Dataset", "Sample", "open as open_dataset"),

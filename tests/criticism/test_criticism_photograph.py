@@ -28,7 +28,7 @@ from evanesce.measurement.calibration.points import BoardView, read_points
 from evanesce.measurement.calibration.saddle import SaddleFit
 from evanesce.measurement.io.images import read_image
 from evanesce.rig import Camera, load_scene
-from evanesce.studies.twin.model import Light, _Studio
+from evanesce.studies.twin.study import Light, _Studio
 
 Array = NDArray[np.float64]
 SIZE = (300, 230)

@@ -10,10 +10,10 @@ import pytest
 from scipy import stats
 
 from evanesce.bundle import read_bundle
+from evanesce.bundle.bundle import Bundle
 from evanesce.bundle.check import contents
 from evanesce.bundle.layout import Series, Shot
 from evanesce.bundle.protocol import Protocol
-from evanesce.bundle.read import Bundle
 from evanesce.bundle.write import write_bundle
 from evanesce.core.errors import InputError
 from evanesce.criticism.candidates import candidates_of
@@ -151,7 +151,7 @@ def test_the_check_and_the_critic_agree_on_what_series_cannot_tell() -> None:
     """No table shows a finger on its way; a square's size, a voltage or a hold may be what moves an area."""
     bundle = read_bundle(Path(__file__).parents[2] / "bundles" / "thesis_silskin_20")
     assert contents(bundle)["cannot_be_named"] == {"rolling_skew": ["motion"]}
-    candidates = [c for c in candidates_of(bundle.scene, bundle.judgeable) if c.id in ("rolling_skew", "square_size")]
+    candidates = [c for c in candidates_of(bundle.scene, bundle.testable) if c.id in ("rolling_skew", "square_size")]
     table = Table.of(list(bundle.series.values()))
     predict = SeriesPredictor(bundle.scene, table.series)
     base = fit_series(predict, table, (), (), {})

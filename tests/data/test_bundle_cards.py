@@ -8,7 +8,7 @@ import pytest
 from evanesce.bundle.card_light import card_light, plane_points, through_glass
 from evanesce.optics.interface import fresnel_reflectance
 from evanesce.optics.projection import Projection
-from evanesce.render.cards import Card, Pose, Room, render_card
+from evanesce.render.cards import Card, Illumination, Pose, render_card
 from evanesce.rig import load_scene
 
 CAMERA = {
@@ -29,7 +29,7 @@ def test_lying_square_agrees_with_the_path_tracer() -> None:
     for region in (white, ink):
         mean = float(traced.radiance[region].mean())
         error = float(np.sqrt(traced.variance[region].sum())) / region.sum()
-        # The reference's room is a square that misses the last degrees of the hemisphere: up to 2 % of its light.
+        # The reference's illumination is a square, without the last degrees of the hemisphere: up to 2 % of its light.
         assert abs(float(fast[region].mean()) - mean) < 3 * error + 0.02 * mean
 
 
@@ -45,7 +45,7 @@ def test_bare_glass_mirrors_as_two_faces_do() -> None:
     scene = load_scene("thesis", CAMERA)
     n = scene.plate.refractive_index
     nothing = Card(side=0.5, margin=0.0, white=0.0, black=0.0)
-    light = card_light(scene, nothing, Pose(shift=(400.0, 0.0)), room=Room(radiance=2.5))
+    light = card_light(scene, nothing, Pose(shift=(400.0, 0.0)), illumination=Illumination(radiance=2.5))
     px, py = light.principal_point
     face = ((n - 1) / (n + 1)) ** 2
     # Within a degree of the axis Fresnel's reflectance is that of normal incidence to 1e-4.

@@ -72,7 +72,7 @@ def test_toml_round_trip(tmp_path):
         ),
         ("[programme]\nspead_mm_per_s = { constant = 1.0 }", "nearest key: speed_mm_per_s"),
         ("[randomisation]\nwithout = ['speks']", "'speks'"),
-        ("[randomisation]\nonly = ['specks', 'square_size']", "'square_size' (not drawn: without a trace"),
+        ("[randomisation]\nonly = ['specks', 'square_size']", "'square_size' (not drawn: not observable"),
         ("[finger]\nmaterial = { choice = ['wood'] }", "'wood'"),
         ("[labels]\ngrid_samples = 64", "labels.grid_samples of at least"),
         ("[trial]\nframes = 300", "at most 256"),
@@ -236,9 +236,9 @@ def test_a_job_comes_back_from_its_description(tmp_path: Path):
     [
         (
             "2",
-            r"version 2, of an earlier evanesce: its stick_ratio may be 0.* version 3; make it anew",
+            r"version 2, of an earlier evanesce: its stick_ratio may be 0.* version 3; make it again",
         ),
-        ("1", r"version 1, of an earlier evanesce: .*; make it anew"),
+        ("1", r"version 1, of an earlier evanesce: .*; make it again"),
         ("4", r"version 4, of a later evanesce .*install that one"),
         ('"3"', r"version '3' \(allowed: evanesce-dataset version 3\)"),
         ("null", r"version None \(allowed: evanesce-dataset version 3\)"),

@@ -140,7 +140,7 @@ def test_the_data_card_names_every_shard(whole):
     job = tiny_job(randomisation={"probability": 0.2, "without": ("specks",)})
     assert "in 20 % of the rigs: adhesion, ambient_light, " in _effects(job)
     drawn, not_drawn = _effects(job).split("Not drawn: ")
-    for name in ("specks (by this configuration)", "square_size (without a trace", "distortion_drift (labels would"):
+    for name in ("specks (by this configuration)", "square_size (not observable", "distortion_drift (labels would"):
         assert name in not_drawn
         assert name.split()[0] not in drawn
     assert effects(job.config.randomisation)["share_of_rigs_with_an_effect"] == 0.2
@@ -330,7 +330,7 @@ class Stop(BaseException):
     """As a SIGKILL for one process: nothing is tidied that a finally does not tidy."""
 
 
-@pytest.mark.parametrize("at", ["before shard 2", "row of shard 1", "index of shard 1", "seal", "card"])
+@pytest.mark.parametrize("at", ["before shard 2", "row of shard 1", "index of shard 1", "seal", "data card"])
 def test_resume_after_a_stop_is_byte_identical(whole, tmp_path, monkeypatch, at):
     folder, calls = tmp_path / "d", []
     module, name, when = {
@@ -338,7 +338,7 @@ def test_resume_after_a_stop_is_byte_identical(whole, tmp_path, monkeypatch, at)
         "row of shard 1": (Manifest, "add", 2),
         "index of shard 1": (layout, "write_json", 3),
         "seal": (Manifest, "seal", 1),
-        "card": (run, "write_card", 1),
+        "data card": (run, "write_data_card", 1),
     }[at]
     real = getattr(module, name)
 
@@ -352,7 +352,7 @@ def test_resume_after_a_stop_is_byte_identical(whole, tmp_path, monkeypatch, at)
     with pytest.raises(Stop):
         make(folder, tiny_job())
     monkeypatch.setattr(module, name, real)
-    if at != "card":
+    if at != "data card":
         assert not (folder / "SHA256SUMS").exists()
     outcome = resume(folder)
     assert outcome.complete
@@ -473,11 +473,11 @@ def test_a_death_while_a_shard_is_published_is_no_frames(tmp_path, monkeypatch):
     made, published = [], []
 
     def seen_record(self, frame):
-        made.append((frame, worker.Trace(folder, frame // 6).place()))
+        made.append((frame, worker.Trace(folder, frame // 6).frame()))
         return record(self, frame)
 
     def seen_publish(self):
-        published.append(worker.Trace(folder, len(published)).place())
+        published.append(worker.Trace(folder, len(published)).frame())
         return publish(self)
 
     monkeypatch.setattr(PaperProducer, "record", seen_record)
@@ -498,7 +498,7 @@ def test_frames_that_killed_are_doubted_where_none_is_left(tmp_path, monkeypatch
     monkeypatch.setattr(worker, "probe", probe)
     layout.make_folders(folder)
     (folder / ".work" / "shard-000001.deaths").write_text(
-        json.dumps({"deaths": {}, "poison": {str(frame): "dies" for frame in deadly}})
+        json.dumps({"deaths": {}, "fatal": {str(frame): "dies" for frame in deadly}})
     )
     with pytest.raises(WorkError, match=r"shard-000001\.tar: no frame could be made: dies$"):
         make(folder, tiny_job())
@@ -595,7 +595,7 @@ def test_verify_names_the_bad_frame(whole, tmp_path):
 
 
 def resealed(folder: Path, shard: int, data: bytes, **member: object) -> None:
-    """Put other bytes in the place of a shard and make every checksum fit them, as somebody with bad intent would;
+    """Replace a shard and make every checksum match, as an attacker would;
     ``member`` changes columns of the manifest for the first frame's picture."""
     (folder / "SHA256SUMS").unlink()
     layout.shard_path(folder, shard).write_bytes(data)
@@ -849,7 +849,7 @@ def test_a_damaged_member_is_not_exported(whole, tmp_path):
     content[at] = ord("9") if content[at] != ord("9") else ord("8")
     path.write_bytes(content)
     for to in ("parquet", "hdf5", "lerobot"):
-        with pytest.raises(InputError, match="does not hold what the manifest says"):
+        with pytest.raises(InputError, match="does not match the manifest"):
             export(copy, tmp_path / "x", to)
         assert not (tmp_path / "x").exists()
 

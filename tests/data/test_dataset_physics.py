@@ -13,18 +13,18 @@ from evanesce.chain.simulate import expose
 from evanesce.contact.analytic.hertz import hertz_contact, hertz_radius
 from evanesce.contact.patch import axisymmetric_state
 from evanesce.contact.ridges.heightmap import RidgeRow
-from evanesce.contact.ridges.ridged_slide import with_ridges
-from evanesce.contact.sliding.friction import InterfaceFriction, coulomb
+from evanesce.contact.ridges.ridged import with_ridges
 from evanesce.contact.sliding.torsion import sliding_torque, twisted, twisted_state
 from evanesce.core.states import PlateGrid, PlateLight, SurfaceState
 from evanesce.dataset.config import KINDS
 from evanesce.dataset.design import trial_plan
 from evanesce.dataset.labels import CHANNELS, FrameLabeller, plate_labels
-from evanesce.dataset.rigs import RigCamera, expose_light, plate_grid, real_rig, rig_scene
+from evanesce.dataset.rigs import RigCamera, expose_light, plate_grid, rig_scene, rig_with_effects
 from evanesce.dataset.slip_scores import Series, alarms, choose_threshold, score
 from evanesce.dataset.trial import Trial
 from evanesce.effects import active_effects
 from evanesce.evaluation.labels import label, view_geometry
+from evanesce.materials.friction import InterfaceFriction, coulomb
 from evanesce.optics.projection import Projection
 from evanesce.sensor.lens import form_image
 from support.datasets import tiny_config
@@ -157,7 +157,7 @@ def trial_of(kind: str, smooth: bool = False) -> Trial:
         if (p := trial_plan(CONFIG, 8, i)).kind == kind and (not p.finger.pattern) == smooth
     )  # fmt: skip
     plan = trial_plan(CONFIG, 8, number)
-    rig = real_rig(rig_scene(small_rig(), plan.rig, plan.finger, CONFIG), plan.rig.seed)
+    rig = rig_with_effects(rig_scene(small_rig(), plan.rig, plan.finger, CONFIG), plan.rig.seed)
     return Trial(plan, CONFIG, rig.scene, plate_grid(rig.scene, CONFIG))
 
 
@@ -344,14 +344,14 @@ def test_behind_the_lens_is_the_general_chain():
 )
 def test_the_camera_takes_the_fastest_way_that_is_right(effects, way):
     scene = small_rig().model_copy(update={"effects": effects})
-    assert RigCamera(real_rig(scene, 3), 3).way == way
+    assert RigCamera(rig_with_effects(scene, 3), 3).method == way
 
 
 def test_effects_that_refuse_a_finger_are_left_out_and_named():
     plan = trial_of("slide", smooth=True).plan
     scene = rig_scene(small_rig(), plan.rig, plan.finger, CONFIG)
     effects = {"ridge_height": {"relative": 0.2}, "modulus": {"relative": 0.2}}
-    rig = real_rig(scene.model_copy(update={"effects": effects}), 3)
+    rig = rig_with_effects(scene.model_copy(update={"effects": effects}), 3)
     assert rig.left_out == ("ridge_height",)
     assert list(rig.scene.effects) == ["modulus"]
     assert rig.scene.finger.modulus_factor == pytest.approx(1.2)

@@ -11,14 +11,28 @@ from evanesce.core import rng
 from evanesce.core.errors import InputError
 from evanesce.design import objective
 from evanesce.design.evaluate import evaluate, plain_job, read_job
-from evanesce.design.objective import Lab, measured, percentile, percentile_standard, prepared, samples
+from evanesce.design.objective import (
+    CalibratedMeasurement,
+    measured,
+    percentile,
+    percentile_standard,
+    prepared,
+    samples,
+)
 from evanesce.design.question import Design
-from evanesce.design.uncertainty import Departure, Draw, draw, read_sizes, shares, uncertainty_of
+from evanesce.design.uncertainty import (
+    Draw,
+    UncertainParameter,
+    draw,
+    read_standard_deviations,
+    sobol_points,
+    uncertainty_of,
+)
 from evanesce.effects import all_effects
 from evanesce.evaluation.calibrated_rig import CardErrors, calibrated
 from evanesce.measurement.calibration.model import Calibration
 from evanesce.measurement.calibration.rectify import rectification
-from evanesce.render.fast.sketch import sketch_fields
+from evanesce.render.fast.rig_fields import keep_coarse_fields
 from evanesce.render.fast.transport import render_fast
 from evanesce.render.kept import forget
 from support.design_rig import PERFECT, camera_rig, question
@@ -42,9 +56,9 @@ def test_measurements_of_one_rig_are_not_independent():
     assert four == pytest.approx(one, rel=0.1)
 
 
-def test_departures_have_the_stated_size():
+def test_parameters_have_the_stated_deviation():
     by_name = {
-        c.name: Departure(name, c)
+        c.name: UncertainParameter(name, c)
         for name in ("led_bin", "lateral_glow", "led_dead")
         for c in all_effects()[name].candidate_parameters()
     }
@@ -66,12 +80,12 @@ def test_departures_have_the_stated_size():
 
 def test_draws_are_even_and_the_same_for_every_design():
     found = uncertainty_of(small_rig(), {"led_bin": {"offset_V": 0.03}, "modulus": {"relative": 0.2}})
-    points = shares(found, 64, 7)
+    points = sobol_points(found, 64, 7)
     assert points.shape == (64, 2 + 4)
     for column in points.T:  # each 64th holds one point
         assert sorted(np.floor(64 * column).astype(int)) == list(range(64))
-    assert np.array_equal(points, shares(found, 64, 7))
-    assert not np.array_equal(points, shares(found, 64, 8))
+    assert np.array_equal(points, sobol_points(found, 64, 7))
+    assert not np.array_equal(points, sobol_points(found, 64, 8))
     one = draw(found, points[0])
     assert set(one.effects) == {"led_bin", "modulus"}
     assert abs(one.cards.board_scale - 1) <= 0.002
@@ -79,13 +93,13 @@ def test_draws_are_even_and_the_same_for_every_design():
 
 def test_effects_are_sorted_by_what_a_held_press_shows():
     found = uncertainty_of(small_rig())
-    names = {d.effect for d in found.departures}
+    names = {d.effect for d in found.parameters}
     assert {"lateral_glow", "led_bin", "tone_curve", "specks"} <= names
-    assert {d.effect for d in found.new_light} >= {"glass_absorption", "led_air_gap"}
+    assert {d.effect for d in found.new_fields} >= {"glass_absorption", "led_air_gap"}
     assert found.left_out["ridge_height"] == "the finger has no ridges"
     assert found.left_out["square_size"] == "drawn with the cards"
     assert "held press" in found.left_out["frame_rate"]
-    every = names | {d.effect for d in found.new_light} | set(found.left_out)
+    every = names | {d.effect for d in found.new_fields} | set(found.left_out)
     assert every == set(all_effects())
 
 
@@ -98,10 +112,10 @@ def test_effects_are_sorted_by_what_a_held_press_shows():
 def test_bad_uncertainties_are_named(tmp_path, text, says):
     (tmp_path / "u.toml").write_text(text)
     with pytest.raises(InputError, match=says if says != "no" else "is not a table"):
-        read_sizes(tmp_path / "u.toml")
+        read_standard_deviations(tmp_path / "u.toml")
 
 
-def test_the_labs_scale_is_that_of_its_card():
+def test_the_scale_is_that_of_the_card():
     """The square as it is seen by a whole calibration, printed 0.17 % too large and 0.08 mm high."""
     scene = camera_rig()
     nominal, real = (
@@ -118,10 +132,10 @@ def test_the_labs_scale_is_that_of_its_card():
 
 
 def test_a_perfect_frame_is_counted_right():
-    """A disc of known area, drawn as a frame: the lab counts it to what whole pixels allow."""
+    """A disc of known area, drawn as a frame: it is counted to what whole pixels allow."""
     scene = camera_rig()
     wanted = question()
-    lab = Lab.of(Design(scene=scene, threshold=0.5, min_blob_px=50), wanted, scene)
+    lab = CalibratedMeasurement.of(Design(scene=scene, threshold=0.5, min_blob_px=50), wanted, scene)
     assert isinstance(lab.nominal, Calibration)
     view = rectification(lab.nominal)
     rows, cols = view.source_shape
@@ -145,7 +159,7 @@ def test_a_perfect_frame_is_counted_right():
 def test_a_true_outline_has_its_area_by_the_labs_own_scale():
     """A circle on the plate, off the axis, carried into the view: pi r^2 to what one scale for the view allows."""
     scene = camera_rig().model_copy(update={"slide": None})
-    lab = Lab.of(Design(scene=scene), question(), scene)
+    lab = CalibratedMeasurement.of(Design(scene=scene), question(), scene)
     angle, radius = np.linspace(0, 2 * np.pi, 400, endpoint=False), 1.94
     line = lab.to_view(scene, 4.1 + radius * np.cos(angle), -2.6 + radius * np.sin(angle))
     area = 0.5 * abs(np.sum(line[:, 0] * np.roll(line[:, 1], -1) - np.roll(line[:, 0], -1) * line[:, 1]))
@@ -155,9 +169,12 @@ def test_a_true_outline_has_its_area_by_the_labs_own_scale():
 @pytest.fixture(scope="module")
 def bench():
     """A small rig whose fields are there: scene, question."""
-    scene, asked = camera_rig(), question(sizes={"force_offset": {"offset_N": 0.05}, "led_spread": {"spread": 0.1}})
+    scene, asked = (
+        camera_rig(),
+        question(standard_deviations={"force_offset": {"offset_N": 0.05}, "led_spread": {"spread": 0.1}}),
+    )
     ready = prepared(scene, asked)
-    objective.light_up(ready, asked)
+    objective.prepare_fields(ready, asked)
     yield scene, asked, ready
     forget()
 
@@ -195,17 +212,17 @@ def test_a_trial_is_the_same_in_any_process(bench):
 def test_the_refined_estimator_measures_too(bench):
     scene, _, ready = bench
     wanted = question(estimator="refined")
-    lab = Lab.of(Design(scene=scene), wanted, ready)
+    lab = CalibratedMeasurement.of(Design(scene=scene), wanted, ready)
     found, _ = measured(lab, ready, PERFECT, 0, wanted.cases[1])
     assert abs(found.error_percent) < 2.0  # 18 px/mm, a third of the thesis's
 
 
 @pytest.mark.slow
-def test_a_sketch_shows_the_same_frame_as_full_fields():
+def test_coarse_fields_show_the_same_frame_as_full_fields():
     scene = camera_rig()
     state = solve_contact(scene, 1.3, seed=1)[1]
     forget()
-    sketch_fields(scene, (state.depth,))
+    keep_coarse_fields(scene, (state.depth,))
     coarse = render_fast(scene, state).radiance
     forget()
     full = render_fast(scene, state).radiance

@@ -1,4 +1,4 @@
-"""The refined estimator against closed forms: ellipses of known area, blurred, unevenly lit, glowing, over the top."""
+"""The refined estimator against closed forms: ellipses of known area, blurred, uneven, scattering, saturated."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from evanesce.measurement.refined.edge import Boundary, edge_spread, half_contou
 from evanesce.measurement.refined.estimator import Estimator, refined_measured
 from evanesce.measurement.refined.light import Radiometry, tone_table
 from evanesce.measurement.refined.plate import PlateMap
-from evanesce.measurement.refined.subsurface import Walk, entered, find_walk, profile_transform, spread
+from evanesce.measurement.refined.subsurface import Scattering, entered, find_scattering, profile_transform, spread
 from evanesce.measurement.uncertainty.area import refined_uncertainty
 from evanesce.measurement.warnings import EdgeLog
 from evanesce.optics.subsurface import profile_kernel, profile_scale
@@ -122,13 +122,13 @@ def test_transform_of_the_profile_is_its_hankel_transform():
 
 def test_entered_and_spread_are_inverse():
     share = ellipse(60.2, 40.4, (170.6, 160.2), 0.2)
-    walk = Walk(9.0, 0.3)
-    there = spread(share, walk, 0.0)
+    scattering = Scattering(9.0, 0.3)
+    there = spread(share, scattering, 0.0)
     assert there[160, 280] > 0.01  # it does spread
-    np.testing.assert_allclose(entered(there, walk, 0.0), share, atol=0.02)
+    np.testing.assert_allclose(entered(there, scattering, 0.0), share, atol=0.02)
 
 
-def test_contact_is_parted_from_its_glow():
+def test_contact_is_separated_from_scattered_light():
     """Rationale: light by a kernel in real space; two ridges 20 px wide with a bright groove between."""
     length, albedo, cell = 0.4, 0.6, 1 / SCALE_PX_PER_MM
     ridges = ellipse(70.3, 10.6, (190.2, 140.4), 0.25) + ellipse(80.8, 11.3, (196.7, 170.9), 0.25)
@@ -142,35 +142,37 @@ def test_contact_is_parted_from_its_glow():
     true = np.pi * (70.3 * 10.6 + 80.8 * 11.3) / SCALE_PX_PER_MM**2
     assert found.area_mm2 == pytest.approx(true, rel=0.03)
     # length and return trade against each other in so small a field; the order of magnitude is what they must have
-    assert 0.4 < found.walk.length_px / (profile_scale(albedo, length) / cell) < 2.5
-    plain = Estimator.of(uniform_calibration(), walk=Walk()).area(frame)
+    assert 0.4 < found.scattering.length_px / (profile_scale(albedo, length) / cell) < 2.5
+    plain = Estimator.of(uniform_calibration(), scattering=Scattering()).area(frame)
     assert abs(plain.area_mm2 / true - 1) > 0.05
 
 
-def test_walk_that_is_found_is_the_least_across_the_valley():
+def test_scattering_that_is_found_is_the_least_across_the_valley():
     """Length and return trade against each other: no pair of a grid leaves less light than that found."""
-    true, shape, radius = Walk(25.2, 0.08), (641, 667), 63.4  # so wide that the light has died away at the border
+    true, shape, radius = Scattering(25.2, 0.08), (641, 667), 63.4  # so wide that the light has died away at the border
     rng = np.random.default_rng(5)
     y, x = np.mgrid[: shape[0], : shape[1]]
     outside = np.hypot(x - 331.3, y - 318.8) - radius
     light = 0.3 * spread(np.clip(0.5 - outside, 0.0, 1.0), true, BLUR_PX) + rng.normal(0.0, 0.0015, shape)
-    found = find_walk(light, outside < 0, reach_px=200.0)
+    found = find_scattering(light, outside < 0, reach_px=200.0)
     around, within = (outside > 8) & (outside < 190), outside < -6
 
-    def left(walk: Walk) -> float:
-        source = entered(light, walk, 4.0)
+    def left(scattering: Scattering) -> float:
+        source = entered(light, scattering, 4.0)
         return float(np.sqrt((source[around] ** 2).mean()) / source[within].mean())
 
-    least = min(left(Walk(length, back)) for length in (17.0, 20.0, 23.0, 26.0) for back in (0.0, 0.1, 0.2, 0.3, 0.4))
+    least = min(
+        left(Scattering(length, back)) for length in (17.0, 20.0, 23.0, 26.0) for back in (0.0, 0.1, 0.2, 0.3, 0.4)
+    )
     assert left(found) < 1.06 * least  # the search itself sees a reduced frame, whose noise weighs a little otherwise
-    assert left(found) < 0.2 * left(Walk())
+    assert left(found) < 0.2 * left(Scattering())
 
 
-def test_area_under_glow_and_over_the_top_says_what_it_cannot_see():
+def test_saturated_area_under_scattered_light_states_what_it_cannot_see():
     """What saturation hides is told, and its interval is wider and holds the truth."""
-    share, walk = ellipse(93.4, 81.7, (171.3, 158.8), 0.4), Walk(6.2, 0.08)
-    light = spread(share, walk, BLUR_PX)
-    estimator = Estimator.of(uniform_calibration(), walk=walk)
+    share, scattering = ellipse(93.4, 81.7, (171.3, 158.8), 0.4), Scattering(6.2, 0.08)
+    light = spread(share, scattering, BLUR_PX)
+    estimator = Estimator.of(uniform_calibration(), scattering=scattering)
     true = np.pi * 93.4 * 81.7 / SCALE_PX_PER_MM**2
     widths = {}
     for over, unseen in ((0.5, ""), (4.0, "modelled")):
@@ -246,13 +248,13 @@ def test_width_of_an_edge_that_is_softer_on_one_side():
 
 
 def test_frames_whose_edge_saturation_hides_are_named():
-    """Two of four frames, one of them under glow; none, nothing to say."""
+    """Two of four frames, one of them under scattered light; none, no warning."""
     log = EdgeLog()
     for index, unseen in ((3, ""), (4, "top"), (5, "modelled"), (6, "")):
         log.add(index, unseen)
     (found,) = log.warnings(4)
     assert found.code == "saturated_edge"
-    assert "2 of 4 frame(s), first 4, in 1 of them under glow" in found.text
+    assert "2 of 4 frame(s), first 4, in 1 of them under scattered light" in found.text
     assert EdgeLog().warnings(4) == []
     blind = EdgeLog(blur_known=False)
     assert blind.warnings(4) == []

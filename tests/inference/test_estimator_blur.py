@@ -11,7 +11,7 @@ from test_estimator import SCALE_PX_PER_MM, developed, ellipse, uniform_calibrat
 from evanesce.core.errors import InputError
 from evanesce.measurement.calibration.corners import find_corners
 from evanesce.measurement.calibration.model import Calibration
-from evanesce.measurement.refined.blur import BELIEVED_PX, Blur, blur_of_board
+from evanesce.measurement.refined.blur import NOMINAL_PX, Blur, blur_of_board
 from evanesce.measurement.refined.estimator import Estimator
 from evanesce.measurement.refined.light import tone_table
 from evanesce.measurement.uncertainty.area import refined_uncertainty
@@ -87,12 +87,12 @@ def test_edge_is_learnt_from_an_unsaturated_contact():
     teacher = developed(0.7 * light, 5, noise=0.003)
     halfway = plain.area(teacher).area_mm2
     worst = {}
-    for name, estimator in (("taught", plain.taught(teacher)), ("plain", plain)):
+    for name, estimator in (("tuned", plain.tuned_on(teacher)), ("plain", plain)):
         errors = [
             estimator.area(developed(over * light, 7, noise=0.003)).area_mm2 / halfway - 1 for over in (1.5, 2.5, 4)
         ]
         worst[name] = max(abs(error) for error in errors)
-    assert worst["taught"] < 0.004
+    assert worst["tuned"] < 0.004
     assert worst["plain"] > 0.01
 
 
@@ -126,7 +126,7 @@ def test_blur_of_a_board_is_that_of_its_light(blur_px, dark, bright):
 
 @pytest.mark.parametrize("blur_px", [2.0, 3.0])
 def test_saturated_contact_of_a_camera_with_its_own_blur(blur_px):
-    """Rationale: read with the believed 1.13 px a contact 2.3 times over the top was 4 and 6 % too large and its
+    """Rationale: read with the nominal 1.13 px a contact 2.3 times above full scale was 4 and 6 % too large and its
     interval missed the truth. With the board's it is right to 1 %; with none its interval must hold."""
     frame = developed(cv2.GaussianBlur(2.3 * ellipse(*AXES_PX, (187.3, 151.8), 0.4), (0, 0), blur_px), 7, noise=0.003)
     entry = blur_entry(board(blur_px, 0.05, 0.6))
@@ -141,7 +141,7 @@ def test_saturated_contact_of_a_camera_with_its_own_blur(blur_px):
             assert found.area_mm2 == pytest.approx(TRUE_MM2, rel=0.01)
         else:
             assert found.area_mm2 > 1.03 * TRUE_MM2
-    assert half["believed"] > 2 * half["board"]
+    assert half["nominal"] > 2 * half["board"]
 
 
 def test_picture_on_the_glass_counts_not_a_tilted_one():
@@ -172,7 +172,7 @@ def test_damaged_blur_names_its_key(value):
         Estimator.of(uniform_calibration(blur_px=value))
 
 
-def test_no_blur_is_the_believed_one():
+def test_without_a_measured_blur_the_nominal_one_is_used():
     for details in ({}, {"blur_px": []}):
-        assert Estimator.of(uniform_calibration(**details)).settings.blur == Blur(px=BELIEVED_PX)
+        assert Estimator.of(uniform_calibration(**details)).settings.blur == Blur(px=NOMINAL_PX)
     assert Estimator.of(uniform_calibration(blur_px=2.0)).settings.blur == Blur.stated(2.0)

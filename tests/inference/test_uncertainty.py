@@ -16,15 +16,8 @@ from evanesce.measurement.reference.area import measure_frame
 from evanesce.measurement.reference.segment import Chain
 from evanesce.measurement.refined.plate import PlateMap
 from evanesce.measurement.uncertainty.area import lens_distance, reference_uncertainty
-from evanesce.measurement.uncertainty.budget import (
-    FILM,
-    Component,
-    Reading,
-    card_components,
-    nearness_component,
-    propagate,
-    refined_components,
-)
+from evanesce.measurement.uncertainty.budget import Component, Reading, propagate
+from evanesce.measurement.uncertainty.components import FILM, card_components, nearness_component, refined_components
 from evanesce.measurement.uncertainty.table import budget_table
 from evanesce.rig import load_scene
 
@@ -154,7 +147,7 @@ def test_lens_distance_is_the_one_that_rays_through_the_glass_give():
     assert areas[0] / areas[1] == pytest.approx((1 - height / distance) ** 2, rel=1e-4)
 
 
-def test_a_focal_length_that_a_flat_board_does_not_tell_is_not_believed():
+def test_a_focal_length_that_a_flat_board_does_not_determine_is_not_accepted():
     """The distance counts for what it is worth: found to its standard error, by a label to 5 %, else by 60 %. Closed
     form: twice the area by mean height over distance, times the standard deviation."""
     plain = calibrated(load_scene("thesis"), np.random.default_rng(3))
@@ -180,7 +173,7 @@ def test_a_focal_length_that_a_flat_board_does_not_tell_is_not_believed():
         assert 2 * math.tan(math.radians(view_deg / 2)) - 1 == pytest.approx(limit, abs=0.005)
 
 
-def test_interval_of_the_authors_chain_covers_a_blurred_disc():
+def test_interval_of_the_reference_segmentation_covers_a_blurred_disc():
     """A threshold far from half-way: the area is wrong by 2 %, and its interval says so."""
     rows, cols, radius = 300, 341, 83.4
     y, x = np.mgrid[:rows, :cols]

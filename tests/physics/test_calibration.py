@@ -10,7 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from evanesce.core.errors import InputError
-from evanesce.measurement.calibration.fit import Calibrated, calibrate, distinct_views, report
+from evanesce.measurement.calibration.distinct import distinct_views
+from evanesce.measurement.calibration.fit import Calibrated, calibrate, report
 from evanesce.measurement.calibration.local_scale import local_scale
 from evanesce.measurement.calibration.pinhole import PinholeFit, fit_pinhole
 from evanesce.measurement.calibration.planar import fit_planar

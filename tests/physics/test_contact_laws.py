@@ -33,19 +33,19 @@ R, E, F, W = 7.3, 0.41, 1.7, 2.3e-3  # mm, MPa, N, N/mm
 
 
 def surface_displacement(r: float, a: float, pressure) -> float:
-    """Displacement of an elastic half-space [mm] by Boussinesq's point load summed over rings of pressure.
+    """Displacement of an elastic half-space [mm] by Boussinesq's point load summed over annuli of pressure.
 
-    A ring of radius s, load p(s) s ds, moves the surface at r by 4/(pi E*) p s/(s + r) K(m), m = 4 s r/(s + r)^2.
+    An annulus of radius s, load p(s) s ds, moves the surface at r by 4/(pi E*) p s/(s + r) K(m), m = 4 s r/(s + r)^2.
     The substitution s = a sin(t) takes the roots at the edge out of the integrand.
     """
 
-    def ring(t: float) -> float:
+    def annulus(t: float) -> float:
         s = a * np.sin(t)
         m = 4 * s * r / (s + r) ** 2
         return 4 / (np.pi * E) * pressure(s) * s / (s + r) * ellipk(m) * a * np.cos(t)
 
     breaks = [np.arcsin(r / a)] if r < a else None
-    return quad(ring, 0, np.pi / 2, points=breaks, limit=400, epsabs=1e-12, epsrel=1e-9)[0]
+    return quad(annulus, 0, np.pi / 2, points=breaks, limit=400, epsabs=1e-12, epsrel=1e-9)[0]
 
 
 def test_hertz_pressure_integrates_to_the_force() -> None:

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from evanesce.contact.analytic.hertz import hertz_contact
 from evanesce.contact.analytic.jkr import jkr_contact
-from evanesce.contact.patch import axisymmetric_state, disc_coverage
+from evanesce.contact.coverage import disc_coverage
+from evanesce.contact.patch import axisymmetric_state
 from evanesce.core.errors import InputError
 from evanesce.core.states import PlateGrid
 
@@ -71,7 +72,7 @@ def test_jkr_on_the_grid_pulls_at_its_edge_and_still_carries_the_force() -> None
     state = axisymmetric_state(grid, (0.52, -0.33), jkr_contact(force, 6.1, 0.52, 1e-3), law="jkr")
     assert np.isfinite(state.pressure).all()
     assert state.pressure.min() < 0
-    # ring means on squares: relative error O(pitch/a)^(3/2) of the pulling part, 0.2 % of the force here
+    # annulus means on squares: relative error O(pitch/a)^(3/2) of the pulling part, 0.2 % of the force here
     assert state.pressure.sum() * grid.pitch**2 == pytest.approx(force, rel=4e-3)
 
 

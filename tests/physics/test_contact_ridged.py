@@ -11,6 +11,7 @@ from scipy.integrate import quad
 from evanesce.contact.analytic.hertz import hertz_contact, scaled_hertz_contact
 from evanesce.contact.analytic.jkr import jkr_contact
 from evanesce.contact.patch import axisymmetric_state
+from evanesce.contact.ridges.heightmap import RidgeRow
 from evanesce.contact.ridges.profile import (
     closure_pressure,
     contact_edge,
@@ -18,7 +19,7 @@ from evanesce.contact.ridges.profile import (
     ridge_gap,
     ridge_pressure,
 )
-from evanesce.contact.ridges.ridged import RidgeRow, ridged_state
+from evanesce.contact.ridges.ridged import ridged_state
 from evanesce.core.errors import InputError
 from evanesce.core.states import PlateGrid
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evanesce.contact.solve import contact_grid, contact_state, press_programme
+from evanesce.contact.programme import press_programme
+from evanesce.contact.solve import contact_grid, contact_state
 from evanesce.core.errors import InputError
 from evanesce.rig import Scene, load_scene
 

@@ -10,7 +10,8 @@ import pytest
 
 from evanesce.chain.simulate import simulate_press
 from evanesce.contact.fem.library import library_press
-from evanesce.contact.solve import contact_grid, contact_sequence, contact_state, press_programme
+from evanesce.contact.programme import press_programme
+from evanesce.contact.solve import contact_grid, contact_sequence, contact_state
 from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState, PlateLight, SurfaceState
 from evanesce.optics.projection import Projection

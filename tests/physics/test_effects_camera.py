@@ -23,8 +23,9 @@ from evanesce.effects.readout.compression import quantised
 from evanesce.effects.readout.saturation import overflow_kernel
 from evanesce.optics.projection import Projection
 from evanesce.rig import Scene, load_scene
+from evanesce.sensor.blur import disc_mtf
 from evanesce.sensor.expose import frame_of, signal_of
-from evanesce.sensor.lens import disc_mtf, form_image
+from evanesce.sensor.lens import form_image
 from evanesce.sensor.tone import bt709, relative_light
 
 COLS, ROWS, PITCH = 400, 300, 9.3

@@ -7,8 +7,9 @@ import pytest
 
 from evanesce.core.errors import InputError
 from evanesce.effects import Context, all_effects
-from evanesce.optics.led import edge_resistance, led_positions, led_radiances, segment_current
-from evanesce.render.fast.transport import edge_light
+from evanesce.optics.led import edge_resistance, led_positions, led_radiances
+from evanesce.optics.led_circuit import segment_current
+from evanesce.render.fast.rig_optics import edge_light
 from evanesce.rig import Scene, load_scene
 
 UGLY = {
@@ -81,14 +82,14 @@ def test_sag_darkens_the_far_end_and_the_brighter_strip_more() -> None:
             rig(**{"leds.voltage_V": 12.0}),
         )["right"]
     )
-    faint = (
+    dim = (
         1
         - ratio(
             changed(rig(**{"leds.voltage_V": 7.6}), "supply_sag", resistance_ohm_per_mm=0.01),
             rig(**{"leds.voltage_V": 7.6}),
         )["right"]
     )
-    assert (bright > 3 * faint).all()
+    assert (bright > 3 * dim).all()
 
 
 def test_the_resistance_of_a_loose_joint_goes_with_the_current_of_its_own_strip() -> None:
@@ -182,7 +183,8 @@ def test_finishes_mix_by_area() -> None:
 
 
 def test_the_path_tracer_gets_power_led_by_led_and_refuses_what_it_cannot_do() -> None:
-    from evanesce.render.reference.path import lit_powers, require_traceable
+    from evanesce.render.reference.led_groups import lit_powers
+    from evanesce.render.reference.path import require_traceable
 
     scene = rig()
     dead = changed(scene, "led_dead", loss=1.0, first=1, count=2)

@@ -49,14 +49,14 @@ def carried(state: ContactState) -> float:
 
 @pytest.mark.parametrize("law", ["hertz", "scaled_hertz", "jkr", "halfspace"])
 def test_a_stiffer_silicone_is_the_law_with_that_modulus(law: str) -> None:
-    believed = pressed(rig(law), 1.9, modulus={"relative": 0.6})
+    found = pressed(rig(law), 1.9, modulus={"relative": 0.6})
     meant = contact_state(
         load_scene("thesis", {**BASE, "contact": LAWS[law] | {"reduced_modulus_MPa": 1.6 * MODULUS}}), 1.9
     )
-    np.testing.assert_allclose(believed.pressure, meant.pressure, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(believed.contact_mask, meant.contact_mask, atol=1e-12)
-    assert believed.nominal_contact_area == pytest.approx(meant.nominal_contact_area, rel=1e-12)
-    assert believed.depth == pytest.approx(meant.depth, rel=1e-9)
+    np.testing.assert_allclose(found.pressure, meant.pressure, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(found.contact_mask, meant.contact_mask, atol=1e-12)
+    assert found.nominal_contact_area == pytest.approx(meant.nominal_contact_area, rel=1e-12)
+    assert found.depth == pytest.approx(meant.depth, rel=1e-9)
 
 
 def test_a_stiffer_silicone_under_a_power_law_and_solved_fingers_is_a_smaller_load() -> None:
@@ -67,7 +67,7 @@ def test_a_stiffer_silicone_under_a_power_law_and_solved_fingers_is_a_smaller_lo
     assert solved.nominal_contact_area == pytest.approx(library_press("silskin_0").area(1.9 / 1.6), rel=1e-9)
     for state in (power, solved):
         assert state.normal_force == 1.9
-        assert carried(state) == pytest.approx(1.9, rel=2e-3)  # rings on squares
+        assert carried(state) == pytest.approx(1.9, rel=2e-3)  # annuli on squares
 
 
 def test_a_modulus_that_rises_with_force_keeps_its_shape() -> None:

@@ -1,4 +1,4 @@
-"""Marks on the plate and veils at the border: light and place kept, statistics as stated, the photograph's figures."""
+"""Localised defects and veils on the plate: light and location kept, statistics as stated, the photograph's values."""
 
 from __future__ import annotations
 
@@ -178,7 +178,7 @@ def test_border_reflections_fade_inwards_and_know_their_leds() -> None:
 
 
 def test_defaults_are_those_of_the_photograph(rig_photo: Path) -> None:
-    """The script's figures, within what they would scatter from one photograph to the next."""
+    """The script's values, within what they would scatter from one photograph to the next."""
     spec = importlib.util.spec_from_file_location("specks_fit", ROOT / "docs" / "validation" / "specks_fit.py")
     assert spec is not None
     assert spec.loader is not None

@@ -1,4 +1,4 @@
-"""The fast camera: both backends alike, nothing silently ignored, and the noise that the camera's figures say."""
+"""The fast camera: both backends alike, nothing ignored without notice, and the noise of the camera's figures."""
 
 from __future__ import annotations
 
@@ -9,16 +9,9 @@ from scipy import stats
 from evanesce.chain.fast import FastCamera
 from evanesce.chain.simulate import expose, simulate
 from evanesce.contact.solve import contact_state
-from evanesce.render.fast.fused import (
-    Lit,
-    Readout,
-    dark_steps,
-    expose_llvm,
-    expose_numpy,
-    llvm_works,
-    normal_table,
-    pixel_bits,
-)
+from evanesce.render.fast.operators_llvm import expose_llvm, llvm_works
+from evanesce.render.fast.operators_numpy import expose_numpy, pixel_bits
+from evanesce.render.fast.readout import ChargeBox, Readout, dark_steps, normal_table
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene, load_scene
 from evanesce.sensor.expose import signal_of
@@ -55,9 +48,9 @@ def keys(count: int, seed: int = 1) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in words.reshape(count, 2)]
 
 
-def box(level: float, rows: int = 41, cols: int = 59) -> Lit:
+def box(level: float, rows: int = 41, cols: int = 59) -> ChargeBox:
     """Return light on a part of the frame, uneven from side to side."""
-    return Lit(7, 31, (level * np.linspace(0.2, 1.0, cols) * np.ones((rows, 1))).astype(np.float32))
+    return ChargeBox(7, 31, (level * np.linspace(0.2, 1.0, cols) * np.ones((rows, 1))).astype(np.float32))
 
 
 # --- noise -----------------------------------------------------------------------------------------------------------
@@ -92,7 +85,7 @@ def test_photon_transfer_returns_gain_and_read_noise() -> None:
     levels = np.linspace(0.0, 3000.0, 13).astype(np.float32)
     means, variances, counts = [], [], 83 * 127
     for k, level in enumerate(levels):
-        even = Lit(0, 0, np.full(camera.shape, level))
+        even = ChargeBox(0, 0, np.full(camera.shape, level))
         raws = [expose_numpy(even, camera, key, with_raw=True)[1] for key in keys(8, k)]
         values = np.array(raws, float)
         means.append(values.mean() - 256.0)
@@ -113,7 +106,9 @@ def test_distribution_is_the_general_chains(level: float) -> None:
     scene = load_scene("thesis", {"camera.pixel.read_noise_e": 3.3})
     fast = np.concatenate(
         [
-            expose_numpy(Lit(0, 0, np.full((83, 127), level, np.float32)), readout(), key, with_raw=True)[1].ravel()
+            expose_numpy(ChargeBox(0, 0, np.full((83, 127), level, np.float32)), readout(), key, with_raw=True)[
+                1
+            ].ravel()
             for key in keys(6)
         ]
     )
@@ -129,7 +124,7 @@ def test_distribution_is_the_general_chains(level: float) -> None:
 
 def test_saturation_is_the_wells() -> None:
     """Only read noise is left, whose mean is known to its deviation over the root of the pixels' number."""
-    full = Lit(0, 0, np.full((83, 127), 5e4, np.float32))
+    full = ChargeBox(0, 0, np.full((83, 127), 5e4, np.float32))
     raw = expose_numpy(full, readout(full_well_e=5120.0), keys(1)[0], with_raw=True)[1]
     assert raw is not None
     assert raw.mean() == pytest.approx(5120.0 / 2.13 + 256, abs=4.5 * 1.6 / np.sqrt(raw.size))
@@ -140,7 +135,7 @@ def test_saturation_is_the_wells() -> None:
 def test_dark_staircase_is_what_the_readout_says(changes: dict[str, float]) -> None:
     """The short cut for pixels without light gives the bytes of the long way."""
     camera = readout(**changes)
-    dark = Lit(0, 0, np.zeros((0, 0), np.float32))
+    dark = ChargeBox(0, 0, np.zeros((0, 0), np.float32))
     short, _ = expose_numpy(dark, camera, (5, 6))
     long, raw = expose_numpy(dark, camera, (5, 6), with_raw=True)
     assert (short == long).all()
@@ -159,7 +154,7 @@ def test_backends_expose_alike(changes: dict[str, float], with_raw: bool) -> Non
     if not llvm_works():
         pytest.skip("Dr.Jit's LLVM backend does not work here")
     camera = readout(**changes)
-    for lit in (box(4000.0), box(30.0, 76, 96), Lit(0, 0, np.zeros((0, 0), np.float32)), box(900.0, 1, 1)):
+    for lit in (box(4000.0), box(30.0, 76, 96), ChargeBox(0, 0, np.zeros((0, 0), np.float32)), box(900.0, 1, 1)):
         a, b = (f(lit, camera, (77, 4_000_000_000), with_raw=with_raw) for f in (expose_numpy, expose_llvm))
         assert np.abs(a[0].astype(int) - b[0]).max() <= 1
         assert np.mean(a[0] != b[0]) < 2e-3
@@ -175,7 +170,7 @@ def test_a_camera_without_visible_dark_noise_is_dark_all_over() -> None:
     if not llvm_works():
         pytest.skip("Dr.Jit's LLVM backend does not work here")
     camera = readout(gain=1 / 40.0)
-    for lit in (box(4000.0), Lit(0, 0, np.zeros((0, 0), np.float32))):
+    for lit in (box(4000.0), ChargeBox(0, 0, np.zeros((0, 0), np.float32))):
         found, _ = expose_llvm(lit, camera, (7, 8))
         assert (found == expose_numpy(lit, camera, (7, 8))[0]).all()
         assert (found.shape, found.dtype) == ((83, 127), np.uint8)
@@ -272,7 +267,7 @@ def test_an_effect_at_its_null_changes_nothing() -> None:
     [{"camera.pixel.prnu": 0.02}, {"camera.pixel.dsnu_e": 3.0}, {"camera.pixel.read_noise_e": 0.0},
      {"camera.lens.field_curvature_um": 60.0}],
 )  # fmt: skip
-def test_cameras_that_are_not_fused_take_the_general_chain(changes: dict[str, float]) -> None:
+def test_cameras_beyond_the_fast_operators_take_the_general_chain(changes: dict[str, float]) -> None:
     scene = scene_of(**changes)
     camera, state = FastCamera(scene, "numpy"), contact_state(scene, 2.0)
     assert camera.falls_back.startswith(next(iter(changes)).rpartition(".")[0])

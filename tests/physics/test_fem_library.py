@@ -1,4 +1,4 @@
-"""The library of presses: laws it must obey, interpolation against what was left out, and a fresh solution."""
+"""The library of presses: laws it must obey, interpolation against forces left out, and a new solution."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ def test_stored_pressure_carries_the_stored_force(material: str, bone: str) -> N
         inside = np.flatnonzero(p > 0)[:-1]
         knots, squares = np.append(r[inside], a), np.append(p[inside] ** 2, 0.0)
         fine = np.linspace(0, a, 4001)
-        ring = 2 * np.pi * fine * np.sqrt(np.interp(fine, knots, squares))
+        line_force = 2 * np.pi * fine * np.sqrt(np.interp(fine, knots, squares))
         h = fine[1]
-        carried = h / 3 * (ring[0] + 4 * ring[1::2].sum() + 2 * ring[2:-1:2].sum() + ring[-1])
+        carried = h / 3 * (line_force[0] + 4 * line_force[1::2].sum() + 2 * line_force[2:-1:2].sum() + line_force[-1])
         # the edge lies within a quarter of an element of 0.06 mm, and carries p there
         assert carried == pytest.approx(force, rel=3 * 0.25 * 0.06 / a + 0.005)
 
@@ -84,7 +84,7 @@ def test_states_on_a_grid(material: str, bone: str, force: float) -> None:
     state = library_state(material, force, GRID, centre=centre, bone=bone)
     cell = GRID.pitch**2
     assert state.contact_mask.sum() * cell == pytest.approx(state.nominal_contact_area, rel=1e-9)
-    assert state.pressure.sum() * cell == pytest.approx(force, rel=5e-3)  # rings placed on squares
+    assert state.pressure.sum() * cell == pytest.approx(force, rel=5e-3)  # annuli placed on squares
     assert (state.gap[state.contact_mask == 0] > 0).all()
     assert (state.gap[state.contact_mask == 1] == 0).all()
     assert state.normal_force == force
@@ -130,7 +130,7 @@ def test_a_fresh_solution_on_another_mesh_agrees(material: str) -> None:
     pytest.importorskip("felupe", reason="the optional extra 'fem' is not installed")
     from evanesce.contact.fem.material import rubber
     from evanesce.contact.fem.mesh import FingerShape, MeshSize
-    from evanesce.contact.fem.press import press
+    from evanesce.contact.fem.programme import press
 
     friction = library_press(material).inputs["glass"]["friction"]
     size = MeshSize(contact=0.2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evanesce.contact.fem.library_slide import library_slide, library_slide_state, slide_names
+from evanesce.contact.fem.library import library_slide, library_slide_state, slide_names
 from evanesce.core.errors import InputError
 from evanesce.core.states import PlateGrid, SurfaceState
 

@@ -50,7 +50,7 @@ def test_a_change_of_volume_or_a_turn_costs_nothing() -> None:
 @pytest.mark.parametrize("name", ["silskin_0", "silskin_20"])
 @pytest.mark.parametrize("stretch", [0.7, 0.95, 1.2, 1.6])
 def test_uniaxial_stress_is_the_closed_form(name: str, stretch: float) -> None:
-    """P11 - P22 l2/l1 frees the sides of an incompressible bar; the closed form is the materials room's own."""
+    """P11 - P22 l2/l1 frees the sides of an incompressible bar; the closed form is that of evanesce.materials."""
     material = MATERIALS[name]
     side = stretch**-0.5
     stress = distortional_stress(material, np.diag([stretch, side, side])[:, :, None])[..., 0]
@@ -71,7 +71,7 @@ def test_stable_range_of_the_thesis_materials() -> None:
 
 
 def test_stability_agrees_with_the_closed_form_tangent() -> None:
-    """Differences of the energy here; the analytic Hessian of the materials room there."""
+    """Differences of the energy here; the analytic Hessian of evanesce.materials there."""
     material = MATERIALS["silskin_0"]
     a, b = (values.ravel() for values in np.meshgrid(np.geomspace(0.3, 3.3, 60), np.geomspace(0.3, 3.3, 60)))
     smallest = drucker_tangent(MooneyRivlin(material.c10, material.c01, material.c11), a, b)

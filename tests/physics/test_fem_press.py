@@ -18,7 +18,7 @@ from evanesce.contact.fem.felupe_adapter import Body
 from evanesce.contact.fem.material import Rubber, distortional_stress, rubber
 from evanesce.contact.fem.mesh import FingerShape, MeshSize, SolidMesh, finger_section
 from evanesce.contact.fem.mesh_half import finger_half
-from evanesce.contact.fem.press import press, press_contact_state
+from evanesce.contact.fem.programme import press, run_state
 from evanesce.contact.fem.result import SolvedRun, load_run, write_vtk
 from evanesce.contact.fem.steps import LimitReached, StepSizes
 from evanesce.core.errors import InputError
@@ -134,10 +134,10 @@ def test_force_control_reaches_the_forces_and_depth_control_agrees(run: SolvedRu
 def test_contact_state_carries_area_force_and_place(run: SolvedRun) -> None:
     grid = PlateGrid((150, 190), 0.07, (0.8, -0.3))
     centre = (1.1, -0.55)
-    state = press_contact_state(run, -1, grid, centre=centre)
+    state = run_state(run, -1, grid, centre=centre)
     cell = grid.pitch**2
     assert state.contact_mask.sum() * cell == pytest.approx(run.row(-1)["area_mm2"], rel=1e-9)
-    # rings placed on squares: the rim's cells, 2 pi a/pitch of them, each with the pressure's half cell
+    # annuli placed on squares: the border's cells, 2 pi a/pitch of them, each with the pressure's half cell
     assert state.pressure.sum() * cell == pytest.approx(1.1, rel=0.01)
     x, y = np.meshgrid(grid.x, grid.y)
     mass = state.pressure.sum()
@@ -155,7 +155,7 @@ def test_contact_state_carries_area_force_and_place(run: SolvedRun) -> None:
 
 def test_contact_off_the_grid_is_refused(run: SolvedRun) -> None:
     with pytest.raises(InputError, match="does not fit"):
-        press_contact_state(run, -1, PlateGrid((40, 40), 0.05))
+        run_state(run, -1, PlateGrid((40, 40), 0.05))
 
 
 def test_limit_of_the_material_is_named_and_the_steps_before_are_kept(tmp_path: Path) -> None:
@@ -181,7 +181,7 @@ import sys, time
 from pathlib import Path
 from evanesce.contact.fem.material import rubber
 from evanesce.contact.fem.mesh import FingerShape, MeshSize
-from evanesce.contact.fem.press import press
+from evanesce.contact.fem.programme import press
 press(FingerShape(6.8, 12.6, 17.0), rubber("silskin_20"), forces=(0.2, 0.35), friction=0.6,
       size=MeshSize(0.9, 2.5, 1.4, 3.0), cache=Path(sys.argv[1]), on_step=lambda run, goal: time.sleep(0.15))
 """

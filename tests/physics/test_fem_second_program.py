@@ -23,8 +23,7 @@ pytest.importorskip("felupe", reason="the optional extra 'fem' is not installed"
 from evanesce.contact.fem.material import Rubber, rubber
 from evanesce.contact.fem.mesh import FingerShape, MeshSize, finger_section
 from evanesce.contact.fem.mesh_half import finger_half
-from evanesce.contact.fem.press import press
-from evanesce.contact.fem.slide import slide
+from evanesce.contact.fem.programme import press, slide
 from evanesce.contact.fem.surface import level_area, signed_opening
 
 FORCE, AREA = 0.02, 0.05

@@ -12,9 +12,8 @@ pytest.importorskip("felupe", reason="the optional extra 'fem' is not installed"
 from evanesce.contact.fem.felupe_adapter import Body
 from evanesce.contact.fem.material import rubber
 from evanesce.contact.fem.mesh import FingerShape, MeshSize
-from evanesce.contact.fem.press import press
+from evanesce.contact.fem.programme import press, run_state, slide
 from evanesce.contact.fem.result import SolvedRun
-from evanesce.contact.fem.slide import slide, slide_contact_state
 from evanesce.contact.fem.steps import StepSizes
 from evanesce.core.errors import InputError
 from evanesce.core.states import PlateGrid, SurfaceState
@@ -77,7 +76,7 @@ def test_no_traction_leaves_the_cone_and_the_top_holds_it_all(run: SolvedRun) ->
 
 def test_state_on_a_grid_is_symmetric_and_carries_the_forces(run: SolvedRun) -> None:
     grid = PlateGrid((121, 141), 0.1, (1.0, 0.0))
-    state = slide_contact_state(run, -1, grid)
+    state = run_state(run, -1, grid)
     cell = grid.pitch**2
     assert state.pressure.sum() * cell == pytest.approx(state.normal_force, rel=1e-9)
     np.testing.assert_allclose(state.contact_mask, state.contact_mask[::-1], atol=0.2)  # one of 4 x 4 points a side
@@ -96,7 +95,7 @@ def test_state_on_a_grid_is_symmetric_and_carries_the_forces(run: SolvedRun) -> 
 
 def test_slide_off_the_grid_is_refused(run: SolvedRun) -> None:
     with pytest.raises(InputError, match="off the contact grid"):
-        slide_contact_state(run, -1, PlateGrid((40, 40), 0.05))
+        run_state(run, -1, PlateGrid((40, 40), 0.05))
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,9 @@ import pytest
 from scipy.integrate import quad
 
 from evanesce.bench import dma
+from evanesce.bench.prony_fit import fit_arrhenius, fit_prony
 from evanesce.core.errors import InputError
-from evanesce.materials.prony import PronySeries, arrhenius_shift, fit_arrhenius, fit_prony, wlf_shift
+from evanesce.materials.prony import PronySeries, arrhenius_shift, wlf_shift
 from evanesce.materials.tables import material
 
 SERIES = PronySeries(0.11, (0.31, 0.07, 0.022), (0.004, 0.09, 2.7))

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from evanesce.bench import indentation
+from evanesce.bench import compression, indentation
+from evanesce.bench.compression import fit_mooney_rivlin
 from evanesce.contact.analytic.hertz import hertz_radius
 from evanesce.core.errors import InputError, WorkError
 from evanesce.materials import hyperelastic
 from evanesce.materials.deadener import fit_deadener, interpolate_modulus
-from evanesce.materials.hyperelastic import MooneyRivlin, drucker_tangent, fit_mooney_rivlin, stability_limits
+from evanesce.materials.hyperelastic import MooneyRivlin, drucker_tangent, stability_limits
 from evanesce.materials.tables import read_tables
 
 S0, S20 = hyperelastic.of_material("silskin_0"), hyperelastic.of_material("silskin_20")
@@ -104,14 +105,14 @@ def test_compression_files(tmp_path):
     force = tmp_path / "force.csv"
     columns = np.c_[(s - 1) * 12.5, S0.uniaxial(s) * 660]  # compression written negative
     np.savetxt(force, columns, delimiter=",", header="displacement_mm,force_N", comments="")
-    one = hyperelastic.read_compression(strain)
-    two = hyperelastic.read_compression(force, height=12.5, area=660.0)
+    one = compression.read_compression(strain)
+    two = compression.read_compression(force, height=12.5, area=660.0)
     np.testing.assert_allclose(one, two, rtol=1e-12)
     assert fit_mooney_rivlin(*one).material.c01 == pytest.approx(S0.c01, rel=1e-6)
     with pytest.raises(InputError, match="need the sample's size"):
-        hyperelastic.read_compression(force)
+        compression.read_compression(force)
     with pytest.raises(InputError, match="compressed by"):
-        hyperelastic.read_compression(force, height=4.0, area=660.0)
+        compression.read_compression(force, height=4.0, area=660.0)
 
 
 def test_bad_curves():

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from evanesce.optics.guided_field import EdgeLight, azimuthal_radiance, edge_radiance
-from evanesce.optics.guided_field import _entering as entering
+from evanesce.optics.edge_rays import EdgeLight
+from evanesce.optics.edge_rays import radiance_entering as entering
+from evanesce.optics.guided_field import azimuthal_radiance, edge_radiance
 from evanesce.optics.spectrum import (
     BAND_NM,
     luminous_efficiency,
@@ -44,7 +45,7 @@ def test_light_that_polished_edges_trap_has_the_radiance_of_the_leds() -> None:
     theta = np.deg2rad([43.0, 47.0])
     found = azimuthal_radiance(light, [3.1, -7.0], [2.2, -1.3], theta, azimuths=720)
     n = light.refractive_index
-    assert np.sin(theta[1]) < np.sqrt(1 - 1 / n**2)  # true of every azimuth at 47 deg: a trapped ring
+    assert np.sin(theta[1]) < np.sqrt(1 - 1 / n**2)  # true of every azimuth at 47 deg: totally reflected
     # 200 mirrorings leave some rays short: one in 1e3 of a share of 8 % LEDs along the edge, 40 % of its height.
     np.testing.assert_allclose(found, 3.7, rtol=0.01)
 

@@ -51,7 +51,7 @@ def test_agrees_with_the_transfer_matrix(cos1, gap, wavelength, n1, n3):
     assert here == pytest.approx(characteristic_matrix(cos1, gap, wavelength, n1, n3, 1.0), abs=1e-9)
 
 
-def test_touching_media_are_fresnel():
+def test_media_in_contact_are_fresnel():
     cos = np.cos(np.deg2rad([0.0, 12.3, 41.1, 55.0, 67.0, 69.9, 81.0]))
     np.testing.assert_allclose(
         frustrated_reflectance(cos, 0.0, WAVELENGTH, GLASS, SILICONE),

@@ -1,4 +1,4 @@
-"""LED circuit: the closed form against a root finder, its limits, and the LEDs' places."""
+"""LED circuit: the closed form against a root finder, its limits, and the LEDs' positions."""
 
 from __future__ import annotations
 
@@ -9,15 +9,8 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from evanesce.core.errors import InputError
-from evanesce.optics.led import (
-    emitter_radiance,
-    led_positions,
-    led_powers,
-    radiant_power,
-    segment_current,
-    series_current,
-    series_resistor,
-)
+from evanesce.optics.led import emitter_radiance, led_positions, led_powers
+from evanesce.optics.led_circuit import radiant_power, segment_current, series_current, series_resistor
 from evanesce.rig import LedCircuit, Leds, Plate
 
 VT = 8.617333262e-5

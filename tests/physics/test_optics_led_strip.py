@@ -7,14 +7,10 @@ import pytest
 from scipy.optimize import brentq
 
 from evanesce.core.errors import InputError
-from evanesce.optics.led import (
-    emitter_radiance,
-    led_positions,
-    led_powers,
-    led_radiances,
+from evanesce.optics.led import emitter_radiance, led_positions, led_powers, led_radiances, scale_leds
+from evanesce.optics.led_circuit import (
     radiant_power,
     relative_efficiency,
-    scale_leds,
     segment_current,
     series_resistor,
     strip_voltages,
@@ -90,7 +86,7 @@ def test_rated_power_is_kept_and_low_voltages_lose_most() -> None:
 
 
 def test_ladder_conserves_current_and_power() -> None:
-    """Walk along the rails segment by segment: Ohm's law between LEDs, and nothing left at the far end."""
+    """Integrate along the rails segment by segment: Ohm's law between LEDs, and nothing left at the far end."""
     circuit, r = LedCircuit(forward_voltage_V=2.93), 0.04
     x = np.array([3.1, 17.0, 20.2, 48.0, 90.3])
     v = strip_voltages(circuit, 10.2, x, r)

@@ -140,7 +140,7 @@ def test_sampling_follows_its_density(gap, share, degrees):
     np.testing.assert_allclose(np.array(weight)[0][diffuse], value / np.array(bs.pdf)[diffuse], rtol=2e-4, atol=1e-6)
 
 
-def test_touching_agrees_with_plastic():
+def test_contact_agrees_with_plastic():
     """Mitsuba's own plastic is glass on a diffuse body: the blend of built-ins used in scalar variants."""
     import mitsuba as mi
 

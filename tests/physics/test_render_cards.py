@@ -1,4 +1,4 @@
-"""Calibration cards: printed corners appear where the projection says, evenly lit, in every pose."""
+"""Calibration targets: printed corners appear where the projection says, evenly lit, in every pose."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 
 from evanesce.core.errors import InputError
 from evanesce.optics.projection import IdealView, Projection
-from evanesce.render.cards import CHECKERBOARD, SQUARE, Card, Pose, Room, render_card
+from evanesce.render.cards import CHECKERBOARD, SQUARE, Card, Illumination, Pose, render_card
 from evanesce.render.variant import select
 from support.rigs import need, small_rig
 
@@ -17,7 +17,7 @@ POSE = Pose(shift=(2.0, -1.0), height=0.05, rotation_deg=17.0)
 
 def corner_pixels(scene, view, card, pose):
     """Return where flat cards' corners appear, by the projection's law of refraction (no path traced)."""
-    placed = pose.place(card.corners())
+    placed = pose.to_plate(card.corners())
     x, y = Projection.of(scene.camera, scene.plate).plate_to_ray(placed[:, 0], placed[:, 1])
     return x * view.focal_px + view.principal_point[0], y * view.focal_px + view.principal_point[1]
 
@@ -49,25 +49,25 @@ def test_corners_are_saddles_where_the_projection_says(seen):
 def test_paper_and_ink_have_their_ratio(seen):
     scene, view, light = seen
     centres = np.array([[-4.0, -3.0], [-2.0, -3.0]])  # middles of the first two squares: paper, then ink
-    placed = POSE.place(centres)
+    placed = POSE.to_plate(centres)
     x, y = Projection.of(scene.camera, scene.plate).plate_to_ray(placed[:, 0], placed[:, 1])
     rows = np.round(y * view.focal_px + view.principal_point[1]).astype(int)
     cols = np.round(x * view.focal_px + view.principal_point[0]).astype(int)
     paper, ink = (light.radiance[r - 2 : r + 3, c - 2 : c + 3].mean() for r, c in zip(rows, cols, strict=True))
-    # The glass's own reflection (8 % of the room's light) lies under both, and ink is lit a little less by returns.
+    # The glass's own reflection (8 % of the illumination) lies under both, and ink is lit a little less by returns.
     glare = 0.085 * 3.0e-6
     assert (ink - glare) / (paper - glare) == pytest.approx(0.05, abs=0.04)
     # White paper under a film of air and 5 mm of glass: two passes of about 0.92.
     assert paper / 3.0e-6 == pytest.approx(0.8 * 0.92**2 + 0.085, abs=0.06)
 
 
-def test_room_brightens_towards_its_gradient():
+def test_illumination_brightens_towards_its_gradient():
     need("llvm")
     select("llvm")
     import mitsuba as mi
 
-    room = Room(radiance=1.0, gradient=(0.3, -0.2))
-    scene = mi.load_dict({"type": "scene", "room": room.shape()})
+    light = Illumination(radiance=1.0, gradient=(0.3, -0.2))
+    scene = mi.load_dict({"type": "scene", "source": light.shape()})
 
     def towards(x, y):
         ray = mi.Ray3f(mi.Point3f(0, 0, -10), mi.Vector3f(x, y, -1.0) / np.sqrt(x * x + y * y + 1))
@@ -75,7 +75,7 @@ def test_room_brightens_towards_its_gradient():
         return float(np.array(si.emitter(scene).eval(si))[0, 0])
 
     assert towards(0.0, 0.0) == pytest.approx(1.0, abs=0.02)
-    # ROOM_DISTANCE is measured from the plate's top: from z = -10 the tangent reaches 390/400 of it.
+    # SOURCE_DISTANCE is measured from the plate's top: from z = -10 the tangent reaches 390/400 of it.
     assert towards(0.8, 0.0) == pytest.approx(1 + 0.3 * np.tanh(0.8 * 390 / 400), abs=0.03)
     assert towards(0.0, 0.8) == pytest.approx(1 - 0.2 * np.tanh(0.8 * 390 / 400), abs=0.03)
 

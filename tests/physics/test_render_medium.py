@@ -132,7 +132,7 @@ def test_open_boundary_keeps_light_inside_and_brightens_the_contact() -> None:
     assert level["air", "in"] > level["matched", "in"] - 4.5 * noise["matched", "in"]
 
 
-def test_ridged_finger_is_closed_and_touches_where_and_as_much_as_the_truth_says() -> None:
+def test_ridged_finger_is_closed_and_its_contact_is_that_of_the_state() -> None:
     changes = {
         "contact": {"law": "hertz", "reduced_modulus_MPa": 4.0},
         "finger.ridges.orientation_deg": 0.0,  # along x, so that swapped axes show
@@ -147,7 +147,7 @@ def test_ridged_finger_is_closed_and_touches_where_and_as_much_as_the_truth_says
     expected = 2 / 3 * np.pi * radius**3 + np.pi * radius**2 * (length - radius)
     assert body.mesh.volume == pytest.approx(expected, rel=0.01)
     faces = body.mesh.triangles[body.touching]
-    # A face counts if all of it touches: along the edges half a face is missing, 0.05 mm of some 30 mm of edge
+    # A face counts if all of it is in contact: along the edges half a face is missing, 0.05 mm of some 30 mm of edge
     area = body.mesh.area_faces[body.touching].sum()
     assert area == pytest.approx(state.nominal_contact_area, rel=0.15)
     middle = faces.mean(axis=1)
@@ -161,5 +161,5 @@ def test_an_open_mesh_is_refused() -> None:
     holed = trimesh.Trimesh(mesh.vertices, mesh.faces[1:], process=False)
     with pytest.raises(ValueError, match="not closed"):
         Body(holed, np.zeros(len(holed.faces), bool))
-    with pytest.raises(ValueError, match="marks"):
+    with pytest.raises(ValueError, match="flags"):
         Body(mesh, np.zeros(3, bool))

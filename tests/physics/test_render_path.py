@@ -15,8 +15,9 @@ from evanesce.optics.led import led_powers
 from evanesce.optics.projection import Projection
 from evanesce.render.reference.bsdf import InterfaceOptics
 from evanesce.render.reference.passes import Until, Welford, trace
-from evanesce.render.reference.path import focus_window, integrator_for, render, scaled_view
+from evanesce.render.reference.path import integrator_for, render
 from evanesce.render.reference.scene import camera_dict, edge_spans, finger_mesh, interface_maps, plate_scene
+from evanesce.render.reference.views import focus_window, scaled_view
 from evanesce.render.variant import select
 from support.rigs import hard_contact, need, small_rig, view_around
 
@@ -38,7 +39,7 @@ def custom(scene, shapes, view, *, info, model=None, samples=64, passes=4, seed=
 
 
 def stippled(share: float, side: float = 44.0, centre=CENTRE) -> ContactState:
-    """Return a plate touched evenly by a small share of its area: a faint screen that makes guided light visible."""
+    """Return a plate with contact on a small, even share of its area: a dim screen that makes guided light visible."""
     grid = PlateGrid((16, 16), side / 16, centre)
     even = np.full(grid.shape, share)
     return ContactState(
@@ -57,7 +58,7 @@ def stippled(share: float, side: float = 44.0, centre=CENTRE) -> ContactState:
 
 
 def test_contact_appears_where_the_projection_says():
-    """Tilted, rolled, off-centre camera: the lit pixels are those whose plate point touches."""
+    """Tilted, rolled, off-centre camera: the lit pixels are those whose plate point is in contact."""
     need("llvm")
     scene = small_rig(
         camera__tilt_x_deg=6.0,
@@ -114,7 +115,7 @@ def test_finger_stands_on_the_glass():
 def test_partial_cells_count_by_their_share():
     state = hard_contact(samples=64)
     share = np.array(state.contact_mask)
-    share[30, 10] = 0.4  # a cell whose centre touches, but not all of it
+    share[30, 10] = 0.4  # a cell whose centre is in contact, but not all of it
     gap = np.array(state.gap)
     partial = ContactState(**{**state.__dict__, "contact_mask": share, "gap": gap})
     out_gap, out_share = interface_maps(partial, 0.0022)
@@ -151,15 +152,15 @@ def test_brightness_is_linear_in_led_power():
     np.testing.assert_allclose(more.variance, 2.5**2 * once.variance, rtol=1e-3)
 
 
-def test_the_faintest_glow_is_still_linear():
+def test_the_lowest_led_power_is_still_linear():
     """1e-41 W is below 32-bit numbers; the light is what 1 W gives, scaled."""
     need("llvm")
     scene, state = small_rig(), hard_contact()
     options = {"variant": "llvm", "view": view_around(scene, CENTRE, 8, 2.0), "samples_per_pixel": 16, "passes": 2}
     bright = render(scene, state, powers={"left": 1.0, "top": 0.25}, **options)
-    faint = render(scene, state, powers={"left": 1e-41, "top": 0.25e-41}, **options)
+    dim = render(scene, state, powers={"left": 1e-41, "top": 0.25e-41}, **options)
     assert bright.radiance.max() > 0
-    np.testing.assert_allclose(faint.radiance, 1e-41 * bright.radiance, rtol=1e-4)
+    np.testing.assert_allclose(dim.radiance, 1e-41 * bright.radiance, rtol=1e-4)
     assert render(scene, state, powers={"left": 0.0}, **options).radiance.max() == 0.0
 
 
@@ -238,8 +239,8 @@ def test_furnace(connect):
     info = select("llvm")
     scene, powers = furnace(0.0)
     state = hard_contact()
-    ring = np.hypot(*np.meshgrid(state.grid.x - 3.3, state.grid.y + 2.1))
-    gap = np.where(state.contact_mask > 0, 0.0, 2e-3 * np.abs(ring - 1.5))  # from contact through all films to far
+    distance = np.hypot(*np.meshgrid(state.grid.x - 3.3, state.grid.y + 2.1))
+    gap = np.where(state.contact_mask > 0, 0.0, 2e-3 * np.abs(distance - 1.5))  # from contact through all films to far
     state = ContactState(**{**state.__dict__, "gap": gap})
     model = plate_scene(scene, state, powers, jit=True)
     sums = trace(
@@ -265,7 +266,7 @@ def test_absorbing_furnace_is_darker():
     sky = {"type": "constant", "radiance": {"type": "uniform", "value": 1.0}}
     view = view_around(scene, CENTRE, 16, 3.0)
     seen, _ = custom(scene, model.shapes | {"sky": sky}, view, info=info, model=model)
-    # A path crosses the plate at least once: exp(-0.02 * 5) = 0.905, and some wander far.
+    # A path crosses the plate at least once: exp(-0.02 * 5) = 0.905, and some are far longer.
     assert 0.3 < seen.mean() < 0.9
 
 
@@ -340,7 +341,7 @@ def test_connections_change_noise_not_light():
 
 
 def test_halo_of_one_contact():
-    """A glowing spot in the top face, no LEDs, a faint even screen: what returns steps up at 2 t tan(theta_c)."""
+    """An emitting spot in the top face, no LEDs, a dim even screen: what returns steps up at 2 t tan(theta_c)."""
     need("llvm")
     import mitsuba as mi
 

@@ -149,7 +149,7 @@ def test_light_that_does_not_cover_the_frame_is_refused() -> None:
 
 
 def test_airy_pattern() -> None:
-    """First dark ring at 1.22 lambda N and 83.8 % of the light inside it, from a kernel finer than the pattern."""
+    """First dark annulus at 1.22 lambda N and 83.8 % of the light inside it, from a kernel finer than the pattern."""
     wavelength, number = 0.55, 5.0
     airy = wavelength * number
     pitch = airy / 40
@@ -157,8 +157,8 @@ def test_airy_pattern() -> None:
     half = kernel.shape[0] // 2
     profile = kernel[half, half:]
     zero = jn_zeros(1, 1)[0] / np.pi * airy  # 1.2197 lambda N
-    ring = np.argmin(profile[: int(1.6 * airy / pitch)]) * pitch
-    assert ring == pytest.approx(zero, abs=pitch)
+    minimum = np.argmin(profile[: int(1.6 * airy / pitch)]) * pitch
+    assert minimum == pytest.approx(zero, abs=pitch)
     offset = np.arange(-half, half + 1) * pitch
     radius = np.hypot(offset[:, None], offset)
     for factor in (0.5, 1.0, 2.0):
@@ -215,8 +215,8 @@ def test_defocused_edge_is_that_of_the_geometric_disc() -> None:
     assert width == pytest.approx(closed, rel=0.02)
 
 
-def test_blur_of_a_compact_image_keeps_its_light_and_has_each_places_width() -> None:
-    """Field curvature: points spread by the disc of their own place; total light stays."""
+def test_blur_of_a_compact_image_keeps_its_light_and_has_each_positions_width() -> None:
+    """Field curvature: points spread by the disc of their own position; total light stays."""
     disc = np.linspace(2.0, 11.0, 181)[None, :] * np.ones((160, 1))
 
     def kernel_of(diameter: float) -> np.ndarray:
@@ -230,7 +230,7 @@ def test_blur_of_a_compact_image_keeps_its_light_and_has_each_places_width() -> 
         assert out.sum() == pytest.approx(3.7, rel=1e-12)
         v = np.arange(160) - 83
         variance = (out.sum(axis=1) * v**2).sum() / 3.7
-        # A disc of diameter c has c^2/16 per axis, a receiving pixel 1/12. Beyond that the faint Airy pattern's tail
+        # A disc of diameter c has c^2/16 per axis, a receiving pixel 1/12. Beyond that the dim Airy pattern's tail
         # of lambda N = 1/60 px brings lambda N R/pi^2 inside the kernel's reach R of 4 to 6 px and as much again from
         # what is spread evenly within it (0.02), and sampling the disc's sharp rim J1(pi c)/c / 10 (0.005).
         assert variance == pytest.approx(disc[0, col] ** 2 / 16 + 1 / 12, abs=0.025)

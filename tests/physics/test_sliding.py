@@ -11,19 +11,11 @@ from scipy.integrate import quad
 from evanesce.contact.analytic import partial_slip
 from evanesce.contact.analytic.hertz import hertz_contact, hertz_pressure, hertz_radius
 from evanesce.contact.analytic.xydas_kao import xydas_kao_contact, xydas_kao_pressure
-from evanesce.contact.sliding.friction import (
-    InterfaceFriction,
-    area_loss_for,
-    area_loss_scaled,
-    area_under_shear,
-    coulomb,
-    interface_of,
-    shaft_stiffness,
-    tilted_compliance,
-    tip_contact_fits,
-)
+from evanesce.contact.sliding.area_loss import area_loss_for, area_loss_scaled, area_under_shear
+from evanesce.contact.sliding.shaft import shaft_stiffness, tilted_compliance, tip_contact_fits
 from evanesce.contact.sliding.solver import march, spring_load
 from evanesce.contact.sliding.states import force_within_matrix
+from evanesce.materials.friction import InterfaceFriction, coulomb, interface_of
 
 E, R, N, MU, NU = 0.71, 6.9, 1.3, 0.83, 0.5
 G = float(partial_slip.tangential_modulus(E, NU))
@@ -55,12 +47,12 @@ def test_slip_is_the_gap_between_rigid_and_surface_displacement():
     q = 0.7 * MU * N
 
     def displaced(r):
-        # The mean tangential displacement has the normal problem's kernel, G* for E*: a ring's potential 4 K/(r + s).
-        def ring(s):
+        # The mean tangential displacement has the normal problem's kernel, G* for E*: an annulus's is 4 K/(r + s).
+        def annulus(s):
             kernel = ellipkm1(max(((r - s) / (r + s)) ** 2, 1e-40))
             return partial_slip.traction(s, A, N, q, MU) * s * 4 * kernel / (r + s)
 
-        parts = (quad(ring, *ends, limit=200, epsrel=1e-7)[0] for ends in ((0, r), (r, A)))
+        parts = (quad(annulus, *ends, limit=200, epsrel=1e-7)[0] for ends in ((0, r), (r, A)))
         return sum(parts) / (np.pi * G)
 
     whole = float(partial_slip.rigid_displacement(A, N, q, MU, G))
@@ -76,7 +68,7 @@ def test_springs_carry_the_normal_force_and_its_abel_transform():
     assert 2 * load @ np.diff(edges) == pytest.approx(N, rel=1e-12)
     x = 0.5 * (edges[1:] + edges[:-1])
     whole = (edges[1:] <= A) | (edges[:-1] > A)  # the cut spring holds the mean over its inner part
-    # 384 rings of constant pressure: relative error of a ring's width squared.
+    # 384 annuli of constant pressure: relative error of an annulus's width squared.
     exact = 0.75 * N / A * np.clip(1 - x**2 / A**2, 0, None)
     np.testing.assert_allclose(load[whole], exact[whole], atol=1e-4 * 0.75 * N / A)
     flat = xydas_kao_contact(N, R, 2.1, 0.25, k=4.0)
@@ -155,17 +147,17 @@ def test_jaegers_superposition_with_a_growing_normal_force():
 
 
 def test_partial_slip_of_a_flat_topped_pressure_is_the_superposition_of_ciavarella():
-    """In the slip ring the traction is mu p, whatever the pressure; inside it sticks; the total is Q."""
+    """In the slip annulus the traction is mu p, whatever the pressure; inside it sticks; the total is Q."""
     contact = xydas_kao_contact(N, R, 2.1, 0.25, k=4.0)
     t = np.linspace(0, 1, 30)
     slide = march([contact] * 30, t, 0.9 * t, coulomb(MU), G)
     frame = next(f for f in slide if 0.3 < f.stick_ratio < 0.7)
-    ring = np.linspace(frame.stick_radius + 0.05, 0.97 * contact.contact_radius, 12)
+    annulus = np.linspace(frame.stick_radius + 0.05, 0.97 * contact.contact_radius, 12)
     h = 0.02
-    inner = force_within_matrix(ring - h, slide.edges) @ frame.force_density
-    outer = force_within_matrix(ring + h, slide.edges) @ frame.force_density
-    mean = (outer - inner) / (4 * np.pi * ring * h)
-    expected = MU * (contact.force_within(ring + h) - contact.force_within(ring - h)) / (4 * np.pi * ring * h)
+    inner = force_within_matrix(annulus - h, slide.edges) @ frame.force_density
+    outer = force_within_matrix(annulus + h, slide.edges) @ frame.force_density
+    mean = (outer - inner) / (4 * np.pi * annulus * h)
+    expected = MU * (contact.force_within(annulus + h) - contact.force_within(annulus - h)) / (4 * np.pi * annulus * h)
     np.testing.assert_allclose(mean, expected, rtol=5e-3)
 
 

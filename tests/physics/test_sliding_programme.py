@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from evanesce.contact.analytic.xydas_kao import xydas_kao_contact
-from evanesce.contact.sliding.friction import coulomb, interface_of
 from evanesce.contact.sliding.programme import SlideProgramme, press_and_slide
 from evanesce.core.errors import InputError
 from evanesce.core.states import PlateGrid, SurfaceState
+from evanesce.materials.friction import coulomb, interface_of
 from evanesce.materials.tables import material
 
 GRID = PlateGrid((96, 200), 0.11, (2.1, 0.2))

@@ -7,12 +7,13 @@ import pytest
 
 from evanesce.contact.analytic import partial_slip
 from evanesce.contact.analytic.hertz import hertz_contact, hertz_gap, hertz_radius
-from evanesce.contact.patch import disc_coverage
-from evanesce.contact.sliding.friction import area_loss_for, coulomb, interface_of
+from evanesce.contact.coverage import disc_coverage
+from evanesce.contact.sliding.area_loss import area_loss_for
 from evanesce.contact.sliding.solver import march
 from evanesce.contact.sliding.states import SlideStates, SlideView
 from evanesce.core.errors import InputError
 from evanesce.core.states import PlateGrid, SurfaceState
+from evanesce.materials.friction import coulomb, interface_of
 
 E, R, N, MU = 0.64, 7.1, 1.2, 0.91
 G = float(partial_slip.tangential_modulus(E, 0.5))
@@ -46,7 +47,7 @@ def test_fields_are_cattaneo_mindlin():
     peak = exact.max()
     c = state.parameters["stick_radius_mm"]
     kink = (np.abs(r - c) < 2 * GRID.pitch) | (np.abs(r - A) < 2 * GRID.pitch)
-    # A ring mean over a cell's width of a field that is smooth off the two circles: (pitch/a)^2 of the peak.
+    # An annulus mean over a cell's width of a field that is smooth off the two circles: (pitch/a)^2 of the peak.
     assert np.abs(along - exact)[~kink].max() < 2e-3 * peak
     assert np.abs(along - exact).max() < 0.12 * peak  # the kinks are square roots: sqrt(2 pitch/a) times a mean's share
     slip = np.hypot(*state.slip)
@@ -102,8 +103,8 @@ def test_labels_partition_the_plate():
     c = state.parameters["stick_radius_mm"]
     labels = state.state
     assert labels[r < c - GRID.pitch].tolist() == [SurfaceState.STICK] * int((r < c - GRID.pitch).sum())
-    ring = (r > c + GRID.pitch) & (r < A - GRID.pitch)
-    assert np.all(labels[ring] == SurfaceState.SLIP)
+    annulus = (r > c + GRID.pitch) & (r < A - GRID.pitch)
+    assert np.all(labels[annulus] == SurfaceState.SLIP)
     outside = r > A + GRID.pitch
     np.testing.assert_array_equal(labels[outside] == SurfaceState.NEAR, hertz_gap(r[outside], A, R) < 0.01)
     counted = np.isin(labels, (SurfaceState.STICK, SurfaceState.SLIP)).sum() * GRID.pitch**2

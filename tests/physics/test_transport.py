@@ -10,15 +10,16 @@ import pytest
 from numpy.polynomial.legendre import leggauss
 
 from evanesce.contact.solve import contact_state
+from evanesce.optics.edge_rays import EdgeLight, led_count
 from evanesce.optics.flank.escape import escaping_irradiance, exit_slope
-from evanesce.optics.flank.field import (
-    Profile,
+from evanesce.optics.flank.irradiance import (
     contact_on_flank,
     flank_irradiance,
     mirrored_exchange,
     sampled_irradiance,
 )
-from evanesce.optics.guided_field import EdgeLight, azimuthal_radiance, edge_radiance, led_count
+from evanesce.optics.flank.surface import FingerSurface
+from evanesce.optics.guided_field import azimuthal_radiance, edge_radiance
 from evanesce.optics.interface import fresnel_reflectance, frustrated_transmittance
 from evanesce.optics.patch_light import (
     Interface,
@@ -29,12 +30,14 @@ from evanesce.optics.patch_light import (
     window_transmittance,
 )
 from evanesce.optics.projection import Projection
-from evanesce.render.fast import rig_fields as rig_room
+from evanesce.render.fast import rig_fields, rig_optics
 from evanesce.render.fast.feedback import CoarseGrid, coarse_mean
 from evanesce.render.fast.feedback import feedback as coarse_feedback
 from evanesce.render.fast.fields import Fields, fields_of
+from evanesce.render.fast.flank import flank_image, table_position
 from evanesce.render.fast.patch import InterfaceBox, field_images, patch_light, patch_radiance, refinement
-from evanesce.render.fast.transport import flank_image, flank_place, render_fast, view_rays
+from evanesce.render.fast.sampling import view_rays
+from evanesce.render.fast.transport import render_fast
 from evanesce.render.kept import forget
 from evanesce.render.reference.scene import interface_maps
 from evanesce.rig import Scene
@@ -56,7 +59,7 @@ def fields(scene: Scene) -> Fields:
 
 def test_field_and_coupling_are_those_of_rays_cast_from_the_contact(scene: Scene, fields: Fields) -> None:
     """LEDs as columns of images, binned by angle, against rays followed back from the point, angle by angle."""
-    light, interface = rig_room.edge_light(scene), rig_room.interface_of(scene)
+    light, interface = rig_optics.edge_light(scene), rig_optics.interface_of(scene)
     theta, weights = angle_nodes(400, interface.n_glass)
     diffuse = edge_radiance(light, per_edge=48, rays=2048)
     x, y = np.array([4.4, 1.9]), np.array([-3.7, 0.6])
@@ -75,7 +78,7 @@ def test_field_and_coupling_are_those_of_rays_cast_from_the_contact(scene: Scene
 
 
 def test_tables_between_their_knots_are_the_formulas(scene: Scene, fields: Fields) -> None:
-    interface = rig_room.interface_of(scene)
+    interface = rig_optics.interface_of(scene)
     view = np.arcsin(np.sin(_view_angle(scene)) / interface.n_glass)
     window = window_transmittance(view, interface.n_glass)
     window = window * np.exp(-0.002 * 5.0 / np.cos(view))
@@ -118,7 +121,7 @@ def test_box_holds_what_the_path_tracers_textures_hold(rough: bool) -> None:
     assert box.gap.size < gap.size / 2
 
 
-def test_nothing_that_touches_is_dark(scene: Scene, fields: Fields) -> None:
+def test_no_point_in_contact_is_dark(scene: Scene, fields: Fields) -> None:
     state = hard_contact()
     lifted = dataclasses.replace(state, gap=np.full(state.gap.shape, 0.3), contact_mask=np.zeros(state.gap.shape))
     assert patch_radiance(fields, lifted)[0].max() == 0.0
@@ -169,8 +172,8 @@ def test_feedback_is_the_direct_sum_over_cells_and_nodes(fields: Fields) -> None
     assert -0.05 < change.min() < 0.0
 
 
-def test_rings_take_what_the_contact_took() -> None:
-    """Over the whole plane the first ring's loss is the mean transmittance of guided light, weighted by itself."""
+def test_annuli_lose_what_the_contact_took() -> None:
+    """Over the whole plane the first annulus' loss is the mean transmittance of guided light, weighted by itself."""
     interface = Interface(1.523, 1.41, 0.6, 550.0)
     theta, weights = angle_nodes(96, 1.523)
     guided = theta > np.arcsin(1 / 1.523)
@@ -187,15 +190,15 @@ def test_rings_take_what_the_contact_took() -> None:
     assert np.sum(2 * np.pi * r * first.gain * w) == pytest.approx(expected, rel=5e-3)
 
 
-def test_edges_answer_reciprocally_but_for_what_is_withheld(scene: Scene) -> None:
+def test_edges_respond_reciprocally_but_for_light_withheld(scene: Scene) -> None:
     """Light that nodes send to each other over the edges: the same both ways, because etendue is."""
-    unit = rig_room.unit_light(scene)
-    light, interface = rig_room.edge_light(scene), rig_room.interface_of(scene)
-    bins = rig_room._bins(scene)
-    response = rig_room.edge_response(
-        rig_room.EdgeExchange(unit.edge_from_led.astype(float), unit.edge_from_edge.astype(float)), 0.35
+    unit = rig_fields.unit_light(scene)
+    light, interface = rig_optics.edge_light(scene), rig_optics.interface_of(scene)
+    bins = rig_fields._bins(scene)
+    response = rig_fields.edge_response(
+        rig_fields.EdgeExchange(unit.edge_from_led.astype(float), unit.edge_from_edge.astype(float)), 0.35
     )
-    area = rig_room.segment_areas(light, rig_room.PER_EDGE)
+    area = rig_fields.segment_areas(light, rig_fields.PER_EDGE)
     taken = frustrated_transmittance(bins.cosines, 0.0, 550.0, 1.523, 1.41).mean(axis=1)
     edge = unit.edge.astype(float)
     # Segments exchange light by reciprocal factors, up to their quasi-random error.
@@ -231,7 +234,7 @@ def test_coarse_means_keep_the_sum() -> None:
 # --- flank -----------------------------------------------------------------------------------------------------------
 
 
-PROFILE = Profile((1.3, -0.8), 7.5, 6.1, 21.0)
+SURFACE = FingerSurface((1.3, -0.8), 7.5, 6.1, 21.0)
 
 
 def test_surface_and_sight_are_inverse() -> None:
@@ -239,12 +242,12 @@ def test_surface_and_sight_are_inverse() -> None:
     depth = 0.83
     rng = np.random.default_rng(2)
     station, azimuth = rng.uniform(0.01, 1.9, 400), rng.uniform(-np.pi, np.pi, 400)
-    points, normals = PROFILE.surface(station, azimuth, np.full(400, depth))
+    points, normals = SURFACE.points(station, azimuth, np.full(400, depth))
     slope_x, slope_y = rng.uniform(-1.5, 1.5, (2, 400))
     facing = -(normals[:, 0] * slope_x + normals[:, 1] * slope_y + normals[:, 2])
     x, y = points[:, 0] - points[:, 2] * slope_x, points[:, 1] - points[:, 2] * slope_y
     seen = facing > 0.02  # a convex body hides only what faces away
-    found_station, found_azimuth = PROFILE.meet(x, y, slope_x, slope_y, depth)
+    found_station, found_azimuth = SURFACE.intersect(x, y, slope_x, slope_y, depth)
     assert seen.sum() > 100
     np.testing.assert_allclose(found_station[seen], station[seen], atol=1e-6)
     np.testing.assert_allclose(np.cos(found_azimuth - azimuth)[seen], 1.0, atol=1e-9)
@@ -253,21 +256,21 @@ def test_surface_and_sight_are_inverse() -> None:
 def test_normals_are_across_the_surface() -> None:
     depth = np.full(60, 0.4)
     station, azimuth = np.linspace(0.05, 1.9, 60), np.linspace(0.0, 6.0, 60)
-    points, normals = PROFILE.surface(station, azimuth, depth)
+    points, normals = SURFACE.points(station, azimuth, depth)
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
     for step_station, step_azimuth in ((1e-5, 0.0), (0.0, 1e-5)):
-        moved, _ = PROFILE.surface(station + step_station, azimuth + step_azimuth, depth)
+        moved, _ = SURFACE.points(station + step_station, azimuth + step_azimuth, depth)
         along = (moved - points) / 1e-5
         good = np.abs(station - 1.0) > 1e-3  # the kink
         assert np.abs((along * normals).sum(axis=1)[good]).max() < 2e-3
-    radial = points[:, :2] - np.array(PROFILE.centre)
+    radial = points[:, :2] - np.array(SURFACE.centre)
     assert ((radial * normals[:, :2]).sum(axis=1) > 0).all()
 
 
 def test_contacts_light_on_a_plane_is_what_leaves_the_glass() -> None:
     """All that the bottom face mirrors below the critical angle crosses a plane above the plate."""
     interface, thickness, height = Interface(1.523, 1.41, 0.6, 550.0), 6.0, 2.2
-    # Rings of equal steps in the sine of the angle in the air, in closed form for where they land.
+    # Annuli of equal steps in the sine of the angle in the air, in closed form for where they land.
     u, w = leggauss(200)
     sine, weight = 0.4995 * (u + 1), 0.4995 * w
     glass = sine / 1.523
@@ -321,7 +324,7 @@ def test_flank_of_an_invisible_plate_sees_the_edges_form_factor() -> None:
 
 @pytest.mark.parametrize("polish", [0.0, 0.6])
 def test_flank_light_by_images_is_that_of_rays(polish: float) -> None:
-    """Images and Snell's law against rays traced from random places of the top face, which share no formula of it."""
+    """Images and Snell's law against rays traced from random points of the top face, which share no formula of it."""
     light = invisible_plate(
         refractive_index=1.523,
         absorption_coefficient=0.004,
@@ -370,7 +373,7 @@ def _edges_form_factor(light: EdgeLight, p: np.ndarray, n: np.ndarray) -> float:
 
 def test_mirrored_light_vanishes_without_mirror_or_body() -> None:
     station, azimuth = np.meshgrid(np.linspace(0.1, 1.5, 6), np.arange(8) * np.pi / 4, indexing="ij")
-    points, normals = PROFILE.surface(station, azimuth, np.full(station.shape, 0.3))
+    points, normals = SURFACE.points(station, azimuth, np.full(station.shape, 0.3))
     identity = np.eye(48)
     np.testing.assert_allclose(mirrored_exchange(points, normals, 0.0, 1.523), identity, atol=1e-12)
     np.testing.assert_allclose(mirrored_exchange(points, normals, 0.6, 1.0), identity, atol=1e-12)
@@ -379,15 +382,15 @@ def test_mirrored_light_vanishes_without_mirror_or_body() -> None:
     assert 0.0 < real.sum(axis=1).max() < 0.6
 
 
-def test_field_of_marks_holds_for_narrow_cones() -> None:
+def test_field_of_surface_scatterers_holds_for_narrow_cones() -> None:
     """Behind an air film LEDs light cones with steep edges; against dense rays, the ratio of two nodes."""
     from evanesce.render.fast.defects import _contact_field
 
     rig = small_rig(leds__air_gap_share=1.0, plate__edge_reflectance=0.0)
     y, x, found = _contact_field(rig, 1.0)
-    light = rig_room.edge_light(rig)
+    light = rig_optics.edge_light(rig)
     theta, weights = angle_nodes(240, light.refractive_index)
-    kernel = transmitted_irradiance_kernel(theta, weights, np.zeros(1), rig_room.interface_of(rig))[0]
+    kernel = transmitted_irradiance_kernel(theta, weights, np.zeros(1), rig_optics.interface_of(rig))[0]
     nodes = [(1, 1), (2, 3)]
     px, py = (np.array([axis[node[k]] for node in nodes]) for axis, k in ((x, 1), (y, 0)))
     rays = azimuthal_radiance(light, px, py, theta, azimuths=5760, diffuse=np.zeros((4, 24))) @ kernel
@@ -403,7 +406,7 @@ def test_another_voltage_computes_nothing_anew(scene: Scene, fields: Fields, mon
         raise AssertionError("computed anew")
 
     for name in ("compute_unit_light", "compute_rig_fields"):
-        monkeypatch.setattr(rig_room, name, never)
+        monkeypatch.setattr(rig_fields, name, never)
     monkeypatch.setattr("evanesce.render.fast.fields._tables", never)
     dimmer = small_rig(leds__voltage_V=8.7, leds__edge={"top": {"offset_mm": 1.7, "voltage_V": 9.0}})
     dead = small_rig(leds__edge={"top": {"offset_mm": 1.7, "voltage_V": 9.0}, "left": {"relative_power": (1, 0, 1, 1)}})
@@ -424,27 +427,27 @@ def test_light_is_linear_in_the_leds(scene: Scene) -> None:
     np.testing.assert_allclose(sum(dark), whole, atol=2e-5 * whole.max())
 
 
-def test_disk_gives_back_the_same_bytes_and_refuses_rubbish(
+def test_disk_gives_back_the_same_bytes_and_refuses_damaged_files(
     scene: Scene, tmp_path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    light = rig_room.unit_light(scene)
+    light = rig_fields.unit_light(scene)
     monkeypatch.setenv("EVANESCE_CACHE", str(tmp_path))
-    monkeypatch.setattr(rig_room, "compute_unit_light", lambda _: light)
+    monkeypatch.setattr(rig_fields, "compute_unit_light", lambda _: light)
     forget()
-    assert rig_room.unit_light(scene) is light
+    assert rig_fields.unit_light(scene) is light
     (file,) = (tmp_path / "fields").iterdir()
-    monkeypatch.setattr(rig_room, "compute_unit_light", lambda _: pytest.fail("not read from disk"))
+    monkeypatch.setattr(rig_fields, "compute_unit_light", lambda _: pytest.fail("not read from disk"))
     forget()
-    again = rig_room.unit_light(scene)
+    again = rig_fields.unit_light(scene)
     assert again is not light
-    for name in rig_room.UnitLight.__dataclass_fields__:
+    for name in rig_fields.UnitLight.__dataclass_fields__:
         assert getattr(again, name).tobytes() == getattr(light, name).tobytes()
     made = []
-    monkeypatch.setattr(rig_room, "compute_unit_light", lambda _: made.append(1) or light)
-    for rubbish in (b"", b"PK\x03\x04 half a file", file.read_bytes()[:-1000]):
-        file.write_bytes(rubbish)
+    monkeypatch.setattr(rig_fields, "compute_unit_light", lambda _: made.append(1) or light)
+    for damaged in (b"", b"PK\x03\x04 half a file", file.read_bytes()[:-1000]):
+        file.write_bytes(damaged)
         forget()
-        assert rig_room.unit_light(scene) is light
+        assert rig_fields.unit_light(scene) is light
     assert len(made) == 3
     forget()
 
@@ -473,7 +476,7 @@ def test_the_flank_s_outline_keeps_its_area_wherever_the_finger_stands(scene: Sc
     areas = []
     for shift in np.linspace(0.0, 0.4, 9):
         finger = scene.finger.model_copy(update={"position_mm": (x + shift, y - 0.7 * shift)})
-        share = flank_place(scene.model_copy(update={"finger": finger}), u, v, 0.63)[2]
+        share = table_position(scene.model_copy(update={"finger": finger}), u, v, 0.63)[2]
         assert share.max() == 1.0
         areas.append(float(share.sum()))
     # Parallax turns the outline a little; whole cells would make steps of 1 in some hundred.
@@ -487,6 +490,6 @@ def test_the_flank_s_light_grows_without_steps(scene: Scene, fields: Fields) -> 
     for force in forces:
         state = contact_state(scene, float(force))
         patch = patch_light(fields, state, 1)
-        seen.append(flank_image(scene, fields, state, patch.taken, view))
+        seen.append(flank_image(scene, fields.flank, state, patch.taken, view))
     steps = np.array([np.abs(b - a).sum() for a, b in itertools.pairwise(seen)])
     assert steps.max() < 1.6 * np.median(steps)

@@ -24,8 +24,8 @@ def camera_rig(**changes: Any) -> Scene:
 
 
 def question(**changes: Any) -> Question:
-    """Return two forces at the rig's own place."""
+    """Return two forces at the rig's own position."""
     return Question(
-        **{"forces_N": (0.8, 2.3), "places_mm": ((3.3, -2.1),), "materials": ("silskin_0",), "rigs": 8, "coarser": 1,
-           "crop_mm": 4.0} | changes
+        **{"forces_N": (0.8, 2.3), "positions_mm": ((3.3, -2.1),), "materials": ("silskin_0",), "rigs": 8,
+           "pixel_factor": 1, "crop_mm": 4.0} | changes
     )  # fmt: skip

@@ -14,7 +14,8 @@ from typer.testing import CliRunner
 import evanesce as ev
 from evanesce.chain.simulate import simulate
 from evanesce.cli.app import app
-from evanesce.contact.solve import contact_sequence, press_programme
+from evanesce.contact.programme import press_programme
+from evanesce.contact.solve import contact_sequence
 from evanesce.core import provenance
 from evanesce.dataset.run import make
 from evanesce.evaluation.evaluate import Camera as Viewed

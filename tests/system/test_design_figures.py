@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from evanesce.core.errors import InputError
 from evanesce.design import secondary
 from evanesce.design.evaluate import contact_irradiance, evaluate, plain_job
-from evanesce.design.objective import Lab, Prediction, light_up, measured, prepared
+from evanesce.design.objective import CalibratedMeasurement, Prediction, measured, prepare_fields, prepared
 from evanesce.design.question import Design
 from evanesce.design.secondary import figures, plate_deflection_um
 from evanesce.optics.projection import Projection
@@ -88,22 +88,22 @@ def test_deflection_is_the_thin_plates():
     rigidity = 70e3 * t**3 / (12 * (1 - 0.2**2))  # soda-lime glass, EN 572-1: 70 GPa, 0.2
     wanted = 1e3 * 0.01160 * force * a**2 / rigidity
     # A contact of 4.5 mm on 140 mm is no point: the middle gives way less, by a few times (side/a)^2, 1e-3.
-    found = plate_deflection_um(scene, question(places_mm=((0.0, 0.0),)))
+    found = plate_deflection_um(scene, question(positions_mm=((0.0, 0.0),)))
     assert found == pytest.approx(wanted, rel=6e-3)
     assert found < wanted
     # The largest force counts, and half the thickness bends eight times as far.
-    assert plate_deflection_um(scene, question(places_mm=((0.0, 0.0),), forces_N=(2.3, 0.1))) == found
+    assert plate_deflection_um(scene, question(positions_mm=((0.0, 0.0),), forces_N=(2.3, 0.1))) == found
     thin = camera_rig(
         plate__size_mm=(a, a), plate__thickness_mm=t / 2, finger__position_mm=(0.0, 0.0),
         leds__edge={"top": {"voltage_V": 9.0}}, leds__emitting_height_mm=1.5,
     )  # fmt: skip
-    assert plate_deflection_um(thin, question(places_mm=((0.0, 0.0),))) == pytest.approx(8 * found, rel=1e-9)
+    assert plate_deflection_um(thin, question(positions_mm=((0.0, 0.0),))) == pytest.approx(8 * found, rel=1e-9)
 
 
 @pytest.mark.parametrize("place", [(30.9, -2.1), (3.3, 22.4), (-30.999999, 0.0)])
 def test_a_contact_over_the_plates_edge_is_a_reason(place):
     """The tip is on the plate, a part of its contact is not: one line with the place, no error of a series."""
-    asked = question(places_mm=(place,))
+    asked = question(positions_mm=(place,))
     with pytest.raises(InputError, match="reaches over the plate's edge") as error:
         plate_deflection_um(camera_rig(), asked)
     assert f"{place[0]:g}, {place[1]:g}" in str(error.value)
@@ -121,12 +121,12 @@ def test_a_plate_too_small_for_the_contact_is_no_rig():
     assert plate_deflection_um(wide, question()) > 0
 
 
-def lit(exposure_ms: float) -> tuple[Scene, Lab]:
+def lit(exposure_ms: float) -> tuple[Scene, CalibratedMeasurement]:
     """Return a rig with a linear tone curve, its light known, and its lab."""
     scene = camera_rig(camera__exposure_ms=exposure_ms, camera__tone_curve="linear")
     ready = prepared(scene, question())
-    light_up(ready, question())
-    return ready, Lab.of(Design(scene=scene, threshold=0.35, min_blob_px=20), question(), ready)
+    prepare_fields(ready, question())
+    return ready, CalibratedMeasurement.of(Design(scene=scene, threshold=0.35, min_blob_px=20), question(), ready)
 
 
 @pytest.fixture(scope="module", autouse=True)

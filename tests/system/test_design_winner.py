@@ -15,17 +15,17 @@ from PIL import Image
 from scipy import stats
 
 from evanesce.cli.design import _write
-from evanesce.design import finish, winner
+from evanesce.design import assessment, winner
+from evanesce.design.assessment import Chosen
 from evanesce.design.evaluate import plain_job
-from evanesce.design.finish import Chosen
-from evanesce.design.objective import Lab, light_up, measured, prepared, samples
+from evanesce.design.objective import CalibratedMeasurement, measured, prepare_fields, prepared, samples
 from evanesce.design.parts import cost, read_parts
 from evanesce.design.picture import shot
 from evanesce.design.question import Design, on_case
 from evanesce.design.search import Plan, Trial
 from evanesce.design.secondary import OBJECTIVES
 from evanesce.design.uncertainty import Draw
-from evanesce.design.vary import design_at, parse
+from evanesce.design.variables import design_at, design_variables
 from evanesce.design.verify import verified
 from evanesce.evaluation.calibrated_rig import CardErrors
 from evanesce.render.kept import forget
@@ -35,15 +35,15 @@ from support.design_rig import PERFECT, camera_rig, question
 from support.rigs import need
 
 THRESHOLD = 0.35
-SIZES = {
+DEVIATIONS = {
     "led_droop": {"droop": 0.05},
     "led_bin": {"offset_V": 0.05},
     "lateral_glow": {"length_mm": 0.1},
     "led_dead": {"loss": 0.5},
     "glass_absorption": {"absorption_per_mm": 0.001},
 }
-ASKED = question(sizes=SIZES)
-VARIED = ("measurement.threshold=0.1:0.6", "camera.exposure_ms=0.05:0.2")
+ASKED = question(standard_deviations=DEVIATIONS)
+VARIED = {"measurement.threshold": {"low": 0.1, "high": 0.6}, "camera.exposure_ms": {"low": 0.05, "high": 0.2}}
 PARTS = """
 currency = "CHF"
 [[part]]
@@ -75,7 +75,7 @@ def tolerances(job):
     return winner.tolerances(job, {})
 
 
-def test_fresh_rigs_are_others_and_each_measures_every_case(job):
+def test_rigs_drawn_anew_are_others_and_each_measures_every_case(job):
     found = winner.assessed(job, {}, 8)
     assert [len(errors) for errors in found["errors_percent"].values()] == [8, 8]
     errors = np.concatenate([np.array(e) for e in found["errors_percent"].values()])
@@ -89,12 +89,12 @@ def test_fresh_rigs_are_others_and_each_measures_every_case(job):
     # The search's own draws are others: no error is met twice.
     searched = [s.error_percent for s in samples(design(), ASKED)]
     assert not set(searched) & set(errors)
-    # A glow that widens every patch is taken out: the error falls, and the draws of the rest stay.
+    # Subsurface scattering, which widens every patch, is left out: the error falls, and the draws of the rest stay.
     without = winner.without(job, {}, "lateral_glow", 8)
     assert without["error_percent"] < found["error_percent"] - 2 * without["standard_percent"]
 
 
-def test_departures_move_the_area_as_light_does(tolerances):
+def test_parameters_change_the_area_as_light_does(tolerances):
     """At a fixed threshold less light is a smaller area: dead LEDs and darker glass take away, glow adds."""
     rows = {row["name"]: row for row in tolerances["rows"]}
     assert set(rows) == {
@@ -115,13 +115,13 @@ def _at(base: Design, asked, tables) -> float:
     """Return the error of the larger force with effects as their tables say [%]."""
     one = replace(asked, forces_N=(asked.forces_N[-1],))
     case, scene = one.cases[0], prepared(base.scene, one)
-    light_up(scene, one)
+    prepare_fields(scene, one)
     drawn = Draw(tables, CardErrors(corner_noise_px=0.0), 0.0)
-    return measured(Lab.of(base, one, scene), scene, drawn, 0, case)[0].error_percent
+    return measured(CalibratedMeasurement.of(base, one, scene), scene, drawn, 0, case)[0].error_percent
 
 
 def test_a_tolerance_is_of_the_rigs_that_are_drawn(tolerances):
-    """Nothing is said of the glow's share: it is whole, as in every drawn rig, not what the effect deems plausible."""
+    """The share of subsurface scattering is not stated: it is the default, 1, as in every drawn rig."""
     row = next(row for row in tolerances["rows"] if row["name"] == "lateral_glow.length_mm")
     whole, part = (_at(design(), ASKED, {"lateral_glow": {"share": share, "length_mm": row["high"]}})
                    for share in (1.0, 0.42))  # fmt: skip
@@ -131,11 +131,11 @@ def test_a_tolerance_is_of_the_rigs_that_are_drawn(tolerances):
 
 def test_figures_that_multiply_stand_at_the_users_own_deviations():
     """Of two stated amplitudes each is tried with the other one of *its* standard deviations up."""
-    asked = replace(ASKED, sizes={"lateral_glow": {"length_mm": 0.1, "share": 0.2}})
+    asked = replace(ASKED, standard_deviations={"lateral_glow": {"length_mm": 0.1, "share": 0.2}})
     found = winner.tolerances(plain_job(design(), asked, None), {})
     rows = {row["name"]: row for row in found["rows"]}
     # One standard deviation up within half a normal distribution: 84.13 % of it lie below 1.41 deviations.
-    share = 0.2 * stats.halfnorm.ppf(winner.HIGH_SHARE)
+    share = 0.2 * stats.halfnorm.ppf(winner.HIGH)
     assert rows["lateral_glow.share"]["high"] == pytest.approx(share, rel=1e-4)
     length = rows["lateral_glow.length_mm"]
     wanted = _at(design(), asked, {"lateral_glow": {"share": share, "length_mm": length["high"]}})
@@ -153,7 +153,7 @@ def test_cards_move_the_area_by_their_own_area(tolerances):
 
 
 def test_tolerances_are_ranked_by_what_they_change(tolerances):
-    rows = finish.ranked([*tolerances["rows"], {"name": "x", "reason": "cannot be"}])
+    rows = assessment.ranked([*tolerances["rows"], {"name": "x", "reason": "cannot be"}])
     changes = [max(abs(r["low_percent"]), abs(r["high_percent"])) for r in rows]
     assert len(rows) == len(tolerances["rows"])
     assert changes == sorted(changes, reverse=True)
@@ -168,8 +168,8 @@ def test_a_removed_led_takes_area_away(job, name):
     for powers in ((1.0, 1.0, 1.0, 1.0), (1.0, 0.0, 1.0, 1.0)):
         scene = camera_rig(leds__edge={"top": {"offset_mm": 1.7, "voltage_V": 9.0}, name: {"relative_power": powers}})
         ready = prepared(scene, ASKED)
-        light_up(ready, ASKED)
-        lab = Lab.of(Design(scene=scene, threshold=THRESHOLD, min_blob_px=20), ASKED, ready)
+        prepare_fields(ready, ASKED)
+        lab = CalibratedMeasurement.of(Design(scene=scene, threshold=THRESHOLD, min_blob_px=20), ASKED, ready)
         errors.append(measured(lab, ready, PERFECT, 0, case)[0].error_percent)
     assert errors[1] < errors[0] - 0.05
 
@@ -189,7 +189,7 @@ def test_the_reference_agrees_with_the_fast_renderer(job):
     assert abs(found["fast_percent"] - errors.mean()) < reach
     # The interval tells another threshold apart.
     scene = on_case(camera_rig(), ASKED.cases[1])
-    lab = Lab.of(design(0.12), ASKED, scene)
+    lab = CalibratedMeasurement.of(design(0.12), ASKED, scene)
     low = measured(lab, scene, PERFECT, 0, ASKED.cases[1])[0].error_percent
     assert abs(low - errors.mean()) > 2 * reach
 
@@ -199,7 +199,7 @@ def _pages(tmp_path, tolerances):
     (tmp_path / "parts.toml").write_text(PARTS)
     parts = read_parts(tmp_path / "parts.toml", camera_rig())
     plan = Plan(
-        base=design(), question=ASKED, vary=parse(VARIED, camera_rig()),
+        base=design(), question=ASKED, variables=design_variables(VARIED, camera_rig()),
         objectives=("area_error", "exposure"), parts=parts, trials=3,
     )  # fmt: skip
     values = {"measurement.threshold": 0.42, "camera.exposure_ms": 0.11}
@@ -211,8 +211,8 @@ def _pages(tmp_path, tolerances):
     ]  # fmt: skip
     assessed = {
         "rigs": 8, "error_percent": 3.5, "standard_percent": 0.5, "saturated_share": 0.0, "figures": shown,
-        "by_case": [{"force_N": 0.8, "place_mm": [3.3, -2.1], "material": "silskin_0", "rigs": 8, "mean_percent": -1.25,
-                     "standard_deviation_percent": 1.5, "error_95_percent": 3.5}],
+        "by_case": [{"force_N": 0.8, "position_mm": [3.3, -2.1], "material": "silskin_0", "rigs": 8,
+                     "mean_percent": -1.25, "standard_deviation_percent": 1.5, "error_95_percent": 3.5}],
         "errors_percent": {"0.8 N at (3.3, -2.1) mm, silskin_0": [-1.0, -2.5, 1.0, 3.5, -3.0, 0.5, -2.0, -1.5]},
     }  # fmt: skip
     checked = {"case": "2.3 N", "true_mm2": 20.6, "samples_per_pixel": 8, "reference_percent": [1.4, 1.6],
@@ -231,7 +231,7 @@ def _pages(tmp_path, tolerances):
     }
     chosen = [
         Chosen(name="base", why="the scene as it was given", values={}),
-        Chosen(name="trial-1", why="least predicted area error", values=values, trial=trials[1]),
+        Chosen(name="trial-1", why="smallest predicted area error", values=values, trial=trials[1]),
     ]
     out = tmp_path / "out"
     out.mkdir()
@@ -267,8 +267,8 @@ def test_a_winners_page_holds_frame_errors_tolerances_and_parts(job, tolerances,
     assert changes == sorted(changes, reverse=True)
     assert rows[0][0] == "lateral_glow.length_mm"
     assert float(rows[0][-1]) == pytest.approx(3.5 / changes[0], rel=0.05)
-    assert table_after(page, "Verified by the reference")[0][-3:] == ["+1.50", "0.10", "+1.44"]
-    assert table_after(page, "Error by load and place")[0][4:] == ["-1.25", "1.50", "3.50"]
+    assert table_after(page, "Verified by the path tracer")[0][-3:] == ["+1.50", "0.10", "+1.44"]
+    assert table_after(page, "Error by load and position")[0][4:] == ["-1.25", "1.50", "3.50"]
     # Frame, errors, tolerances: three pictures, and none is empty.
     assert page.count("<img src=") == 3
     overview = (out / "report.html").read_text()

@@ -27,7 +27,7 @@ from evanesce.evaluation.labels import label, view_geometry
 from evanesce.evaluation.perfect_view import PerfectView
 from evanesce.live import pictures
 from evanesce.live.charts import histogram_svg, profile_svg
-from evanesce.live.controls import SET_HERE, Controls, controls_of, knobs_of, led_names, scene_of, seen_scene
+from evanesce.live.controls import SET_HERE, Controls, controls_of, knobs_of, led_names, scene_at_resolution, scene_of
 from evanesce.live.engine import Engine
 from evanesce.live.figures import figures_of, histogram_of, profile_of, single_grey
 from evanesce.live.own import MAX_BYTES, measure_own, plain_name, read_own, read_own_file
@@ -88,7 +88,7 @@ def test_a_finger_without_ridges_names_none() -> None:
 
 
 @pytest.mark.parametrize(
-    ("values", "told"),
+    ("values", "says"),
     [
         ({"voltage_V": 61.0}, "leds.voltage_V"),
         ({"material": "rubber"}, "silskin_0"),
@@ -98,9 +98,9 @@ def test_a_finger_without_ridges_names_none() -> None:
         ({"threshold": 1.5}, "--threshold"),
     ],
 )
-def test_an_impossible_setting_is_one_line(values: dict[str, Any], told: str) -> None:
+def test_an_impossible_setting_is_one_line(values: dict[str, Any], says: str) -> None:
     scene = rig()
-    with pytest.raises(InputError, match=re.escape(told)) as caught:
+    with pytest.raises(InputError, match=re.escape(says)) as caught:
         Engine(scene, backend="numpy").show(changed(scene, **values))
     assert "\n" not in str(caught.value)
 
@@ -120,12 +120,12 @@ def test_sliders_hold_the_scenes_own_figures() -> None:
 
 def test_half_resolution_sees_the_same_field_and_keeps_a_grid_that_ridges_need() -> None:
     scene = rig()
-    half = seen_scene(scene, 2)
+    half = scene_at_resolution(scene, 2)
     assert half.camera.resolution_px == (334, 250)
     assert half.camera.resolution_px[0] / half.camera.scale_px_per_mm == pytest.approx(668 / 19.4)
     assert half.grid.samples == 256
     fine = rig(**{"finger.ridges.pitch_um": 260.0, "finger.ridges.width_um": 130.0})
-    assert seen_scene(fine, 2).grid.samples == 512
+    assert scene_at_resolution(fine, 2).grid.samples == 512
     odd = rig(**{"camera.resolution_px": [667, 500]})
     assert controls_of(odd).coarser == 1
 
@@ -135,7 +135,7 @@ def test_half_resolution_sees_the_same_field_and_keeps_a_grid_that_ridges_need()
 
 def test_truth_in_the_view_is_that_of_the_labels() -> None:
     """The same samples, maps kept; OpenCV rounds places to 1/32 of a cell, and not alike for one channel and two."""
-    scene = seen_scene(rig(), 2)
+    scene = scene_at_resolution(rig(), 2)
     perfect = PerfectView.of(scene)
     geometry = view_geometry(perfect.projection, perfect.view)
     states = [contact_state(scene, force) for force in (0.3, 4.1)]
@@ -177,9 +177,9 @@ def test_shown_is_what_the_library_says_whatever_was_shown_before() -> None:
 
 
 def test_preparation_says_what_it_does_and_ends_in_the_first_picture() -> None:
-    told: list[str] = []
-    first = Engine(rig(), backend="numpy").prepare(told.append)
-    assert [text.split()[0] for text in told] == ["light", "fields", "maps"]
+    steps: list[str] = []
+    first = Engine(rig(), backend="numpy").prepare(steps.append)
+    assert [text.split()[0] for text in steps] == ["light", "fields", "maps"]
     assert first.controls == controls_of(rig())
     assert set(first.seconds) >= {"scene", "contact", "frame", "segment"}
 
@@ -264,8 +264,8 @@ def test_profile_reads_the_line_it_says() -> None:
     along_x = profile_of(grey, truth, (30.4, 44.0), 0.05, "x", 0.5)
     assert along_x.line_px == 40
     assert along_x.grey == pytest.approx(0.4 + 0.001 * np.arange(90), abs=1e-6)
-    assert along_x.place_mm[44] == 0.0
-    assert along_x.place_mm[64] == pytest.approx(1.0)
+    assert along_x.position_mm[44] == 0.0
+    assert along_x.position_mm[64] == pytest.approx(1.0)
     assert along_x.share[51] == 1
     assert along_x.share[50] == 0
     along_y = profile_of(grey, truth, (30.4, 44.0), 0.05, "y", -100.0)
@@ -372,19 +372,19 @@ def huge_png() -> bytes:
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "says"),
     [
         (b"", "0 bytes"),
         (b"\0" * (MAX_BYTES + 1), "bytes"),
-        (b"no image at all", "no image"),
-        (b"<svg onload=alert(1)>", "no image"),
+        (b"no image at all", "not a readable image"),
+        (b"<svg onload=alert(1)>", "not a readable image"),
         (huge_png(), "pixels"),
         (png(np.zeros((7000, 6000), np.uint8)), "7000"),
         (png(np.arange(2400, dtype=np.uint8).reshape(40, 60))[:-40], "own frame"),
     ],
 )
-def test_own_frame_that_cannot_be_read_is_one_line(content: bytes, told: str) -> None:
-    with pytest.raises(InputError, match=told) as caught:
+def test_own_frame_that_cannot_be_read_is_one_line(content: bytes, says: str) -> None:
+    with pytest.raises(InputError, match=says) as caught:
         read_own(content, "frame.png")
     assert "\n" not in str(caught.value)
     assert "megapixels" in str(caught.value)
@@ -423,7 +423,7 @@ def test_server_takes_no_large_body_and_no_foreign_name() -> None:
         warnings.simplefilter("ignore")  # of the test client itself: which HTTP library it would rather have
         from starlette.testclient import TestClient
 
-    from evanesce.live.server import ROOM_FOR_FORM, PictureStore, guard
+    from evanesce.live.server import FORM_BYTES, PictureStore, guard
 
     served = FastAPI()
     guard(served, "127.0.0.1", 1000)
@@ -436,7 +436,7 @@ def test_server_takes_no_large_body_and_no_foreign_name() -> None:
 
     served.add_route("/size", size, methods=["POST"])
 
-    limit = 1000 + ROOM_FOR_FORM
+    limit = 1000 + FORM_BYTES
     with TestClient(served, base_url="http://127.0.0.1") as client:
         assert client.post("/size", content=b"x" * limit).json() == limit
         assert client.post("/size", content=b"x" * (limit + 1)).status_code == 413
@@ -450,7 +450,7 @@ def test_server_takes_no_large_body_and_no_foreign_name() -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "says"),
     [
         (["nowhere.toml"], "nowhere.toml"),
         (["thesis", "--port", "70000"], "--port"),
@@ -462,11 +462,11 @@ def test_server_takes_no_large_body_and_no_foreign_name() -> None:
         (["thesis", "--calibration", "nothing.json"], "nothing.json"),
     ],
 )
-def test_bad_input_of_the_command_is_one_line(arguments: list[str], told: str) -> None:
+def test_bad_input_of_the_command_is_one_line(arguments: list[str], says: str) -> None:
     pytest.importorskip("nicegui", reason="the extra 'page' is not installed")
     done = CliRunner().invoke(app, ["serve", *arguments])
     assert done.exit_code == 2
-    assert told in done.stderr
+    assert says in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
 
 

@@ -160,7 +160,7 @@ def test_arrow_keys_move_the_threshold(page: Any) -> None:
     page.keyboard.press("ArrowLeft")
     wait_for(page, "area_mm2", expected(2.0, threshold=0.2375).area_mm2)
     assert value_of(page, "threshold") == pytest.approx(0.15 + 35 * 0.0025)
-    assert "threshold 0.2375" in page.inner_text("#place-histogram")
+    assert "threshold 0.2375" in page.inner_text("#slot-histogram")
     # the number beside it follows, and can be typed
     number = page.locator('[data-knob="threshold"] input[type="number"]')
     assert number.input_value() == "0.2375"
@@ -218,7 +218,7 @@ def drawn_profile(page: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return distance from the tip [mm] and grey level of the drawn profile, read off by its own axes."""
     lines, labels, path = page.evaluate(
         """(() => {
-          const place = document.querySelector('#place-profile');
+          const place = document.querySelector('#slot-profile');
           const all = selector => [...place.querySelectorAll(selector)];
           return [all('path.grid').map(e => e.getAttribute('d')),
                   all('text[text-anchor="middle"]:not(.title)').map(e => [e.textContent, e.getAttribute('x')]),
@@ -262,9 +262,9 @@ def test_the_profile_line_is_moved_and_read_where_it_lies(page: Any, along: str)
     assert np.ptp(level) > 0.3
     neighbour = grey[round(row)] if along == "x" else grey[:, round(col)]
     assert np.abs(level - np.interp(at, place, neighbour)).max() > 0.1
-    assert f"{along} from the finger's tip" in page.text_content("#place-profile")
+    assert f"{along} from the finger's tip" in page.text_content("#slot-profile")
     # The dashed line in the picture lies 21 steps from the tip as well; a threshold's change leaves it there.
-    marks = page.locator("#picture-overlay .marks line")
+    marks = page.locator("#picture-overlay .annotations line")
     assert marks.count() == 1
     ends = [float(marks.get_attribute(k)) for k in ("x1", "y1", "x2", "y2")]
     window = window_around(view, library.true_mm2)
@@ -332,7 +332,7 @@ def shot(page: Any, selector: str) -> tuple[np.ndarray, tuple[int, int, int, int
     outermost show the page, too. The place is (left, top, width, height) [px].
     """
     place = page.locator(selector)
-    data = place.screenshot(style=".marks { visibility: hidden }")
+    data = place.screenshot(style=".annotations { visibility: hidden }")
     box = place.bounding_box()
     x0, y0 = round(box["x"]), round(box["y"])  # the browser draws pictures onto whole pixels
     x1, y1 = round(box["x"] + box["width"]), round(box["y"] + box["height"])
@@ -357,7 +357,7 @@ INSIDE = np.s_[2:-2, 2:-2]
 
 
 def test_the_pictures_on_the_screen_are_the_rendered_ones(page: Any) -> None:
-    """Against the library's frame, shrunk as the screen does; a frame shifted by a few pixels is told apart."""
+    """Against the library's frame, shrunk as the screen does; a frame shifted by a few pixels is recognised."""
     library = start()
     wait_for(page, "area_mm2", library.area_mm2)
     page.wait_for_function("[...document.images].every(i => i.complete)")
@@ -390,7 +390,7 @@ def test_nothing_is_wider_than_the_window(page: Any, width: int) -> None:
     page.set_viewport_size({"width": width, "height": 800})
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     cut = page.evaluate(
-        "[...document.querySelectorAll('.card, .knob, .choice, .knob-label, td, th, button, .figures')]"
+        "[...document.querySelectorAll('.result, .knob, .choice, .knob-label, td, th, button, .figures')]"
         ".filter(e => e.offsetParent && e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).display != 'inline')"
         ".map(e => e.className + ': ' + e.innerText.slice(0, 40))"
     )
@@ -417,7 +417,7 @@ def test_tab_goes_through_everything_in_order_and_everything_has_a_name(page: An
             break
         names.append(name)
     wanted = [
-        "Reset", "Save as scene", "Threshold", "Threshold, as a number", "Least blob [px]", "Profile line [mm]",
+        "Reset", "Save as scene", "Threshold", "Threshold, as a number", "Minimum blob size [px]", "Profile line [mm]",
         "x", "LED voltage [V]", "Force [N]", "Ridge height [µm]", "Defocus [µm]",
         "Material", "Resolution", "LED left 1, 100 %", "All on", "All off", "Open a frame …",
     ]  # fmt: skip

@@ -18,13 +18,15 @@ from evanesce.cli.app import app
 from evanesce.core import provenance
 from evanesce.evaluation.perfect_view import PerfectView
 from evanesce.measurement.reference.segment import Chain, segment
-from evanesce.report.html import write
+from evanesce.report.charts import CaptionedImage, Chart, Panel, Series
+from evanesce.report.html import Table, write
 from evanesce.rig import Scene, load_scene
 from evanesce.studies.estimator import study as estimator_study
+from evanesce.studies.ledger import Ledger
 from evanesce.studies.page import page
-from evanesce.studies.registry import Chart, Findings, Ledger, Listing, Panel, Part, Progress, Series, Shown, studies
-from evanesce.studies.threshold.slider import slider
-from evanesce.studies.threshold.slider_frames import SliderFrame
+from evanesce.studies.registry import Findings, Progress, Study, studies
+from evanesce.studies.threshold.slider import SliderFrame, slider
+from support.tiny import TINY
 
 CHROMIUM = next((found for name in ("chromium", "chromium-browser", "google-chrome", "chrome")
                  if (found := shutil.which(name))), None)  # fmt: skip
@@ -82,12 +84,12 @@ def test_rows_of_other_source_code_are_not_taken(tmp_path: Path, monkeypatch: py
         return [replace(row, finger=name, place=place)]
 
     monkeypatch.setattr(estimator_study, "rows_of", rows_of)
-    scene, counts = load_scene("thesis"), []
+    scene, counts = load_scene("thesis", TINY), []
     for digest in ("one", "one", "other"):
         monkeypatch.setattr(provenance, "code_digest", lambda digest=digest: digest)
         kept = "a" in Ledger(path, {"scene": 1})
         Ledger(path, {"scene": 1}).row("a", lambda: {"x": 1})
-        options = {"voltages": (8.5,), "forces": (1.0,), "fingers": ("smooth",), "keep": study}
+        options = {"voltages": (8.5,), "forces": (1.0,), "fingers": ("smooth",), "keep": Ledger(study, "all").row}
         estimator_study.run_study(scene, scene, **options)
         counts.append((kept, len(pressed)))
     assert counts == [(False, 2), (True, 2), (False, 4)]
@@ -130,13 +132,13 @@ def findings() -> Findings:
     return Findings(
         verdict=["It errs by <7 %."],
         charts=[Chart(panels=[panel], caption="Rises.")],
-        pictures=[Shown(image=np.zeros((9, 7), np.uint8), caption="Dark.")],
-        tables=[Listing(columns=("a", "b [mm]"), rows=[("x", "1")], caption="Of numbers.")],
+        pictures=[CaptionedImage(image=np.zeros((9, 7), np.uint8), caption="Dark.")],
+        tables=[Table(columns=("a", "b [mm]"), rows=[("x", "1")], caption="Of numbers.")],
     )
 
 
 def test_page_has_figures_first_tables_below_and_needs_no_other_file() -> None:
-    part = Part("x", "Some part", 1, lambda *_, **__: findings())
+    part = Study("x", "Some part", 1, lambda *_, **__: findings())
     text = page("T", [(part, findings()), (part, findings())], {"seed": 7}, slider([drawn_frame()])).render()
     assert "It errs by &lt;7 %." in text
     assert text.index("slider-picture") < text.index("Rises.") < text.rindex("Rises.") < text.index("Of numbers.")
@@ -179,8 +181,8 @@ def test_all_writes_report_results_and_figures(tmp_path: Path, monkeypatch: pyte
         seen.append((scene.title, quick, seed))
         return replace(findings(), data={"area_mm2": [1.5, float("nan")]})
 
-    monkeypatch.setattr("evanesce.studies.registry.studies", lambda: [Part("drawn", "Drawn part", 1, work)])
-    monkeypatch.setattr("evanesce.studies.threshold.slider_frames.slider_frames", lambda scene, seed: [drawn_frame()])
+    monkeypatch.setattr("evanesce.studies.registry.studies", lambda: [Study("drawn", "Drawn part", 1, work)])
+    monkeypatch.setattr("evanesce.studies.threshold.slider.slider_frames", lambda scene, seed: [drawn_frame()])
     out = tmp_path / "out"
     done = CliRunner().invoke(app, ["study", "all", "thesis", "--quick", "--seed", "9", "--out", str(out)])
     assert done.exit_code == 0, done.output
@@ -195,15 +197,15 @@ def test_all_writes_report_results_and_figures(tmp_path: Path, monkeypatch: pyte
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "named"),
     [
         (["study", "all", "thesis", "--only", "voltge"], "--only"),
         (["study", "threshold", "thesis_slide"], "slide"),
         (["study", "time", "nowhere.toml"], "nowhere.toml"),
     ],
 )
-def test_bad_input_is_one_line_and_writes_nothing(tmp_path: Path, arguments: list[str], told: str) -> None:
+def test_bad_input_is_one_line_and_writes_nothing(tmp_path: Path, arguments: list[str], named: str) -> None:
     done = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / "out")])
     assert done.exit_code == 2
-    assert told in done.output + done.stderr
+    assert named in done.output + done.stderr
     assert not (tmp_path / "out").exists()

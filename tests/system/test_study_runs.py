@@ -12,7 +12,9 @@ from typer.testing import CliRunner
 
 from evanesce.cli.app import app
 from evanesce.rig import Camera, load_scene
+from evanesce.studies.threshold import page as threshold_page
 from evanesce.studies.threshold import study as threshold_study
+from evanesce.studies.time import page as time_page
 from evanesce.studies.time import study as time_study
 from support.tiny import TINY
 
@@ -24,14 +26,14 @@ def silent(what: str, done: int, total: int) -> None:
 
 
 def check_threshold(data: dict, *, best: float) -> None:
-    """Areas fall with the threshold; half-way the contact has its own area; glow adds area and never takes from it."""
+    """Areas fall with the threshold; half-way the contact has its own area; scattering only adds area."""
     levels = np.array(data["thresholds"])
     frames = {(f["material"], f["finger"], f["force_N"]): f for f in data["frames"]}
     for (material, finger, force), frame in frames.items():
         ratio = np.array(frame["manual"]) / frame["true_area_mm2"]
         assert (np.diff(ratio) <= 1e-12).all()
-        if "glow" in finger:
-            clear = frames[material, finger.removesuffix(", glow and specks"), force]
+        if "scattering" in finger:
+            clear = frames[material, finger.removesuffix(", scattering and specks"), force]
             low = levels <= 0.3
             assert (np.array(frame["manual"])[low] > np.array(clear["manual"])[low]).all()
         else:
@@ -73,18 +75,18 @@ def rerun_without_work(part, scene, folder: Path, module, name: str, monkeypatch
 @pytest.mark.system
 def test_threshold_part_of_a_small_rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = load_scene("thesis", TINY)
-    found = threshold_study.STUDY.run(scene, tmp_path, silent, quick=True, seed=1)
+    found = threshold_page.STUDY.run(scene, tmp_path, silent, quick=True, seed=1)
     check_threshold(json.loads(json.dumps(dict(found.data))), best=0.045)  # a pixel is 0.08 mm here
-    again = rerun_without_work(threshold_study.STUDY, scene, tmp_path, threshold_study, "_frame", monkeypatch)
+    again = rerun_without_work(threshold_page.STUDY, scene, tmp_path, threshold_study, "_frame", monkeypatch)
     assert again["frames"] == found.data["frames"]
 
 
 @pytest.mark.system
 def test_time_part_of_a_small_rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = load_scene("thesis", TINY)
-    found = time_study.STUDY.run(scene, tmp_path, silent, quick=True, seed=1)
+    found = time_page.STUDY.run(scene, tmp_path, silent, quick=True, seed=1)
     check_time(json.loads(json.dumps(dict(found.data))), scene.camera, late_ms=25.0, rows=5e-3)
-    again = rerun_without_work(time_study.STUDY, scene, tmp_path, time_study, "render_fast", monkeypatch)
+    again = rerun_without_work(time_page.STUDY, scene, tmp_path, time_study, "render_fast", monkeypatch)
     assert again["onset"] == found.data["onset"]
 
 
@@ -98,7 +100,7 @@ def test_every_part_at_full_size(tmp_path: Path) -> None:
     check_time(result["time"], load_scene("thesis").camera, late_ms=20.0, rows=2e-3)
     for row in result["estimator"]["rows"]:
         goal = 0.5 if row["finger"].startswith("smooth") else 2.0
-        if "glow" in row["finger"]:  # at 12 V nearly all of it is at full scale
+        if "scattering" in row["finger"]:  # at 12 V nearly all of it is at full scale
             goal = 6.0 if row["voltage_V"] > 11 else goal
         assert abs(row["refined_percent"]) < goal
         assert abs(row["reference_percent"]) > abs(row["refined_percent"])

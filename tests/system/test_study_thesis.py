@@ -7,8 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from evanesce.studies.registry import Shown
-from evanesce.studies.thesis import study as thesis_study
+from evanesce.report.charts import CaptionedImage
+from evanesce.studies.thesis import page as thesis_page
 from evanesce.studies.thesis.figures import (
     FORCES,
     Reproduced,
@@ -21,6 +21,7 @@ from evanesce.studies.thesis.figures import (
     spanning,
     voltage_figures,
 )
+from evanesce.studies.thesis.study import ThesisStudy
 
 
 def test_measured_areas_are_the_published_power_laws() -> None:
@@ -65,14 +66,15 @@ def test_what_was_not_simulated_is_counted_apart_and_wide_hulls_are_named() -> N
     law = spanning("law", "ratio", "1", 2.0, [1.9, 2.1], "why", simulated=False)
     wide = spanning("area", "at 5 N", "mm²", 4.0, [5.0, 2.0], "why")
     far = spanning("area", "at 1 N", "mm²", 9.0, [5.0, 4.9], "why")
-    seen = [{"material": name, "force_N": 1.0, "true_area_mm2": 30.0, "clear_mm2": 31.0, "glowing_mm2": 60.0}
+    seen = [{"material": name, "force_N": 1.0, "true_area_mm2": 30.0, "clear_mm2": 31.0, "scattering_mm2": 60.0}
             for name in ("silskin_0", "silskin_20")]  # fmt: skip
     volts = {"voltage_V": [8.0, 9.0]} | {key: {"area_mm2": [1.0, 2.0], "true_area_mm2": 2.0} for key in ("1 N", "5 N")}
-    empty = Shown(image=np.zeros((3, 3), np.uint8), caption="")
-    found = thesis_study.findings({}, [law, wide, far], seen, volts, empty)
+    empty = CaptionedImage(image=np.zeros((3, 3), np.uint8), caption="")
+    study = ThesisStudy(stated={}, entries=[law, wide, far], seen=seen, volts=volts, picture=empty)
+    found = thesis_page.findings(study)
     assert found.verdict[0].startswith("1 of 2 of the thesis's figures that were simulated")
     assert "without simulation, 1 of 1." in found.verdict[0]
-    cells = {row[0]: row for table in found.tables for row in table.rows if "ours over thesis" in table.columns}
+    cells = {row[0]: row for table in found.tables for row in table.rows if "computed over thesis" in table.columns}
     assert cells["at 5 N [mm²]"][4:] == ("1.25", "2 to 5 (2.5 times)", "within a wide hull")
     assert cells["at 1 N [mm²]"][4:6] == ("0.56", "4.9 to 5")
     assert cells["ratio [1]"][1] == "the thesis's own laws"
@@ -102,7 +104,7 @@ def test_voltages_are_known_to_a_step() -> None:
     assert not settled.agrees
 
 
-def test_words_are_judged_by_the_runs() -> None:
+def test_verdicts_on_words_follow_from_the_runs() -> None:
     shrinking = {"a": {"held": "force", "area_ratio": [1.0, 0.9]}, "b": {"held": "depth", "area_ratio": [1.0, 1.3]}}
     assert observations(shrinking)[0][2] == "agrees in sign"
     growing = {"a": {"held": "force", "area_ratio": [1.0, 1.1]}}

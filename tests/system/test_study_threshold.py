@@ -9,14 +9,14 @@ from skimage import filters
 from evanesce.measurement.reference.segment import Crop
 from evanesce.rig import load_scene
 from evanesce.studies.scenes import Finger, check_studied, every_finger
+from evanesce.studies.threshold.page import findings
 from evanesce.studies.threshold.study import (
-    AUTHORS,
     FORCES,
     RULES,
+    THESIS_THRESHOLDS,
     THRESHOLDS,
     cliff,
     errors_by_setting,
-    findings,
     flat_range,
     frame_row,
     ranked,
@@ -33,7 +33,7 @@ def two_levels(inside: int = 171, outside: int = 23) -> np.ndarray:
 
 
 def test_settings_of_the_thesis_are_among_the_levels_once() -> None:
-    assert set(AUTHORS) <= set(THRESHOLDS)
+    assert set(THESIS_THRESHOLDS) <= set(THRESHOLDS)
     assert list(THRESHOLDS) == sorted(set(THRESHOLDS))
 
 
@@ -85,7 +85,7 @@ def rows() -> dict:
     for finger in every_finger():
         for force in FORCES:
             truth = 7.0 + force
-            areas = [truth * (1.5 if finger.glowing else 1.1) - 2.0 * t for t in THRESHOLDS]
+            areas = [truth * (1.5 if finger.scattering else 1.1) - 2.0 * t for t in THRESHOLDS]
             rules = {n: {"threshold": 0.3, "area_mm2": truth * (1.0 + 0.01 * k)} for k, n in enumerate(RULES)}
             found[finger, force] = {
                 "true_area_mm2": truth, "manual": areas, "manual_whole_frame": [truth] * 4,
@@ -113,7 +113,7 @@ def test_ranking_is_by_root_mean_square_and_names_the_best_rule() -> None:
 
 def test_fingers_differ_in_what_they_say() -> None:
     scene = load_scene("thesis")
-    plain, full = (Finger("silskin_20", ridged=True, glowing=g).on(scene) for g in (False, True))
+    plain, full = (Finger("silskin_20", ridged=True, scattering=g).on(scene) for g in (False, True))
     assert plain.finger.material == full.finger.material == "silskin_20"
     assert plain.finger.ridges is not None
     assert not plain.effects

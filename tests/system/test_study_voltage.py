@@ -1,4 +1,4 @@
-"""The voltage study: scaling against rendering anew, the split's sums, the judgements, Sobol' indices, command line."""
+"""The voltage study: scaling against rendering anew, the split's sums, the claims, Sobol' indices, command line."""
 
 from __future__ import annotations
 
@@ -14,33 +14,17 @@ from evanesce.cli.app import app
 from evanesce.cli.study_voltage import parse_forces, parse_volts
 from evanesce.core.errors import InputError
 from evanesce.measurement.reference.segment import Chain, segment
-from evanesce.optics.led import radiant_power
-from evanesce.render.fast.transport import fields_of, patch_radiance
+from evanesce.optics.led_circuit import radiant_power
+from evanesce.render.fast.fields import fields_of
+from evanesce.render.fast.patch import patch_radiance
 from evanesce.rig import load_scene
-from evanesce.studies.voltage.curve import (
-    SOURCES,
-    Press,
-    at_voltage,
-    excess_parts,
-    power_ratio,
-    segment_levels,
-    study_scene,
-    unclipped_levels,
-    without_sources,
-)
-from evanesce.studies.voltage.findings import best_setting, claims, converged, held_from, onset, sensitivity, up_to
-from evanesce.studies.voltage.unknowns import (
-    RATIOS,
-    THRESHOLDS,
-    UNKNOWNS,
-    Plan,
-    ReducedRig,
-    Samples,
-    grey_levels,
-    middle_open,
-    run_samples,
-    with_length,
-)
+from evanesce.studies.voltage.analysis import best_setting, claims, converged, held_from, onset, sensitivity, up_to
+from evanesce.studies.voltage.curve import excess_parts
+from evanesce.studies.voltage.press import Press, power_ratio, segment_levels, unclipped_levels
+from evanesce.studies.voltage.reduced_rig import ReducedRig, grey_levels, middle_open, with_length
+from evanesce.studies.voltage.samples import run_samples
+from evanesce.studies.voltage.sources import SOURCES, at_voltage, study_scene, without_sources
+from evanesce.studies.voltage.unknowns import RATIOS, THRESHOLDS, UNKNOWNS, Plan, Samples
 from support.rigs import need
 
 # An ugly camera: small, off centre, the finger beside its axis.
@@ -95,7 +79,7 @@ def test_what_no_led_made_does_not_scale(scene) -> None:
     np.testing.assert_allclose(both.at(8.2), anew.irradiance, rtol=2e-4, atol=1e-6 * anew.irradiance.max())
 
 
-def test_scene_without_glow_or_specks_gets_them_and_loses_them_again() -> None:
+def test_scene_without_scattering_or_specks_gets_them_and_loses_them_again() -> None:
     plain = load_scene("thesis_ridged")
     scene, notes = study_scene(plain)
     assert len(notes) == 2
@@ -105,14 +89,14 @@ def test_scene_without_glow_or_specks_gets_them_and_loses_them_again() -> None:
     scene, notes = study_scene(own)
     assert "lateral_glow" not in scene.effects
     assert len(notes) == 1
-    assert without_sources(scene, frozenset({"groove glow"})).finger.scattering_length_mm == 0
+    assert without_sources(scene, frozenset({"subsurface scattering"})).finger.scattering_length_mm == 0
 
 
 # --- the split -------------------------------------------------------------------------------------------------------
 
 
 def test_parts_of_an_additive_area_are_what_was_put_in_and_products_interact() -> None:
-    worth = {"groove glow": 3.0, "blur": 0.5, "saturation": -0.2, "specks": 0.1}
+    worth = {"subsurface scattering": 3.0, "blur": 0.5, "saturation": -0.2, "specks": 0.1}
 
     def added(without):
         return 10.0 + sum(v for k, v in worth.items() if k not in without)
@@ -130,7 +114,7 @@ def test_parts_of_an_additive_area_are_what_was_put_in_and_products_interact() -
     assert abs(interaction) > 0.1
 
 
-def test_unclipped_chain_is_the_authors_where_nothing_saturates(press) -> None:
+def test_unclipped_segmentation_is_the_reference_where_nothing_saturates(press) -> None:
     chain = Chain(threshold=0.2, min_blob=500)
     volts = 8.4
     assert int(press.levels(volts).max()) < 255
@@ -152,14 +136,14 @@ def test_levels_beyond_white_follow_the_tone_curve_on(scene) -> None:
     assert levels[0, 2] == np.floor(255 * (1.099 * 4**0.45 - 0.099) + 0.5)  # BT.709 by its definition
 
 
-def test_estimate_rises_with_voltage_and_glow_is_most_of_its_excess(scene) -> None:
+def test_estimate_rises_with_voltage_and_scattering_is_most_of_its_excess(scene) -> None:
     chain = Chain(threshold=0.15, min_blob=300)
-    with_glow, without = Press.of(scene, 1.5), Press.of(scene, 1.5, frozenset({"groove glow"}))
-    areas = [with_glow.area(v, chain) for v in VOLTS]
+    with_scattering, without = Press.of(scene, 1.5), Press.of(scene, 1.5, frozenset({"subsurface scattering"}))
+    areas = [with_scattering.area(v, chain) for v in VOLTS]
     assert areas[0] == 0.0
     assert np.all(np.diff(areas) >= 0)
-    assert areas[-1] > 1.5 * with_glow.true_area_mm2
-    excess = areas[3] - with_glow.true_area_mm2
+    assert areas[-1] > 1.5 * with_scattering.true_area_mm2
+    excess = areas[3] - with_scattering.true_area_mm2
     assert areas[3] - without.area(9.0, chain) > 0.5 * excess
 
 
@@ -232,15 +216,15 @@ def test_sobol_indices_are_those_of_a_function_whose_indices_are_known() -> None
 # --- reduced rigs ----------------------------------------------------------------------------------------------------
 
 
-def test_fields_with_no_length_are_those_without_glow(scene) -> None:
+def test_fields_with_no_length_are_those_without_scattering(scene) -> None:
     from evanesce.render.fast.fields import fields_of
-    from evanesce.studies.voltage.unknowns import with_length
+    from evanesce.studies.voltage.reduced_rig import with_length
 
     plain = scene.model_copy(update={"finger": scene.finger.model_copy(update={"scattering_length_mm": 0.0})})
-    glowing = scene.model_copy(update={"finger": scene.finger.model_copy(update={"scattering_length_mm": 0.4})})
-    found, expected = with_length(fields_of(glowing), 0.6, 0.0, 0.02), fields_of(plain)
-    assert found.glow is None
-    assert expected.glow is None
+    scattering = scene.model_copy(update={"finger": scene.finger.model_copy(update={"scattering_length_mm": 0.4})})
+    found, expected = with_length(fields_of(scattering), 0.6, 0.0, 0.02), fields_of(plain)
+    assert found.subsurface is None
+    assert expected.subsurface is None
     np.testing.assert_array_equal(found.coupling * found.response, expected.coupling * expected.response)
 
 
@@ -290,7 +274,7 @@ def test_middle_is_open_where_a_groove_lies_within_a_period() -> None:
     assert middle_open(share, 12.0)
 
 
-def test_an_interrupted_run_goes_on_and_a_foreign_file_is_not_believed(tmp_path: Path) -> None:
+def test_an_interrupted_run_goes_on_and_a_foreign_file_is_not_used(tmp_path: Path) -> None:
     scene = load_scene("thesis_ridged")
     plan, keep = Plan((1.0,), (8.0, 9.0, 10.0), base=2, seed=4), tmp_path / "samples.npz"
     first = run_samples(scene, plan, keep=keep)
@@ -334,7 +318,7 @@ def test_bad_input_ends_in_one_line(arguments, tmp_path: Path) -> None:
     assert not (tmp_path / "o" / "result.json").exists()
 
 
-def test_the_reference_says_that_it_has_no_lateral_glow(tmp_path: Path) -> None:
+def test_the_reference_states_that_it_has_no_lateral_scattering(tmp_path: Path) -> None:
     result = CliRunner().invoke(
         app, ["study", "voltage", "thesis_ridged", "--reference", "--samples", "2", "--out", str(tmp_path / "o")]
     )
@@ -343,8 +327,8 @@ def test_the_reference_says_that_it_has_no_lateral_glow(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_study_by_the_reference_without_glow(tmp_path: Path) -> None:
-    """A path-traced scene: no glow, and areas near those of the fast renderer (coarse pixels, few paths)."""
+def test_study_by_the_reference_without_scattering(tmp_path: Path) -> None:
+    """A path-traced scene: no scattering, and areas near those of the fast renderer (coarse pixels, few paths)."""
     need("llvm")
     areas = {}
     for way in ("--reference", "--fast"):
@@ -358,7 +342,7 @@ def test_study_by_the_reference_without_glow(tmp_path: Path) -> None:
         result = CliRunner().invoke(app, arguments)
         assert result.exit_code == 0, result.output
         data = json.loads(file.read_text())
-        assert all(row["parts_mm2"]["groove glow"] == 0.0 for row in data["curves"])
+        assert all(row["parts_mm2"]["subsurface scattering"] == 0.0 for row in data["curves"])
         assert data["provenance"]["renderer"] == ("path" if way == "--reference" else "transport")
         areas[way] = [row["area_mm2"] for row in data["curves"]]
     # Noise of some 10 % a pixel at the rim. At higher voltages the noise of the dim flank passes the threshold, too.

@@ -15,13 +15,13 @@ from typer.testing import CliRunner
 
 from evanesce.cli import twin as command
 from evanesce.evaluation.board_geometry import SENSOR_WIDTH_UM, FittedRig, PrintedBoard, bright_even, fit_rig
-from evanesce.evaluation.board_light import block_mask, judged_block, smooth_field, squares
+from evanesce.evaluation.board_light import block_mask, held_out_block, smooth_field, squares
 from evanesce.measurement.calibration.board_lines import BoardLines, fit_lines
 from evanesce.measurement.calibration.points import BoardView
 from evanesce.optics.projection import Projection
 from evanesce.rig import Camera, load_scene
-from evanesce.studies.twin.judge import causes, judge
-from evanesce.studies.twin.model import Light, Twin, _Studio, make_twin
+from evanesce.studies.twin.residuals import causes, twin_residuals
+from evanesce.studies.twin.study import Light, Twin, _Studio, make_twin
 from support.boards import draw, warp
 
 SIZE = (400, 300)
@@ -140,41 +140,41 @@ def test_lines_need_enough_corners_and_leave_smooth_trends_to_the_lens() -> None
 
 
 def test_twin_of_a_simulated_photograph(made: tuple[Twin, np.ndarray], truth: FittedRig) -> None:
-    """Known rig -> photograph -> fit: the judged half shows the noise that was put in, and little else."""
+    """Known rig -> photograph -> fit: the held-out half shows the noise that was put in, and little else."""
     twin, clean = made
-    judged = judge(twin)
-    assert judged.corner_rms_px < 0.1
-    noise = float((twin.photo - clean)[twin.judged].std())
-    difference = judged.grey_rms**2 - noise**2
+    residuals = twin_residuals(twin)
+    assert residuals.corner_rms_px < 0.1
+    noise = float((twin.photo - clean)[twin.held_out].std())
+    difference = residuals.grey_rms**2 - noise**2
     # What the twin misses beside noise: geometry of 0.05 px on edges of 2.5 px and 80 DN (1.5 DN on a third of the
     # pixels), light between squares to 1 %, of 100 DN: below 2.5 DN together, in a picture that scatters by 40.
     assert difference < 2.5**2
-    assert judged.photo_deviation > 10 * 2.5
+    assert residuals.photo_deviation > 10 * 2.5
     assert twin.rig.board.ink_mm == pytest.approx(0.03, abs=0.008)
-    for zone in judged.zones:
+    for zone in residuals.zones:
         assert zone.edge_twin_px == pytest.approx(zone.edge_photo_px, rel=0.08)
         assert zone.bright_twin == pytest.approx(zone.bright_photo, abs=4.0)
-    assert sum(c.energy for c in judged.causes) == pytest.approx(1.0)
-    assert sum(c.pixels for c in judged.causes) == pytest.approx(1.0)
+    assert sum(c.energy for c in residuals.causes) == pytest.approx(1.0)
+    assert sum(c.pixels for c in residuals.causes) == pytest.approx(1.0)
 
 
 def test_halves_do_not_meet(made: tuple[Twin, np.ndarray]) -> None:
     twin, _ = made
-    overlap = (twin.judged & twin.fitted).sum()
-    assert overlap < 0.05 * twin.judged.sum()  # pixels cut by the border of two blocks count in both outlines
-    assert 0.4 < twin.corners_judged.mean() < 0.6
+    overlap = (twin.held_out & twin.fitted).sum()
+    assert overlap < 0.05 * twin.held_out.sum()  # pixels cut by the border of two blocks count in both outlines
+    assert 0.4 < twin.corners_held_out.mean() < 0.6
     grid = twin.grid
     even = bright_even(grid)
     before = squares(twin.photo, grid, even)
-    spoiled = np.where(block_mask(grid, twin.photo.shape, judged=True), 255.0, twin.photo)
+    spoiled = np.where(block_mask(grid, twin.photo.shape, held_out=True), 255.0, twin.photo)
     after = squares(spoiled, grid, even)
-    np.testing.assert_array_equal(before.value[~before.judged], after.value[~before.judged])
-    assert (after.value[before.judged] > before.value[before.judged] + 50).all()
+    np.testing.assert_array_equal(before.value[~before.held_out], after.value[~before.held_out])
+    assert (after.value[before.held_out] > before.value[before.held_out] + 50).all()
 
 
 def test_blocks_alternate() -> None:
     index = np.array([[0, 0], [1, 1], [2, 0], [3, 3], [0, 2], [4, 1]])
-    assert judged_block(index).tolist() == [False, False, True, False, True, False]
+    assert held_out_block(index).tolist() == [False, False, True, False, True, False]
 
 
 def test_smooth_field_ignores_a_reflection() -> None:
@@ -208,11 +208,11 @@ def test_twin_of_a_board_drawn_elsewhere(tmp_path: Path) -> None:
     """A picture that the simulation did not make: Gaussian blur, its own distortion law, its own light."""
     shape = (300, 400)
     picture = draw(shape, warp(shape, 22.0, 5.0, barrel=0.08), np.random.default_rng(4), blur=1.0, corner_blur=2.0)
-    judged = judge(make_twin(picture, load_scene("thesis"), seed=1))
-    assert judged.corner_rms_px < 0.1
+    residuals = twin_residuals(make_twin(picture, load_scene("thesis"), seed=1))
+    assert residuals.corner_rms_px < 0.1
     # noise of 1.5 DN; disc for Gaussian and one distortion law for another leave a few DN at the edges of 110 DN
-    assert judged.grey_rms < 6.0
-    assert judged.photo_deviation > 35.0
+    assert residuals.grey_rms < 6.0
+    assert residuals.photo_deviation > 35.0
 
 
 @pytest.fixture(scope="module")
@@ -267,10 +267,10 @@ def test_the_real_photograph(rig_photo: Path) -> None:
     """Corners to 0.45 px, grey to 9 DN, edges to 15 % in each zone; squares of 23 and 24 dots."""
     picture = cv2.imread(str(rig_photo / "checkerboard_1mm.png"))[..., ::-1]
     twin = make_twin(np.ascontiguousarray(picture), load_scene("thesis"), seed=1)
-    judged = judge(twin)
-    assert judged.corner_rms_px < 0.45
-    assert judged.grey_rms < 9.0
-    for zone in judged.zones:
+    residuals = twin_residuals(twin)
+    assert residuals.corner_rms_px < 0.45
+    assert residuals.grey_rms < 9.0
+    for zone in residuals.zones:
         assert zone.edge_twin_px == pytest.approx(zone.edge_photo_px, rel=0.15)
-    assert judged.spacing_narrow_um == pytest.approx(23 * DOT * 1e3 - 1000, abs=4)
-    assert judged.spacing_wide_um == pytest.approx(24 * DOT * 1e3 - 1000, abs=4)
+    assert residuals.spacing_narrow_um == pytest.approx(23 * DOT * 1e3 - 1000, abs=4)
+    assert residuals.spacing_wide_um == pytest.approx(24 * DOT * 1e3 - 1000, abs=4)

@@ -153,7 +153,7 @@ def test_the_real_photograph(rig_photo: Path) -> None:
 
 
 def test_the_real_photograph_has_its_origin_where_the_reference_put_it(rig_photo: Path) -> None:
-    """Joined on world coordinates as they stand, without aligning anything, the corners are the author's."""
+    """Joined on world coordinates as they stand, without aligning anything, the corners are the thesis's."""
     picture = cv2.imread(str(rig_photo / "checkerboard_1mm.png"))[..., ::-1]
     view = find_corners(picture).view("photo", 1.0)
     given = read_points(rig_photo / "corners.csv")[0]

@@ -13,9 +13,10 @@ from evanesce.core.quantities import Strict, field
 from evanesce.core.resources import resource
 from evanesce.core.states import ContactState, Frame, PlateGrid, PlateLight, SensorLight
 from evanesce.effects import OBSERVABLES, Active, Context, Effect, Stage, active_effects, all_effects, apply_stage
+from evanesce.optics.projection import Projection
 from evanesce.rig import Scene, dump_scene, load_scene
 from evanesce.rig.camera import Distortion
-from evanesce.sensor.lens import Projection, form_image
+from evanesce.sensor.lens import form_image
 
 SHAPE = (47, 61)
 

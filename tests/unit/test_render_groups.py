@@ -1,4 +1,4 @@
-"""LED groups told apart by the same paths, passes until an error, polished edges and parted LEDs of the path tracer."""
+"""LED groups separated by the same paths, passes until an error, polished edges and parted LEDs of the path tracer."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ import pytest
 from scipy.stats import norm
 
 from evanesce.core.errors import InputError
+from evanesce.optics.edge_rays import EdgeLight
 from evanesce.optics.emitters import led_table
 from evanesce.optics.guide import contact_radiance, guided_irradiance
-from evanesce.optics.guided_field import EdgeLight, azimuthal_radiance
+from evanesce.optics.guided_field import azimuthal_radiance
 from evanesce.optics.interface import fresnel_reflectance, frustrated_transmittance
 from evanesce.optics.led import led_positions, led_powers, led_radiances
+from evanesce.render.reference.led_groups import LedGroups
 from evanesce.render.reference.passes import Until, Welford, average, relative_error
-from evanesce.render.reference.path import LedGroups, render, render_groups
+from evanesce.render.reference.path import render, render_groups
 from support.rigs import hard_contact, need, small_rig, view_around
 
 CENTRE = (3.3, -2.1)
@@ -215,7 +217,7 @@ def test_parting_keeps_power():
 
 @pytest.mark.parametrize("polish", [0.4, pytest.param(1.0, marks=pytest.mark.slow)])
 def test_polished_edges_mirror_as_straight_rays_do(polish):
-    """Ground share black: radiance followed as straight lines over mirroring edges, no path sampled (guided_field)."""
+    """Ground share black: radiance followed as straight lines over mirroring edges, no path sampled (edge_rays)."""
     need("llvm")
     scene = small_rig(plate__edge_reflectance=0.0, plate__edge_polish=polish)
     plate, leds = scene.plate, scene.leds

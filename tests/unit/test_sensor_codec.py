@@ -90,7 +90,7 @@ def test_ffv1_is_lossless_and_keeps_uneven_times(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".mov", ".mkv"])
-def test_h264_keeps_uneven_times_and_nearly_the_picture(tmp_path: Path, suffix: str) -> None:
+def test_h264_keeps_uneven_times_and_nearly_the_frame(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"a{suffix}"
     write_video(path, frames(), codec="h264", quality=10)
     times, images = decode(path)

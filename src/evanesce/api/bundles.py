@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from evanesce.bundle.read import Bundle, read_bundle
+from evanesce.bundle import Bundle, read_bundle
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

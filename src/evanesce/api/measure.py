@@ -94,7 +94,7 @@ class Pipeline:
         of the frame where nothing is undistorted.
     dark, flat : sequence of ndarray, str or Path
         Refined only: frames with LEDs on and nothing in contact, and frames of an evenly lit target.
-    teach : ndarray, str or Path, optional
+    tune : ndarray, str or Path, optional
         Refined only: a frame of the same finger that does not saturate, from which subsurface scattering and the
         profile of the contact's edge are estimated.
     finger : {"ridged", "smooth"}
@@ -130,7 +130,7 @@ class Pipeline:
         crop: Crop | str | tuple[slice, slice] | None = None,
         dark: Sequence[Picture] = (),
         flat: Sequence[Picture] = (),
-        teach: Picture | None = None,
+        tune: Picture | None = None,
         finger: Finger = "ridged",
         lossy: bool = False,
     ) -> None:
@@ -144,10 +144,10 @@ class Pipeline:
         self.undistort = undistort and self.calibration is not None
         self.refined: Estimator | None = None
         if estimator == "refined":
-            self.refined = self._refined(scale_mm2_per_px, dark, flat, teach)
+            self.refined = self._refined(scale_mm2_per_px, dark, flat, tune)
             self.scale_mm2_per_px = self.refined.plate.middle_area
         elif estimator == "reference":
-            for key, given in (("dark", len(dark) > 0), ("flat", len(flat) > 0), ("teach", teach is not None)):
+            for key, given in (("dark", len(dark) > 0), ("flat", len(flat) > 0), ("tune", tune is not None)):
                 if given:
                     raise InputError("the reference segmentation does not use it", key=key,
                                      allowed="with estimator='refined'")  # fmt: skip
@@ -241,7 +241,7 @@ class Pipeline:
         return scale
 
     def _refined(
-        self, scale: float | None, dark: Sequence[Picture], flat: Sequence[Picture], teach: Picture | None
+        self, scale: float | None, dark: Sequence[Picture], flat: Sequence[Picture], tune: Picture | None
     ) -> Estimator:
         if self.calibration is None:
             raise InputError("is needed by the refined estimator", key="calibration", allowed="a calibration")
@@ -253,15 +253,15 @@ class Pipeline:
         shots = ([as_image(shot) for shot in given] for given in (dark, flat))
         radiometry = Radiometry.of(self.calibration.details, *shots)
         estimator = Estimator.of(self.calibration, radiometry, crop=self.settings.crop)
-        if teach is None:
+        if tune is None:
             return estimator
-        image, file = as_image(teach), teach if isinstance(teach, str | Path) else None
+        image, file = as_image(tune), tune if isinstance(tune, str | Path) else None
         found, allowed = estimator.area(image), "a frame of a contact that does not saturate"
         if found.unseen:
-            raise InputError("the contact is at full scale", file=file, key="teach", allowed=allowed)
+            raise InputError("the contact is at full scale", file=file, key="tune", allowed=allowed)
         if not found.contours:
-            raise InputError("no contact is found", file=file, key="teach", allowed=allowed)
-        return estimator.taught(image)
+            raise InputError("no contact is found", file=file, key="tune", allowed=allowed)
+        return estimator.tuned_on(image)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
@@ -345,7 +345,7 @@ class Measurement:
             log.add(self.measured.figures)
             return tuple(log.warnings())
         assert self.pipeline.refined is not None  # it measured this frame
-        edges = EdgeLog(blur_known=self.pipeline.refined.settings.blur.origin != "believed")
+        edges = EdgeLog(blur_known=self.pipeline.refined.settings.blur.origin != "nominal")
         edges.add(self.index, self.refined.unseen)
         return tuple(edges.warnings(1))
 

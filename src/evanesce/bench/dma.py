@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.bench.prony_fit import fit_prony
 from evanesce.core.columns import Column, read_columns
 from evanesce.core.errors import InputError
-from evanesce.materials import prony
+from evanesce.materials.prony import PronySeries
 from evanesce.materials.tables import DmaRange, material, material_names
 
 Floats = NDArray[np.float64]
@@ -52,7 +53,17 @@ class DmaTable:
     loss_factor: Floats
 
     def at(self, temperature: float) -> DmaTable:
-        """Return the rows of the measured temperature nearest to one [degC]."""
+        """Return the rows of the measured temperature nearest to one [degC].
+
+        Parameters
+        ----------
+        temperature : float
+            [degC].
+
+        Returns
+        -------
+        DmaTable
+        """
         nearest = self.temperature[np.argmin(np.abs(self.temperature - temperature))]
         rows = self.temperature == nearest
         return DmaTable(self.frequency[rows], self.temperature[rows], self.storage[rows], self.loss_factor[rows])
@@ -63,6 +74,16 @@ def read_dma(path: Path, default_temperature: float = 20.0) -> DmaTable:
 
     Wanted: ``frequency_Hz`` (or rad/s), ``storage_modulus_MPa`` (Pa, kPa, GPa), and either ``loss_factor`` or
     ``loss_modulus_MPa``; ``temperature_C`` (or K) optional.
+
+    Parameters
+    ----------
+    path : Path
+    default_temperature : float
+        Where the file has none [degC].
+
+    Returns
+    -------
+    DmaTable
 
     Raises
     ------
@@ -114,6 +135,10 @@ def from_range(published: DmaRange, temperature: float, points: int = 21) -> Dma
         [degC], 0 to 50.
     points : int
         Frequencies from 1 to 100 Hz.
+
+    Returns
+    -------
+    DmaTable
     """
     if not 0.0 <= temperature <= 50.0:
         raise ValueError(f"{temperature:g} degC is outside the published sweep of 0 to 50 degC")
@@ -132,6 +157,15 @@ def loss_from_slope(table: DmaTable) -> Floats:
     A check on a sweep: where it is far from the measured loss factor, storage and loss were not measured at the same
     strain or temperature, or a unit is wrong. The local form is an approximation, good for broad spectra.
 
+    Parameters
+    ----------
+    table : DmaTable
+        At one temperature.
+
+    Returns
+    -------
+    ndarray (n,)
+
     References
     ----------
     H. C. Booij and G. P. J. M. Thoone, Rheol. Acta 21 (1982) 15 (local Kramers-Kronig relations).
@@ -143,8 +177,19 @@ def loss_from_slope(table: DmaTable) -> Floats:
     return result
 
 
-def prony_of(name: str, temperature: float = 20.0) -> prony.PronySeries:
+def prony_of(name: str, temperature: float = 20.0) -> PronySeries:
     """Return the Prony series of a thesis material from its published DMA ranges [MPa, s].
+
+    Parameters
+    ----------
+    name : str
+        Material.
+    temperature : float
+        [degC], 0 to 50.
+
+    Returns
+    -------
+    PronySeries
 
     Raises
     ------
@@ -156,4 +201,4 @@ def prony_of(name: str, temperature: float = 20.0) -> prony.PronySeries:
         known = ", ".join(n for n in material_names() if material(n).dma is not None)
         raise InputError(f"no dynamic data for {name!r}", key="material", allowed=known)
     table = from_range(published, temperature)
-    return prony.fit_prony(table.frequency, table.storage, table.loss_factor).series
+    return fit_prony(table.frequency, table.storage, table.loss_factor).series

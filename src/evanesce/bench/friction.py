@@ -48,6 +48,14 @@ class FrictionTrace:
 def read_trace(path: Path) -> FrictionTrace:
     """Read ``time_s, Fx_N, Fy_N, Fz_N`` (Fy optional) from a CSV file.
 
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    FrictionTrace
+
     Raises
     ------
     InputError
@@ -67,7 +75,18 @@ def read_trace(path: Path) -> FrictionTrace:
 
 
 def coefficient_of_friction(trace: FrictionTrace, minimum_normal_force: float = 0.02) -> Floats:
-    """Return sqrt(Fx^2 + Fy^2)/Fz at each sample (thesis, eqs 4.1, 4.2); NaN below the minimum normal force [N]."""
+    """Return sqrt(Fx^2 + Fy^2)/Fz at each sample (thesis, eqs 4.1, 4.2); NaN below the minimum normal force [N].
+
+    Parameters
+    ----------
+    trace : FrictionTrace
+    minimum_normal_force : float
+        [N].
+
+    Returns
+    -------
+    ndarray (n,)
+    """
     friction = np.hypot(trace.fx, trace.fy)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(trace.fz > minimum_normal_force, friction / trace.fz, np.nan)
@@ -122,6 +141,10 @@ def analyse(
     stable : tuple of float, optional
         Stable region [s] chosen by hand.
 
+    Returns
+    -------
+    FrictionResult
+
     Raises
     ------
     WorkError
@@ -140,7 +163,7 @@ def analyse(
     sliding = np.flatnonzero((smooth > 0.5 * level) & known)
     if level <= 0.0 or len(sliding) < 20:
         raise WorkError("no sliding found: the coefficient of friction never stays up")
-    # The longest unbroken stretch: touch-down at a vanishing load can spike.
+    # The longest unbroken stretch: contact at a vanishing load can spike.
     runs = np.split(sliding, np.flatnonzero(np.diff(sliding) > window) + 1)
     run = max(runs, key=len)
     first, last = int(run[0]), int(run[-1])
@@ -192,7 +215,18 @@ class Spectrum:
 
 
 def spectrum(time: ArrayLike, values: ArrayLike) -> Spectrum:
-    """Return the spectrum of a record, evenly resampled and detrended (Hann window), its peak between bins."""
+    """Return the spectrum of a record, evenly resampled and detrended (Hann window), its peak between bins.
+
+    Parameters
+    ----------
+    time : array_like (n,)
+        [s], ascending.
+    values : array_like (n,)
+
+    Returns
+    -------
+    Spectrum
+    """
     t, v = np.asarray(time, dtype=float), np.asarray(values, dtype=float)
     if len(t) < 16:
         raise ValueError(f"{len(t)} samples; a spectrum needs at least 16")
@@ -236,7 +270,18 @@ class InterfacialRheology:
 
 
 def fit_interfacial_rheology(mean_pressure: ArrayLike, static_coefficient: ArrayLike) -> InterfacialRheology:
-    """Fit tau0 and alpha to coefficients at mean pressures [MPa] by least squares in 1/p."""
+    """Fit tau0 and alpha to coefficients at mean pressures [MPa] by least squares in 1/p.
+
+    Parameters
+    ----------
+    mean_pressure : array_like (n,)
+        [MPa].
+    static_coefficient : array_like (n,)
+
+    Returns
+    -------
+    InterfacialRheology
+    """
     p, mu = (np.asarray(a, dtype=float).ravel() for a in (mean_pressure, static_coefficient))
     if len(p) != len(mu) or len(p) < 3 or np.any(p <= 0.0) or np.ptp(p) == 0.0:
         raise ValueError("at least 3 coefficients at different positive pressures are needed")
@@ -261,6 +306,10 @@ def hysteresis_coefficient(pressure: float, reduced_modulus: float, loss_fractio
         [MPa].
     loss_fraction : float
         Share of the deformation energy lost per cycle, 0 to 1.
+
+    Returns
+    -------
+    float
 
     References
     ----------

@@ -46,18 +46,57 @@ class EllipticGeometry:
     depth_factor: float
 
     def semi_axes(self, force: ArrayLike, modulus: ArrayLike) -> tuple[Floats, Floats]:
-        """Return (a, b) [mm] at forces [N] and contact moduli E* [MPa] (thesis, eqs 3.9 and 3.10)."""
+        """Return (a, b) [mm] at forces [N] and contact moduli E* [MPa] (thesis, eqs 3.9 and 3.10).
+
+        Parameters
+        ----------
+        force : array_like
+            [N].
+        modulus : array_like
+            E* [MPa].
+
+        Returns
+        -------
+        tuple of ndarray
+            a and b [mm].
+        """
         f, e = np.asarray(force, dtype=float), np.asarray(modulus, dtype=float)
         a = np.cbrt(3.0 * self.axis_ratio**2 * self.second * f * self.effective_radius / (np.pi * e))
         return a, a / self.axis_ratio
 
     def depth(self, force: ArrayLike, modulus: ArrayLike) -> Floats:
-        """Return the approach delta* (3 F R'/(2 E*))^(2/3)/(2 R') [mm]."""
+        """Return the approach delta* (3 F R'/(2 E*))^(2/3)/(2 R') [mm].
+
+        Parameters
+        ----------
+        force : array_like
+            [N].
+        modulus : array_like
+            E* [MPa].
+
+        Returns
+        -------
+        ndarray
+            [mm].
+        """
         f, e = np.asarray(force, dtype=float), np.asarray(modulus, dtype=float)
         return self._depth_scale * np.cbrt(f / e) ** 2
 
     def modulus(self, force: ArrayLike, depth: ArrayLike) -> Floats:
-        """Return E* [MPa] from forces [N] and approaches [mm], each above 0."""
+        """Return E* [MPa] from forces [N] and approaches [mm], each above 0.
+
+        Parameters
+        ----------
+        force : array_like
+            [N].
+        depth : array_like
+            [mm].
+
+        Returns
+        -------
+        ndarray
+            [MPa].
+        """
         d = np.asarray(depth, dtype=float)
         return np.asarray(force, dtype=float) * (self._depth_scale / d) ** 1.5
 
@@ -71,6 +110,15 @@ def elliptic_geometry(radius_1: float, radius_2: float) -> EllipticGeometry:
     """Return the contact shape for relative radii of curvature [mm] in the two principal planes, exactly.
 
     For a cylindrical finger crossed by a cylinder these are the two cylinders' radii.
+
+    Parameters
+    ----------
+    radius_1, radius_2 : float
+        [mm], positive.
+
+    Returns
+    -------
+    EllipticGeometry
 
     References
     ----------
@@ -95,12 +143,38 @@ def elliptic_geometry(radius_1: float, radius_2: float) -> EllipticGeometry:
 
 
 def mean_pressure(force: ArrayLike, a: ArrayLike, b: ArrayLike) -> Floats:
-    """Return F/(pi a b) [MPa]; the thesis prints the peak's formula here (eqs 3.11 and 3.12)."""
+    """Return F/(pi a b) [MPa]; the thesis prints the peak's formula here (eqs 3.11 and 3.12).
+
+    Parameters
+    ----------
+    force : array_like
+        [N].
+    a, b : array_like
+        Semi-axes [mm].
+
+    Returns
+    -------
+    ndarray
+        [MPa].
+    """
     return np.asarray(force, dtype=float) / (np.pi * np.asarray(a, dtype=float) * np.asarray(b, dtype=float))
 
 
 def peak_pressure(force: ArrayLike, a: ArrayLike, b: ArrayLike) -> Floats:
-    """Return 3 F/(2 pi a b) [MPa]."""
+    """Return 3 F/(2 pi a b) [MPa].
+
+    Parameters
+    ----------
+    force : array_like
+        [N].
+    a, b : array_like
+        Semi-axes [mm].
+
+    Returns
+    -------
+    ndarray
+        [MPa].
+    """
     return 1.5 * mean_pressure(force, a, b)
 
 
@@ -114,6 +188,21 @@ def youngs_from_reduced(
 
     (1 - nu^2)/(1/E* - (1 - nu1^2)/E1). The thesis's eq 3.6 has the indenter's nu1 in the numerator, too; with E' = 2 E*
     the printed values follow from the finger's.
+
+    Parameters
+    ----------
+    modulus : array_like
+        E* [MPa].
+    poisson_ratio : float
+        Of the finger.
+    indenter_youngs : float
+        [MPa].
+    indenter_poisson : float
+
+    Returns
+    -------
+    ndarray
+        [MPa].
 
     Raises
     ------
@@ -133,7 +222,7 @@ class IndentationResult:
     Attributes
     ----------
     force, depth : ndarray (n,)
-        [N], and [mm] from the fitted first touch.
+        [N], and [mm] from the fitted first contact.
     reduced_modulus : ndarray (n,)
         E* at each sample [MPa].
     youngs_modulus : ndarray (n,)
@@ -146,7 +235,7 @@ class IndentationResult:
         E*(F) = intercept + slope F, fitted to the depths [MPa], [MPa/N].
     intercept_se, slope_se : float
     touch : float
-        Machine position of first touch [mm].
+        Machine position of first contact [mm].
     depth_rms : float
         Residual of the depth [mm].
     """
@@ -171,7 +260,17 @@ COLUMNS = (Column("force", ("load", "fz"), "force"), Column("displacement", ("de
 
 
 def read_indentation(path: Path) -> tuple[Floats, Floats]:
-    """Read ``force_N`` and ``displacement_mm``; return both with signs such that pressing is positive."""
+    """Read ``force_N`` and ``displacement_mm``; return both with signs such that pressing is positive.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    tuple of ndarray (n,)
+        Force [N] and displacement [mm].
+    """
     data = read_columns(path, COLUMNS)
     force, position = data["force"], data["displacement"]
     if np.max(np.abs(force)) == 0.0:
@@ -189,7 +288,7 @@ def analyse(
     poisson_ratio: float,
     *,
     find_touch: bool = True,
-    least_force: float = 0.02,
+    min_force: float = 0.02,
 ) -> IndentationResult:
     """Fit E*(F) to a loading curve and derive what the thesis's chapter 3 derives.
 
@@ -201,9 +300,13 @@ def analyse(
     poisson_ratio : float
         Of the finger.
     find_touch : bool
-        Fit the position of first touch; otherwise displacement 0 is taken for it.
-    least_force : float
+        Fit the position of first contact; otherwise it is displacement 0.
+    min_force : float
         Samples below are left out [N]: noise, not contact.
+
+    Returns
+    -------
+    IndentationResult
 
     Raises
     ------
@@ -211,10 +314,10 @@ def analyse(
         With fewer than 6 usable samples, or where the fit fails or gives a modulus that is not positive.
     """
     f, x = np.asarray(force, dtype=float), np.asarray(displacement, dtype=float)
-    usable = np.isfinite(f) & np.isfinite(x) & (f > least_force)
+    usable = np.isfinite(f) & np.isfinite(x) & (f > min_force)
     f, x = f[usable], x[usable]
     if len(f) < 6:
-        raise WorkError(f"{len(f)} samples above {least_force:g} N; at least 6 are needed")
+        raise WorkError(f"{len(f)} samples above {min_force:g} N; at least 6 are needed")
 
     def depth(load: Floats, intercept: float, slope: float, touch: float = 0.0) -> Floats:
         return touch + geometry.depth(load, np.maximum(intercept + slope * load, 1e-9))

@@ -8,12 +8,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from evanesce.bench.compression import MooneyRivlinFit
 from evanesce.bench.dma import DmaTable
 from evanesce.bench.friction import FrictionResult, FrictionTrace, Spectrum, coefficient_of_friction
 from evanesce.bench.indentation import IndentationResult
 from evanesce.bench.profile import RidgeResult
 from evanesce.bench.statistics import histogram, kernel_density_mode
-from evanesce.materials.hyperelastic import MooneyRivlinFit
 from evanesce.materials.prony import PronySeries
 
 Floats = NDArray[np.float64]
@@ -28,12 +28,21 @@ def _figure(columns: int) -> tuple[Figure, list]:
 
 
 def indentation_figure(result: IndentationResult) -> Figure:
-    """Return depth, reduced modulus and pressures against force."""
+    """Return depth, reduced modulus and pressures against force.
+
+    Parameters
+    ----------
+    result : IndentationResult
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     figure, (left, middle, right) = _figure(3)
     order = np.argsort(result.force)
     force = result.force[order]
     left.plot(result.depth, result.force, ".", ms=3, color="0.5")
-    left.set(xlabel="depth from first touch [mm]", ylabel="normal force [N]")
+    left.set(xlabel="depth from first contact [mm]", ylabel="normal force [N]")
     middle.plot(result.force, result.reduced_modulus, ".", ms=3, color="0.6", label="each sample")
     middle.plot(force, result.intercept + result.slope * force, "C0", label="fit: intercept + slope F")
     middle.plot(force, result.youngs_modulus[order], "C1", label="Young's modulus")
@@ -49,7 +58,20 @@ def indentation_figure(result: IndentationResult) -> Figure:
 
 
 def compression_figure(stretch: Floats, stress: Floats, fit: MooneyRivlinFit) -> Figure:
-    """Return the compression curve with its fit and confidence band, in magnitudes."""
+    """Return the compression curve with its fit and confidence band, in magnitudes.
+
+    Parameters
+    ----------
+    stretch : ndarray (n,)
+        Below 1.
+    stress : ndarray (n,)
+        Nominal [MPa], negative.
+    fit : MooneyRivlinFit
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     figure, (axis,) = _figure(1)
     s = np.linspace(*fit.stretch_range, 200)
     curve, band = -fit.material.uniaxial(s), fit.band(s)
@@ -62,7 +84,19 @@ def compression_figure(stretch: Floats, stress: Floats, fit: MooneyRivlinFit) ->
 
 
 def dma_figure(table: DmaTable, series: PronySeries, reduced_frequency: Floats) -> Figure:
-    """Return storage modulus and loss factor against reduced frequency, with the Prony series."""
+    """Return storage modulus and loss factor against reduced frequency, with the Prony series.
+
+    Parameters
+    ----------
+    table : DmaTable
+    series : PronySeries
+    reduced_frequency : ndarray (n,)
+        [Hz].
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     figure, (left, right) = _figure(2)
     f = np.geomspace(reduced_frequency.min(), reduced_frequency.max(), 300)
     for axis, values, curve, label in (
@@ -78,7 +112,19 @@ def dma_figure(table: DmaTable, series: PronySeries, reduced_frequency: Floats) 
 
 
 def friction_figure(traces: Sequence[FrictionTrace], results: Sequence[FrictionResult], names: Sequence[str]) -> Figure:
-    """Return the coefficient of each slide against time, static peak and stable region marked."""
+    """Return the coefficient of each slide against time, static peak and stable region marked.
+
+    Parameters
+    ----------
+    traces : sequence of FrictionTrace
+    results : sequence of FrictionResult
+    names : sequence of str
+        Of one length each.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     figure, (axis,) = _figure(1)
     for i, (trace, result, name) in enumerate(zip(traces, results, names, strict=True)):
         color = f"C{i % 10}"
@@ -93,7 +139,18 @@ def friction_figure(traces: Sequence[FrictionTrace], results: Sequence[FrictionR
 
 
 def histogram_figure(values: Mapping[str, Floats], label: str) -> Figure:
-    """Return Freedman-Diaconis histograms, each with its kernel density mode; ``label`` carries the unit."""
+    """Return Freedman-Diaconis histograms, each with its kernel density mode; ``label`` carries the unit.
+
+    Parameters
+    ----------
+    values : mapping of str to ndarray
+        Samples by name.
+    label : str
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     figure, (axis,) = _figure(1)
     for i, (name, sample) in enumerate(values.items()):
         density, edges = histogram(sample)
@@ -106,7 +163,17 @@ def histogram_figure(values: Mapping[str, Floats], label: str) -> Figure:
 
 
 def spectrum_figure(spectrum: Spectrum, label: str) -> Figure:
-    """Return a power spectral density on logarithmic axes, its peak marked; ``label`` names the unit."""
+    """Return a power spectral density on logarithmic axes, its peak marked; ``label`` names the unit.
+
+    Parameters
+    ----------
+    spectrum : Spectrum
+    label : str
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     figure, (axis,) = _figure(1)
     shown = spectrum.frequency > 0
     axis.loglog(spectrum.frequency[shown], np.maximum(spectrum.density[shown], 1e-30), lw=0.8)
@@ -120,7 +187,20 @@ def spectrum_figure(spectrum: Spectrum, label: str) -> Figure:
 
 
 def profile_figure(x: Floats, z: Floats, result: RidgeResult) -> Figure:
-    """Return a levelled profile with the mean height and width of its ridges in the title."""
+    """Return a levelled profile with the mean height and width of its ridges in the title.
+
+    Parameters
+    ----------
+    x : ndarray (n,)
+        [mm].
+    z : ndarray (n,)
+        [mm].
+    result : RidgeResult
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     figure, (axis,) = _figure(1)
     axis.plot(x, 1e3 * z, lw=0.7)
     height, width = 1e3 * result.height.mean, 1e3 * result.width.mean
@@ -130,7 +210,20 @@ def profile_figure(x: Floats, z: Floats, result: RidgeResult) -> Figure:
 
 
 def map_figure(height: Floats, pitch: float, result: RidgeResult) -> Figure:
-    """Return a height map with the direction along its ridges."""
+    """Return a height map with the direction along its ridges.
+
+    Parameters
+    ----------
+    height : ndarray (rows, cols)
+        [mm].
+    pitch : float
+        [mm].
+    result : RidgeResult
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     figure, (axis,) = _figure(1)
     axis.grid(visible=False)
     rows, cols = height.shape

@@ -17,7 +17,13 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Spread:
-    """Mean, standard deviation and count of a measure."""
+    """Mean, standard deviation and count of a measure.
+
+    Attributes
+    ----------
+    mean, std : float
+    count : int
+    """
 
     mean: float
     std: float
@@ -31,7 +37,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class RidgeResult:
-    """What a scan says of its ridges; lengths in mm.
+    """Ridges of a scan; lengths in mm.
 
     Attributes
     ----------
@@ -79,13 +85,18 @@ def _form(z: Floats, design: Floats) -> Floats:
 
 
 def level(height: ArrayLike, degree: int = 1) -> Floats:
-    """Return a map (rows, cols) with its form taken off; NaN allowed and kept.
+    """Return a map (rows, cols) with its form removed; NaN allowed and kept.
 
     Parameters
     ----------
     height : array_like (rows, cols)
     degree : int
         Of the polynomial in x and y: 1 levels, 2 flattens a round finger.
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        [mm].
     """
     z = np.asarray(height, dtype=float)
     y, x = (np.linspace(-1.0, 1.0, n) for n in z.shape)
@@ -101,14 +112,37 @@ def level(height: ArrayLike, degree: int = 1) -> Floats:
 
 
 def remove_form(height: ArrayLike, degree: int = 2) -> Floats:
-    """Return a profile with a polynomial form taken off: a scan across a round finger is bent."""
+    """Return a profile with a polynomial form removed: a scan across a round finger is curved.
+
+    Parameters
+    ----------
+    height : array_like (n,)
+    degree : int
+        Of the polynomial.
+
+    Returns
+    -------
+    ndarray (n,)
+        In the unit of ``height``.
+    """
     z = np.asarray(height, dtype=float)
     design = np.asarray(legvander(np.linspace(-1.0, 1.0, len(z)), degree), dtype=float)
     return z - design @ _form(z, design)
 
 
 def fill_gaps(height: ArrayLike) -> Floats:
-    """Return a scan with its lost samples (NaN) taken from the nearest known one."""
+    """Return a scan with its lost samples (NaN) taken from the nearest known one.
+
+    Parameters
+    ----------
+    height : array_like
+        A profile or a map, NaN where lost.
+
+    Returns
+    -------
+    ndarray
+        In the shape of ``height``.
+    """
     z = np.asarray(height, dtype=float)
     lost = ~np.isfinite(z)
     if not lost.any():
@@ -179,6 +213,18 @@ def ridges_of_profile(x: ArrayLike, z: ArrayLike) -> list[_Ridge]:
 
     Ridges are where the profile, lightly smoothed, stands above the middle between its upper and lower tenth;
     hysteresis of a fifth of the height keeps noise from splitting them. Ridges cut by the ends are left out.
+
+    Parameters
+    ----------
+    x : array_like (n,)
+        [mm], ascending.
+    z : array_like (n,)
+        Levelled [mm].
+
+    Returns
+    -------
+    list
+        One entry a ridge.
     """
     x, z = np.asarray(x, dtype=float), np.asarray(z, dtype=float)
     low, high = np.percentile(z, [10, 90])
@@ -242,6 +288,10 @@ def analyse_profile(x: ArrayLike, z: ArrayLike, form_degree: int = 1) -> RidgeRe
     form_degree : int
         Polynomial taken off first: 1 levels, 2 flattens a round finger.
 
+    Returns
+    -------
+    RidgeResult
+
     Raises
     ------
     WorkError
@@ -253,6 +303,15 @@ def analyse_profile(x: ArrayLike, z: ArrayLike, form_degree: int = 1) -> RidgeRe
 
 def ridge_orientation(height: ArrayLike) -> float:
     """Return the direction along the ridges of a levelled map [rad], in (-pi/2, pi/2], from its structure tensor.
+
+    Parameters
+    ----------
+    height : array_like (rows, cols)
+
+    Returns
+    -------
+    float
+        [rad].
 
     References
     ----------
@@ -278,6 +337,10 @@ def analyse_map(height: ArrayLike, pitch: float, lines: int = 64, form_degree: i
         Evenly spaced profiles.
     form_degree : int
         As :func:`level`.
+
+    Returns
+    -------
+    RidgeResult
 
     Raises
     ------
@@ -307,7 +370,18 @@ def analyse_map(height: ArrayLike, pitch: float, lines: int = 64, form_degree: i
 
 
 def against_design(result: RidgeResult, design: Mapping[str, float]) -> dict[str, dict[str, float]]:
-    """Return measured, designed [mm] and relative deviation for each of ``height``, ``width``, ``pitch`` designed."""
+    """Return measured, designed [mm] and relative deviation for each of ``height``, ``width``, ``pitch`` designed.
+
+    Parameters
+    ----------
+    result : RidgeResult
+    design : mapping of str to float
+        ``height``, ``width``, ``pitch`` [mm].
+
+    Returns
+    -------
+    dict of str to dict
+    """
     table = {}
     for name, wanted in design.items():
         measured: Spread = getattr(result, name)

@@ -1,4 +1,4 @@
-"""Scans as what lies on a finger's tip: levelled height maps, and profiles that repeat as parallel ridges."""
+"""Scans as the relief of a finger's tip: levelled height maps, and profiles that repeat as parallel ridges."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class HeightMap:
-    """A surface as the contact solvers take it.
+    """A surface for the contact solvers.
 
     Attributes
     ----------
@@ -62,7 +62,21 @@ class RepeatedProfile:
 
 
 def height_map_of_scan(height: ArrayLike, pitch: float, form_degree: int = 1) -> HeightMap:
-    """Return a scanned map as a finger's height map: levelled (:func:`.profile.level`), gaps filled, mean crest at 0."""
+    """Return a scanned map as a finger's height map: levelled (:func:`level`), gaps filled, mean crest at 0.
+
+    Parameters
+    ----------
+    height : array_like (rows, cols)
+        [mm], NaN where lost.
+    pitch : float
+        [mm].
+    form_degree : int
+        Of the polynomial form removed.
+
+    Returns
+    -------
+    HeightMap
+    """
     z = fill_gaps(level(height, form_degree))
     return HeightMap(z - _crest(z), pitch)
 
@@ -77,7 +91,11 @@ def repeated_profile(x: ArrayLike, z: ArrayLike, form_degree: int = 1) -> Repeat
     x, z : array_like (n,)
         Position and height [mm].
     form_degree : int
-        As :func:`.analyse_profile`.
+        As :func:`analyse_profile`.
+
+    Returns
+    -------
+    RepeatedProfile
 
     Raises
     ------
@@ -109,6 +127,10 @@ def height_map_of_profile(
         (rows, cols).
     pitch : float
         Sample distance of the map [mm].
+
+    Returns
+    -------
+    HeightMap
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Statistics of the thesis's bench tests, all of them scipy's: variance analysis, histograms, modes, repeatability."""
+"""Statistics of the thesis's bench tests (by scipy): variance analysis, histograms, modes, repeatability."""
 
 from __future__ import annotations
 
@@ -17,6 +17,14 @@ def freedman_diaconis_width(values: ArrayLike) -> float:
 
     The thesis prints the exponent with the wrong sign (eq 4.4).
 
+    Parameters
+    ----------
+    values : array_like
+
+    Returns
+    -------
+    float
+
     References
     ----------
     D. Freedman and P. Diaconis, Z. Wahrscheinlichkeitstheorie verw. Gebiete 57 (1981) 453.
@@ -26,7 +34,18 @@ def freedman_diaconis_width(values: ArrayLike) -> float:
 
 
 def histogram(values: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (density, edges) with Freedman-Diaconis bins, at most 10,000; one when all values are equal."""
+    """Return (density, edges) with Freedman-Diaconis bins, at most 10,000; one when all values are equal.
+
+    Parameters
+    ----------
+    values : array_like
+        Finite.
+
+    Returns
+    -------
+    tuple of ndarray
+        Density (n,) and bin edges (n + 1,).
+    """
     x = np.asarray(values, dtype=float).ravel()
     if len(x) == 0 or not np.isfinite(x).all():
         raise ValueError("a histogram needs finite values")
@@ -37,7 +56,18 @@ def histogram(values: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float6
 
 
 def kernel_density_mode(values: ArrayLike) -> float:
-    """Return the mode of a Gaussian kernel density (Scott's bandwidth), located to 1e-6 of the values' range."""
+    """Return the mode of a Gaussian kernel density (Scott's bandwidth), located to 1e-6 of the values' range.
+
+    Parameters
+    ----------
+    values : array_like
+        Finite, two at least.
+
+    Returns
+    -------
+    float
+        In the unit of the values.
+    """
     x = np.asarray(values, dtype=float).ravel()
     if len(x) < 2 or not np.isfinite(x).all():
         raise ValueError("a kernel density needs at least 2 finite values")
@@ -56,7 +86,18 @@ def kernel_density_mode(values: ArrayLike) -> float:
 
 @dataclass(frozen=True)
 class PairwiseDifference:
-    """Tukey's comparison of two groups."""
+    """Tukey's comparison of two groups.
+
+    Attributes
+    ----------
+    first, second : str
+        Names of the groups.
+    difference : float
+        Of their means.
+    low, high : float
+        Confidence interval of the difference.
+    p_value : float
+    """
 
     first: str
     second: str
@@ -89,6 +130,16 @@ class Anova:
 
 def one_way_anova(groups: Mapping[str, ArrayLike], alpha: float = 0.05) -> Anova:
     """Compare group means as the thesis does: one-way ANOVA, and Tukey's HSD only if it is significant.
+
+    Parameters
+    ----------
+    groups : mapping of str to array_like
+    alpha : float
+        Level of significance.
+
+    Returns
+    -------
+    Anova
 
     Raises
     ------
@@ -126,7 +177,7 @@ def one_way_anova(groups: Mapping[str, ArrayLike], alpha: float = 0.05) -> Anova
 
 @dataclass(frozen=True)
 class Repeatability:
-    """How far repeats of one thing differ.
+    """Repeatability of repeated measurements.
 
     Attributes
     ----------
@@ -153,6 +204,15 @@ class Repeatability:
 
 def repeatability(groups: Mapping[str, ArrayLike]) -> Repeatability:
     """Return the repeatability of repeats grouped by specimen, from the one-way random-effects model.
+
+    Parameters
+    ----------
+    groups : mapping of str to array_like
+        Repeats by specimen.
+
+    Returns
+    -------
+    Repeatability
 
     References
     ----------

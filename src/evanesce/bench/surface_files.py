@@ -28,7 +28,16 @@ PROFILE_COLUMNS = (
 
 
 def is_matrix(path: Path) -> bool:
-    """Tell whether a CSV file is a bare matrix of numbers (a height map) rather than columns with headings."""
+    """Return whether a CSV file is a bare matrix of numbers (a height map) rather than columns with headings.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    bool
+    """
     first = read_rows(path)[0]
     try:
         [float(cell) for cell in first if cell]
@@ -39,6 +48,16 @@ def is_matrix(path: Path) -> bool:
 
 def read_profile(path: Path) -> tuple[Floats, Floats]:
     """Read a profile ``x_mm, z_um`` (any length units in the headings); return (x, z) [mm], x ascending.
+
+    Parameters
+    ----------
+    path : Path
+        CSV.
+
+    Returns
+    -------
+    tuple of ndarray (n,)
+        x and z [mm].
 
     Raises
     ------
@@ -69,7 +88,11 @@ def read_map(path: Path, pitch: float, height_unit: str) -> HeightMap:
     pitch : float
         Sample distance [mm], which such files do not carry reliably.
     height_unit : str
-        Unit of the stored figures: nm, um, mm, m.
+        Unit of the stored values: nm, um, mm, m.
+
+    Returns
+    -------
+    HeightMap
 
     Raises
     ------
@@ -95,7 +118,7 @@ def read_map(path: Path, pitch: float, height_unit: str) -> HeightMap:
 
 
 def _plausible(height: Floats, pitch: float, path: Path, key: str) -> HeightMap:
-    """Refuse a map that is too small, empty, or of heights [mm] that do not go with its pitch [mm]."""
+    """Refuse a map that is too small, empty, or of heights [mm] implausible for its pitch [mm]."""
     if min(height.shape) < 32:
         raise InputError(f"{height.shape[1]} x {height.shape[0]} samples", file=path, allowed="at least 32 x 32")
     if not 1e-6 <= pitch <= 10.0:
@@ -126,6 +149,10 @@ def read_skin(
     form_degree : int
         Of the form that is taken off, 1 or 2.
 
+    Returns
+    -------
+    HeightMap | RepeatedProfile
+
     Raises
     ------
     InputError
@@ -154,17 +181,17 @@ def read_skin(
             skin = height_map_of_scan(raw.height, raw.pitch, form_degree)
     except WorkError as error:  # no ridge to repeat, too little data: it is this file that is unfit
         raise InputError(str(error), file=path) from None
-    span, (least, most) = float(np.ptp(skin.height)), RELIEF_MM
-    if not least <= span <= most:
+    span, (lowest, highest) = float(np.ptp(skin.height)), RELIEF_MM
+    if not lowest <= span <= highest:
         raise InputError(
             f"heights span {1e3 * span:.4g} um; is the unit right?", file=path, key=key,
-            allowed=f"{1e3 * least:g} to {1e3 * most:g} um",
+            allowed=f"{1e3 * lowest:g} to {1e3 * highest:g} um",
         )  # fmt: skip
     return skin
 
 
 def _npz(path: Path) -> HeightMap:
-    """Read what `evanesce bench profile` writes; nothing is unpacked before its size is known."""
+    """Read what `evanesce bench profile` writes; nothing is unpacked before its size is checked."""
     try:
         with zipfile.ZipFile(path) as archive:
             unpacked = sum(entry.file_size for entry in archive.infolist())
@@ -202,7 +229,7 @@ def _matrix(path: Path) -> Floats:
 
 def _tiff(path: Path) -> Floats:
     try:
-        # Pillow tells of damaged tags and of many pixels by warnings as well; the size is checked here.
+        # Pillow warns of damaged tags and of many pixels by warnings as well; the size is checked here.
         with warnings.catch_warnings(action="ignore"), Image.open(path) as image:
             if image.width * image.height > MAX_SAMPLES:
                 raise InputError(f"{image.width} x {image.height} samples", file=path, allowed=f"at most {MAX_SAMPLES}")

@@ -1,6 +1,6 @@
-"""Contact area of a bundle's frame by the reference segmentation, on a view rectified by the believed camera.
+"""Contact area of a bundle's frame by the reference segmentation, on a view rectified by the nominal camera.
 
-One pure function, so that a lab, the simulation and whoever compares them read areas alike.
+One pure function, so that areas of a lab and of the simulation are read alike.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from evanesce.rig import Scene
 THRESHOLD = 0.15
 """One of the grey levels that the thesis sets by hand."""
 
-# The chain's lengths on the thesis's frames of 58.37 px/mm, in millimetres, so that coarser frames are treated alike.
+# The segmentation's lengths on the thesis's frames of 58.37 px/mm, in millimetres: coarser frames are treated alike.
 DILATION_MM = 10 / 58.37
 MIN_BLOB_MM2 = 2000 / 3407
 
 
 @dataclass(frozen=True, kw_only=True)
 class AreaReading:
-    """How an area is read.
+    """Settings by which an area is read.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class AreaReading:
     blur_px : float
         Standard deviation of the Gaussian [px].
     min_blob_mm2 : float
-        Least dilated blob that is kept [mm^2].
+        Minimum size of a dilated blob [mm^2].
     """
 
     threshold: float = THRESHOLD
@@ -44,15 +44,20 @@ class AreaReading:
 
 
 def contact_area(frame: NDArray[np.uint8], scene: Scene, reading: AreaReading | None = None) -> float:
-    """Return the contact area that the chain finds in a frame [mm^2].
+    """Measure the contact area of a frame by the reference segmentation.
 
     Parameters
     ----------
     frame : ndarray of uint8 (rows, cols)
         As the scene's camera sees it [DN].
     scene : Scene
-        Believed; its camera and plate rectify the frame onto the contact plane.
+        Nominal; its camera and plate rectify the frame onto the contact plane.
     reading : AreaReading, optional
+
+    Returns
+    -------
+    float
+        [mm^2].
     """
     reading = reading or AreaReading()
     scale = scene.camera.scale_px_per_mm
@@ -86,7 +91,7 @@ class _Key:
 
 @functools.lru_cache(maxsize=4)
 def _plate_maps(key: _Key, scale: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return maps that carry a frame onto a square grid of the contact plane, at the axis's scale."""
+    """Return maps from a frame onto a square grid of the contact plane, at the axis's scale."""
     rows, cols = key.projection.shape
     edge_u = np.concatenate([np.arange(cols), np.arange(cols), np.zeros(rows), np.full(rows, cols - 1)])
     edge_v = np.concatenate([np.zeros(cols), np.full(cols, rows - 1), np.arange(rows), np.arange(rows)])

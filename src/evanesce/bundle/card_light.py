@@ -1,8 +1,8 @@
-"""A printed card on the glass without path tracing: paper, ink and two faces of glass under an even room.
+"""A printed card on the glass without path tracing: paper, ink and two faces of glass under even illumination.
 
 Each pixel's share of paper comes in closed form where the card lies flat: the pixel's footprint is taken as a rectangle
 along the card's axes, so that a checkerboard's mean over it is a product of two means of square waves. A tilted card's
-is counted by sub-rays. Fresnel's equations give what the glass adds and takes. The path tracer's
+is counted by sub-rays. Fresnel's equations give the light that the glass reflects and transmits. The path tracer's
 :func:`evanesce.render.cards.render_card` is the reference.
 """
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from evanesce.core.states import PlateLight
 from evanesce.optics.interface import fresnel_reflectance
 from evanesce.optics.projection import IdealView, Projection
-from evanesce.render.cards import Card, Pose, Room
+from evanesce.render.cards import Card, Illumination, Pose
 from evanesce.rig import Scene
 
 Array = NDArray[np.float64]
@@ -31,11 +31,11 @@ def card_light(
     card: Card,
     pose: Pose | None = None,
     *,
-    room: Room | None = None,
+    illumination: Illumination | None = None,
     view: IdealView | None = None,
     points: tuple[Array, Array, Array] | None = None,
 ) -> PlateLight:
-    """Return the light of a card under an even room, LEDs off.
+    """Return the light of a card under even illumination, LEDs off.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def card_light(
     card : Card
     pose : Pose, optional
         Flat on the glass at the origin if not given.
-    room : Room, optional
+    illumination : Illumination, optional
         Its radiance; a gradient is not modelled here.
     view : IdealView, optional
         Pinhole grid; the one that covers the frame by default.
@@ -59,11 +59,11 @@ def card_light(
     Raises
     ------
     ValueError
-        If the room has a gradient.
+        If the illumination has a gradient.
     """
-    pose, room = pose or Pose(), room or Room()
-    if any(room.gradient):
-        raise ValueError("only an even room is modelled; use render_card")
+    pose, illumination = pose or Pose(), illumination or Illumination()
+    if any(illumination.gradient):
+        raise ValueError("only even illumination is modelled; use render_card")
     projection = Projection.of(scene.camera, scene.plate)
     view = projection.ideal_view() if view is None else view
     x, y, cosine = points or plane_points(projection, view, pose.height)
@@ -71,7 +71,7 @@ def card_light(
         albedo = mean_reflectance(card, *_on_card(pose, x, y))
     else:
         albedo = _counted(projection, card, pose, view)
-    seen = room.radiance * through_glass(scene, albedo, cosine, _mean_albedo(card))
+    seen = illumination.radiance * through_glass(scene, albedo, cosine, _mean_albedo(card))
     return PlateLight(
         radiance=seen,
         variance=np.zeros_like(seen),
@@ -82,7 +82,22 @@ def card_light(
 
 
 def plane_points(projection: Projection, view: IdealView, height_mm: float) -> tuple[Array, Array, Array]:
-    """Return where the pixels of a view meet the plane at a height over the glass [mm], and their cosine to it."""
+    """Return where the pixels of a view meet a plane above the glass, and their cosine to it.
+
+    Parameters
+    ----------
+    projection : Projection
+    view : IdealView
+    height_mm : float
+        Of the plane above the glass [mm].
+
+    Returns
+    -------
+    x, y : ndarray (rows, cols)
+        [mm].
+    cosine : ndarray (rows, cols)
+        [1].
+    """
     rows, cols = view.shape
     px, py = view.principal_point
     u, v = (np.arange(cols) - px) / view.focal_px, (np.arange(rows)[:, None] - py) / view.focal_px
@@ -100,7 +115,19 @@ def _on_card(pose: Pose, x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def mean_reflectance(card: Card, x: Array, y: Array) -> Array:
-    """Return the mean reflectance [1] of each pixel, given card coordinates of the pixels' middles [mm]."""
+    """Return the mean reflectance of each pixel.
+
+    Parameters
+    ----------
+    card : Card
+    x, y : ndarray (rows, cols)
+        Card coordinates of the pixels' middles [mm].
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        [1].
+    """
     wide, high = np.abs(np.gradient(x, axis=1)), np.abs(np.gradient(y, axis=0))
     width, height = card.size
     inside = _covered(x, wide, width / 2) * _covered(y, high, height / 2)
@@ -151,11 +178,16 @@ def reflectance_seen(projection: Projection, card: Card, pose: Pose, u: Array, v
     pose : Pose
     u, v : ndarray
         Undistorted normalised directions.
+
+    Returns
+    -------
+    ndarray
+        [1].
     """
     x, y = projection.ray_to_plate(u, v)
     tan_x, tan_y = projection.tangents(u, v)
     # The ray leaves the glass as steep as it entered; it meets the card's plane somewhat above.
-    corners = pose.place(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+    corners = pose.to_plate(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
     middle, across, down = corners[0], corners[1] - corners[0], corners[2] - corners[0]
     normal = np.cross(across, down)
     way = normal @ middle - normal[0] * x - normal[1] * y
@@ -187,7 +219,7 @@ def _cosine(tan_x: Array, tan_y: Array) -> Array:
 
 
 def through_glass(scene: Scene, albedo: Array, cosine: Array, mean_albedo: float) -> Array:
-    """Return radiance over that of the room: what the plate mirrors, and what paper behind it sends back.
+    """Return radiance over that of the illumination: what the plate mirrors, and what paper behind it sends back.
 
     Parameters
     ----------
@@ -198,7 +230,12 @@ def through_glass(scene: Scene, albedo: Array, cosine: Array, mean_albedo: float
     cosine : ndarray
         Of the viewing angle in air.
     mean_albedo : float
-        Of the paper around, for light that the far face sends back beside where it left [1].
+        Of the paper around, for light that the far face reflects beside where it left [1].
+
+    Returns
+    -------
+    ndarray
+        [1].
     """
     n = scene.plate.refractive_index
     absorbed = np.exp(-2 * scene.plate.absorption_coefficient_per_mm * scene.plate.thickness_mm)

@@ -1,19 +1,19 @@
-"""What a bundle holds, and which effects its measurements cannot tell of."""
+"""Contents of a bundle, and the effects that its measurements cannot identify."""
 
 from __future__ import annotations
 
 from typing import Any
 
+from evanesce.bundle.bundle import Bundle
 from evanesce.bundle.layout import (
     AUXILIARY,
-    LEAST_REPLICATES,
+    MIN_REPLICATES,
     OBSERVABLES,
     PRESS_FOLDER,
     PRESS_TABLE,
     REPLICATES_FOLDER,
     SERIES_FOLDER,
 )
-from evanesce.bundle.read import Bundle
 from evanesce.effects import all_effects
 
 MISSING = {
@@ -23,7 +23,7 @@ MISSING = {
     "time": "a hold of at least 10 s",
     "motion": "press frames at most 0.5 s apart while the force changes",
     "displacement": "displacement_mm in press.csv",
-    "replicates": f"{LEAST_REPLICATES} frames of a held state: without them the false-alarm rate is not controlled",
+    "replicates": f"{MIN_REPLICATES} frames of a held state: without them the false-alarm rate is not controlled",
     "led_off": "frames with the LEDs off",
     "lens_cap": "frames with the lens covered",
     "checkerboard": "a shot of the checkerboard",
@@ -33,13 +33,23 @@ MISSING = {
 
 
 def contents(bundle: Bundle) -> dict[str, Any]:
-    """Return what is there, what is not, and which effects cannot be told for want of it (JSON-able)."""
+    """Return the contents of a bundle, what is missing, and the effects that cannot be identified without it.
+
+    Parameters
+    ----------
+    bundle : Bundle
+
+    Returns
+    -------
+    dict
+        JSON-able, units in the keys.
+    """
     press = bundle.press
     missing = [name for name in OBSERVABLES if name not in bundle.available]
-    blind = {
-        name: [need for need in effect.needs if need not in bundle.judgeable]
+    unidentifiable = {
+        name: [need for need in effect.needs if need not in bundle.testable]
         for name, effect in all_effects().items()
-        if not set(effect.needs) <= bundle.judgeable
+        if not set(effect.needs) <= bundle.testable
     }
     rows, cols = bundle.shape
     return {
@@ -61,13 +71,22 @@ def contents(bundle: Bundle) -> dict[str, Any]:
         },
         "available": [name for name in OBSERVABLES if name in bundle.available],
         "missing": missing,
-        "cannot_be_named": blind,
+        "cannot_be_named": unidentifiable,
         "not_read": unread(bundle),
     }
 
 
 def unread(bundle: Bundle) -> list[str]:
-    """Return folders and tables that nothing reads, by name: a misspelt one would be missed without a word."""
+    """Return folders and tables that nothing reads, by name: a misspelt one would otherwise go unnoticed.
+
+    Parameters
+    ----------
+    bundle : Bundle
+
+    Returns
+    -------
+    list of str
+    """
     known = {PRESS_FOLDER, REPLICATES_FOLDER, SERIES_FOLDER, *AUXILIARY, PRESS_TABLE}
     found = [p for p in bundle.path.iterdir() if not p.name.startswith(".") and (p.is_dir() or p.suffix == ".csv")]
     return sorted(p.name for p in found if p.name not in known)

@@ -1,4 +1,4 @@
-"""Files of a bundle: none outside its folder, frames as PNG and of one size."""
+"""Check the files of a bundle: none outside its folder, frames as PNG and of one size."""
 
 from __future__ import annotations
 
@@ -17,6 +17,19 @@ MAX_FILES = 100_000
 
 def inside(root: Path, name: str, key: str | None) -> Path:
     """Return a regular file of the bundle; a name that leads out of the folder is refused.
+
+    Parameters
+    ----------
+    root : Path
+        Folder of the bundle.
+    name : str
+        Relative path as the bundle states it.
+    key : str or None
+        Key of ``measurement.toml`` that states it, for the message.
+
+    Returns
+    -------
+    Path
 
     Raises
     ------
@@ -39,13 +52,33 @@ def inside(root: Path, name: str, key: str | None) -> Path:
 
 
 def check_inside(root: Path, path: Path) -> None:
-    """Refuse a link that leads out of the bundle."""
+    """Refuse a link that leads out of the bundle.
+
+    Parameters
+    ----------
+    root : Path
+        Folder of the bundle.
+    path : Path
+        File or folder in it.
+    """
     if not path.resolve().is_relative_to(root.resolve()):
         raise InputError("is a link that leads out of the bundle", file=path, allowed="files inside the folder")
 
 
 def png_files(root: Path, folder: str) -> tuple[Path, ...]:
-    """Return a folder's frames in natural order; empty where there is no such folder."""
+    """Return a folder's frames in natural order; empty where there is no such folder.
+
+    Parameters
+    ----------
+    root : Path
+        Folder of the bundle.
+    folder : str
+        Name of the folder of frames.
+
+    Returns
+    -------
+    tuple of Path
+    """
     where = root / folder
     if not where.exists():
         return ()
@@ -70,7 +103,17 @@ def png_files(root: Path, folder: str) -> tuple[Path, ...]:
 
 
 def numbered(paths: Sequence[Path]) -> dict[int, Path]:
-    """Return frames by the number that is their name."""
+    """Return frames by the number that is their name.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Frames named by their numbers.
+
+    Returns
+    -------
+    dict of int to Path
+    """
     found: dict[int, Path] = {}
     for path in paths:
         if not (path.stem.isascii() and path.stem.isdecimal()):
@@ -82,7 +125,15 @@ def numbered(paths: Sequence[Path]) -> dict[int, Path]:
 
 
 def check_header(path: Path, scene: Scene) -> None:
-    """Compare an image's size with the camera's without decoding it."""
+    """Compare an image's size with the camera's without decoding it.
+
+    Parameters
+    ----------
+    path : Path
+        PNG frame.
+    scene : Scene
+        Nominal model; its camera states the size.
+    """
     try:
         with PillowImage.open(path, formats=("PNG",)) as picture:
             size = picture.size
@@ -92,9 +143,19 @@ def check_header(path: Path, scene: Scene) -> None:
 
 
 def check_size(size: tuple[int, int], scene: Scene, path: Path) -> None:
-    """Refuse an image whose (columns, rows) are not those of the believed camera."""
+    """Refuse an image whose (columns, rows) are not those of the nominal camera.
+
+    Parameters
+    ----------
+    size : tuple of int
+        (cols, rows) [px].
+    scene : Scene
+        Nominal model; its camera states the size.
+    path : Path
+        Of the image, for the message.
+    """
     cols, rows = scene.camera.resolution_px
     if size != (cols, rows):
         raise InputError(
-            f"{size[0]} x {size[1]} pixels", file=path, allowed=f"{cols} x {rows}, the believed camera's resolution_px"
+            f"{size[0]} x {size[1]} pixels", file=path, allowed=f"{cols} x {rows}, the nominal camera's resolution_px"
         )

@@ -1,4 +1,4 @@
-"""Files of a bundle that is being written: frames, tables, and a folder that appears whole or not at all."""
+"""Write the files of a bundle: frames, tables, and a folder that appears whole or not at all."""
 
 from __future__ import annotations
 
@@ -23,13 +23,33 @@ Grey = NDArray[np.uint8]
 
 
 def write_frame(root: Path, kind: str, index: int, frame: Grey) -> None:
-    """Write one frame to its place in a bundle."""
+    """Write one frame of a kind under its number in a bundle.
+
+    Parameters
+    ----------
+    root : Path
+        Folder of the bundle.
+    kind : str
+        Folder of the frame: ``press``, ``replicates``, ``led_off`` ...
+    index : int
+        Number of the frame.
+    frame : ndarray of uint8 (rows, cols)
+        [DN].
+    """
     (root / kind).mkdir(exist_ok=True)
     write_png(root / kind / f"{index:04d}.png", frame)
 
 
 def write_shots(path: Path, shots: tuple[Shot, ...] | list[Shot], displacement_mm: list[float] | None = None) -> None:
-    """Write ``press.csv`` or ``replicates.csv``; displacements that are not known stay empty."""
+    """Write ``press.csv`` or ``replicates.csv``; unknown displacements stay empty.
+
+    Parameters
+    ----------
+    path : Path
+    shots : tuple or list of Shot
+    displacement_mm : list of float, optional
+        One per shot [mm].
+    """
     known = displacement_mm is not None and bool(np.isfinite(displacement_mm).all())
     depths = displacement_mm if known and displacement_mm is not None else [None] * len(shots)
     rows = [
@@ -40,7 +60,14 @@ def write_shots(path: Path, shots: tuple[Shot, ...] | list[Shot], displacement_m
 
 
 def write_csv(path: Path, header: list[str], rows: list[list[Any]]) -> None:
-    """Write a table; floats to nine digits."""
+    """Write a table; floats to nine digits.
+
+    Parameters
+    ----------
+    path : Path
+    header : list of str
+    rows : list of list
+    """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(header)
@@ -51,7 +78,16 @@ def write_csv(path: Path, header: list[str], rows: list[list[Any]]) -> None:
 
 @contextmanager
 def new_folder(folder: Path) -> Iterator[Path]:
-    """Give a temporary folder beside ``folder`` to fill; it takes that name only if all went well.
+    """Yield a temporary folder beside ``folder``, which takes that name only if no error occurs.
+
+    Parameters
+    ----------
+    folder : Path
+        Absent or empty.
+
+    Yields
+    ------
+    Path
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What lies where in a bundle, and the values that are read from it. See docs/reference/bundle.md."""
+"""Files of a bundle and the values read from them. See docs/reference/bundle.md."""
 
 from __future__ import annotations
 
@@ -29,23 +29,23 @@ OBSERVABLES = (
 """What a bundle may hold; effects name what they need in these words.
 
 ``press``: frames of presses; ``voltage``, ``force``: at least two of them; ``time``: frames of one held state that lie
-at least :data:`LEAST_DWELL_S` apart; ``motion``: frames of a finger on its way, :data:`MOST_STEP_S` apart at most, or a
-rig that slides it; ``displacement``: given for each frame; ``replicates``: at least :data:`LEAST_REPLICATES` frames;
+at least :data:`MIN_DWELL_S` apart; ``motion``: frames of a moving finger, :data:`MAX_STEP_S` apart at most, or a
+rig that slides it; ``displacement``: given for each frame; ``replicates``: at least :data:`MIN_REPLICATES` frames;
 the rest: folders of that name.
 """
 
-SERIES_STAND_FOR = ("press", "voltage", "force", "time", "square")
-"""What a bundle without frames has by its series: their values hang on light, load, hold and card. Whether they feel an
-effect only its prediction says. A finger on its way is in none of them."""
+SERIES_OBSERVABLES = ("press", "voltage", "force", "time", "square")
+"""Observables of a bundle without frames: its series depend on light, load, hold and card. Whether they are sensitive
+to an effect follows from its prediction only. None of them shows a moving finger."""
 
-LEAST_REPLICATES = 3
+MIN_REPLICATES = 3
 """Frames of a held state from which noise is measured."""
 
-LEAST_DWELL_S = 10.0
+MIN_DWELL_S = 10.0
 """Shortest hold of one state from which anything slow can be seen [s]."""
 
-MOST_STEP_S = 0.5
-"""Longest time between two frames of unlike forces in which the finger was surely on its way [s]."""
+MAX_STEP_S = 0.5
+"""Longest time between two frames of unlike forces in which the finger surely moved [s]."""
 
 SAME_FORCE = (0.01, 0.02)
 """Absolute [N] and relative difference of forces that count as one condition: a load cell never repeats a figure."""
@@ -61,7 +61,7 @@ class Shot:
     Attributes
     ----------
     index : int
-        Number of the frame: its file's name, or its place in the video.
+        Number of the frame: its file's name, or its position in the video.
     time_s : float
         Mid-exposure time since an origin that all tables share [s].
     force_N : float
@@ -69,9 +69,9 @@ class Shot:
     voltage_V : float
         Supply of the LEDs [V].
     displacement_mm : float
-        Of the finger's top towards the plate since first touch [mm]; NaN where not given.
+        Of the finger's top towards the plate since first contact [mm]; NaN where not given.
     session : int
-        Frames between which the finger was not taken off or moved over the plate share one.
+        Frames between which the finger was not lifted or moved over the plate share one.
     condition : int
         Frames of one session, force and voltage share one; counted from 0 in the order of appearance.
     held_s : float
@@ -90,12 +90,12 @@ class Shot:
 
 @dataclass(frozen=True)
 class Replicates:
-    """Frames of a state that was held: their differences are noise.
+    """Frames of a held state: their differences are noise.
 
     Attributes
     ----------
     shots : tuple of Shot
-        One for each frame; empty where the state is not known (the frames then tell of noise alone).
+        One for each frame; empty where the state is not known (the frames then show noise alone).
     count : int
         Number of frames.
     """
@@ -123,7 +123,7 @@ class Series:
     sigma : ndarray (n,) or None
         Standard deviation of ``y``, in its unit; None where not given.
     held : Mapping of str to float
-        What was held while it was measured and how an area was read, as :data:`HELD` names it.
+        What was held while it was measured and the settings of an area, as :data:`HELD` names them.
     """
 
     name: str
@@ -189,7 +189,7 @@ HELD: Mapping[str, Column] = MappingProxyType(
         "min_blob_mm2": Column(0.0, 1e4, "mm2"),
     }
 )
-"""Keys of a table ``[series.NAME]`` of ``measurement.toml``: the held state, and the chain that read an area."""
+"""Keys of a table ``[series.NAME]`` of ``measurement.toml``: the held state, and the settings of an area."""
 
 
 def conditions(shots: list[Shot]) -> tuple[Shot, ...]:
@@ -199,6 +199,10 @@ def conditions(shots: list[Shot]) -> tuple[Shot, ...]:
     ----------
     shots : list of Shot
         In the order of time.
+
+    Returns
+    -------
+    tuple of Shot
     """
     firsts: list[Shot] = []
     found: list[Shot] = []
@@ -214,13 +218,32 @@ def conditions(shots: list[Shot]) -> tuple[Shot, ...]:
 
 
 def same_force(one: float, other: float) -> bool:
-    """Tell whether two forces [N] are one within what a load cell repeats."""
+    """Return whether two forces [N] agree within the repeatability of a load cell.
+
+    Parameters
+    ----------
+    one, other : float
+        [N].
+
+    Returns
+    -------
+    bool
+    """
     absolute, relative = SAME_FORCE
     return abs(one - other) <= absolute + relative * max(abs(one), abs(other))
 
 
 def same_condition(one: Shot, other: Shot) -> bool:
-    """Tell whether two shots are of one session, force and voltage."""
+    """Return whether two shots are of one session, force and voltage.
+
+    Parameters
+    ----------
+    one, other : Shot
+
+    Returns
+    -------
+    bool
+    """
     return (
         one.session == other.session
         and same_force(one.force_N, other.force_N)

@@ -1,4 +1,4 @@
-"""The measurement that a lab can do in ten minutes: ramp, hold, voltage sweep, and the shots that tell causes apart."""
+"""Protocol of a measurement of ten minutes: ramp, hold, voltage sweep, and the shots that separate causes."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ VOLTAGE_STEP_V = 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class Protocol:
-    """What is photographed.
+    """Frames of a measurement.
 
     Attributes
     ----------
@@ -44,10 +44,18 @@ class Protocol:
 
 
 def default_protocol(scene: Scene) -> Protocol:
-    """Return the usual protocol of a rig: load only rises, so that what creeps or sticks has one history.
+    """Return the usual protocol of a rig: load only rises, so that creep and stick have one history.
 
     A ramp of six forces at the scene's voltage, six frames of a hold at the largest over two minutes, five voltages at
     that force; 17 frames in one session.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    Protocol
     """
     largest = (
         max(scene.press.forces_N) if scene.press.forces_N else scene.press.ramp.stop_N if scene.press.ramp else 5.0
@@ -66,7 +74,17 @@ def default_protocol(scene: Scene) -> Protocol:
 
 
 def sweep_voltages(scene: Scene) -> list[float]:
-    """Return voltages that give the LEDs :data:`LIGHT` times their power, to the step that a supply is set to [V]."""
+    """Return the voltages that give the LEDs :data:`LIGHT` times their power, rounded to a supply's step.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    list of float
+        [V].
+    """
     volts = np.arange(0.2, 60.0, VOLTAGE_STEP_V)
     own = scene.leds.voltage_V
 

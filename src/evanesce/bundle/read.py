@@ -1,11 +1,9 @@
-"""Read a bundle: tables at once, frames when they are asked for. What is broken is refused with its exact place."""
+"""Read a bundle: tables at once, frames when they are asked for; an error names file, line and column."""
 
 from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -14,21 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from evanesce.bundle.files import check_header, check_inside, check_size, inside, numbered, png_files
+from evanesce.bundle.bundle import Bundle
+from evanesce.bundle.files import check_header, check_inside, inside, numbered, png_files
 from evanesce.bundle.layout import (
     AUXILIARY,
     HELD,
-    LEAST_DWELL_S,
-    LEAST_REPLICATES,
     MEASUREMENT_FILE,
-    MOST_STEP_S,
     PRESS_FOLDER,
     PRESS_TABLE,
     REPLICATES_FOLDER,
     REPLICATES_TABLE,
-    SAME_VOLTAGE_V,
     SERIES_FOLDER,
-    SERIES_STAND_FOR,
     Replicates,
     Series,
     Shot,
@@ -39,9 +33,6 @@ from evanesce.bundle.tables import line_numbers, read_series, read_shots
 from evanesce.core.errors import InputError
 from evanesce.core.quantities import Strict
 from evanesce.core.resources import resource
-from evanesce.measurement.io.frames import open_frames
-from evanesce.measurement.io.images import read_image
-from evanesce.measurement.reference.segment import grey
 from evanesce.rig import Scene, load_scene
 from evanesce.rig.load import validate
 
@@ -69,165 +60,6 @@ class _Measurement(Strict):
     series: dict[str, dict[str, float | int]] = Field(default_factory=dict)
 
 
-@dataclass(frozen=True, eq=False)
-class Bundle:
-    """A measurement bundle; frames are read when asked for, everything else has been checked.
-
-    Attributes
-    ----------
-    path : Path
-        The folder.
-    scene : Scene
-        The rig that is believed.
-    title : str
-    press : tuple of Shot
-        In the order of time.
-    replicates : Replicates
-    series : Mapping of str to Series
-    """
-
-    path: Path
-    scene: Scene
-    title: str = ""
-    press: tuple[Shot, ...] = ()
-    replicates: Replicates = field(default_factory=Replicates)
-    series: Mapping[str, Series] = field(default_factory=lambda: MappingProxyType({}))
-    _files: Mapping[str, tuple[Path, ...]] = field(default_factory=lambda: MappingProxyType({}), repr=False)
-    _video: Path | None = field(default=None, repr=False)
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(rows, cols) of every frame [px]."""
-        cols, rows = self.scene.camera.resolution_px
-        return rows, cols
-
-    def frame(self, shot: Shot) -> Grey:
-        """Return a press frame, uint8 (rows, cols) [DN]; colour is made grey by the luma weights of the chain.
-
-        Raises
-        ------
-        InputError
-            If the file is damaged, has 16 bits or another size than the scene's camera.
-        KeyError
-            If the shot is none of :attr:`press`.
-        """
-        if self._video is not None:
-            return self._film[shot.index]
-        place = {s.index: k for k, s in enumerate(self.press)}[shot.index]
-        return self._read(self._files[PRESS_FOLDER][place])
-
-    def frames(self, kind: str) -> tuple[Grey, ...]:
-        """Return all frames of ``press``, ``replicates`` or one of :data:`AUXILIARY`; empty where there are none."""
-        if kind == PRESS_FOLDER:
-            return tuple(self.frame(shot) for shot in self.press)
-        if kind not in (REPLICATES_FOLDER, *AUXILIARY):
-            raise KeyError(kind)
-        return tuple(self._read(path) for path in self._files.get(kind, ()))
-
-    def count(self, kind: str) -> int:
-        """Return how many frames of a kind there are."""
-        return len(self.press) if kind == PRESS_FOLDER else len(self._files.get(kind, ()))
-
-    @cached_property
-    def replicate_frames(self) -> tuple[Grey, ...]:
-        """Frames of the held state."""
-        return self.frames(REPLICATES_FOLDER)
-
-    @cached_property
-    def led_off(self) -> tuple[Grey, ...]:
-        """Frames with the LEDs off and the finger away."""
-        return self.frames("led_off")
-
-    @cached_property
-    def lens_cap(self) -> tuple[Grey, ...]:
-        """Frames with the lens covered."""
-        return self.frames("lens_cap")
-
-    @cached_property
-    def checkerboard(self) -> tuple[Grey, ...]:
-        """Shots of the checkerboard on the glass."""
-        return self.frames("checkerboard")
-
-    @cached_property
-    def square(self) -> tuple[Grey, ...]:
-        """Shots of the square on the glass."""
-        return self.frames("square")
-
-    @cached_property
-    def available(self) -> frozenset[str]:
-        """What of :data:`~evanesce.bundle.layout.OBSERVABLES` is there."""
-        found = {kind for kind in AUXILIARY if self._files.get(kind)}
-        if self.press:
-            first = self.press[0]
-            found.add("press")
-            if any(abs(s.voltage_V - first.voltage_V) > SAME_VOLTAGE_V for s in self.press):
-                found.add("voltage")
-            if any(not same_force(s.force_N, first.force_N) for s in self.press):
-                found.add("force")
-            if any(s.held_s >= LEAST_DWELL_S for s in self.press):
-                found.add("time")
-            if self.scene.slide is not None or any(map(_moving, self.press, self.press[1:])):
-                found.add("motion")
-            if not any(np.isnan(s.displacement_mm) for s in self.press):
-                found.add("displacement")
-        if len(self.replicates) >= LEAST_REPLICATES:
-            found.add("replicates")
-        if self.series:
-            found.add("series")
-        return frozenset(found)
-
-    @property
-    def has_frames(self) -> bool:
-        """Whether there is any frame at all."""
-        return bool(self.press or len(self.replicates) or any(self._files.get(kind) for kind in AUXILIARY))
-
-    @property
-    def judgeable(self) -> frozenset[str]:
-        """By what effects can be judged: :attr:`available`, and what series stand for where there are no frames."""
-        return self.available if self.has_frames else self.available | set(SERIES_STAND_FOR)
-
-    @cached_property
-    def _film(self) -> dict[int, Grey]:
-        """The video's frames that the table names, decoded in one go."""
-        assert self._video is not None
-        wanted = {shot.index for shot in self.press}
-        found: dict[int, Grey] = {}
-        stream = open_frames(self._video)
-        seen = 0
-        for frame in stream:
-            seen += 1
-            if frame.index in wanted:
-                found[frame.index] = self._checked(frame.data, self._video)
-            if len(found) == len(wanted):
-                return found
-        stream.finish()
-        missing = min(wanted - set(found))
-        raise InputError(
-            f"frame {missing} is named, but the video holds {seen}", file=self.path / PRESS_TABLE, key="column index",
-            allowed=f"0 to {seen - 1}",
-        )  # fmt: skip
-
-    def _read(self, path: Path) -> Grey:
-        loaded = read_image(path)
-        if any(note.code == "bit_depth" for note in loaded.notes):
-            raise InputError("16-bit samples", file=path, allowed="8 bits, as the measurement pipeline reads them")
-        return self._checked(loaded.data, path)
-
-    def _checked(self, data: Grey, path: Path) -> Grey:
-        check_size((data.shape[1], data.shape[0]), self.scene, path)
-        if data.ndim == 3:
-            data = np.floor(255.0 * grey(data) + 0.5).astype(np.uint8)
-        data.flags.writeable = False
-        return data
-
-
-def scene_at(scene: Scene, shot: Shot) -> Scene:
-    """Return the believed rig with the LEDs' supply as it was for a shot."""
-    if shot.voltage_V == scene.leds.voltage_V:
-        return scene
-    return scene.model_copy(update={"leds": scene.leds.model_copy(update={"voltage_V": shot.voltage_V})})
-
-
 def read_bundle(path: str | Path, *, decode: bool = True) -> Bundle:
     """Read and check a bundle.
 
@@ -235,12 +67,16 @@ def read_bundle(path: str | Path, *, decode: bool = True) -> Bundle:
     ----------
     path : str or Path
     decode : bool
-        Whether to decode every frame once, so that damage is refused here; else only sizes are looked at.
+        Whether to decode every frame once, so that damage is found here; else only sizes are checked.
+
+    Returns
+    -------
+    Bundle
 
     Raises
     ------
     InputError
-        With file, line and column of the first thing wrong.
+        With file, line and column of the first error.
     """
     root = Path(path)
     if not root.is_dir():
@@ -285,7 +121,7 @@ def _measurement(root: Path) -> _Measurement:
 
 
 def _scene(root: Path, name: str) -> Scene:
-    """Return the believed rig: a file of the bundle, or a scene that ships, by its bare name."""
+    """Return the nominal model of the rig: a file of the bundle, or a scene that ships, by its bare name."""
     if name.endswith(".toml"):
         return load_scene(inside(root, name, "scene"))
     if not name.replace("_", "").replace("-", "").isalnum():
@@ -412,9 +248,3 @@ def _read_series(root: Path, described: _Measurement) -> Mapping[str, Series]:
             raise InputError("is there twice", file=path, allowed=f"one table of the name {path.stem}")
         found[path.stem] = read_series(path, {k: float(v) for k, v in described.series.get(path.stem, {}).items()})
     return MappingProxyType(found)
-
-
-def _moving(one: Shot, following: Shot) -> bool:
-    """Tell whether the finger was on its way between two frames."""
-    close = one.session == following.session and following.time_s - one.time_s <= MOST_STEP_S
-    return close and not same_force(one.force_N, following.force_N)

@@ -1,4 +1,4 @@
-"""Tables of a bundle, strictly: every refusal names file, line and column."""
+"""Read the tables of a bundle strictly: every error names file, line and column."""
 
 from __future__ import annotations
 
@@ -118,7 +118,18 @@ def _cell(path: Path, line: int, name: str, text: str, column: Column) -> float 
 
 
 def line_numbers(path: Path) -> list[int]:
-    """Return the number of each line below the header that holds anything."""
+    """Return the number of each line below the header that holds anything.
+
+    Parameters
+    ----------
+    path : Path
+        CSV table.
+
+    Returns
+    -------
+    list of int
+        From 1, the header's.
+    """
     return [line for line, _ in _rows(path)[1:]]
 
 
@@ -129,7 +140,12 @@ def read_shots(path: Path, voltage_V: float) -> tuple[Shot, ...]:
     ----------
     path : Path
     voltage_V : float
-        The believed rig's, used where the table gives none [V].
+        Of the nominal model, used where the table gives none [V].
+
+    Returns
+    -------
+    tuple of Shot
+        With conditions and hold times.
 
     Raises
     ------
@@ -177,6 +193,10 @@ def read_series(path: Path, held: Mapping[str, float]) -> Series:
     path : Path
     held : Mapping
         From ``measurement.toml``.
+
+    Returns
+    -------
+    Series
 
     Raises
     ------

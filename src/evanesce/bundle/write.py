@@ -1,8 +1,10 @@
-"""Write a bundle of simulated measurements, whole or not at all: what a lab would have in its hands afterwards."""
+"""Write a bundle of simulated measurements, whole or not at all."""
 
 from __future__ import annotations
 
 import hashlib
+import itertools
+import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,7 @@ import tomli_w
 from numpy.typing import NDArray
 
 from evanesce.bundle.area import MIN_BLOB_MM2, AreaReading, contact_area
+from evanesce.bundle.bundle import scene_at
 from evanesce.bundle.card_light import card_light
 from evanesce.bundle.folder import new_folder, write_csv, write_frame, write_shots
 from evanesce.bundle.layout import (
@@ -25,7 +28,6 @@ from evanesce.bundle.layout import (
     Shot,
 )
 from evanesce.bundle.protocol import Protocol, default_protocol
-from evanesce.bundle.read import scene_at
 from evanesce.chain.simulate import Render, expose, solve_contact
 from evanesce.core import rng
 from evanesce.core.states import ContactState, PlateLight
@@ -40,7 +42,7 @@ Grey = NDArray[np.uint8]
 Tick = Callable[[int, int], None]
 CardRender = Callable[[Scene, Card, Pose], PlateLight]
 
-# Numbers of frames that are no press: apart, so that no two share a stream of noise.
+# First numbers of frames that are not of a press: far apart, so that no two share a random stream.
 _FIRST_INDEX = {REPLICATES_FOLDER: 100_000, "led_off": 200_000, "lens_cap": 300_000, "checkerboard": 400_000,
                 "square": 500_000}  # fmt: skip
 
@@ -54,19 +56,20 @@ BEHIND_THE_LENS = (Stage.CHARGE, Stage.READOUT, Stage.FRAME)
 
 
 class Rig:
-    """A rig that takes the pictures of a bundle; equal light is rendered once.
+    """A simulated rig that exposes the frames of a bundle; equal light is rendered once.
 
     Parameters
     ----------
     scene : Scene
-        As it really is.
+        The true rig.
     seed : int
     render : Render, optional
         The fast renderer by default.
     card : callable, optional
         ``card(scene, card, pose) -> PlateLight``.
     finer : int
-        Pixels at which light is gathered, along each of the camera's: where those are coarser than what the lens draws.
+        Pixels at which light is sampled along each of the camera's, where those are coarser than the lens's
+        resolution.
     """
 
     def __init__(
@@ -78,17 +81,40 @@ class Rig:
         self._kept: tuple[str, PlateLight] | None = None
 
     def press(self, shot: Shot, index: int | None = None) -> tuple[Grey, ContactState]:
-        """Return the frame of a press [DN], and the contact."""
+        """Return the frame of a press [DN], and the contact.
+
+        Parameters
+        ----------
+        shot : Shot
+        index : int, optional
+            Number of the frame, which selects its noise; that of the shot by default.
+
+        Returns
+        -------
+        frame : ndarray of uint8 (rows, cols)
+            [DN].
+        state : ContactState
+        """
         index = shot.index if index is None else index
         scene, state = solve_contact(
             scene_at(self.scene, shot), shot.force_N, seed=self.seed, time_s=shot.time_s, index=index
         )
         assert state is not None
         light = self._light(scene, state)
-        return self._photograph(scene, light, shot.time_s, index), state
+        return self._expose(scene, light, shot.time_s, index), state
 
     def led_off(self, index: int) -> Grey:
-        """Return a frame with the LEDs off and the finger away [DN]."""
+        """Return a frame with the LEDs off and the finger away [DN].
+
+        Parameters
+        ----------
+        index : int
+            Number of the frame, which selects its noise.
+
+        Returns
+        -------
+        ndarray of uint8 (rows, cols)
+        """
         dark = self.scene.leds.model_copy(
             update={
                 "voltage_V": 0.0,
@@ -98,29 +124,51 @@ class Rig:
             }
         )
         scene, _ = solve_contact(self.scene.model_copy(update={"leds": dark}), None, seed=self.seed, index=index)
-        return self._photograph(scene, no_light(finer_pixels(scene, self.finer)), 0.0, index)
+        return self._expose(scene, no_light(finer_pixels(scene, self.finer)), 0.0, index)
 
     def lens_cap(self, index: int) -> Grey:
-        """Return a frame with the lens covered [DN]: only what happens behind the lens is left."""
+        """Return a frame with the lens covered [DN]: only effects behind the lens are left.
+
+        Parameters
+        ----------
+        index : int
+            Number of the frame, which selects its noise.
+
+        Returns
+        -------
+        ndarray of uint8 (rows, cols)
+        """
         known = all_effects()
         behind = {name: table for name, table in self.scene.effects.items() if known[name].stage in BEHIND_THE_LENS}
         scene = self.scene.model_copy(update={"effects": behind})
-        return self._photograph(scene, no_light(finer_pixels(scene, self.finer)), 0.0, index)
+        return self._expose(scene, no_light(finer_pixels(scene, self.finer)), 0.0, index)
 
     def card(self, kind: str, index: int) -> Grey:
-        """Return the shot of ``checkerboard`` or ``square`` lying on the glass [DN]."""
+        """Return the shot of ``checkerboard`` or ``square`` lying on the glass [DN].
+
+        Parameters
+        ----------
+        kind : str
+            ``checkerboard`` or ``square``.
+        index : int
+            Number of the frame, which selects its noise.
+
+        Returns
+        -------
+        ndarray of uint8 (rows, cols)
+        """
         context = Context(self.scene, self.seed, 0.0, index)
         scene = apply_stage(Stage.RIG, self.scene, active_effects(self.scene), context)
         card = checkerboard_of(scene.card) if kind == "checkerboard" else square_of(scene.card)
         light = self._card(finer_pixels(scene, self.finer), card, pose_of(scene.card))
-        return self._photograph(scene, light, 0.0, index)
+        return self._expose(scene, light, 0.0, index)
 
-    def _photograph(self, scene: Scene, light: PlateLight, time_s: float, index: int) -> Grey:
+    def _expose(self, scene: Scene, light: PlateLight, time_s: float, index: int) -> Grey:
         frame = expose(scene, light, seed=self.seed, time_s=time_s, index=index, finer=self.finer)[1]
         return np.asarray(frame.data, np.uint8)
 
     def _light(self, scene: Scene, state: ContactState) -> PlateLight:
-        """Render; a state that stands still is rendered once, so that its frames differ by noise alone."""
+        """Render; a held state is rendered once, so that its frames differ by noise alone."""
         digest = hashlib.sha256(scene.model_dump_json(exclude={"effects", "title"}).encode())
         for array in (state.gap, state.contact_mask, state.pressure):
             digest.update(np.ascontiguousarray(array).tobytes())
@@ -144,7 +192,17 @@ def _rays(scene: Scene) -> IdealView:
 
 
 def no_light(scene: Scene) -> PlateLight:
-    """Return darkness on the scene's pinhole view."""
+    """Return darkness on the scene's pinhole view.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    PlateLight
+        Zero radiance and variance.
+    """
     view = Projection.of(scene.camera, scene.plate).ideal_view()
     dark = np.zeros(view.shape)
     return PlateLight(
@@ -157,7 +215,7 @@ def write_bundle(
     scene: Scene,
     *,
     seed: int,
-    believed: Scene | None = None,
+    nominal: Scene | None = None,
     protocol: Protocol | None = None,
     render: Render | None = None,
     card: CardRender | None = None,
@@ -172,11 +230,12 @@ def write_bundle(
     folder : Path
         Must not exist, or be empty.
     scene : Scene
-        The rig as it really is.
+        The true rig.
     seed : int
-    believed : Scene, optional
-        The rig that the bundle names; ``scene`` by default, so that nothing is hidden.
+    nominal : Scene, optional
+        The model of the rig that the bundle names; ``scene`` by default, so that there is no discrepancy.
     protocol : Protocol, optional
+        :func:`~evanesce.bundle.protocol.default_protocol` if not given.
     render, card : callable, optional
         Renderers of contacts and cards; the fast ones by default.
     provenance : Mapping, optional
@@ -196,51 +255,61 @@ def write_bundle(
     protocol = protocol or default_protocol(scene)
     active_effects(scene)
     rig = Rig(scene, seed, render=render, card=card, finer=finer)
-    counts = {kind: getattr(protocol, kind) for kind in (REPLICATES_FOLDER, *AUXILIARY)}
-    total, done = len(protocol.press) + sum(counts.values()), 0
+    total = len(protocol.press) + sum(getattr(protocol, kind) for kind in (REPLICATES_FOLDER, *AUXILIARY))
+    counter = itertools.count(1)
 
-    def shown() -> None:
-        nonlocal done
-        done += 1
-        tick(done, total)
+    def written() -> None:
+        tick(next(counter), total)
 
+    nominal = nominal or scene
     with new_folder(folder) as part:
-        believed = believed or scene
-        copy_height_map(believed, part)
-        (part / "scene.toml").write_text(dump_scene(believed), encoding="utf-8")
-        frames, states = [], []
-        for shot in protocol.press:
-            frame, state = rig.press(shot)
-            write_frame(part, PRESS_FOLDER, shot.index, frame)
-            frames.append(frame)
-            states.append(state)
-            shown()
-        depths = [state.depth for state in states]
-        write_shots(part / PRESS_TABLE, protocol.press, depths)
-        areas = _replicates(part, rig, protocol, believed, states[-1].depth if states else float("nan"), shown)
-        for kind in AUXILIARY:
-            for k in range(counts[kind]):
-                index = _FIRST_INDEX[kind] + k
-                picture = rig.led_off(index) if kind == "led_off" else rig.lens_cap(index) if kind == "lens_cap" else (
-                    rig.card(kind, index)
-                )  # fmt: skip
-                write_frame(part, kind, k, picture)
-                shown()
-        series = _series(part, protocol, frames, depths, believed, areas)
-        described = {"schema_version": 1, "title": believed.title, "scene": "scene.toml"} | (
+        copy_height_map(nominal, part)
+        (part / "scene.toml").write_text(dump_scene(nominal), encoding="utf-8")
+        frames, depths = _press(part, rig, protocol, written)
+        areas = _replicates(part, rig, protocol, nominal, depths[-1] if depths else float("nan"), written)
+        _auxiliary(part, rig, protocol, written)
+        series = _series(part, protocol, frames, depths, nominal, areas)
+        described = {"schema_version": 1, "title": nominal.title, "scene": "scene.toml"} | (
             {"series": series} if series else {}
         )
         (part / MEASUREMENT_FILE).write_text(tomli_w.dumps(described), encoding="utf-8")
         if provenance is not None:
-            import json
+            text = json.dumps(dict(provenance), indent=2) + "\n"
+            (part / "provenance.json").write_text(text, encoding="utf-8")
 
-            (part / "provenance.json").write_text(json.dumps(dict(provenance), indent=2) + "\n", encoding="utf-8")
+
+def _press(part: Path, rig: Rig, protocol: Protocol, written: Callable[[], None]) -> tuple[list[Grey], list[float]]:
+    """Write the frames of the presses and their table; return the frames and their depths [mm]."""
+    frames, depths = [], []
+    for shot in protocol.press:
+        frame, state = rig.press(shot)
+        write_frame(part, PRESS_FOLDER, shot.index, frame)
+        frames.append(frame)
+        depths.append(state.depth)
+        written()
+    write_shots(part / PRESS_TABLE, protocol.press, depths)
+    return frames, depths
+
+
+def _auxiliary(part: Path, rig: Rig, protocol: Protocol, written: Callable[[], None]) -> None:
+    """Write the frames that need no table."""
+    for kind in AUXILIARY:
+        for k in range(getattr(protocol, kind)):
+            index = _FIRST_INDEX[kind] + k
+            if kind == "led_off":
+                frame = rig.led_off(index)
+            elif kind == "lens_cap":
+                frame = rig.lens_cap(index)
+            else:
+                frame = rig.card(kind, index)
+            write_frame(part, kind, k, frame)
+            written()
 
 
 def _replicates(
-    part: Path, rig: Rig, protocol: Protocol, believed: Scene, depth: float, shown: Callable[[], None]
+    part: Path, rig: Rig, protocol: Protocol, nominal: Scene, depth: float, written: Callable[[], None]
 ) -> list[float]:
-    """Write frames of the last hold, repeated, and return the areas that the chain finds in them [mm^2]."""
+    """Write frames of the last hold, repeated, and return their areas [mm^2]."""
     if not (protocol.replicates and protocol.press):
         return []
     held = max(protocol.press, key=lambda shot: shot.held_s if shot.voltage_V == rig.scene.leds.voltage_V else -1.0)
@@ -251,9 +320,9 @@ def _replicates(
         shot = Shot(index=k, time_s=time, force_N=held.force_N, voltage_V=held.voltage_V, session=held.session)
         frame, _ = rig.press(shot, _FIRST_INDEX[REPLICATES_FOLDER] + k)
         write_frame(part, REPLICATES_FOLDER, k, frame)
-        areas.append(contact_area(frame, believed))
+        areas.append(contact_area(frame, nominal))
         shots.append(shot)
-        shown()
+        written()
     write_shots(part / REPLICATES_FOLDER / REPLICATES_TABLE, shots, [depth] * len(shots))
     return areas
 
@@ -263,21 +332,21 @@ def _series(
     protocol: Protocol,
     frames: list[Grey],
     depths: list[float],
-    believed: Scene,
+    nominal: Scene,
     repeated: list[float],
 ) -> dict[str, dict[str, float]]:
     """Write area against force and force against displacement of the ramp; return what was held."""
-    volts = believed.leds.voltage_V
+    volts = nominal.leds.voltage_V
     ramp = [k for k, shot in enumerate(protocol.press) if shot.voltage_V == volts and shot.held_s == 0.0]
     if len(ramp) < 2:
         return {}
     folder, reading = part / SERIES_FOLDER, AreaReading()
     folder.mkdir()
-    pixel = 1.0 / believed.camera.scale_px_per_mm**2
+    pixel = 1.0 / nominal.camera.scale_px_per_mm**2
     sigma = max(float(np.std(repeated, ddof=1)) if len(repeated) > 1 else 0.0, pixel)
     shots = [protocol.press[k] for k in ramp]
     rows = [
-        [shot.force_N, contact_area(frames[k], believed, reading), sigma] for shot, k in zip(shots, ramp, strict=True)
+        [shot.force_N, contact_area(frames[k], nominal, reading), sigma] for shot, k in zip(shots, ramp, strict=True)
     ]
     write_csv(folder / "area_force.csv", ["force_N", "area_mm2", "sigma_mm2"], rows)
     found = {

@@ -1,14 +1,13 @@
 """The fast camera: from a contact state to a noisy 8-bit frame at video rate, what does not change computed once.
 
 It is the chain of :mod:`evanesce.chain.simulate` for the ideal rig, behind the fast renderer. A scene with an effect,
-or with a camera that the fast way does not model, goes through the general chain: slower, never different in what it
-means.
+or with a camera that it does not model, goes through the general chain: slower, the same model.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import cv2
@@ -16,17 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.chain.fast_optics import (
-    BLOCK,
     COVER_STEP,
-    FLANK_STEP,
-    TURNED_STEP,
+    GHOST_STEP,
     Optics,
-    block_means,
     charge_per_irradiance,
     prepare,
     readout_of,
     retuned,
-    spread_blocks,
 )
 from evanesce.chain.simulate import simulate, solve_contact
 from evanesce.core import rng
@@ -35,9 +30,13 @@ from evanesce.effects import active_effects
 from evanesce.optics.projection import Projection
 from evanesce.render.fast.feedback import coarse_mean, feedback
 from evanesce.render.fast.fields import Fields, fields_of
-from evanesce.render.fast.fused import Backend, Lit, llvm_works, operators
+from evanesce.render.fast.flank import FlankView, rounded_approach
+from evanesce.render.fast.operators import Backend, operators
+from evanesce.render.fast.operators_llvm import llvm_works
 from evanesce.render.fast.patch import InterfaceBox
-from evanesce.render.fast.transport import Maps, flank_depth, flank_place, flank_tables, flank_turn, render_fast
+from evanesce.render.fast.readout import ChargeBox
+from evanesce.render.fast.sampling import BLOCK, Maps, block_means, spread_blocks
+from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
 from evanesce.sensor.lens import form_image
 
@@ -79,12 +78,12 @@ class FastCamera:
         self._readout = readout_of(scene)
         self._fields: Fields | None = None
         self._optics: tuple[PlateGrid, Optics] | None = None
-        self._flank: dict[float, _FlankView] = {}  # by approach: some thirty tenths of a millimetre at most
+        self._flank: dict[float, FlankView] = {}  # by approach: some thirty tenths of a millimetre at most
 
     def retuned(self, scene: Scene) -> FastCamera:
         """Return the camera of a scene like this one; one that differs in LED powers or focus shares what is costly.
 
-        Its frames are those of a camera made for it: a fifth of a second is saved where only a slider has moved.
+        Its frames are those of a camera made for it, a fifth of a second sooner.
         """
         other = FastCamera(scene, self.backend)
         if self._optics is None or self.falls_back or other.falls_back or _lasting(scene) != _lasting(self.scene):
@@ -93,21 +92,19 @@ class FastCamera:
         grid, optics = self._optics
         refocused = scene.camera.lens != self.scene.camera.lens
         other._optics = grid, retuned(optics, scene, grid, relit=relit, refocused=refocused)
-        fields = fields_of(scene)
-        other._flank = {
-            depth: view.relit(scene, fields, depth) if relit else view for depth, view in self._flank.items()
-        }
+        light = fields_of(scene).flank
+        other._flank = {mm: view.relit(light, mm) if relit else view for mm, view in self._flank.items()}
         return other
 
     def frame(
         self, state: ContactState | None, *, seed: int, index: int = 0, time_s: float = 0.0, with_raw: bool = False
     ) -> Frame:
-        """Take the picture of a contact; the same arguments give the same bytes.
+        """Expose one frame of a contact; the same arguments give the same bytes.
 
         Parameters
         ----------
         state : ContactState or None
-            What touches, before effects of the stage ``contact``; None: nothing.
+            The contact before effects of the stage ``contact``; None: the finger is away.
         seed, index : int
             The run's seed and the frame's number: noise is a function of both.
         time_s : float
@@ -120,14 +117,14 @@ class FastCamera:
         key = rng.seed_sequence(seed, "exposure", index).generate_state(2)
         exposure = self._operators.exposure(self._readout, (int(key[0]), int(key[1])), with_raw)
         if state is None:
-            lit = Lit(0, 0, np.zeros((0, 0), np.float32))
+            lit = ChargeBox(0, 0, np.zeros((0, 0), np.float32))
         else:
             lit = self.mean_charge(state, meanwhile=exposure.begin)
         data, raw = exposure.finish(lit)
         return Frame(data=data, raw=raw, time=time_s, index=index)
 
     def press(self, force_N: float | None, *, seed: int, index: int = 0, time_s: float = 0.0) -> Frame:
-        """Press with a force [N] and take the picture: the frame of :func:`evanesce.chain.simulate.simulate`.
+        """Press with a force [N] and expose: the frame of :func:`evanesce.chain.simulate.simulate`.
 
         Effects of rig and load change the contact itself; they act here, not where a contact is given.
         """
@@ -137,7 +134,7 @@ class FastCamera:
         return self.frame(state, seed=seed, index=index, time_s=time_s)
 
     def _general(self, state: ContactState | None, seed: int, index: int, time_s: float) -> Frame:
-        """Take the picture by the general chain, with the contact as given."""
+        """Expose by the general chain, with the contact as given."""
 
         def given(*_: Any, **__: Any) -> Any:
             return state
@@ -149,7 +146,7 @@ class FastCamera:
     def frames(
         self, states: Iterable[ContactState | None], *, seed: int, frame_rate_hz: float = 30.0, with_raw: bool = False
     ) -> Iterator[Frame]:
-        """Take the pictures of a sequence.
+        """Expose the frames of a sequence of contacts.
 
         Parameters
         ----------
@@ -162,7 +159,7 @@ class FastCamera:
         for index, state in enumerate(states):
             yield self.frame(state, seed=seed, index=index, time_s=index / frame_rate_hz, with_raw=with_raw)
 
-    def mean_charge(self, state: ContactState, *, meanwhile: Callable[[], None] = lambda: None) -> Lit:
+    def mean_charge(self, state: ContactState, *, meanwhile: Callable[[], None] = lambda: None) -> ChargeBox:
         """Return the mean charge by light, blurred, in the smallest box that holds it [e-].
 
         Parameters
@@ -175,12 +172,12 @@ class FastCamera:
         if self._fields is None:
             self._fields = fields_of(scene)
         fields = self._fields
-        if fields.glow is not None:
-            # What wanders in the silicone is not fused; lens and pixel take it from the general chain.
+        if fields.subsurface is not None:
+            # The fast operators have no subsurface scattering; lens and pixel take it from the general chain.
             meanwhile()
             light = form_image(render_fast(scene, state), scene.camera, scene.plate)
             charge = light.irradiance * charge_per_irradiance(scene)
-            return Lit(0, 0, charge.astype(np.float32))
+            return ChargeBox(0, 0, charge.astype(np.float32))
         optics = self._optics_for(state.grid)
         end, coarse = float(fields.gaps[-1]), optics.coarse
         found = InterfaceBox.of(state, end, optics.refine)
@@ -192,11 +189,18 @@ class FastCamera:
         box = _Box(row, col, coupled, found.row // optics.refine, found.col // optics.refine, found.cover)
         mean = coarse_mean(coupled, (row, col), optics.samples, coarse.shape)
         change, taken = feedback(fields, coarse, coarse.contact * mean)
-        depth = flank_depth(scene, state)
-        flank = self._flank.get(depth)
-        if flank is None:
-            flank = self._flank[depth] = _FlankView.of(scene, fields, optics, depth)
-        return _on_frame(scene, fields.ghost, optics, box, change, flank, flank.light(taken))
+        return _on_frame(scene, fields.ghost, optics, box, change, *self._flank_charge(state, fields, optics, taken))
+
+    def _flank_charge(
+        self, state: ContactState, fields: Fields, optics: Optics, taken: Array
+    ) -> tuple[tuple[int, int], Image]:
+        """Return the first pixel of the flank and its mean charge [e-], for the power that the contact takes in."""
+        mm = rounded_approach(self.scene, state)
+        view = self._flank.get(mm)
+        if view is None:
+            view = FlankView.of(self.scene, fields.flank, mm, optics.flank_direction, optics.flank_e)
+            self._flank[mm] = view
+        return (view.first_row, view.first_col), view.mean_charge(taken)
 
     def _optics_for(self, grid: PlateGrid) -> Optics:
         if self._optics is None or self._optics[0] != grid:
@@ -217,51 +221,6 @@ class _Box:
     cover: Image
 
 
-@dataclass(frozen=True)
-class _FlankView:
-    """Where blocks of ``FLANK_STEP`` pixels see the flank at one approach, and its light there.
-
-    ``column`` and ``row`` are the place in the flank's table, ``charge`` [e- mm^2 sr/W] is 0 elsewhere; all start at
-    pixel (``first_row``, ``first_col``). ``lit`` is the table's light from beside the finger, ``per_taken`` (stations,
-    azimuths, points) that per power which the contact takes in.
-    """
-
-    first_row: int
-    first_col: int
-    column: Image
-    row: Image
-    charge: Image
-    lit: Array
-    per_taken: Array
-
-    @classmethod
-    def of(cls, scene: Scene, fields: Fields, optics: Optics, depth: float) -> _FlankView:
-        """Find the flank in the frame."""
-        tables = flank_tables(scene, fields, depth)
-        column, row, seen = flank_place(scene, *optics.flank_direction, depth)
-        charge = optics.flank_e * seen
-        rows, cols = np.nonzero(seen.any(axis=1))[0], np.nonzero(seen.any(axis=0))[0]
-        if rows.size == 0:
-            return cls(0, 0, column[:2, :2], row[:2, :2], charge[:2, :2] * 0, *tables)
-        # Whole blocks of the frame, and one sample more on each side.
-        per = BLOCK // FLANK_STEP
-        low = [max(0, n[0] - 1) // per * per for n in (rows, cols)]
-        high = [min(-(-(n[-1] + 2) // per) * per, size) for n, size in zip((rows, cols), seen.shape, strict=True)]
-        part = np.s_[low[0] : high[0], low[1] : high[1]]
-        column, row, charge = (np.ascontiguousarray(a[part], np.float32) for a in (column, row, charge))
-        return cls(low[0] * FLANK_STEP, low[1] * FLANK_STEP, column, row, charge, *tables)
-
-    def relit(self, scene: Scene, fields: Fields, depth: float) -> _FlankView:
-        """Return the same view in the light of other LED powers."""
-        lit, per_taken = flank_tables(scene, fields, depth)
-        return replace(self, lit=lit, per_taken=per_taken)
-
-    def light(self, taken: Array) -> Image:
-        """Return the flank's mean charge at all its pixels, for the power that the contact takes in [e-]."""
-        table = flank_turn(self.lit + self.per_taken @ taken)
-        return spread_blocks(cv2.remap(table, self.column, self.row, cv2.INTER_LINEAR) * self.charge, FLANK_STEP)
-
-
 def _frame_window(scene: Scene, optics: Optics, box: _Box) -> tuple[int, int, int, int]:
     """Return rows and columns (r0, r1, c0, c1) of the frame that a box on the plate and its blur reach."""
     projection = Projection.of(scene.camera, scene.plate)
@@ -271,11 +230,11 @@ def _frame_window(scene: Scene, optics: Optics, box: _Box) -> tuple[int, int, in
     x = np.concatenate([x0 + (x1 - x0) * side] * 2 + [np.full(9, x0), np.full(9, x1)])
     y = np.concatenate([np.full(9, y0), np.full(9, y1)] + [y0 + (y1 - y0) * side] * 2)
     u, v = projection.to_image(x, y)
-    # The ghost of the second turn lies nearer to the axis.
-    turn = 2 * scene.plate.thickness_mm
+    # The ghost, after one more round trip between the faces, lies nearer to the axis.
+    round_trip = 2 * scene.plate.thickness_mm
     foot = projection.pinhole
     slope = 1.0 / (projection.clearance * projection.refractive_index + projection.thickness)
-    inner = 1.0 / (1.0 + turn * slope)
+    inner = 1.0 / (1.0 + round_trip * slope)
     gu, gv = projection.to_image(foot[0] + (x - foot[0]) * inner, foot[1] + (y - foot[1]) * inner)
     u, v = np.concatenate([u, gu]), np.concatenate([v, gv])
     margin = optics.blur.reach + 4
@@ -292,25 +251,25 @@ def _blocks(low: float, high: float, size: int) -> tuple[int, int]:
 
 
 def _on_frame(
-    scene: Scene, ghost: float, optics: Optics, box: _Box, change: Array, flank: _FlankView, light: Image
-) -> Lit:
-    """Carry coupling and flank into the frame, to charges, and blur them there."""
+    scene: Scene, ghost: float, optics: Optics, box: _Box, change: Array, first: tuple[int, int], flank: Image
+) -> ChargeBox:
+    """Return contact and flank in the frame as mean charge, blurred; the flank's starts at pixel ``first``."""
     rows, cols = scene.camera.resolution_px[::-1]
-    high, wide = light.shape
+    high, wide = flank.shape
     r0, r1, c0, c1 = _frame_window(scene, optics, box)
-    top, left, charge = flank.first_row, flank.first_col, light
+    (top, left), charge = first, flank
     if r1 > r0 and c1 > c0:
         # A box for both.
-        top, left = min(r0, flank.first_row), min(c0, flank.first_col)
-        bottom, right = max(r1, flank.first_row + high), max(c1, flank.first_col + wide)
-        if (bottom - top, right - left) != light.shape:
+        top, left = min(r0, first[0]), min(c0, first[1])
+        bottom, right = max(r1, first[0] + high), max(c1, first[1] + wide)
+        if (bottom - top, right - left) != flank.shape:
             charge = np.zeros((bottom - top, right - left), np.float32)
-            down, across = flank.first_row - top, flank.first_col - left
-            charge[down : down + high, across : across + wide] = light
+            down, across = first[0] - top, first[1] - left
+            charge[down : down + high, across : across + wide] = flank
         inside = np.s_[r0 - top : r1 - top, c0 - left : c1 - left]
         here = (r0, r1, c0, c1)
         charge[inside] = optics.blur.fold(_contact_charge(ghost, optics, box, change, here, charge[inside]))
-    return Lit(top, left, charge[: rows - top, : cols - left])
+    return ChargeBox(top, left, charge[: rows - top, : cols - left])
 
 
 def _contact_charge(
@@ -328,9 +287,9 @@ def _contact_charge(
     total = read(coupled, optics.direct, first, 1)
     cover = read(box.cover, optics.cover, (box.cover_row, box.cover_col), COVER_STEP)
     bare = spread_blocks(np.float32(1) - cover, COVER_STEP)
-    turned = spread_blocks(read(coupled, optics.turned, first, TURNED_STEP) * np.float32(ghost), TURNED_STEP)
-    turned *= bare
-    total += turned
+    reflected = spread_blocks(read(coupled, optics.ghost, first, GHOST_STEP) * np.float32(ghost), GHOST_STEP)
+    reflected *= bare
+    total += reflected
     rise = (1.0 + change).astype(np.float32)
     total *= spread_blocks(read(rise, optics.rise, (0, 0), BLOCK, cv2.BORDER_REPLICATE), BLOCK)
     r0, r1, c0, c1 = here

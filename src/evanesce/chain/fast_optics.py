@@ -1,9 +1,8 @@
-"""What the frames of a fast camera share: maps from frame to contact grid, charges, the blur of lens and pixel."""
+"""What all frames of a fast camera share: maps from frame to contact grid, charges, the blur of lens and pixel."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -13,23 +12,23 @@ from evanesce.core.states import PlateGrid
 from evanesce.optics.projection import Projection
 from evanesce.render.fast.feedback import CoarseGrid
 from evanesce.render.fast.fields import Fields, fields_of
-from evanesce.render.fast.fused import Readout
+from evanesce.render.fast.flank import VIEW_STEP
 from evanesce.render.fast.patch import field_image, refinement
-from evanesce.render.fast.transport import Maps, plate_maps
+from evanesce.render.fast.readout import Readout
+from evanesce.render.fast.sampling import BLOCK, Maps, block_means, spread_blocks
+from evanesce.render.fast.transport import plate_maps
 from evanesce.rig import Scene
-from evanesce.sensor.lens import FieldBlur, lens_blur, prepared_lens
+from evanesce.sensor.blur import FieldBlur
+from evanesce.sensor.lens import lens_blur, prepared_lens
 from evanesce.sensor.pixel import photon_count
 from evanesce.sensor.tone import develop
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
-BLOCK = 8
-"""Side of the largest blocks of pixels over which what is smooth is sampled once; windows are whole blocks."""
-
-FLANK_STEP = 4
 COVER_STEP = 2
-TURNED_STEP = 4
+GHOST_STEP = 4
+"""Sides of the blocks of pixels over which cover and ghost are sampled once [px]."""
 
 KEEP_SPECTRA = 12
 
@@ -88,12 +87,12 @@ class Optics:
         Mean charge in full contact without feedback [e-].
     charge : ndarray (rows, cols)
         Charge per radiance [e- mm^2 sr/W].
-    flank_e : ndarray (rows / FLANK_STEP, cols / FLANK_STEP)
+    flank_e : ndarray (rows / VIEW_STEP, cols / VIEW_STEP)
         Its mean over blocks.
     direct : tuple
         Maps from each pixel to the grid that is read.
-    turned : tuple
-        The same after one more turn between the plate's faces, from the centres of blocks of ``TURNED_STEP``.
+    ghost : tuple
+        The same after one more round trip between the plate's faces, from the centres of blocks of ``GHOST_STEP``.
     cover : tuple
         Maps from the centres of blocks of ``COVER_STEP`` to the contact grid.
     rise : tuple
@@ -105,7 +104,7 @@ class Optics:
     samples : tuple of int
         (rows, cols) of the grid that is read.
     first : tuple of float
-        Place of its first sample [mm].
+        Position of its first sample [mm].
     pitch : float
         Of it [mm].
     pixel : ndarray
@@ -115,14 +114,14 @@ class Optics:
         Coupling by gap over that of contact.
     coarse : CoarseGrid
     flank_direction : tuple of ndarray
-        Undistorted direction (u, v, 1) of the centres of blocks of ``FLANK_STEP``.
+        Undistorted direction (u, v, 1) of the centres of blocks of ``VIEW_STEP``.
     """
 
     contact_e: Image
     charge: Image
     flank_e: Image
     direct: Maps
-    turned: Maps
+    ghost: Maps
     cover: Maps
     rise: Maps
     refine: int
@@ -135,20 +134,6 @@ class Optics:
     decay: Image
     coarse: CoarseGrid
     flank_direction: tuple[Array, Array]
-
-
-def block_means(image: Any, step: int) -> Image:
-    """Return the means of blocks of ``step`` x ``step`` pixels, of a shape in whole blocks."""
-    rows, cols = image.shape
-    return np.asarray(
-        cv2.resize(np.asarray(image, np.float32), (cols // step, rows // step), interpolation=cv2.INTER_AREA)
-    )
-
-
-def spread_blocks(means: Image, step: int) -> Image:
-    """Return values at the centres of blocks at all pixels, linear between them, as they are beyond the outermost."""
-    rows, cols = means.shape
-    return np.asarray(cv2.resize(means, (cols * step, rows * step), interpolation=cv2.INTER_LINEAR))
 
 
 def pixel_variance(sub_samples: int) -> float:
@@ -201,7 +186,12 @@ def pixel_kernel(samples_per_px: float, sub_samples: int, averaged: int = 1) -> 
 
 
 def readout_of(scene: Scene) -> Readout:
-    """Return the camera of a scene from mean charge to 8 bits."""
+    """Return the camera of a scene from mean charge to 8 bits.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
     camera, pixel = scene.camera, scene.camera.pixel
     every = np.arange(2**pixel.bits, dtype=np.uint16)
     cols, rows = camera.resolution_px
@@ -217,7 +207,12 @@ def readout_of(scene: Scene) -> Readout:
 
 
 def charge_per_irradiance(scene: Scene) -> float:
-    """Return mean charge over irradiance [e- mm^2/W]."""
+    """Return mean charge over irradiance [e- mm^2/W].
+
+    Parameters
+    ----------
+    scene : Scene
+    """
     camera, pixel = scene.camera, scene.camera.pixel
     photons = photon_count(
         np.ones(1),
@@ -230,7 +225,14 @@ def charge_per_irradiance(scene: Scene) -> float:
 
 
 def prepare(scene: Scene, grid: PlateGrid) -> Optics:
-    """Compute what all frames on one contact grid share."""
+    """Compute what all frames on one contact grid share.
+
+    Parameters
+    ----------
+    scene : Scene
+    grid : PlateGrid
+        Of the contact states.
+    """
     fields, projection = fields_of(scene), Projection.of(scene.camera, scene.plate)
     lens = prepared_lens(scene.camera, scene.plate, projection.ideal_view())
     refine, sub_samples = refinement(grid.pitch, 1.0 / scene.camera.scale_px_per_mm), round(np.sqrt(len(lens.maps)))
@@ -246,7 +248,7 @@ def prepare(scene: Scene, grid: PlateGrid) -> Optics:
     cx, cy = projection.principal_point
     u, v = np.meshgrid((np.arange(wide) - cx) / projection.focal_px, (np.arange(high) - cy) / projection.focal_px)
     direction = projection.undistort(u, v)
-    direct, turned = plate_maps(scene, direction, first, pitch)
+    direct, ghost = plate_maps(scene, direction, first, pitch)
     # The gain is per sub-sample.
     charge = lens.gain * (charge_per_irradiance(scene) * len(lens.maps))
     padded = np.pad(charge, ((0, high - rows), (0, wide - cols)), mode="edge").astype(np.float32)
@@ -262,9 +264,9 @@ def prepare(scene: Scene, grid: PlateGrid) -> Optics:
     return Optics(
         contact_e=_contact_charge(fields, direct, first, pitch, padded),
         charge=padded,
-        flank_e=block_means(padded, FLANK_STEP),
+        flank_e=block_means(padded, VIEW_STEP),
         direct=direct,
-        turned=(block_means(turned[0], TURNED_STEP), block_means(turned[1], TURNED_STEP)),
+        ghost=(block_means(ghost[0], GHOST_STEP), block_means(ghost[1], GHOST_STEP)),
         cover=onto((read, read), COVER_STEP),
         rise=onto((samples[1] / coarse.shape[1], samples[0] / coarse.shape[0]), BLOCK),
         refine=refine,
@@ -277,8 +279,8 @@ def prepare(scene: Scene, grid: PlateGrid) -> Optics:
         decay=_decay(fields),
         coarse=coarse,
         flank_direction=(
-            block_means(direction[0], FLANK_STEP).astype(float),
-            block_means(direction[1], FLANK_STEP).astype(float),
+            block_means(direction[0], VIEW_STEP).astype(float),
+            block_means(direction[1], VIEW_STEP).astype(float),
         ),
     )
 

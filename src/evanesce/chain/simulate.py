@@ -19,10 +19,10 @@ from evanesce.sensor.lens import form_image
 from evanesce.sensor.pixel import fixed_pattern
 
 Omission = Literal["distortion", "blur", "noise"]
-"""What the camera can be asked to do without: lens distortion; defocus and diffraction; all noise and fixed pattern."""
+"""Parts of the camera that can be left out: lens distortion; defocus and diffraction; all noise and fixed pattern."""
 
 Render = Callable[..., PlateLight]
-"""``render(scene, state, *, seed, **options) -> PlateLight``; ``state`` is None where nothing touches."""
+"""``render(scene, state, *, seed, **options) -> PlateLight``; ``state`` is None without contact."""
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,9 @@ class SimulatedFrame:
     Attributes
     ----------
     scene : Scene
-        The rig as it really was, after effects of the stage ``rig``.
+        The rig after effects of the stage ``rig``.
     state : ContactState or None
-        Truth; None where nothing touched.
+        Truth; None where the finger is away.
     plate_light : PlateLight
     sensor_light : SensorLight
     frame : Frame
@@ -65,7 +65,7 @@ def simulate(
     ----------
     scene : Scene
     force_N : float or None
-        Normal force that the load cell tells [N]; None leaves the finger away (a dark frame).
+        Normal force that the load cell reports [N]; None leaves the finger away (a dark frame).
     seed : int
         The run's one seed; light, noise and effects draw from their own streams of it.
     time_s, index : float, int
@@ -103,14 +103,19 @@ def solve_contact(
     contact: Callable[..., ContactState] | None = None,
     file: Path | str = ANY_SCENE,
 ) -> tuple[Scene, ContactState | None]:
-    """Press: the half of the chain before the light. Parameters as for :func:`simulate`.
+    """Solve the contact: the half of the chain before the light.
+
+    Parameters
+    ----------
+    scene, force_N, seed, time_s, index, contact, file
+        As for :func:`simulate`.
 
     Returns
     -------
     scene : Scene
-        The rig as it really is at that time.
+        The rig after effects of the stage ``rig``, at that time.
     state : ContactState or None
-        What touches; None where the finger is away.
+        The contact; None where the finger is away.
     """
     effects = active_effects(scene, file)
     scene = apply_stage(Stage.RIG, scene, effects, Context(scene, seed, time_s, index))
@@ -134,7 +139,7 @@ def simulate_card(
     file: Path | str = ANY_SCENE,
     **render_options: Any,
 ) -> Frame:
-    """Take the picture of a calibration card, LEDs off.
+    """Simulate a frame of a calibration target, a printed card, LEDs off.
 
     Parameters
     ----------
@@ -153,9 +158,11 @@ def simulate_card(
     """
     from evanesce.render.cards import checkerboard_of, pose_of, render_card, require_above_glass, square_of
 
-    # What makes the LEDs' light ripple has no light to do so.
-    ripples = {name for name in scene.effects if all_effects()[name].bands}
-    scene = scene.model_copy(update={"effects": {n: table for n, table in scene.effects.items() if n not in ripples}})
+    # Effects that modulate the LEDs' light have none to modulate.
+    modulating = {name for name in scene.effects if all_effects()[name].bands}
+    scene = scene.model_copy(
+        update={"effects": {n: table for n, table in scene.effects.items() if n not in modulating}}
+    )
     rig, _ = solve_contact(scene, None, seed=seed, time_s=time_s, index=index, file=file)
     card = checkerboard_of(rig.card) if which == "checkerboard" else square_of(rig.card)
     real = pose_of(rig.card, pose)
@@ -177,31 +184,42 @@ def expose(
     finer: int = 1,
     file: Path | str = ANY_SCENE,
 ) -> tuple[SensorLight, Frame]:
-    """Take the picture: the half of the chain behind the plate, so that one rendered light serves many cameras.
+    """Expose a frame: the half of the chain behind the plate, so that one rendered light serves many cameras.
 
-    ``without`` leaves parts of the camera out (:data:`Omission`); quantisation and tone curve always stay. The light
-    comes on the view of a camera with ``finer`` times finer pixels (:func:`evanesce.rig.coarser.finer_pixels`) and
-    is added up behind the lens.
+    Parameters
+    ----------
+    scene : Scene
+        After effects of the stage ``rig``.
+    plate_light : PlateLight
+    seed, time_s, index, file
+        As for :func:`simulate`.
+    without : collection of str
+        Parts of the camera that are left out (:data:`Omission`); quantisation and tone curve always stay.
+    finer : int
+        The light comes on the view of a camera with so many times finer pixels, averaged behind the lens.
+
+    Returns
+    -------
+    sensor_light : SensorLight
+    frame : Frame
+
+    Raises
+    ------
+    ValueError
+        If a part to be left out is unknown.
     """
     if unknown := set(without) - set(get_args(Omission)):
-        raise ValueError(f"a camera cannot do without {sorted(unknown)}; known: {get_args(Omission)}")
+        raise ValueError(f"a camera cannot leave out {sorted(unknown)}; known: {get_args(Omission)}")
     effects, context = active_effects(scene, file), Context(scene, seed, time_s, index)
     camera, noisy = scene.camera, "noise" not in without
     cols, rows = camera.resolution_px
 
-    gathering = finer_pixels(scene, finer)
-    plate_light = apply_stage(Stage.PLATE_LIGHT, plate_light, effects, replace(context, scene=gathering))
+    fine = finer_pixels(scene, finer)
+    plate_light = apply_stage(Stage.PLATE_LIGHT, plate_light, effects, replace(context, scene=fine))
 
-    sensor_light = form_image(
-        plate_light,
-        gathering.camera,
-        scene.plate,
-        distortion="distortion" not in without,
-        blurred="blur" not in without,
-    )
-    if finer > 1:
-        parts = sensor_light.irradiance.reshape(rows, finer, cols, finer)
-        sensor_light = SensorLight(irradiance=parts.mean(axis=(1, 3)))
+    lens = {"distortion": "distortion" not in without, "blurred": "blur" not in without}
+    sensor_light = form_image(plate_light, fine.camera, scene.plate, **lens)
+    sensor_light = _averaged(sensor_light, finer)
     sensor_light = apply_stage(Stage.SENSOR_LIGHT, sensor_light, effects, context)
 
     pixel = camera.pixel
@@ -216,18 +234,51 @@ def expose(
     return sensor_light, apply_stage(Stage.FRAME, frame, effects, context)
 
 
-def simulate_press(scene: Scene, *, seed: int, **options: Any) -> Iterator[SimulatedFrame]:
-    """Simulate the scene's loading programme, frame by frame; options as for :func:`simulate`.
+def _averaged(light: SensorLight, finer: int) -> SensorLight:
+    """Return the mean of each ``finer`` x ``finer`` pixels."""
+    if finer == 1:
+        return light
+    rows, cols = (n // finer for n in light.irradiance.shape)
+    return SensorLight(irradiance=light.irradiance.reshape(rows, finer, cols, finer).mean(axis=(1, 3)))
 
-    A ramp in mm/min moves the finger as it really is at time 0: a stiffer one answers with more force.
+
+def simulate_press(scene: Scene, *, seed: int, **options: Any) -> Iterator[SimulatedFrame]:
+    """Simulate the scene's loading programme, frame by frame.
+
+    A ramp in mm/min moves the finger after its effects at time 0: a stiffer one responds with more force.
+
+    Parameters
+    ----------
+    scene : Scene
+    seed : int
+    **options
+        As for :func:`simulate`.
     """
     for index, (time_s, force_N) in enumerate(programme(scene, seed=seed, file=options.get("file", ANY_SCENE))):
         yield simulate(scene, force_N, seed=seed, time_s=time_s, index=index, **options)
 
 
 def programme(scene: Scene, *, seed: int, file: Path | str = ANY_SCENE) -> list[tuple[float, float]]:
-    """Return time [s] and normal force [N] of each frame of the scene's loading programme, with the rig as it is."""
-    from evanesce.contact.solve import press_programme
+    """Return the scene's loading programme, for the rig after its effects at time 0.
+
+    Parameters
+    ----------
+    scene : Scene
+    seed : int
+    file : Path or str
+        The scene's file, for errors.
+
+    Returns
+    -------
+    list of tuple
+        Time [s] and normal force [N] of each frame.
+
+    Raises
+    ------
+    InputError
+        If it needs too many frames, or the contact law cannot follow it.
+    """
+    from evanesce.contact.programme import press_programme
 
     rig, _ = solve_contact(scene, None, seed=seed, file=file)
     return press_programme(rig)

@@ -2,427 +2,109 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-import numpy as np
 import typer
-from rich.table import Table
 
-from evanesce.cli.common import (
-    JsonOption,
-    OutOption,
-    check_json_target,
-    console,
-    handles_errors,
-    out_dir,
-    write_json,
-    write_text,
-)
-from evanesce.core.errors import InputError, WorkError
+from evanesce.cli import bench_output as output
+from evanesce.cli.common import JsonOption, OutOption, check_json_target, handles_errors
+from evanesce.core.errors import InputError
 
-Result = tuple[dict[str, Any], Path]  # and the folder it went to
 FileArgument = Annotated[Path, typer.Argument(help="CSV file with units in its headings.")]
-
-
-def _table(title: str, rows: list[tuple[str, str]]) -> None:
-    table = Table(title=title, show_header=False)
-    for name, value in rows:
-        table.add_row(name, value)
-    console.print(table)
-
-
-def _save(figure: Any, folder: Path, name: str) -> Path:
-    from evanesce.report.html import figure_png
-
-    path = folder / name
-    temporary = folder / f".{name}.part"
-    temporary.write_bytes(figure_png(figure))
-    temporary.replace(path)
-    return path
-
-
-@contextmanager
-def _blames(file: Path) -> Iterator[None]:
-    """Name the file in what an analysis says of its data: a lab's file that holds no such test is bad input."""
-    try:
-        yield
-    except WorkError as error:
-        raise InputError(str(error), file=file) from None
-
-
-def _finish(result: dict[str, Any], json_file: Path | None, folder: Path) -> None:
-    from evanesce.core import provenance
-
-    result = {**result, "provenance": dict(provenance.record())}
-    write_json(json_file, result)
-    write_json(folder / "result.json", result)
-    console.print(f"written to {folder}")
-
-
-def _csv(path: Path, headings: str, columns: list[Any]) -> None:
-    rows = (",".join(f"{v:.8g}" for v in row) for row in zip(*columns, strict=True))
-    write_text(path, "\n".join([headings, *rows]) + "\n")
-
-
-def _indentation(file: Path, finger: float, indenter: float, nu: float, out: Path | None) -> Result:
-    from evanesce.bench import indentation
-    from evanesce.bench.plots import indentation_figure
-
-    force, position = indentation.read_indentation(file)
-    geometry = indentation.elliptic_geometry(finger, indenter)
-    with _blames(file):
-        r = indentation.analyse(force, position, geometry, nu)
-    folder = out_dir(out, "bench-stiffness")
-    _save(indentation_figure(r), folder, "indentation.png")
-    headings = (
-        "force_N,depth_mm,reduced_modulus_MPa,youngs_modulus_MPa,semi_major_mm,semi_minor_mm,"
-        "mean_pressure_MPa,peak_pressure_MPa"
-    )
-    columns = [
-        r.force, r.depth, r.reduced_modulus, r.youngs_modulus, r.semi_major, r.semi_minor,
-        r.mean_pressure, r.peak_pressure,
-    ]  # fmt: skip
-    _csv(folder / "indentation.csv", headings, columns)
-    _table(
-        "stiffness: elliptical Hertz",
-        [
-            ("E*(F)", f"{r.intercept:.4g} +- {r.intercept_se:.2g} MPa + ({r.slope:.4g} +- {r.slope_se:.2g}) MPa/N F"),
-            ("Young's modulus", f"{r.youngs_modulus.min():.4g} to {r.youngs_modulus.max():.4g} MPa"),
-            ("first touch at", f"{r.touch:.4g} mm; depth residual {r.depth_rms:.2g} mm RMS"),
-            ("largest mean / peak pressure", f"{r.mean_pressure.max():.4g} / {r.peak_pressure.max():.4g} MPa"),
-        ],
-    )
-    result = {
-        "test": "indentation",
-        "effective_radius_mm": geometry.effective_radius,
-        "axis_ratio": geometry.axis_ratio,
-        "reduced_modulus_intercept_MPa": r.intercept,
-        "reduced_modulus_intercept_se_MPa": r.intercept_se,
-        "reduced_modulus_slope_MPa_per_N": r.slope,
-        "reduced_modulus_slope_se_MPa_per_N": r.slope_se,
-        "touch_mm": r.touch,
-        "depth_rms_mm": r.depth_rms,
-        "youngs_modulus_MPa": [float(r.youngs_modulus.min()), float(r.youngs_modulus.max())],
-        "mean_pressure_max_MPa": float(r.mean_pressure.max()),
-        "peak_pressure_max_MPa": float(r.peak_pressure.max()),
-    }
-    return result, folder
-
-
-def _compression(file: Path, height: float | None, area: float | None, terms: int, out: Path | None) -> Result:
-    from evanesce.bench.plots import compression_figure
-    from evanesce.materials import hyperelastic
-
-    stretch, stress = hyperelastic.read_compression(file, height=height, area=area)
-    try:
-        fit = hyperelastic.fit_mooney_rivlin(stretch, stress, terms=terms)
-    except ValueError as error:
-        raise InputError(str(error), file=file) from None
-    folder = out_dir(out, "bench-stiffness")
-    _save(compression_figure(stretch, stress, fit), folder, "compression.png")
-    names = ("C10", "C01", "C11")
-    values = (fit.material.c10, fit.material.c01, fit.material.c11)
-    rows = [
-        (name, f"{v * 1e6:.5g} +- {se * 1e6:.2g} Pa")
-        for name, v, se in zip(names, values, fit.standard_error, strict=True)
-    ]
-    limits = asdict(fit.limits)
-    rows += [
-        ("small-strain Young's modulus", f"{fit.material.youngs_modulus:.4g} MPa"),
-        ("residual", f"{fit.rms:.3g} MPa; condition {fit.condition:.3g}"),
-        *(
-            (f"stable in {k.replace('_', ' ')} until", "beyond 8" if v is None else f"{v:.3f}")
-            for k, v in limits.items()
-        ),
-    ]
-    _table("stiffness: Mooney-Rivlin", rows)
-    result = {
-        "test": "compression",
-        **{f"{n}_Pa": v * 1e6 for n, v in zip(names, values, strict=True)},
-        **{f"{n}_se_Pa": se * 1e6 for n, se in zip(names, fit.standard_error, strict=True)},
-        "youngs_modulus_MPa": fit.material.youngs_modulus,
-        "rms_MPa": fit.rms,
-        "condition": fit.condition,
-        "stretch_range": fit.stretch_range,
-        "stability_limits": limits,
-    }
-    return result, folder
-
-
-def _dma(file: Path, reference: float | None, out: Path | None) -> Result:
-    from evanesce.bench import dma
-    from evanesce.bench.plots import dma_figure
-    from evanesce.materials import prony
-
-    table = dma.read_dma(file)
-    temperature = float(np.median(table.temperature)) if reference is None else reference
-    shift: dict[str, Any] = {}
-    reduced = table.frequency
-    rows = []
-    if np.ptp(table.temperature) > 0:
-        master = prony.fit_arrhenius(table.frequency, table.temperature, table.storage, temperature)
-        reduced = master.reduced_frequency
-        shift = {
-            "activation_energy_kJ_per_mol": master.activation_energy_kJ_per_mol,
-            "activation_energy_se_kJ_per_mol": master.activation_energy_se,
-        }
-        rows.append(
-            (
-                "activation energy",
-                f"{master.activation_energy_kJ_per_mol:.4g} +- {master.activation_energy_se:.2g} kJ/mol",
-            )
-        )
-    with _blames(file):
-        fit = prony.fit_prony(reduced, table.storage, table.loss_factor)
-    folder = out_dir(out, "bench-dma")
-    _save(dma_figure(table, fit.series, reduced), folder, "dma.png")
-    _csv(folder / "prony.csv", "relaxation_time_s,modulus_MPa", [fit.series.times, fit.series.moduli])
-    rows += [
-        ("equilibrium / instantaneous modulus", f"{fit.series.equilibrium:.4g} / {fit.series.instantaneous:.4g} MPa"),
-        ("terms", f"{len(fit.series.times)}, {min(fit.series.times):.2g} to {max(fit.series.times):.2g} s"),
-        ("relative residual of E', E''", f"{fit.storage_rms:.2%}, {fit.loss_rms:.2%}"),
-    ]
-    _table(f"DMA at {temperature:g} degC", rows)
-    result = {
-        "test": "dma",
-        "reference_temperature_C": temperature,
-        **shift,
-        "equilibrium_MPa": fit.series.equilibrium,
-        "moduli_MPa": list(fit.series.moduli),
-        "times_s": list(fit.series.times),
-        "storage_rms": fit.storage_rms,
-        "loss_rms": fit.loss_rms,
-    }
-    return result, folder
-
-
-def _friction(files: list[Path], groups: list[str], smoothing: float | None, out: Path | None) -> Result:
-    from evanesce.bench import friction, statistics
-    from evanesce.bench import plots as bench_plots
-
-    traces = [friction.read_trace(file) for file in files]
-    # two folders may hold files of one name
-    names = [file.stem for file in files]
-    names = [str(file) if names.count(file.stem) > 1 else file.stem for file in files]
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise InputError("given twice", file=twice, allowed="each slide once")
-    results, stable, spectra = [], {}, []
-    for file, name, trace in zip(files, names, traces, strict=True):
-        with _blames(file):
-            result = friction.analyse(trace, smoothing_s=smoothing)
-        results.append(result)
-        inside = (trace.time >= result.stable[0]) & (trace.time <= result.stable[1])
-        coefficient = friction.coefficient_of_friction(trace)[inside]
-        known = np.isfinite(coefficient)
-        stable[name] = coefficient[known]
-        spectra.append(friction.spectrum(trace.time[inside][known], coefficient[known]))
-    folder = out_dir(out, "bench-friction")
-    _save(bench_plots.friction_figure(traces, results, names), folder, "friction.png")
-    _save(bench_plots.histogram_figure(stable, "coefficient of friction, stable region [1]"), folder, "histogram.png")
-    _save(bench_plots.spectrum_figure(spectra[0], "1"), folder, "spectrum.png")
-    slides = [
-        {
-            "file": file.name if name == file.stem else name,
-            "group": group,
-            **asdict(result),
-            "mode": statistics.kernel_density_mode(stable[name]),
-            "peak_frequency_hz": spectrum.peak,
-            "peak_share": spectrum.peak_share,
-        }
-        for file, name, group, result, spectrum in zip(files, names, groups, results, spectra, strict=True)
-    ]
-    table = Table(title="friction", caption="dynamic: median +- robust spread over the stable region")
-    for heading in ("file", "group", "static", "dynamic", "mode", "strongest frequency"):
-        table.add_column(heading)
-    for slide in slides:
-        table.add_row(
-            slide["file"], slide["group"], f"{slide['static']:.4f}",
-            f"{slide['dynamic']:.4f} +- {slide['dynamic_spread']:.4f}",
-            f"{slide['mode']:.4f}", f"{slide['peak_frequency_hz']:.4g} Hz ({slide['peak_share']:.0%})",
-        )  # fmt: skip
-    console.print(table)
-    return {"test": "friction", "slides": slides, **_compare(groups, results)}, folder
-
-
-def _compare(groups: list[str], results: list[Any]) -> dict[str, Any]:
-    """Return repeatability, and the analysis of variance where there are repeats in several groups."""
-    from evanesce.bench import statistics
-
-    compared: dict[str, Any] = {}
-    for name in ("static", "dynamic"):
-        sets: dict[str, list[float]] = {}
-        for group, result in zip(groups, results, strict=True):
-            sets.setdefault(group, []).append(getattr(result, name))
-        entry: dict[str, Any] = {}
-        if len(results) > len(sets):
-            entry["repeatability"] = asdict(statistics.repeatability(sets))
-            console.print(f"{name}: repeatability limit {entry['repeatability']['limit']:.3g}")
-        if len(sets) > 1 and min(map(len, sets.values())) > 1:
-            anova = statistics.one_way_anova(sets)
-            entry["anova"] = asdict(anova)
-            verdict = "differ" if anova.significant else "do not differ significantly"
-            console.print(f"{name}: groups {verdict} (F = {anova.f_statistic:.4g}, p = {anova.p_value:.3g})")
-            for pair in anova.pairs:
-                console.print(
-                    f"  {pair.first} - {pair.second}: {pair.difference:.4g} [{pair.low:.4g}, {pair.high:.4g}],"
-                    f" p = {pair.p_value:.3g}"
-                )
-        if entry:
-            compared[name] = entry
-    return compared
-
-
-def _profile(
-    file: Path, pitch: float | None, unit: str, form: int, design: dict[str, float], out: Path | None
-) -> Result:
-    from evanesce.bench import plots as bench_plots
-    from evanesce.bench import profile, relief, surface_files
-
-    if file.suffix.lower() == ".csv" and not surface_files.is_matrix(file):
-        x, z = surface_files.read_profile(file)
-        with _blames(file):
-            result = profile.analyse_profile(x, z, form)
-        flat = profile.remove_form(z, form)
-        folder = out_dir(out, "bench-profile")
-        _save(bench_plots.profile_figure(x, flat, result), folder, "profile.png")
-        step = float(np.median(np.diff(x)))
-        samples = min(2048, max(64, round(float(np.ptp(x)) / step)))
-        with _blames(file):
-            tiled = result.pitch.count > 0
-            surface = relief.height_map_of_profile(x, z, (samples, samples), step, form) if tiled else None
-    else:
-        if pitch is None:
-            raise InputError(
-                "a height map needs its sample distance", file=file, key="--pitch-um", allowed="in um, > 0"
-            )
-        scan = surface_files.read_map(file, pitch, unit)
-        with _blames(file):
-            result = profile.analyse_map(scan.height, scan.pitch, form_degree=form)
-            surface = relief.height_map_of_scan(scan.height, scan.pitch, form)
-        folder = out_dir(out, "bench-profile")
-        _save(bench_plots.map_figure(surface.height, scan.pitch, result), folder, "map.png")
-    against = profile.against_design(result, design)
-    rows = []
-    for name in ("height", "width", "pitch", "edge", "crest_radius"):
-        spread = getattr(result, name)
-        text = f"{1e3 * spread.mean:.2f} +- {1e3 * spread.std:.2f} um (n = {spread.count})" if spread.count else "-"
-        if name in against:
-            text += f"; design {1e3 * design[name]:.4g} um: {against[name]['relative_deviation']:+.1%}"
-        rows.append((name.replace("_", " "), text))
-    _table("ridges", rows)
-    if surface is not None:
-        temporary = folder / ".height_map.part.npz"
-        np.savez_compressed(temporary, distance_mm=surface.distance, pitch_mm=surface.pitch)
-        temporary.replace(folder / "height_map.npz")
-    summary = {
-        "test": "profile",
-        **{f"{k}_mm": asdict(getattr(result, k)) for k in ("height", "width", "pitch", "edge", "crest_radius")},
-        "orientation_deg": float(np.degrees(result.orientation)),
-        "lines": result.lines,
-        "against_design": against,
-        "height_map": None if surface is None else "height_map.npz",
-    }
-    return summary, folder
 
 
 def register(app: typer.Typer) -> None:
     """Add the group ``bench``."""
     bench = typer.Typer(help="Evaluate a lab's own bench tests.", no_args_is_help=True)
     app.add_typer(bench, name="bench")
+    bench.command()(handles_errors(stiffness))
+    bench.command()(handles_errors(dma))
+    bench.command()(handles_errors(friction))
+    bench.command()(handles_errors(profile))
 
-    @bench.command()
-    @handles_errors
-    def stiffness(
-        file: FileArgument,
-        test: Annotated[str, typer.Option("--test", help="indentation or compression.")] = "indentation",
-        finger_radius: Annotated[float, typer.Option("--finger-radius-mm", help="Indentation.")] = 7.5,
-        indenter_diameter: Annotated[float, typer.Option("--indenter-diameter-mm", help="Steel cylinder.")] = 25.45,
-        poisson: Annotated[float, typer.Option("--poisson-ratio", min=0.0, max=0.5)] = 0.49,
-        height: Annotated[float | None, typer.Option("--height-mm", help="Compression: undeformed height.")] = None,
-        area: Annotated[float | None, typer.Option("--area-mm2", help="Compression: undeformed section.")] = None,
-        terms: Annotated[int, typer.Option("--terms", min=1, max=3, help="Compression: C10, C01, C11.")] = 3,
-        json_file: JsonOption = None,
-        out: OutOption = None,
-    ) -> None:
-        """Modulus against force from an indentation (force, displacement), or Mooney-Rivlin from a compression test."""
-        check_json_target(json_file)
-        if test not in ("indentation", "compression"):
-            raise InputError(f"{test!r}", key="--test", allowed="indentation, compression")
-        if not (0 < finger_radius < 1e4 and 0 < indenter_diameter < 1e4):
-            raise InputError(
-                "radii must be positive", key="--finger-radius-mm, --indenter-diameter-mm", allowed="0 to 10 m"
-            )
-        if test == "indentation":
-            result, folder = _indentation(file, finger_radius, indenter_diameter / 2.0, poisson, out)
-        else:
-            result, folder = _compression(file, height, area, terms, out)
-        _finish({"file": file.name, **result}, json_file, folder)
 
-    @bench.command()
-    @handles_errors
-    def dma(
-        file: FileArgument,
-        reference: Annotated[
-            float | None, typer.Option("--reference-C", help="Temperature of the master curve.")
-        ] = None,
-        json_file: JsonOption = None,
-        out: OutOption = None,
-    ) -> None:
-        """Prony series and time-temperature shift from frequency, storage modulus and loss factor."""
-        check_json_target(json_file)
-        if reference is not None and not -150 <= reference <= 400:
-            raise InputError(f"{reference:g}", key="--reference-C", allowed="-150 to 400 degC")
-        result, folder = _dma(file, reference, out)
-        _finish({"file": file.name, **result}, json_file, folder)
+def stiffness(
+    file: FileArgument,
+    test: Annotated[str, typer.Option("--test", help="indentation or compression.")] = "indentation",
+    finger_radius: Annotated[float, typer.Option("--finger-radius-mm", help="Indentation.")] = 7.5,
+    indenter_diameter: Annotated[float, typer.Option("--indenter-diameter-mm", help="Steel cylinder.")] = 25.45,
+    poisson: Annotated[float, typer.Option("--poisson-ratio", min=0.0, max=0.5)] = 0.49,
+    height: Annotated[float | None, typer.Option("--height-mm", help="Compression: undeformed height.")] = None,
+    area: Annotated[float | None, typer.Option("--area-mm2", help="Compression: undeformed section.")] = None,
+    terms: Annotated[int, typer.Option("--terms", min=1, max=3, help="Compression: C10, C01, C11.")] = 3,
+    json_file: JsonOption = None,
+    out: OutOption = None,
+) -> None:
+    """Modulus against force from an indentation (force, displacement), or Mooney-Rivlin from a compression test."""
+    check_json_target(json_file)
+    if test not in ("indentation", "compression"):
+        raise InputError(f"{test!r}", key="--test", allowed="indentation, compression")
+    if not (0 < finger_radius < 1e4 and 0 < indenter_diameter < 1e4):
+        raise InputError(
+            "radii must be positive", key="--finger-radius-mm, --indenter-diameter-mm", allowed="0 to 10 m"
+        )
+    if test == "indentation":
+        result, folder = output.write_indentation(file, finger_radius, indenter_diameter / 2.0, poisson, out)
+    else:
+        result, folder = output.write_compression(file, height, area, terms, out)
+    output.finish({"file": file.name, **result}, json_file, folder)
 
-    @bench.command()
-    @handles_errors
-    def friction(
-        files: Annotated[list[Path], typer.Argument(help="One CSV file a slide: time_s, Fx_N, Fy_N, Fz_N.")],
-        group: Annotated[
-            list[str] | None, typer.Option("--group", help="Group of each file, in their order (repeatable).")
-        ] = None,
-        smoothing: Annotated[float | None, typer.Option("--smoothing-s", help="Window for the static peak.")] = None,
-        json_file: JsonOption = None,
-        out: OutOption = None,
-    ) -> None:
-        """Static and dynamic coefficient, stick-slip frequency; repeatability and ANOVA over several slides."""
-        check_json_target(json_file)
-        groups = group or ["all"] * len(files)
-        if len(groups) != len(files):
-            raise InputError(f"{len(groups)} groups for {len(files)} files", key="--group", allowed="one for each file")
-        if smoothing is not None and not smoothing > 0:
-            raise InputError(f"{smoothing:g}", key="--smoothing-s", allowed="above 0 s")
-        result, folder = _friction(files, groups, smoothing, out)
-        _finish(result, json_file, folder)
 
-    @bench.command()
-    @handles_errors
-    def profile(
-        file: Annotated[Path, typer.Argument(help="Profile (CSV: x_mm, z_um) or height map (CSV matrix, TIFF, EXR).")],
-        pitch: Annotated[float | None, typer.Option("--pitch-um", help="Sample distance of a height map.")] = None,
-        unit: Annotated[str, typer.Option("--z-unit", help="Unit of a height map's figures.")] = "um",
-        form: Annotated[
-            int, typer.Option("--form-degree", min=1, max=6, help="Taken off first: 2 flattens a round finger.")
-        ] = 1,
-        height: Annotated[float | None, typer.Option("--design-height-um")] = None,
-        width: Annotated[float | None, typer.Option("--design-width-um")] = None,
-        design_pitch: Annotated[float | None, typer.Option("--design-pitch-um")] = None,
-        json_file: JsonOption = None,
-        out: OutOption = None,
-    ) -> None:
-        """Ridge height, width, pitch and rounding with their spread against the design; a height map for the finger."""
-        check_json_target(json_file)
-        wanted = {"height": height, "width": width, "pitch": design_pitch}
-        for name, value in wanted.items():
-            if value is not None and not value > 0:
-                raise InputError(f"{value:g}", key=f"--design-{name}-um", allowed="above 0 um")
-        design = {name: 1e-3 * value for name, value in wanted.items() if value is not None}
-        scale = None if pitch is None else 1e-3 * pitch
-        result, folder = _profile(file, scale, unit, form, design, out)
-        _finish({"file": file.name, **result}, json_file, folder)
+def dma(
+    file: FileArgument,
+    reference: Annotated[float | None, typer.Option("--reference-C", help="Temperature of the master curve.")] = None,
+    json_file: JsonOption = None,
+    out: OutOption = None,
+) -> None:
+    """Prony series and time-temperature shift from frequency, storage modulus and loss factor."""
+    check_json_target(json_file)
+    if reference is not None and not -150 <= reference <= 400:
+        raise InputError(f"{reference:g}", key="--reference-C", allowed="-150 to 400 degC")
+    result, folder = output.write_dma(file, reference, out)
+    output.finish({"file": file.name, **result}, json_file, folder)
+
+
+def friction(
+    files: Annotated[list[Path], typer.Argument(help="One CSV file a slide: time_s, Fx_N, Fy_N, Fz_N.")],
+    group: Annotated[
+        list[str] | None, typer.Option("--group", help="Group of each file, in their order (repeatable).")
+    ] = None,
+    smoothing: Annotated[float | None, typer.Option("--smoothing-s", help="Window for the static peak.")] = None,
+    json_file: JsonOption = None,
+    out: OutOption = None,
+) -> None:
+    """Static and dynamic coefficient, stick-slip frequency; repeatability and ANOVA over several slides."""
+    check_json_target(json_file)
+    groups = group or ["all"] * len(files)
+    if len(groups) != len(files):
+        raise InputError(f"{len(groups)} groups for {len(files)} files", key="--group", allowed="one for each file")
+    if smoothing is not None and not smoothing > 0:
+        raise InputError(f"{smoothing:g}", key="--smoothing-s", allowed="above 0 s")
+    result, folder = output.write_friction(files, groups, smoothing, out)
+    output.finish(result, json_file, folder)
+
+
+def profile(
+    file: Annotated[Path, typer.Argument(help="Profile (CSV: x_mm, z_um) or height map (CSV matrix, TIFF, EXR).")],
+    pitch: Annotated[float | None, typer.Option("--pitch-um", help="Sample distance of a height map.")] = None,
+    unit: Annotated[str, typer.Option("--z-unit", help="Unit of a height map's figures.")] = "um",
+    form: Annotated[
+        int, typer.Option("--form-degree", min=1, max=6, help="Taken off first: 2 flattens a round finger.")
+    ] = 1,
+    height: Annotated[float | None, typer.Option("--design-height-um")] = None,
+    width: Annotated[float | None, typer.Option("--design-width-um")] = None,
+    design_pitch: Annotated[float | None, typer.Option("--design-pitch-um")] = None,
+    json_file: JsonOption = None,
+    out: OutOption = None,
+) -> None:
+    """Ridge height, width, pitch and rounding with their spread against the design; a height map for the finger."""
+    check_json_target(json_file)
+    wanted = {"height": height, "width": width, "pitch": design_pitch}
+    for name, value in wanted.items():
+        if value is not None and not value > 0:
+            raise InputError(f"{value:g}", key=f"--design-{name}-um", allowed="above 0 um")
+    design = {name: 1e-3 * value for name, value in wanted.items() if value is not None}
+    scale = None if pitch is None else 1e-3 * pitch
+    result, folder = output.write_profile(file, scale, unit, form, design, out)
+    output.finish({"file": file.name, **result}, json_file, folder)

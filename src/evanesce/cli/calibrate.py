@@ -1,4 +1,4 @@
-"""``evanesce calibrate``: camera matrix, distortion and area per pixel from pictures of the two cards."""
+"""``evanesce calibrate``: camera matrix, distortion and area per pixel from pictures of the two printed cards."""
 
 from __future__ import annotations
 
@@ -30,86 +30,94 @@ if TYPE_CHECKING:
 
 MAX_PICTURES = 1000
 
+CheckerboardOption = Annotated[
+    list[Path] | None,
+    typer.Option("--checkerboard", metavar="FILES...", help="Pictures of the checkerboard, or a folder."),
+]
+MoreArgument = Annotated[
+    list[Path] | None, typer.Argument(metavar="", help="Further pictures of the checkerboard.", hidden=True)
+]
+PointsOption = Annotated[Path | None, typer.Option("--points", help="Corners found elsewhere: CSV, or MATLAB's .mat.")]
+ImageSizeOption = Annotated[
+    str | None, typer.Option("--image-size", metavar="WxH", help="Size of the pictures of --points in pixels.")
+]
+SquareOption = Annotated[
+    Path | None, typer.Option("--square", help="Picture of the square card, for the area of a pixel.")
+]
+SquareColourOption = Annotated[
+    str, typer.Option("--square-colour", help="white or black: which of the two is the card's square.")
+]
+ModelOption = Annotated[
+    str, typer.Option("--model", help="radial2 (the thesis's), radial3, or full (with tangential).")
+]
+FocalOption = Annotated[
+    float | None, typer.Option("--expect-focal-px", help="Focal length by the rig's drawing, in pixels.")
+]
+DistanceOption = Annotated[
+    float | None, typer.Option("--expect-distance-mm", help="Distance of the board by the drawing, in mm.")
+]
+
 
 def register(app: typer.Typer) -> None:
     """Add the command."""
+    app.command()(handles_errors(calibrate))
 
-    @app.command()
-    @handles_errors
-    def calibrate(
-        checkerboard: Annotated[
-            list[Path] | None,
-            typer.Option("--checkerboard", metavar="FILES...", help="Pictures of the checkerboard, or a folder."),
-        ] = None,
-        more: Annotated[
-            list[Path] | None, typer.Argument(metavar="", help="Further pictures of the checkerboard.", hidden=True)
-        ] = None,
-        square_mm: Annotated[float, typer.Option("--square-mm", help="Side of the printed squares in mm.")] = 1.0,
-        points: Annotated[
-            Path | None, typer.Option("--points", help="Corners found elsewhere: CSV, or MATLAB's .mat.")
-        ] = None,
-        image_size: Annotated[
-            str | None, typer.Option("--image-size", metavar="WxH", help="Size of the pictures of --points in pixels.")
-        ] = None,
-        square: Annotated[
-            Path | None, typer.Option("--square", help="Picture of the square card, for the area of a pixel.")
-        ] = None,
-        side_mm: Annotated[float, typer.Option("--side-mm", help="Side of the square card in mm.")] = 15.0,
-        square_colour: Annotated[
-            str, typer.Option("--square-colour", help="white or black: which of the two is the card's square.")
-        ] = "white",
-        model: Annotated[
-            str, typer.Option("--model", help="radial2 (as the author used), radial3, or full (with tangential).")
-        ] = "radial2",
-        expect_focal_px: Annotated[
-            float | None, typer.Option("--expect-focal-px", help="Focal length by the rig's drawing, in pixels.")
-        ] = None,
-        expect_distance_mm: Annotated[
-            float | None, typer.Option("--expect-distance-mm", help="Distance of the board by the drawing, in mm.")
-        ] = None,
-        json_file: JsonOption = None,
-        out: OutOption = None,
-    ) -> None:
-        """Calibrate the camera from pictures of a checkerboard, or from corners found elsewhere.
 
-        --json keeps the calibration for `evanesce measure`; --out adds pictures of corners, residuals and scale.
-        """
-        check_json_target(json_file)
-        files = _checkerboards(checkerboard or [], more or [])
-        size = None if image_size is None else _size(image_size)
-        _check_choices(files, points, size, model, square_colour)
-        for key, value in (
-            ("--square-mm", square_mm),
-            ("--side-mm", side_mm),
-            ("--expect-focal-px", expect_focal_px),
-            ("--expect-distance-mm", expect_distance_mm),
-        ):
-            if value is not None and not 1e-6 < value < 1e6:
-                raise InputError(f"{value:g}", key=key, allowed="a number from 1e-6 to 1e6")
-        from evanesce.measurement.calibration import fit as fits
-        from evanesce.measurement.calibration.model import save_calibration
-        from evanesce.measurement.calibration.points import read_points
+def calibrate(
+    checkerboard: CheckerboardOption = None,
+    more: MoreArgument = None,
+    square_mm: Annotated[float, typer.Option("--square-mm", help="Side of the printed squares in mm.")] = 1.0,
+    points: PointsOption = None,
+    image_size: ImageSizeOption = None,
+    square: SquareOption = None,
+    side_mm: Annotated[float, typer.Option("--side-mm", help="Side of the square card in mm.")] = 15.0,
+    square_colour: SquareColourOption = "white",
+    model: ModelOption = "radial2",
+    expect_focal_px: FocalOption = None,
+    expect_distance_mm: DistanceOption = None,
+    json_file: JsonOption = None,
+    out: OutOption = None,
+) -> None:
+    """Calibrate the camera from pictures of a checkerboard, or from corners found elsewhere.
 
-        pictures = _find(files, square_mm, size) if files else None
-        if pictures is None:
-            assert points is not None
-            assert size is not None
-            views = read_points(points)
-        else:
-            views, size = pictures.views, pictures.image_size
-        result = fits.calibrate(
-            views, size, model=model, expect_focal_px=expect_focal_px, expect_distance_mm=expect_distance_mm
-        )
-        card = None if square is None else _square(square, side_mm, square_colour, result.calibration)
-        calibration = _complete(result, pictures, card, side_mm)
-        folder = None if out is None else out_dir(out, "calibrate")
-        if folder is not None:
-            _draw(folder, result, pictures)
-            save_calibration(folder / "calibration.json", calibration)
-        from evanesce.measurement.calibration.model import as_plain
+    --json saves the calibration for `evanesce measure`; --out adds pictures of corners, residuals and scale.
+    """
+    check_json_target(json_file)
+    files = _checkerboards(checkerboard or [], more or [])
+    size = None if image_size is None else _size(image_size)
+    _check_choices(files, points, size, model, square_colour)
+    for key, value in (
+        ("--square-mm", square_mm),
+        ("--side-mm", side_mm),
+        ("--expect-focal-px", expect_focal_px),
+        ("--expect-distance-mm", expect_distance_mm),
+    ):
+        if value is not None and not 1e-6 < value < 1e6:
+            raise InputError(f"{value:g}", key=key, allowed="a number from 1e-6 to 1e6")
+    from evanesce.measurement.calibration import fit as fits
+    from evanesce.measurement.calibration.model import save_calibration
+    from evanesce.measurement.calibration.points import read_points
 
-        write_json(json_file, as_plain(calibration))
-        _show(calibration, kept=json_file or folder)
+    pictures = _find(files, square_mm, size) if files else None
+    if pictures is None:
+        assert points is not None
+        assert size is not None
+        views = read_points(points)
+    else:
+        views, size = pictures.views, pictures.image_size
+    result = fits.calibrate(
+        views, size, model=model, expect_focal_px=expect_focal_px, expect_distance_mm=expect_distance_mm
+    )
+    card = None if square is None else _square(square, side_mm, square_colour, result.calibration)
+    calibration = _complete(result, pictures, card, side_mm)
+    folder = None if out is None else out_dir(out, "calibrate")
+    if folder is not None:
+        _draw(folder, result, pictures)
+        save_calibration(folder / "calibration.json", calibration)
+    from evanesce.measurement.calibration.model import as_plain
+
+    write_json(json_file, as_plain(calibration))
+    _show(calibration, saved_to=json_file or folder)
 
 
 def _checkerboards(given: list[Path], more: list[Path]) -> list[Path]:
@@ -233,7 +241,7 @@ def _draw(folder: Path, result: Calibrated, pictures: BoardPictures | None) -> N
     save_figure(undistorted, folder / "scale_undistorted.png")
 
 
-def _show(calibration: Calibration, kept: Path | None) -> None:
+def _show(calibration: Calibration, saved_to: Path | None) -> None:
     from rich.table import Table
     from rich.text import Text
 
@@ -265,11 +273,11 @@ def _show(calibration: Calibration, kept: Path | None) -> None:
     console.print(table)
     for warning in details["warnings"]:
         messages.print(f"warning: {warning['code']}: {warning['text']}", highlight=False, markup=False, soft_wrap=True)
-    if kept is None:
-        messages.print("nothing is kept: give --json FILE or --out DIR to keep the calibration", soft_wrap=True)
+    if saved_to is None:
+        messages.print("not saved: give --json FILE or --out DIR to save the calibration", soft_wrap=True)
 
 
 def _range(scale: dict[str, float]) -> str:
     if math.isnan(scale["median"]):
-        return "no whole cell"
+        return "no complete cell"
     return f"{scale['median']:.1f} ({scale['min']:.1f} to {scale['max']:.1f})"

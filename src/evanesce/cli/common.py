@@ -14,15 +14,8 @@ from typing import Annotated, Any, ParamSpec, TypeVar
 
 import typer
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 
+from evanesce.cli.progress import CommandProgress
 from evanesce.core.errors import EvanesceError, InputError, WorkError
 
 # Where output is not a terminal (a file, CI) tables would be squeezed into 80 columns.
@@ -66,18 +59,9 @@ def chosen_variant(variant: str) -> Any:
     return info
 
 
-def progress() -> Progress:
-    """Return a progress bar with elapsed time and ETA on standard error."""
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("ETA"),
-        TimeRemainingColumn(),
-        console=messages,
-        transient=not messages.is_terminal,
-    )
+def progress() -> CommandProgress:
+    """Return the progress of a command on standard error, with elapsed time and time left."""
+    return CommandProgress(messages)
 
 
 def out_dir(path: Path | None, default: str) -> Path:
@@ -105,12 +89,24 @@ def check_json_target(path: Path | None) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
+    """Write a text file whole or not at all."""
+    write_bytes(path, text.encode("utf-8"))
+
+
+def write_figure(path: Path, figure: Any) -> None:
+    """Write a Matplotlib figure as PNG, whole or not at all."""
+    from evanesce.report.html import figure_png
+
+    write_bytes(path, figure_png(figure))
+
+
+def write_bytes(path: Path, content: bytes) -> None:
     """Write a file whole or not at all."""
     try:
         handle, name = tempfile.mkstemp(dir=path.parent, prefix="." + path.name)
         try:
-            with os.fdopen(handle, "w", encoding="utf-8") as stream:
-                stream.write(text)
+            with os.fdopen(handle, "wb") as stream:
+                stream.write(content)
                 stream.flush()
                 os.fsync(stream.fileno())
             umask = os.umask(0)

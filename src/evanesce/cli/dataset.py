@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 from evanesce.cli.common import JsonOption, check_json_target, console, handles_errors, messages, progress, write_json
+from evanesce.cli.progress import duration
 from evanesce.cli.render import SetOption, parse_overrides
 from evanesce.core.errors import InputError, WorkError
 
@@ -40,7 +40,7 @@ def register(app: typer.Typer) -> None:
 def make(
     scene: Annotated[str, typer.Argument(help="Scene file, or the name of a shipped scene.", show_default=False)],
     out: Annotated[Path, typer.Option("--out", help="New folder.", show_default=False)],
-    frames: Annotated[int, typer.Option("--n", help="Frames; rounded up to whole trials.")] = 2000,
+    frames: Annotated[int, typer.Option("--n", help="Frames; rounded up to complete trials.")] = 2000,
     seed: Annotated[int, typer.Option("--seed", help="The one seed.")] = 0,
     config: Annotated[Path | None, typer.Option("--config", help="TOML of the declared distributions.")] = None,
     workers: WorkersOption = None,
@@ -68,14 +68,14 @@ def make(
     free = require_disk(out, guess.size // (engine.part[1] if engine.part else 1))
     messages.print(
         f"{job.frames} frames in {job.trials} trials, {job.shards} shards; about {guess.size / 1e9:.3g} GB"
-        f" ({guess.frame_size / 1e6:.2g} MB a frame) of {free / 1e9:.3g} GB free, about {_duration(guess.seconds)}"
+        f" ({guess.frame_size / 1e6:.2g} MB a frame) of {free / 1e9:.3g} GB free, about {duration(guess.seconds)}"
     )
     if dry_run:
         write_json(json_file, {"frames": job.frames, "bytes": guess.size, "seconds": guess.seconds})
         return
     from evanesce.dataset.run import make as run
 
-    with _Bar(job.frames) as bar:
+    with _Frames(job.frames) as bar:
         outcome = run(out, job, engine, bar)
     _report(out, outcome, json_file)
 
@@ -86,7 +86,7 @@ def resume(
     scheduler: SchedulerOption = "",
     shard: ShardOption = "",
     any_versions: Annotated[
-        bool, typer.Option("--any-versions", help="Go on although packages changed; frames may then differ.")
+        bool, typer.Option("--any-versions", help="Continue although packages changed; frames may then differ.")
     ] = False,
     json_file: JsonOption = None,
 ) -> None:
@@ -98,13 +98,13 @@ def resume(
 
     engine = _engine(workers, scheduler, shard)
     job = load_job(folder)
-    # by count: an estimate less what is there would ask for room where nothing is left to make
+    # by count: an estimate less what is there would need space where nothing is left to make
     missing = max(job.shards - len(list((folder / "shards").glob("*.tar"))), 0)
     parts = engine.part[1] if engine.part else 1
     left = estimate(job, engine.workers).size * missing // (job.shards * parts)
     free = require_disk(folder, left)
     messages.print(f"about {left / 1e9:.3g} GB left to make, {free / 1e9:.3g} GB free")
-    with _Bar(job.frames) as bar:
+    with _Frames(job.frames) as bar:
         outcome = run(folder, engine, bar, any_versions=any_versions)
     _report(folder, outcome, json_file)
 
@@ -114,7 +114,7 @@ def verify(folder: FolderArgument, json_file: JsonOption = None) -> None:
     check_json_target(json_file)
     from evanesce.dataset.verify import verify as check
 
-    # the size of a link itself: it may point nowhere, which `check` will tell
+    # the size of a link itself: it may point nowhere, which `check` reports
     size = sum(tar.lstat().st_size for tar in (folder / "shards").glob("*.tar"))
     with progress() as bar:
         task = bar.add_task("verify [MB]", total=size / 1e6)
@@ -147,7 +147,7 @@ def export(
     to: Annotated[str, typer.Option("--to", help="hdf5, lerobot, coco or parquet.", show_default=False)],
     out: Annotated[Path | None, typer.Option("--out", help="New folder; `FOLDER/../NAME-FORMAT` by default.")] = None,
     split: Annotated[str | None, typer.Option("--split", help="Only train, validation or test.")] = None,
-    partial: Annotated[bool, typer.Option("--partial", help="What there is of an unfinished dataset.")] = False,
+    partial: Annotated[bool, typer.Option("--partial", help="The finished part of an unfinished dataset.")] = False,
     json_file: JsonOption = None,
 ) -> None:
     """Write a dataset in another format; each member is checked on the way."""
@@ -157,7 +157,7 @@ def export(
     from evanesce.dataset.read import Dataset
 
     target = out or folder.resolve().with_name(f"{folder.resolve().name}-{to}")
-    with _Bar(load_job(folder).frames) as bar:
+    with _Frames(load_job(folder).frames) as bar:
         count = write(folder, target, to, split=split, advance=bar.advance, partial=partial)
     with Dataset(folder) as whole:
         asked, bad = whole.job.frames, whole.quarantined
@@ -168,7 +168,7 @@ def export(
 
 
 def info(folder: FolderArgument, json_file: JsonOption = None) -> None:
-    """Tell what a dataset holds."""
+    """Print what a dataset holds."""
     check_json_target(json_file)
     from evanesce.dataset.info import describe
 
@@ -189,7 +189,7 @@ def preview(
         int | None, typer.Option("--trial", help="Trial of the video; the first slide by default.")
     ] = None,
 ) -> None:
-    """Draw a contact sheet and a short video with the labels laid over."""
+    """Draw a contact sheet and a short video with the labels overlaid."""
     from evanesce.cli.common import out_dir
     from evanesce.dataset.preview import preview as draw
 
@@ -213,24 +213,14 @@ def _engine(workers: int | None, scheduler: str, shard: str) -> Engine:
     return Engine(cores if workers is None else workers, scheduler, part)
 
 
-class _Bar:
-    """Frames made, frames a second, time left."""
+class _Frames:
+    """Progress of the frames made, with their rate."""
 
     def __init__(self, frames: int) -> None:
-        columns = (
-            TextColumn("frames"),
-            BarColumn(),
-            TextColumn("{task.completed:.0f}/{task.total:.0f}"),
-            TextColumn("{task.fields[rate]}"),
-            TimeElapsedColumn(),
-            TextColumn("ETA"),
-            TimeRemainingColumn(),
-        )
-        self._still = not messages.is_terminal
-        self._progress = Progress(*columns, console=messages, transient=self._still, speed_estimate_period=600)
+        self._progress = progress()
         self._total, self._made = frames, 0
 
-    def __enter__(self) -> _Bar:
+    def __enter__(self) -> _Frames:
         self._progress.start()
         self._task = self._progress.add_task("frames", total=self._total, rate="")
         return self
@@ -239,18 +229,13 @@ class _Bar:
         """Take a report of the engine."""
         if report.get("failed"):
             messages.print(f"shard {report['shard']}: {report['failed']}", highlight=False, markup=False)
-        if report["shard"] is not None:
+        if report["shard"] is None:
+            self._progress.count_from(self._task, report["frames"])
+        else:
             self._made += report["frames"]
-        done = report["frames"] + report["quarantined"]
         elapsed = self._progress.tasks[0].elapsed or 0.0
         rate = f"{self._made / elapsed:.2f} frames/s" if self._made and elapsed else ""
-        self._progress.update(self._task, advance=done, rate=rate)
-        if self._still and report["shard"] is not None:  # a log has no bar: a line a shard
-            there = int(self._progress.tasks[0].completed)
-            left = (self._total - there) * elapsed / self._made if self._made else 0.0
-            messages.print(
-                f"frames {there}/{self._total}  {rate}  about {_duration(left)} left", highlight=False, markup=False
-            )
+        self._progress.update(self._task, advance=report["frames"] + report["quarantined"], rate=rate)
 
     def advance(self, count: int) -> None:
         """Count frames."""
@@ -267,7 +252,7 @@ def _report(folder: Path, outcome: Outcome, json_file: Path | None) -> None:
     state = "complete" if outcome.complete else "this part is done; `resume` gathers the parts"
     console.print(
         f"{outcome.frames} frames, {outcome.size / 1e9:.3g} GB in {folder}: {state}"
-        f" ({outcome.made} made in {_duration(outcome.seconds)}, {rate:.2f} frames/s)",
+        f" ({outcome.made} made in {duration(outcome.seconds)}, {rate:.2f} frames/s)",
         highlight=False,
     )
 
@@ -275,9 +260,3 @@ def _report(folder: Path, outcome: Outcome, json_file: Path | None) -> None:
 def _name_quarantined(rows: list[dict[str, Any]]) -> None:
     for row in rows:
         console.print(f"quarantined: frame {row['frame']:09d}: {row['reason']}", highlight=False)
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 120:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"

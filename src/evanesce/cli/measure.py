@@ -9,83 +9,88 @@ import typer
 
 from evanesce.cli.common import JsonOption, OutOption, check_json_target, handles_errors, write_json
 
+CalibrationOption = Annotated[
+    Path | None, typer.Option("--calibration", help="JSON file of `evanesce calibrate`; needed to undistort.")
+]
+CropOption = Annotated[
+    str, typer.Option("--crop", help="r0:r1,c0:c1, half-open, in the undistorted view; an end may be empty.")
+]
+FpsOption = Annotated[float | None, typer.Option("--fps", help="Frame rate in Hz; overrides the file's own.")]
+ScaleOption = Annotated[
+    float | None, typer.Option("--mm2-per-px", help="Area of a pixel in mm^2; overrides the calibration's.")
+]
+UndistortOption = Annotated[
+    bool, typer.Option("--undistort/--no-undistort", help="Undistort to the valid view before cropping.")
+]
+EstimatorOption = Annotated[
+    str,
+    typer.Option(
+        "--estimator",
+        help="reference: segmentation by threshold; refined: sub-pixel boundary, needs --calibration.",
+    ),
+]
+DarkOption = Annotated[
+    Path | None,
+    typer.Option("--dark", help="refined: video, image or folder with LEDs on and no contact."),
+]
+FlatOption = Annotated[
+    Path | None, typer.Option("--flat", help="refined: video, image or folder of an evenly lit target.")
+]
+TuneOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--tune",
+        metavar="IMAGE",
+        help="refined: a frame of the same finger without saturation, to fit its scattering length and"
+        " the edge profile of its contact.",
+    ),
+]
+FingerOption = Annotated[str, typer.Option("--finger", help="refined: ridged or smooth; smooth narrows the interval.")]
+
 
 def register(app: typer.Typer) -> None:
     """Add the command."""
+    app.command()(handles_errors(measure))
 
-    @app.command()
-    @handles_errors
-    def measure(
-        path: Annotated[Path, typer.Argument(metavar="VIDEO_OR_FOLDER", help="Video, image or folder of images.")],
-        calibration: Annotated[
-            Path | None, typer.Option("--calibration", help="JSON file of `evanesce calibrate`; needed to undistort.")
-        ] = None,
-        threshold: Annotated[
-            float, typer.Option("--threshold", help="Grey level 0 to 1; brighter is contact. Look at the histogram.")
-        ] = 0.15,
-        min_blob: Annotated[
-            int, typer.Option("--min-blob", help="Least size of a dilated blob that is kept, in px.")
-        ] = 2000,
-        crop: Annotated[
-            str, typer.Option("--crop", help="r0:r1,c0:c1, half-open, in the undistorted view; an end may be empty.")
-        ] = ":,:",
-        fps: Annotated[
-            float | None, typer.Option("--fps", help="Frame rate in Hz; wins over the file's own where they disagree.")
-        ] = None,
-        mm2_per_px: Annotated[
-            float | None, typer.Option("--mm2-per-px", help="Area of a pixel in mm^2; wins over the calibration's.")
-        ] = None,
-        undistort: Annotated[
-            bool, typer.Option("--undistort/--no-undistort", help="Undistort to the valid view before cropping.")
-        ] = True,
-        blur: Annotated[float, typer.Option("--blur", help="Standard deviation of the Gaussian, in px.")] = 1.0,
-        radius: Annotated[int, typer.Option("--radius", help="Radius of the dilating disk, in px.")] = 10,
-        estimator: Annotated[
-            str,
-            typer.Option(
-                "--estimator",
-                help="reference: the thesis's segmentation by threshold; refined: sub-pixel boundary, needs --calibration.",
-            ),
-        ] = "reference",
-        dark: Annotated[
-            Path | None,
-            typer.Option("--dark", help="refined: video, image or folder with LEDs on and nothing in touch."),
-        ] = None,
-        flat: Annotated[
-            Path | None, typer.Option("--flat", help="refined: video, image or folder of an evenly lit target.")
-        ] = None,
-        teach: Annotated[
-            Path | None,
-            typer.Option(
-                "--teach",
-                metavar="IMAGE",
-                help="refined: a frame of the same finger that does not saturate; tells how far light walks in it and"
-                " how it rises across the contact's edge.",
-            ),
-        ] = None,
-        finger: Annotated[
-            str, typer.Option("--finger", help="refined: ridged or smooth; smooth narrows the interval.")
-        ] = "ridged",
-        json_file: JsonOption = None,
-        out: OutOption = None,
-    ) -> None:
-        """Measure contact area against time, by the author's thresholding chain or by the refined estimator.
 
-        Prints a table; --json writes it as JSON, --out adds CSV, overlays, intensity map and plots.
-        """
-        from evanesce.cli import measure_job
-        from evanesce.measurement.reference.segment import Chain, Crop
+def measure(
+    path: Annotated[Path, typer.Argument(metavar="VIDEO_OR_FOLDER", help="Video, image or folder of images.")],
+    calibration: CalibrationOption = None,
+    threshold: Annotated[
+        float, typer.Option("--threshold", help="Grey level 0 to 1; brighter is contact. Look at the histogram.")
+    ] = 0.15,
+    min_blob: Annotated[int, typer.Option("--min-blob", help="Minimum size of a dilated blob, in px.")] = 2000,
+    crop: CropOption = ":,:",
+    fps: FpsOption = None,
+    mm2_per_px: ScaleOption = None,
+    undistort: UndistortOption = True,
+    blur: Annotated[float, typer.Option("--blur", help="Standard deviation of the Gaussian, in px.")] = 1.0,
+    radius: Annotated[int, typer.Option("--radius", help="Radius of the dilating disk, in px.")] = 10,
+    estimator: EstimatorOption = "reference",
+    dark: DarkOption = None,
+    flat: FlatOption = None,
+    tune: TuneOption = None,
+    finger: FingerOption = "ridged",
+    json_file: JsonOption = None,
+    out: OutOption = None,
+) -> None:
+    """Measure contact area against time, by the reference segmentation or by the refined estimator.
 
-        check_json_target(json_file)
-        chain = Chain(threshold=threshold, min_blob=min_blob, blur=blur, radius=radius, crop=Crop.parse(crop))
-        job = measure_job.prepare(
-            path, chain, calibration=calibration, fps=fps, mm2_per_px=mm2_per_px, undistort=undistort, out=out,
-            refined=measure_job.refined_options(estimator, dark, flat, finger, teach),
-        )  # fmt: skip
-        result = measure_job.run(job)
-        data = measure_job.record(job, result)
-        if out is not None:
-            measure_job.write_files(job, result, data)
-        write_json(json_file, data)
-        measure_job.show(result)
-        job.stream.finish()
+    Prints a table; --json writes it as JSON, --out adds CSV, overlays, intensity map and plots.
+    """
+    from evanesce.cli import measure_job
+    from evanesce.measurement.reference.segment import Chain, Crop
+
+    check_json_target(json_file)
+    chain = Chain(threshold=threshold, min_blob=min_blob, blur=blur, radius=radius, crop=Crop.parse(crop))
+    job = measure_job.prepare(
+        path, chain, calibration=calibration, fps=fps, mm2_per_px=mm2_per_px, undistort=undistort, out=out,
+        refined=measure_job.refined_options(estimator, dark, flat, finger, tune),
+    )  # fmt: skip
+    result = measure_job.run(job)
+    data = measure_job.record(job, result)
+    if out is not None:
+        measure_job.write_files(job, result, data)
+    write_json(json_file, data)
+    measure_job.show(result)
+    job.stream.finish()

@@ -74,7 +74,7 @@ def refined_options(
         if finger in kinds:
             return Refined(dark, flat, kinds[finger], teach)
         raise InputError(f"'{finger}'", key="--finger", allowed="ridged, smooth")
-    for key, path in (("--dark", dark), ("--flat", flat), ("--teach", teach)):
+    for key, path in (("--dark", dark), ("--flat", flat), ("--tune", teach)):
         if path is not None:
             raise InputError("the reference segmentation does not use it", key=key, allowed="with --estimator refined")
     return None
@@ -161,19 +161,19 @@ def _estimator(refined: Refined, stored: Calibration | None, mm2_per_px: float |
     shots = ([frame.data for frame in islice(open_frames(p), MOST_SHOTS)] if p else [] for p in _paths(refined))
     radiometry = Radiometry.of(stored.details, *shots)
     estimator = Estimator.of(stored, radiometry, crop=chain.crop)
-    return estimator if refined.teach is None else _taught(estimator, refined.teach)
+    return estimator if refined.teach is None else _tuned(estimator, refined.teach)
 
 
-def _taught(estimator: Estimator, path: Path) -> Estimator:
-    """Return the estimator that has learnt light's walk and the contact's edge from a frame of the same finger."""
+def _tuned(estimator: Estimator, path: Path) -> Estimator:
+    """Return the estimator with scattering and edge profile fitted to a frame of the same finger."""
     image = read_image(path).data
     found = estimator.area(image)
     allowed = "a frame of a contact that does not saturate"
     if found.unseen:
-        raise InputError("the contact is at full scale", file=path, key="--teach", allowed=allowed)
+        raise InputError("the contact is at full scale", file=path, key="--tune", allowed=allowed)
     if not found.contours:
-        raise InputError("nothing touches", file=path, key="--teach", allowed=allowed)
-    return estimator.taught(image)
+        raise InputError("no contact", file=path, key="--tune", allowed=allowed)
+    return estimator.tuned_on(image)
 
 
 def _paths(refined: Refined) -> tuple[Path | None, Path | None]:
@@ -205,7 +205,7 @@ def run(job: Job) -> Result:
     """
     stream = job.stream
     rows: list[AreaRow] = []
-    known = job.estimator is None or job.estimator.settings.blur.origin != "believed"
+    known = job.estimator is None or job.estimator.settings.blur.origin != "nominal"
     log, edges = FrameLog(job.chain.threshold), EdgeLog(blur_known=known)
     peak: tuple[Measured, Uncertain] | None = None
     with ExitStack() as stack:
@@ -258,10 +258,10 @@ def record(job: Job, result: Result) -> dict[str, Any]:
         "estimator": "reference" if job.estimator is None else "refined",
     }
     if job.estimator is not None:
-        walk, blur = job.estimator.settings.walk, job.estimator.settings.blur
+        scattering, blur = job.estimator.settings.scattering, job.estimator.settings.blur
         settings |= {
             "teach": str(job.teach) if job.teach else None,
-            "walk": asdict(walk) if walk else None,
+            "scattering": asdict(scattering) if scattering else None,
             "camera_blur": blur.as_dict(),
         }
     view = job.rectified

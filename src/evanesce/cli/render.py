@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
@@ -24,19 +24,20 @@ from evanesce.cli.common import (
 )
 from evanesce.core.errors import InputError
 
+if TYPE_CHECKING:
+    from evanesce.chain.simulate import SimulatedFrame
+
 VariantOption = Annotated[str, typer.Option("--variant", help="Mitsuba variant: auto, llvm, scalar or cuda.")]
 MAX_BANDS = 14
 VARIANTS = ("auto", "llvm", "scalar", "cuda")
-FastOption = Annotated[
-    bool, typer.Option("--fast/--reference", help="Render by fast transport, or by the path tracer (the reference).")
-]
+FastOption = Annotated[bool, typer.Option("--fast/--reference", help="Fast renderer, or path tracer (the reference).")]
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", help="Override a key of the scene, e.g. leds.voltage_V=10 (repeatable).")
 ]
 
 
 def check_variant(variant: str) -> None:
-    """Refuse an unknown variant, also where none is needed."""
+    """Refuse an unknown variant, even where none is needed."""
     if variant not in VARIANTS:
         raise InputError(f"{variant!r} is not known", key="--variant", allowed=", ".join(VARIANTS))
 
@@ -59,70 +60,73 @@ def parse_overrides(pairs: list[str] | None) -> dict[str, Any]:
 
 def register(app: typer.Typer) -> None:
     """Add the command."""
+    app.command()(handles_errors(render))
 
-    @app.command()
-    @handles_errors
-    def render(
-        scene: Annotated[
-            str, typer.Argument(help="Scene file, or the name of a shipped scene (thesis, thesis_ridged).")
-        ],
-        force: Annotated[
-            list[float] | None, typer.Option("--force", help="Normal force [N] instead of the programme (repeatable).")
-        ] = None,
-        fast: FastOption = False,
-        bands: Annotated[
-            int, typer.Option("--bands", help="White light in so many bands; 1: the scene's one wavelength.")
-        ] = 1,
-        variant: VariantOption = "auto",
-        spp: Annotated[int | None, typer.Option("--spp", min=1, help="Paths per pixel around the contact.")] = None,
-        passes: Annotated[int | None, typer.Option("--passes", min=2, help="Independent passes to average.")] = None,
-        until_error: Annotated[
-            float | None,
-            typer.Option("--until-error", help="Add passes until this relative standard error, e.g. 0.01."),
-        ] = None,
-        seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of light and noise.")] = None,
-        settings: SetOption = None,
-        exr: Annotated[bool, typer.Option("--exr/--no-exr", help="Write linear light and truth as OpenEXR.")] = True,
-        video: Annotated[str | None, typer.Option("--video", help="Also write a video: h264 or ffv1.")] = None,
-        json_file: JsonOption = None,
-        out: OutOption = None,
-    ) -> None:
-        """Render a scene's loading programme: frames, raw, OpenEXR with radiance, variance, gap, pressure and mask."""
-        from evanesce.contact.solve import check_skin
-        from evanesce.effects import active_effects
-        from evanesce.rig import copy_height_map, dump_scene, load_scene, scene_path
 
-        check_json_target(json_file)
-        check_variant(variant)
-        if video not in (None, "h264", "ffv1"):
-            raise InputError(f"{video!r} is no codec", key="--video", allowed="h264, ffv1")
-        overrides = parse_overrides(settings)
-        if force:
-            overrides["press"] = {"forces_N": list(force)}
-        loaded = load_scene(scene, overrides)
-        active_effects(loaded, scene_path(scene))  # refused here, before anything is written
-        check_skin(loaded)
-        if not 1 <= bands <= MAX_BANDS:
-            raise InputError(f"{bands}", key="--bands", allowed=f"1 to {MAX_BANDS}")
-        if until_error is not None and not 0 < until_error < 1:
-            raise InputError(f"{until_error:g}", key="--until-error", allowed="above 0, below 1")
-        options: dict[str, Any] = {"samples_per_pixel": spp, "passes": passes, "until_error": until_error}
-        if fast:
-            for flag, given in (("--spp", spp), ("--passes", passes), ("--until-error", until_error)):
-                if given is not None:
-                    raise InputError("fast transport draws no paths", key=flag, allowed="with --reference only")
-            options = {}
-        folder = out_dir(out, f"render-{Path(scene).stem}")
-        result = _run(
-            loaded, folder, seed=loaded.render.seed if seed is None else seed, fast=fast, variant=variant, bands=bands,
-            options=options, exr=exr, video=video,
-        )  # fmt: skip
-        copy_height_map(loaded, folder)
-        write_text(folder / "scene.toml", dump_scene(loaded))
-        write_text(folder / "README.txt", _README)
-        write_json(folder / "result.json", result)
-        write_json(json_file, result)
-        _show(result, folder)
+def render(
+    scene: Annotated[str, typer.Argument(help="Scene file, or the name of a shipped scene (thesis, thesis_ridged).")],
+    force: Annotated[
+        list[float] | None, typer.Option("--force", help="Normal force [N] instead of the programme (repeatable).")
+    ] = None,
+    fast: FastOption = False,
+    bands: Annotated[
+        int, typer.Option("--bands", help="Number of wavelength bands of white light; 1: the scene's wavelength.")
+    ] = 1,
+    variant: VariantOption = "auto",
+    spp: Annotated[int | None, typer.Option("--spp", min=1, help="Paths per pixel around the contact.")] = None,
+    passes: Annotated[int | None, typer.Option("--passes", min=2, help="Independent passes to average.")] = None,
+    until_error: Annotated[
+        float | None,
+        typer.Option("--until-error", help="Add passes until this relative standard error, e.g. 0.01."),
+    ] = None,
+    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of light and noise.")] = None,
+    settings: SetOption = None,
+    exr: Annotated[bool, typer.Option("--exr/--no-exr", help="Write linear light and truth as OpenEXR.")] = True,
+    video: Annotated[str | None, typer.Option("--video", help="Also write a video: h264 or ffv1.")] = None,
+    json_file: JsonOption = None,
+    out: OutOption = None,
+) -> None:
+    """Render a scene's loading programme: frames, raw, OpenEXR with radiance, variance, gap, pressure and mask."""
+    from evanesce.contact.solve import check_skin
+    from evanesce.effects import active_effects
+    from evanesce.rig import copy_height_map, dump_scene, load_scene, scene_path
+
+    check_json_target(json_file)
+    check_variant(variant)
+    if video not in (None, "h264", "ffv1"):
+        raise InputError(f"{video!r} is not a codec", key="--video", allowed="h264, ffv1")
+    overrides = parse_overrides(settings)
+    if force:
+        overrides["press"] = {"forces_N": list(force)}
+    loaded = load_scene(scene, overrides)
+    active_effects(loaded, scene_path(scene))  # refused here, before anything is written
+    check_skin(loaded)
+    if not 1 <= bands <= MAX_BANDS:
+        raise InputError(f"{bands}", key="--bands", allowed=f"1 to {MAX_BANDS}")
+    options = _sampling(fast, spp, passes, until_error)
+    folder = out_dir(out, f"render-{Path(scene).stem}")
+    result = _run(
+        loaded, folder, seed=loaded.render.seed if seed is None else seed, fast=fast, variant=variant, bands=bands,
+        options=options, exr=exr, video=video,
+    )  # fmt: skip
+    copy_height_map(loaded, folder)
+    write_text(folder / "scene.toml", dump_scene(loaded))
+    write_text(folder / "README.txt", _README)
+    write_json(folder / "result.json", result)
+    write_json(json_file, result)
+    _show(result, folder)
+
+
+def _sampling(fast: bool, spp: int | None, passes: int | None, until_error: float | None) -> dict[str, Any]:
+    """Return the options of the path tracer; the fast renderer has none."""
+    if until_error is not None and not 0 < until_error < 1:
+        raise InputError(f"{until_error:g}", key="--until-error", allowed="above 0, below 1")
+    if not fast:
+        return {"samples_per_pixel": spp, "passes": passes, "until_error": until_error}
+    for flag, given in (("--spp", spp), ("--passes", passes), ("--until-error", until_error)):
+        if given is not None:
+            raise InputError("the fast renderer samples no paths", key=flag, allowed="with --reference only")
+    return {}
 
 
 _README = """frame_NNNNNN.png   8-bit frame, as the measurement pipeline reads it
@@ -147,10 +151,9 @@ def _run(
     video: Any,
 ) -> dict[str, Any]:
     from evanesce.chain.simulate import simulate
-    from evanesce.contact.solve import press_programme
+    from evanesce.contact.programme import press_programme
     from evanesce.core import provenance
     from evanesce.render.exr import write_light
-    from evanesce.render.reference.passes import relative_error
     from evanesce.sensor.codec import VideoWriter, write_png
 
     renderer, record = chosen_renderer(fast, variant)
@@ -179,22 +182,23 @@ def _run(
             write_png(folder / f"raw_{index:06d}.png", shot.frame.raw)
             if film is not None:
                 film.add(shot.frame)
-            rows.append(
-                {
-                    "index": index,
-                    "time_s": time_s,
-                    "force_N": force_N,
-                    "true_area_mm2": shot.state.nominal_contact_area,
-                    "law": shot.state.law,
-                    "brightest_DN": int(shot.frame.data.max()),
-                    "paths_per_px": shot.plate_light.samples,
-                    "relative_error": relative_error(shot.plate_light),
-                }
-            )
+            rows.append(_row(index, time_s, force_N, shot))
             bar.advance(task)
     times = "".join(f"frame_{row['index']:06d}.png,{row['index']},{row['time_s']!r}\n" for row in rows)
     write_text(folder / "times.csv", "file,index,time_s\n" + times)
     return {"frames": rows, "provenance": origin}
+
+
+def _row(index: int, time_s: float, force_N: float, shot: SimulatedFrame) -> dict[str, Any]:
+    """Return what the table and ``result.json`` hold of one frame."""
+    from evanesce.render.reference.passes import relative_error
+
+    assert shot.state is not None
+    return {
+        "index": index, "time_s": time_s, "force_N": force_N, "true_area_mm2": shot.state.nominal_contact_area,
+        "law": shot.state.law, "brightest_DN": int(shot.frame.data.max()), "paths_per_px": shot.plate_light.samples,
+        "relative_error": relative_error(shot.plate_light),
+    }  # fmt: skip
 
 
 def chosen_renderer(fast: bool, variant: str) -> tuple[Any, dict[str, Any]]:

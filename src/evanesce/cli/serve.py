@@ -55,15 +55,15 @@ def register(app: typer.Typer) -> None:
             raise InputError(f"{mm2_per_px:g}", key="--mm2-per-px", allowed="1e-12 to 1e6 mm²")
 
         from evanesce.live.own import read_own_file
-        from evanesce.live.page import Lab, run
+        from evanesce.live.page import OwnData, run
         from evanesce.live.server import is_loopback, open_socket
 
         known = None if calibration is None else load_calibration(calibration)
         scale = mm2_per_px if mm2_per_px is not None else None if known is None else known.mm2_per_px
-        lab = Lab(known, scale, None if frame is None else read_own_file(frame, known))
+        own = OwnData(known, scale, None if frame is None else read_own_file(frame, known))
         listening = open_socket(host, port)
         if not is_loopback(host):
             typer.echo(f"note: the page has no password, and all who reach {host} can use it", err=True)
         address = f"[{host}]" if ":" in host else host
         typer.echo(f"http://{address}:{listening.getsockname()[1]}/  (Ctrl-C ends it)")
-        run(loaded, listening, host=host, seed=seed, lab=lab)
+        run(loaded, listening, host=host, seed=seed, own=own)

@@ -84,8 +84,7 @@ def _run(
     from evanesce.studies.page import page, pictures
     from evanesce.studies.registry import Findings, Study, studies
     from evanesce.studies.scenes import check_studied
-    from evanesce.studies.threshold.slider import slider
-    from evanesce.studies.threshold.slider_frames import slider_frames
+    from evanesce.studies.threshold.slider import slider, slider_frames
 
     known = {study.name: study for study in studies()}
     if unknown := sorted(set(only or ()) - set(known)):

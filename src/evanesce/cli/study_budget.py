@@ -35,7 +35,7 @@ def register(group: typer.Typer) -> None:
         ] = "8.4,9.7",
         fingers: Annotated[
             str,
-            typer.Option("--fingers", help="Names, separated by semicolons: smooth; ridged; smooth, glow ..."),
+            typer.Option("--fingers", help="Names, separated by semicolons: smooth; ridged; smooth, scattering ..."),
         ] = "smooth; ridged",
         threshold: Annotated[float, typer.Option("--threshold", help="Of the reference segmentation, 0 to 1.")] = 0.15,
         seed: Annotated[int, typer.Option("--seed", min=0)] = 1,
@@ -54,10 +54,10 @@ def register(group: typer.Typer) -> None:
         voltages = parse_volts(volts)
         from evanesce.report.html import write
         from evanesce.rig import load_scene
+        from evanesce.studies.budget.page import page
         from evanesce.studies.budget.study import run_study
-        from evanesce.studies.estimator.page import budget_page
         from evanesce.studies.estimator.study import fingers_of
-        from evanesce.studies.registry import Ledger
+        from evanesce.studies.ledger import Ledger
 
         scenes = load_scene(smooth), load_scene(ridged)
         known = fingers_of(*scenes)
@@ -79,11 +79,11 @@ def register(group: typer.Typer) -> None:
                 *scenes, measurements=measurements, voltages=voltages, fingers=names, threshold=threshold, seed=seed,
                 tick=tick, keep=ledger.row,
             )  # fmt: skip
-        report = write(folder / "report.html", budget_page(found))
+        report = write(folder / "report.html", page(found))
         write_json(folder / "result.json", found.as_dict())
         write_json(json_file, found.as_dict())
         table = Table(title=f"Share of {measurements} measurements whose 95 % interval holds the truth")
-        columns = ("finger", "place", "refined [%]", "half-width [%]", "author [%]", "half-width [%]")
+        columns = ("finger", "place", "refined [%]", "half-width [%]", "reference [%]", "half-width [%]")
         for heading in columns:
             table.add_column(heading, justify="left" if heading in ("finger", "place") else "right")
         for c in found.classes:

@@ -39,7 +39,7 @@ def register(group: typer.Typer) -> None:
         json_file: JsonOption = None,
         out: OutOption = None,
     ) -> None:
-        """Area error of both estimators: smooth and ridged, with and without glow, centre and corner, by voltage.
+        """Area error of both estimators by voltage: smooth and ridged, clear and scattering, centre and corner.
 
         An interrupted run goes on from the rows that its output folder keeps.
         """
@@ -49,18 +49,20 @@ def register(group: typer.Typer) -> None:
             raise InputError(f"{threshold:g}", key="--threshold", allowed="above 0, below 1")
         from evanesce.report.html import write
         from evanesce.rig import load_scene
-        from evanesce.studies.estimator.page import estimator_page
+        from evanesce.studies.estimator.page import page
         from evanesce.studies.estimator.study import run_study
+        from evanesce.studies.ledger import Ledger
 
         scenes = load_scene(smooth), load_scene(ridged)
         folder = out_dir(out, "study-estimator")
+        ledger = Ledger(folder / "rows.jsonl", [[s.as_dict() for s in scenes], voltages, loads, threshold, seed])
         with progress() as bar:
             task = bar.add_task("frames", total=None)
             found = run_study(
-                *scenes, voltages=voltages, forces=loads, threshold=threshold, seed=seed, keep=folder / "rows.jsonl",
+                *scenes, voltages=voltages, forces=loads, threshold=threshold, seed=seed, keep=ledger.row,
                 tick=lambda done, total: bar.update(task, completed=done, total=total),
             )  # fmt: skip
-        report = write(folder / "report.html", estimator_page(found))
+        report = write(folder / "report.html", page(found))
         write_json(folder / "result.json", found.as_dict())
         write_json(json_file, found.as_dict())
         _show(found)
@@ -80,8 +82,8 @@ def parse_volts(text: str) -> tuple[float, ...]:
 
 
 def _show(found: EstimatorStudy) -> None:
-    table = Table(title=f"Area error [%] over voltages and forces; author's threshold {found.threshold:g}")
-    for heading in ("finger", "place", "frames", "refined RMS", "refined worst", "author RMS", "author worst"):
+    table = Table(title=f"Area error [%] over voltages and forces; threshold of the reference {found.threshold:g}")
+    for heading in ("finger", "place", "frames", "refined RMS", "refined worst", "reference RMS", "reference worst"):
         table.add_column(heading, justify="left" if heading in ("finger", "place") else "right")
     for w in found.worst():
         table.add_row(

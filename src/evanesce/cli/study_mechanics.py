@@ -30,7 +30,7 @@ def register(group: typer.Typer) -> None:
 
         from evanesce.core import provenance
         from evanesce.report.html import figure_png
-        from evanesce.studies.mechanics.plots import mechanics_figure
+        from evanesce.studies.mechanics.page import mechanics_figure
         from evanesce.studies.mechanics.study import as_json, predictions
 
         check_json_target(json_file)

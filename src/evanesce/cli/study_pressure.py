@@ -34,7 +34,7 @@ def register(group: typer.Typer) -> None:
         json_file: JsonOption = None,
         out: OutOption = None,
     ) -> None:
-        """Pressure by the roughness model turned round and by the author's map: errors, halo, saturation."""
+        """Pressure by the inverted roughness model and by the thesis's map: errors, halo, saturation."""
         check_json_target(json_file)
         loads, changes = parse_forces(forces), parse_overrides(settings)
         from evanesce.report.html import write

@@ -133,7 +133,7 @@ def register(group: typer.Typer) -> None:
 
 
 def _show(found: VoltageStudy) -> None:
-    from evanesce.studies.voltage.curve import SOURCES
+    from evanesce.studies.voltage.sources import SOURCES
 
     table = Table(title=f"Estimated area at threshold {found.threshold:g}, and parts of its excess [mm²]")
     columns = ("force [N]", "voltage [V]", "estimated", "true", *SOURCES, "residual", "interaction")

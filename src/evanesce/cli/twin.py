@@ -22,8 +22,8 @@ from evanesce.cli.common import (
 from evanesce.core.errors import InputError
 
 if TYPE_CHECKING:
-    from evanesce.studies.twin.judge import Judgement
-    from evanesce.studies.twin.model import Twin
+    from evanesce.studies.twin.residuals import TwinResiduals
+    from evanesce.studies.twin.study import Twin
 
 CURVES = ("libcamera", "bt709", "srgb", "linear")
 
@@ -45,7 +45,7 @@ def register(app: typer.Typer) -> None:
         json_file: JsonOption = None,
         out: OutOption = None,
     ) -> None:
-        """Fit the simulation to half of a photograph of a checkerboard, judge it on the other half, write a report.
+        """Fit the simulation to half of a photograph of a checkerboard, evaluate it on the other half, write a report.
 
         Needs a board that fills most of the frame, lying on the glass. About a minute for a megapixel.
         """
@@ -55,21 +55,21 @@ def register(app: typer.Typer) -> None:
         from evanesce.core import provenance
         from evanesce.measurement.io.images import read_image
         from evanesce.rig import load_scene
-        from evanesce.studies.twin.judge import judge
-        from evanesce.studies.twin.model import make_twin
+        from evanesce.studies.twin.residuals import twin_residuals
+        from evanesce.studies.twin.study import make_twin
 
         loaded, base = read_image(photo), load_scene(scene)
         folder = out_dir(out, "twin")
         with messages.status("corners, geometry, light and blur: about a minute for a megapixel"):
             made = make_twin(loaded.data, base, seed=seed, curve=curve)  # type: ignore[arg-type]
-            judged = judge(made)
+            residuals = twin_residuals(made)
         origin = provenance.record(seed=seed, config=base.as_dict(), photograph=photo.name, tone_curve=curve)
-        _write(folder, made, judged, photo.name, origin)
-        write_json(json_file, {**_record(made, judged), "provenance": origin})
-        _show(judged, folder)
+        _write(folder, made, residuals, photo.name, origin)
+        write_json(json_file, {**_record(made, residuals), "provenance": origin})
+        _show(residuals, folder)
 
 
-def _write(folder: Path, made: Twin, judged: Judgement, name: str, origin: Any) -> None:
+def _write(folder: Path, made: Twin, residuals: TwinResiduals, name: str, origin: Any) -> None:
     import numpy as np
 
     from evanesce.report import html
@@ -83,24 +83,24 @@ def _write(folder: Path, made: Twin, judged: Judgement, name: str, origin: Any) 
         path.write_bytes(twin_page.difference_png(made))
     copy_height_map(made.scene, folder)
     write_text(folder / "twin_scene.toml", dump_scene(made.scene))
-    html.write(folder / "report.html", twin_page.page(made, judged, name, origin))
+    html.write(folder / "report.html", twin_page.page(made, residuals, name, origin))
 
 
-def _record(made: Twin, judged: Judgement) -> dict[str, Any]:
+def _record(made: Twin, residuals: TwinResiduals) -> dict[str, Any]:
     camera, board = made.rig.camera, made.rig.board
-    figures = dataclasses.asdict(judged)
+    figures = dataclasses.asdict(residuals)
     return {
         "corners": len(made.grid),
-        "corners_judged": int(made.corners_judged.sum()),
-        "geometric_rms_px": judged.corner_rms_px,
-        "grey_rms_DN": judged.grey_rms,
+        "corners_held_out": int(made.corners_held_out.sum()),
+        "geometric_rms_px": residuals.corner_rms_px,
+        "grey_rms_DN": residuals.grey_rms,
         **{key: figures[key] for key in ("corner_median_px", "corner_rms_fitted_px", "zones", "causes")},
-        "grey_median_abs_DN": judged.grey_median_abs,
-        "grey_rms_fitted_DN": judged.grey_rms_fitted,
-        "photo_deviation_DN": judged.photo_deviation,
+        "grey_median_abs_DN": residuals.grey_median_abs,
+        "grey_rms_fitted_DN": residuals.grey_rms_fitted,
+        "photo_deviation_DN": residuals.photo_deviation,
         "print": {
-            "narrow_squares_um": judged.spacing_narrow_um,
-            "wide_squares_um": judged.spacing_wide_um,
+            "narrow_squares_um": residuals.spacing_narrow_um,
+            "wide_squares_um": residuals.spacing_wide_um,
             "ink_um": 1e3 * board.ink_mm,
             "stretch": board.stretch,
             "shear": board.shear,
@@ -109,14 +109,14 @@ def _record(made: Twin, judged: Judgement) -> dict[str, Any]:
     }
 
 
-def _show(judged: Judgement, folder: Path) -> None:
+def _show(residuals: TwinResiduals, folder: Path) -> None:
     from rich.table import Table
     from rich.text import Text
 
     table = Table(title="Twin, on the half that no fit has seen")
     for column in ("zone [px]", "corner RMS [px]", "edge, photo [px]", "edge, twin [px]", "grey RMS [DN]"):
         table.add_column(Text(column), justify="right")
-    for z in judged.zones:
+    for z in residuals.zones:
         table.add_row(
             f"{z.inner_px:.0f} to {z.outer_px:.0f}",
             f"{z.corner_rms_px:.3f}",
@@ -124,6 +124,6 @@ def _show(judged: Judgement, folder: Path) -> None:
             f"{z.edge_twin_px:.2f}",
             f"{z.grey_rms:.2f}",
         )
-    table.add_row("all", f"{judged.corner_rms_px:.3f}", "", "", f"{judged.grey_rms:.2f}", end_section=True)
+    table.add_row("all", f"{residuals.corner_rms_px:.3f}", "", "", f"{residuals.grey_rms:.2f}", end_section=True)
     console.print(table)
     console.print(f"report: {folder / 'report.html'}", soft_wrap=True, highlight=False, markup=False)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.contact.coverage import disc_coverage
 from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState, PlateGrid
 
@@ -44,12 +45,35 @@ class AxisymmetricContact:
 
 
 def radii(grid: PlateGrid, centre: tuple[float, float]) -> Array:
-    """Return the distance of each sample from a plate point (x, y) [mm], shape (rows, cols)."""
+    """Return the distance of each sample from a plate point (x, y) [mm], shape (rows, cols).
+
+    Parameters
+    ----------
+    grid : PlateGrid
+    centre : tuple of float
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        [mm].
+    """
     return np.hypot(grid.x[None, :] - centre[0], grid.y[:, None] - centre[1])
 
 
 def box_around(grid: PlateGrid, centre: tuple[float, float], radius: float) -> tuple[slice, slice]:
-    """Return the (rows, cols) of a grid that hold a circle which fits on it, with a margin of two cells."""
+    """Return the (rows, cols) of a grid that hold a circle which fits on it, with a margin of two cells.
+
+    Parameters
+    ----------
+    grid : PlateGrid
+    centre : tuple of float
+    radius : float
+        [mm].
+
+    Returns
+    -------
+    tuple of slice
+    """
     row, col = grid.index(np.array(centre[0]), np.array(centre[1]))
     reach = radius / grid.pitch + 2.0
     low = (max(0, int(np.floor(at - reach))) for at in (row, col))
@@ -59,62 +83,39 @@ def box_around(grid: PlateGrid, centre: tuple[float, float], radius: float) -> t
 
 
 def grid_part(grid: PlateGrid, box: tuple[slice, slice]) -> PlateGrid:
-    """Return a box of a grid as a grid of its own."""
+    """Return a box of a grid as a grid of its own.
+
+    Parameters
+    ----------
+    grid : PlateGrid
+    box : tuple of slice
+        Rows and columns.
+
+    Returns
+    -------
+    PlateGrid
+    """
     x, y = grid.x[box[1]], grid.y[box[0]]
     middle = (0.5 * float(x[0] + x[-1]), 0.5 * float(y[0] + y[-1]))
     return PlateGrid((y.size, x.size), grid.pitch, middle)
 
 
-def disc_coverage(grid: PlateGrid, centre: tuple[float, float], radius: float) -> Array:
-    """Return the share of each cell that a disc covers, exact to rounding.
+def cell_pressure(grid: PlateGrid, centre: tuple[float, float], contact: AxisymmetricContact) -> Array:
+    """Return the mean pressure over an annulus as wide as a cell around each sample [MPa], shape (rows, cols).
 
-    The area of the disc left of and above each cell corner has a closed form; a cell's share is its second
-    difference, so that the sum over a grid that holds the disc telescopes to pi radius^2.
+    A mean over an annulus from the force integral is finite where the pressure itself is singular (JKR's edge), and
+    summing it over the cells returns the force but for the error of placing annuli on squares.
 
     Parameters
     ----------
     grid : PlateGrid
     centre : tuple of float
-        (x, y) [mm].
-    radius : float
-        [mm], not negative.
+    contact : AxisymmetricContact
 
     Returns
     -------
     ndarray (rows, cols)
-        0 to 1.
-    """
-    if radius == 0:
-        return np.zeros(grid.shape)
-    half = grid.pitch / 2
-    x = (np.append(grid.x - half, grid.x[-1] + half) - centre[0]) / radius
-    y = (np.append(grid.y - half, grid.y[-1] + half) - centre[1]) / radius
-    corner = _unit_disc_quadrant(x[None, :], y[:, None])
-    share = np.diff(np.diff(corner, axis=0), axis=1) * (radius / grid.pitch) ** 2
-    return np.clip(share, 0.0, 1.0)
-
-
-def _unit_disc_quadrant(x: Array, y: Array) -> Array:
-    """Return the area of the unit disc where u <= x and v <= y (broadcast)."""
-    x, y = np.clip(x, -1.0, 1.0), np.clip(y, -1.0, 1.0)
-
-    def below_arc(u: Array) -> Array:
-        """Integral of sqrt(1 - u^2) from -1."""
-        return 0.5 * (u * np.sqrt(1.0 - u**2) + np.arcsin(u)) + np.pi / 4
-
-    half_chord = np.sqrt(1.0 - y**2)
-    inside = np.clip(x, -half_chord, half_chord)
-    # columns |u| < half_chord are cut at v = y; for y >= 0 those further out are whole, for y < 0 they are empty
-    cut = below_arc(inside) - below_arc(-half_chord) + y * (inside + half_chord)
-    whole = 2.0 * (below_arc(np.minimum(x, -half_chord)) + below_arc(np.maximum(x, half_chord)) - below_arc(half_chord))
-    return np.where(y >= 0, cut + whole, cut)
-
-
-def cell_pressure(grid: PlateGrid, centre: tuple[float, float], contact: AxisymmetricContact) -> Array:
-    """Return the mean pressure over a ring as wide as a cell around each sample [MPa], shape (rows, cols).
-
-    A ring mean from the force integral is finite where the pressure itself is singular (JKR's edge), and summing it
-    over the cells returns the force but for the error of placing rings on squares.
+        [MPa].
     """
     r = radii(grid, centre)
     outer, inner = r + grid.pitch / 2, np.maximum(r - grid.pitch / 2, 0.0)
@@ -124,19 +125,26 @@ def cell_pressure(grid: PlateGrid, centre: tuple[float, float], contact: Axisymm
 def require_fit(grid: PlateGrid, centre: tuple[float, float], radius: float) -> None:
     """Refuse a contact that reaches over the grid's border.
 
+    Parameters
+    ----------
+    grid : PlateGrid
+    centre : tuple of float
+    radius : float
+        Of contact [mm].
+
     Raises
     ------
     InputError
         With the grid size it needs.
     """
     x_min, x_max, y_min, y_max = grid.extent
-    room = min(centre[0] - x_min, x_max - centre[0], centre[1] - y_min, y_max - centre[1])
-    if radius > room:
+    available = min(centre[0] - x_min, x_max - centre[0], centre[1] - y_min, y_max - centre[1])
+    if radius > available:
         short = min(grid.shape) * grid.pitch
         raise InputError(
             f"contact of radius {radius:.4g} mm does not fit on the contact grid of {short:.4g} mm",
             key="grid.size_mm",
-            allowed=f"at least {short + 2.0 * (radius - room):.4g} mm",
+            allowed=f"at least {short + 2.0 * (radius - available):.4g} mm",
         )
 
 

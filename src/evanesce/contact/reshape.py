@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 def reshaped_state(
     state: ContactState, along: float, across: float, direction: float, pivot: tuple[float, float]
 ) -> ContactState:
-    """Stretch a contact about a point: every place moves to pivot + R diag(along, across) R^T (place - pivot).
+    """Stretch a contact about a point: every point moves to pivot + R diag(along, across) R^T (point - pivot).
 
     Parameters
     ----------
@@ -41,14 +41,14 @@ def reshaped_state(
     x, y = grid.x[None, :] - pivot[0], grid.y[:, None] - pivot[1]
     cos, sin = math.cos(direction), math.sin(direction)
     u, v = (x * cos + y * sin) / along, (y * cos - x * sin) / across
-    places = np.stack(grid.index(pivot[0] + u * cos - v * sin, pivot[1] + u * sin + v * cos))
+    indices = np.stack(grid.index(pivot[0] + u * cos - v * sin, pivot[1] + u * sin + v * cos))
 
     def moved(field: FloatMap) -> Array:
         flat = np.asarray(field, dtype=float).reshape(-1, *grid.shape)
-        found = [map_coordinates(part, places, order=1, mode="nearest") for part in flat]
+        found = [map_coordinates(part, indices, order=1, mode="nearest") for part in flat]
         return np.stack(found).reshape(field.shape)
 
-    labels = None if state.state is None else map_coordinates(state.state, places, order=0, mode="nearest")
+    labels = None if state.state is None else map_coordinates(state.state, indices, order=0, mode="nearest")
     real = state.real_contact_fraction
     pressure = moved(state.pressure) / change
     carried = float(pressure.sum()) * grid.pitch**2
@@ -71,7 +71,17 @@ def reshaped_state(
 
 
 def contact_centre(state: ContactState) -> tuple[float, float]:
-    """Return the centroid (x, y) of nominal contact [mm]; of the smallest gap where nothing touches."""
+    """Return the centroid (x, y) of nominal contact [mm]; of the smallest gap where nothing touches.
+
+    Parameters
+    ----------
+    state : ContactState
+
+    Returns
+    -------
+    tuple of float
+        [mm].
+    """
     mask, grid = np.asarray(state.contact_mask, dtype=float), state.grid
     total = float(mask.sum())
     if total == 0.0:
@@ -85,6 +95,19 @@ def mask_with_sum(mask: Array, before: Array, wanted: float) -> Array:
 
     Two masks place a border within its cells by different rules, so that their difference on top of a third spills
     over 0 and 1; what is cut off there would be missing in the area.
+
+    Parameters
+    ----------
+    mask : ndarray (rows, cols)
+        Share of each cell in contact, which may leave 0 to 1.
+    before : ndarray (rows, cols)
+        The mask before its change.
+    wanted : float
+        [cells].
+
+    Returns
+    -------
+    ndarray (rows, cols)
     """
     border = ((mask != before) | ((mask > 0) & (mask < 1))) & ((mask > 0) | (before > 0))
     place, whole = mask[border], float(np.count_nonzero(mask[~border] >= 1.0))

@@ -1,7 +1,7 @@
-"""A finger that is stiffer or softer than believed, for every law alike.
+"""A finger stiffer or softer than its material, under every law.
 
-A body whose stresses are all m times as large, pressed without adhesion, takes under m F the shape that the other
-takes under F, large deformation and Coulomb friction included: contact(F, m E) = m contact(F/m, E), the factor on its
+A body whose stresses are all m times as large, pressed without adhesion, takes under m F the shape of the other
+under F, large deformation and Coulomb friction included: contact(F, m E) = m contact(F/m, E), the factor on its
 stresses alone.
 """
 
@@ -15,12 +15,33 @@ from evanesce.rig import Finger
 
 
 def stiffness_factor(finger: Finger, force: float) -> float:
-    """Return how many times as stiff as its material the finger is under a force [N]."""
+    """Return how many times as stiff as its material the finger is under a force [N].
+
+    Parameters
+    ----------
+    finger : Finger
+    force : float
+        [N].
+
+    Returns
+    -------
+    float
+    """
     return finger.modulus_factor * (1.0 + finger.stiffening_per_N * force)
 
 
 def stiffened_contact(contact: AxisymmetricContact, factor: float) -> AxisymmetricContact:
-    """Return a contact of the same shape whose stresses are ``factor`` times as large."""
+    """Return a contact of the same shape whose stresses are ``factor`` times as large.
+
+    Parameters
+    ----------
+    contact : AxisymmetricContact
+    factor : float
+
+    Returns
+    -------
+    AxisymmetricContact
+    """
     if factor == 1.0:
         return contact
     within = contact.force_within
@@ -28,7 +49,17 @@ def stiffened_contact(contact: AxisymmetricContact, factor: float) -> Axisymmetr
 
 
 def stiffened_state(state: ContactState, factor: float) -> ContactState:
-    """Return a state of the same shape whose stresses are ``factor`` times as large."""
+    """Return a state of the same shape whose stresses are ``factor`` times as large.
+
+    Parameters
+    ----------
+    state : ContactState
+    factor : float
+
+    Returns
+    -------
+    ContactState
+    """
     if factor == 1.0:
         return state
     x, y = state.tangential_force

@@ -1,1 +1,1 @@
-"""What every package rests on: quantities with units, frozen states, errors, random streams, provenance."""
+"""Base of every package: quantities with units, frozen states, errors, random streams, provenance."""

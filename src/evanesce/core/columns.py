@@ -30,7 +30,17 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 
 @dataclass(frozen=True)
 class Column:
-    """What a column means: name, other headings it goes by (without unit), kind of unit, whether it is needed."""
+    """A column of a table.
+
+    Attributes
+    ----------
+    name : str
+    aliases : sequence of str
+        Other headings, without unit.
+    kind : str
+        Of unit, a key of :data:`UNITS`.
+    required : bool
+    """
 
     name: str
     aliases: Sequence[str]
@@ -57,7 +67,17 @@ def _plain(text: str) -> str:
 
 
 def read_rows(path: Path) -> list[list[str]]:
-    """Return the non-empty, non-comment rows of a CSV file (comma, semicolon or tab, found from its first row)."""
+    """Return the non-empty, non-comment rows of a CSV file (comma, semicolon or tab, found from its first row).
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    list of list of str
+        Cells, stripped of blanks.
+    """
     if not path.is_file():
         raise InputError("no such file", file=path, allowed="a CSV file")
     if path.stat().st_size > MAX_CSV_BYTES:
@@ -79,7 +99,22 @@ def read_rows(path: Path) -> list[list[str]]:
 
 
 def number(text: str, path: Path, row: int, heading: str) -> float:
-    """Return a finite number, or say in which row and column it is not one."""
+    """Return a finite number, or name the row and column in which it is not one.
+
+    Parameters
+    ----------
+    text : str
+    path : Path
+        Named in errors.
+    row : int
+        Named in errors, from 1.
+    heading : str
+        Named in errors.
+
+    Returns
+    -------
+    float
+    """
     try:
         value = float(text)
     except ValueError:
@@ -90,7 +125,7 @@ def number(text: str, path: Path, row: int, heading: str) -> float:
 
 
 def _assign(headings: list[str], columns: Sequence[Column], path: Path) -> dict[str, tuple[int, float, float]]:
-    """Map each wanted column to (index, factor, offset); say what is missing, doubled or in an unknown unit."""
+    """Map each wanted column to (index, factor, offset); name what is missing, doubled or in an unknown unit."""
     split = [_split(heading) for heading in headings]
     found: dict[str, tuple[int, float, float]] = {}
     for column in columns:

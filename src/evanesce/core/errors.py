@@ -1,4 +1,4 @@
-"""The two ways in which a command ends other than well, each a single line a user can act on."""
+"""The two errors with which a command ends, each a single line a user can act on."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class EvanesceError(Exception):
 
 
 class InputError(EvanesceError, ValueError):
-    """What the user gave cannot be used (exit code 2).
+    """Unusable input (exit code 2).
 
     Parameters
     ----------
@@ -38,6 +38,6 @@ class InputError(EvanesceError, ValueError):
 
 
 class WorkError(EvanesceError, RuntimeError):
-    """The input was fine but the work failed (exit code 1): disk full, a solver out of range, a corrupt video."""
+    """Failure with valid input (exit code 1): disk full, a solver out of range, a corrupt video."""
 
     exit_code = 1

@@ -1,4 +1,4 @@
-"""Where a result came from: versions, seed, variant, digest of the configuration. Goes into everything written."""
+"""Provenance of a result: versions, seed, variant, digest of the configuration; part of every file written."""
 
 from __future__ import annotations
 
@@ -17,7 +17,17 @@ _PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "opencv-contrib-python-headle
 
 
 def package_versions(names: tuple[str, ...] = _PACKAGES) -> dict[str, str]:
-    """Return installed versions; a missing package reads ``"missing"``."""
+    """Return installed versions; a missing package reads ``"missing"``.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of distributions.
+
+    Returns
+    -------
+    dict of str to str
+    """
     found = {}
     for name in names:
         try:
@@ -30,6 +40,16 @@ def package_versions(names: tuple[str, ...] = _PACKAGES) -> dict[str, str]:
 def digest(value: Any) -> str:
     """Return the SHA-256 of a JSON-able value, independent of key order.
 
+    Parameters
+    ----------
+    value : object
+        JSON-able.
+
+    Returns
+    -------
+    str
+        Hexadecimal.
+
     Raises
     ------
     ValueError
@@ -41,20 +61,53 @@ def digest(value: Any) -> str:
 
 @cache
 def code_digest() -> str:
-    """Return the SHA-256 of the package's own source files, names and contents, as they were when first asked."""
+    """Return the SHA-256 of the package's own source files, names and contents, as they were at the first call.
+
+    Returns
+    -------
+    str
+        Hexadecimal.
+    """
     root = Path(__file__).resolve().parent.parent
     return digest_of_files(root, sorted(root.rglob("*.py")))
 
 
 def digest_of_files(root: Path, files: Iterable[Path]) -> str:
-    """Return the SHA-256 of files below a folder, by their names there and their contents."""
+    """Return the SHA-256 of files below a folder, by their names there and their contents.
+
+    Parameters
+    ----------
+    root : Path
+        Folder.
+    files : iterable of Path
+        Below it.
+
+    Returns
+    -------
+    str
+        Hexadecimal.
+    """
     return digest(
         [[file.relative_to(root).as_posix(), hashlib.sha256(file.read_bytes()).hexdigest()] for file in files]
     )
 
 
 def record(*, seed: int | None = None, config: Any = None, **more: Any) -> Mapping[str, Any]:
-    """Return the provenance record of a result; ``more`` holds variant, LLVM version and the like."""
+    """Return the provenance record of a result; ``more`` holds variant, LLVM version and the like.
+
+    Parameters
+    ----------
+    seed : int, optional
+        Of the run.
+    config : object
+        JSON-able.
+    **more : object
+        Further entries, such as variant and LLVM version.
+
+    Returns
+    -------
+    mapping
+    """
     entry: dict[str, Any] = {
         "evanesce": __version__,
         "python": platform.python_version(),

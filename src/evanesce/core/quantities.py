@@ -59,7 +59,7 @@ UNIT_SUFFIXES: dict[str, str] = {
 
 @dataclass(frozen=True)
 class Quantity:
-    """What is known of a parameter beside its value.
+    """Unit, bounds, null and source of a parameter.
 
     Attributes
     ----------
@@ -99,6 +99,23 @@ def field(
     """Declare a numeric pydantic field that carries its :class:`Quantity`.
 
     Bounds are closed and apply to each element of a list or tuple field; they are enforced by :class:`Strict`.
+
+    Parameters
+    ----------
+    default : object
+    unit : str
+    bounds : tuple of float
+        Lowest and highest value allowed, of each number of a tuple.
+    null : float, optional
+        Value at which an effect is absent; None where there is none.
+    source, doc : str
+    **extra : object
+        Passed on to pydantic.
+
+    Returns
+    -------
+    object
+        A pydantic field.
     """
     quantity = Quantity(unit, bounds, null, source, doc)
     schema_extra: Any = {"quantity": quantity}  # pydantic types this as JSON, but keeps the object as it is
@@ -106,7 +123,16 @@ def field(
 
 
 def quantity_of(info: FieldInfo) -> Quantity | None:
-    """Return the :class:`Quantity` of a pydantic field, or None."""
+    """Return the :class:`Quantity` of a pydantic field, or None.
+
+    Parameters
+    ----------
+    info : pydantic.fields.FieldInfo
+
+    Returns
+    -------
+    Quantity or None
+    """
     extra = info.json_schema_extra
     found = extra.get("quantity") if isinstance(extra, dict) else None
     return found if isinstance(found, Quantity) else None
@@ -119,7 +145,13 @@ class Strict(BaseModel):
 
     @classmethod
     def quantities(cls) -> Iterator[tuple[str, Quantity]]:
-        """Yield ``(name, quantity)`` of every field declared with :func:`field`."""
+        """Yield ``(name, quantity)`` of every field declared with :func:`field`.
+
+        Yields
+        ------
+        name : str
+        quantity : Quantity
+        """
         for name, info in cls.model_fields.items():
             found = quantity_of(info)
             if found is not None:

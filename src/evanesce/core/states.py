@@ -1,4 +1,4 @@
-"""The frozen values handed from layer to layer.
+"""Immutable values passed from package to package.
 
 Conventions: arrays are ``[row, col]``; integer coordinates are pixel centres; x points right and y down, on the plate
 as in the image. The plate frame has its origin at the middle of the contact region on the glass's top face (z = 0)
@@ -20,7 +20,7 @@ FloatMap = NDArray[np.floating[Any]]
 
 
 def _frozen(array: NDArray[Any]) -> NDArray[Any]:
-    """Return a read-only view, so that a state handed on cannot change behind its maker's back."""
+    """Return a read-only view, so that a state passed on cannot be changed."""
     view = np.asarray(array).view()
     view.flags.writeable = False
     return view
@@ -75,13 +75,26 @@ class PlateGrid:
         return self.x[0] - half, self.x[-1] + half, self.y[0] - half, self.y[-1] + half
 
     def index(self, x: FloatMap, y: FloatMap) -> tuple[FloatMap, FloatMap]:
-        """Return fractional (row, col) of plate points [mm]."""
+        """Return fractional (row, col) of plate points [mm].
+
+        Parameters
+        ----------
+        x : ndarray
+            [mm].
+        y : ndarray
+            [mm], of the same shape.
+
+        Returns
+        -------
+        tuple of ndarray
+            Row and column of each point, integers at cells' middles.
+        """
         return (y - self.y[0]) / self.pitch, (x - self.x[0]) / self.pitch
 
 
 @dataclass(frozen=True, kw_only=True)
 class ContactState:
-    """Truth of one instant: what touches the glass, where and how hard.
+    """Contact of the finger with the glass at one instant: the ground truth.
 
     Attributes
     ----------
@@ -103,7 +116,7 @@ class ContactState:
     state : ndarray of uint8 (rows, cols), optional
         :class:`SurfaceState` of each cell.
     real_contact_fraction : ndarray (rows, cols), optional
-        Share of nominal contact that touches on the scale of roughness.
+        Share of nominal contact that is in contact on the scale of roughness.
     tangential_force : tuple of float
         (x, y) [N].
     time : float
@@ -208,7 +221,7 @@ class Frame:
 
 @dataclass(frozen=True, kw_only=True)
 class Estimate:
-    """What the measurement says of one frame.
+    """Result of the measurement for one frame.
 
     Attributes
     ----------

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.bundle.read import Bundle
+from evanesce.bundle.bundle import Bundle
 from evanesce.criticism.answer import Findings, answer, verdict
 from evanesce.criticism.battery_data import Residuals
 from evanesce.criticism.case import Case, prepare

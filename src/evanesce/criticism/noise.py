@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from evanesce.bundle.layout import LEAST_REPLICATES
+from evanesce.bundle.layout import MIN_REPLICATES
 from evanesce.criticism.tone import ExpectedTone
 from evanesce.criticism.views import BIN_PX
 
@@ -109,7 +109,7 @@ def noise_of(
         Of the noise that fills what is too dark to be measured.
     """
     rng = np.random.default_rng(seed)
-    stacks = {kind: np.asarray(s, float) for kind, s in held.items() if len(s) >= LEAST_REPLICATES}
+    stacks = {kind: np.asarray(s, float) for kind, s in held.items() if len(s) >= MIN_REPLICATES}
     bright = stacks.get("replicate")
     if bright is None:
         white = rng.standard_normal((12, *shape))

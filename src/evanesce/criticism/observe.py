@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.bundle.bundle import Bundle
 from evanesce.bundle.layout import Series, Shot
-from evanesce.bundle.read import Bundle
 from evanesce.core.errors import InputError
 from evanesce.criticism.views import BIN_PX, View, binned
 from evanesce.rig import Scene

@@ -21,7 +21,7 @@ from evanesce.effects import Context, all_effects
 from evanesce.effects.lens.defocus import discrete_gaussian
 from evanesce.effects.readout.tone_curve import departed
 from evanesce.evaluation.board_geometry import FittedRig, bright_even, fit_rig
-from evanesce.evaluation.board_light import BLOCK, block_mask, judged_block, smooth_field
+from evanesce.evaluation.board_light import BLOCK, block_mask, held_out_block, smooth_field
 from evanesce.measurement.calibration.corners import CornerGrid, find_corners, grey
 from evanesce.measurement.calibration.points import BoardView
 from evanesce.optics.projection import Projection
@@ -124,7 +124,7 @@ def read_photograph(picture: NDArray[np.uint8], base: Scene, curve: Curve) -> Ph
 def prepare(full: Array, grid: CornerGrid, base: Scene, curve: Curve) -> Photograph:
     """Return the photograph with its geometry, from corners that have been found."""
     size = (full.shape[1], full.shape[0])
-    fitted = ~judged_block(grid.index)
+    fitted = ~held_out_block(grid.index)
     half = BoardView("open blocks", grid.index[fitted].astype(np.float64), grid.fit.position[fitted])
     camera = base.camera.model_copy(update={"tone_curve": curve})
     rig = fit_rig(half, size, camera, base.plate, even_is_bright=bright_even(grid))
@@ -227,7 +227,7 @@ def _blocks(grid: CornerGrid, shape: Any, n: int) -> tuple[NDArray[np.int64], ND
     outlines = np.rint(grid.fit.position[corners[tuple(cells.T)]] * 16).astype(np.int32)
     for outline, name in zip(outlines, names, strict=True):
         cv2.fillConvexPoly(drawn, outline, int(name), shift=4)
-    locked, opened = (block_mask(grid, shape, judged=judged) for judged in (True, False))
+    locked, opened = (block_mask(grid, shape, held_out=judged) for judged in (True, False))
     rows, cols = shape[0] // n, shape[1] // n
     tiles = drawn[: rows * n, : cols * n].reshape(rows, n, cols, n)
     whole = tiles.min(axis=(1, 3)) == tiles.max(axis=(1, 3))

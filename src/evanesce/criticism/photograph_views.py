@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from evanesce.criticism.photograph_light import Photograph
-from evanesce.measurement.calibration.fit import STILL_PX
+from evanesce.measurement.calibration.distinct import STILL_PX
 from evanesce.measurement.calibration.planar import fit_planar
 from evanesce.measurement.calibration.points import BoardView
 from evanesce.measurement.calibration.saddle import SaddleFit

@@ -26,7 +26,8 @@ from evanesce.effects import Active, Context, Stage, active_effects, all_effects
 from evanesce.optics.led import led_positions, led_radiances
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.render.cards import Pose, checkerboard_of, pose_of, square_of
-from evanesce.render.fast.transport import fields_of, render_fast
+from evanesce.render.fast.fields import fields_of
+from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
 from evanesce.sensor.expose import charge_of, signal_of
 from evanesce.sensor.lens import form_image

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from evanesce.bundle.bundle import Bundle
 from evanesce.bundle.layout import Series
-from evanesce.bundle.read import Bundle
 from evanesce.chain.simulate import solve_contact
 from evanesce.core.errors import InputError
 from evanesce.criticism.candidates import Candidate, candidates_of
@@ -92,7 +92,7 @@ def criticise_series(
     tick("what the believed rig predicts")
     table = table.widened(predict.refine(bundle.scene))
     base = fit_series(predict, table, (), (), {})
-    heard, deaf = hear(predict, table, base, candidates_of(bundle.scene, bundle.judgeable), bundle.scene)
+    heard, deaf = hear(predict, table, base, candidates_of(bundle.scene, bundle.testable), bundle.scene)
     fits: list[SeriesFit] = []
     p = chi_square_p(base, table)
     if p < FROZEN.levels["false_alarm"]:

@@ -1,4 +1,4 @@
-"""Labelled sequences for slip detectors: what a sample is, how it is written, verified, read and exported."""
+"""Labelled sequences for slip detectors: simulate, write, verify, read and export them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["Dataset", "open"]
 
 
 def __getattr__(name: str) -> Any:
-    # The reader needs OpenCV and OpenEXR; who only makes a plan needs neither.
+    # The reader imports OpenCV and OpenEXR, which planning does not need.
     if name in __all__:
         from evanesce.dataset import read
 

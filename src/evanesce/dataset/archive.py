@@ -1,4 +1,4 @@
-"""Opening shards and trusting none of their names: no link is followed, every tar header has to be what was entered."""
+"""Open shards without trusting names: no link is followed, every tar header has to agree with the manifest."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from evanesce.dataset.shard import Member
 BLOCK = tarfile.BLOCKSIZE
 _MEMBER_NAME = re.compile(r"[0-9]{9}\.(frame\.png|raw\.png|labels\.exr|plate\.exr|mask\.png|json)")
 _END = 2 * BLOCK + tarfile.RECORDSIZE
-"""Most bytes after the last member: two empty blocks, filled up to a whole record."""
+"""Maximum bytes after the last member: two empty blocks, padded to a full record."""
 
 
 def open_shard(folder: Path, name: str) -> int:
@@ -32,20 +32,20 @@ def open_shard(folder: Path, name: str) -> int:
     Raises
     ------
     OSError
-        If there is none, or it or the folder of shards is a link, or it is no plain file.
+        If it does not exist, if it or the folder of shards is a link, or if it is not a regular file.
     """
     for path in (folder / layout.SHARDS, folder / layout.SHARDS / name):
-        if path.is_symlink():  # the flags below refuse it too, in words that tell less
+        if path.is_symlink():  # the flags below refuse it too, with a less clear message
             raise OSError(errno.ELOOP, "a link, which is not followed", str(path))
-    place = os.open(folder / layout.SHARDS, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    directory = os.open(folder / layout.SHARDS, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
     try:
-        # Without O_NONBLOCK a pipe in the place of a shard would be waited for.
-        handle = os.open(name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=place)
+        # Without O_NONBLOCK opening a pipe instead of a shard would block.
+        handle = os.open(name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=directory)
     finally:
-        os.close(place)
+        os.close(directory)
     if not stat.S_ISREG(os.fstat(handle).st_mode):
         os.close(handle)
-        raise OSError(errno.EINVAL, "not a plain file")
+        raise OSError(errno.EINVAL, "not a regular file")
     return handle
 
 
@@ -57,7 +57,7 @@ def header_fault(handle: int, member: Member) -> str:
     handle : int
         Descriptor of the shard.
     member : Member
-        As the manifest has it.
+        Row of the manifest.
     """
     wanted = f"{layout.frame_key(member.frame)}.{member.name}"
     if _MEMBER_NAME.fullmatch(wanted) is None:
@@ -69,23 +69,23 @@ def header_fault(handle: int, member: Member) -> str:
     except (tarfile.TarError, ValueError, OverflowError, OSError) as error:
         return f"no tar header before {wanted}: {error}"
     if header.type != tarfile.REGTYPE:
-        return f"member {header.name[:80]!r} is no plain file"
+        return f"member {header.name[:80]!r} is not a regular file"
     if header.name != wanted:
-        return f"member {header.name[:80]!r} in the place of {wanted}"
+        return f"member {header.name[:80]!r} instead of {wanted}"
     if header.size != member.size:
         return f"{wanted} has {header.size} bytes by its tar header, {member.size} by the manifest"
     return ""
 
 
 def archive_faults(handle: int, members: Iterable[Member], size: int) -> Iterator[tuple[Member | None, str]]:
-    """Walk the tar headers of a shard; yield the members that are not what was entered, and bytes that nobody entered.
+    """Check the tar headers of a shard; yield members that differ from the manifest, and bytes that it does not list.
 
     Parameters
     ----------
     handle : int
         Descriptor of the shard.
     members : iterable of Member
-        All of the shard, in the order of their places.
+        All of the shard, by offset.
     size : int
         Of the shard [bytes].
     """

@@ -1,4 +1,4 @@
-"""What simple slip detectors made of such data: figures of one run of ``benchmarks/baseline.py``, for the data card."""
+"""Scores of baseline slip detectors by one run of ``benchmarks/baseline.py``, for the data card."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ TESTS = {
 
 @functools.cache
 def record() -> dict[str, Any]:
-    """Return the run's figures."""
+    """Return the record of the run."""
     found: dict[str, Any] = json.loads(RECORD.read_text(encoding="utf-8"))
     return found
 
 
-def told() -> str:
-    """Return in a few sentences what the baselines reached, for a reader who asks whether the data is of use."""
+def summary() -> str:
+    """Return the baselines' scores in a few sentences."""
     run = record()
     learned, rigs, plain, force = (
         run["results"][name]
@@ -38,11 +38,11 @@ def told() -> str:
         " |Ft|/Fn, a constant."
     ]
     for test, name in TESTS.items():
-        r = learned[test]
+        r, alarms = learned[test], force[test]
         sentences.append(
             f"{name.capitalize()}: {r['mae']:.3f} +- {r['mae_standard']:.3f} ({rigs[test]['mae']:.3f},"
-            f" {plain[test]['mae']:.3f}, {force[test]['mae']:.3f}, {run['constant_mae'][test]:.3f}); gross slip told in"
+            f" {plain[test]['mae']:.3f}, {alarms['mae']:.3f}, {run['constant_mae'][test]:.3f}); gross slip detected in"
             f" time in {100 * r['detected']:.0f} % of {r['slides']} slides, {r['false_per_minute']:.1f} false alarms a"
-            f" minute (force threshold: {100 * force[test]['detected']:.0f} %, {force[test]['false_per_minute']:.1f})."
+            f" minute (force threshold: {100 * alarms['detected']:.0f} %, {alarms['false_per_minute']:.1f})."
         )
     return " ".join(sentences)

@@ -1,4 +1,4 @@
-"""Dask's scheduler: an embedded cluster of single-threaded processes, or one that runs elsewhere."""
+"""Start an embedded Dask cluster of single-threaded processes, or connect to a running scheduler."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from typing import Any, NoReturn
 from evanesce.core.errors import InputError, WorkError
 
 STARTS = 3
-"""Tries to start the embedded cluster: a process that is killed while it starts ends the whole start."""
+"""Attempts to start the embedded cluster: a process that is killed while it starts ends the attempt."""
 
-LOOK_S = 2.0
-"""Between two looks at whether all workers are there [s]."""
+CHECK_S = 2.0
+"""Time between two checks that all workers are running [s]."""
 
-KEPT_BYTES = str(256 << 20)
-"""Free memory that a worker keeps for its next arrays."""
+TRIM_BYTES = str(256 << 20)
+"""Free memory that a worker does not return to the system [bytes]."""
 
 _SETTINGS = {
-    # A worker's death is answered by our own bookkeeping, at once.
+    # Worker deaths are handled by dataset/run.py, at once.
     "distributed.scheduler.allowed-failures": 0,
     "distributed.scheduler.worker-saturation": 1.0,
     "distributed.worker.daemon": True,
@@ -36,16 +36,16 @@ _SETTINGS = {
         "OMP_NUM_THREADS": "1",
         "OPENBLAS_NUM_THREADS": "1",
         "MKL_NUM_THREADS": "1",
-        # Dask's own 65536 hands every array back to the system at once: its pages then cost as much as the frame.
-        "MALLOC_TRIM_THRESHOLD_": KEPT_BYTES,
-        "MALLOC_MMAP_THRESHOLD_": KEPT_BYTES,
+        # Dask's default, 65536, returns every array to the system at once, which takes as long as a frame.
+        "MALLOC_TRIM_THRESHOLD_": TRIM_BYTES,
+        "MALLOC_MMAP_THRESHOLD_": TRIM_BYTES,
     },
 }
 
 
 @contextmanager
 def cluster_client(workers: int, scheduler: str) -> Iterator[Any]:
-    """Give a client of a running scheduler, or of a cluster of ``workers`` processes that ends with it.
+    """Yield a client of a running scheduler, or of a cluster of ``workers`` processes that ends with the context.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def cluster_client(workers: int, scheduler: str) -> Iterator[Any]:
             Client(cluster, set_as_default=False) as client,
         ):
             try:
-                with _kept_up(cluster, workers):  # ends before workers are told to: none is to be replaced then
+                with _kept_up(cluster, workers):  # ends before the workers do: none is replaced then
                     yield client
             except BaseException:
                 _kill_workers(cluster)
@@ -86,7 +86,7 @@ def cluster_client(workers: int, scheduler: str) -> Iterator[Any]:
 
 @contextmanager
 def _ended_in_order() -> Iterator[None]:
-    """Let SIGTERM unwind as Ctrl-C does, so that workers, temporary files and semaphores go with the driver."""
+    """Handle SIGTERM as Ctrl-C, so that workers, temporary files and semaphores are cleaned up."""
 
     def leave(number: int, _frame: object) -> NoReturn:
         sys.exit(128 + number)
@@ -102,8 +102,8 @@ def _ended_in_order() -> Iterator[None]:
 
 
 def _started(workers: int, scratch: str) -> Any:
-    # Ctrl-C in a terminal reaches every process of it. It is for the driver: the cluster's threads and processes, those
-    # that replace others included, begin with it blocked.
+    # Ctrl-C in a terminal reaches every process. Only the driver handles it: the cluster's threads and processes,
+    # replacements included, start with the signal blocked.
     resource_tracker.ensure_running()  # it would unblock the signal
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -119,7 +119,7 @@ def _started(workers: int, scratch: str) -> Any:
 
 @contextmanager
 def _kept_up(cluster: Any, workers: int) -> Iterator[None]:
-    """Have workers started in the place of those that Dask gives up: it replaces none that dies while it starts."""
+    """Replace failed workers: Dask replaces none that dies while it starts."""
     from distributed.core import Status
 
     over = threading.Event()
@@ -130,7 +130,7 @@ def _kept_up(cluster: Any, workers: int) -> Iterator[None]:
                 del cluster.workers[name]
 
     def watch() -> None:
-        while not over.wait(LOOK_S):
+        while not over.wait(CHECK_S):
             cluster.loop.add_callback(drop_dead)
             cluster.scale(workers)  # starts what is missing
 
@@ -144,9 +144,9 @@ def _kept_up(cluster: Any, workers: int) -> Iterator[None]:
 
 
 def _kill_workers(cluster: Any) -> None:
-    """End all workers at once: a shard is published whole or not at all, there is nothing to wait for."""
+    """End all workers at once: shards are published atomically, so that nothing has to be awaited."""
     for nanny in cluster.workers.values():
-        nanny.close_gracefully()  # no new one in its place
+        nanny.close_gracefully()  # without a replacement
         if nanny.process is not None and nanny.process.pid is not None:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(nanny.process.pid, signal.SIGKILL)
@@ -159,7 +159,7 @@ def _local_cluster(workers: int, scratch: str) -> Any:
         n_workers=workers,
         threads_per_worker=1,
         processes=True,
-        # No dashboard. The scheduler has an HTTP server nevertheless: on any free port, or a second run is warned of.
+        # No dashboard. The scheduler's HTTP server takes any free port: a fixed one would warn in a second run.
         dashboard_address=None,
         scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
         memory_limit=0,
@@ -170,5 +170,5 @@ def _local_cluster(workers: int, scratch: str) -> Any:
 
 
 def default_workers() -> int:
-    """Return the count of cores that this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0))

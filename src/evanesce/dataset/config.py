@@ -1,4 +1,4 @@
-"""What a dataset is made of: strict TOML of declared distributions, group counts, label options and splits."""
+"""Configuration of a dataset: strict TOML of distributions, group counts, label options and splits."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _require(model: Strict, section: str, bounds: dict[str, tuple[float, float, 
 
 
 class Programme(Strict):
-    """What the machine does in a trial; drawn anew for each."""
+    """Loading programme of a trial; drawn for each."""
 
     normal_force_N: Distribution = uniform(0.5, 2.5)
     preload_N: Distribution = constant(0.05)
@@ -170,21 +170,21 @@ class Rigs(Strict):
 MOVES_PIXELS = {
     "distortion_drift": "labels would not follow: draw camera.lens.distortion.k1 instead",
 }
-"""Effects that move the picture behind the lens, and why they are not drawn."""
+"""Effects that displace the image, and why they are not drawn."""
 NOT_DRAWN = {
     **MOVES_PIXELS,
-    "card_offset": "without a trace: no card stands in a frame",
-    "frame_rate": "without a trace: it falsifies the time stamps of a camera; time_s is the true time",
-    "square_size": "without a trace: no card stands in a frame",
+    "card_offset": "not observable: no printed card is in a frame",
+    "frame_rate": "not observable: it changes the time stamps of a camera; time_s is the true time",
+    "square_size": "not observable: no printed card is in a frame",
 }
 """Effects that are never drawn, and why."""
 
 
 class Randomisation(Strict):
-    """Domain randomisation: each effect of the library is on in a share of the rigs, at plausible sizes.
+    """Domain randomisation: each effect of the library acts in a share of the rigs.
 
-    ``strength`` times the plausible departure that an effect declares is its standard deviation; one-sided amplitudes
-    are folded. ``only`` restricts to the named effects, ``without`` leaves some out.
+    The standard deviation of a parameter is ``strength`` times the one that its effect states; one-sided amplitudes are
+    folded. ``only`` restricts to the named effects, ``without`` excludes some.
     """
 
     probability: float = field(0.25, unit="1", bounds=(0.0, 1.0), doc="of each effect in a rig")
@@ -224,28 +224,26 @@ class Trial(Strict):
 
 
 class Labels(Strict):
-    """What is written of each frame."""
+    """Label options."""
 
     precision: Literal["half", "float"] = "half"
     raw: bool = False
     grid_size_mm: float = field(16.0, unit="mm", bounds=(1.0, 200.0), doc="side of the contact plane that is sampled")
-    grid_samples: int = field(
-        512, unit="1", bounds=(32, 8192), doc="along that side; the plate plane's labels have them"
-    )
+    grid_samples: int = field(512, unit="1", bounds=(32, 8192), doc="along that side, of the labels on the plate plane")
     margin_mm: float = field(0.5, unit="mm", bounds=(0.0, 50.0), doc="around the contact, in which the gap is kept")
     near_gap_mm: float = field(0.01, unit="mm", bounds=(1e-6, 1.0), doc="below which a surface counts as near")
     first_slip_share: float = field(0.05, unit="1", bounds=(1e-4, 0.9), doc="slipping share of area: first slip")
 
 
 class CameraOptions(Strict):
-    """``scale`` shrinks the frame: the same view on fewer, larger pixels."""
+    """Camera options; ``scale``: the same view on fewer, larger pixels."""
 
     scale: float = field(1.0, unit="1", bounds=(0.01, 2.0))
     backend: Literal["numpy", "llvm"] = "numpy"
 
 
 class Split(Strict):
-    """Whole fingers, friction levels or rigs go to one split, never single frames."""
+    """Split by fingers, friction levels or rigs, never by single frames."""
 
     by: Literal["finger", "friction", "rig"] = "finger"
     validation: float = field(0.15, unit="1", bounds=(0.0, 0.9))
@@ -259,7 +257,7 @@ class Split(Strict):
 
 
 class DatasetConfig(Strict):
-    """Everything but the scene, the seed and the count."""
+    """Configuration of a dataset, without scene, seed and count."""
 
     schema_version: int = Field(default=1, ge=1, le=1)
     title: str = Field(default="", max_length=200)
@@ -284,11 +282,11 @@ class DatasetConfig(Strict):
             )
         pitch_um = 1e3 * self.labels.grid_size_mm / self.labels.grid_samples
         if self.finger.ridged_share > 0:
-            least = float(self.finger.ridge_pitch_um.support()[0])
-            if least < 6 * pitch_um:
+            smallest = float(self.finger.ridge_pitch_um.support()[0])
+            if smallest < 6 * pitch_um:
                 raise ValueError(
-                    f"ridges {least:g} um apart on a grid of {pitch_um:.3g} um a sample"
-                    f" (allowed: labels.grid_samples of at least {int(6e3 * self.labels.grid_size_mm / least) + 1})"
+                    f"ridges {smallest:g} um apart on a grid of {pitch_um:.3g} um a sample"
+                    f" (allowed: labels.grid_samples of at least {int(6e3 * self.labels.grid_size_mm / smallest) + 1})"
                 )
         return self
 
@@ -303,7 +301,7 @@ class DatasetConfig(Strict):
 
 
 def load_config(path: Path | None) -> DatasetConfig:
-    """Read a dataset's TOML; the defaults where there is none.
+    """Read a dataset's TOML, or return the defaults.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What stands beside the shards: a JSON schema of KEY.json and a data card after Croissant."""
+"""Write the files beside the shards: JSON schema of KEY.json, and data card in the Croissant format."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ CROISSANT = "http://mlcommons.org/croissant/1.0"
 RESPONSIBLE = "http://mlcommons.org/croissant/RAI/1.0"
 
 
-def write_card(folder: Path, job: Job, manifest: Manifest) -> None:
-    """Write schema and data card, whole or not at all."""
+def write_data_card(folder: Path, job: Job, manifest: Manifest) -> None:
+    """Write schema and data card atomically."""
     layout.write_json(folder / layout.SCHEMA, schema())
-    layout.write_json(folder / layout.CARD, croissant(job, manifest))
+    layout.write_json(folder / layout.DATA_CARD, croissant(job, manifest))
 
 
 def schema() -> dict[str, Any]:
@@ -27,7 +27,7 @@ def schema() -> dict[str, Any]:
     number, text, whole = {"type": "number"}, {"type": "string"}, {"type": "integer", "minimum": 0}
     maybe = {"type": ["number", "null"]}
     table = {"type": "object"}
-    scalars = {name: {"type": "number", "description": _told(name)} for name in SCALARS}
+    scalars = {name: {"type": "number", "description": _description(name)} for name in SCALARS}
     properties = {
         "key": {"type": "string", "pattern": "^[0-9]{9}$"},
         "index": whole,
@@ -55,13 +55,54 @@ def schema() -> dict[str, Any]:
     }
 
 
-def _told(name: str) -> str:
-    """Return a number's unit and what its name does not tell."""
+def _description(name: str) -> str:
+    """Return unit and meaning of a number."""
     return f"[{SCALARS[name]}] {MEANINGS.get(name, '')}".rstrip()
 
 
 def croissant(job: Job, manifest: Manifest) -> dict[str, Any]:
-    """Return the data card as JSON-LD after Croissant 1.0."""
+    """Return the data card as JSON-LD in the Croissant 1.0 format."""
+    numbers = _field("frames/numbers", "json-files", "sc:Text", "all numbers of the frame and its trial: schema.json")
+    fields = [_key("frames", "json-files"), numbers]
+    for name, path, kind, text in _NUMBERS:
+        fields.append(_field(f"frames/{name}", "json-files", kind, text, {"jsonPath": f"$.{path}"}))
+    pictures = [
+        _key("images", "frame-png-files"),
+        _field("images/frame", "frame-png-files", "sc:ImageObject", "8-bit frame [DN]"),
+    ]
+    kinds, (cols, rows) = ", ".join(KINDS[1:]), job.resolution
+    units = "; ".join(f"{name} [{unit}]" for name, unit in CHANNELS.items())
+    return {
+        "@context": _CONTEXT,
+        "@type": "sc:Dataset",
+        "conformsTo": [CROISSANT, RESPONSIBLE],
+        "name": (job.config.title or job.scene.title or "evanesce dataset").replace("/", " "),
+        "description": (
+            f"{len(manifest.frames())} simulated frames of {job.trials} presses and slides of a silicone finger on an"
+            f" FTIR tactile plate at {job.config.trial.frame_rate_hz:g} Hz, {cols} x {rows} px, with per-pixel truth:"
+            f" {units}. Negatives: {kinds}. Labels are in the distorted frame (labels.exr, mask.png) and on the"
+            " undistorted plate plane (plate.exr), on a fixed physical scale. Splits are by groups of one"
+            f" {job.config.split.by}. Simulated, not measured: Hertz with partial slip, ridges in two scales."
+            f" {_effects(job)}"
+        ),
+        "rai:dataUseCases": f"Training and testing detectors of incipient slip. {baselines.summary()}",
+        "rai:dataLimitations": (
+            "No real finger was measured: how well a detector trained here generalises to a real rig is not known."
+            " No inertia; ridges slip by the scale of the whole contact; processes of minutes, such as warming LEDs,"
+            " are held constant."
+        ),
+        "version": f"{layout.FORMAT_VERSION}.0.0",
+        "citeAs": f"evanesce dataset, configuration {job.digest[:16]}, seed {job.seed}",
+        "distribution": _distribution(job, manifest),
+        "recordSet": [
+            {"@type": "cr:RecordSet", "@id": name, "name": name, "field": those}
+            for name, those in (("frames", fields), ("images", pictures))
+        ],
+    }
+
+
+def _distribution(job: Job, manifest: Manifest) -> list[dict[str, Any]]:
+    """Return the shards, and the sets of members in them."""
     shards = manifest.shards()
     files: list[dict[str, Any]] = [
         {
@@ -86,54 +127,18 @@ def croissant(job: Job, manifest: Manifest) -> dict[str, Any]:
         }
         for extension, kind in _members(job).items()
     ]
-    numbers = _field("frames/numbers", "json-files", "sc:Text", "all numbers of the frame and its trial: schema.json")
-    fields = [_key("frames", "json-files"), numbers]
-    for name, path, kind, told in _NUMBERS:
-        fields.append(_field(f"frames/{name}", "json-files", kind, told, {"jsonPath": f"$.{path}"}))
-    pictures = [
-        _key("images", "frame-png-files"),
-        _field("images/frame", "frame-png-files", "sc:ImageObject", "8-bit frame [DN]"),
-    ]
-    kinds, (cols, rows) = ", ".join(KINDS[1:]), job.resolution
-    units = "; ".join(f"{name} [{unit}]" for name, unit in CHANNELS.items())
-    return {
-        "@context": _CONTEXT,
-        "@type": "sc:Dataset",
-        "conformsTo": [CROISSANT, RESPONSIBLE],
-        "name": (job.config.title or job.scene.title or "evanesce dataset").replace("/", " "),
-        "description": (
-            f"{len(manifest.frames())} simulated frames of {job.trials} presses and slides of a silicone finger on an"
-            f" FTIR tactile plate at {job.config.trial.frame_rate_hz:g} Hz, {cols} x {rows} px, with per-pixel truth:"
-            f" {units}. Negatives: {kinds}. Labels lie in the distorted frame (labels.exr, mask.png) and on the"
-            " undistorted plate plane (plate.exr), on a fixed physical scale. Splits hold whole groups of one"
-            f" {job.config.split.by}. Simulated, not measured: Hertz with partial slip, ridges in two scales."
-            f" {_effects(job)}"
-        ),
-        "rai:dataUseCases": f"Training and testing detectors of incipient slip. {baselines.told()}",
-        "rai:dataLimitations": (
-            "No finger was photographed: how far a detector trained here carries to a real rig has not been measured."
-            " No inertia; ridges slip by the scale of the whole contact; what takes minutes, such as LEDs that warm,"
-            " stands still."
-        ),
-        "version": f"{layout.FORMAT_VERSION}.0.0",
-        "citeAs": f"evanesce dataset, configuration {job.digest[:16]}, seed {job.seed}",
-        "distribution": files + sets,
-        "recordSet": [
-            {"@type": "cr:RecordSet", "@id": name, "name": name, "field": those}
-            for name, those in (("frames", fields), ("images", pictures))
-        ],
-    }
+    return files + sets
 
 
 def _effects(job: Job) -> str:
-    """Tell which effects are randomised, and which are not."""
+    """Return a sentence on which effects are randomised, and which are not."""
     options = job.config.randomisation
     drawn, left_out = options.candidates, "; ".join(f"{name} ({why})" for name, why in options.left_out.items())
     if not drawn:
         return "No effects are randomised."
     return (
         f"Each of these effects is on in {100 * options.probability:g} % of the rigs: {', '.join(drawn)}. A trial whose"
-        f" finger an effect does not know is made without it, and names it. Not drawn: {left_out}."
+        f" finger an effect does not apply to is made without it, and lists it. Not drawn: {left_out}."
     )
 
 
@@ -145,9 +150,9 @@ def _members(job: Job) -> dict[str, str]:
 
 
 _NUMBERS = (
-    ("index", "index", "sc:Integer", "number of the frame, of which its key is made"),
+    ("index", "index", "sc:Integer", "number of the frame; its key is this number in nine digits"),
     ("trial", "trial", "sc:Integer", "number of its trial"),
-    ("kind", "kind", "sc:Text", "what the trial is"),
+    ("kind", "kind", "sc:Text", "kind of the trial"),
     ("split", "split", "sc:Text", "train, validation or test"),
     *((name, f"scalars.{name}", "sc:Float", f"[{unit}]") for name, unit in SCALARS.items()),
 )
@@ -159,14 +164,14 @@ def _key(records: str, files: str) -> dict[str, Any]:
 
 
 def _field(
-    name: str, files: str, kind: str, told: str, transform: dict[str, str] | None = None, of: str = "content"
+    name: str, files: str, kind: str, description: str, transform: dict[str, str] | None = None, of: str = "content"
 ) -> dict[str, Any]:
     source = {"fileSet": {"@id": files}, "extract": {"fileProperty": of}}
     return {
         "@type": "cr:Field",
         "@id": name,
         "name": name,
-        "description": told,
+        "description": description,
         "dataType": kind,
         "source": {**source, "transform": transform} if transform else source,
     }

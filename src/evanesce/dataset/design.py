@@ -1,7 +1,6 @@
-"""From seed and number to what a trial is: quasi-random draws of fingers, friction levels, rigs and programmes.
+"""Draw the plan of a trial from seed and number: finger, friction level, rig and programme, quasi-random.
 
-Every draw is a function of the seed, the name of its stream and its own number, so that it does not matter who makes
-which trial, in which order, in how many processes.
+Every draw is a function of the seed, the name of its stream and its own number, whatever the process and the order.
 """
 
 from __future__ import annotations
@@ -20,21 +19,21 @@ from evanesce.effects import all_effects
 from evanesce.effects.protocol import Effect
 
 BLOCK = 64
-"""Points of a sequence that are drawn at a time."""
+"""Number of points of a sequence that are drawn at a time."""
 
-SINCE: dict[str, tuple[str, float, float]] = {
+ELAPSED: dict[str, tuple[str, float, float]] = {
     "creep": ("held_before_s", 0.1, 10.0),
     "led_warmup": ("on_before_s", 1.0, 3600.0),
 }
-"""Effects that grow with time, of which a trial of seconds sees one moment: the parameter that tells how long they have
-been at work when it begins, and the ends of its log-uniform distribution [s]."""
+"""Effects that grow over times much longer than a trial: the parameter with the time elapsed before the trial, and the
+bounds of its log-uniform distribution [s]."""
 
 PROGRAMME_KEYS = tuple(Programme.model_fields)
 
 
 @dataclass(frozen=True)
 class FingerPlan:
-    """One finger; lengths in the units of the keys. ``pattern`` is empty for a smooth one."""
+    """One finger, in the units of the keys; ``pattern`` is empty for a smooth one."""
 
     index: int
     material: str
@@ -50,7 +49,7 @@ class FingerPlan:
 
 @dataclass(frozen=True)
 class FrictionPlan:
-    """One interface."""
+    """One frictional interface."""
 
     index: int
     friction_coefficient: float
@@ -72,7 +71,7 @@ class RigPlan:
 
 @dataclass(frozen=True)
 class TrialPlan:
-    """One trial."""
+    """Plan of one trial."""
 
     index: int
     kind: str
@@ -96,7 +95,7 @@ def quantiles(seed: int, stream: str, dimensions: int, index: int) -> np.ndarray
 def _points(seed: int, stream: str, dimensions: int, block: int) -> np.ndarray:
     generator = rng.generator(seed, "dataset", stream)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # balance of a part of the sequence is not claimed
+        warnings.simplefilter("ignore", UserWarning)  # the balance of a part of the sequence is not needed
         sampler = qmc.Sobol(dimensions, scramble=True, rng=generator)
         if block:
             sampler.fast_forward(block * BLOCK)
@@ -141,11 +140,10 @@ def rig_plan(config: DatasetConfig, seed: int, index: int) -> RigPlan:
 
 
 def draw_effect(effect: Effect, strength: float, stream: np.random.Generator) -> dict[str, Any]:
-    """Draw an effect's parameters at plausible departures from its null.
+    """Draw an effect's parameters about their null, by their stated standard deviations.
 
-    A parameter that declares where to start (it has no derivative at null) is drawn around one of those values; others
-    are normal around their null, folded where the null lies on the bounds' edge. What grows with time has been at work
-    for a time of :data:`SINCE`.
+    A parameter with start values (it has no derivative at null) is drawn about one of them; others are normal about
+    their null, folded where the null lies on a bound. Effects that grow with time get a time of :data:`ELAPSED`.
     """
     values: dict[str, float] = {}
     for candidate in effect.candidate_parameters():
@@ -162,8 +160,8 @@ def draw_effect(effect: Effect, strength: float, stream: np.random.Generator) ->
                 abs(step) if candidate.null == low else -abs(step) if candidate.null == high else step
             )
         values[candidate.name] = float(np.clip(value, low, high))
-    if effect.id in SINCE:
-        name, low, high = SINCE[effect.id]
+    if effect.id in ELAPSED:
+        name, low, high = ELAPSED[effect.id]
         values[name] = float(np.exp(stream.uniform(np.log(low), np.log(high))))
     table: dict[str, Any] = effect.with_values(values).model_dump(mode="json")
     return table
@@ -171,15 +169,15 @@ def draw_effect(effect: Effect, strength: float, stream: np.random.Generator) ->
 
 @functools.lru_cache(maxsize=64)
 def _split_of_groups(count: int, by: str, validation: float, test: float, seed: int) -> tuple[str, ...]:
-    """Return the split of each group: a seeded shuffle, cut by shares; a single group trains."""
+    """Return the split of each group: a seeded permutation, divided by shares; a single group is for training."""
     order = rng.generator(seed, "dataset", "split", by).permutation(count)
-    held_test = min(round(test * count), count - 1)
-    held_validation = min(round(validation * count), count - 1 - held_test)
+    test_count = min(round(test * count), count - 1)
+    validation_count = min(round(validation * count), count - 1 - test_count)
     found = ["train"] * count
-    for place, group in enumerate(order.tolist()):
-        if place < held_test:
+    for position, group in enumerate(order.tolist()):
+        if position < test_count:
             found[group] = "test"
-        elif place < held_test + held_validation:
+        elif position < test_count + validation_count:
             found[group] = "validation"
     return tuple(found)
 

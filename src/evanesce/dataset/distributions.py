@@ -1,4 +1,4 @@
-"""Declared distributions of one number or word, as data: `{ uniform = [1.0, 25.0] }`. Drawn by quantile."""
+"""Distributions of one number or word, declared as data: `{ uniform = [1.0, 25.0] }`; drawn by quantile."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from scipy.special import ndtr, ndtri
 from evanesce.core.quantities import Strict
 
 NORMAL_REACH = 3.0
-"""Standard deviations at which a normal distribution is cut, so that its support is known beforehand."""
+"""Standard deviations at which a normal distribution is truncated, so that its support is bounded."""
 
 
 class Distribution(Strict):
-    """Exactly one of the fields; a quantile in [0, 1) selects the value, so that quasi-random designs stay even.
+    """One distribution: exactly one of the fields; drawn by a quantile in [0, 1), for quasi-random designs.
 
     Attributes
     ----------
@@ -23,7 +23,7 @@ class Distribution(Strict):
     uniform, log_uniform : tuple of float
         (low, high).
     normal : tuple of float
-        (mean, standard deviation), cut at 3 standard deviations.
+        (mean, standard deviation), truncated at 3 standard deviations.
     choice : tuple of float or str
         Equally likely.
     """
@@ -51,7 +51,7 @@ class Distribution(Strict):
         return self
 
     def at(self, quantile: float) -> Any:
-        """Return the value below which a share ``quantile`` of all draws lies; choices in their order."""
+        """Return the value at a quantile; choices in their order."""
         if self.constant is not None:
             return self.constant
         if self.uniform is not None:
@@ -109,20 +109,20 @@ class Distribution(Strict):
 
 
 def constant(value: float | str) -> Distribution:
-    """Return the distribution that always gives one value."""
+    """Return the distribution of a constant."""
     return Distribution(constant=value)
 
 
 def uniform(low: float, high: float) -> Distribution:
-    """Return an even distribution."""
+    """Return a uniform distribution."""
     return Distribution(uniform=(low, high))
 
 
 def log_uniform(low: float, high: float) -> Distribution:
-    """Return a distribution that is even in the logarithm."""
+    """Return a distribution that is uniform in the logarithm."""
     return Distribution(log_uniform=(low, high))
 
 
 def choice(*values: float | str) -> Distribution:
-    """Return equally likely values."""
+    """Return the distribution of equally likely values."""
     return Distribution(choice=values)

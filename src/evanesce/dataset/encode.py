@@ -1,4 +1,4 @@
-"""A frame as the members of a shard: PNG, EXR and JSON bytes that depend on nothing but the frame."""
+"""Encode and decode the members of a shard: PNG and EXR bytes that depend on the frame only."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def decode_png(data: bytes) -> NDArray[Any]:
     Raises
     ------
     ValueError
-        If it is none.
+        If it cannot be decoded.
     """
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
     if image is None:
@@ -48,19 +48,19 @@ def decode_png(data: bytes) -> NDArray[Any]:
 
 
 def exr(box: LabelBox, precision: str, header: Mapping[str, Any]) -> bytes:
-    """Return labels as a multichannel EXR, ZIP, with the box as data window and the whole as display window.
+    """Return labels as a multichannel EXR, ZIP, with the box as data window and the frame as display window.
 
     Parameters
     ----------
     box : LabelBox
     precision : {"half", "float"}
     header : mapping
-        JSON-able entries; each becomes a string attribute of the header. Units are always there.
+        JSON-able entries; each becomes a string attribute of the header. Units are always included.
     """
     rows, cols = box.shape
     dtype = np.float16 if precision == "half" else np.float32
     first = next(iter(box.channels.values()))
-    # EXR has no empty window: one pixel of nothing stands for it.
+    # EXR has no empty window: one pixel of zeros represents it.
     high, wide = first.shape if first.size else (1, 1)
     attributes = {
         "compression": OpenEXR.ZIP_COMPRESSION,
@@ -89,7 +89,7 @@ def decode_exr(data: bytes) -> tuple[LabelBox, dict[str, Any]]:
     Raises
     ------
     ValueError
-        If it is none.
+        If it cannot be decoded.
     """
     try:
         with _memory(data) as handle, OpenEXR.File(f"/proc/self/fd/{handle.number}", separate_channels=True) as file:
@@ -116,7 +116,7 @@ def _window(row: int, col: int, high: int, wide: int) -> tuple[NDArray[np.int32]
 
 
 class _memory:
-    """A file in memory: OpenEXR only knows paths, and a label file need not touch the disk on its way to the shard."""
+    """A file in memory: OpenEXR reads and writes paths only."""
 
     def __init__(self, data: bytes | None = None) -> None:
         self._data = data

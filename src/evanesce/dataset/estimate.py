@@ -1,4 +1,4 @@
-"""How much disk and time a dataset will take, before it is begun."""
+"""Estimate disk space and time of a dataset before it is made."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from pathlib import Path
 from evanesce.core.errors import InputError
 from evanesce.dataset.design import finger_plan, rig_plan
 from evanesce.dataset.job import Job
-from evanesce.dataset.rigs import real_rig, rig_scene, way_of
+from evanesce.dataset.rigs import method_of, rig_scene, rig_with_effects
 
 PNG_BYTES_PER_PX = 0.35
-"""Of a noisy 8-bit frame; 0.27 measured, more where effects lift the dark."""
+"""Of a noisy 8-bit frame; 0.27 measured, more with effects that raise the background."""
 RAW_BYTES_PER_PX = 1.6
 LABEL_BYTES_PER_PX = 4.0
 """Of the labels' box, all channels at half precision; 3.4 measured in the frame."""
@@ -22,17 +22,17 @@ OTHER_BYTES = 12_000
 CORE_SECONDS_PER_MPX = 0.09
 """Of one core and frame, with the fast camera."""
 TIMES = {"fast": 1.0, "charge": 2.0, "general": 10.0}
-"""How much longer the ways of :class:`~evanesce.dataset.rigs.RigCamera` take: upper guesses."""
-LOOKED_AT = 16
-"""Rigs whose effects are looked at."""
+"""Relative time of the methods of :class:`~evanesce.dataset.rigs.RigCamera`: upper estimates."""
+SAMPLED_RIGS = 16
+"""Number of rigs whose effects are considered."""
 CORE_SECONDS_PER_FRAME = 0.05
 RIG_SECONDS = 12.0
-"""To compute the light fields of a rig, once in each process that meets it."""
+"""To compute the light fields of a rig, once in each process that uses it."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Of a whole dataset.
+    """Disk space and time of a dataset.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Estimate:
 
 
 def estimate(job: Job, workers: int) -> Estimate:
-    """Return what a job will take; a guess by the areas, not by a try."""
+    """Return the disk space and time of a job by its resolution and count; nothing is simulated."""
     cols, rows = job.resolution
     labels = job.config.labels
     radius, margin = 3.5, labels.margin_mm
@@ -67,25 +67,25 @@ def estimate(job: Job, workers: int) -> Estimate:
 
 
 def _slower(job: Job) -> float:
-    """Return how much longer frames take than by the fast camera, from the effects of the first rigs."""
+    """Return the time of a frame over that of the fast camera, by the effects of the first rigs."""
     finger = finger_plan(job.config, job.seed, 0)
-    plans = [rig_plan(job.config, job.seed, i) for i in range(min(job.config.rig.count, LOOKED_AT))]
-    rigs = [real_rig(rig_scene(job.scene, plan, finger, job.config), plan.seed) for plan in plans]
-    return sum(TIMES[way_of(rig.effects)] for rig in rigs) / len(rigs)
+    plans = [rig_plan(job.config, job.seed, i) for i in range(min(job.config.rig.count, SAMPLED_RIGS))]
+    rigs = [rig_with_effects(rig_scene(job.scene, plan, finger, job.config), plan.seed) for plan in plans]
+    return sum(TIMES[method_of(rig.effects)] for rig in rigs) / len(rigs)
 
 
 def require_disk(folder: Path, need: int) -> int:
-    """Return the free bytes where a dataset will lie.
+    """Return the free bytes of the disk of a dataset.
 
     Raises
     ------
     InputError
         If they are fewer than needed.
     """
-    place = folder
-    while not place.exists():
-        place = place.parent
-    free = shutil.disk_usage(place).free
+    existing = folder
+    while not existing.exists():
+        existing = existing.parent
+    free = shutil.disk_usage(existing).free
     if free < need:
         raise InputError(
             f"about {need / 1e9:.3g} GB are needed, {free / 1e9:.3g} GB are free", file=folder, key="--out",

@@ -1,4 +1,4 @@
-"""Exports: one entry for each foreign format; each writes into a new folder and gives it its name when all is there."""
+"""Export a dataset to another format, atomically: the folder gets its name when it is complete."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ def export(
     folder: Path, target: Path, to: str, *, split: str | None = None, advance: Advance | None = None,
     partial: bool = False,
 ) -> int:  # fmt: skip
-    """Write a dataset in another format; return the count of frames.
+    """Write a dataset in another format; return the number of frames.
 
-    Every member is compared with its SHA-256 on the way, since most formats carry none.
+    Every member is compared with its SHA-256, since most formats have none.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def export(
     advance : callable, optional
         Called with the count of frames that were written since the last call.
     partial : bool
-        Write what there is of a dataset that is not finished.
+        Export the finished part of an unfinished dataset.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""COCO: frames as PNG, stick, slip and contact as run-length masks, the numbers as extra keys of each image."""
+"""Export to COCO: frames as PNG, near, stick and slip as run-length masks, numbers as extra keys of each image."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ CATEGORIES = {int(SurfaceState.NEAR): "near", int(SurfaceState.STICK): "stick", 
 
 
 def run_lengths(mask: NDArray[np.bool_]) -> list[int]:
-    """Return COCO's uncompressed run lengths: columns after each other, zeros first."""
+    """Return COCO's uncompressed run lengths in column-major order, zeros first."""
     flat = np.concatenate([[False], mask.ravel(order="F"), [False]])
     flat[-1] = not flat[-2]
     edges = np.flatnonzero(flat[1:] != flat[:-1])

@@ -1,4 +1,4 @@
-"""HDF5: one file, one chunk a frame; labels over the whole frame, on their physical scale."""
+"""Export to HDF5: one file, one chunk per frame; labels over the whole frame, in physical units."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""LeRobot's layout, version 3.0: trials as episodes; frames and state masks as lossless images inside the Parquet file.
+"""Export to LeRobot's layout, version 3.0: trials as episodes; frames and state masks as lossless images in Parquet.
 
-Images stand in the data file (``dtype: image``), not in a video: an H.264 frame is no longer the frame.
+Images are in the data file (``dtype: image``), not in a video, because H.264 is lossy.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def write(dataset: Dataset, folder: Path, advance: Advance) -> None:
     Raises
     ------
     InputError
-        If the frame rate is no whole number, as LeRobot's are.
+        If the frame rate is not an integer, as LeRobot requires.
     """
     rate = dataset.job.config.trial.frame_rate_hz
     if rate != round(rate):
@@ -61,10 +61,10 @@ def write(dataset: Dataset, folder: Path, advance: Advance) -> None:
     done = 0
     for number, indices in enumerate(_by_split(dataset)):
         rows = []
-        for place, i in enumerate(indices):
+        for position, i in enumerate(indices):
             sample = dataset[i]
             task = tasks.setdefault(sample.meta["kind"], len(tasks))
-            rows.append(_row(sample, number, place, done + place, task))
+            rows.append(_row(sample, number, position, done + position, task))
             stats.add(rows[-1], sample)
             advance(1)
         chunk, file = writer.add(rows)
@@ -83,22 +83,22 @@ def write(dataset: Dataset, folder: Path, advance: Advance) -> None:
 
 
 def _by_split(dataset: Dataset) -> list[list[int]]:
-    """Return the indices of each episode's frames, those of a split after each other: LeRobot's splits are ranges.
+    """Return the indices of each episode's frames, ordered by split: LeRobot's splits are ranges.
 
-    An episode is a trial; where a frame of it could not be made it ends, since time stamps within one are even.
+    An episode is a trial; it ends where a frame could not be made, since its time stamps have to be equidistant.
     """
     rows = dataset.rows()
     episodes: list[list[int]] = []
     for indices in dataset.trials().values():
-        for place, i in enumerate(indices):
-            if place == 0 or rows[i]["frame"] != rows[indices[place - 1]]["frame"] + 1:
+        for position, i in enumerate(indices):
+            if position == 0 or rows[i]["frame"] != rows[indices[position - 1]]["frame"] + 1:
                 episodes.append([])
             episodes[-1].append(i)
     return sorted(episodes, key=lambda indices: SPLITS.index(rows[indices[0]]["split"]))
 
 
 def _ranges(episodes: list[dict[str, Any]]) -> dict[str, str]:
-    """Return the episodes of each split that has some, ``first:end``."""
+    """Return the episodes of each split that is not empty, ``first:end``."""
     found = {}
     for split in SPLITS:
         numbers = [e["episode_index"] for e in episodes if e["split"] == split]
@@ -107,7 +107,7 @@ def _ranges(episodes: list[dict[str, Any]]) -> dict[str, str]:
     return found
 
 
-def _row(sample: Sample, episode: int, place: int, index: int, task: int) -> dict[str, Any]:
+def _row(sample: Sample, episode: int, position: int, index: int, task: int) -> dict[str, Any]:
     fps = float(sample.scalars["time_s"])
     return {
         "observation.images.tactile": {"bytes": sample.bytes_of("frame.png"), "path": f"{sample.key}.frame.png"},
@@ -115,7 +115,7 @@ def _row(sample: Sample, episode: int, place: int, index: int, task: int) -> dic
         "observation.state": [sample.scalars[name] for name in STATE],
         "action": [sample.scalars["drive_mm"]],
         "timestamp": fps,
-        "frame_index": place,
+        "frame_index": position,
         "episode_index": episode,
         "index": index,
         "task_index": task,
@@ -123,7 +123,7 @@ def _row(sample: Sample, episode: int, place: int, index: int, task: int) -> dic
 
 
 class _Files:
-    """Parquet files of bounded size, whole episodes in each."""
+    """Parquet files of bounded size; no episode is divided."""
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._number, self._size = folder, -1, 0
@@ -158,7 +158,7 @@ class _Stats:
         self._sums: dict[str, list[Any]] = {}
 
     def add(self, row: dict[str, Any], sample: Sample) -> None:
-        """Take a frame in."""
+        """Include a frame."""
         for name in ("observation.state", "action", "timestamp", "frame_index", "episode_index", "index", "task_index"):
             self._take(name, np.atleast_1d(np.asarray(row[name], np.float64)), 1)
         for name, image in (("tactile", sample.frame), ("surface_state", sample.state)):
@@ -179,7 +179,7 @@ class _Stats:
         self._sums[name] = [low, high, old[2] + new[2], old[3] + new[3], old[4] + new[4]]
 
     def table(self, frames: int) -> dict[str, Any]:
-        """Return what stands in ``meta/stats.json``."""
+        """Return the content of ``meta/stats.json``."""
         found = {}
         for name, (low, high, total, squares, count) in self._sums.items():
             mean = total / count

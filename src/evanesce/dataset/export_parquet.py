@@ -1,4 +1,4 @@
-"""Parquet: a row a frame with all numbers of frame and trial, no images."""
+"""Export to Parquet: one row per frame with all numbers of frame and trial, without images."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FILE = "frames.parquet"
 
 
 def flat(meta: dict[str, Any]) -> dict[str, Any]:
-    """Return a frame's numbers and words as one row; tables of a rig as JSON text."""
+    """Return a frame's metadata as one row; tables of a rig as JSON text."""
     row = {name: meta[name] for name in ("key", "index", "trial", "frame_in_trial", "kind", "split")}
     row |= meta["scalars"]
     row |= {name: meta[name] for name in ("onset_first_slip_s", "onset_gross_slip_s")}

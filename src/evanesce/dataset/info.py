@@ -1,4 +1,4 @@
-"""What a dataset holds, in a few lines."""
+"""Summarise a dataset."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def describe(folder: Path) -> dict[str, Any]:
     Raises
     ------
     InputError
-        If there is none.
+        If the folder holds no dataset.
     """
     job = load_job(folder)
     manifest = Manifest.open(folder / layout.MANIFEST)
@@ -56,7 +56,7 @@ def describe(folder: Path) -> dict[str, Any]:
 
 
 def effects(options: Randomisation) -> dict[str, Any]:
-    """Return which effects the rigs draw, how often, and which never act and why."""
+    """Return which effects are drawn, in which share of the rigs, and which are not and why."""
     drawn = options.candidates
     return {
         "effects_drawn": ", ".join(drawn) or "none",

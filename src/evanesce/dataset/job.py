@@ -1,4 +1,4 @@
-"""What is to be made: scene, declared distributions, seed and count; read from and written to ``dataset.json``."""
+"""Specification of a dataset: scene, configuration, seed and count; read from and written to ``dataset.json``."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from evanesce.dataset.config import MOVES_PIXELS, DatasetConfig
 from evanesce.dataset.limits import require_count, require_frame, resolution
 from evanesce.rig import Scene
 
-SOFTER = 1.1
-"""Room for contacts that effects of the finger make larger than its table says."""
+CONTACT_MARGIN = 1.1
+"""Margin for contacts that effects of the finger enlarge."""
 
 
 NAMED = 8
-"""Keys that an error names."""
+"""Maximum number of keys that an error names."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """A dataset as it was asked for.
+    """Specification of a dataset.
 
     Attributes
     ----------
@@ -35,9 +35,9 @@ class Job:
     config : DatasetConfig
     seed : int
     frames : int
-        Count of frames, a multiple of the trial's.
+        Number of frames, a multiple of the trial's.
     recorded : str
-        :attr:`digest` that a stored description had when it was written; a later version may know more keys.
+        :attr:`digest` of a stored description when it was written; a later version may have more keys.
     """
 
     scene: Scene
@@ -68,12 +68,12 @@ class Job:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of everything that decides the bytes of a frame, but for the versions."""
+        """SHA-256 of everything that determines the bytes of a frame, versions excepted."""
         return self.recorded or _frames_digest(self.scene.as_dict(), self.config.as_dict(), self.seed)
 
     @property
     def request(self) -> str:
-        """SHA-256 of what decides the dataset: :attr:`digest`, the count of frames and how they lie in shards."""
+        """SHA-256 of everything that determines the dataset: :attr:`digest`, count of frames, trials per shard."""
         return provenance.digest([self.digest, self.frames, self.config.trials_per_shard])
 
     @property
@@ -82,7 +82,7 @@ class Job:
         return resolution(self.scene.camera.resolution_px, self.config.camera.scale)
 
     def describe(self) -> dict[str, Any]:
-        """Return what stands in ``dataset.json``."""
+        """Return the content of ``dataset.json``."""
         return {
             "format": layout.FORMAT,
             "format_version": layout.FORMAT_VERSION,
@@ -105,12 +105,12 @@ def _frames_digest(scene: dict[str, Any], config: dict[str, Any], seed: int) -> 
 
 
 def new_job(scene: Scene, config: DatasetConfig, *, frames: int, seed: int) -> Job:
-    """Check a request and round its frames up to whole trials.
+    """Check a request and round its frames up to complete trials.
 
     Raises
     ------
     InputError
-        For a request that no disk or memory holds; nothing has been allocated by then.
+        For a request beyond any disk or memory; nothing is allocated before.
     """
     if not 0 <= seed < 2**63:
         raise InputError(f"{seed}", key="--seed", allowed="0 to 2^63 - 1")
@@ -127,19 +127,19 @@ def new_job(scene: Scene, config: DatasetConfig, *, frames: int, seed: int) -> J
     return job
 
 
-def _rigs_are_possible(job: Job, looked_at: int = 16) -> None:
-    """Build the first rigs' scenes and effects: a slip in the declaration shows now, not in every frame."""
+def _rigs_are_possible(job: Job, sampled: int = 16) -> None:
+    """Build the first rigs' scenes and effects, so that an error in the configuration shows before the first frame."""
     from evanesce.dataset.design import finger_plan, rig_plan
-    from evanesce.dataset.rigs import real_rig, rig_scene
+    from evanesce.dataset.rigs import rig_scene, rig_with_effects
 
     finger = finger_plan(job.config, job.seed, 0)
-    for index in range(min(job.config.rig.count, looked_at)):
+    for index in range(min(job.config.rig.count, sampled)):
         plan = rig_plan(job.config, job.seed, index)
-        real_rig(rig_scene(job.scene, plan, finger, job.config), plan.seed)
+        rig_with_effects(rig_scene(job.scene, plan, finger, job.config), plan.seed)
 
 
 def _contact_fits(job: Job) -> None:
-    """Refuse contacts that would leave the sampled plane, from the ends of the declared distributions."""
+    """Refuse contacts that would leave the sampled plane, by the bounds of the distributions."""
     from evanesce.contact.analytic.hertz import hertz_radius
     from evanesce.materials import material
 
@@ -149,9 +149,9 @@ def _contact_fits(job: Job) -> None:
     radius = float(config.finger.tip_radius_mm.support()[1])
     names = [str(name) for name in config.finger.material.support()]
     widest = max(float(hertz_radius(force, radius, float(material(n).reduced_modulus(force)))) for n in names)
-    widest *= SOFTER
+    widest *= CONTACT_MARGIN
     shift = max(abs(float(v)) for v in config.programme.shift_mm.support())
-    travel = max(0.5 * float(config.programme.distance_mm.support()[1]), shift) + _sway(config)
+    travel = max(0.5 * float(config.programme.distance_mm.support()[1]), shift) + _wiggle_reach(config)
     need = 2.0 * (widest + travel) * 1.02 + 4 * config.labels.grid_size_mm / config.labels.grid_samples
     if need > config.labels.grid_size_mm:
         raise InputError(
@@ -165,8 +165,8 @@ def _contact_fits(job: Job) -> None:
         )  # fmt: skip
 
 
-def _sway(config: DatasetConfig) -> float:
-    """Return how far a wiggle may carry the tip [mm]: the softest shaft under the largest force below slip."""
+def _wiggle_reach(config: DatasetConfig) -> float:
+    """Return the largest displacement of the tip in a wiggle [mm]: the softest shaft under the largest force."""
     if config.kinds.wiggle == 0:
         return 0.0
     force = float(config.programme.normal_force_N.support()[1]) * float(
@@ -177,12 +177,12 @@ def _sway(config: DatasetConfig) -> float:
 
 
 def save_job(folder: Path, job: Job) -> None:
-    """Write ``dataset.json``; join an equal one that is there already.
+    """Write ``dataset.json``; accept an existing equal one.
 
     Raises
     ------
     InputError
-        If the folder holds another dataset, or one begun with other versions.
+        If the folder holds another dataset, or one begun by other versions.
     """
     path = folder / layout.DESCRIPTION
     if path.exists():
@@ -216,7 +216,7 @@ def load_job(folder: Path, *, check_versions: bool = False) -> Job:
     Raises
     ------
     InputError
-        If it is absent, broken or of another format; or, if asked for, of versions that may make other bytes.
+        If it is absent, broken or of another format; with ``check_versions``, if made by other versions.
     """
     path = folder / layout.DESCRIPTION
     data = layout.read_json(path)
@@ -232,7 +232,7 @@ def load_job(folder: Path, *, check_versions: bool = False) -> Job:
             raise
         raise InputError(f"not a dataset's description: {str(error).splitlines()[0]}", file=path) from None
     if written != (recorded, job.request):
-        raise InputError("config_sha256 or request_sha256 does not fit what stands beside it", file=path)
+        raise InputError("config_sha256 or request_sha256 does not match the description", file=path)
     if check_versions:
         _require_versions(path, data.get("provenance", {}))
     return job
@@ -242,24 +242,24 @@ def _require_format(path: Path, name: object, version: object) -> None:
     if name == layout.FORMAT and version == layout.FORMAT_VERSION:
         return
     allowed = f"{layout.FORMAT} version {layout.FORMAT_VERSION}"
-    told = f"{name!r} version {version!r}"
+    found = f"{name!r} version {version!r}"
     if name == layout.FORMAT and isinstance(version, int):
         if version in layout.EARLIER:
-            told += f", of an earlier evanesce: {layout.EARLIER[version]}"
-            allowed += "; make it anew into another folder: scene, config and seed stand in this file"
+            found += f", of an earlier evanesce: {layout.EARLIER[version]}"
+            allowed += "; make it again in another folder: scene, config and seed are in this file"
         elif version > layout.FORMAT_VERSION:
-            told += ", of a later evanesce"
+            found += ", of a later evanesce"
             allowed += "; install that one to read it"
-    raise InputError(told, file=path, allowed=allowed)
+    raise InputError(found, file=path, allowed=allowed)
 
 
 def _require_versions(path: Path, recorded: dict[str, Any]) -> None:
     before, now = _versions(recorded), _versions(provenance.record())
     names = differences(before, now)
     if names:
-        told = ", ".join(f"{name} {before.get(name, 'missing')} (here {now.get(name, 'missing')})" for name in names)
+        changed = ", ".join(f"{name} {before.get(name, 'missing')} (here {now.get(name, 'missing')})" for name in names)
         raise InputError(
-            f"begun with {told}: frames made on {platform.node()} might differ",
+            f"begun with {changed}: frames made on {platform.node()} might differ",
             file=path,
             allowed="the same versions, or `resume --any-versions`",
         )

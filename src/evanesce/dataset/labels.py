@@ -1,4 +1,4 @@
-"""Truth of a frame, pixel by pixel: in the distorted frame, and on the undistorted plate plane as it was solved."""
+"""Per-pixel ground truth of a frame: in the distorted frame, and on the undistorted plate plane."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _POINTS = ("slip.x", "slip.y", "slip_velocity.x", "slip_velocity.y")
 
 @dataclass(frozen=True)
 class LabelBox:
-    """Labels where there are any; beyond the box nothing touches.
+    """Labels within a box; outside it there is no contact.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class LabelBox:
     shape : tuple of int
         (rows, cols) of the whole frame or grid.
     channels : dict of ndarray (rows, cols)
-        See :data:`CHANNELS`; without samples where nothing touches anywhere.
+        See :data:`CHANNELS`; of size 0 without any contact.
     """
 
     row: int
@@ -62,7 +62,7 @@ class LabelBox:
 
 
 def empty_box(shape: tuple[int, int]) -> LabelBox:
-    """Return the labels of a frame in which nothing is near the glass."""
+    """Return the labels of a frame without contact."""
     return LabelBox(0, 0, shape, {name: np.zeros((0, 0), np.float32) for name in CHANNELS})
 
 
@@ -78,8 +78,8 @@ def plate_labels(truth: FrameTruth, grid: PlateGrid, margin_mm: float) -> LabelB
 
 
 def _contact_box(state: ContactState, margin_mm: float) -> tuple[slice, slice] | None:
-    touched = np.asarray(state.contact_mask) > 0
-    rows, cols = np.flatnonzero(touched.any(axis=1)), np.flatnonzero(touched.any(axis=0))
+    in_contact = np.asarray(state.contact_mask) > 0
+    rows, cols = np.flatnonzero(in_contact.any(axis=1)), np.flatnonzero(in_contact.any(axis=0))
     if rows.size == 0:
         return None
     margin = math.ceil(margin_mm / state.grid.pitch)
@@ -111,7 +111,7 @@ def _fields(state: ContactState, truth: FrameTruth) -> dict[str, NDArray[np.floa
 
 
 class FrameLabeller:
-    """Carries contact states of one grid into the pixels of one camera.
+    """Map contact states of one grid to the pixels of one camera.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ class FrameLabeller:
         u, v = np.meshgrid(self.col + np.arange(self.wide + 1) - 0.5, self.row + np.arange(self.high + 1) - 0.5)
         if self.high and self.wide:
             at_row, at_col = grid.index(*projection.to_plate(u, v))
-        else:  # the camera does not see the contact grid at all
+        else:  # the contact grid is outside the frame
             at_row, at_col = v * 0.0, u * 0.0
         self._row, self._col = at_row.astype(np.float32), at_col.astype(np.float32)
         self._centre = _within(self._row, 0.5, 0.5), _within(self._col, 0.5, 0.5)
@@ -172,14 +172,14 @@ class FrameLabeller:
         return LabelBox(self.row + rows.start, self.col + cols.start, self.shape, ordered)
 
     def _shift(self, state: ContactState) -> tuple[np.float32, np.float32]:
-        """Return by how many samples (rows, cols) a state's grid lies off the one the maps are for."""
+        """Return the offset (rows, cols) in samples of a state's grid from that of the maps."""
         if state.grid.shape != self.grid.shape or state.grid.pitch != self.grid.pitch:
             raise ValueError("the state is on a grid of another shape or pitch")
         (x, y), (x0, y0), pitch = state.grid.centre, self.grid.centre, self.grid.pitch
         return np.float32((y - y0) / pitch), np.float32((x - x0) / pitch)
 
     def _pixels(self, box: tuple[slice, slice], shift: tuple[np.float32, np.float32]) -> tuple[slice, slice] | None:
-        """Return the part of the window whose pixels' centres see a box of the state's grid."""
+        """Return the part of the window whose pixel centres lie in a box of the state's grid."""
         row, col = self._centre[0] - shift[0], self._centre[1] - shift[1]
         inside = (
             (row >= box[0].start - 0.5)

@@ -1,4 +1,4 @@
-"""Where a dataset's files lie, how they come into being whole, and who may write: names, atomic writes, locks."""
+"""File names, atomic writes and locks of a dataset."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from evanesce.core.errors import InputError, WorkError
 
 FORMAT = "evanesce-dataset"
 FORMAT_VERSION = 3
-"""Raised when the same member or number means something else than before; :data:`EARLIER` tells what."""
+"""Incremented when a member or number changes its meaning; :data:`EARLIER` lists the changes."""
 EARLIER = {
     1: "its stick_ratio is 0, as under full slip, where the finger is lifted",
     2: "its stick_ratio may be 0, as under full slip, where the finger is lifted",
 }
-"""What earlier versions of the format held that this one does not."""
+"""Differences of earlier versions of the format."""
 DESCRIPTION = "dataset.json"
 MANIFEST = "manifest.sqlite"
 SCHEMA = "schema.json"
-CARD = "croissant.json"
+DATA_CARD = "croissant.json"
 SUMS = "SHA256SUMS"
 SHARDS = "shards"
 WORK = ".work"
@@ -39,22 +39,22 @@ def shard_name(shard: int) -> str:
 
 
 def shard_path(folder: Path, shard: int) -> Path:
-    """Return where a shard lies."""
+    """Return the path of a shard."""
     return folder / SHARDS / shard_name(shard)
 
 
 def is_shard_name(name: str) -> bool:
-    """Tell whether a name could be a shard's: no folders, no tricks."""
+    """Return whether a name is a valid shard name."""
     return _SHARD_NAME.fullmatch(name) is not None
 
 
 def frame_key(frame: int) -> str:
-    """Return the key of a frame's members; its order is that of the numbers."""
+    """Return the key of a frame's members; keys sort as numbers."""
     return f"{frame:09d}"
 
 
 def fsync_folder(folder: Path) -> None:
-    """Make renames in a folder last."""
+    """Flush a folder, so that renames in it persist."""
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(handle)
@@ -63,7 +63,7 @@ def fsync_folder(folder: Path) -> None:
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Write a file whole or not at all: temporary file, fsync, rename, fsync of the folder.
+    """Write a file atomically: temporary file, fsync, rename, fsync of the folder.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def cannot_write(path: Path, error: OSError) -> WorkError:
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Write JSON whole or not at all, keys sorted, so that equal values are equal bytes."""
+    """Write JSON atomically, keys sorted, so that equal values are equal bytes."""
     write_whole(path, (json.dumps(value, sort_keys=True, indent=1, allow_nan=False) + "\n").encode())
 
 
@@ -128,10 +128,10 @@ def make_folders(folder: Path) -> None:
 
 @contextmanager
 def generator_lock(folder: Path, part: tuple[int, int] | None = None) -> Iterator[None]:
-    """Hold the right to write into a dataset; a second holder is refused at once.
+    """Lock a dataset for writing; a second generator is refused at once.
 
-    The whole needs an exclusive lock; a part of a job array shares that one with other parts and has its own. Locks
-    vanish with the process that holds them, whatever ends it.
+    A full run takes an exclusive lock; a part of a job array a shared one, and an exclusive one of its own. Locks end
+    with the process.
 
     Raises
     ------

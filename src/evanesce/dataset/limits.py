@@ -1,4 +1,4 @@
-"""How much may be asked for. Imports nothing large, so that an absurd request is refused before anything is loaded."""
+"""Limits of a request. Imports no large package, so that excessive requests are refused at once."""
 
 from __future__ import annotations
 
@@ -10,23 +10,24 @@ from evanesce.core.errors import InputError
 from evanesce.core.resources import resource
 
 MAX_FRAMES = 50_000_000
-"""Most frames of a dataset; a larger request is a slip of the keyboard."""
+"""Maximum number of frames of a dataset."""
 MAX_FRAME_BYTES = 400_000_000
-"""Most bytes that one frame may take in memory with all its labels."""
+"""Maximum memory of one frame with its labels [bytes]."""
 MAX_SHARD_FRAMES = 256
 MAX_CONFIG_BYTES = 200_000
 BYTES_PER_PIXEL = 70
-"""Memory that a pixel takes while its frame is made: charges, labels and their copies."""
+"""Memory per pixel while a frame is made: charges, labels and their copies."""
 BYTES_PER_SAMPLE = 320
-"""The same of a sample of the plate plane."""
+"""Memory per sample of the plate plane."""
 
 
 def require_count(frames: int) -> None:
-    """Refuse a count of frames that no disk holds.
+    """Refuse an excessive count of frames.
 
     Raises
     ------
     InputError
+        If it is not within 1 to :data:`MAX_FRAMES`.
     """
     if not 1 <= frames <= MAX_FRAMES:
         raise InputError(f"{frames} frames", key="--n", allowed=f"1 to {MAX_FRAMES}")
@@ -39,11 +40,12 @@ def resolution(resolution_px: tuple[int, int], scale: float) -> tuple[int, int]:
 
 
 def require_frame(cols: int, rows: int, grid_samples: int) -> None:
-    """Refuse frames that no memory holds.
+    """Refuse frames that need too much memory.
 
     Raises
     ------
     InputError
+        If a frame needs more than :data:`MAX_FRAME_BYTES`.
     """
     need = cols * rows * BYTES_PER_PIXEL + grid_samples**2 * BYTES_PER_SAMPLE
     if need > MAX_FRAME_BYTES:
@@ -54,7 +56,7 @@ def require_frame(cols: int, rows: int, grid_samples: int) -> None:
 
 
 def require_possible(scene: str, config: Path | None, overrides: dict[str, Any], frames: int) -> None:
-    """Refuse absurd requests by a look at the files' text; whatever is not understood is left to the whole check.
+    """Refuse excessive requests by the files' text; the full validation follows later.
 
     Parameters
     ----------
@@ -69,6 +71,7 @@ def require_possible(scene: str, config: Path | None, overrides: dict[str, Any],
     Raises
     ------
     InputError
+        As :func:`require_count` and :func:`require_frame`.
     """
     require_count(frames)
     named = Path(scene)

@@ -1,4 +1,4 @@
-"""The manifest: one SQLite file with a row for each shard, frame and member, and each frame that could not be made."""
+"""Manifest of a dataset: a SQLite file with a row per shard, frame, member, and frame that could not be made."""
 
 from __future__ import annotations
 
@@ -34,6 +34,7 @@ class Manifest:
     Parameters
     ----------
     path : Path
+    connection : sqlite3.Connection
     """
 
     def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
@@ -55,7 +56,7 @@ class Manifest:
 
     @classmethod
     def begin(cls, path: Path, meta: dict[str, str]) -> Manifest:
-        """Make an empty manifest, whole or not at all, and open it.
+        """Make an empty manifest atomically, and open it.
 
         Raises
         ------
@@ -88,11 +89,11 @@ class Manifest:
         return cls(path, db)
 
     def add(self, index: ShardIndex) -> None:
-        """Enter a published shard: all its rows or none."""
+        """Insert the rows of a published shard in one transaction."""
         with self._writing():
-            self._enter(index)
+            self._insert(index)
 
-    def _enter(self, index: ShardIndex) -> None:
+    def _insert(self, index: ShardIndex) -> None:
         db = self._db
         db.execute("INSERT INTO shards VALUES (?, ?, ?, ?)", (index.shard, index.file, index.size, index.sha256))
         db.executemany(
@@ -112,7 +113,7 @@ class Manifest:
         )
 
     def seal(self, path: Path) -> None:
-        """Write the same rows in the order of their numbers into a new file: its bytes no longer tell the way here.
+        """Write the same rows, ordered, into a new file, so that its bytes do not depend on the order of work.
 
         Raises
         ------
@@ -121,7 +122,7 @@ class Manifest:
         """
         meta = {**self.meta(), "sealed": "1", "content_sha256": self.content_digest()}
         with _whole(path) as part:
-            with closing(Manifest.create(part, meta)) as fresh, fresh._db as db:
+            with closing(Manifest.create(part, meta)) as ordered, ordered._db as db:
                 for table, order in _ORDER.items():
                     rows = self._db.execute(f"SELECT * FROM {table} ORDER BY {order}")
                     for row in rows:
@@ -129,7 +130,7 @@ class Manifest:
             self.close()
 
     def content_digest(self) -> str:
-        """Return the SHA-256 of all rows but those of ``meta``, in the order of their numbers."""
+        """Return the SHA-256 of all rows except those of ``meta``, ordered."""
         digest = hashlib.sha256()
         for table, order in _ORDER.items():
             for row in self._rows(f"SELECT * FROM {table} ORDER BY {order}"):
@@ -137,7 +138,7 @@ class Manifest:
         return digest.hexdigest()
 
     def meta(self) -> dict[str, str]:
-        """Return what the manifest tells of the whole."""
+        """Return the metadata of the dataset."""
         return {row["name"]: row["value"] for row in self._rows("SELECT * FROM meta")}
 
     def shards(self) -> dict[int, dict[str, Any]]:
@@ -161,7 +162,7 @@ class Manifest:
         return found
 
     def members_of_shard(self, shard: int) -> list[Member]:
-        """Return a shard's members in the order of their places."""
+        """Return a shard's members by offset."""
         rows = self._rows(
             "SELECT m.* FROM members m JOIN frames f ON f.frame = m.frame WHERE f.shard = ? ORDER BY m.offset", (shard,)
         )
@@ -172,7 +173,7 @@ class Manifest:
         return [dict(row) for row in self._rows("SELECT * FROM quarantine ORDER BY frame")]
 
     def fault(self) -> str:
-        """Return what SQLite finds wrong with the file itself; empty if nothing."""
+        """Return the fault that SQLite's integrity check finds in the file; empty if none."""
         try:
             found = [row[0] for row in self._db.execute("PRAGMA integrity_check(1)")]
         except sqlite3.Error as error:
@@ -200,7 +201,7 @@ class Manifest:
 
 @contextmanager
 def _whole(path: Path) -> Iterator[Path]:
-    """Give a place to write a SQLite file at, and move it to its own, lastingly; leave nothing if that fails."""
+    """Yield a temporary path for a SQLite file, and move it to its own afterwards; leave nothing on failure."""
     part = path.with_name(f".{path.name}.part")
     journal = part.with_name(f"{part.name}-journal")
     try:
@@ -216,7 +217,7 @@ def _whole(path: Path) -> Iterator[Path]:
             journal.unlink(missing_ok=True)
     except OSError as error:
         raise layout.cannot_write(path, error) from None
-    except sqlite3.Error as error:  # its own family of errors for a full disk
+    except sqlite3.Error as error:  # SQLite reports a full disk by its own errors
         raise WorkError(f"{path}: cannot write: {error}") from None
 
 

@@ -1,4 +1,4 @@
-"""A look at a dataset: a contact sheet of frames with labels laid over, and a short video of one trial."""
+"""Preview a dataset: a contact sheet of frames with labels overlaid, and a video of one trial."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from evanesce.sensor.codec import VideoWriter, write_png
 Picture = NDArray[np.uint8]
 
 COLOURS = {SurfaceState.NEAR: (80, 80, 160), SurfaceState.STICK: (40, 170, 90), SurfaceState.SLIP: (230, 90, 40)}
-"""Of the states laid over [RGB]."""
+"""Colours of the surface states [RGB]."""
 TILE = 260
 MAX_SIDE = 720
 
 
 def overlay(sample: Sample, height: int, cut: tuple[slice, slice]) -> Picture:
-    """Return part of a frame beside itself with its states laid over, and two lines of its numbers.
+    """Return part of a frame, the same with its states overlaid, and two lines of its numbers.
 
     Parameters
     ----------
@@ -58,24 +58,24 @@ def overlay(sample: Sample, height: int, cut: tuple[slice, slice]) -> Picture:
 
 
 def around(samples: Sequence[Sample], margin: float = 0.25) -> tuple[slice, slice]:
-    """Return rows and columns of the smallest square that holds all that touches in some frames, and a margin.
+    """Return rows and columns of the smallest square around all contacts of some frames, with a margin.
 
     Parameters
     ----------
     samples : sequence of Sample
         Of one size.
     margin : float
-        Share of the square's side that is left on each side.
+        Share of the square's side on each side.
     """
     rows, cols = samples[0].frame.shape[:2]
-    touched = np.zeros((rows, cols), bool)
+    in_contact = np.zeros((rows, cols), bool)
     for sample in samples:
-        touched |= sample.state >= SurfaceState.STICK
-    if not touched.any():
-        touched[:] = True
+        in_contact |= sample.state >= SurfaceState.STICK
+    if not in_contact.any():
+        in_contact[:] = True
     middle, half = [], 0.0
     for axis in (1, 0):
-        there = np.flatnonzero(touched.any(axis=axis))
+        there = np.flatnonzero(in_contact.any(axis=axis))
         middle.append(0.5 * float(there[0] + there[-1] + 1))
         half = max(half, (0.5 + margin) * float(there[-1] + 1 - there[0]))
     side = min(max(8, math.ceil(2 * half)), rows, cols)
@@ -84,7 +84,7 @@ def around(samples: Sequence[Sample], margin: float = 0.25) -> tuple[slice, slic
 
 
 def contact_sheet(dataset: Dataset, columns: int = 3, rows: int = 6) -> Picture:
-    """Return a sheet of frames spread evenly over the dataset."""
+    """Return a sheet of equally spaced frames of the dataset."""
     count = min(columns * rows, len(dataset))
     chosen = np.linspace(0, len(dataset) - 1, count).round().astype(int)
     samples = [dataset[int(i)] for i in chosen]
@@ -94,9 +94,9 @@ def contact_sheet(dataset: Dataset, columns: int = 3, rows: int = 6) -> Picture:
     blank = np.full((TILE, wide, 3), 24, np.uint8)
     filled = []
     for tile in tiles:
-        place = blank.copy()
-        place[:, : tile.shape[1]] = tile
-        filled.append(place)
+        padded = blank.copy()
+        padded[:, : tile.shape[1]] = tile
+        filled.append(padded)
     filled += [blank] * (-len(filled) % columns)
     lines = [np.concatenate(filled[i : i + columns], axis=1) for i in range(0, len(filled), columns)]
     return np.concatenate(lines, axis=0)
@@ -131,8 +131,8 @@ def preview(folder: Path, out: Path, *, trial: int | None = None) -> tuple[Path,
         with VideoWriter(film, frame_rate_hz=rate) as video:
             samples = [dataset[i] for i in trials[trial]]
             cut = around(samples)
-            for place, sample in enumerate(samples):
+            for index, sample in enumerate(samples):
                 picture = overlay(sample, MAX_SIDE, cut)
                 even = picture[: picture.shape[0] // 2 * 2, : picture.shape[1] // 2 * 2]
-                video.add(Frame(data=np.ascontiguousarray(even), time=place / rate, index=place))
+                video.add(Frame(data=np.ascontiguousarray(even), time=index / rate, index=index))
     return sheet, film

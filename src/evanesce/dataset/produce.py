@@ -1,4 +1,4 @@
-"""One frame of a dataset as bytes, a function of the job and the frame's number alone."""
+"""Make one frame of a dataset as bytes: a function of the job and the frame's number alone."""
 
 from __future__ import annotations
 
@@ -16,24 +16,32 @@ from evanesce.dataset.encode import exr, png
 from evanesce.dataset.job import Job
 from evanesce.dataset.labels import FrameLabeller, plate_labels
 from evanesce.dataset.layout import frame_key
-from evanesce.dataset.rigs import RealRig, RigCamera, all_of, as_seen, plate_grid, real_rig, rig_scene
+from evanesce.dataset.rigs import (
+    RigCamera,
+    RigWithEffects,
+    all_of,
+    optical_scene,
+    plate_grid,
+    rig_scene,
+    rig_with_effects,
+)
 from evanesce.dataset.trial import SCALARS, FrameTruth, Trial, areas
 from evanesce.effects import Stage
 
-CAMERAS_KEPT = 2
-"""Cameras that a process keeps ready; one at 2000 x 1500 takes some 150 MB."""
+CACHED_CAMERAS = 2
+"""Number of cameras that a process caches; one at 2000 x 1500 takes some 150 MB."""
 
 
 @dataclass(frozen=True)
 class Record:
-    """A frame as it goes into a shard.
+    """Members and manifest row of a frame.
 
     Attributes
     ----------
     frame : int
     trial : int
     row : dict
-        What the manifest tells of it.
+        Row of the manifest.
     members : dict of bytes
         By extension, in the order in which they are written.
     """
@@ -53,7 +61,7 @@ class _Ready:
 
 @dataclass(frozen=True)
 class _Current:
-    """The trial at hand."""
+    """The present trial."""
 
     number: int
     plan: TrialPlan
@@ -63,7 +71,7 @@ class _Current:
 
 
 class Producer:
-    """Makes the frames of a job, one trial after the other. It keeps the trial at hand: one thread a producer.
+    """Make the frames of a job. It caches the present trial: use one producer per thread.
 
     Parameters
     ----------
@@ -81,7 +89,7 @@ class Producer:
         Raises
         ------
         Exception
-            Whatever the physics or an effect raises; the caller decides what becomes of the frame.
+            Whatever the physics or an effect raises; the caller handles the frame.
         """
         job = self.job
         number = frame // job.config.trial.frames
@@ -91,7 +99,7 @@ class Producer:
         truth = trial.truth(i)
         time_s = float(trial.time[i])
         if truth.state is not None:
-            truth = self._as_touched(truth, ready, frame, time_s)
+            truth = self._with_contact_effects(truth, ready, frame, time_s)
         labels = job.config.labels
         picture = ready.camera.frame(truth.state, index=frame, time_s=time_s, with_raw=labels.raw)
         seen = ready.labeller.labels(truth, labels.margin_mm)
@@ -100,7 +108,7 @@ class Producer:
         header = {"scalars": meta["scalars"], "scalar_units": SCALARS, "key": meta["key"]}
         members = {"frame.png": png(picture.data)}
         if labels.raw:
-            assert picture.raw is not None  # every camera makes raw numbers when asked
+            assert picture.raw is not None
             members["raw.png"] = png(picture.raw)
         members["labels.exr"] = exr(seen, labels.precision, {**header, "geometry": frame_geometry(ready)})
         grid = ready.grid if truth.state is None else truth.state.grid
@@ -115,7 +123,7 @@ class Producer:
         if self._trial is None or self._trial.number != number:
             config, plan = self.job.config, trial_plan(self.job.config, self.job.seed, number)
             scene = rig_scene(self.job.scene, plan.rig, plan.finger, config)
-            rig = real_rig(scene, plan.rig.seed)
+            rig = rig_with_effects(scene, plan.rig.seed)
             ready = self._camera(plan, rig)
             start = self.job.frames_of(number).start
 
@@ -125,8 +133,8 @@ class Producer:
             trial = Trial(plan, config, rig.scene, ready.grid, load)
             if any(entry.effect.stage is Stage.CONTACT for entry in rig.effects):
                 # Whether an effect of the contact knows this finger shows only on a contact.
-                touch = next((t.state for t in map(trial.truth, range(len(trial))) if t.state is not None), None)
-                tried = real_rig(scene, plan.rig.seed, touch)
+                contact = next((t.state for t in map(trial.truth, range(len(trial))) if t.state is not None), None)
+                tried = rig_with_effects(scene, plan.rig.seed, contact)
                 if tried.left_out != rig.left_out:
                     rig, ready = tried, self._camera(plan, tried)
             current = _Current(number, plan, trial, ready, rig.left_out)
@@ -134,21 +142,21 @@ class Producer:
             return current
         return self._trial
 
-    def _camera(self, plan: TrialPlan, rig: RealRig) -> _Ready:
+    def _camera(self, plan: TrialPlan, rig: RigWithEffects) -> _Ready:
         config = self.job.config
-        key = (plan.rig.index, as_seen(rig.scene).model_dump_json())
+        key = (plan.rig.index, optical_scene(rig.scene).model_dump_json())
         if key not in self._cameras:
             camera = RigCamera(rig, plan.rig.seed, config.camera.backend)
             grid = plate_grid(camera.scene, config)
             self._cameras[key] = _Ready(camera, FrameLabeller(camera.scene, grid), grid)
-            while len(self._cameras) > CAMERAS_KEPT:
+            while len(self._cameras) > CACHED_CAMERAS:
                 self._cameras.popitem(last=False)
         self._cameras.move_to_end(key)
         return self._cameras[key]
 
     @staticmethod
-    def _as_touched(truth: FrameTruth, ready: _Ready, frame: int, time_s: float) -> FrameTruth:
-        """Let effects of the contact act on the truth, too: they are what really happened."""
+    def _with_contact_effects(truth: FrameTruth, ready: _Ready, frame: int, time_s: float) -> FrameTruth:
+        """Return the truth with effects of the contact applied."""
         assert truth.state is not None
         state = ready.camera.contact(truth.state, frame, time_s)
         if state is truth.state:
@@ -157,7 +165,7 @@ class Producer:
         return FrameTruth(state, moves, {**truth.scalars, **areas(state)})
 
     def describe(self, current: _Current, frame: int, i: int, truth: FrameTruth) -> dict[str, Any]:
-        """Return what stands in ``KEY.json``; validated by ``schema.json``."""
+        """Return the content of ``KEY.json``, which ``schema.json`` validates."""
         plan, trial = current.plan, current.trial
         onsets = {
             "onset_first_slip_s": trial.onset_first_slip_s,
@@ -183,12 +191,12 @@ class Producer:
 
 
 def _rounded(value: float) -> float:
-    """Drop the digits that only the last bits of a processor decide, and the sign of zero."""
+    """Round to 12 digits, below which results depend on the processor, and drop the sign of zero."""
     return float(f"{value:.12g}") + 0.0
 
 
 def frame_geometry(ready: _Ready) -> dict[str, Any]:
-    """Return how the distorted frame sees the plate."""
+    """Return the geometry of the distorted frame."""
     from evanesce.optics.projection import Projection
 
     projection = Projection.of(ready.camera.scene.camera, ready.camera.scene.plate)
@@ -204,7 +212,7 @@ def frame_geometry(ready: _Ready) -> dict[str, Any]:
 
 
 def plate_geometry(grid: PlateGrid) -> dict[str, Any]:
-    """Return where the samples of the plate plane lie."""
+    """Return the geometry of the samples of the plate plane."""
     return {
         "space": "undistorted plate plane; [row, col], x = x0 + col pitch, y = y0 + row pitch",
         "pitch_mm": grid.pitch,

@@ -1,4 +1,4 @@
-"""What the machine does in a trial, sampled at the frames: normal force, drive, twist, and where the finger stands."""
+"""Loading programme of a trial sampled at the frames: normal force, drive, twist, and placement of the finger."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Sampled:
-    """A programme at its frames.
+    """A programme sampled at the frames.
 
     Attributes
     ----------
@@ -28,15 +28,15 @@ class Sampled:
         Displacement of the finger's top along the slide [mm].
     twist_share : ndarray (n,)
         Torque over that of full sliding, 0 to below 1.
-    place : ndarray of int (n,)
-        0 at the first place, 1 after the finger was set down elsewhere.
+    placement : ndarray of int (n,)
+        0 at the first position, 1 after the finger was lifted and placed at another one.
     """
 
     time: Floats
     force: Floats
     drive: Floats
     twist_share: Floats
-    place: NDArray[np.int64]
+    placement: NDArray[np.int64]
 
 
 def sample_programme(plan: TrialPlan, trial: Trial, stiffness: float) -> Sampled:
@@ -46,9 +46,9 @@ def sample_programme(plan: TrialPlan, trial: Trial, stiffness: float) -> Sampled
     ----------
     plan : TrialPlan
     trial : Trial
-        Count of frames and their rate.
+        Number of frames and their rate.
     stiffness : float
-        Of contact and shaft in series, while all sticks [N/mm]; sets how far a wiggle goes.
+        Of contact and shaft in series under full stick [N/mm]; determines the amplitude of a wiggle.
     """
     p = plan.programme
     time = np.arange(trial.frames) / trial.frame_rate_hz
@@ -56,7 +56,7 @@ def sample_programme(plan: TrialPlan, trial: Trial, stiffness: float) -> Sampled
     preload = min(p["preload_N"], load)
     rest = press + hold
     force = np.interp(time, [0.0, press], [preload, load])
-    drive, twist, place = np.zeros_like(time), np.zeros_like(time), np.zeros(time.shape, np.int64)
+    drive, twist, placement = np.zeros_like(time), np.zeros_like(time), np.zeros(time.shape, np.int64)
     end = max(float(time[-1]), rest + 1.0 / trial.frame_rate_hz)
     match plan.kind:
         case "slide":
@@ -81,5 +81,5 @@ def sample_programme(plan: TrialPlan, trial: Trial, stiffness: float) -> Sampled
             force = np.interp(
                 time, [0.0, press, rest, lift, again, again + press], [preload, load, load, 0.0, 0.0, second]
             )
-            place = (time >= lift).astype(np.int64)
-    return Sampled(time, force, drive, twist, place)
+            placement = (time >= lift).astype(np.int64)
+    return Sampled(time, force, drive, twist, placement)

@@ -1,4 +1,4 @@
-"""Read a dataset: random access by number, decoded when asked for. Nothing is unpickled, no archive path is used."""
+"""Read a dataset: random access by number, decoded on demand. Nothing is unpickled, no archive path is used."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MAX_MEMBER_BYTES = 2_000_000_000
 
 
 class Sample:
-    """One frame; each part is read and decoded when first asked for.
+    """One frame; each part is read and decoded on first access.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Sample:
 
     @cached_property
     def raw(self) -> NDArray[np.uint16] | None:
-        """Raw frame (rows, cols) [DN]; None where none was kept."""
+        """Raw frame (rows, cols) [DN]; None where it was not stored."""
         return decode_png(self.bytes_of("raw.png")) if "raw.png" in self._members else None
 
     @cached_property
@@ -115,7 +115,7 @@ class Dataset(Sequence[Sample]):
     split : str, optional
         Only ``train``, ``validation`` or ``test``.
     check : bool
-        Compare each member with its SHA-256 as it is read.
+        Compare each member with its SHA-256 when it is read.
 
     Attributes
     ----------
@@ -177,7 +177,7 @@ class Dataset(Sequence[Sample]):
     def _read(self, shard: int, member: Member) -> bytes:
         if not 0 <= member.size <= MAX_MEMBER_BYTES:
             raise InputError(f"a member of {member.size} bytes", file=self._files[shard])
-        if self._owner != os.getpid():  # another process must not share the place in a file
+        if self._owner != os.getpid():  # another process must not share the file position
             self._handles, self._owner = {}, os.getpid()
         if shard not in self._handles:
             try:
@@ -190,7 +190,7 @@ class Dataset(Sequence[Sample]):
         broken = len(data) < member.size or (self.check and hashlib.sha256(data).hexdigest() != member.sha256)
         if broken:
             name = f"{layout.frame_key(member.frame)}.{member.name}"
-            raise InputError("does not hold what the manifest says", file=self._files[shard], key=name)
+            raise InputError("does not match the manifest", file=self._files[shard], key=name)
         return data
 
     def close(self) -> None:

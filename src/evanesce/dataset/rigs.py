@@ -1,4 +1,4 @@
-"""A rig of the dataset: its scene, its effects, and the camera that takes its frames as fast as its effects allow."""
+"""A rig of the dataset: scene, effects, and a camera that is as fast as the effects allow."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from evanesce.core.states import ContactState, Frame, PlateGrid, SensorLight
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.design import FingerPlan, RigPlan
 from evanesce.effects import Active, Context, Stage, active_effects, apply_stage
-from evanesce.render.fast.fused import Lit
+from evanesce.render.fast.readout import ChargeBox
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
 from evanesce.rig.finger import Finger
@@ -32,7 +32,7 @@ def rig_scene(base: Scene, rig: RigPlan, finger: FingerPlan, config: DatasetConf
     Raises
     ------
     InputError
-        If a drawn key names nothing in a scene, or leaves its bounds.
+        If a drawn key does not exist in a scene, or leaves its bounds.
     """
     data = base.as_dict()
     for name in ("slide", "assumptions", "sources"):
@@ -57,7 +57,7 @@ def rig_scene(base: Scene, rig: RigPlan, finger: FingerPlan, config: DatasetConf
 
 
 def all_of(base: Scene, rig: RigPlan) -> dict[str, dict[str, Any]]:
-    """Return the effects of a rig: those of the scene, and those drawn, which take their place."""
+    """Return the effects of a rig: those of the scene, overridden by those drawn."""
     return {**base.as_dict().get("effects", {}), **rig.effects}
 
 
@@ -67,12 +67,12 @@ def _set(data: dict[str, Any], dotted: str, value: Any) -> None:
     for part in parents:
         table = table.get(part) if isinstance(table, dict) else None
     if not isinstance(table, dict):
-        raise InputError("names no table of a scene", key=f"rig.draw.'{dotted}'", allowed="a dotted key of a scene")
+        raise InputError("is not in a table of a scene", key=f"rig.draw.'{dotted}'", allowed="a dotted key of a scene")
     table[last] = value
 
 
 def _scale(camera: dict[str, Any], scale: float) -> None:
-    """Bin pixels: the same view and exposure on fewer, larger ones, that add their charges and noises."""
+    """Bin pixels: the same view and exposure on fewer, larger pixels, with charges and noise variances added."""
     if scale == 1.0:
         return
     cols, rows = camera["resolution_px"]
@@ -87,23 +87,23 @@ def _scale(camera: dict[str, Any], scale: float) -> None:
 
 
 def plate_grid(scene: Scene, config: DatasetConfig) -> PlateGrid:
-    """Return the sampling of the contact plane, about the finger's place."""
+    """Return the sampling of the contact plane, about the finger's position."""
     n = config.labels.grid_samples
     return PlateGrid((n, n), config.labels.grid_size_mm / n, scene.finger.position_mm)
 
 
 @dataclass(frozen=True)
-class RealRig:
-    """A rig with a finger as it really is.
+class RigWithEffects:
+    """A rig with a finger, with its effects applied.
 
     Attributes
     ----------
     scene : Scene
-        After effects of the stage ``rig``, which are held at time 0 for a trial of seconds.
+        After effects of the stage ``rig``, evaluated at time 0.
     effects : tuple of Active
-        All that act in it.
+        All that act.
     left_out : tuple of str
-        Effects that were drawn for the rig but refuse this finger.
+        Effects that were drawn for the rig but do not apply to this finger.
     """
 
     scene: Scene
@@ -111,16 +111,16 @@ class RealRig:
     left_out: tuple[str, ...]
 
 
-def real_rig(scene: Scene, seed: int, touch: ContactState | None = None) -> RealRig:
-    """Apply a rig's effects to its scene; leave out those that say they do not know such a finger.
+def rig_with_effects(scene: Scene, seed: int, contact: ContactState | None = None) -> RigWithEffects:
+    """Apply a rig's effects to its scene; leave out those that do not apply to the finger.
 
     Parameters
     ----------
     scene : Scene
         From :func:`rig_scene`.
     seed : int
-    touch : ContactState, optional
-        A contact of this finger, on which effects of the contact are tried.
+    contact : ContactState, optional
+        A contact of this finger, to which effects of the contact are applied as a test.
 
     Raises
     ------
@@ -139,18 +139,18 @@ def real_rig(scene: Scene, seed: int, touch: ContactState | None = None) -> Real
                 if ridges is not None and ridges.rounding_um is not None:
                     raise InputError("rounded ridges do not slide here")
                 real = changed
-            elif stage is Stage.CONTACT and touch is not None:
-                apply_stage(stage, touch, (entry,), Context(real, seed))
+            elif stage is Stage.CONTACT and contact is not None:
+                apply_stage(stage, contact, (entry,), Context(real, seed))
         except InputError:
             left_out.append(entry.effect.id)
             continue
         kept.append(entry)
     if left_out:
         real = real.model_copy(update={"effects": {k: v for k, v in real.effects.items() if k not in left_out}})
-    return RealRig(real, tuple(kept), tuple(left_out))
+    return RigWithEffects(real, tuple(kept), tuple(left_out))
 
 
-SEEN_OF_FINGER = (
+OPTICAL_KEYS = (
     "tip_radius_mm",
     "diameter_mm",
     "length_mm",
@@ -160,17 +160,17 @@ SEEN_OF_FINGER = (
     "scattering_length_mm",
     "scattering_share",
 )
-"""Keys of the finger that light knows; mechanics and ridges reach it through the contact alone."""
+"""Keys of the finger that the optics depend on; mechanics and ridges act through the contact alone."""
 
 
-def as_seen(scene: Scene) -> Scene:
-    """Return a scene whose finger has what light knows of it, so that fingers of one shape share a camera."""
-    seen = {key: getattr(scene.finger, key) for key in SEEN_OF_FINGER}
+def optical_scene(scene: Scene) -> Scene:
+    """Return a scene whose finger has its optical keys only, so that fingers of one shape share a camera."""
+    seen = {key: getattr(scene.finger, key) for key in OPTICAL_KEYS}
     return scene.model_copy(update={"finger": Finger(**seen)})
 
 
-def way_of(effects: tuple[Active, ...]) -> str:
-    """Return which way of :class:`RigCamera` effects ask for; a lens or a camera may ask for a slower one."""
+def method_of(effects: tuple[Active, ...]) -> str:
+    """Return the method of :class:`RigCamera` that effects need; a lens or a camera may need a slower one."""
     acting = {e.effect.stage for e in effects if not e.effect.is_null(e.parameters)}
     if acting & {Stage.PLATE_LIGHT, Stage.CONTACT}:
         return "general"
@@ -182,45 +182,45 @@ class RigCamera:
 
     Parameters
     ----------
-    rig : RealRig
-        From :func:`real_rig`.
+    rig : RigWithEffects
+        From :func:`rig_with_effects`.
     seed : int
-        The rig's: what is fixed in a rig (specks, hot pixels) stays where it is in all its frames.
+        Of the rig: fixed patterns (specks, hot pixels) are the same in all its frames.
     backend : {"numpy", "llvm"}
 
     Attributes
     ----------
     scene : Scene
-        The rig as it really is, with the finger :func:`as_seen`.
-    way : {"fast", "charge", "general"}
-        ``fast``: the fast camera throughout. ``charge``: up to the mean charge, then the general chain. ``general``: an
-        effect changes the light on its way to the lens, or puts contacts on grids of their own.
+        The rig with its effects, by :func:`optical_scene`.
+    method : {"fast", "charge", "general"}
+        ``fast``: the fast camera. ``charge``: the fast camera up to the mean charge, then the general chain.
+        ``general``: the general chain, where an effect changes the light before the lens, or the contact's grid.
     """
 
-    def __init__(self, rig: RealRig, seed: int, backend: str = "numpy") -> None:
+    def __init__(self, rig: RigWithEffects, seed: int, backend: str = "numpy") -> None:
         self._effects, self.seed = rig.effects, seed
-        self.scene = as_seen(rig.scene)
+        self.scene = optical_scene(rig.scene)
         self._fast = FastCamera(self.scene.model_copy(update={"effects": {}}), backend)  # type: ignore[arg-type]
-        self.way = way_of(self._effects)
+        self.method = method_of(self._effects)
         if _needs_field_blur(self._fast):
-            self.way = "general"
-        elif self.way == "fast" and self._fast.falls_back:
-            self.way = "charge"
+            self.method = "general"
+        elif self.method == "fast" and self._fast.falls_back:
+            self.method = "charge"
 
     def load(self, index: int, time_s: float, force_N: float) -> float:
-        """Return what normal force really pressed [N]."""
+        """Return the actual normal force for a commanded one [N]."""
         return float(apply_stage(Stage.LOAD, force_N, self._effects, self._context(index, time_s)))
 
     def contact(self, state: ContactState, index: int, time_s: float) -> ContactState:
-        """Return a contact as the rig's effects change it."""
+        """Return a contact with the rig's effects applied."""
         changed: ContactState = apply_stage(Stage.CONTACT, state, self._effects, self._context(index, time_s))
         return changed
 
     def frame(self, state: ContactState | None, *, index: int, time_s: float, with_raw: bool) -> Frame:
-        """Take the picture; ``index`` is the frame's number in the whole dataset, so that no two share their noise."""
-        if self.way == "fast":
+        """Expose a frame; ``index`` is its number in the dataset, so that no two frames share their noise."""
+        if self.method == "fast":
             return self._fast.frame(state, seed=self.seed, index=index, time_s=time_s, with_raw=with_raw)
-        if self.way == "general":
+        if self.method == "general":
             light = render_fast(self.scene, state)
             return expose(self.scene, light, seed=self.seed, time_s=time_s, index=index)[1]
         lit = None if state is None else self._fast.mean_charge(state)
@@ -229,8 +229,8 @@ class RigCamera:
     def _context(self, index: int, time_s: float) -> Context:
         return Context(self.scene, self.seed, time_s, index)
 
-    def _light(self, lit: Lit | None) -> SensorLight:
-        """Return the irradiance that gives a mean charge by light."""
+    def _light(self, lit: ChargeBox | None) -> SensorLight:
+        """Return the irradiance of a mean charge."""
         cols, rows = self.scene.camera.resolution_px
         irradiance = np.zeros((rows, cols))
         if lit is not None and lit.charge.size:
@@ -253,7 +253,7 @@ def _charge_per_irradiance(scene: Scene) -> float:
 def expose_light(
     scene: Scene, light: SensorLight, effects: tuple[Active, ...], *, seed: int, time_s: float, index: int
 ) -> Frame:
-    """Return the frame of an irradiance: :func:`evanesce.chain.simulate.expose` from behind the lens on."""
+    """Return the frame of an irradiance: the part of :func:`evanesce.chain.simulate.expose` after the lens."""
     context = Context(scene, seed, time_s, index)
     light = apply_stage(Stage.SENSOR_LIGHT, light, effects, context)
     pixel, (cols, rows) = scene.camera.pixel, scene.camera.resolution_px

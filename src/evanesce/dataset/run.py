@@ -1,4 +1,4 @@
-"""Make a dataset: hand out shards to processes, enter what they publish into the manifest, seal it at the end."""
+"""Make a dataset: distribute shards to processes, add published ones to the manifest, and seal it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 
 from evanesce.core.errors import InputError, WorkError
 from evanesce.dataset import layout
-from evanesce.dataset.data_card import write_card
+from evanesce.dataset.data_card import write_data_card
 from evanesce.dataset.job import Job, load_job, save_job
 from evanesce.dataset.manifest import Manifest
 from evanesce.dataset.shard import ShardIndex, file_sha256, index_path
@@ -21,15 +21,15 @@ from evanesce.dataset.verify import checksums
 from evanesce.dataset.worker import Trace, failed, make_shard
 
 MAX_DEATHS = 50
-"""Times in a row that a shard's worker may die at the same frame before the shard is given up. A frame that kills is
-found after two; kills from outside hit different frames."""
+"""Maximum number of consecutive deaths of a shard's worker at one frame. A fatal frame is identified after two; other
+causes hit different frames."""
 NAMED = 5
-"""Shards that an error names."""
+"""Maximum number of shards that an error names."""
 
 
 @dataclass(frozen=True)
 class Engine:
-    """Who makes the shards.
+    """Processes that make the shards.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Engine:
     scheduler : str
         Address of a running Dask scheduler, instead.
     part : tuple of int, optional
-        (i, n), i from 1: only every n-th shard, for job arrays; the manifest is left to a later resume.
+        (i, n), i from 1: only every n-th shard, for job arrays; a later resume writes the manifest.
     """
 
     workers: int = 0
@@ -54,14 +54,14 @@ class Engine:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How it went.
+    """Result of a run.
 
     Attributes
     ----------
     frames : int
-        In the dataset now.
+        In the dataset.
     made : int
-        Of them, in this run.
+        In this run.
     seconds : float
     size : int
         Of all shards [bytes].
@@ -83,14 +83,14 @@ Task = Callable[[str, int], dict[str, Any]]
 
 
 def make(folder: Path, job: Job, engine: Engine | None = None, on_shard: Progress | None = None) -> Outcome:
-    """Begin a dataset and make it.
+    """Make a new dataset.
 
     Raises
     ------
     InputError
         If the folder holds something else.
     WorkError
-        If the system refuses to write, or another generator is at work.
+        If the system refuses to write, or another generator is running.
     """
     engine = engine or Engine()
     if (folder / layout.MANIFEST).exists() and engine.part is None:
@@ -100,7 +100,7 @@ def make(folder: Path, job: Job, engine: Engine | None = None, on_shard: Progres
         if strange:
             raise InputError(f"holds {strange[0]}", file=folder, key="--out", allowed="an empty or new folder")
     layout.make_folders(folder)
-    with _refusals_told(folder), layout.generator_lock(folder, engine.part):
+    with _write_errors(folder), layout.generator_lock(folder, engine.part):
         save_job(folder, job)
         return _run(folder, job, engine, on_shard, any_versions=False)
 
@@ -108,7 +108,7 @@ def make(folder: Path, job: Job, engine: Engine | None = None, on_shard: Progres
 def resume(
     folder: Path, engine: Engine | None = None, on_shard: Progress | None = None, *, any_versions: bool = False
 ) -> Outcome:
-    """Go on where a run ended, however it ended; whole shards are kept.
+    """Resume an interrupted run; complete shards are kept.
 
     Raises
     ------
@@ -120,13 +120,13 @@ def resume(
     engine = engine or Engine()
     job = load_job(folder, check_versions=not any_versions)
     layout.make_folders(folder)
-    with _refusals_told(folder), layout.generator_lock(folder, engine.part):
+    with _write_errors(folder), layout.generator_lock(folder, engine.part):
         return _run(folder, job, engine, on_shard, any_versions=any_versions)
 
 
 @contextlib.contextmanager
-def _refusals_told(folder: Path) -> Iterator[None]:
-    """Turn what the system refuses into one line, wherever it does."""
+def _write_errors(folder: Path) -> Iterator[None]:
+    """Convert errors of the system into one line."""
     try:
         yield
     except OSError as error:
@@ -146,14 +146,14 @@ def _run(folder: Path, job: Job, engine: Engine, on_shard: Progress | None, *, a
                 _finish(folder, job, manifest)
             _clean(folder)
             return _outcome(manifest, 0, start)
-        done = _adopt(folder, job, manifest)
+        done = _add_published(folder, job, manifest)
         before = sum(len(job.frames_of(t)) for s in done for t in job.trials_of(s))
         if on_shard:
             on_shard({"shard": None, "frames": before, "quarantined": 0, "bytes": 0})
         made = 0
         todo = [s for s in range(job.shards) if s not in done]
         missing: dict[int, str] = {}
-        for report in _hand_out(folder, todo, engine, task):
+        for report in _distribute(folder, todo, engine, task):
             if report["failed"]:
                 missing[report["shard"]] = report["failed"]
             else:
@@ -172,17 +172,17 @@ def _run(folder: Path, job: Job, engine: Engine, on_shard: Progress | None, *, a
 
 
 def _require_all(folder: Path, missing: dict[int, str]) -> None:
-    """Name the shards that could not be made, after all others were."""
+    """Raise an error that names the shards that could not be made."""
     if missing:
-        told = "; ".join(f"{layout.shard_name(s)}: {missing[s]}" for s in sorted(missing)[:NAMED])
+        named = "; ".join(f"{layout.shard_name(s)}: {missing[s]}" for s in sorted(missing)[:NAMED])
         more = f"; and {len(missing) - NAMED} more" if len(missing) > NAMED else ""
         count = "one shard" if len(missing) == 1 else f"{len(missing)} shards"
-        raise WorkError(f"{folder}: {count} missing, which `resume` tries again: {told}{more}")
+        raise WorkError(f"{folder}: {count} missing, which `resume` tries again: {named}{more}")
 
 
 def _finish(folder: Path, job: Job, manifest: Manifest) -> None:
-    """Write what stands beside a sealed manifest; the checksums come last, so that their presence tells the rest."""
-    write_card(folder, job, manifest)
+    """Write the files beside a sealed manifest; the checksums come last, as a sign of completeness."""
+    write_data_card(folder, job, manifest)
     layout.write_whole(folder / layout.SUMS, checksums(folder, manifest))
 
 
@@ -198,7 +198,7 @@ def _run_part(folder: Path, job: Job, engine: Engine, on_shard: Progress | None,
         on_shard({"shard": None, "frames": frames, "quarantined": 0, "bytes": 0})
     made = size = 0
     missing: dict[int, str] = {}
-    for report in _hand_out(folder, todo, engine, task):
+    for report in _distribute(folder, todo, engine, task):
         if report["failed"]:
             missing[report["shard"]] = report["failed"]
         made, size = made + report["frames"], size + report["bytes"]
@@ -215,14 +215,14 @@ def _outcome(manifest: Manifest, made: int, start: float) -> Outcome:
     return Outcome(frames, made, time.perf_counter() - start, size, manifest.quarantined(), complete=True)
 
 
-# --- what is there already --------------------------------------------------------------------------------------------
+# --- existing files ---------------------------------------------------------------------------------------------------
 
 
 def _sweep(folder: Path) -> None:
-    """Throw away what unfinished writes left."""
-    for place in (folder, folder / layout.WORK):
+    """Delete the remains of interrupted writes."""
+    for directory in (folder, folder / layout.WORK):
         for pattern in ("*.part", ".*.part", f".{layout.MANIFEST}.*"):
-            for path in place.glob(pattern):
+            for path in directory.glob(pattern):
                 path.unlink(missing_ok=True)
 
 
@@ -245,28 +245,28 @@ def _manifest(folder: Path, job: Job) -> Manifest:
 
 
 def _published(folder: Path, shard: int) -> bool:
-    """Tell whether a shard lies there with an index that fits it."""
+    """Return whether a shard exists with a matching index."""
     path = layout.shard_path(folder, shard)
     try:
         index = _index(folder, shard)
         return path.stat().st_size == index.size and file_sha256(path) == index.sha256
-    except (EvanesceMissing, OSError):
+    except (MissingIndex, OSError):
         return False
 
 
-class EvanesceMissing(Exception):
-    """An index is not there, or not readable: the shard is made again."""
+class MissingIndex(Exception):
+    """An index is absent or not readable: the shard is made again."""
 
 
 def _index(folder: Path, shard: int) -> ShardIndex:
     try:
         return ShardIndex.from_dict(layout.read_json(index_path(folder, shard)))
     except (InputError, TypeError, KeyError) as error:
-        raise EvanesceMissing(str(error)) from None
+        raise MissingIndex(str(error)) from None
 
 
-def _adopt(folder: Path, job: Job, manifest: Manifest) -> set[int]:
-    """Return the finished shards, after entering those that a dead driver had no time for."""
+def _add_published(folder: Path, job: Job, manifest: Manifest) -> set[int]:
+    """Return the finished shards, after adding those that an interrupted run had published but not added."""
     rows = manifest.shards()
     done = set()
     for shard in range(job.shards):
@@ -275,7 +275,7 @@ def _adopt(folder: Path, job: Job, manifest: Manifest) -> set[int]:
             if path.is_file() and path.stat().st_size == rows[shard]["size"]:
                 done.add(shard)
             else:
-                raise WorkError(f"{path}: published, but missing or of another size; `verify` tells more")
+                raise WorkError(f"{path}: published, but missing or of another size; see `verify`")
         elif _published(folder, shard):
             manifest.add(_index(folder, shard))
             done.add(shard)
@@ -289,10 +289,10 @@ def _clean(folder: Path) -> None:
             path.unlink(missing_ok=True)
 
 
-# --- who makes them ---------------------------------------------------------------------------------------------------
+# --- distribution -----------------------------------------------------------------------------------------------------
 
 
-def _hand_out(folder: Path, shards: list[int], engine: Engine, task: Task) -> Iterator[dict[str, Any]]:
+def _distribute(folder: Path, shards: list[int], engine: Engine, task: Task) -> Iterator[dict[str, Any]]:
     if not shards:
         return
     if engine.workers == 0 and not engine.scheduler:
@@ -302,25 +302,27 @@ def _hand_out(folder: Path, shards: list[int], engine: Engine, task: Task) -> It
     from evanesce.dataset.cluster import cluster_client
 
     with cluster_client(engine.workers, engine.scheduler) as client:
-        least = 1 if engine.scheduler else engine.workers
-        yield from _from_cluster(client, folder.resolve(), shards, task, least)
+        slots = 1 if engine.scheduler else engine.workers
+        yield from _from_cluster(client, folder.resolve(), shards, task, slots)
 
 
 class Deaths:
-    """Counts deaths of workers in a row at one place of a shard; one elsewhere begins anew."""
+    """Count consecutive deaths of workers at one frame of a shard; a death at another frame resets the count."""
 
     def __init__(self) -> None:
         self._last: dict[int, tuple[str, int]] = {}
 
-    def count(self, shard: int, place: str) -> int:
-        """Enter a death; return how many there were at this place without one elsewhere in between."""
+    def count(self, shard: int, frame: str) -> int:
+        """Record a death; return the number of consecutive ones at this frame."""
         before, times = self._last.get(shard, ("", 0))
-        self._last[shard] = place, times + 1 if place == before else 1
+        self._last[shard] = frame, times + 1 if frame == before else 1
         return self._last[shard][1]
 
 
-def _from_cluster(client: Any, folder: Path, shards: list[int], task: Task, least: int) -> Iterator[dict[str, Any]]:
-    """Keep every worker (at least so many) busy with one shard; a shard whose worker died is handed out again."""
+def _from_cluster(
+    client: Any, folder: Path, shards: list[int], task: Task, minimum_slots: int
+) -> Iterator[dict[str, Any]]:
+    """Keep every worker busy with one shard; a shard whose worker died is submitted again."""
     from distributed import as_completed
     from distributed.scheduler import KilledWorker
 
@@ -336,7 +338,7 @@ def _from_cluster(client: Any, folder: Path, shards: list[int], task: Task, leas
         queue.add(future)
 
     def keep_busy() -> None:
-        slots = max(least, sum(client.nthreads().values()))  # workers come and go
+        slots = max(minimum_slots, sum(client.nthreads().values()))  # workers come and go
         for shard in itertools.islice(waiting, max(0, slots - len(futures))):
             submit(shard)
 
@@ -346,11 +348,11 @@ def _from_cluster(client: Any, folder: Path, shards: list[int], task: Task, leas
         try:
             report = future.result()
         except KilledWorker:
-            place = Trace(folder, shard).place()
-            if deaths.count(shard, place) < MAX_DEATHS:
+            frame = Trace(folder, shard).frame()
+            if deaths.count(shard, frame) < MAX_DEATHS:
                 submit(shard)
                 continue
-            where = f"at frame {place}" if place else "before its first frame or after its last"
+            where = f"at frame {frame}" if frame else "before its first frame or after its last"
             report = failed(shard, f"its worker died {MAX_DEATHS} times in a row {where}")
         future.release()
         keep_busy()

@@ -1,4 +1,4 @@
-"""Shards: uncompressed tar files in WebDataset's layout, written whole or not at all, with the place of each member."""
+"""Write shards atomically: uncompressed tar files in WebDataset's layout, with an index of their members."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from evanesce.dataset.produce import Record
 
 @dataclass(frozen=True)
 class Member:
-    """A member of a shard: where its bytes lie in the tar file."""
+    """A member of a shard: offset and size of its bytes in the tar file, and their SHA-256."""
 
     frame: int
     name: str
@@ -28,7 +28,7 @@ class Member:
 
 @dataclass
 class ShardIndex:
-    """What a shard holds.
+    """Index of a shard.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class ShardIndex:
 
 
 class _Hashed:
-    """A binary file that hashes what is written to it."""
+    """A binary file that hashes the bytes written to it."""
 
     def __init__(self, stream: IO[bytes]) -> None:
         self._stream, self.digest, self._at = stream, hashlib.sha256(), 0
@@ -78,7 +78,7 @@ class _Hashed:
 
 
 class ShardWriter:
-    """Writes one shard; it appears under its name only by :meth:`publish`.
+    """Write one shard; :meth:`publish` gives it its name.
 
     Parameters
     ----------
@@ -110,11 +110,11 @@ class ShardWriter:
         self.index.frames.append({"frame": record.frame, "key": key, "trial": record.trial, **record.row})
 
     def quarantine(self, frame: int, trial: int, reason: str) -> None:
-        """Name a frame that could not be made."""
+        """Record a frame that could not be made."""
         self.index.quarantined.append({"frame": frame, "trial": trial, "reason": " ".join(reason.split())[:500]})
 
     def publish(self) -> ShardIndex:
-        """Finish the file and give it its name; then leave its index for the manifest."""
+        """Finish and rename the file; then write its index for the manifest."""
         self._tar.close()
         self._stream.flush()
         os.fsync(self._stream.fileno())
@@ -127,13 +127,13 @@ class ShardWriter:
         return self.index
 
     def __exit__(self, *_: object) -> None:
-        with contextlib.suppress(OSError):  # what is still to be flushed may meet the full disk once more
+        with contextlib.suppress(OSError):  # flushing may fail again on a full disk
             self._stream.close()
         self._part.unlink(missing_ok=True)
 
 
 def index_path(folder: Path, shard: int) -> Path:
-    """Return where a finished shard's index waits for the manifest."""
+    """Return the path of a finished shard's index."""
     return folder / layout.WORK / f"{layout.shard_name(shard)}.json"
 
 

@@ -1,4 +1,4 @@
-"""How good is a slip detector: onset latency, lead before gross slip, false alarms; of series, without images."""
+"""Score slip detectors on time series: detection rate, latency, lead before gross slip, false alarms."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 STICKING = 0.95
-"""Stick ratio above which nothing slips that a detector should tell of: an alarm there is a false one."""
+"""Stick ratio from which on an alarm counts as false."""
 
 
 @dataclass(frozen=True)
 class Series:
-    """One trial as a detector sees it.
+    """Output of a detector on one trial.
 
     Attributes
     ----------
@@ -25,7 +25,7 @@ class Series:
     evidence : ndarray (n,)
         Grows with slip; an alarm is raised where it exceeds the threshold.
     stick_ratio : ndarray (n,)
-        Truth.
+        Ground truth.
     onset_first, onset_gross : float
         [s]; NaN where the trial has none.
     """
@@ -39,22 +39,22 @@ class Series:
 
 @dataclass(frozen=True)
 class Score:
-    """Of a detector on a set of trials.
+    """Scores of a detector on a set of trials.
 
     Attributes
     ----------
     detected : float
-        Share of the trials with gross slip in which an alarm stands no later than it [1].
+        Share of the trials with gross slip that have an alarm no later than it [1].
     latency_s : float
         Median of alarm less first slip, over trials with an alarm after it [s]; NaN without any.
     lead_s : float
         Median of gross slip less alarm, over the detected trials [s]; NaN without any.
     false_per_minute : float
-        Alarms raised while nothing slips, per minute of such frames [1/min].
+        Alarms without slip, per minute of such frames [1/min].
     slides : int
         Trials with gross slip.
     minutes : float
-        Of frames in which nothing slips.
+        Total duration of frames without slip [min].
     """
 
     detected: float
@@ -66,7 +66,7 @@ class Score:
 
 
 def alarms(evidence: Floats, threshold: float, hold: int = 2) -> NDArray[np.int64]:
-    """Return the frames at which an alarm is raised: evidence above the threshold ``hold`` frames running."""
+    """Return the frames of alarms: evidence above the threshold in ``hold`` consecutive frames."""
     above = evidence > threshold
     run = np.zeros(len(above), np.int64)
     for i, high in enumerate(above):
@@ -75,13 +75,13 @@ def alarms(evidence: Floats, threshold: float, hold: int = 2) -> NDArray[np.int6
 
 
 def score(trials: Sequence[Series], threshold: float, hold: int = 2) -> Score:
-    """Return how a detector does at one threshold."""
-    latencies, leads, false, quiet, slides = [], [], 0, 0.0, 0
+    """Return the scores of a detector at one threshold."""
+    latencies, leads, false, without_slip_s, slides = [], [], 0, 0.0, 0
     for trial in trials:
         raised = alarms(trial.evidence, threshold, hold)
         step = float(np.median(np.diff(trial.time)))
         sticking = trial.stick_ratio >= STICKING
-        quiet += float(sticking.sum()) * step
+        without_slip_s += float(sticking.sum()) * step
         false += int(sticking[raised].sum())
         if not np.isfinite(trial.onset_gross):
             continue
@@ -95,14 +95,14 @@ def score(trials: Sequence[Series], threshold: float, hold: int = 2) -> Score:
         detected=len(leads) / slides if slides else float("nan"),
         latency_s=float(np.median(latencies)) if latencies else float("nan"),
         lead_s=float(np.median(leads)) if leads else float("nan"),
-        false_per_minute=60.0 * false / quiet if quiet else float("nan"),
+        false_per_minute=60.0 * false / without_slip_s if without_slip_s else float("nan"),
         slides=slides,
-        minutes=quiet / 60.0,
+        minutes=without_slip_s / 60.0,
     )
 
 
 def choose_threshold(trials: Sequence[Series], allowed_per_minute: float, hold: int = 2) -> float:
-    """Return the threshold that detects most within a budget of false alarms; of equals, that of the longest lead."""
+    """Return the threshold of the highest detection rate within a rate of false alarms; of equals, the longest lead."""
     every = np.concatenate([trial.evidence for trial in trials])
     candidates = np.unique(np.quantile(every[np.isfinite(every)], np.linspace(0.02, 1.0, 197)))
     best, chosen = (-1.0, -np.inf), float(candidates[-1])

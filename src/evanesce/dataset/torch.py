@@ -1,4 +1,4 @@
-"""PyTorch's views of a dataset. PyTorch is imported here and nowhere else; the rest of the room does without."""
+"""PyTorch datasets. The only module of the package that imports PyTorch."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def tensors(sample: Sample) -> dict[str, Any]:
     dict
         ``frame`` uint8 (1, rows, cols) [DN]; ``state`` int64 (rows, cols); ``labels`` float32 (channels, rows, cols) in
         the order of :data:`evanesce.dataset.labels.CHANNELS` (the gap is NaN where nothing is near); ``scalars``
-        float32 in the order of :data:`evanesce.dataset.trial.SCALARS`; ``index`` int; where raw frames were kept,
+        float32 in the order of :data:`evanesce.dataset.trial.SCALARS`; ``index`` int; where raw frames are stored,
         ``raw`` int32 (1, rows, cols) [DN].
 
     """
@@ -42,7 +42,7 @@ def tensors(sample: Sample) -> dict[str, Any]:
 
 
 class FrameDataset(TorchDataset):
-    """Random access by index.
+    """Frames by index.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class FrameDataset(TorchDataset):
     transform : callable, optional
         ``transform(Sample) -> anything``; :func:`tensors` by default.
     check : bool
-        Compare each member with its SHA-256 as it is read.
+        Compare each member with its SHA-256 when it is read.
     """
 
     def __init__(
@@ -67,7 +67,10 @@ class FrameDataset(TorchDataset):
 
 
 class FrameStream(IterableDataset):
-    """Frames in the order of the shards, each worker of a DataLoader with shards of its own; parameters as above."""
+    """Iteration in the order of the shards; each worker of a DataLoader reads its own shards.
+
+    Parameters as for :class:`FrameDataset`.
+    """
 
     def __init__(
         self, folder: str | Path, *, split: str | None = None, transform: Transform = tensors, check: bool = False

@@ -1,7 +1,7 @@
-"""From a plan to the truth of every frame of a trial: contact states, slip velocities and scalars.
+"""Compute the ground truth of every frame of a trial from its plan: contact states, slip velocities and scalars.
 
-The physics is that of :mod:`evanesce.contact`: the scene's contact law, partial slip with its whole history, ridges
-carried by the skin, torsion. A frame's state is computed when it is asked for.
+The physics is that of :mod:`evanesce.contact`: the scene's contact law, partial slip with its history, ridges carried
+by the skin, torsion. A frame's state is computed on demand.
 """
 
 from __future__ import annotations
@@ -15,18 +15,21 @@ from numpy.typing import NDArray
 
 from evanesce.contact.analytic.partial_slip import tangential_modulus
 from evanesce.contact.analytic.roughness import persson_contact_fraction
+from evanesce.contact.laws import smooth_contact
 from evanesce.contact.patch import AxisymmetricContact
-from evanesce.contact.ridges.ridged_slide import with_ridges
-from evanesce.contact.sliding.friction import InterfaceFriction, area_loss_for, tilted_compliance
+from evanesce.contact.ridges.ridged import with_ridges
+from evanesce.contact.sliding.area_loss import area_loss_for
+from evanesce.contact.sliding.shaft import tilted_compliance
 from evanesce.contact.sliding.solver import Slide, march
 from evanesce.contact.sliding.states import SlideStates, SlideView
 from evanesce.contact.sliding.torsion import Twist, sliding_torque, twisted, twisted_state
-from evanesce.contact.solve import ridge_row, smooth_contact
+from evanesce.contact.solve import ridge_row
 from evanesce.core.states import ContactState, PlateGrid
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.design import TrialPlan
 from evanesce.dataset.programme import Sampled, sample_programme
 from evanesce.materials import material
+from evanesce.materials.friction import InterfaceFriction
 from evanesce.rig import Scene
 
 Floats = NDArray[np.float64]
@@ -37,7 +40,7 @@ LIFTED_N = 1e-6
 
 @dataclass(frozen=True)
 class FrameTruth:
-    """Truth of one frame.
+    """Ground truth of one frame.
 
     Attributes
     ----------
@@ -55,24 +58,24 @@ class FrameTruth:
 
 
 class Trial:
-    """The truth of a trial.
+    """Ground truth of a trial.
 
     Parameters
     ----------
     plan : TrialPlan
     config : DatasetConfig
     scene : Scene
-        The rig, after its effects: finger and plate as they are.
+        The rig with its effects applied.
     grid : PlateGrid
     load : callable, optional
-        ``load(frame, time_s, force_N) -> force_N``: what really pressed, where the rig falsifies it.
+        ``load(frame, time_s, force_N) -> force_N``: actual normal force for a commanded one.
 
     Attributes
     ----------
     time : ndarray (n,)
         [s].
     onset_first_slip_s, onset_gross_slip_s : float
-        NaN where it does not happen.
+        NaN where it does not occur.
     """
 
     def __init__(
@@ -93,9 +96,9 @@ class Trial:
         series = 1.0 / (1.0 / (2.0 * contact.contact_radius * shear) + 1.0 / self._shaft)
         sampled = sample_programme(plan, config.trial, series)
         if load is not None:
-            told = zip(sampled.time.tolist(), sampled.force.tolist(), strict=True)
-            real = [load(i, t, f) if f > LIFTED_N else 0.0 for i, (t, f) in enumerate(told)]
-            sampled = replace(sampled, force=np.maximum(np.array(real), 0.0))
+            commanded = zip(sampled.time.tolist(), sampled.force.tolist(), strict=True)
+            actual = [load(i, t, f) if f > LIFTED_N else 0.0 for i, (t, f) in enumerate(commanded)]
+            sampled = replace(sampled, force=np.maximum(np.array(actual), 0.0))
         self._sampled: Sampled = sampled
         self.time = sampled.time
         self._slide, self._rates = self._march(shear)
@@ -115,12 +118,12 @@ class Trial:
         if self._twists is not None and self._twists[i] is not None:
             smooth, velocity = self._twisted(i)
         else:
-            place = int(self._sampled.place[i])
-            smooth, velocity = self._states[place][i], np.asarray(self._velocity[place][i].slip, dtype=float)
+            at = int(self._sampled.placement[i])
+            smooth, velocity = self._states[at][i], np.asarray(self._velocity[at][i].slip, dtype=float)
         state = smooth
         if self._ridges is not None:
             drift = self._outer_slip(i)
-            origin = self._origin(int(self._sampled.place[i]))
+            origin = self._origin(int(self._sampled.placement[i]))
             state = with_ridges(
                 smooth, self._ridges, self._modulus, origin=origin, outer_slip=drift,
                 near_gap=self.config.labels.near_gap_mm,
@@ -131,13 +134,13 @@ class Trial:
             state = replace(state, real_contact_fraction=persson_contact_fraction(state.pressure, self._modulus, slope))
         return FrameTruth(state, velocity, self._scalars(i, state))
 
-    # --- how it is made ----------------------------------------------------------------------------------------------
+    # --- solution ----------------------------------------------------------------------------------------------------
 
     def _contact(self, force: float) -> AxisymmetricContact:
         return smooth_contact(self.scene, max(force, 0.0))[0]
 
     def _march(self, shear: float) -> tuple[Slide, Slide]:
-        """Return the slide, and the same with slip velocities in the place of slips."""
+        """Return the slide, and the same with slip velocities instead of slips."""
         s, plan = self._sampled, self.plan
         known = {f: self._contact(f) for f in dict.fromkeys(s.force.tolist())}
         contacts = [known[f] for f in s.force.tolist()]
@@ -151,19 +154,21 @@ class Trial:
             rates.append(replace(now, spring_slip=moved / (now.time - before.time)))
         return slide, Slide(tuple(rates), slide.edges)
 
-    def _origin(self, place: int) -> tuple[float, float]:
-        """Return where the tip first rests [mm]: so far back that a slide passes the finger's position half way."""
+    def _origin(self, placement: int) -> tuple[float, float]:
+        """Return the position of the tip before sliding [mm], so that a slide passes the finger's position half way."""
         p, (x, y) = self.plan.programme, self.scene.finger.position_mm
         angle = math.radians(p["direction_deg"])
         back = 0.5 * p["distance_mm"] if self.plan.kind == "slide" else 0.0
-        shift = p["shift_mm"] if place else 0.0
+        shift = p["shift_mm"] if placement else 0.0
         return x - back * math.cos(angle) + shift, y - back * math.sin(angle) - 0.5 * shift
 
     def _views(self) -> tuple[list[SlideStates], list[SlideStates]]:
         direction = math.radians(self.plan.programme["direction_deg"])
         states, velocities = [], []
-        for place in range(int(self._sampled.place.max()) + 1):
-            view = SlideView(centre=self._origin(place), direction=direction, near_gap=self.config.labels.near_gap_mm)
+        for placement in range(int(self._sampled.placement.max()) + 1):
+            view = SlideView(
+                centre=self._origin(placement), direction=direction, near_gap=self.config.labels.near_gap_mm
+            )
             states.append(SlideStates(self._slide, self.grid, view, law="hertz+sliding"))
             velocities.append(SlideStates(self._rates, self.grid, view, law="hertz+sliding"))
         return states, velocities
@@ -214,7 +219,7 @@ class Trial:
         return ratios
 
     def _onsets(self) -> tuple[float, float]:
-        """Return when more than ``first_slip_share`` of the contact slips, and when all of it does [s]."""
+        """Return the times at which ``first_slip_share`` of the contact and all of it slips [s]."""
         held = self._sampled.force > LIFTED_N
         slipping = np.where(held, 1.0 - self._ratio, 0.0)
         found = []
@@ -272,20 +277,20 @@ MEANINGS = {
     "stick_ratio": "share of the contact that sticks; 1 where the finger is lifted (Fz_N = 0): nothing slips",
     "margin": "|Ft| / (mu Fn), or the same of the torque; 0 where the finger is lifted",
 }
-"""What a number does not tell by its name."""
+"""Meanings of numbers beyond their names."""
 
 
 def areas(state: ContactState) -> dict[str, float]:
-    """Return nominal and real area of a contact, as they stand among the scalars."""
+    """Return nominal and real area of a contact, by their names among the scalars."""
     nominal = real = float(state.nominal_contact_area)
     if state.real_contact_fraction is not None:
-        touching = np.asarray(state.contact_mask) * np.asarray(state.real_contact_fraction)
-        real = float(touching.sum()) * state.grid.pitch**2
+        fraction = np.asarray(state.contact_mask) * np.asarray(state.real_contact_fraction)
+        real = float(fraction.sum()) * state.grid.pitch**2
     return {"nominal_area_mm2": nominal, "real_area_mm2": real}
 
 
 def _interface(plan: TrialPlan, contact: AxisymmetricContact) -> InterfaceFriction:
-    """Split a friction coefficient at the held load into the pressure's and the area's share: tau0 + alpha p."""
+    """Return the interface tau0 + alpha p of a friction coefficient at the held load."""
     f = plan.friction
     mean = contact.normal_force / (math.pi * contact.contact_radius**2)
     return InterfaceFriction(

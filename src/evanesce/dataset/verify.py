@@ -1,4 +1,4 @@
-"""Is a dataset what its manifest says, byte by byte? Names every bad frame; reads each shard once."""
+"""Verify a dataset against its manifest byte by byte; names every bad frame, reads each shard once."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ CHUNK = 8 << 20
 
 @dataclass(frozen=True)
 class Fault:
-    """What is wrong, and where.
+    """A fault of a dataset.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class Fault:
         Relative to the dataset.
     what : str
     frames : tuple of str
-        Keys of the frames that cannot be trusted; empty where no frame is touched.
+        Keys of the frames that cannot be trusted; empty where no frame is affected.
     """
 
     file: str
@@ -41,7 +41,7 @@ class Fault:
 
 @dataclass
 class Report:
-    """Result of a check."""
+    """Result of a verification."""
 
     faults: list[Fault] = field(default_factory=list)
     quarantined: list[dict[str, Any]] = field(default_factory=list)
@@ -52,7 +52,7 @@ class Report:
 
     @property
     def good(self) -> bool:
-        """Whether nothing is wrong."""
+        """Whether there is no fault."""
         return not self.faults
 
     @property
@@ -64,21 +64,21 @@ class Report:
 def verify(folder: Path, *, threads: int = 2, on_shard: Callable[[int], None] | None = None) -> Report:
     """Check a finished dataset.
 
-    Every byte of every shard is hashed against the manifest, and each member by itself if the whole does not fit; the
-    manifest against SQLite's own check and the description; schema and data card against what they have to be.
+    Every shard is compared with its SHA-256 in the manifest, and each member if the shard differs; the manifest is
+    checked by SQLite and against the description, the other files by their checksums.
 
     Parameters
     ----------
     folder : Path
     threads : int
-        Shards hashed at a time; hashing leaves the interpreter free.
+        Number of shards hashed in parallel.
     on_shard : callable, optional
-        Called with the bytes of each shard that is done.
+        Called with the size of each verified shard [bytes].
 
     Raises
     ------
     InputError
-        If there is no dataset to check: no description or no manifest that could be read.
+        If description or manifest cannot be read.
     """
     start = time.perf_counter()
     job = load_job(folder)
@@ -111,7 +111,7 @@ def verify(folder: Path, *, threads: int = 2, on_shard: Callable[[int], None] | 
 
 
 def _fits(folder: Path, row: dict[str, Any]) -> str | None:
-    """Return what is wrong with a shard as a whole; None if nothing."""
+    """Return the fault of a shard as a file; None if there is none."""
     path = folder / layout.SHARDS / row["file"]
     if not layout.is_shard_name(row["file"]):
         return "the manifest names no shard"
@@ -131,7 +131,7 @@ def _fits(folder: Path, row: dict[str, Any]) -> str | None:
 
 
 def _name_frames(folder: Path, manifest: Manifest, row: dict[str, Any], keys: list[str], what: str) -> Iterator[Fault]:
-    """Yield the faults of a shard that does not fit: each bad frame where the file can be read, else all of them."""
+    """Yield the fault of a shard with its bad frames, or with all frames if it cannot be read."""
     name = f"{layout.SHARDS}/{row['file']}"
     bad = set()
     try:
@@ -145,17 +145,19 @@ def _name_frames(folder: Path, manifest: Manifest, row: dict[str, Any], keys: li
                     bad.add(layout.frame_key(member.frame))
     except (OSError, ValueError):
         bad = set(keys)
-    yield Fault(name, what if bad else f"{what}, but every member fits: the archive's own bytes", tuple(sorted(bad)))
+    yield Fault(
+        name, what if bad else f"{what}, but every member matches: the tar structure differs", tuple(sorted(bad))
+    )
 
 
 def _archive(folder: Path, manifest: Manifest, row: dict[str, Any]) -> Iterator[Fault]:
-    """Yield the members of a shard whose tar headers are not what the manifest says: checksums alone could be new."""
+    """Yield the members of a shard whose tar headers differ from the manifest; checksums alone could be forged."""
     if not layout.is_shard_name(row["file"]):
-        return  # told already
+        return  # reported already
     try:
         handle = open_shard(folder, row["file"])
     except OSError:
-        return  # told already
+        return  # reported already
     try:
         for member, what in archive_faults(handle, manifest.members_of_shard(row["shard"]), row["size"]):
             key = () if member is None else (layout.frame_key(member.frame),)
@@ -165,7 +167,7 @@ def _archive(folder: Path, manifest: Manifest, row: dict[str, Any]) -> Iterator[
 
 
 def _manifest_faults(folder: Path, job: Job, manifest: Manifest) -> Iterator[Fault]:
-    """Yield what the manifest itself has wrong."""
+    """Yield the faults of the manifest."""
     if fault := manifest.fault():
         yield Fault(layout.MANIFEST, fault)
     meta = manifest.meta()
@@ -175,7 +177,7 @@ def _manifest_faults(folder: Path, job: Job, manifest: Manifest) -> Iterator[Fau
         yield Fault(layout.MANIFEST, "not finished: `resume` finishes it")
         return
     if meta.get("content_sha256") != manifest.content_digest():
-        yield Fault(layout.MANIFEST, "its rows are not those that were sealed")
+        yield Fault(layout.MANIFEST, "its rows differ from those that were sealed")
     for row in manifest.frames():
         if row["key"] != layout.frame_key(row["frame"]):
             yield Fault(layout.MANIFEST, f"names the frame {row['key'][:80]!r}", (layout.frame_key(row["frame"]),))
@@ -186,7 +188,7 @@ def _manifest_faults(folder: Path, job: Job, manifest: Manifest) -> Iterator[Fau
 
 
 def _strays(folder: Path, rows: dict[int, dict[str, Any]]) -> Iterator[Fault]:
-    """Yield files among the shards that the manifest does not know."""
+    """Yield files among the shards that are not in the manifest."""
     known = {row["file"] for row in rows.values()}
     for path in sorted((folder / layout.SHARDS).iterdir()) if (folder / layout.SHARDS).is_dir() else []:
         if path.name not in known:
@@ -194,7 +196,7 @@ def _strays(folder: Path, rows: dict[int, dict[str, Any]]) -> Iterator[Fault]:
 
 
 def _side_files(folder: Path, manifest: Manifest) -> Iterator[Fault]:
-    """Yield what is wrong with the files beside the manifest, by their checksums."""
+    """Yield the faults of the files beside the manifest, by their checksums."""
     if manifest.meta().get("sealed") != "1":
         return
     try:
@@ -204,12 +206,12 @@ def _side_files(folder: Path, manifest: Manifest) -> Iterator[Fault]:
         yield Fault(layout.SUMS, f"a file is missing or cannot be read: {error.filename}")
         return
     if found != wanted:
-        yield Fault(layout.SUMS, "does not fit: it, the description, the manifest, schema or card was changed")
+        yield Fault(layout.SUMS, "does not match: it, the description, the manifest, schema or data card was changed")
 
 
 def checksums(folder: Path, manifest: Manifest) -> bytes:
-    """Return what stands in ``SHA256SUMS``, which `sha256sum -c` reads: small files as they are, shards as entered."""
-    small = (layout.CARD, layout.DESCRIPTION, layout.MANIFEST, layout.SCHEMA)
+    """Return the content of ``SHA256SUMS``: small files as they are on disk, shards by the manifest."""
+    small = (layout.DATA_CARD, layout.DESCRIPTION, layout.MANIFEST, layout.SCHEMA)
     lines = [f"{file_sha256(folder / name)}  {name}\n" for name in small]
     lines += [f"{row['sha256']}  {layout.SHARDS}/{row['file']}\n" for row in manifest.shards().values()]
     return "".join(lines).encode()

@@ -1,8 +1,8 @@
-"""One task: one shard, made whole or not at all, by any process at any time; the same shard twice is the same bytes.
+"""Make one shard atomically, in any process; the same shard has the same bytes every time.
 
-A frame that raises is quarantined with its reason. A frame that ends the process cannot be caught: before each frame
-its number is left in a file, and a task that finds the trace of a dead one twice at the same frame first makes that
-frame in a process of its own, to see with certainty whether it is the frame that kills.
+A frame that raises is quarantined with its reason. A frame that ends the process cannot be caught: the number of the
+present frame is kept in a file, and after two deaths at one frame that frame is made in a separate process, to
+determine whether it is fatal.
 """
 
 from __future__ import annotations
@@ -24,45 +24,45 @@ from evanesce.dataset.shard import ShardIndex, ShardWriter
 
 DEATHS_BEFORE_PROBE = 2
 PROBES_KILLED = 3
-"""Probes that may end by SIGKILL (memory, or somebody) before the frame itself is blamed."""
+"""Number of probes that end by SIGKILL (lack of memory, or the user) before the frame is regarded as fatal."""
 
 
 def single_threaded() -> None:
-    """Keep libraries to one thread: a worker is one core's worth, and more would only take turns."""
+    """Limit libraries to one thread: each worker uses one core."""
     import cv2
     import OpenEXR
 
-    from evanesce.render.fast import fused
+    from evanesce.render.fast import threads
 
     cv2.setNumThreads(1)
     OpenEXR.set_global_thread_count(0)
-    fused.THREADS = 1  # its pool is made on first use
+    threads.THREADS = 1  # its thread pool is created on first use
 
 
-class _Kept(threading.local):
-    """What a thread keeps for its next shard: a producer works at one trial at a time."""
+class _Cache(threading.local):
+    """Producer of a thread, reused for its next shard."""
 
     key: tuple[Any, ...] = ()
     producer: Producer | None = None
 
 
-_kept = _Kept()
+_cache = _Cache()
 
 
 def _producer(folder: str, digest: str) -> Producer:
     key = (Producer, folder, digest)
-    if _kept.producer is None or _kept.key != key:
-        _kept.producer, _kept.key = Producer(load_job(Path(folder))), key
-    return _kept.producer
+    if _cache.producer is None or _cache.key != key:
+        _cache.producer, _cache.key = Producer(load_job(Path(folder))), key
+    return _cache.producer
 
 
 def forget() -> None:
-    """Let the next shard of this thread be made by a new producer."""
-    _kept.producer = None
+    """Discard the producer of this thread."""
+    _cache.producer = None
 
 
 def make_shard(folder: str, shard: int, *, any_versions: bool = False) -> dict[str, Any]:
-    """Make and publish one shard; the task that Dask runs.
+    """Make and publish one shard: the task that Dask runs.
 
     Parameters
     ----------
@@ -70,13 +70,13 @@ def make_shard(folder: str, shard: int, *, any_versions: bool = False) -> dict[s
         The dataset's.
     shard : int
     any_versions : bool
-        Make it although this process has other versions than the one that began the dataset.
+        Make it although this process has other versions than those that the dataset was begun with.
 
     Returns
     -------
     dict
-        ``shard``, ``frames``, ``quarantined`` and ``bytes``: counts only, the arrays stay where they are. ``failed``:
-        why nothing was published, empty if all is well; other shards need not stop for it.
+        ``shard``, ``frames``, ``quarantined`` and ``bytes``: counts only. ``failed``: why nothing was published, else
+        empty; other shards continue.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def make_shard(folder: str, shard: int, *, any_versions: bool = False) -> dict[s
 
 
 class ShardFailed(Exception):
-    """A shard cannot be made, for a reason of its own."""
+    """A shard cannot be made; others may."""
 
 
 def failed(shard: int, reason: str) -> dict[str, Any]:
@@ -110,29 +110,29 @@ def failed(shard: int, reason: str) -> dict[str, Any]:
 
 def _write(folder: Path, job: Job, producer: Producer, shard: int) -> ShardIndex:
     trace = Trace(folder, shard)
-    poison = trace.poisoned()
+    fatal = trace.fatal_frames()
     try:
         with ShardWriter(folder, shard) as writer:
             for trial in job.trials_of(shard):
                 for frame in job.frames_of(trial):
-                    if frame in poison:
-                        writer.quarantine(frame, trial, poison[frame])
+                    if frame in fatal:
+                        writer.quarantine(frame, trial, fatal[frame])
                         continue
                     trace.at(frame)
                     try:
                         record = producer.record(frame)
                     except OSError:
                         raise
-                    except MemoryError:  # of the machine at this time: the frame may well be made another time
+                    except MemoryError:  # the frame may succeed at another time
                         raise ShardFailed(f"not enough memory for frame {layout.frame_key(frame)}") from None
                     except Exception as error:
                         writer.quarantine(frame, trial, f"{type(error).__name__}: {error}")
                         continue
                     writer.add(record)
             if not writer.index.frames:
-                trace.doubt()
+                trace.retry_fatal()
                 raise ShardFailed(f"no frame could be made: {writer.index.quarantined[0]['reason']}")
-            trace.leave()  # a death from here on is not a frame's
+            trace.leave()  # a death from here on is not due to a frame
             index = writer.publish()
         trace.clear()
     finally:
@@ -141,7 +141,7 @@ def _write(folder: Path, job: Job, producer: Producer, shard: int) -> ShardIndex
 
 
 class Trace:
-    """What a task leaves for the next one, should it die."""
+    """Files by which a task recognises that an earlier one died, and at which frame."""
 
     def __init__(self, folder: Path, shard: int) -> None:
         self._folder = folder
@@ -150,59 +150,59 @@ class Trace:
         self._handle: int | None = None
 
     def at(self, frame: int) -> None:
-        """Note which frame is being made; 9 digits, written over each other."""
+        """Record the present frame: 9 digits, overwritten."""
         if self._handle is None:
             self._handle = os.open(self._now, os.O_RDWR | os.O_CREAT, 0o644)
         os.pwrite(self._handle, layout.frame_key(frame).encode(), 0)
 
-    def poisoned(self) -> dict[int, str]:
-        """Return the frames known to kill, after counting the death that the last task may have died."""
+    def fatal_frames(self) -> dict[int, str]:
+        """Return the fatal frames with reasons, after counting a death of the last task."""
         state = self._read()
-        deaths, poison = state["deaths"], state["poison"]
-        if died_at := self.place():
+        deaths, fatal = state["deaths"], state["fatal"]
+        if died_at := self.frame():
             frame = str(int(died_at))
             deaths[frame] = deaths.get(frame, 0) + 1
             self._save(state)
             self._now.unlink(missing_ok=True)
-        for frame in [f for f, count in deaths.items() if count >= DEATHS_BEFORE_PROBE and f not in poison]:
+        for frame in [f for f, count in deaths.items() if count >= DEATHS_BEFORE_PROBE and f not in fatal]:
             reason = probe(self._folder, int(frame))
             if reason:
-                poison[frame] = reason
+                fatal[frame] = reason
             else:
                 deaths[frame] = 0
             self._save(state)
-        return {int(frame): reason for frame, reason in poison.items()}
+        return {int(frame): reason for frame, reason in fatal.items()}
 
-    def place(self) -> str:
-        """Return the key of the frame at which the last task died; empty if there is no trace."""
+    def frame(self) -> str:
+        """Return the key of the frame at which the last task died; empty if none did."""
         with contextlib.suppress(OSError, ValueError):
             found = self._now.read_text()
             if len(found) == len(layout.frame_key(0)) and found.isdigit():
                 return found
         return ""
 
-    def doubt(self) -> None:
-        """No frame is left: the next task tries all those again that killed, in processes of their own."""
+    def retry_fatal(self) -> None:
+        """Let the next task probe all fatal frames again: no frame of the shard could be made."""
         state = self._read()
-        if state["poison"]:
-            self._save({"deaths": dict.fromkeys(state["poison"], DEATHS_BEFORE_PROBE), "poison": {}})
+        if state["fatal"]:
+            self._save({"deaths": dict.fromkeys(state["fatal"], DEATHS_BEFORE_PROBE), "fatal": {}})
 
     def leave(self) -> None:
-        """End without having died."""
+        """Remove the record of the present frame."""
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None
         self._now.unlink(missing_ok=True)
 
     def clear(self) -> None:
-        """Forget: the shard is published."""
+        """Remove the record of deaths: the shard is published."""
         self._deaths.unlink(missing_ok=True)
 
     def _read(self) -> dict[str, dict[str, Any]]:
-        with contextlib.suppress(OSError, ValueError):
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
             found = json.loads(self._deaths.read_text())
-            return {"deaths": found["deaths"], "poison": found["poison"]}
-        return {"deaths": {}, "poison": {}}
+            return {"deaths": found["deaths"], "fatal": found["fatal"]}
+        return {"deaths": {}, "fatal": {}}
 
     def _save(self, state: dict[str, Any]) -> None:
         layout.write_json(self._deaths, state)
@@ -216,16 +216,16 @@ def end_with_input():
     os._exit(0)
 threading.Thread(target=end_with_input, daemon=True).start()
 """
-"""Begins a probe, before imports that take seconds: it ends when its standard input closes, whose other end died."""
+"""First lines of a probe, before slow imports: it ends when its standard input closes, because its parent died."""
 
 
 def probe(folder: Path, frame: int) -> str:
-    """Make one frame in a process of its own; return what signal it dies of, empty if it lives."""
+    """Make one frame in a separate process; return the signal that ends it in words, empty if none does."""
     code = _UNTIL_ORPHANED + f"from evanesce.dataset.worker import probe_main; probe_main({str(folder)!r}, {frame:d})"
     for _ in range(PROBES_KILLED):
         with subprocess.Popen(
             [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        ) as process:  # its input stays open while this process lives, which is how it knows
+        ) as process:  # its input stays open while this process lives
             try:
                 status = process.wait()
             except BaseException:
@@ -240,7 +240,7 @@ def probe(folder: Path, frame: int) -> str:
 
 
 def probe_main(folder: str, frame: int) -> None:
-    """Make one frame and throw it away; an exception is not what a probe looks for."""
+    """Make one frame and discard it; exceptions are ignored, since they do not end a worker."""
     single_threaded()
     with contextlib.suppress(Exception):
         Producer(load_job(Path(folder))).record(frame)

@@ -1,4 +1,4 @@
-"""One design: all its objectives, or the reason why there can be no such rig. Plain data in and out."""
+"""Evaluate one design: all its objectives, or the reason why it is infeasible. Plain data in and out."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 
 from evanesce.chain.simulate import solve_contact
 from evanesce.core.errors import InputError
-from evanesce.design.objective import light_up, prepared, samples, summary
+from evanesce.design.objective import prepare_fields, prepared, samples, summary
 from evanesce.design.parts import PartsTable
 from evanesce.design.question import Design, Question, on_case
 from evanesce.design.secondary import figures
 from evanesce.design.uncertainty import uncertainty_of
-from evanesce.design.vary import design_at
+from evanesce.design.variables import design_at
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
 from evanesce.rig.load import validate
@@ -25,7 +25,7 @@ HALF = 0.5
 
 
 def plain_job(base: Design, question: Question, parts: PartsTable | None) -> dict[str, Any]:
-    """Return what every trial needs, as plain data that any process can read."""
+    """Return the input of every trial as plain data that any process can read."""
     return {
         "scene": base.scene.as_dict(), "threshold": base.threshold, "min_blob_px": base.min_blob_px,
         "question": question.as_dict(), "parts": None if parts is None else parts.model_dump(mode="json"),
@@ -33,10 +33,10 @@ def plain_job(base: Design, question: Question, parts: PartsTable | None) -> dic
 
 
 def read_job(job: Mapping[str, Any]) -> tuple[Design, Question, PartsTable | None]:
-    """Return what :func:`plain_job` was made of."""
+    """Return base design, question and parts from the data of :func:`plain_job`."""
     scene = validate(Scene, job["scene"], "design")
     asked = dict(job["question"])
-    asked["places_mm"] = tuple((float(x), float(y)) for x, y in asked["places_mm"])
+    asked["positions_mm"] = tuple((float(x), float(y)) for x, y in asked["positions_mm"])
     for key in ("forces_N", "materials"):
         asked[key] = tuple(asked[key])
     parts = None
@@ -49,14 +49,14 @@ def read_job(job: Mapping[str, Any]) -> tuple[Design, Question, PartsTable | Non
 
 
 def evaluate(job: Mapping[str, Any], values: Mapping[str, float]) -> dict[str, Any]:
-    """Return the objectives of a base design with keys set, or ``reason`` why there is no such rig.
+    """Return the objectives of a base design with keys set, or ``reason`` why it is infeasible.
 
     Parameters
     ----------
     job : mapping
         From :func:`plain_job`.
     values : mapping
-        Key -> value, as :func:`~evanesce.design.vary.design_at` takes them.
+        Key -> value, as :func:`~evanesce.design.variables.design_at` takes them.
 
     Returns
     -------
@@ -66,7 +66,7 @@ def evaluate(job: Mapping[str, Any], values: Mapping[str, float]) -> dict[str, A
     Raises
     ------
     WorkError
-        If the work failed for what is no fault of the rig's, such as a full disk.
+        If the work failed for a reason that is not the rig, such as a full disk.
     """
     started = time.monotonic()
     base, question, parts = read_job(job)
@@ -78,7 +78,7 @@ def evaluate(job: Mapping[str, Any], values: Mapping[str, float]) -> dict[str, A
 
 
 def _evaluated(base: Design, design: Design, question: Question, parts: PartsTable | None) -> dict[str, Any]:
-    uncertainty = uncertainty_of(base.scene, question.sizes)
+    uncertainty = uncertainty_of(base.scene, question.standard_deviations)
     irradiance = contact_irradiance(design, question)
     prediction = summary(list(samples(design, question, uncertainty)), question.seed)
     return {
@@ -91,7 +91,7 @@ def _evaluated(base: Design, design: Design, question: Question, parts: PartsTab
 def contact_irradiance(design: Design, question: Question) -> float:
     """Return the mean irradiance of the contact's image as designed, at the first case [W mm^-2]."""
     scene = prepared(design.scene, question)
-    light_up(scene, question)
+    prepare_fields(scene, question)
     case = question.cases[0]
     rig, state = solve_contact(on_case(scene, case), case.force_N, seed=question.seed)
     seen = form_image(render_fast(rig, state), rig.camera, rig.plate).irradiance

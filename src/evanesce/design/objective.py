@@ -1,7 +1,7 @@
-"""Predicted area error of the whole measurement: rigs drawn within their uncertainty, pressed, photographed, measured.
+"""Predicted area error of the whole measurement: rigs drawn within their uncertainty, simulated and measured.
 
-The truth is the contact's own area. The measurement gets what a lab has: frames of its own rig and a calibration from
-printed cards that lie as cards do.
+The ground truth is the area of the solved contact. The measurement gets what a lab has: frames of its own rig and a
+calibration from printed cards with their errors.
 
 References
 ----------
@@ -23,7 +23,7 @@ from evanesce.core import rng
 from evanesce.core.errors import InputError, WorkError
 from evanesce.core.states import Frame
 from evanesce.design.question import Case, Design, Question, coarser_camera, fitted_grid, on_case
-from evanesce.design.uncertainty import Draw, Uncertainty, draw, real_scene, shares, uncertainty_of
+from evanesce.design.uncertainty import Draw, Uncertainty, built_scene, draw, sobol_points, uncertainty_of
 from evanesce.evaluation.calibrated_rig import CardErrors, calibrated, drawn_corners
 from evanesce.measurement.calibration.model import Calibration
 from evanesce.measurement.calibration.rectify import Rectification, rectification, undistort_points
@@ -31,7 +31,7 @@ from evanesce.measurement.reference.area import measure_frame
 from evanesce.measurement.reference.segment import Crop
 from evanesce.measurement.refined.estimator import Estimator
 from evanesce.optics.projection import Projection
-from evanesce.render.fast.sketch import sketch_fields
+from evanesce.render.fast.rig_fields import keep_coarse_fields
 from evanesce.render.fast.transport import render_fast
 from evanesce.render.reference.scene import approach
 from evanesce.rig import Scene
@@ -42,10 +42,10 @@ COVERAGE = 0.95
 BOOTSTRAPS = 1000
 SATURATED_DN = 255
 BLUR_PX = 1.13
-"""Camera's blur that the refined estimator takes for granted, of a whole camera."""
+"""Blur of the camera that the refined estimator assumes, at full resolution."""
 
 LOWEST_APPROACH, HIGHEST_APPROACH = 0.7, 1.3
-"""Drawn fingers are softer or stiffer: range of their approach over that of the stated one."""
+"""Drawn fingers are softer or stiffer: range of their approach over that of the nominal one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +59,7 @@ class Sample:
     case : Case
     true_mm2, measured_mm2 : float
     saturated_share : float
-        Of the true contact's pixels, about: pixels at full scale over the true area in pixels.
+        Pixels at full scale over the true area in pixels.
     """
 
     rig: int
@@ -70,7 +70,7 @@ class Sample:
 
     @property
     def error_percent(self) -> float:
-        """Measured less true area, of the true area [%]."""
+        """Relative error of the measured area [%]."""
         return 100.0 * (self.measured_mm2 / self.true_mm2 - 1.0)
 
     def as_dict(self) -> dict[str, Any]:
@@ -80,7 +80,7 @@ class Sample:
 
 @dataclass(frozen=True, kw_only=True)
 class Prediction:
-    """What a design's measurements would be worth.
+    """Predicted area error of a design.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ class Prediction:
             own = np.array([s.error_percent for s in self.samples if s.case == case])
             rows.append(
                 {
-                    "force_N": case.force_N, "place_mm": list(case.place_mm), "material": case.material,
+                    "force_N": case.force_N, "position_mm": list(case.position_mm), "material": case.material,
                     "rigs": own.size, "mean_percent": float(own.mean()),
                     "standard_deviation_percent": float(own.std(ddof=1)) if own.size > 1 else None,
                     "error_95_percent": percentile(own),
@@ -123,7 +123,7 @@ def percentile_standard(errors: Floats, generator: np.random.Generator, count: i
     Parameters
     ----------
     errors : ndarray (rigs, measurements)
-        A rig's measurements share what it departs by: whole rigs are drawn anew.
+        The measurements of one rig are correlated: whole rigs are resampled.
     generator : numpy.random.Generator
     count : int
 
@@ -153,15 +153,15 @@ def summary(samples: Sequence[Sample], seed: int) -> Prediction:
 
 
 @dataclass(frozen=True)
-class Lab:
-    """The measurement as a lab does it with one drawn rig's calibration.
+class CalibratedMeasurement:
+    """Measurement by the calibration of a design's camera.
 
     Attributes
     ----------
     design : Design
     question : Question
     nominal : Calibration
-        By cards without error, of the camera as the frames have it.
+        By cards without error, of the camera that takes the frames.
     view : Rectification
     """
 
@@ -171,8 +171,8 @@ class Lab:
     view: Rectification
 
     @classmethod
-    def of(cls, design: Design, question: Question, camera: Scene) -> Lab:
-        """Calibrate the camera of a scene (the design's, maybe coarser); once for all drawn rigs."""
+    def of(cls, design: Design, question: Question, camera: Scene) -> CalibratedMeasurement:
+        """Calibrate the camera of a scene (the design's, perhaps with larger pixels); once for all drawn rigs."""
         with _as_reason("the camera cannot be calibrated"):
             found = calibrated(camera, rng.generator(question.seed, "nominal"), CardErrors(corner_noise_px=0.0))
         return cls(design, question, found, rectification(found))
@@ -184,12 +184,12 @@ class Lab:
         ----------
         frame : Frame
         camera : Scene
-            As designed; its card is what the lab believes of it.
+            As designed; its card is nominal.
         drawn : Draw
         generator : numpy.random.Generator
             Of the corners' scatter.
         """
-        factor = self.question.coarser
+        factor = self.question.pixel_factor
         crop = self.crop(camera)
         if self.question.estimator == "reference":
             projection = Projection.of(camera.camera, camera.plate)
@@ -200,19 +200,19 @@ class Lab:
 
     def refined(self, camera: Scene, drawn: Draw, generator: np.random.Generator) -> Estimator:
         """Return the refined estimator by a calibration with a draw's card errors; parameters as for :meth:`area`."""
-        factor = self.question.coarser
+        factor = self.question.pixel_factor
         errors = replace(drawn.cards, corner_noise_px=drawn.cards.corner_noise_px / factor)
         corners = drawn_corners(camera, errors, generator)
         calibration = replace(self.nominal, details={**self.nominal.details, "corners": corners})
         return Estimator.of(calibration, blur_px=BLUR_PX / factor, crop=self.crop(camera))
 
     def crop(self, camera: Scene) -> Crop:
-        """Return the square about the finger's place, of the undistorted view or, refined, of the frame as taken.
+        """Return the square about the finger's position, of the undistorted view or, refined, of the frame as taken.
 
         Raises
         ------
         InputError
-            If the place is not in the picture.
+            If the position is not in the frame.
         """
         x, y = camera.finger.position_mm
         ((col, row),) = self.to_view(camera, np.array([x]), np.array([y]))
@@ -222,16 +222,16 @@ class Lab:
         c0, c1 = (int(np.clip(p, 0, cols)) for p in (col - reach, col + reach + 1))
         if not (0 <= row < rows and 0 <= col < cols and r1 > r0 and c1 > c0):
             raise InputError(
-                f"the place ({x:g}, {y:g}) mm is not in the picture", key="--place",
-                allowed=f"what {cols / camera.camera.scale_px_per_mm:.3g} x"
-                f" {rows / camera.camera.scale_px_per_mm:.3g} mm show",
+                f"the position ({x:g}, {y:g}) mm is not in the frame", key="loads.positions_mm",
+                allowed=f"within the {cols / camera.camera.scale_px_per_mm:.3g} x"
+                f" {rows / camera.camera.scale_px_per_mm:.3g} mm of the frame",
             )  # fmt: skip
         return Crop(r0, r1, c0, c1)
 
     def to_view(self, camera: Scene, x: Floats, y: Floats) -> Floats:
         """Return (column, row) of plate points [mm] in what is measured: the undistorted view or, refined, the frame.
 
-        By the calibration's own camera matrix: of one flat card it knows the product of focal length and distance only.
+        By the calibration's camera matrix: one flat card determines only the product of focal length and distance.
         """
         u, v = Projection.of(camera.camera, camera.plate).to_image(x, y)
         seen = np.stack([u, v], axis=-1)
@@ -242,7 +242,7 @@ class Lab:
 
 
 def reference_scale(nominal: Calibration, drawn: Draw, distance_mm: float, factor: int = 1) -> float:
-    """Return the area per pixel [mm^2] that a lab gets from its square card as that was printed, lies and is cut.
+    """Return the area per pixel [mm^2] by a square card with the errors of its print, height and edge.
 
     Parameters
     ----------
@@ -250,10 +250,10 @@ def reference_scale(nominal: Calibration, drawn: Draw, distance_mm: float, facto
         By a perfect card.
     drawn : Draw
     distance_mm : float
-        From the lens to the contact plane as it appears through the glass; a calibration by one flat card does not tell
-        it.
+        From the lens to the contact plane as it appears through the glass; a calibration by one flat card does not
+        determine it.
     factor : int
-        By which pixels are larger than the scene's camera has them.
+        Pixel pitch over that of the scene's camera.
     """
     if nominal.mm2_per_px is None or nominal.square_side_mm is None:
         raise ValueError("the calibration holds no scale")
@@ -268,7 +268,7 @@ def reference_scale(nominal: Calibration, drawn: Draw, distance_mm: float, facto
 
 @contextmanager
 def _as_reason(what: str) -> Iterator[None]:
-    """Tell of a solver that fails as of a rig that cannot be: solvers write nothing, so no disk is at fault."""
+    """Report a solver that fails as an infeasible rig: solvers write nothing, so that no disk is the cause."""
     try:
         yield
     except WorkError as error:
@@ -281,16 +281,16 @@ def contact_radius(scene: Scene, case: Case, seed: int) -> float:
     Raises
     ------
     InputError
-        If that disc reaches over the plate's edge: there is no glass to press on, and none to look through.
+        If that disc reaches over the plate's edge.
     """
     with _as_reason(f"the finger cannot be pressed by {case.name}"):
         state = solve_contact(on_case(scene, case), case.force_N, seed=seed)[1]
     assert state is not None
     radius = float(np.sqrt(state.nominal_contact_area / np.pi))
-    for at, length, axis in zip(case.place_mm, scene.plate.size_mm, "xy", strict=True):
+    for at, length, axis in zip(case.position_mm, scene.plate.size_mm, "xy", strict=True):
         if not abs(at) + radius < length / 2:
             raise InputError(
-                f"the contact of {case.name} reaches over the plate's edge", key="--place",
+                f"the contact of {case.name} reaches over the plate's edge", key="loads.positions_mm",
                 allowed=f"{axis} within ±{max(0.0, length / 2 - radius):.3g} mm for a radius of {radius:.3g} mm",
             )  # fmt: skip
     return radius
@@ -305,56 +305,63 @@ def prepared(scene: Scene, question: Question) -> Scene:
         If a contact reaches over the plate's edge.
     """
     radius = max(contact_radius(scene, case, question.seed) for case in question.cases)
-    return fitted_grid(coarser_camera(scene, question.coarser), HIGHEST_APPROACH * radius)
+    return fitted_grid(coarser_camera(scene, question.pixel_factor), HIGHEST_APPROACH * radius)
 
 
-def light_up(scene: Scene, question: Question) -> None:
-    """Compute the fields of every place of a question, with a coarse flank; kept in this process."""
-    for place in question.places_mm:
+def prepare_fields(scene: Scene, question: Question) -> None:
+    """Compute the light fields at every position of a question, with a coarse flank; cached in this process."""
+    for position in question.positions_mm:
         depths = []
         for case in question.cases:
-            if case.place_mm == place:
+            if case.position_mm == position:
                 rig, state = solve_contact(on_case(scene, case), case.force_N, seed=question.seed)
                 assert state is not None
                 depth = approach(state, rig.finger)
                 depths += [LOWEST_APPROACH * depth, HIGHEST_APPROACH * depth]
-        sketch_fields(rig, tuple(depths))
+        keep_coarse_fields(rig, tuple(depths))
 
 
 def measured(
-    lab: Lab, scene: Scene, drawn: Draw, rig: int, case: Case, *, render: Render = render_fast, **options: Any
+    measurement: CalibratedMeasurement,
+    scene: Scene,
+    drawn: Draw,
+    rig: int,
+    case: Case,
+    *,
+    render: Render = render_fast,
+    **options: Any,
 ) -> tuple[Sample, SimulatedFrame]:
-    """Press one drawn rig, photograph it and measure.
+    """Simulate the frame of one drawn rig and measure it.
 
     Parameters
     ----------
-    lab : Lab
+    measurement : CalibratedMeasurement
     scene : Scene
         From :func:`prepared`.
     drawn : Draw
     rig : int
-        Number of the draw: its specks, dead LEDs and noise.
+        Number of the draw: it seeds specks, dead LEDs and noise.
     case : Case
     render : callable
         :func:`~evanesce.render.fast.transport.render_fast` or the path tracer.
     **options
         Of the renderer.
     """
-    seed = rng.integer_seed(lab.question.seed, "rig", rig)
+    seed = rng.integer_seed(measurement.question.seed, "rig", rig)
     with _as_reason(f"drawn rig {rig} cannot be pressed or seen by {case.name}"):
-        shot = simulate(on_case(real_scene(scene, drawn), case), case.force_N, seed=seed, render=render, **options)
+        shot = simulate(on_case(built_scene(scene, drawn), case), case.force_N, seed=seed, render=render, **options)
     assert shot.state is not None
     true = shot.state.nominal_contact_area
     if not true > 0:
-        raise InputError(f"a drawn rig touches nothing at {case.force_N:g} N", key="--force")
-    area = lab.area(shot.frame, on_case(scene, case), drawn, rng.generator(seed, "corners"))
+        raise InputError(f"a drawn rig has no contact at {case.force_N:g} N", key="loads.forces_N")
+    area = measurement.area(shot.frame, on_case(scene, case), drawn, rng.generator(seed, "corners"))
     full = int(np.count_nonzero(shot.frame.data == SATURATED_DN))
     pixels = true * scene.camera.scale_px_per_mm**2
     return Sample(rig=rig, case=case, true_mm2=true, measured_mm2=area, saturated_share=min(1.0, full / pixels)), shot
 
 
-def allotted(question: Question) -> list[Case]:
-    """Return the case that each drawn rig measures: evenly many each, in an order that knows nothing of the draws."""
+def assigned_cases(question: Question) -> list[Case]:
+    """Return the case that each drawn rig measures: equally many of each, in an order independent of the draws."""
     cases = question.cases
     order = rng.generator(question.seed, "cases").permutation(question.rigs)
     return [cases[k % len(cases)] for k in order]
@@ -372,12 +379,12 @@ def predict(
     uncertainty : Uncertainty, optional
         Of the design's own scene by default; a search gives that of its base scene, so that draws are common.
     every_case : bool
-        Whether each drawn rig measures all cases, for tables by load and place.
+        Whether each drawn rig measures all cases, for tables by load and position.
 
     Raises
     ------
     InputError
-        If such a rig cannot be, cannot be pressed or cannot be calibrated.
+        If such a rig is infeasible: it cannot be built, pressed or calibrated.
     """
     return summary(list(samples(design, question, uncertainty, every_case=every_case)), question.seed)
 
@@ -388,11 +395,11 @@ def samples(
     """Yield the samples of :func:`predict`."""
     scene = prepared(design.scene, question)
     if uncertainty is None:
-        uncertainty = uncertainty_of(design.scene, question.sizes)
-    light_up(scene, question)
-    lab = Lab.of(design, question, scene)
-    cases = [question.cases] * question.rigs if every_case else [(case,) for case in allotted(question)]
-    for number, share in enumerate(shares(uncertainty, question.rigs, question.seed)):
-        drawn = draw(uncertainty, share)
+        uncertainty = uncertainty_of(design.scene, question.standard_deviations)
+    prepare_fields(scene, question)
+    measurement = CalibratedMeasurement.of(design, question, scene)
+    cases = [question.cases] * question.rigs if every_case else [(case,) for case in assigned_cases(question)]
+    for number, point in enumerate(sobol_points(uncertainty, question.rigs, question.seed)):
+        drawn = draw(uncertainty, point)
         for case in cases[number]:
-            yield measured(lab, scene, drawn, number, case)[0]
+            yield measured(measurement, scene, drawn, number, case)[0]

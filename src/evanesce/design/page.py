@@ -1,4 +1,4 @@
-"""Pages of a search over designs: one with the Pareto front, one for each winner."""
+"""Pages of a design search: one with the Pareto front, one for each winner."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import Any
 
 from markupsafe import Markup, escape
 
-from evanesce.design.finish import BASE, Chosen, change, ranked
+from evanesce.design.assessment import BASE, Chosen, change, ranked
 from evanesce.design.parts import parts_of
 from evanesce.design.picture import Shot
 from evanesce.design.plots import cases_figure, frame_figure, label, pareto_figure, tolerance_figure
 from evanesce.design.search import Plan, Trial, pareto
 from evanesce.design.secondary import OBJECTIVES
 from evanesce.design.uncertainty import Uncertainty
-from evanesce.design.vary import design_at, value_of
+from evanesce.design.variables import design_at, value_of
 from evanesce.report.html import Page, Picture, Section, Table, figure_png
 from evanesce.rig import dump_scene
 
@@ -32,14 +32,14 @@ def _percent(found: Mapping[str, Any]) -> str:
 
 
 def half_or_not(plan: Plan, chosen: Sequence[Chosen], found: Found) -> str:
-    """Return in a sentence whether a rig of no more than the base's cost has half its error, on fresh draws."""
+    """Return a sentence: whether a rig within the base's cost has half its error, on rigs drawn anew."""
     base = found[BASE]["assessed"]
     rest = [c for c in chosen if c.name != BASE]
     if plan.parts is not None:
         most = base["figures"]["cost"] * (1 + 1e-9)
         rest = [c for c in rest if found[c.name]["assessed"]["figures"]["cost"] <= most]
     if not rest:
-        return "No rig that keeps all limits costs as little as the one given."
+        return "No feasible rig costs as little as the one given."
     best = min(rest, key=lambda c: found[c.name]["assessed"]["error_percent"])
     own = found[best.name]["assessed"]
     ratio = own["error_percent"] / base["error_percent"]
@@ -65,7 +65,7 @@ def search_page(
     trials : sequence of Trial
     chosen : sequence of Chosen
     found : mapping
-        Of :func:`evanesce.design.finish.study`.
+        Of :func:`evanesce.design.assessment.study`.
     uncertainty : Uncertainty
     base_figures : mapping
         Objectives of the base by the search's own draws.
@@ -96,11 +96,13 @@ def _asked(plan: Plan) -> str:
     ranges = "; ".join(
         f"{v.key} {v.low:g} to {v.high:g}{'' if v.unit == '1' else ' ' + v.unit}"
         f"{f' in steps of {v.step:g}' if v.step else ''}{' (logarithmic)' if v.log else ''}"
-        for v in plan.vary
+        for v in plan.variables
     )
-    cases = f"{', '.join(f'{f:g}' for f in q.forces_N)} N at {len(q.places_mm)} place(s), {', '.join(q.materials)}"
+    cases = (
+        f"{', '.join(f'{f:g}' for f in q.forces_N)} N at {len(q.positions_mm)} position(s), {', '.join(q.materials)}"
+    )
     chain = "the reference segmentation" if q.estimator == "reference" else "the refined estimator"
-    coarse = f", on pixels {q.coarser} times as large as the camera's" if q.coarser > 1 else ""
+    coarse = f", on pixels {q.pixel_factor} times as large as the camera's" if q.pixel_factor > 1 else ""
     return (
         f"Measured by {chain}{coarse}, cropped to ±{q.crop_mm:g} mm about the finger: {cases}. Varied: {ranges}."
         f" Sampler: {plan.sampler}."
@@ -111,14 +113,14 @@ def _front_table(plan: Plan, front: Sequence[Trial]) -> Table:
     names = list(dict.fromkeys([*plan.objectives, *OBJECTIVES]))
     names = [n for n in names if n != "cost" or plan.parts is not None]
     rows = [
-        [f"trial-{t.number}", *(number(t.values[v.key]) for v in plan.vary),
+        [f"trial-{t.number}", *(number(t.values[v.key]) for v in plan.variables),
          *(number(t.figures.get(n, math.nan)) + (f" ± {t.standard_percent:.1f}" if n == "area_error" else "")
            for n in names)]
         for t in front
     ]  # fmt: skip
-    columns = ["design", *(f"{v.key}{'' if v.unit == '1' else f' [{v.unit}]'}" for v in plan.vary),
+    columns = ["design", *(f"{v.key}{'' if v.unit == '1' else f' [{v.unit}]'}" for v in plan.variables),
                *(label(n, plan) for n in names)]  # fmt: skip
-    return Table(columns, rows, "Designs that no other beats in one objective without losing in another.")
+    return Table(columns, rows, "Designs that no other dominates.")
 
 
 def _winners(plan: Plan, chosen: Sequence[Chosen], found: Found) -> Section:
@@ -130,42 +132,48 @@ def _winners(plan: Plan, chosen: Sequence[Chosen], found: Found) -> Section:
         for v in found[c.name].get("verified", []):
             checked += ("; " if checked else "") + verified_words(v)
         price = number(own["figures"]["cost"]) if plan.parts is not None else "–"
-        rows.append([c.name, c.why, _percent(own), price, checked or "not asked for"])
+        rows.append([c.name, c.why, _percent(own), price, checked or "not computed"])
         links.append(Markup('<a href="{0}.html">{0}</a> (<a href="{0}.toml">scene</a>)').format(escape(c.name)))
     table = Table(
-        ["design", "why", "95 % area error, fresh draws", label("cost", plan), "error as drawn, by the reference"],
+        [
+            "design",
+            "why",
+            "95 % area error, rigs drawn anew",
+            label("cost", plan),
+            "error of the nominal rig, path tracer",
+        ],
         rows,
-        "Fresh draws: rigs that the search has not seen, each measuring every case. As drawn: without departures.",
+        "Rigs drawn anew were not used by the search; each measures every case. Nominal: no error of the build.",
     )
     widget = Markup("<p>Pages: {}</p>").format(Markup(", ").join(links))
     return Section("Winners", tables=[table], widget=widget)
 
 
 def verified_words(v: Mapping[str, Any]) -> str:
-    """Return what the reference said of one case."""
+    """Return the path tracer's and the fast renderer's error of one case, for tables."""
     standard = v["reference_standard_percent"]
     noise = f" ± {standard:.2f}" if standard is not None and math.isfinite(standard) else ""
     return f"{v['case']}: {v['reference_mean_percent']:+.2f}{noise} %, fast {v['fast_percent']:+.2f} %"
 
 
 def _limits(chosen: Sequence[Chosen], found: Found) -> Section:
-    """Return what limits the best design."""
+    """Return the section on what limits the best design."""
     best = next((c for c in chosen if c.trial is not None), None)
     if best is None:
-        return Section("What limits it", ["No design keeps all limits."])
+        return Section("What limits it", ["No design is feasible."])
     own = found[best.name]
     rows = ranked(own["tolerances"]["rows"])
     words = [f"{r['name']} ({change(r):.2f} % of the area)" for r in rows[:4]]
     paragraphs = [
-        f"Of {best.name}, one measurement ({own['tolerances']['case']}), each departure alone by one standard"
-        f" deviation: the first to spoil it is {words[0]}, then {', '.join(words[1:])}."
+        f"Of {best.name}, one measurement ({own['tolerances']['case']}), each parameter alone by one standard"
+        f" deviation: the largest change is by {words[0]}, then {', '.join(words[1:])}."
     ]
     if own["without"]:
         base = own["assessed"]["error_percent"]
         parts = ", ".join(f"{w['error_percent']:.1f} % without {w['effect']}" for w in own["without"])
         paragraphs.append(
-            f"Its 95 % error is {base:.1f} % with all departures drawn. Without one effect, all else drawn as"
-            f" before, it would be: {parts}."
+            f"Its 95 % error is {base:.1f} % with all effects drawn. Without one effect, all else drawn"
+            f" as before: {parts}."
         )
     tables = []
     if "sensitivity" in own:
@@ -183,18 +191,18 @@ def _limits(chosen: Sequence[Chosen], found: Found) -> Section:
             )
         )  # fmt: skip
     elif "sensitivity_reason" in own:
-        paragraphs.append(f"No sensitivity: a rig in the box about it cannot be ({own['sensitivity_reason']}).")
+        paragraphs.append(f"No sensitivity: a rig in the box about it is infeasible ({own['sensitivity_reason']}).")
     return Section("What limits the winner", paragraphs, tables=tables)
 
 
 SINGLE = (
-    " One trajectory: each key was moved once, at one place of the box. That is one effect each, not a mean; its noise"
-    " is that of two predicted errors, and how much it depends on the other keys is not known."
+    " One trajectory: each variable was changed once, at one point of the box. That is one effect each, not a mean; its"
+    " noise is that of two predicted errors, and how much it depends on the other variables is not known."
 )
 
 
 def _known(value: float | None) -> str:
-    """Return a spread of which one trajectory tells nothing."""
+    """Return a figure for tables; a dash where one trajectory does not determine it."""
     return "–" if value is None or math.isnan(value) else f"{value:.2f}"
 
 
@@ -202,40 +210,40 @@ def _impossible(plan: Plan, trials: Sequence[Trial]) -> Section:
     rows = []
     for t in trials:
         if not t.feasible:
-            why = t.reason or "breaks " + ", ".join(
+            why = t.reason or "violates " + ", ".join(
                 f"{limit.name} {number(t.figures[limit.name])} (limit {limit.value:g})"
                 for limit in plan.limits
-                if limit.name in t.broken
+                if limit.name in t.violated
             )
-            rows.append([f"trial-{t.number}", why, *(number(t.values[v.key]) for v in plan.vary)])
+            rows.append([f"trial-{t.number}", why, *(number(t.values[v.key]) for v in plan.variables)])
     if not rows:
-        return Section("Rigs that cannot be", ["Every design that was tried can be built and keeps all limits."])
-    columns = ["design", "why not", *(v.key for v in plan.vary)]
-    return Section("Rigs that cannot be", tables=[Table(columns, rows, f"{len(rows)} of {len(trials)} designs.")])
+        return Section("Infeasible designs", ["Every evaluated design is feasible."])
+    columns = ["design", "reason", *(v.key for v in plan.variables)]
+    return Section("Infeasible designs", tables=[Table(columns, rows, f"{len(rows)} of {len(trials)} designs.")])
 
 
 def _uncertainty(u: Uncertainty) -> Section:
-    rows = [[d.name, number(d.candidate.null), number(d.candidate.deviation), d.candidate.unit] for d in u.departures]
+    rows = [[d.name, number(d.candidate.null), number(d.candidate.deviation), d.candidate.unit] for d in u.parameters]
     out = [[name, why] for name, why in u.left_out.items() if why != "not among the stated uncertainties"]
-    out += [[name, "in tolerances only: each draw would need the plate's light anew"]
-            for name in dict.fromkeys(d.effect for d in u.new_light)]  # fmt: skip
-    tables = [Table(["departure", "as stated", "standard deviation", "unit"], rows,
-                    "Drawn for every rig, normal about the stated figure and cut at its bounds; the cards' errors"
-                    " beside them.")]  # fmt: skip
+    out += [[name, "in tolerances only: each draw would need new fields of light"]
+            for name in dict.fromkeys(d.effect for d in u.new_fields)]  # fmt: skip
+    tables = [Table(["parameter", "nominal", "standard deviation", "unit"], rows,
+                    "Drawn for every rig, normal about the nominal figure and truncated at its bounds; errors of the"
+                    " calibration's cards beside them.")]  # fmt: skip
     if out:
-        tables.append(Table(["effect", "why it is not drawn"], out))
-    return Section("How a built rig departs from its drawing", tables=tables)
+        tables.append(Table(["effect", "reason why it is not drawn"], out))
+    return Section("Uncertainty of a built rig", tables=tables)
 
 
 def scene_text(plan: Plan, chosen: Chosen) -> str:
-    """Return a chosen design as a scene's TOML text; what a scene has no key for stands above it as a comment."""
+    """Return a chosen design as a scene's TOML text; what has no key in a scene is a comment above it."""
     design = design_at(plan.base, chosen.values)
     lines = [f"{chosen.name} of a design search: {chosen.why}."]
     if plan.question.estimator == "reference":
         options = f"--threshold {design.threshold!r} --min-blob {design.min_blob_px} --calibration CALIBRATION"
         lines += [
             f"Its errors are those of the reference segmentation with threshold {design.threshold:.4g},"
-            f" least blob {design.min_blob_px} px:",
+            f" minimum blob size {design.min_blob_px} px:",
             f"evanesce measure VIDEO {options}",
             "evanesce render THIS --fast, then",
             f"evanesce compare FOLDER {options}",
@@ -249,14 +257,14 @@ def scene_text(plan: Plan, chosen: Chosen) -> str:
 
 
 def winner_page(plan: Plan, chosen: Chosen, found: Found, shots: Sequence[Shot], provenance: Mapping[str, Any]) -> Page:
-    """Return the page of one chosen design.
+    """Return the page of an assessed design.
 
     Parameters
     ----------
     plan : Plan
     chosen : Chosen
     found : mapping
-        Of :func:`evanesce.design.finish.study`.
+        Of :func:`evanesce.design.assessment.study`.
     shots : sequence of Shot
     provenance : mapping
     """
@@ -270,7 +278,7 @@ def winner_page(plan: Plan, chosen: Chosen, found: Found, shots: Sequence[Shot],
             pictures=[
                 Picture(
                     figure_png(frame_figure(frames, threshold)),
-                    "As drawn, without departures, fast renderer, the camera's own resolution: true outline blue,"
+                    "Nominal rig, fast renderer, the camera's full resolution: true outline blue,"
                     " measured outline orange.",
                 )
             ],
@@ -298,14 +306,14 @@ def winner_page(plan: Plan, chosen: Chosen, found: Found, shots: Sequence[Shot],
 def _errors(plan: Plan, chosen: Chosen, own: Mapping[str, Any], base: Mapping[str, Any]) -> Section:
     figure = cases_figure(own, None if chosen.name == BASE else base)
     rows = [
-        [f"{r['force_N']:g}", f"{r['place_mm'][0]:g}, {r['place_mm'][1]:g}", r["material"], str(r["rigs"]),
+        [f"{r['force_N']:g}", f"{r['position_mm'][0]:g}, {r['position_mm'][1]:g}", r["material"], str(r["rigs"]),
          f"{r['mean_percent']:+.2f}", "–" if r["standard_deviation_percent"] is None
          else f"{r['standard_deviation_percent']:.2f}", f"{r['error_95_percent']:.2f}"]
         for r in own["by_case"]
     ]  # fmt: skip
-    columns = ["force [N]", "place [mm]", "material", "rigs", "mean error [%]", "standard deviation [%]", "95 % [%]"]
-    caption = "Area error by load, place and material; boxes: quartiles, whiskers: 95 %."
-    return Section("Error by load and place", pictures=[Picture(figure_png(figure), caption)],
+    columns = ["force [N]", "position [mm]", "material", "rigs", "mean error [%]", "standard deviation [%]", "95 % [%]"]
+    caption = "Area error by load, position and material; boxes: quartiles, whiskers: 95 %."
+    return Section("Error by load and position", pictures=[Picture(figure_png(figure), caption)],
                    tables=[Table(columns, rows)])  # fmt: skip
 
 
@@ -320,13 +328,13 @@ def _tolerances(found: Mapping[str, Any], own: Mapping[str, Any]) -> Section:
     ]  # fmt: skip
     lines += [[r["name"], number(r["low"]), number(r["high"]), r["unit"], "–", "–", r["reason"]]
               for r in found["rows"] if "reason" in r]  # fmt: skip
-    columns = ["departure", "down", "up", "unit", "error, down [%]", "error, up [%]", "spoils at [standard deviations]"]
+    columns = ["parameter", "down", "up", "unit", "error, down [%]", "error, up [%]", "equal at [standard deviations]"]
     caption = (
-        f"{found['case']}: area error less that of the rig as drawn ({found['error_percent']:+.2f} %), one departure at"
-        " a time. Last: at how many standard deviations, in proportion, it alone makes up the predicted error of"
+        f"{found['case']}: area error less that of the nominal rig ({found['error_percent']:+.2f} %), one parameter at"
+        " a time. Last: at how many standard deviations, in proportion, it alone equals the predicted error of"
         f" {allowed:.1f} %."
     )
-    picture = Picture(figure_png(tolerance_figure(rows)), "Which build error spoils it first.")
+    picture = Picture(figure_png(tolerance_figure(rows)), "Change of one measurement by each parameter.")
     return Section("Tolerances", pictures=[picture], tables=[Table(columns, lines, caption)])
 
 
@@ -339,10 +347,10 @@ def _verified(found: Sequence[Mapping[str, Any]]) -> Section:
             [v["case"], f"{v['true_mm2']:.3f}", str(len(v["reference_percent"])), str(v["samples_per_pixel"]),
              f"{v['reference_mean_percent']:+.2f}", f"{s:.2f}" if known else "–", f"{v['fast_percent']:+.2f}"]
         )  # fmt: skip
-    columns = ["case", "true area [mm²]", "renderings", "paths a pixel", "error, reference [%]", "± its noise [%]",
-               "error, fast renderer [%]"]  # fmt: skip
-    text = "The rig as drawn, no departures, at the camera's own resolution, by the path tracer with seeds of its own."
-    return Section("Verified by the reference", [text], tables=[Table(columns, rows)])
+    columns = ["case", "true area [mm²]", "renderings", "paths per pixel", "error, path tracer [%]",
+               "standard error [%]", "error, fast renderer [%]"]  # fmt: skip
+    text = "The nominal rig at the camera's full resolution, by the path tracer with its own seeds."
+    return Section("Verified by the path tracer", [text], tables=[Table(columns, rows)])
 
 
 def _figures(plan: Plan, chosen: Chosen, own: Mapping[str, Any], base: Mapping[str, Any]) -> Section:
@@ -351,7 +359,7 @@ def _figures(plan: Plan, chosen: Chosen, own: Mapping[str, Any], base: Mapping[s
         [label(n, plan), number(own["figures"][n]), number(base["figures"][n]), OBJECTIVES[n].doc] for n in names
     ]  # fmt: skip
     changed = []
-    for v in plan.vary:
+    for v in plan.variables:
         before = value_of(plan.base, v.key)
         after = chosen.values.get(v.key, before)
         unit = "" if v.unit == "1" else f" [{v.unit}]"

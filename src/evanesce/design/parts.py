@@ -1,4 +1,4 @@
-"""Cost of a rig's parts from a user's table."""
+"""Cost of a rig's parts by a table of prices."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from evanesce.core.errors import InputError
 from evanesce.core.quantities import Strict
 from evanesce.design.question import Design
-from evanesce.design.vary import known_keys, value_of
+from evanesce.design.variables import known_keys, value_of
 from evanesce.optics.led import led_positions
 from evanesce.rig import Scene
 from evanesce.rig.load import validate
@@ -51,7 +51,7 @@ class PartsTable(Strict):
 
 @dataclass(frozen=True)
 class Bought:
-    """One part of a rig: how many of what, and what they cost."""
+    """One part of a rig: its count, unit and price."""
 
     name: str
     count: float
@@ -60,7 +60,7 @@ class Bought:
 
     @property
     def cost(self) -> float:
-        """Of all of them."""
+        """Count times price."""
         return self.count * self.price
 
 
@@ -70,10 +70,10 @@ def read_parts(path: Path, scene: Scene) -> PartsTable:
     Raises
     ------
     InputError
-        If the file is absent, malformed, or names a key that the scene has not.
+        If the file is absent, malformed, or names a key that is not in the scene.
     """
     if not path.is_file():
-        raise InputError("no such file", file=path, key="--parts", allowed="a TOML table of parts")
+        raise InputError("no such file", file=path, key="parts", allowed="a TOML table of parts")
     if path.stat().st_size > MAX_BYTES:
         raise InputError(f"{path.stat().st_size} bytes", file=path, allowed=f"at most {MAX_BYTES} bytes")
     try:
@@ -89,7 +89,7 @@ def read_parts(path: Path, scene: Scene) -> PartsTable:
 
 
 def parts_of(table: PartsTable, design: Design) -> list[Bought]:
-    """Return what a design needs."""
+    """Return the parts of a design."""
     counts = part_counts(design.scene)
     found = []
     for part in table.part:
@@ -105,10 +105,10 @@ def parts_of(table: PartsTable, design: Design) -> list[Bought]:
 
 
 def part_counts(scene: Scene) -> Mapping[str, tuple[float, str]]:
-    """Return how much of each measure a rig has, with its unit."""
+    """Return the count of each measure of a rig, with its unit."""
     width, height = scene.plate.size_mm
     lit = sum(height if edge in ("left", "right") else width for edge in scene.leds.edges)
-    leds = sum(places.size for places in led_positions(scene.plate, scene.leds).values())
+    leds = sum(positions.size for positions in led_positions(scene.plate, scene.leds).values())
     return {
         "rig": (1.0, ""), "led": (float(leds), "LEDs"), "plate_cm2": (width * height / 100.0, "cm²"),
         "edge_cm": (lit / 10.0, "cm"),

@@ -1,4 +1,4 @@
-"""Figures of a search over designs."""
+"""Figures of a design search."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from evanesce.design.finish import Chosen, change
+from evanesce.design.assessment import Chosen, change
 from evanesce.design.search import Plan, Trial, pareto
 from evanesce.design.secondary import OBJECTIVES
 
@@ -20,10 +20,10 @@ BASE_COLOUR, FRONT_COLOUR, OTHER_COLOUR = "#d1242f", "#0969da", "0.65"
 
 LABEL_REACH_PT = (7.0, 16.0, 28.0, 42.0)
 LABEL_WAYS = 8
-LABEL_ROOM = 100
+LABEL_PENALTY = 100
 LEADER = {"arrowstyle": "-", "linewidth": 0.6, "color": "0.4", "shrinkB": 4}
-"""Distances of a name from its point, directions that are tried, what covering another name
-counts in points, and the line to a point that is farther off."""
+"""Distances of a label from its point, number of directions, penalty of an overlap in points covered, and the line
+to a point farther away."""
 
 
 def _figure(width: float, height: float, cols: int = 1) -> tuple[Figure, Any]:
@@ -42,15 +42,15 @@ def label(name: str, plan: Plan) -> str:
 
 
 def pareto_figure(plan: Plan, trials: Sequence[Trial], chosen: Sequence[Chosen], base: Mapping[str, float]) -> Figure:
-    """Return all trials, the Pareto front and the chosen ones: the first objective against each of the others."""
+    """Return the plot of all trials, Pareto front and winners: the first objective against each of the others."""
     first, *others = plan.objectives
     front = {t.number for t in pareto(trials, plan.objectives)}
     figure, axes = _figure(5.6 * max(1, len(others)) + 0.6, 4.6, max(1, len(others)))
     against: list[str | None] = [*others] or [None]
     for panel, other in zip(axes, against, strict=True):
         for group, colour, size, text in (
-            ([t for t in trials if not t.reason and t.broken], "#e0c040", 18, "breaks a limit"),
-            ([t for t in trials if t.feasible and t.number not in front], OTHER_COLOUR, 18, "tried"),
+            ([t for t in trials if not t.reason and t.violated], "#e0c040", 18, "violates a limit"),
+            ([t for t in trials if t.feasible and t.number not in front], OTHER_COLOUR, 18, "evaluated"),
             ([t for t in trials if t.number in front], FRONT_COLOUR, 34, "Pareto front"),
         ):
             if not group:
@@ -71,7 +71,7 @@ def pareto_figure(plan: Plan, trials: Sequence[Trial], chosen: Sequence[Chosen],
         panel.yaxis.set_minor_formatter(NullFormatter())
         panel.grid(alpha=0.3)
     axes[0].legend(frameon=True, fontsize=8)
-    figure.draw_without_rendering()  # places depend on the final layout
+    figure.draw_without_rendering()  # positions depend on the final layout
     figure.set_layout_engine("none")
     for panel, other in zip(axes, against, strict=True):
 
@@ -87,7 +87,7 @@ def pareto_figure(plan: Plan, trials: Sequence[Trial], chosen: Sequence[Chosen],
 def name_points(
     panel: Any, names: Sequence[tuple[str, tuple[float, float]]], drawn: Sequence[tuple[float, float, float]]
 ) -> None:
-    """Write names beside points, each where it hides least: no point, no error bar, no legend, no other name.
+    """Label points, each at the offset that covers fewest points, error bars, labels and parts of the legend.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def name_points(
         With its final limits.
     names : sequence of (text, (x, y))
     drawn : sequence of (x, y, half length of the bar)
-        All points of the panel, those with a name too.
+        All points of the panel, labelled ones included.
     """
     renderer = panel.figure.canvas.get_renderer()
     along = np.linspace(-1.0, 1.0, 9)
@@ -103,23 +103,23 @@ def name_points(
     hidden = panel.transData.transform(spots)
     legend = panel.get_legend()
     taken = [] if legend is None else [legend.get_window_extent(renderer)]
-    room = panel.get_window_extent(renderer)
-    for text, place in names:
+    axes_box = panel.get_window_extent(renderer)
+    for text, point in names:
         tried: list[tuple[int, int, Any, Any]] = []
         for reach in LABEL_REACH_PT:
             for k in range(LABEL_WAYS):
                 angle = np.pi / 4 + 2 * np.pi * k / LABEL_WAYS  # up and to the right first
                 dx, dy = reach * np.cos(angle), reach * np.sin(angle)
                 note = panel.annotate(
-                    text, place, xytext=(dx, dy), textcoords="offset points", fontsize=9, zorder=5,
+                    text, point, xytext=(dx, dy), textcoords="offset points", fontsize=9, zorder=5,
                     ha="left" if dx > 1 else "right" if dx < -1 else "center",
                     va="bottom" if dy > 1 else "top" if dy < -1 else "center",
                     arrowprops=None if reach == LABEL_REACH_PT[0] else LEADER,
                 )  # fmt: skip
                 box = Text.get_window_extent(note, renderer).padded(2.0)  # of the words, without the line to the point
-                covered = int(box.count_contains(hidden)) + LABEL_ROOM * sum(box.overlaps(other) for other in taken)
-                outside = not (room.contains(box.x0, box.y0) and room.contains(box.x1, box.y1))
-                tried.append((covered + LABEL_ROOM * outside, len(tried), note, box))
+                covered = int(box.count_contains(hidden)) + LABEL_PENALTY * sum(box.overlaps(other) for other in taken)
+                outside = not (axes_box.contains(box.x0, box.y0) and axes_box.contains(box.x1, box.y1))
+                tried.append((covered + LABEL_PENALTY * outside, len(tried), note, box))
         best = min(tried, key=lambda one: one[:2])
         for one in tried:
             if one is not best:
@@ -128,7 +128,7 @@ def name_points(
 
 
 def cases_figure(found: Mapping[str, Any], base: Mapping[str, Any] | None) -> Figure:
-    """Return the errors of all drawn rigs by case, a design's beside the base's."""
+    """Return the box plot of all drawn rigs' errors by case, a design's beside the base's."""
     figure, (panel,) = _figure(1.9 * len(found["errors_percent"]) + 2.5, 4.0)
     names = list(found["errors_percent"])
     groups = [("this design", found, FRONT_COLOUR, 0.17)] + ([("as given", base, BASE_COLOUR, -0.17)] if base else [])
@@ -150,7 +150,7 @@ def cases_figure(found: Mapping[str, Any], base: Mapping[str, Any] | None) -> Fi
 
 
 def tolerance_figure(rows: Sequence[Mapping[str, Any]], most: int = 12) -> Figure:
-    """Return what each departure alone does to one measurement, one standard deviation down and up."""
+    """Return the bar chart of one measurement's change by each parameter, one standard deviation down and up."""
     shown = list(rows[:most])[::-1]
     figure, (panel,) = _figure(8.0, 0.34 * len(shown) + 1.2)
     for k, row in enumerate(shown):
@@ -167,7 +167,7 @@ def tolerance_figure(rows: Sequence[Mapping[str, Any]], most: int = 12) -> Figur
 
 
 def frame_figure(frames: Sequence[tuple[str, NDArray[np.uint8], Any]], threshold: float | None) -> Figure:
-    """Return crops of frames with the true outline and the measured one.
+    """Return the plot of measured parts of frames with the true outline and the measured one.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Calls done by Dask's workers, as the trials of a search are."""
+"""Run calls on Dask's workers."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Any
 from evanesce.core.errors import WorkError
 
 MAX_ATTEMPTS = 5
-"""Times that a call's worker may die before the work is given up."""
+"""Number of times that a call's worker may die before the call fails."""
 
 Call = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]
 
 
 def done_by(client: Any, calls: Iterator[Call] | Sequence[Call]) -> Iterator[tuple[int, Any]]:
-    """Yield (number, result) of calls as they end; every worker has one at a time, and the next is asked for late.
+    """Yield (number, result) of calls as they end; every worker has one at a time, and calls are drawn lazily.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Search over designs with Optuna: trials in a SQLite file, so that a killed search goes on where it stopped.
+"""Search over designs with Optuna: trials in a SQLite file, so that an interrupted search resumes.
 
 References
 ----------
@@ -26,7 +26,7 @@ from evanesce.design.parts import PartsTable
 from evanesce.design.processes import Call, done_by
 from evanesce.design.question import Design, Question
 from evanesce.design.secondary import OBJECTIVES
-from evanesce.design.vary import Vary, value_of
+from evanesce.design.variables import DesignVariable, value_of
 
 if TYPE_CHECKING:
     import optuna
@@ -35,31 +35,31 @@ STORE = "trials.sqlite"
 STUDY = "design"
 SAMPLERS = ("tpe", "nsga2")
 PENALTY = 1e9
-"""Told to the sampler in place of figures that a rig that cannot be has not; its constraint says that it cannot be."""
+"""Figure of an infeasible rig, which has none; its constraint marks it as infeasible."""
 
 
 @dataclass(frozen=True)
 class Limit:
-    """An objective's figure that must not be exceeded (or, where more is better, fallen below)."""
+    """Bound of an objective: an upper one, or a lower one where more is better."""
 
     name: str
     value: float
 
     def violation(self, figures: Mapping[str, float]) -> float:
-        """Return by how much figures break the limit, 0 or less where they do not; in the objective's unit."""
+        """Return by how much figures violate the limit, 0 or less where they do not; in the objective's unit."""
         over = figures[self.name] - self.value
         return over if OBJECTIVES[self.name].direction == "minimize" else -over
 
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """A search.
+    """A search over designs: what is varied, evaluated and optimised.
 
     Attributes
     ----------
     base : Design
     question : Question
-    vary : tuple of Vary
+    variables : tuple of DesignVariable
     objectives : tuple of str
     limits : tuple of Limit
     parts : PartsTable, optional
@@ -70,7 +70,7 @@ class Plan:
 
     base: Design
     question: Question
-    vary: tuple[Vary, ...]
+    variables: tuple[DesignVariable, ...]
     objectives: tuple[str, ...]
     limits: tuple[Limit, ...] = ()
     parts: PartsTable | None = None
@@ -79,34 +79,34 @@ class Plan:
 
     def __post_init__(self) -> None:
         if self.sampler not in SAMPLERS:
-            raise InputError(f"{self.sampler!r}", key="--sampler", allowed=", ".join(SAMPLERS))
+            raise InputError(f"{self.sampler!r}", key="search.sampler", allowed=", ".join(SAMPLERS))
         if not 1 <= self.trials <= 1_000_000:
-            raise InputError(f"{self.trials}", key="--trials", allowed="1 to 1000000")
-        for key, names in (("--objective", self.objectives), ("--limit", [limit.name for limit in self.limits])):
+            raise InputError(f"{self.trials}", key="search.trials", allowed="1 to 1000000")
+        for key, names in (("objectives", self.objectives), ("limits", [limit.name for limit in self.limits])):
             for name in names:
                 if name not in OBJECTIVES:
                     raise InputError(f"{name!r}", key=key, allowed=", ".join(OBJECTIVES))
                 if name == "cost" and self.parts is None:
-                    raise InputError("'cost' needs prices", key=key, allowed="with --parts FILE")
+                    raise InputError("'cost' needs prices", key=key, allowed="with parts, a TOML table")
         if not self.objectives or len(set(self.objectives)) < len(self.objectives):
-            raise InputError(f"{list(self.objectives)}", key="--objective", allowed="one or more, each once")
+            raise InputError(f"{list(self.objectives)}", key="objectives", allowed="one or more, each once")
 
     @property
     def signature(self) -> str:
-        """Digest of all but the number of trials, and of the code: a search may go on with more, by the same code."""
+        """Digest of all but the number of trials, and of the code: only the same search by the same code resumes."""
         limits = [(limit.name, limit.value) for limit in self.limits]
-        ranges = [vars(v) for v in self.vary]
+        ranges = [vars(v) for v in self.variables]
         return digest([self.job, ranges, list(self.objectives), limits, self.sampler, code_digest()])
 
     @property
     def job(self) -> dict[str, Any]:
-        """What every trial needs."""
+        """Input of every trial (:func:`~evanesce.design.evaluate.plain_job`)."""
         return plain_job(self.base, self.question, self.parts)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """One design that was tried.
+    """One evaluated design.
 
     Attributes
     ----------
@@ -114,13 +114,13 @@ class Trial:
     values : mapping
         Key -> value.
     figures : mapping
-        Objective -> figure in its unit; empty where there is no such rig.
+        Objective -> figure in its unit; empty where the rig is infeasible.
     standard_percent : float
         Standard error of the area error [%].
     reason : str
-        Why there is no such rig; empty where there is.
-    broken : tuple of str
-        Limits that it breaks.
+        Why the rig is infeasible; empty where it is not.
+    violated : tuple of str
+        Limits that it violates.
     """
 
     number: int
@@ -128,19 +128,21 @@ class Trial:
     figures: Mapping[str, float] = field(default_factory=dict)
     standard_percent: float = math.nan
     reason: str = ""
-    broken: tuple[str, ...] = ()
+    violated: tuple[str, ...] = ()
 
     @property
     def feasible(self) -> bool:
-        """Whether it can be built and keeps all limits."""
-        return not self.reason and not self.broken
+        """Whether it can be built and violates no limit."""
+        return not self.reason and not self.violated
 
 
-Tick = Callable[[int, int], None]
+OnProgress = Callable[[int, int], None]
 
 
-def run(plan: Plan, folder: Path, client: Any = None, tick: Tick = lambda done, total: None) -> list[Trial]:
-    """Search, or go on with a search, until the folder holds ``plan.trials`` trials.
+def run(
+    plan: Plan, folder: Path, client: Any = None, on_progress: OnProgress = lambda done, total: None
+) -> list[Trial]:
+    """Search, or resume a search, until the folder holds ``plan.trials`` trials.
 
     Parameters
     ----------
@@ -148,30 +150,30 @@ def run(plan: Plan, folder: Path, client: Any = None, tick: Tick = lambda done, 
     folder : Path
         Keeps the trials in :data:`STORE`.
     client : distributed.Client, optional
-        Its workers try designs side by side; without it this process tries one after the other.
-    tick : callable
-        ``tick(done, total)``.
+        Its workers evaluate designs in parallel; without it this process evaluates one after the other.
+    on_progress : callable
+        ``on_progress(done, total)``.
 
     Raises
     ------
     InputError
-        If the folder keeps another search.
+        If the folder holds another search.
     WorkError
-        If the file cannot be read or written, or workers die again and again.
+        If the file cannot be read or written, or workers die repeatedly.
     """
     with _quiet(), _study(plan, folder) as study:
-        _adopt(study, plan)
+        _restart(study, plan)
         done = len(_finished(study))
-        tick(done, plan.trials)
-        for number, found in _tried(study, plan, client, plan.trials - done):
-            _tell(study, plan, number, found)
+        on_progress(done, plan.trials)
+        for number, found in _evaluated(study, plan, client, plan.trials - done):
+            _record(study, plan, number, found)
             done += 1
-            tick(done, plan.trials)
+            on_progress(done, plan.trials)
         return trials_of(study, plan)
 
 
 def read(plan: Plan, folder: Path) -> list[Trial]:
-    """Return the trials that a folder keeps."""
+    """Return the trials of a folder."""
     with _quiet(), _study(plan, folder) as study:
         return trials_of(study, plan)
 
@@ -195,12 +197,12 @@ def _quiet() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _study(plan: Plan, folder: Path) -> Iterator[optuna.Study]:
-    """Give the study of a folder and close its store behind it."""
+    """Yield the study of a folder, and close its store afterwards."""
     import optuna
 
     path = (folder / STORE).resolve()
     if path.exists() and path.read_bytes()[:16] not in (b"", b"SQLite format 3\0"):
-        raise InputError("is no file of a search", file=path, key="--out", allowed="a new folder")
+        raise InputError("is not the store of a search", file=path, key="--out", allowed="a new folder")
     storage = optuna.storages.RDBStorage(f"sqlite:///{path}")
     try:
         study = _signed(plan, folder, storage)
@@ -212,7 +214,7 @@ def _study(plan: Plan, folder: Path) -> Iterator[optuna.Study]:
 
 
 def _sampler(plan: Plan, begun: int) -> optuna.samplers.BaseSampler:
-    """Return the sampler of a study of so many trials: one that goes on must not draw its first designs again."""
+    """Return the sampler of a study of ``begun`` trials; its seed depends on them, so that no design is drawn twice."""
     import optuna
 
     seed, few = plan.question.seed + begun, max(4, plan.trials // 5)
@@ -222,7 +224,7 @@ def _sampler(plan: Plan, begun: int) -> optuna.samplers.BaseSampler:
 
 
 def _signed(plan: Plan, folder: Path, storage: Any) -> optuna.Study:
-    """Return the study of a store; a new one is signed, that of another search refused."""
+    """Return the study of a store: a new one gets the signature, one of another search is refused."""
     import optuna
 
     study = optuna.create_study(
@@ -234,9 +236,9 @@ def _signed(plan: Plan, folder: Path, storage: Any) -> optuna.Study:
         study.set_user_attr("code", code_digest())
         study.set_user_attr("signature", plan.signature)
     elif study.user_attrs.get("code") != code_digest():
-        raise InputError("keeps a search by other code of evanesce", file=folder, key="--out", allowed="a new folder")
+        raise InputError("holds a search by other code of evanesce", file=folder, key="--out", allowed="a new folder")
     elif kept != plan.signature:
-        raise InputError("keeps another search", file=folder, key="--out", allowed="a new folder, or the same question")
+        raise InputError("holds another search", file=folder, key="--out", allowed="a new folder, or the same question")
     return study
 
 
@@ -246,8 +248,8 @@ def _finished(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:
     return study.get_trials(deepcopy=False, states=(optuna.trial.TrialState.COMPLETE,))
 
 
-def _adopt(study: optuna.Study, plan: Plan) -> None:
-    """Enqueue the base itself at first, and anew what a killed run had begun."""
+def _restart(study: optuna.Study, plan: Plan) -> None:
+    """Enqueue the base first, and again the trials that an interrupted run had begun."""
     import optuna
 
     state = optuna.trial.TrialState
@@ -256,14 +258,14 @@ def _adopt(study: optuna.Study, plan: Plan) -> None:
         if begun.params:
             study.enqueue_trial(dict(begun.params))
     if not study.get_trials(deepcopy=False):
-        own = {v.key: value_of(plan.base, v.key) for v in plan.vary}
-        study.enqueue_trial({v.key: v.clip(x) for v in plan.vary if (x := own[v.key]) is not None})
+        own = {v.key: value_of(plan.base, v.key) for v in plan.variables}
+        study.enqueue_trial({v.key: v.clip(x) for v in plan.variables if (x := own[v.key]) is not None})
 
 
 def _ask(study: optuna.Study, plan: Plan) -> tuple[int, dict[str, float]]:
     trial = study.ask()
     values: dict[str, float] = {}
-    for v in plan.vary:
+    for v in plan.variables:
         if v.whole:
             values[v.key] = trial.suggest_int(v.key, int(v.low), int(v.high), step=int(v.step or 1), log=v.log)
         else:
@@ -271,8 +273,8 @@ def _ask(study: optuna.Study, plan: Plan) -> tuple[int, dict[str, float]]:
     return trial.number, values
 
 
-def _tell(study: optuna.Study, plan: Plan, number: int, found: Mapping[str, Any]) -> None:
-    """Enter a trial: figures and constraints first, so that a finished trial is a whole one."""
+def _record(study: optuna.Study, plan: Plan, number: int, found: Mapping[str, Any]) -> None:
+    """Record a trial: figures and constraints first, so that a finished trial is complete."""
     import optuna
 
     trial = optuna.trial.Trial(study, study._storage.get_trial_id_from_study_id_trial_number(study._study_id, number))
@@ -289,7 +291,7 @@ def _tell(study: optuna.Study, plan: Plan, number: int, found: Mapping[str, Any]
     study.tell(number, [figures[name] for name in plan.objectives])
 
 
-def _tried(study: optuna.Study, plan: Plan, client: Any, count: int) -> Iterator[tuple[int, dict[str, Any]]]:
+def _evaluated(study: optuna.Study, plan: Plan, client: Any, count: int) -> Iterator[tuple[int, dict[str, Any]]]:
     """Yield number and outcome of ``count`` further trials."""
     job = plan.job
     if client is None:
@@ -318,24 +320,24 @@ def trials_of(study: optuna.Study, plan: Plan) -> list[Trial]:
             Trial(
                 number=frozen.number, values=dict(frozen.params), figures=figures,
                 standard_percent=float(found.get("standard_percent", math.nan)), reason=found.get("reason", ""),
-                broken=tuple(limit.name for limit in plan.limits if figures and limit.violation(figures) > 0),
+                violated=tuple(limit.name for limit in plan.limits if figures and limit.violation(figures) > 0),
             )
         )  # fmt: skip
     return rows
 
 
 def pareto(trials: Sequence[Trial], objectives: Sequence[str]) -> list[Trial]:
-    """Return the feasible trials that no other beats in one objective without losing in another."""
+    """Return the feasible trials that no other dominates, by the first objective."""
     able = [t for t in trials if t.feasible]
     signs = [1.0 if OBJECTIVES[name].direction == "minimize" else -1.0 for name in objectives]
     points = [tuple(s * t.figures[name] for s, name in zip(signs, objectives, strict=True)) for t in able]
 
-    def beaten(point: tuple[float, ...]) -> bool:
+    def dominated(point: tuple[float, ...]) -> bool:
         return any(all(o <= p for o, p in zip(other, point, strict=True)) and other != point for other in points)
 
     front, seen = [], set()
     for trial, point in zip(able, points, strict=True):
-        if not beaten(point) and point not in seen:
+        if not dominated(point) and point not in seen:
             front.append(trial)
             seen.add(point)
     return sorted(front, key=lambda t: signs[0] * t.figures[objectives[0]])

@@ -1,4 +1,4 @@
-"""What else a rig is chosen by: motion blur, saturation, light per watt, field, depth of field, bending, cost."""
+"""Objectives beside the area error: motion blur, saturation, light per watt, fields, deflection, power, cost."""
 
 from __future__ import annotations
 
@@ -13,17 +13,18 @@ from evanesce.design.bending import deflection, rigidity
 from evanesce.design.objective import Prediction, contact_radius
 from evanesce.design.parts import PartsTable, cost
 from evanesce.design.question import Design, Question
-from evanesce.optics.led import led_positions, segment_current
+from evanesce.optics.led import led_positions
+from evanesce.optics.led_circuit import segment_current
 from evanesce.rig import Camera, Scene
 from evanesce.sensor.lens import magnification
 
-LEAST_PATCH_MM = 1e-3
-"""Side of the square on which a finger that does not touch would press."""
+MIN_PATCH_MM = 1e-3
+"""Side of the loaded square for a finger without contact [mm]."""
 
 
 @dataclass(frozen=True)
 class Objective:
-    """A figure to be made small or large.
+    """A figure to be minimised or maximised.
 
     Attributes
     ----------
@@ -42,12 +43,12 @@ OBJECTIVES: Mapping[str, Objective] = {
     for o in (
         Objective("area_error", "%", "minimize", "95 % of measured areas are nearer to the truth than this"),
         Objective("exposure", "ms", "minimize", "exposure time"),
-        Objective("motion_blur", "mm", "minimize", "way of a slide during the exposure"),
+        Objective("motion_blur", "mm", "minimize", "sliding distance during the exposure"),
         Objective("saturation", "1", "minimize", "share of the contact at full scale, mean over drawn rigs"),
         Objective("light_per_watt", "nW/mm² per W", "maximize", "irradiance of the contact's image"),
-        Objective("field_of_view", "mm", "maximize", "shorter side of what the camera sees"),
+        Objective("field_of_view", "mm", "maximize", "shorter side of the camera's field"),
         Objective("depth_of_field", "mm", "maximize", "depth within which a point stays in one pixel"),
-        Objective("deflection", "µm", "minimize", "of the plate under the largest force at the worst place"),
+        Objective("deflection", "µm", "minimize", "of the plate under the largest force at the worst position"),
         Objective("power", "W", "minimize", "electrical power of the LED strips"),
         Objective("cost", "currency", "minimize", "of the parts, by the user's table"),
     )
@@ -55,7 +56,7 @@ OBJECTIVES: Mapping[str, Objective] = {
 
 
 def motion_blur_mm(speed_mm_per_s: float, exposure_ms: float) -> float:
-    """Return the way during an exposure [mm]."""
+    """Return the sliding distance during an exposure [mm]."""
     return speed_mm_per_s * exposure_ms * 1e-3
 
 
@@ -74,21 +75,23 @@ def depth_of_field_mm(camera: Camera) -> float:
 
 
 def field_of_view_mm(camera: Camera) -> tuple[float, float]:
-    """Return what the camera sees along columns and rows, before distortion [mm]."""
+    """Return the camera's field along columns and rows, before distortion [mm]."""
     cols, rows = camera.resolution_px
     return cols / camera.scale_px_per_mm, rows / camera.scale_px_per_mm
 
 
 def electrical_power_W(scene: Scene) -> float:
-    """Return what the supply gives to all LEDs: each draws its share of its segment's current [W].
+    """Return the electrical power of all LEDs: each draws its share of its segment's current [W].
 
     Strips without resistance; whole segments need not fit on an edge.
     """
     leds, total = scene.leds, 0.0
-    for edge, places in led_positions(scene.plate, leds).items():
+    for edge, positions in led_positions(scene.plate, leds).items():
         own = next((v for k, v in leds.edge.items() if k == edge), None)
         voltage = leds.voltage_V if own is None or own.voltage_V is None else own.voltage_V
-        total += places.size / leds.circuit.leds_per_segment * voltage * float(segment_current(leds.circuit, voltage))
+        total += (
+            positions.size / leds.circuit.leds_per_segment * voltage * float(segment_current(leds.circuit, voltage))
+        )
     return total
 
 
@@ -104,8 +107,8 @@ def plate_deflection_um(scene: Scene, question: Question) -> float:
     """
     worst, bending = 0.0, rigidity(scene.plate.thickness_mm)
     for case in question.cases:
-        side = max(math.sqrt(math.pi) * contact_radius(scene, case, question.seed), LEAST_PATCH_MM)
-        worst = max(worst, deflection(case.force_N, case.place_mm, (side, side), scene.plate.size_mm, bending))
+        side = max(math.sqrt(math.pi) * contact_radius(scene, case, question.seed), MIN_PATCH_MM)
+        worst = max(worst, deflection(case.force_N, case.position_mm, (side, side), scene.plate.size_mm, bending))
     return 1e3 * worst
 
 

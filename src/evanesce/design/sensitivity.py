@@ -1,4 +1,4 @@
-"""Which of the varied figures the winner's error hangs on: Morris' elementary effects in a box about it.
+"""Sensitivity of the winner's error to the design variables: Morris' elementary effects in a box about it.
 
 References
 ----------
@@ -18,50 +18,50 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.design.vary import Vary
+from evanesce.design.variables import DesignVariable
 
 Array = NDArray[np.float64]
 
 BOX = 0.1
-"""Half the box's side over each key's range."""
+"""Half the box's side over each variable's range."""
 
 LEVELS = 4
 
 
-def box(vary: Sequence[Vary], values: Mapping[str, float]) -> list[tuple[float, float]]:
-    """Return the range of each key about a design, cut at the search's own; steps of the search do not count."""
+def box(variables: Sequence[DesignVariable], values: Mapping[str, float]) -> list[tuple[float, float]]:
+    """Return the range of each variable about a design, within that of the search; steps are ignored."""
     found = []
-    for v in vary:
+    for v in variables:
         reach = BOX * (v.high - v.low)
         found.append((max(v.low, values[v.key] - reach), min(v.high, values[v.key] + reach)))
     return found
 
 
-def sample(vary: Sequence[Vary], values: Mapping[str, float], trajectories: int, seed: int) -> Array:
-    """Return the designs (trajectories (keys + 1), keys) of Morris' plan, in the keys' units; whole numbers rounded."""
+def sample(variables: Sequence[DesignVariable], values: Mapping[str, float], trajectories: int, seed: int) -> Array:
+    """Return the designs (trajectories (variables + 1), variables) of Morris' plan; integers rounded."""
     from SALib.sample import morris  # type: ignore[import-untyped]
 
-    drawn = morris.sample(_problem(vary, values), trajectories, num_levels=LEVELS, seed=seed)
-    for column, v in enumerate(vary):
+    drawn = morris.sample(_problem(variables, values), trajectories, num_levels=LEVELS, seed=seed)
+    for column, v in enumerate(variables):
         if v.whole:
             drawn[:, column] = np.round(drawn[:, column])
     return np.asarray(drawn)
 
 
 def indices(
-    vary: Sequence[Vary], values: Mapping[str, float], designs: Array, errors: Array, seed: int
+    variables: Sequence[DesignVariable], values: Mapping[str, float], designs: Array, errors: Array, seed: int
 ) -> list[dict[str, Any]]:
-    """Return, for each key, mean absolute and mean effect over the box, their spread, and a half-width of the first.
+    """Return for each variable the mean absolute and mean elementary effect, their spread, and a confidence half-width.
 
-    Of a single trajectory the last two are not known: NaN.
+    Spread and half-width of a single trajectory are NaN.
 
     Parameters
     ----------
-    vary : sequence of Vary
+    variables : sequence of DesignVariable
     values : mapping
         Of the design in the box's middle.
-    designs : ndarray
-        Of :func:`sample`.
+    designs : ndarray (designs, variables)
+        From :func:`sample`.
     errors : ndarray (designs,)
         Predicted area error [%].
     seed : int
@@ -72,12 +72,12 @@ def indices(
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Degrees of freedom|invalid value", RuntimeWarning)  # a single trajectory
         found = morris.analyze(
-            _problem(vary, values), designs, errors, num_levels=LEVELS, num_resamples=200, seed=seed, scaled=False
+            _problem(variables, values), designs, errors, num_levels=LEVELS, num_resamples=200, seed=seed, scaled=False
         )
-    single = len(designs) == len(vary) + 1
+    single = len(designs) == len(variables) + 1
     rows = []
-    for k, v in enumerate(vary):
-        low, high = box(vary, values)[k]
+    for k, v in enumerate(variables):
+        low, high = box(variables, values)[k]
         rows.append(
             {
                 "key": v.key, "unit": v.unit, "low": low, "high": high, "mu_star_percent": float(found["mu_star"][k]),
@@ -89,6 +89,6 @@ def indices(
     return sorted(rows, key=lambda row: -row["mu_star_percent"])
 
 
-def _problem(vary: Sequence[Vary], values: Mapping[str, float]) -> dict[str, Any]:
-    bounds = [list(pair) for pair in box(vary, values)]
-    return {"num_vars": len(vary), "names": [v.key for v in vary], "bounds": bounds}
+def _problem(variables: Sequence[DesignVariable], values: Mapping[str, float]) -> dict[str, Any]:
+    bounds = [list(pair) for pair in box(variables, values)]
+    return {"num_vars": len(variables), "names": [v.key for v in variables], "bounds": bounds}

@@ -1,7 +1,7 @@
-"""How a rig that is built departs from the one that was drawn: effects at their stated uncertainty, and the cards'.
+"""Draw rigs as built: parameters of effects within their stated uncertainty, and errors of the calibration's cards.
 
-Each effect states a plausible departure of each of its parameters; a drawn rig has them all at once. Draws are
-quasi-random and the same for every design, so that two designs differ by what they are, not by luck.
+Each effect states a standard deviation of each of its parameters; a drawn rig has them all at once. Draws are
+quasi-random and the same for every design (common random numbers).
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from scipy.stats import qmc
 from evanesce.core import rng
 from evanesce.core.errors import InputError
 from evanesce.effects import Candidate, Context, Effect, Stage, active_effects, all_effects, apply_stage
-from evanesce.effects.protocol import Observable
+from evanesce.effects.inference_hints import Observable
 from evanesce.evaluation.calibrated_rig import SQUARE_EDGE_PX, CardErrors
-from evanesce.measurement.uncertainty.budget import CARD_HEIGHT_MM, PRINT_TOLERANCE
+from evanesce.measurement.uncertainty.components import CARD_HEIGHT_MM, PRINT_TOLERANCE
 from evanesce.render.fast.rig_fields import unit_digest
 from evanesce.rig import Scene
 
 Array = NDArray[np.float64]
 
-HELD: frozenset[Observable] = frozenset({"press", "force", "voltage"})
-"""What acts on one frame of a held press; the rest needs time, sliding or a card."""
+STATIC: frozenset[Observable] = frozenset({"press", "force", "voltage"})
+"""Observables in one frame of a held press; the rest needs time, sliding or a printed card."""
 
 CARDS = ("checkerboard print", "square print", "card height", "square edge")
 MAX_BYTES = 1_000_000
 
 
 @dataclass(frozen=True)
-class Departure:
-    """One number of an effect, uncertain about its null.
+class UncertainParameter:
+    """One parameter of an effect, uncertain about its null.
 
     Attributes
     ----------
@@ -54,46 +54,46 @@ class Departure:
         """``effect.parameter``."""
         return f"{self.effect}.{self.candidate.name}"
 
-    def value(self, share: float) -> float:
-        """Return the value at a share 0 to 1 of its distribution: normal about the null, cut at the bounds.
+    def value(self, probability: float) -> float:
+        """Return the quantile at a probability: of a normal distribution about the null, truncated at the bounds.
 
         Where the null lies on a bound this is half a normal distribution.
         """
         c = self.candidate
         low, high = (float(ndtr((bound - c.null) / c.deviation)) for bound in c.bounds)
-        return float(np.clip(c.null + c.deviation * ndtri(low + share * (high - low)), *c.bounds))
+        return float(np.clip(c.null + c.deviation * ndtri(low + probability * (high - low)), *c.bounds))
 
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """What may depart in a scene's rig, and what was left out.
+    """Uncertain parameters of a scene's rig, and the effects that were left out.
 
     Attributes
     ----------
-    departures : tuple of Departure
-    new_light : tuple of Departure
-        Those that change where light goes in the empty plate: a new set of fields for every draw, seconds each. A
-        search leaves them out; tolerances have them.
+    parameters : tuple of UncertainParameter
+    new_fields : tuple of UncertainParameter
+        Those that change the light in the empty plate: a new set of fields for every draw, seconds each. A search
+        leaves them out; tolerances have them.
     left_out : mapping
         Effect -> why it does not act.
-    held : frozenset of str
+    excluded : frozenset of str
         Effects that are drawn and then left out: the other draws stay as they are.
     """
 
-    departures: tuple[Departure, ...]
-    new_light: tuple[Departure, ...]
+    parameters: tuple[UncertainParameter, ...]
+    new_fields: tuple[UncertainParameter, ...]
     left_out: Mapping[str, str]
-    held: frozenset[str] = frozenset()
+    excluded: frozenset[str] = frozenset()
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the dimensions of a draw: departures, then cards."""
-        return (*(d.name for d in self.departures), *CARDS)
+        """Names of the dimensions of a draw: parameters, then cards."""
+        return (*(d.name for d in self.parameters), *CARDS)
 
 
 @dataclass(frozen=True)
 class Draw:
-    """One rig as it was built, and its calibration.
+    """One rig as built, and the errors of its calibration.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ class Draw:
     cards : CardErrors
         Without the corners' scatter, which depends on the camera.
     square_edge_px : float
-        Way of the square card's edge [px of a whole camera].
+        Displacement of the square's edge in the frame [px of the camera at full resolution].
     """
 
     effects: Mapping[str, Mapping[str, float]]
@@ -110,44 +110,48 @@ class Draw:
     square_edge_px: float
 
 
-def uncertainty_of(scene: Scene, sizes: Mapping[str, Mapping[str, float]] | None = None) -> Uncertainty:
-    """Return what may depart in a scene's rig.
+def uncertainty_of(scene: Scene, standard_deviations: Mapping[str, Mapping[str, float]] | None = None) -> Uncertainty:
+    """Return the uncertain parameters of a scene's rig.
 
     Parameters
     ----------
     scene : Scene
-        Effects that it has already stay as they are and do not depart.
-    sizes : mapping, optional
+        Effects that it has already stay as they are.
+    standard_deviations : mapping, optional
         Effect -> parameter -> standard deviation; only these act then. By default every effect at its own.
     """
-    found: list[Departure] = []
-    heavy: list[Departure] = []
+    found: list[UncertainParameter] = []
+    heavy: list[UncertainParameter] = []
     left_out: dict[str, str] = {}
     for name, effect in all_effects().items():
-        if sizes is not None and name not in sizes:
+        if standard_deviations is not None and name not in standard_deviations:
             left_out[name] = "not among the stated uncertainties"
         elif name in scene.effects:
             left_out[name] = "known: the scene has it"
-        elif not set(effect.needs) <= HELD:
+        elif not set(effect.needs) <= STATIC:
             cards = {"square", "checkerboard"} & set(effect.needs)
             left_out[name] = "drawn with the cards" if cards else "does not show in one frame of a held press"
         else:
-            wanted = effect.candidate_parameters() if sizes is None else _stated(effect, sizes[name])
+            wanted = (
+                effect.candidate_parameters()
+                if standard_deviations is None
+                else _stated(effect, standard_deviations[name])
+            )
             how = _acts(scene, effect, wanted)
             if how == "light":
-                heavy += [Departure(name, c) for c in wanted]
+                heavy += [UncertainParameter(name, c) for c in wanted]
             elif how:
                 left_out[name] = how
             else:
-                found += [Departure(name, c) for c in wanted]
+                found += [UncertainParameter(name, c) for c in wanted]
     return Uncertainty(tuple(found), tuple(heavy), left_out)
 
 
-def _stated(effect: Effect, sizes: Mapping[str, float]) -> tuple[Candidate, ...]:
-    """Return the candidates of an effect with deviations of the user's own."""
+def _stated(effect: Effect, standard_deviations: Mapping[str, float]) -> tuple[Candidate, ...]:
+    """Return the parameters of an effect with the user's standard deviations."""
     known = {c.name: c for c in effect.candidate_parameters()}
     found = []
-    for name, size in sizes.items():
+    for name, size in standard_deviations.items():
         key = f"{effect.id}.{name}"
         if name not in known:
             raise InputError("unknown parameter", key=key, allowed=", ".join(known))
@@ -161,7 +165,7 @@ def _stated(effect: Effect, sizes: Mapping[str, float]) -> tuple[Candidate, ...]
 
 
 def _acts_at_all(effect: Effect, stated: list[Candidate]) -> None:
-    """Refuse figures of an effect that multiply with one which is not named and is nothing by default."""
+    """Refuse parameters of an effect that multiply one which is not named and null by default."""
     named, start = {c.name for c in stated if c.amplitude}, effect.parameters()
     if not named or effect.null_when != "any":
         return
@@ -173,7 +177,7 @@ def _acts_at_all(effect: Effect, stated: list[Candidate]) -> None:
 
 def _acts(scene: Scene, effect: Effect, wanted: tuple[Candidate, ...]) -> str:
     """Return "" if an effect can be drawn for each rig, "light" if it needs new fields, else why it does not act."""
-    values = {c.name: Departure(effect.id, c).value(0.84) for c in wanted}
+    values = {c.name: UncertainParameter(effect.id, c).value(0.84) for c in wanted}
     try:
         tried = scene.model_copy(update={"effects": {effect.id: effect.with_values(values).model_dump()}})
         if effect.stage is not Stage.RIG:
@@ -184,8 +188,8 @@ def _acts(scene: Scene, effect: Effect, wanted: tuple[Candidate, ...]) -> str:
     return "light" if unit_digest(real) != unit_digest(scene) else ""
 
 
-def shares(uncertainty: Uncertainty, count: int, seed: int) -> Array:
-    """Return quasi-random points (count, dimensions) from 0 to 1, scrambled by the seed; each dimension is even alone.
+def sobol_points(uncertainty: Uncertainty, count: int, seed: int) -> Array:
+    """Return points (count, dimensions) of a Sobol' sequence within 0 to 1, scrambled by the seed.
 
     References
     ----------
@@ -196,11 +200,11 @@ def shares(uncertainty: Uncertainty, count: int, seed: int) -> Array:
     return np.asarray(np.clip(sample.random_base2(power)[:count], 1e-9, 1 - 1e-9))
 
 
-def draw(uncertainty: Uncertainty, share: Array) -> Draw:
-    """Return the rig at one point (dimensions,) of :func:`shares`."""
-    drawn = zip(uncertainty.departures, share, strict=False)
-    effects = with_departures({d: d.value(float(s)) for d, s in drawn if d.effect not in uncertainty.held})
-    board, square, height, edge = (float(s) for s in share[-len(CARDS) :])
+def draw(uncertainty: Uncertainty, point: Array) -> Draw:
+    """Return the rig at one point (dimensions,) of :func:`sobol_points`."""
+    drawn = zip(uncertainty.parameters, point, strict=False)
+    effects = effects_at({p: p.value(float(u)) for p, u in drawn if p.effect not in uncertainty.excluded})
+    board, square, height, edge = (float(u) for u in point[-len(CARDS) :])
     cards = CardErrors(
         board_scale=1.0 + PRINT_TOLERANCE * (2 * board - 1),
         square_scale=1.0 + PRINT_TOLERANCE * (2 * square - 1),
@@ -209,11 +213,11 @@ def draw(uncertainty: Uncertainty, share: Array) -> Draw:
     return Draw(effects, cards, SQUARE_EDGE_PX * (2 * edge - 1))
 
 
-def with_departures(values: Mapping[Departure, float]) -> dict[str, dict[str, Any]]:
-    """Return the effects' tables of a scene for values of some departures."""
+def effects_at(values: Mapping[UncertainParameter, float]) -> dict[str, dict[str, Any]]:
+    """Return the effects' tables of a scene for values of some parameters."""
     by_effect: dict[str, dict[str, float]] = {}
-    for departure, value in values.items():
-        by_effect.setdefault(departure.effect, {})[departure.candidate.name] = value
+    for parameter, value in values.items():
+        by_effect.setdefault(parameter.effect, {})[parameter.candidate.name] = value
     known = all_effects()
     tables = {name: known[name].with_values(found).model_dump(mode="json") for name, found in by_effect.items()}
     return {name: table for name, table in tables.items() if not known[name].is_null(_parameters(name, table))}
@@ -226,7 +230,7 @@ def _parameters(name: str, table: Mapping[str, Any]) -> Any:
     )
 
 
-def read_sizes(path: Path) -> dict[str, dict[str, float]]:
+def read_standard_deviations(path: Path) -> dict[str, dict[str, float]]:
     """Read standard deviations of effects' parameters: TOML tables named like the effects.
 
     Raises
@@ -235,7 +239,7 @@ def read_sizes(path: Path) -> dict[str, dict[str, float]]:
         If the file is not readable as that, or names an unknown effect; parameters are checked when they are used.
     """
     if not path.is_file():
-        raise InputError("no such file", file=path, key="--uncertainty", allowed="a TOML file")
+        raise InputError("no such file", file=path, key="uncertainty", allowed="a TOML file")
     if path.stat().st_size > MAX_BYTES:
         raise InputError(f"{path.stat().st_size} bytes", file=path, allowed=f"at most {MAX_BYTES} bytes")
     try:
@@ -252,6 +256,6 @@ def read_sizes(path: Path) -> dict[str, dict[str, float]]:
     return data
 
 
-def real_scene(scene: Scene, drawn: Draw) -> Scene:
+def built_scene(scene: Scene, drawn: Draw) -> Scene:
     """Return a scene with a draw's effects beside its own."""
     return scene.model_copy(update={"effects": {**scene.effects, **drawn.effects}})

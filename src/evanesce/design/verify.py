@@ -1,4 +1,4 @@
-"""A design's frames by the path-traced reference, at the camera's own resolution, beside the fast renderer's."""
+"""Area error of a nominal design by the path tracer at the camera's full resolution, beside the fast renderer's."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ import numpy as np
 from evanesce.core import rng
 from evanesce.core.states import ContactState, PlateLight
 from evanesce.design.evaluate import read_job
-from evanesce.design.objective import Lab, measured
+from evanesce.design.objective import CalibratedMeasurement, measured
 from evanesce.design.question import on_case
 from evanesce.design.uncertainty import Draw
-from evanesce.design.vary import design_at
+from evanesce.design.variables import design_at
 from evanesce.evaluation.calibrated_rig import CardErrors
 from evanesce.render.kept import forget
 from evanesce.render.reference.path import render
@@ -27,14 +27,14 @@ PASSES = 2
 
 
 def _reference(scene: Scene, state: ContactState | None, *, seed: int, own: int, samples: int) -> PlateLight:
-    """Render by the reference with a seed of its own in the place of the simulation's."""
+    """Render by the path tracer with its own seed instead of the simulation's."""
     return render(scene, state, seed=own, samples_per_pixel=samples, passes=PASSES)
 
 
 def verified(
     job: Mapping[str, Any], values: Mapping[str, float], *, case: int, count: int, samples: int, seed: int
 ) -> dict[str, Any]:
-    """Measure one case of a design as drawn, by both renderers.
+    """Measure one case of a nominal design by both renderers.
 
     Parameters
     ----------
@@ -45,11 +45,11 @@ def verified(
     case : int
         Number of the case.
     count : int
-        Independent renderings by the reference, 2 or more for a standard error.
+        Independent renderings by the path tracer, 2 or more for a standard error.
     samples : int
         Paths per pixel of each.
     seed : int
-        Of the reference: not the search's.
+        Of the path tracer: not the search's.
 
     Returns
     -------
@@ -58,17 +58,17 @@ def verified(
         ``reference_standard_percent``; ``fast_percent``.
     """
     base, asked, _ = read_job(job)
-    question = replace(asked, coarser=1)
+    question = replace(asked, pixel_factor=1)
     design = design_at(base, values)
     wanted = question.cases[case]
     scene = on_case(design.scene, wanted)
-    lab = Lab.of(design, question, scene)
+    measurement = CalibratedMeasurement.of(design, question, scene)
     forget()
-    fast, _ = measured(lab, scene, PERFECT, 0, wanted)
+    fast, _ = measured(measurement, scene, PERFECT, 0, wanted)
     errors = []
     for number in range(count):
         reference = partial(_reference, own=rng.integer_seed(seed, "verify", number), samples=samples)
-        found, _ = measured(lab, scene, PERFECT, 0, wanted, render=reference)
+        found, _ = measured(measurement, scene, PERFECT, 0, wanted, render=reference)
         errors.append(found.error_percent)
     standard = float(np.std(errors, ddof=1) / math.sqrt(count)) if count > 1 else math.nan
     return {

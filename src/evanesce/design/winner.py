@@ -1,6 +1,6 @@
-"""What is found out about one design of a finished search: its errors on fresh draws, and which build error spoils it.
+"""Errors of one design of a finished search on rigs drawn anew, and their tolerances to each uncertain parameter.
 
-Everything is a function of plain data to plain data, so that any process can do it and a file can keep it.
+Functions of plain data to plain data, so that any process can compute them and a file can keep them.
 """
 
 from __future__ import annotations
@@ -11,22 +11,22 @@ from typing import Any
 
 from evanesce.core.errors import InputError
 from evanesce.design.evaluate import contact_irradiance, read_job
-from evanesce.design.objective import Lab, light_up, measured, prepared, samples, summary
+from evanesce.design.objective import CalibratedMeasurement, measured, prepare_fields, prepared, samples, summary
 from evanesce.design.question import Case, Design, Question
 from evanesce.design.secondary import figures
-from evanesce.design.uncertainty import CARDS, Departure, Draw, uncertainty_of, with_departures
-from evanesce.design.vary import design_at
+from evanesce.design.uncertainty import CARDS, Draw, UncertainParameter, effects_at, uncertainty_of
+from evanesce.design.variables import design_at
 from evanesce.effects import all_effects
 from evanesce.evaluation.calibrated_rig import SQUARE_EDGE_PX, CardErrors
-from evanesce.measurement.uncertainty.budget import CARD_HEIGHT_MM, PRINT_TOLERANCE
+from evanesce.measurement.uncertainty.components import CARD_HEIGHT_MM, PRINT_TOLERANCE
 from evanesce.rig import Scene
 
-FRESH = 1
-"""Added to the search's seed: the winner was chosen for its luck with the old draws, too."""
+NEW_DRAWS = 1
+"""Added to the search's seed: on the draws by which it was selected, a winner's error is biased low."""
 
 PERFECT = CardErrors(corner_noise_px=0.0)
-LOW_SHARE, HIGH_SHARE = 0.158655, 0.841345
-"""Shares of a distribution one standard deviation below and above the middle of a normal one."""
+LOW, HIGH = 0.158655, 0.841345
+"""Probabilities one standard deviation below and above the mean of a normal distribution."""
 
 
 def assessed(job: Mapping[str, Any], values: Mapping[str, float], rigs: int) -> dict[str, Any]:
@@ -47,9 +47,9 @@ def assessed(job: Mapping[str, Any], values: Mapping[str, float], rigs: int) -> 
         case.
     """
     base, asked, parts = read_job(job)
-    question = replace(asked, rigs=rigs, seed=asked.seed + FRESH)
+    question = replace(asked, rigs=rigs, seed=asked.seed + NEW_DRAWS)
     design = design_at(base, values)
-    uncertainty = uncertainty_of(base.scene, question.sizes)
+    uncertainty = uncertainty_of(base.scene, question.standard_deviations)
     found = list(samples(design, question, uncertainty, every_case=True))
     prediction = summary(found, question.seed)
     return {
@@ -63,75 +63,75 @@ def assessed(job: Mapping[str, Any], values: Mapping[str, float], rigs: int) -> 
 
 
 def tolerances(job: Mapping[str, Any], values: Mapping[str, float]) -> dict[str, Any]:
-    """Return what each departure alone, one standard deviation either way, does to the error of one measurement.
+    """Return how the error of one measurement changes with each parameter alone, by one standard deviation.
 
     Returns
     -------
     dict
-        ``case``; ``error_percent`` of the rig as drawn; ``rows`` with ``name``, ``unit``, values ``low`` and ``high``,
-        ``low_percent``, ``high_percent`` (error less that of the rig as drawn), or ``reason`` where it cannot be.
+        ``case``; ``error_percent`` of the nominal rig; ``rows`` with ``name``, ``unit``, values ``low`` and ``high``,
+        ``low_percent``, ``high_percent`` (error less that of the nominal rig), or ``reason`` where it is infeasible.
     """
     base, asked, _ = read_job(job)
-    design, uncertainty = design_at(base, values), uncertainty_of(base.scene, asked.sizes)
+    design, uncertainty = design_at(base, values), uncertainty_of(base.scene, asked.standard_deviations)
     cases = asked.cases
     case = cases[len(cases) // 2]
-    question = replace(asked, forces_N=(case.force_N,), places_mm=(case.place_mm,), materials=(case.material,))
-    bench = _Bench(design, question, case)
-    nominal = bench.error(Draw({}, PERFECT, 0.0))
-    stated = uncertainty.departures + uncertainty.new_light
-    rows = [bench.departure(d, stated, nominal, new_light=False) for d in _amplitudes(uncertainty.departures)]
-    rows += [bench.card(name, nominal) for name in CARDS[1 if asked.estimator == "reference" else 0 :]]
-    rows += [bench.departure(d, stated, nominal, new_light=True) for d in _amplitudes(uncertainty.new_light)]
+    question = replace(asked, forces_N=(case.force_N,), positions_mm=(case.position_mm,), materials=(case.material,))
+    measurement = _SingleMeasurement(design, question, case)
+    nominal = measurement.error(Draw({}, PERFECT, 0.0))
+    stated = uncertainty.parameters + uncertainty.new_fields
+    rows = [measurement.row(p, stated, nominal, new_fields=False) for p in _amplitudes(uncertainty.parameters)]
+    rows += [measurement.card_row(name, nominal) for name in CARDS[1 if asked.estimator == "reference" else 0 :]]
+    rows += [measurement.row(p, stated, nominal, new_fields=True) for p in _amplitudes(uncertainty.new_fields)]
     return {"case": case.name, "error_percent": nominal, "rows": rows}
 
 
-def _amplitudes(departures: tuple[Departure, ...]) -> list[Departure]:
-    """Return those that make an effect what it is; a direction or a place alone does nothing."""
-    return [d for d in departures if d.candidate.amplitude]
+def _amplitudes(parameters: tuple[UncertainParameter, ...]) -> list[UncertainParameter]:
+    """Return the amplitudes: a direction or a position alone has no effect."""
+    return [p for p in parameters if p.candidate.amplitude]
 
 
-class _Bench:
-    """One measurement of a design, for one departure after the other."""
+class _SingleMeasurement:
+    """One case of a design, measured with one parameter changed at a time."""
 
     def __init__(self, design: Design, question: Question, case: Case) -> None:
         self.question, self.case = question, case
         self.scene = prepared(design.scene, question)
-        light_up(self.scene, question)
-        self.lab = Lab.of(design, question, self.scene)
+        prepare_fields(self.scene, question)
+        self.measurement = CalibratedMeasurement.of(design, question, self.scene)
 
     def error(self, drawn: Draw) -> float:
-        """Return the error of one drawn rig [%]; all of them have the same noise."""
-        return measured(self.lab, self.scene, drawn, 0, self.case)[0].error_percent
+        """Return the error of one drawn rig [%]; all have the same noise."""
+        return measured(self.measurement, self.scene, drawn, 0, self.case)[0].error_percent
 
-    def departure(
-        self, departure: Departure, stated: tuple[Departure, ...], nominal: float, *, new_light: bool
+    def row(
+        self, parameter: UncertainParameter, stated: tuple[UncertainParameter, ...], nominal: float, *, new_fields: bool
     ) -> dict[str, Any]:
-        """Return the row of one departure.
+        """Return the row of one parameter.
 
         Other amplitudes that multiply it stand one standard deviation up if they are among the ``stated`` ones, else
         at the effect's own default, as in the rigs that are drawn.
         """
-        effect, c = all_effects()[departure.effect], departure.candidate
-        low, high = departure.value(LOW_SHARE), departure.value(HIGH_SHARE)
-        row: dict[str, Any] = {"name": departure.name, "unit": c.unit, "low": low, "high": high}
-        fellows = {}
+        effect, c = all_effects()[parameter.effect], parameter.candidate
+        low, high = parameter.value(LOW), parameter.value(HIGH)
+        row: dict[str, Any] = {"name": parameter.name, "unit": c.unit, "low": low, "high": high}
+        factors = {}
         if effect.null_when == "any":
-            fellows = {
-                other: other.value(HIGH_SHARE)
+            factors = {
+                other: other.value(HIGH)
                 for other in _amplitudes(stated)
                 if other.effect == effect.id and other.candidate.name != c.name
             }
         try:
             for key, value in (("low", low), ("high", high)):
-                drawn = Draw(with_departures({**fellows, departure: value}), PERFECT, 0.0)
-                if new_light:
-                    light_up(_with_effects(self.scene, drawn), self.question)
+                drawn = Draw(effects_at({**factors, parameter: value}), PERFECT, 0.0)
+                if new_fields:
+                    prepare_fields(_with_effects(self.scene, drawn), self.question)
                 row[f"{key}_percent"] = self.error(drawn) - nominal
         except InputError as error:
             row["reason"] = str(error)
         return row
 
-    def card(self, name: str, nominal: float) -> dict[str, Any]:
+    def card_row(self, name: str, nominal: float) -> dict[str, Any]:
         """Return the row of one error of the cards, at one standard deviation of its rectangular distribution."""
         part = 1.0 / 3.0**0.5
         unit = {"card height": "mm", "square edge": "px"}.get(name, "1")
@@ -160,12 +160,12 @@ def _with_effects(scene: Scene, drawn: Draw) -> Scene:
 
 
 def without(job: Mapping[str, Any], values: Mapping[str, float], effect: str, rigs: int) -> dict[str, Any]:
-    """Return a design's error on fresh draws without one effect; draws are those of :func:`assessed`."""
+    """Return a design's error without one effect, on the draws of :func:`assessed`."""
     base, asked, _ = read_job(job)
-    question = replace(asked, rigs=rigs, seed=asked.seed + FRESH)
-    whole = uncertainty_of(base.scene, question.sizes)
-    held = replace(whole, held=frozenset({effect}))
-    prediction = summary(list(samples(design_at(base, values), question, held, every_case=True)), question.seed)
+    question = replace(asked, rigs=rigs, seed=asked.seed + NEW_DRAWS)
+    whole = uncertainty_of(base.scene, question.standard_deviations)
+    without_it = replace(whole, excluded=frozenset({effect}))
+    prediction = summary(list(samples(design_at(base, values), question, without_it, every_case=True)), question.seed)
     return {
         "effect": effect,
         "error_percent": prediction.error_percent,

@@ -1,4 +1,4 @@
-"""Departures from the ideal rig, one file each, found by walking this folder."""
+"""Departures from the ideal rig, one file each, found in this folder's subfolders."""
 
 from __future__ import annotations
 
@@ -11,21 +11,8 @@ from pathlib import Path
 from types import MappingProxyType
 
 from evanesce.core.errors import InputError
-from evanesce.effects.protocol import (
-    ANY_SCENE,
-    OBSERVABLES,
-    Active,
-    Bands,
-    Blot,
-    Candidate,
-    Context,
-    Effect,
-    Line,
-    Marks,
-    Observable,
-    Stage,
-    apply_stage,
-)
+from evanesce.effects.inference_hints import OBSERVABLES, Bands, Blot, Candidate, Line, Marks, Observable
+from evanesce.effects.protocol import ANY_SCENE, Active, Context, Effect, Stage, apply_stage
 from evanesce.rig import Scene
 from evanesce.rig.load import validate
 
@@ -51,6 +38,10 @@ __all__ = [
 def all_effects() -> Mapping[str, Effect]:
     """Return every effect of this folder's subfolders by its id, in the ids' alphabetical order.
 
+    Returns
+    -------
+    mapping of str to Effect
+
     Raises
     ------
     TypeError
@@ -75,6 +66,10 @@ def active_effects(scene: Scene, file: Path | str = ANY_SCENE) -> tuple[Active, 
     scene : Scene
     file : Path or str
         Named in errors.
+
+    Returns
+    -------
+    tuple of Active
 
     Raises
     ------

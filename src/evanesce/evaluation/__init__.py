@@ -1,1 +1,1 @@
-"""The only room that sees an estimate and the truth together."""
+"""Comparison of estimates with the truth; only this package and those above it see both."""

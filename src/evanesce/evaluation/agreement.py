@@ -1,4 +1,4 @@
-"""How well the fast renderer agrees with the path tracer: on contacts it never saw, by regions, noise taken off."""
+"""Agreement of the fast renderer with the path tracer: by regions of unseen contacts, noise subtracted."""
 
 from __future__ import annotations
 
@@ -27,12 +27,13 @@ FLANK_MM = 2.0
 
 @dataclass(frozen=True)
 class Case:
-    """A contact that both renderers see.
+    """A contact that both renderers render.
 
     Attributes
     ----------
     name : str
-    scene, state
+    scene : Scene
+    state : ContactState
     """
 
     name: str
@@ -41,7 +42,18 @@ class Case:
 
 
 def two_patches(scene: Scene, force_N: float) -> ContactState:
-    """Return two contacts of one finger's shape on one grid, unequal and off its middle."""
+    """Return two contacts of one finger's shape on one grid, unequal and off its middle.
+
+    Parameters
+    ----------
+    scene : Scene
+    force_N : float
+        Of both together [N].
+
+    Returns
+    -------
+    ContactState
+    """
     grid = contact_state(scene, force_N).grid
     states, parts = [], []
     for (dx, dy), share in zip(((-2.3, 1.1), (2.6, -1.7)), (0.6, 0.4), strict=True):
@@ -80,7 +92,17 @@ def _case(
 
 
 def cases(camera: dict[str, Any]) -> list[Case]:
-    """Return the contacts on which the renderers are compared; ``camera`` are dotted keys for all of them."""
+    """Return the contacts on which the renderers are compared.
+
+    Parameters
+    ----------
+    camera : dict
+        Dotted keys of the scene for all of them.
+
+    Returns
+    -------
+    list of Case
+    """
     dead = {"left": {"relative_power": [1, 1, 0, 1, 1]}}
     soft = {"law": "hertz", "reduced_modulus_MPa": 0.16}
     return [
@@ -97,7 +119,17 @@ def cases(camera: dict[str, Any]) -> list[Case]:
 
 
 def coarser(factor: int) -> dict[str, Any]:
-    """Return keys of a camera that sees the same field with pixels ``factor`` times as large."""
+    """Return keys of a camera that sees the same field with pixels ``factor`` times as large.
+
+    Parameters
+    ----------
+    factor : int
+
+    Returns
+    -------
+    dict
+        Dotted keys of a scene.
+    """
     return {
         "camera.resolution_px": [2000 // factor, 1500 // factor],
         "camera.scale_px_per_mm": 58.37 / factor,
@@ -114,9 +146,9 @@ class Agreement:
     Attributes
     ----------
     mean_abs_DN : float
-        Mean over blocks of the lit field of the absolute difference of means, the reference's noise taken off [DN].
+        Mean over blocks of the lit field of the absolute difference of means, the reference's noise subtracted [DN].
     noise_DN : float
-        What of it the reference's noise alone would have made [DN].
+        The same from the reference's noise alone [DN].
     regions : dict
         Difference of means by region: (difference, its standard error) [DN].
     area_bias : float
@@ -144,7 +176,18 @@ class Agreement:
 
 
 def picture(light: PlateLight, scene: Scene) -> Array:
-    """Return the frame without noise, before its values are rounded to 8 bits [DN of 255]."""
+    """Return the frame without noise, before its values are rounded to 8 bits.
+
+    Parameters
+    ----------
+    light : PlateLight
+    scene : Scene
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        [DN of 255].
+    """
     image = form_image(light, scene.camera, scene.plate)
     signal = signal_of(charge_of(image, scene.camera), scene.camera, None)
     raw = np.floor(signal)
@@ -153,7 +196,17 @@ def picture(light: PlateLight, scene: Scene) -> Array:
 
 
 def regions(case: Case) -> dict[str, NDArray[np.bool_]]:
-    """Return the frame's regions: contact in quadrants, rim, beside it, the flank farther out."""
+    """Return the frame's regions: contact in quadrants, rim, beside it, the flank farther out.
+
+    Parameters
+    ----------
+    case : Case
+
+    Returns
+    -------
+    dict of ndarray of bool (rows, cols)
+        Regions of at least 20 pixels.
+    """
     projection = Projection.of(case.scene.camera, case.scene.plate)
     rows, cols = projection.shape
     u, v = np.meshgrid(np.arange(cols), np.arange(rows))
@@ -195,6 +248,10 @@ def agreement(
         Of the reference segmentation [1].
     block_px : int
         Side of the blocks [px].
+
+    Returns
+    -------
+    Agreement
     """
     count = len(passes)
     mean_light = dataclasses.replace(passes[0], radiance=np.mean([p.radiance for p in passes], axis=0))

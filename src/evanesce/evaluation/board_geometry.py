@@ -30,7 +30,7 @@ _TYPICAL = np.array([30.0, 1.0, 1.0, 10.0, 10.0, 1.0, 1.0, 1.0, 0.1, 0.1, 0.01, 
 
 @dataclass(frozen=True)
 class PrintedBoard:
-    """A checkerboard lying on the plate, its lines where the printer put them.
+    """A checkerboard lying on the plate, with the printer's displacement of its lines.
 
     Attributes
     ----------
@@ -41,11 +41,11 @@ class PrintedBoard:
     stretch : float
         Length of a millimetre of the print's second axis over that of its first.
     shear : float
-        By how much the print's second axis leans along its first [1].
+        Shear of the print's second axis along its first [1].
     bright_even : bool
         Whether the square between lines 0 and 1 of both axes is bright.
     ink_mm : float
-        By how much the dark print reaches over each edge [mm].
+        Spread of the dark print over each edge [mm].
     """
 
     lines: BoardLines
@@ -56,7 +56,18 @@ class PrintedBoard:
     ink_mm: float = 0.0
 
     def to_plate(self, world: Array) -> Array:
-        """Return plate coordinates (n, 2) [mm] of corners given by their nominal place."""
+        """Return plate coordinates (n, 2) [mm] of corners given by their nominal position [mm].
+
+        Parameters
+        ----------
+        world : ndarray (n, 2)
+            Nominal corners [mm].
+
+        Returns
+        -------
+        ndarray (n, 2)
+            [mm].
+        """
         placed = self.lines.place(world) - self.middle
         return np.stack([placed[:, 0] + self.shear * placed[:, 1], self.stretch * placed[:, 1]], axis=-1)
 
@@ -65,6 +76,18 @@ class PrintedBoard:
 
         Bright squares are products of two stripes, so that their mean over a rectangle along the lines is a product of
         two means. A footprint turned against the lines is taken as one along them: same second moment.
+
+        Parameters
+        ----------
+        x, y : ndarray
+            Plate coordinates [mm], any shape.
+        footprint_mm : float
+            Side of the square footprint [mm].
+
+        Returns
+        -------
+        ndarray
+            0 to 1, of the same shape.
         """
         shares: list[list[Array]] = [[], []]
         along = y / self.stretch
@@ -93,7 +116,7 @@ class PrintedBoard:
 
 @dataclass(frozen=True)
 class FittedRig:
-    """What the corners tell of camera and board.
+    """Camera and board fitted to corners.
 
     Attributes
     ----------
@@ -105,14 +128,35 @@ class FittedRig:
     board: PrintedBoard
 
     def predict(self, plate: Plate, world: Array) -> Array:
-        """Return where nominal corners (n, 2) [mm] appear, (x, y) [px]."""
+        """Return where nominal corners (n, 2) [mm] appear, (x, y) [px].
+
+        Parameters
+        ----------
+        plate : Plate
+        world : ndarray (n, 2)
+            Nominal corners [mm].
+
+        Returns
+        -------
+        ndarray (n, 2)
+            (x, y) [px].
+        """
         placed = self.board.to_plate(world)
         u, v = Projection.of(self.camera, plate).to_image(placed[:, 0], placed[:, 1])
         return np.stack([u, v], axis=-1)
 
 
 def bright_even(grid: CornerGrid) -> bool:
-    """Tell whether the square between lines 0 and 1 of both axes is bright, by the corners' contrasts."""
+    """Return whether the square between lines 0 and 1 of both axes is bright, by the corners' contrasts.
+
+    Parameters
+    ----------
+    grid : CornerGrid
+
+    Returns
+    -------
+    bool
+    """
     return bool(np.median(np.sign(grid.fit.contrast) * (1 - 2 * (grid.index.sum(axis=1) % 2))) > 0)
 
 
@@ -121,8 +165,8 @@ def fit_rig(
 ) -> FittedRig:
     """Fit camera, two radial terms, the print's stretch, shear and lines to corners seen through the glass.
 
-    A flat board does not tell the focal length; the base camera's is kept, with the pixel pitch that its sensor has in
-    a photograph of the whole field.
+    A flat board does not determine the focal length; the base camera's is kept, with the pixel pitch of its sensor in a
+    photograph of the whole field.
 
     Parameters
     ----------
@@ -135,6 +179,10 @@ def fit_rig(
     plate : Plate
     even_is_bright : bool
         See :class:`PrintedBoard`.
+
+    Returns
+    -------
+    FittedRig
 
     Raises
     ------
@@ -167,12 +215,12 @@ def fit_rig(
 
 
 def _camera(theta: Array, base: Camera, image_size: tuple[int, int]) -> Camera:
-    """Return the base camera at the fitted place.
+    """Return the base camera at the fitted position.
 
     Raises
     ------
     WorkError
-        If that is outside what a rig may be.
+        If that is outside the limits of a camera.
     """
     p = dict(zip(_PARAMETERS, (float(t) for t in theta), strict=True))
     data = base.model_dump()

@@ -1,4 +1,4 @@
-"""Uneven light of a photographed board: smooth fields for bright and dark squares, and the blocks that judge them."""
+"""Uneven light of a photographed board: smooth fields for bright and dark squares, and the blocks held out of them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from evanesce.measurement.calibration.corners import CornerGrid
 Array = NDArray[np.float64]
 
 BLOCK = 2
-"""Side of the blocks of squares that go alternately into the fit and into the judgement."""
+"""Side of the blocks of squares that go alternately into the fit and into the evaluation."""
 
 SMOOTHING = 0.05
 """Of the thin-plate splines, in units of 100 px: structure finer than some three squares is left to the residual."""
@@ -39,19 +39,38 @@ class Squares:
         (x, y) [px].
     value : ndarray (n,)
         Median over the middle 40 % of the square.
-    bright, judged : ndarray of bool (n,)
-        Bright print; block left out of the fit.
+    bright, held_out : ndarray of bool (n,)
+        Bright print; block held out of the fit.
     """
 
     centre: Array
     value: Array
     bright: NDArray[np.bool_]
-    judged: NDArray[np.bool_]
+    held_out: NDArray[np.bool_]
 
 
-def judged_block(index: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Tell which grid places (n, 2) belong to blocks that are left out of every fit."""
+def held_out_block(index: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return which grid positions (n, 2) belong to blocks that are held out of every fit.
+
+    Parameters
+    ----------
+    index : ndarray of int (n, 2)
+        Of squares or corners.
+
+    Returns
+    -------
+    ndarray of bool (n,)
+    """
     return np.asarray((index // BLOCK).sum(axis=1) % 2 == 1)
+
+
+def _whole_squares(grid: CornerGrid) -> tuple[NDArray[np.int64], Array]:
+    """Return index (n, 2) and corners (n, 4, 2) [px] of every square whose four corners were found."""
+    number = np.full(grid.index.max(axis=0) + 1, -1)
+    number[tuple(grid.index.T)] = np.arange(len(grid))
+    corners = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1)
+    cells = np.argwhere((corners >= 0).all(axis=-1))
+    return cells, grid.fit.position[corners[tuple(cells.T)]]
 
 
 def squares(image: Array, grid: CornerGrid, even_is_bright: bool) -> Squares:
@@ -64,19 +83,19 @@ def squares(image: Array, grid: CornerGrid, even_is_bright: bool) -> Squares:
     grid : CornerGrid
     even_is_bright : bool
         Whether the square between lines 0 and 1 of both axes is bright.
+
+    Returns
+    -------
+    Squares
     """
-    number = np.full(grid.index.max(axis=0) + 1, -1)
-    number[tuple(grid.index.T)] = np.arange(len(grid))
-    corners = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1)
-    cells = np.argwhere((corners >= 0).all(axis=-1))
-    around = grid.fit.position[corners[tuple(cells.T)]]
+    cells, around = _whole_squares(grid)
     inner = np.linspace(0.3, 0.7, 7)
     a, b = (g.ravel() for g in np.meshgrid(inner, inner))
     weights = np.stack([(1 - a) * (1 - b), a * (1 - b), a * b, (1 - a) * b])
     points = np.einsum("kca,cm->kma", around, weights)
     values = map_coordinates(image, [points[..., 1], points[..., 0]], order=1, mode="nearest")
     bright = (cells.sum(axis=1) % 2 == 0) == even_is_bright
-    return Squares(around.mean(axis=1), np.median(values, axis=1), bright, judged_block(cells))
+    return Squares(around.mean(axis=1), np.median(values, axis=1), bright, held_out_block(cells))
 
 
 def smooth_field(centre: Array, value: Array, shape: tuple[int, int]) -> Array:
@@ -89,6 +108,11 @@ def smooth_field(centre: Array, value: Array, shape: tuple[int, int]) -> Array:
     value : ndarray (n,)
     shape : tuple of int
         (rows, cols).
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        In the unit of ``value``.
 
     Raises
     ------
@@ -117,14 +141,24 @@ def smooth_field(centre: Array, value: Array, shape: tuple[int, int]) -> Array:
     return np.asarray(np.clip(fine, low, high), dtype=np.float64)
 
 
-def block_mask(grid: CornerGrid, shape: tuple[int, int], judged: bool) -> NDArray[np.bool_]:
-    """Return the pixels of whole squares that belong to the judged blocks, or to those of the fit; never to both."""
-    number = np.full(grid.index.max(axis=0) + 1, -1)
-    number[tuple(grid.index.T)] = np.arange(len(grid))
-    corners = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1)
-    cells = np.argwhere((corners >= 0).all(axis=-1))
-    outlines = np.rint(grid.fit.position[corners[tuple(cells.T)]] * 16).astype(np.int32)
+def block_mask(grid: CornerGrid, shape: tuple[int, int], held_out: bool) -> NDArray[np.bool_]:
+    """Return the pixels of whole squares that belong to the held-out blocks, or to those of the fit; never to both.
+
+    Parameters
+    ----------
+    grid : CornerGrid
+    shape : tuple of int
+        (rows, cols).
+    held_out : bool
+        Whether the held-out blocks are meant, or those of the fit.
+
+    Returns
+    -------
+    ndarray of bool (rows, cols)
+    """
+    cells, around = _whole_squares(grid)
+    outlines = np.rint(around * 16).astype(np.int32)
     masks = {True: np.zeros(shape, dtype=np.uint8), False: np.zeros(shape, dtype=np.uint8)}
-    for outline, part in zip(outlines, judged_block(cells), strict=True):
+    for outline, part in zip(outlines, held_out_block(cells), strict=True):
         cv2.fillConvexPoly(masks[bool(part)], outline, 1, shift=4)
-    return np.asarray((masks[judged] > 0) & (masks[not judged] == 0))
+    return np.asarray((masks[held_out] > 0) & (masks[not held_out] == 0))

@@ -1,4 +1,4 @@
-"""Calibration of a simulated rig without rendering a card: corners where the projection puts them, with scatter."""
+"""Calibration of a simulated rig without rendering a card: projected corners with scatter."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SQUARE_EDGE_PX = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class CardErrors:
-    """How the cards of one calibration depart from what the lab believes of them.
+    """Deviations of the cards of one calibration from their nominal values.
 
     Attributes
     ----------
@@ -38,8 +38,9 @@ class CardErrors:
     height_mm : float
         Printed side over the contact plane, that is farther from the camera [mm].
     square_edge_px : float
-        Way of the square's edge outwards, by threshold and blur [px].
+        Displacement of the square's edge outwards, by threshold and blur [px].
     corner_noise_px : float
+        Standard deviation of a corner per axis [px].
     """
 
     board_scale: float = 1.0
@@ -66,12 +67,18 @@ def calibrated(
         Of the corners' scatter.
     errors : CardErrors, optional
     rotation_deg, shift_mm : float, tuple of float
-        How the cards lie.
+        Orientation and position of the cards [deg], [mm].
+
+    Returns
+    -------
+    Calibration
     """
     errors = errors or CardErrors()
     projection = _above(scene, errors.height_mm)
     world, seen = _board(scene, errors, projection, rng, rotation_deg, shift_mm)
-    focal_px = Projection.of(scene.camera, scene.plate).focal_px  # on the lens's label; a flat board does not tell it
+    focal_px = Projection.of(
+        scene.camera, scene.plate
+    ).focal_px  # on the lens's label; a flat board does not determine it
     found = calibrate([BoardView("board", world, seen)], scene.camera.resolution_px, expect_focal_px=focal_px)
     stated = scene.card.square_side_mm
     square = _square(stated * errors.square_scale, projection, rotation_deg, shift_mm)
@@ -89,12 +96,23 @@ def calibrated(
 
 
 def with_board_blur(calibration: Calibration, scene: Scene, seed: int) -> Calibration:
-    """Return a calibration with the blur of a photograph of the scene's board, as ``evanesce calibrate`` finds it.
+    """Return a calibration with the blur of a frame of the scene's board, as ``evanesce calibrate`` finds it.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    scene : Scene
+    seed : int
+        Of the simulated frame.
+
+    Returns
+    -------
+    Calibration
 
     Raises
     ------
     WorkError
-        If no board is found in the photograph.
+        If no board is found in the frame.
     """
     picture = Rig(scene, seed).card("checkerboard", 0)
     blur = blur_of_board(picture, find_corners(picture))
@@ -109,7 +127,20 @@ def drawn_corners(
     rotation_deg: float = 1.3,
     shift_mm: tuple[float, float] = (0.37, -0.21),
 ) -> list[dict[str, float]]:
-    """Return the corners of a board as a calibration keeps them; parameters as for :func:`calibrated`."""
+    """Return the corners of a board as a calibration keeps them; parameters as for :func:`calibrated`.
+
+    Parameters
+    ----------
+    scene : Scene
+    errors : CardErrors
+    rng : numpy.random.Generator
+    rotation_deg, shift_mm : float, tuple of float
+        Orientation and position of the board [deg], [mm].
+
+    Returns
+    -------
+    list of dict
+    """
     world, seen = _board(scene, errors, _above(scene, errors.height_mm), rng, rotation_deg, shift_mm)
     keys = ("view", "world_x_mm", "world_y_mm", "image_x_px", "image_y_px")
     rows = np.column_stack([np.ones(len(world)), world, seen]).tolist()
@@ -117,7 +148,7 @@ def drawn_corners(
 
 
 def _above(scene: Scene, height: float) -> Projection:
-    """Return the projection of a plane above the glass [mm]: there the way goes on through air, as if from farther."""
+    """Return the projection of a plane above the glass [mm]: light continues through air, as if from farther."""
     flat = Projection.of(scene.camera, scene.plate)
     return replace(flat, pinhole=flat.pinhole - [0.0, 0.0, height])
 
@@ -126,7 +157,7 @@ def _board(
     scene: Scene, errors: CardErrors, projection: Projection, rng: np.random.Generator, rotation_deg: float,
     shift_mm: tuple[float, float],
 ) -> tuple[Floats, Floats]:  # fmt: skip
-    """Return corners as the lab believes them [mm] and as they are found in the frame [px]."""
+    """Return nominal corners [mm] and where they are found in the frame [px]."""
     side, (across, down) = scene.card.checkerboard_side_mm, scene.card.checkerboard_squares
     grid = np.stack(np.meshgrid(np.arange(1, across), np.arange(1, down)), axis=-1).reshape(-1, 2) * float(side)
     placed = _placed((grid - grid.mean(axis=0)) * errors.board_scale, rotation_deg, shift_mm)

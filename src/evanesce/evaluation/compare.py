@@ -1,4 +1,4 @@
-"""What a measurement got wrong: area error, overlap of the masks, displacement of the boundary."""
+"""Compare a measurement with the truth: area error, overlap of the masks, displacement of the boundary."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PERCENTILES = (5, 50, 95)
 
 @dataclass(frozen=True, kw_only=True)
 class Displacement:
-    """Where the measured boundary lies relative to the true one; positive outside it. NaN where there is none.
+    """Displacement of the measured boundary from the true one; positive outside it. NaN where there is none.
 
     Attributes
     ----------
@@ -40,7 +40,17 @@ class Displacement:
 
     @classmethod
     def of(cls, values: Array) -> Displacement:
-        """Summarise signed displacements."""
+        """Summarise signed displacements.
+
+        Parameters
+        ----------
+        values : ndarray (n,)
+            Signed displacements.
+
+        Returns
+        -------
+        Displacement
+        """
         if values.size == 0:
             nan = float("nan")
             return cls(mean=nan, rms=nan, percentile_5=nan, percentile_50=nan, percentile_95=nan, points=0)
@@ -80,7 +90,13 @@ class Comparison:
     displacement_mm: Displacement
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return plain data.
+
+        Returns
+        -------
+        dict
+            Units in the keys.
+        """
         return asdict(self)
 
 
@@ -94,6 +110,10 @@ def compare(mask: Mask, area_mm2: float, labels: FrameLabels) -> Comparison:
     area_mm2 : float
         The measurement's own area [mm^2].
     labels : FrameLabels
+
+    Returns
+    -------
+    Comparison
 
     Raises
     ------
@@ -116,7 +136,17 @@ def compare(mask: Mask, area_mm2: float, labels: FrameLabels) -> Comparison:
 
 
 def overlap(estimate: Mask, truth: Mask) -> float:
-    """Return intersection over union; 1 where both masks are empty."""
+    """Return the intersection over union of two masks.
+
+    Parameters
+    ----------
+    estimate, truth : ndarray of bool (rows, cols)
+
+    Returns
+    -------
+    float
+        1 where both masks are empty.
+    """
     union = int((estimate | truth).sum())
     return int((estimate & truth).sum()) / union if union else 1.0
 

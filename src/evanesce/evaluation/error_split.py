@@ -1,7 +1,7 @@
-"""Where an area error comes from: scale, distortion, blur, threshold and noise, each switched off in turn.
+"""Split of an area error into scale, distortion, blur, threshold and noise, each switched off in turn.
 
-The whole is a function of what is left out, A(S): the area that the measurement reports when the sources S are absent.
-The share of a source is A(nothing left out) - A(that source left out): what it adds in the presence of all others.
+Let A(S) be the area that the measurement reports when the sources S are absent. The share of a source is A(nothing left
+out) - A(that source left out): what it adds in the presence of all others.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class ErrorSplit:
     residual_mm2 : float
         Error that stays with every source left out: counting whole pixels, light that is not contact [mm^2].
     interaction_mm2 : float
-        What the sources do together and none alone: a low threshold displaces nothing without blur [mm^2].
+        Joint effect of the sources: a low threshold displaces nothing without blur [mm^2].
     """
 
     true_area_mm2: float
@@ -49,11 +49,27 @@ class ErrorSplit:
     interaction_mm2: float
 
     def percent(self, value_mm2: float) -> float:
-        """Return a part as percent of the true area, NaN where that is zero."""
+        """Return a part as percent of the true area, NaN where that is zero.
+
+        Parameters
+        ----------
+        value_mm2 : float
+            [mm^2].
+
+        Returns
+        -------
+        float
+            [%].
+        """
         return 100.0 * value_mm2 / self.true_area_mm2 if self.true_area_mm2 > 0 else float("nan")
 
     def rows(self) -> list[tuple[str, float, float]]:
-        """Return (name, mm^2, percent) of every part, then of the total."""
+        """Return (name, mm^2, percent) of every part, then of the total.
+
+        Returns
+        -------
+        list of tuple
+        """
         named = [
             *self.parts_mm2.items(),
             ("residual", self.residual_mm2),
@@ -72,6 +88,10 @@ def split(measured_area: Callable[[frozenset[Source]], float], true_area_mm2: fl
         ``measured_area(without) -> mm^2``; :class:`MeasuredArea` makes one. Called seven times.
     true_area_mm2 : float
         [mm^2].
+
+    Returns
+    -------
+    ErrorSplit
     """
     full = measured_area(frozenset())
     parts = {source: full - measured_area(frozenset({source})) for source in SOURCES}
@@ -88,7 +108,7 @@ def split(measured_area: Callable[[frozenset[Source]], float], true_area_mm2: fl
 
 @dataclass(frozen=True)
 class Viewing:
-    """How a measurement looks at frames, and what its pixels truly cover.
+    """Mapping of frames into a measurement's view, with the true area of its pixels.
 
     Attributes
     ----------
@@ -103,11 +123,32 @@ class Viewing:
 
     @classmethod
     def of(cls, projection: Projection, view: RectifiedView | None = None) -> Viewing:
-        """Return the viewing of a camera's frames through a rectified view, or as they are."""
+        """Return the viewing of a camera's frames through a rectified view, or as they are.
+
+        Parameters
+        ----------
+        projection : Projection
+            True geometry of the camera.
+        view : RectifiedView, optional
+
+        Returns
+        -------
+        Viewing
+        """
         return cls(view_geometry(projection, view).pixel_area, None if view is None else view.maps())
 
     def look(self, image: NDArray[Any]) -> NDArray[Any]:
-        """Return the view's picture of a frame's array."""
+        """Return the view's picture of a frame's array.
+
+        Parameters
+        ----------
+        image : ndarray
+            Of the frame's size.
+
+        Returns
+        -------
+        ndarray (rows, cols)
+        """
         if self.maps is None:
             return image
         return np.asarray(cv2.remap(image, *self.maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
@@ -123,11 +164,11 @@ class MeasuredArea:
         ``expose(without) -> Frame`` for any set of "distortion", "blur", "noise"
         (:func:`evanesce.chain.simulate.expose` with its plate light bound).
     segment : callable
-        ``segment(image) -> mask``: the measurement's own chain on a view's 8-bit picture.
+        ``segment(image) -> mask``: the measurement's own segmentation of a view's 8-bit picture.
     mm2_per_px : float
         Calibrated scale [mm^2].
     viewing : Viewing
-        As the measurement looks, by its own calibration.
+        By the measurement's own calibration.
     straight : Viewing
         Frames of the same camera without distortion, which need no undistortion.
     linear_light : callable, optional
@@ -150,7 +191,18 @@ class MeasuredArea:
         return int(mask.sum()) * self.mm2_per_px
 
     def mask(self, without: frozenset[Source] = frozenset()) -> tuple[Mask, Viewing]:
-        """Return the segmented mask and the view in which it lies."""
+        """Return the segmented mask and the view in which it lies.
+
+        Parameters
+        ----------
+        without : frozenset of str
+            Sources left out.
+
+        Returns
+        -------
+        mask : ndarray of bool (rows, cols)
+        viewing : Viewing
+        """
         omitted: frozenset[Omission] = frozenset(part for part in get_args(Omission) if part in without)
         frame = self.expose(omitted)
         viewing = self.straight if "distortion" in without else self.viewing
@@ -178,8 +230,8 @@ def half_level_mask(
 ) -> Mask:
     """Move a mask's edge to where the light is halfway between the levels on its two sides.
 
-    Half a level is where the edge of an even patch lies before any symmetric blur, so this is the threshold that a blur
-    cannot displace, wherever the light is uneven.
+    The edge of an even patch lies at half the level under any symmetric blur, so that a blur does not displace this
+    threshold, even where the light is uneven.
 
     Parameters
     ----------
@@ -192,9 +244,9 @@ def half_level_mask(
     window_px : int
         Side of the window over which the levels inside and outside the band are averaged.
     smooth_px : float
-        Standard deviation of a Gaussian that quietens the light first [px]; being symmetric it moves no half level.
+        Standard deviation of a Gaussian against noise [px]; it moves no half level.
     passes : int
-        The band is laid around the new edge and decided again.
+        Number of times that the band is decided, each time around the new edge.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Measure a simulated frame as a lab would, compare it with its truth and split the error."""
+"""Measure a simulated frame, compare it with its truth and split the error."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from evanesce.rig import Scene
 
 @dataclass(frozen=True)
 class Camera:
-    """How frames of one rig are looked at: as the measurement believes, and as it truly is.
+    """Calibrated and true geometry of the frames of one rig.
 
     Attributes
     ----------
@@ -43,9 +43,22 @@ class Camera:
 
     @classmethod
     def of(cls, scene: Scene, calibration: Calibration | None, mm2_per_px: float) -> Camera:
-        """Return the view of a scene's frames through a calibration; None leaves them distorted.
+        """Return the geometry of a scene's frames through a calibration.
 
         Takes seconds: make it once for all frames of a camera.
+
+        Parameters
+        ----------
+        scene : Scene
+            The true rig.
+        calibration : Calibration or None
+            None leaves frames distorted.
+        mm2_per_px : float
+            Calibrated area of a pixel [mm^2].
+
+        Returns
+        -------
+        Camera
         """
         projection = Projection.of(scene.camera, scene.plate)
         rectified = view = None
@@ -73,7 +86,7 @@ class Evaluation:
     labels : FrameLabels
     comparison : Comparison
     error : ErrorSplit or None
-        None where the light is not at hand to photograph it anew.
+        None where the light is not available to expose it again.
     """
 
     measured: Measured
@@ -82,7 +95,12 @@ class Evaluation:
     error: ErrorSplit | None
 
     def row(self) -> dict[str, Any]:
-        """Return the table's row, units in the keys."""
+        """Return the table's row, units in the keys.
+
+        Returns
+        -------
+        dict
+        """
         row: dict[str, Any] = {
             "true_area_mm2": self.comparison.true_area_mm2,
             "measured_area_mm2": self.comparison.area_mm2,
@@ -108,17 +126,21 @@ def evaluate(shot: SimulatedFrame, chain: Chain, camera: Camera, *, seed: int, p
         Without a crop where ``parts`` are wanted.
     camera : Camera
     seed : int
-        Of the simulation, so that frames taken anew have the same noise.
+        Of the simulation, so that frames exposed again have the same noise.
     parts : bool
         False leaves the split out.
+
+    Returns
+    -------
+    Evaluation
 
     Raises
     ------
     ValueError
-        If nothing touched.
+        If there is no contact.
     """
     if shot.state is None:
-        raise ValueError("nothing touches in this frame")
+        raise ValueError("no contact in this frame")
     measured = measure_frame(shot.frame, chain, camera.mm2_per_px, camera.rectified)
     labels = label(shot.state, camera.geometry)
     mask = measured.estimate.mask

@@ -1,4 +1,4 @@
-"""The truth as the camera sees it: the contact state carried into the pixels of a frame or of a rectified view."""
+"""True labels of a frame: the contact state mapped into the pixels of a frame or of a rectified view."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RectifiedView:
-    """What a measurement makes of a frame: undistorted by calibrated coefficients, then cropped.
+    """A measurement's view of a frame: undistorted by calibrated coefficients, then cropped.
 
-    The coefficients are the measurement's own, right or wrong; the truth is carried through them as its pixels are.
+    The coefficients are the measurement's own, right or wrong; the truth is mapped through the same ones.
 
     Attributes
     ----------
@@ -42,7 +42,18 @@ class RectifiedView:
     origin: tuple[int, int] = (0, 0)
 
     def to_frame(self, u: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
-        """Return the frame's pixel position (u, v) that a position of this view shows."""
+        """Return the frame's pixel position (u, v) that a position of this view shows.
+
+        Parameters
+        ----------
+        u, v : array_like
+            Column and row in this view [px].
+
+        Returns
+        -------
+        u, v : ndarray
+            In the frame [px].
+        """
         inverse = np.linalg.inv(self.camera_matrix_new)
         u, v = np.asarray(u, float) + self.origin[1], np.asarray(v, float) + self.origin[0]
         k1, k2, p1, p2, k3 = (float(k) for k in np.resize(np.append(self.distortion, np.zeros(5)), 5))
@@ -55,7 +66,13 @@ class RectifiedView:
         return matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2], matrix[1, 1] * y + matrix[1, 2]
 
     def maps(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return the cv2.remap maps (x, y) that carry a frame into this view."""
+        """Return the cv2.remap maps (x, y) from a frame into this view.
+
+        Returns
+        -------
+        x, y : ndarray of float32 (rows, cols)
+            [px].
+        """
         u, v = np.meshgrid(np.arange(self.shape[1]), np.arange(self.shape[0]))
         x, y = self.to_frame(u, v)
         return x.astype(np.float32), y.astype(np.float32)
@@ -63,7 +80,7 @@ class RectifiedView:
 
 @dataclass(frozen=True)
 class ViewGeometry:
-    """Where each pixel of a view lies on the plate; made once, used for every frame.
+    """Positions of a view's pixels on the plate; made once, used for every frame.
 
     Attributes
     ----------
@@ -85,7 +102,7 @@ class ViewGeometry:
 
 
 def view_geometry(projection: Projection, view: RectifiedView | None = None) -> ViewGeometry:
-    """Carry the pixel grid of the distorted frame, or of a rectified view, onto the plate.
+    """Map the pixel grid of the distorted frame, or of a rectified view, onto the plate.
 
     Parameters
     ----------
@@ -93,6 +110,10 @@ def view_geometry(projection: Projection, view: RectifiedView | None = None) -> 
         True geometry of the camera.
     view : RectifiedView, optional
         None for the frame itself.
+
+    Returns
+    -------
+    ViewGeometry
     """
     rows, cols = projection.shape if view is None else view.shape
     u, v = np.meshgrid(np.arange(cols + 1) - 0.5, np.arange(rows + 1) - 0.5)
@@ -143,15 +164,19 @@ class FrameLabels:
 
 
 def label(state: ContactState | None, geometry: ViewGeometry, *, supersample: int = 4) -> FrameLabels:
-    """Carry a contact state into the pixels of a view.
+    """Map a contact state into the pixels of a view.
 
     Parameters
     ----------
     state : ContactState or None
-        None where nothing touches.
+        None where there is no contact.
     geometry : ViewGeometry
     supersample : int
         Samples along each side of a pixel.
+
+    Returns
+    -------
+    FrameLabels
 
     Notes
     -----
@@ -205,15 +230,15 @@ def _fill(
     rows, cols = window
     corners = np.s_[rows.start : rows.stop + 1, cols.start : cols.stop + 1]
     at_row, at_col = state.grid.index(geometry.corner_x[corners], geometry.corner_y[corners])
-    touching = np.dstack([state.contact_mask, state.pressure]).astype(np.float32)
-    aloof = np.asarray(state.gap, np.float32)
+    contact = np.dstack([state.contact_mask, state.pressure]).astype(np.float32)
+    gaps = np.asarray(state.gap, np.float32)
     sums = np.zeros((rows.stop - rows.start, cols.stop - cols.start, 3), np.float64)
     fractions = (np.arange(supersample) + 0.5) / supersample
     for down in fractions:
         for right in fractions:
             y, x = _within(at_row, down, right), _within(at_col, down, right)
-            sums[..., :2] += cv2.remap(touching, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
-            sums[..., 2] += cv2.remap(aloof, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            sums[..., :2] += cv2.remap(contact, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+            sums[..., 2] += cv2.remap(gaps, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     sums /= supersample**2
     centre_row, centre_col = _within(at_row, 0.5, 0.5), _within(at_col, 0.5, 0.5)
     grid_rows, grid_cols = state.grid.shape

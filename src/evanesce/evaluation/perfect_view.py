@@ -1,4 +1,4 @@
-"""A measurement whose calibration of the lens is perfect: what then remains wrong is the study's own subject."""
+"""Undistortion without calibration error, for studies of the errors that remain."""
 
 from __future__ import annotations
 
@@ -18,7 +18,16 @@ from evanesce.rig import Scene
 
 
 def true_calibration(scene: Scene) -> Calibration:
-    """Return the lens of a scene as a calibration without any error; it has no scale."""
+    """Return the lens of a scene as a calibration without error and without scale.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    Calibration
+    """
     projection = Projection.of(scene.camera, scene.plate)
     x, y = projection.principal_point
     matrix = np.array([[projection.focal_px, 0.0, x], [0.0, projection.focal_px, y], [0.0, 0.0, 1.0]])
@@ -44,7 +53,16 @@ class PerfectView:
 
     @classmethod
     def of(cls, scene: Scene) -> PerfectView:
-        """Make it once for all frames of a camera."""
+        """Return the view of a scene's camera; make it once for all its frames.
+
+        Parameters
+        ----------
+        scene : Scene
+
+        Returns
+        -------
+        PerfectView
+        """
         calibration = true_calibration(scene)
         rectified = rectification(calibration)
         view = RectifiedView(
@@ -61,11 +79,32 @@ class PerfectView:
         return Projection.of(self.scene.camera, self.scene.plate)
 
     def straight(self, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return a frame undistorted [DN]."""
+        """Return a frame undistorted [DN].
+
+        Parameters
+        ----------
+        frame : ndarray of uint8 (rows, cols) or (rows, cols, 3)
+            [DN].
+
+        Returns
+        -------
+        ndarray of uint8
+        """
         return rectify(frame, self.rectified)
 
     def to_view(self, x: float, y: float) -> tuple[float, float]:
-        """Return (row, col) of the view that sees a plate point [mm]."""
+        """Return (row, col) of the view that sees a plate point [mm].
+
+        Parameters
+        ----------
+        x, y : float
+            On the plate [mm].
+
+        Returns
+        -------
+        row, col : float
+            [px].
+        """
         u, v = self.projection.plate_to_ray(np.array(x), np.array(y))
         matrix = self.view.camera_matrix_new
         return float(v * matrix[1, 1] + matrix[1, 2]), float(u * matrix[0, 0] + matrix[0, 2])
@@ -81,7 +120,17 @@ class PerfectView:
         return float(across * np.hypot(x[1] - x[0], y[1] - y[0]))
 
     def window(self, half_mm: float) -> Crop:
-        """Return the square crop about the finger's tip that reaches ``half_mm`` to each side, within the view."""
+        """Return the square crop about the finger's tip that reaches ``half_mm`` to each side, within the view.
+
+        Parameters
+        ----------
+        half_mm : float
+            Half the side [mm].
+
+        Returns
+        -------
+        Crop
+        """
         row, col = self.to_view(*self.scene.finger.position_mm)
         reach = half_mm / self.mm2_per_px**0.5
         rows, cols = self.view.shape
@@ -89,7 +138,18 @@ class PerfectView:
                     max(0, int(col - reach)), min(cols, int(col + reach) + 1))  # fmt: skip
 
     def labels(self, state: ContactState, crop: Crop) -> FrameLabels:
-        """Return the truth in a crop of the view."""
+        """Return the truth in a crop of the view.
+
+        Parameters
+        ----------
+        state : ContactState
+        crop : Crop
+            Of the view.
+
+        Returns
+        -------
+        FrameLabels
+        """
         rows, cols = self.view.shape
         r1, c1 = rows if crop.r1 is None else crop.r1, cols if crop.c1 is None else crop.c1
         view = RectifiedView(

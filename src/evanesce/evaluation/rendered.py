@@ -1,4 +1,4 @@
-"""What ``evanesce render`` left in a folder, taken up again: frames, light and truth."""
+"""Read what ``evanesce render`` wrote: frames, light and truth."""
 
 from __future__ import annotations
 
@@ -50,18 +50,27 @@ class Rendered:
 
     @property
     def has_light(self) -> bool:
-        """Whether every frame's linear light was kept."""
+        """Whether every frame's linear light is there."""
         return all(self._light_file(frame.index).is_file() for frame in self.frames)
 
     def _light_file(self, index: int) -> Path:
         return self.folder / f"light_{index:06d}.exr"
 
     def true_scene(self) -> Scene:
-        """Return the rig as it really was, after effects of the stage ``rig``."""
+        """Return the true rig, after effects of the stage ``rig``.
+
+        Returns
+        -------
+        Scene
+        """
         return solve_contact(self.scene, None, seed=self.seed, file=self.folder / "scene.toml")[0]
 
     def shots(self) -> Iterator[SimulatedFrame]:
-        """Yield the frames with their truth, and with their light where it was kept (dark otherwise).
+        """Yield the frames with their truth, and with their light where it is there (dark otherwise).
+
+        Yields
+        ------
+        SimulatedFrame
 
         Raises
         ------
@@ -95,6 +104,14 @@ class Rendered:
 
 def read_rendered(folder: Path) -> Rendered:
     """Read scene, seed and frame list of a rendering.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Returns
+    -------
+    Rendered
 
     Raises
     ------

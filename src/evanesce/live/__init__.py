@@ -1,1 +1,1 @@
-"""The live page: a rig with sliders. Everything but :mod:`page` and :mod:`server` is free of the web framework."""
+"""Live page: a rig with sliders. Only ``page``, ``layout``, ``widgets`` and ``server`` import the web framework."""

@@ -1,4 +1,4 @@
-"""Histogram and profile as SVG text: small enough to be drawn anew ten times a second."""
+"""Draw histogram and profile as SVG text, small enough for ten updates a second."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Array = NDArray[np.floating[Any]]
 
 
 def histogram_svg(shown: Histogram, threshold: float, own: Histogram | None = None) -> str:
-    """Return pixels by grey level, in contact and beside it, on a logarithmic scale, with the threshold.
+    """Return the histogram of grey levels within and outside contact, on a logarithmic scale, with the threshold.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ def histogram_svg(shown: Histogram, threshold: float, own: Histogram | None = No
     threshold : float
         Grey level, 0 to 1.
     own : Histogram, optional
-        Of a lab's own frame, drawn as a line.
+        Of the user's own frame, drawn as a line.
     """
     classes = shown.inside.size
     counts = [shown.inside, shown.outside] + ([] if own is None else [own.outside])
@@ -55,7 +55,7 @@ def histogram_svg(shown: Histogram, threshold: float, own: Histogram | None = No
 
 
 def profile_svg(profile: Profile, threshold: float, reach_mm: float) -> str:
-    """Return grey level along the line, true contact as bands behind it, with the threshold.
+    """Return the plot of grey level along a line, with true contact as bands and the threshold.
 
     Parameters
     ----------
@@ -63,11 +63,11 @@ def profile_svg(profile: Profile, threshold: float, reach_mm: float) -> str:
     threshold : float
         Grey level, 0 to 1.
     reach_mm : float
-        To which distance from the tip is drawn [mm].
+        Largest distance from the tip that is drawn [mm].
     """
-    near = np.abs(profile.place_mm) <= reach_mm
-    place, grey, share = profile.place_mm[near], profile.grey[near], profile.share[near]
-    x = _x((place + reach_mm) / (2 * reach_mm))
+    near = np.abs(profile.position_mm) <= reach_mm
+    position, grey, share = profile.position_mm[near], profile.grey[near], profile.share[near]
+    x = _x((position + reach_mm) / (2 * reach_mm))
     parts = [_grid([0, 0.25, 0.5, 0.75, 1.0], ["0", "0.25", "0.5", "0.75", "1"])]
     half = 0.5 * (x[1] - x[0]) if x.size > 1 else 0.0
     for first, last in _runs(share >= 0.5):
@@ -106,7 +106,7 @@ def _power(k: int) -> str:
 
 
 def _grid(at: list[float], names: list[str]) -> str:
-    """Return horizontal lines with their names."""
+    """Return horizontal grid lines with their labels."""
     parts = []
     for share, name in zip(at, names, strict=True):
         y = float(_y(share))

@@ -1,4 +1,4 @@
-"""What can be set on the page, within which limits, and the scene that a setting stands for. No picture, no browser."""
+"""Controls of the live page with their limits, and the scene of a setting. No pictures, no browser."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from evanesce.rig.load import validate
 
 SET_HERE = "set on the live page"
 DEFAULT_RIDGES = Ridges(pitch_um=1000.0, orientation_deg=90.0)
-"""Of a finger that has none yet: those of the shipped ridged scene."""
+"""Ridges of a finger without ridges in its scene: those of the shipped ridged scene."""
 
 BLUR_PX, RADIUS_PX = 1.0, 10
-"""Of the reference segmentation, in pixels of the full resolution."""
+"""Blur and dilation radius of the reference segmentation, in pixels of the full resolution."""
 
 
 @dataclass(frozen=True)
@@ -55,14 +55,14 @@ class Knob:
         return f"{value:.{self.digits}f}" + (f" {self.unit}" if self.unit else "")
 
     def including(self, value: float) -> Knob:
-        """Return the slider with limits that hold a value: a scene may lie beyond what is usual."""
+        """Return the slider with limits that include a value: a scene may lie beyond the usual range."""
         return replace(self, low=min(self.low, value), high=max(self.high, value))
 
 
 KNOBS = (
     Knob("voltage_V", "LED voltage", "V", 6.0, 12.0, 0.05, 2, "supply of all strips that have none of their own"),
     Knob("threshold", "Threshold", "", 0.0, 1.0, 0.0025, 4, "grey level, 0 to 1; brighter is contact"),
-    Knob("min_blob_px", "Least blob", "px", 0.0, 20_000.0, 50.0, 0, "of the dilated mask, at full resolution"),
+    Knob("min_blob_px", "Minimum blob size", "px", 0.0, 20_000.0, 50.0, 0, "of the dilated mask, at full resolution"),
     Knob("force_N", "Force", "N", 0.0, 10.0, 0.05, 2, "normal force"),
     Knob("ridge_height_um", "Ridge height", "µm", 0.0, 150.0, 1.0, 1, "0: a smooth finger"),
     Knob("defocus_um", "Defocus", "µm", -300.0, 300.0, 5.0, 0, "sensor behind best focus"),
@@ -73,7 +73,7 @@ KNOBS = (
 
 @dataclass(frozen=True, kw_only=True)
 class Controls:
-    """One setting of everything on the page.
+    """One setting of all controls of the page.
 
     Attributes
     ----------
@@ -85,13 +85,13 @@ class Controls:
     threshold : float
         Grey level, 0 to 1.
     min_blob_px : float
-        Least dilated blob, in pixels of the full resolution.
+        Minimum size of a dilated blob, in pixels of the full resolution.
     line_mm : float
         Distance of the profile's line from the finger's tip [mm].
     along : {"x", "y"}
         Direction of the line.
     coarser : int
-        How many times as large the pixels of camera and contact grid are as the scene's: 2 is half the resolution.
+        Pixel pitch of camera and contact grid over the scene's: 2 is half the resolution.
     """
 
     voltage_V: float
@@ -112,7 +112,7 @@ class Controls:
         Raises
         ------
         InputError
-            For a number that is none, or out of its slider's absolute limits.
+            For a number that is not finite.
         """
         for name, value in values.items():
             if isinstance(value, float) and not math.isfinite(value):
@@ -121,7 +121,7 @@ class Controls:
 
     @property
     def chain(self) -> Chain:
-        """The reference segmentation at this resolution: its lengths in pixels shrink with the image."""
+        """The reference segmentation at this resolution: its lengths in pixels are divided by ``coarser``."""
         return Chain(
             threshold=self.threshold,
             min_blob=round(self.min_blob_px / self.coarser**2),
@@ -131,7 +131,7 @@ class Controls:
 
     @property
     def contact_key(self) -> tuple[Any, ...]:
-        """All that the contact depends on."""
+        """Values that the contact depends on."""
         return self.force_N, self.material, self.ridge_height_um, self.coarser
 
 
@@ -150,7 +150,7 @@ def powers_of(scene: Scene) -> tuple[float, ...]:
 
 
 def controls_of(scene: Scene, *, coarser: int = 2) -> Controls:
-    """Return the setting that a scene starts with: its own figures, and the middle of its forces."""
+    """Return the first setting of a scene: its own values, and the middle one of its forces."""
     forces = scene.press.forces_N
     ramp = scene.press.ramp
     force = forces[len(forces) // 2] if forces else (ramp.start_N + ramp.stop_N) / 2 if ramp is not None else 1.0
@@ -166,20 +166,20 @@ def controls_of(scene: Scene, *, coarser: int = 2) -> Controls:
 
 
 def knobs_of(scene: Scene) -> dict[str, Knob]:
-    """Return the sliders by name, with limits that hold the scene's own figures."""
+    """Return the sliders by name, with limits that include the scene's own values."""
     start = controls_of(scene)
     return {knob.name: knob.including(float(getattr(start, knob.name))) for knob in KNOBS}
 
 
 def scene_of(base: Scene, controls: Controls) -> Scene:
-    """Return the scene, at full resolution, that a setting stands for; it presses with one force and does not slide.
+    """Return the scene of a setting at full resolution; it presses with one force and does not slide.
 
-    What was set is listed under ``assumptions`` in the place of its old source.
+    Changed keys are listed under ``assumptions`` instead of their former source.
 
     Raises
     ------
     InputError
-        If the rig cannot be so.
+        If such a rig is infeasible.
     """
     start = controls_of(base)
     data = base.as_dict()
@@ -236,7 +236,7 @@ def _set_ridges(base: Scene, data: dict[str, Any], height_um: float) -> list[str
 
 
 def _present(data: Mapping[str, Any], dotted: str) -> bool:
-    """Tell whether a dotted key names something in plain scene data, where None is left out."""
+    """Return whether a dotted key is in plain scene data, where None is left out."""
     value: Any = data
     for part in dotted.split("."):
         if not isinstance(value, Mapping) or part not in value:
@@ -245,8 +245,8 @@ def _present(data: Mapping[str, Any], dotted: str) -> bool:
     return True
 
 
-def seen_scene(scene: Scene, coarser: int) -> Scene:
-    """Return a scene with camera and contact grid at a lower resolution; the grid stays where ridges need it finer.
+def scene_at_resolution(scene: Scene, coarser: int) -> Scene:
+    """Return a scene with camera and contact grid at a lower resolution; the grid remains where ridges need it.
 
     Raises
     ------

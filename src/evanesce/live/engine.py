@@ -1,4 +1,4 @@
-"""From a setting to everything that the page shows, at the rate of a slider: nothing is computed again that stays."""
+"""Compute frame, mask, ground truth and figures of a setting at the rate of a slider; unchanged parts are cached."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from evanesce.chain.simulate import simulate, solve_contact
 from evanesce.core.states import ContactState
 from evanesce.evaluation.labels import RectifiedView, view_geometry
 from evanesce.evaluation.perfect_view import PerfectView
-from evanesce.live.controls import DEFAULT_RIDGES, Controls, controls_of, scene_of, seen_scene
+from evanesce.live.controls import DEFAULT_RIDGES, Controls, controls_of, scene_at_resolution, scene_of
 from evanesce.live.figures import Figures, Histogram, Profile, figures_of, histogram_of, profile_of, single_grey
 from evanesce.live.truth_view import ContactShare
 from evanesce.measurement.reference.segment import Crop, segment
@@ -28,19 +28,19 @@ Image = NDArray[np.uint8]
 Share = NDArray[np.float32]
 T = TypeVar("T")
 
-KEEP = {"base": 8, "scene": 8, "view": 2, "contact": 32, "frame": 4, "share": 32}
-"""How many of each kind are kept: views of one camera take some 60 MB at full resolution."""
+CACHE_SIZES = {"base": 8, "scene": 8, "view": 2, "contact": 32, "frame": 4, "share": 32}
+"""Number of cached values of each kind: views of one camera take some 60 MB at full resolution."""
 
 ZOOMS_MM = (1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.5, 8.0, 10.0, 13.0)
-"""Half the height of the enlarged window: the least that leaves room around the contact, in steps that hold still."""
+"""Half the height of the enlarged window [mm]: the smallest step that leaves a margin around the contact."""
 
-ROOM = 1.25
-"""Half the height over the radius of a disc as large as the contact, at least."""
+MARGIN = 1.25
+"""Smallest half height over the radius of a disc of the contact's area."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Shown:
-    """Everything of one setting.
+    """Results of one setting.
 
     Attributes
     ----------
@@ -50,11 +50,11 @@ class Shown:
     frame : ndarray of uint8 (rows, cols)
         As the camera takes it [DN].
     view : ndarray of uint8 (rows, cols)
-        Undistorted [DN]; what was measured.
+        Undistorted [DN]; the measured image.
     mask, truth : ndarray (rows, cols)
-        The chain's mask (bool) and the true share of each pixel in contact, in ``view``.
+        Mask of the segmentation (bool), and true share of each pixel of ``view`` in contact.
     rectified : RectifiedView
-        How ``view`` was made of ``frame``.
+        Geometry of ``view`` in ``frame``.
     window : Crop
         Part of ``view`` about the finger's tip that is shown enlarged.
     mm_per_px : float
@@ -62,11 +62,11 @@ class Shown:
     tip : tuple of float
         (row, col) of the finger's tip in ``view``.
     figures, histogram, profile
-        What is printed and drawn.
+        For the page.
     seconds : dict
         Wall time of the parts [s].
     note : str
-        Why it took long, if the fast way was not open; else empty.
+        Why it took long, if the fast camera could not be used; else empty.
     """
 
     controls: Controls
@@ -88,27 +88,29 @@ class Shown:
 
 @dataclass(frozen=True)
 class _View:
-    """One camera's undistorted view, as it is believed and as it truly is."""
+    """One camera's undistorted view: of the nominal model and of the rig with its effects."""
 
     perfect: PerfectView
     shares: ContactShare
 
     @classmethod
-    def of(cls, believed: Scene, true: Scene, state: ContactState) -> _View:
-        perfect = PerfectView.of(believed)
+    def of(cls, nominal: Scene, true: Scene, state: ContactState) -> _View:
+        perfect = PerfectView.of(nominal)
         projection = Projection.of(true.camera, true.plate)
         return cls(perfect, ContactShare(view_geometry(projection, perfect.view), state.grid))
 
 
 def window_around(view: PerfectView, area_mm2: float) -> Crop:
     """Return a window of 4 : 3 about the finger's tip, within the view, that holds a contact of an area [mm^2]."""
-    least = ROOM * (area_mm2 / np.pi) ** 0.5
-    half_mm = next((zoom for zoom in ZOOMS_MM if zoom >= least), ZOOMS_MM[-1])
+    smallest = MARGIN * (area_mm2 / np.pi) ** 0.5
+    half_mm = next((zoom for zoom in ZOOMS_MM if zoom >= smallest), ZOOMS_MM[-1])
     row, col = view.to_view(*view.scene.finger.position_mm)
     (rows, cols), half = view.view.shape, half_mm / view.mm2_per_px**0.5
     half = min(half, (rows - 1) / 2, (cols - 1) * 3 / 8)
     high, wide = 2 * int(half), 2 * int(half * 4 / 3)
-    r0, c0 = (int(np.clip(at - size / 2, 0, room - size)) for at, size, room in ((row, high, rows), (col, wide, cols)))
+    r0, c0 = (
+        int(np.clip(at - size / 2, 0, length - size)) for at, size, length in ((row, high, rows), (col, wide, cols))
+    )
     return Crop(r0, r0 + high, c0, c0 + wide)
 
 
@@ -120,7 +122,7 @@ class Engine:
     scene : Scene
         At full resolution.
     seed : int
-        Of the camera's noise, the same in every frame: what changes on the page is what was set.
+        Of the camera's noise, the same in every frame: only what was set changes on the page.
     backend : {"auto", "llvm", "numpy"}
     """
 
@@ -128,10 +130,10 @@ class Engine:
         self.base, self.seed = scene, seed
         self._backend = backend
         self._cameras: dict[int, FastCamera] = {}  # by how coarse they are
-        self._kept: dict[str, OrderedDict[Hashable, Any]] = {kind: OrderedDict() for kind in KEEP}
+        self._cache: dict[str, OrderedDict[Hashable, Any]] = {kind: OrderedDict() for kind in CACHE_SIZES}
 
-    def prepare(self, tell: Callable[[str], None] = lambda text: None, *, coarser: int = 2) -> Shown:
-        """Compute all that the first picture needs; ``tell`` is told what is being done.
+    def prepare(self, report: Callable[[str], None] = lambda text: None, *, coarser: int = 2) -> Shown:
+        """Compute all that the first picture needs; ``report`` is called with the name of each step.
 
         Raises
         ------
@@ -143,30 +145,30 @@ class Engine:
 
         controls = controls_of(self.base, coarser=coarser)
         scene = self._scene(controls)
-        tell("light of each LED in the empty plate (seconds on a new rig, then kept on disk)")
+        report("light of each LED in the empty plate (seconds for a new rig, then cached on disk)")
         unit_light(scene)
-        tell("fields of the rig and tables by gap")
+        report("fields of the rig and tables by gap")
         fields_of(scene)
-        tell("maps of the camera, first frame")
+        report("maps of the camera, first frame")
         return self.show(controls)
 
     def show(self, controls: Controls) -> Shown:
-        """Return everything of one setting.
+        """Return the results of one setting.
 
         Raises
         ------
         InputError
-            In one line, where the setting is impossible.
+            If the setting is infeasible.
         """
         clock = _Clock()
         chain = controls.chain
         scene = self._scene(controls)
         clock.lap("scene")
         key = (controls.contact_key, _optical_key(scene))
-        frame, state, true, note = self._keep("frame", key, lambda: self._take(scene, controls, clock))
+        frame, state, true, note = self._cached("frame", key, lambda: self._take(scene, controls, clock))
         rig_key = (scene.camera.resolution_px, _rig_key(true))
-        view = self._keep("view", rig_key, lambda: _View.of(scene, true, state))
-        truth = self._keep("share", (rig_key, *controls.contact_key), lambda: view.shares.of(state))
+        view = self._cached("view", rig_key, lambda: _View.of(scene, true, state))
+        truth = self._cached("share", (rig_key, *controls.contact_key), lambda: view.shares.of(state))
         clock.lap("truth")
         straight = view.perfect.straight(frame)
         clock.lap("undistort")
@@ -176,10 +178,10 @@ class Engine:
         window = window_around(view.perfect, state.nominal_contact_area)
         tip = view.perfect.to_view(*scene.finger.position_mm)
         scale = view.perfect.mm2_per_px
-        touching = truth >= 0.5
-        figures = figures_of(found, touching, straight, state.nominal_contact_area, scale)
+        in_contact = truth >= 0.5
+        figures = figures_of(found, in_contact, straight, state.nominal_contact_area, scale)
         profile = profile_of(grey, truth, tip, scale**0.5, controls.along, controls.line_mm)
-        histogram = histogram_of(grey, touching)
+        histogram = histogram_of(grey, in_contact)
         clock.lap("figures")
         return Shown(
             controls=controls, scene=scene, frame=frame, view=straight, mask=found.mask, truth=truth,
@@ -190,28 +192,30 @@ class Engine:
     def _scene(self, controls: Controls) -> Scene:
         """Return the scene of a setting at its resolution.
 
-        Which grid it has is found out once: that does not depend on how high the ridges are.
+        Its grid is determined once: it does not depend on the ridges' height.
         """
         ridged = controls.ridge_height_um > 0
 
         def coarse() -> Scene:
             start = controls_of(self.base)
             height = start.ridge_height_um or DEFAULT_RIDGES.height_um
-            return seen_scene(scene_of(self.base, start.changed(ridge_height_um=height if ridged else 0.0)), coarser)
+            return scene_at_resolution(
+                scene_of(self.base, start.changed(ridge_height_um=height if ridged else 0.0)), coarser
+            )
 
         coarser = controls.coarser
-        base = self._keep("base", (coarser, ridged), coarse)
+        base = self._cached("base", (coarser, ridged), coarse)
         rig = replace(controls, threshold=0.0, min_blob_px=0.0, line_mm=0.0, along="x")
-        return self._keep("scene", rig, lambda: scene_of(base, controls))
+        return self._cached("scene", rig, lambda: scene_of(base, controls))
 
     def _take(self, scene: Scene, controls: Controls, clock: _Clock) -> tuple[Image, ContactState, Scene, str]:
-        """Press and take the picture: frame, truth, the rig as it truly was, and why it was slow."""
+        """Solve the contact and expose: frame, contact, the rig with its effects, and why it was slow."""
         if scene.effects:
             found = simulate(scene, controls.force_N, seed=self.seed, render=render_fast)
             assert found.state is not None  # a force was given
             clock.lap("frame")
             return found.frame.data, found.state, found.scene, "slower: the scene has effects"
-        state = self._keep("contact", controls.contact_key, lambda: self._press(scene, controls.force_N))
+        state = self._cached("contact", controls.contact_key, lambda: self._press(scene, controls.force_N))
         clock.lap("contact")
         last = self._cameras.get(controls.coarser)
         camera = FastCamera(scene, self._backend) if last is None else last.retuned(scene)
@@ -225,12 +229,12 @@ class Engine:
         assert state is not None  # a force was given
         return state
 
-    def _keep(self, kind: str, key: Hashable, make: Callable[[], T]) -> T:
-        """Return a kept value, made if needed; the longest unused beyond :data:`KEEP` is dropped."""
-        group = self._kept[kind]
+    def _cached(self, kind: str, key: Hashable, make: Callable[[], T]) -> T:
+        """Return a cached value, computed if needed; the least recently used beyond :data:`CACHE_SIZES` is dropped."""
+        group = self._cache[kind]
         if key not in group:
             group[key] = make()
-            while len(group) > KEEP[kind]:
+            while len(group) > CACHE_SIZES[kind]:
                 group.popitem(last=False)
         group.move_to_end(key)
         found: T = group[key]
@@ -251,11 +255,11 @@ class _Clock:
 
 
 def _optical_key(scene: Scene) -> str:
-    """Return all of a scene, as text, that light and camera depend on."""
+    """Return as text the part of a scene that light and camera depend on."""
     return scene.model_dump_json(exclude={"title", "press", "sources", "assumptions", "render"})
 
 
 def _rig_key(scene: Scene) -> str:
-    """Return all of the rig as it truly is, as text, that says where the view sees the plate."""
+    """Return as text the part of a rig that determines the geometry of the view."""
     camera = scene.camera.model_dump_json(exclude={"lens": {"defocus_um"}})
     return camera + scene.plate.model_dump_json() + str(scene.finger.position_mm) + str(scene.grid)

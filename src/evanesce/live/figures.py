@@ -1,4 +1,4 @@
-"""What the page prints and draws of a measured frame: areas, a histogram, a profile. Arrays and floats only."""
+"""Areas, histogram and profile of a measured frame against its ground truth. Arrays and floats only."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LEVELS = 128
 
 @dataclass(frozen=True, kw_only=True)
 class Figures:
-    """Figures of one frame against its truth.
+    """Figures of one frame against its ground truth.
 
     Attributes
     ----------
@@ -30,8 +30,8 @@ class Figures:
     area_mm2 : float
         Measured: pixels times area of a pixel [mm^2].
     agree_mm2, missed_mm2, false_mm2 : float
-        Of the pixels in contact that the mask has and lacks, and of those it has beside [mm^2]; the true area of these
-        is counted in whole pixels and differs from ``true_mm2`` by the rim.
+        Areas of true positives, false negatives and false positives [mm^2], counted in pixels: true positives and false
+        negatives add up to ``true_mm2`` except at the rim.
     overlap : float
         Intersection over union of mask and truth [1].
     pixels, blobs, dropped_blobs : int
@@ -57,38 +57,38 @@ class Figures:
 
     @property
     def error_mm2(self) -> float:
-        """Measured less true [mm^2]."""
+        """Measured less true area [mm^2]."""
         return self.area_mm2 - self.true_mm2
 
     @property
     def error_percent(self) -> float:
-        """The same over the true area [%]; NaN where nothing touches."""
+        """Relative error of the area [%]; NaN without contact."""
         return 100.0 * self.error_mm2 / self.true_mm2 if self.true_mm2 > 0 else float("nan")
 
 
-def figures_of(found: Segmentation, touching: Mask, view: Image, true_mm2: float, mm2_per_px: float) -> Figures:
+def figures_of(found: Segmentation, in_contact: Mask, view: Image, true_mm2: float, mm2_per_px: float) -> Figures:
     """Return the figures of one segmented view.
 
     Parameters
     ----------
     found : Segmentation
-    touching : ndarray of bool (rows, cols)
-        Pixels that are in contact for the greater part.
+    in_contact : ndarray of bool (rows, cols)
+        Pixels of which at least half is in contact.
     view : ndarray of uint8 (rows, cols)
-        What was segmented [DN].
+        The segmented image [DN].
     true_mm2, mm2_per_px : float
         Exact contact area and area of a pixel [mm^2].
     """
-    agree = int(np.count_nonzero(found.mask & touching))
-    truly = int(np.count_nonzero(touching))
+    agree = int(np.count_nonzero(found.mask & in_contact))
+    true = int(np.count_nonzero(in_contact))
     brightest = int(view.max())
     full = int(np.count_nonzero(view[found.mask] == 255)) if brightest == 255 else 0
-    union = truly + found.pixels - agree
+    union = true + found.pixels - agree
     return Figures(
         true_mm2=true_mm2,
         area_mm2=found.pixels * mm2_per_px,
         agree_mm2=agree * mm2_per_px,
-        missed_mm2=(truly - agree) * mm2_per_px,
+        missed_mm2=(true - agree) * mm2_per_px,
         false_mm2=(found.pixels - agree) * mm2_per_px,
         overlap=agree / union if union else 1.0,
         pixels=found.pixels,
@@ -101,7 +101,7 @@ def figures_of(found: Segmentation, touching: Mask, view: Image, true_mm2: float
 
 
 def single_grey(image: Image, blur: float) -> Grey:
-    """Return grey levels 0 to 1 after the chain's blur, in single precision: for pictures, not for decisions.
+    """Return grey levels 0 to 1 after the segmentation's blur, in single precision: for display, not for segmentation.
 
     Parameters
     ----------
@@ -122,27 +122,27 @@ def single_grey(image: Image, blur: float) -> Grey:
 
 @dataclass(frozen=True)
 class Histogram:
-    """Pixels by grey level after the chain's blur.
+    """Histogram of grey levels after the segmentation's blur.
 
     Attributes
     ----------
     inside, outside : ndarray of int (LEVELS,)
-        Pixels truly in contact, and the others; where the truth is not known all are outside.
+        Pixels in true contact, and the others; without ground truth all are outside.
     """
 
     inside: NDArray[np.int64]
     outside: NDArray[np.int64]
 
 
-def histogram_of(grey: Grey, touching: Mask | None = None) -> Histogram:
-    """Count pixels in even classes of grey level from 0 to 1; the last holds 1 itself."""
+def histogram_of(grey: Grey, in_contact: Mask | None = None) -> Histogram:
+    """Count pixels in equal classes of grey level from 0 to 1; the last includes 1."""
     classes = np.minimum(grey * np.float32(LEVELS), np.float32(LEVELS - 1)).astype(np.uint8)
 
     def count(mask: Image | None) -> NDArray[np.int64]:
         return np.asarray(cv2.calcHist([classes], [0], mask, [LEVELS], [0, LEVELS]), np.int64).ravel()
 
     every = count(None)
-    inside = np.zeros_like(every) if touching is None else count(touching.view(np.uint8))
+    inside = np.zeros_like(every) if in_contact is None else count(in_contact.view(np.uint8))
     return Histogram(inside, every - inside)
 
 
@@ -153,16 +153,16 @@ class Profile:
     Attributes
     ----------
     along : {"x", "y"}
-    place_mm : ndarray (n,)
+    position_mm : ndarray (n,)
         Distance from the finger's tip [mm].
     grey, share : ndarray (n,)
-        Level after the chain's blur and true share in contact, 0 to 1.
+        Level after the segmentation's blur, and true share in contact, 0 to 1.
     line_px : int
         Row (along x) or column (along y) of the view.
     """
 
     along: Literal["x", "y"]
-    place_mm: NDArray[np.float64]
+    position_mm: NDArray[np.float64]
     grey: Grey
     share: Grey
     line_px: int
@@ -189,5 +189,5 @@ def profile_of(
     across, start = (0, tip[1]) if along == "x" else (1, tip[0])
     line = int(np.clip(round(tip[across] + line_mm / mm_per_px), 0, grey.shape[across] - 1))
     part = np.s_[line, :] if along == "x" else np.s_[:, line]
-    place = (np.arange(grey.shape[1 - across], dtype=np.float64) - start) * mm_per_px
-    return Profile(along, place, grey[part].copy(), truth[part].copy(), line)
+    position = (np.arange(grey.shape[1 - across], dtype=np.float64) - start) * mm_per_px
+    return Profile(along, position, grey[part].copy(), truth[part].copy(), line)

@@ -1,4 +1,4 @@
-"""A lab's own frame: read from a file or from uploaded bytes, nothing of it trusted, and measured by the same chain."""
+"""Read a user's own frame from a file or from untrusted bytes, and measure it by the reference segmentation."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ KEY = "own frame"
 
 @dataclass(frozen=True)
 class OwnFrame:
-    """A frame of a lab.
+    """A frame of the user's own rig.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class OwnFrame:
     view : ndarray of uint8, (rows, cols) or (rows, cols, 3)
         Undistorted where there is a calibration [DN].
     notes : tuple of str
-        What was changed in reading.
+        Conversions while reading.
     """
 
     name: str
@@ -47,7 +47,7 @@ class OwnFrame:
 
 @dataclass(frozen=True)
 class OwnMeasured:
-    """What the chain makes of it.
+    """The segmentation of an own frame.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class OwnMeasured:
 
     @property
     def area_mm2(self) -> float | None:
-        """[mm^2]."""
+        """Measured area [mm^2]; None where the area of a pixel is not known."""
         return None if self.mm2_per_px is None else self.pixels * self.mm2_per_px
 
 
@@ -78,21 +78,21 @@ def read_own(content: bytes, name: str, calibration: Calibration | None = None) 
     Parameters
     ----------
     content : bytes
-        The whole file; its name says nothing about it.
+        Content of the file; its type is read from it, not from its name.
     name : str
         For the caption only.
     calibration : Calibration, optional
-        Whose lens distortion is taken out.
+        Whose lens distortion is corrected.
 
     Raises
     ------
     InputError
-        If it is too large, no image, damaged, or of another size than the calibration.
+        If it is too large, not an image, damaged, or of another size than the calibration.
     """
     if not 0 < len(content) <= MAX_BYTES:
         raise InputError(f"{len(content)} bytes", key=KEY, allowed=ALLOWED)
     _check_size(content)
-    # The decoder of TIFF wants a file: one of our own naming, in a folder of our own.
+    # The TIFF decoder needs a file: in a temporary folder, under a name that is not the user's.
     with tempfile.TemporaryDirectory(prefix="evanesce-") as folder:
         path = Path(folder) / "frame"
         path.write_bytes(content)
@@ -105,11 +105,12 @@ def read_own(content: bytes, name: str, calibration: Calibration | None = None) 
 
 
 def read_own_file(path: Path, calibration: Calibration | None = None) -> OwnFrame:
-    """Read a frame from a file that the person at the command line named.
+    """Read a frame from a file that the command line names.
 
     Raises
     ------
     InputError
+        As :func:`read_own`, or if the file cannot be read.
     """
     try:
         if path.stat().st_size > MAX_BYTES:
@@ -124,26 +125,26 @@ def read_own_file(path: Path, calibration: Calibration | None = None) -> OwnFram
 
 
 def plain_name(name: str) -> str:
-    """Return a file's name for a caption: no folders, nothing that does not print, not long."""
+    """Return a file's name for a caption: without folders and unprintable characters, at most 60 characters."""
     last = name.replace("\\", "/").rsplit("/", 1)[-1]
     return "".join(c for c in last if c.isprintable())[:60] or "frame"
 
 
 def _check_size(content: bytes) -> None:
-    """Refuse by the header what would unpack to more than fits."""
+    """Refuse images whose header states more pixels than allowed."""
     try:
         with PillowImage.open(io.BytesIO(content)) as picture:
             cols, rows = picture.size
     except (PillowImage.DecompressionBombError, PillowImage.DecompressionBombWarning):
         raise InputError("far too many pixels", key=KEY, allowed=ALLOWED) from None
     except (OSError, ValueError, SyntaxError, TypeError, KeyError, EOFError, OverflowError):
-        raise InputError("is no image that can be read", key=KEY, allowed=ALLOWED) from None
+        raise InputError("is not a readable image", key=KEY, allowed=ALLOWED) from None
     if rows * cols > MAX_PIXELS:
         raise InputError(f"{cols} x {rows} pixels", key=KEY, allowed=ALLOWED)
 
 
 def measure_own(frame: OwnFrame, chain: Chain, mm2_per_px: float | None) -> OwnMeasured:
-    """Segment a lab's frame by the reference segmentation, in its own pixels."""
+    """Segment an own frame by the reference segmentation, at its own resolution."""
     found = segment(frame.view, chain)
     histogram = histogram_of(single_grey(frame.view, chain.blur))
     return OwnMeasured(frame, found.mask, found.pixels, found.blobs, mm2_per_px, histogram)

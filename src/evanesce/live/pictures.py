@@ -1,4 +1,4 @@
-"""Pictures of a setting: the mask laid over the frame in three colours, pictures as JPEG, marks over them as SVG."""
+"""Draw overlays of mask and ground truth, encode JPEG, and draw scale bars and lines as SVG."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ Image = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
 AGREE, MISSED, FALSE = "#56b4e9", "#f0e442", "#d55e00"
-"""Sky blue, yellow and vermilion of Okabe and Ito's palette: apart for all colour visions, and in lightness as well.
+"""Sky blue, yellow and vermilion of Okabe and Ito's palette, distinct for all colour visions and in lightness.
 
 M. Okabe and K. Ito, Color Universal Design, 2008.
 """
 
 STRENGTH = 0.6
-"""Share of the colour where the mask or the truth is; the rest is the frame."""
+"""Opacity of the colours over the frame."""
 
 QUALITY = 90
 
 
 def overlay(view: Image, mask: Mask, truth: Mask) -> Image:
-    """Return a frame as RGB with agreeing, missed and falsely found contact in their colours.
+    """Return a frame as RGB with true positive, missed and false contact in their colours.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def _palette() -> Image:
 
 
 def jpeg(image: Image) -> bytes:
-    """Return an image as JPEG; colour at full resolution, so that the mask's rim stays where it is.
+    """Return an image as JPEG; chroma at full resolution, so that the mask's rim is not displaced.
 
     Parameters
     ----------
@@ -78,8 +78,8 @@ def shrunk(image: Image, cols: int) -> Image:
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
 
 
-def frame_marks(shape: tuple[int, ...], border: NDArray[np.float64], mm_per_px: float) -> str:
-    """Return the marks over the frame: the border of the enlarged window, and a scale.
+def frame_svg(shape: tuple[int, ...], border: NDArray[np.float64], mm_per_px: float) -> str:
+    """Return the SVG over the frame: border of the enlarged window, and a scale bar.
 
     Parameters
     ----------
@@ -93,8 +93,8 @@ def frame_marks(shape: tuple[int, ...], border: NDArray[np.float64], mm_per_px: 
     return _svg(shape, f'<polygon points="{points}" class="window"/>' + _scale(shape, mm_per_px))
 
 
-def window_marks(window: Crop, line_px: int, along: str, mm_per_px: float) -> str:
-    """Return the marks over the enlarged window: the profile's line, and a scale."""
+def window_svg(window: Crop, line_px: int, along: str, mm_per_px: float) -> str:
+    """Return the SVG over the enlarged window: the profile's line, and a scale bar."""
     rows, cols = size_of(window)
     at = line_px - (window.r0 if along == "x" else window.c0) + 0.5
     ends = (0, at, cols, at) if along == "x" else (at, 0, at, rows)
@@ -110,7 +110,7 @@ def size_of(window: Crop) -> tuple[int, int]:
 
 
 def _scale(shape: tuple[int, ...], mm_per_px: float) -> str:
-    """Return a bar of a round length, about a fifth of the picture."""
+    """Return a scale bar of a round length, about a fifth of the picture."""
     rows, cols = shape[:2]
     rough = 0.2 * cols * mm_per_px
     length = max((s for s in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50) if s <= rough), default=0.1)

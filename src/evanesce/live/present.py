@@ -1,4 +1,4 @@
-"""A setting's results as what a browser takes: JPEG bytes, SVG and HTML text, and the figures with their units."""
+"""Encode results for a browser: JPEG bytes, SVG and HTML text, figures with their units."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from evanesce.live.engine import Shown
 from evanesce.live.own import OwnMeasured
 
 FRAME_COLS = 720
-"""Widest picture that is sent: on a page of 1680 px it is 560 px wide, and all pixels are coded and decoded."""
+"""Width of the pictures that are sent [px]: on a page of 1680 px they are displayed 560 px wide."""
 
 
 @dataclass(frozen=True)
 class Presented:
-    """What is sent to the browser.
+    """Content for the browser.
 
     Attributes
     ----------
     images : dict of bytes
         JPEG by name: ``frame`` and ``overlay``, or ``own`` and ``own_mask``.
     markup : dict of str
-        SVG or HTML by the name of its place.
+        SVG or HTML by the name of its element.
     note : str
-        How long it took, and why.
+        Why it took long; else empty.
     """
 
     images: dict[str, bytes]
@@ -39,7 +39,7 @@ class Presented:
 
 
 def present(shown: Shown, own: OwnMeasured | None = None) -> Presented:
-    """Return pictures, charts and figures of a setting; of a lab's own frame, the histogram."""
+    """Return pictures, charts and figures of a setting, with the histogram of an own frame."""
     window, along = shown.window, shown.controls.along
     view, mask, truth = (
         pictures.crop_of(window, image) for image in (shown.view, shown.mask, shown.truth >= np.float32(0.5))
@@ -51,8 +51,8 @@ def present(shown: Shown, own: OwnMeasured | None = None) -> Presented:
     rows, cols = pictures.size_of(window)
     reach = 0.5 * (cols if along == "x" else rows) * shown.mm_per_px
     markup = {
-        "frame": pictures.frame_marks(shown.frame.shape, _border(shown), 1.0 / shown.scene.camera.scale_px_per_mm),
-        "overlay": pictures.window_marks(window, shown.profile.line_px, along, shown.mm_per_px),
+        "frame": pictures.frame_svg(shown.frame.shape, _border(shown), 1.0 / shown.scene.camera.scale_px_per_mm),
+        "overlay": pictures.window_svg(window, shown.profile.line_px, along, shown.mm_per_px),
         "histogram": histogram_svg(shown.histogram, shown.controls.threshold, own.histogram if own else None),
         "profile": profile_svg(shown.profile, shown.controls.threshold, reach),
         "figures": figures_html(shown),
@@ -61,7 +61,7 @@ def present(shown: Shown, own: OwnMeasured | None = None) -> Presented:
 
 
 def present_own(own: OwnMeasured) -> Presented:
-    """Return pictures and figures of a lab's own frame."""
+    """Return pictures and figures of an own frame."""
     laid = pictures.overlay(own.frame.view, own.mask, own.mask)
     images = {
         "own": pictures.jpeg(pictures.shrunk(own.frame.view, FRAME_COLS)),
@@ -71,7 +71,7 @@ def present_own(own: OwnMeasured) -> Presented:
 
 
 def _border(shown: Shown) -> NDArray[np.float64]:
-    """Return the enlarged window's border in the frame, (x, y) [px]: bent as the lens bends it."""
+    """Return the enlarged window's border in the frame, (x, y) [px], with lens distortion."""
     window = shown.window
     rows, cols = pictures.size_of(window)
     side = np.linspace(0.0, 1.0, 9)
@@ -85,9 +85,9 @@ def _border(shown: Shown) -> NDArray[np.float64]:
 
 
 def figures_html(shown: Shown) -> str:
-    """Return the table of figures; each value also stands, with all its digits, in ``data-value``."""
+    """Return the table of figures; ``data-value`` holds each value with all its digits."""
     f = shown.figures
-    percent = "not defined: nothing touches" if math.isnan(f.error_percent) else f"{_signed(f.error_percent, 2)} %"
+    percent = "not defined: no contact" if math.isnan(f.error_percent) else f"{_signed(f.error_percent, 2)} %"
     rows = [
         ("Area", "measured", "area_mm2", f.area_mm2, f"{f.area_mm2:.3f} mm²"),
         ("", "true", "true_mm2", f.true_mm2, f"{f.true_mm2:.3f} mm²"),
@@ -105,7 +105,7 @@ def figures_html(shown: Shown) -> str:
 
 
 def own_html(own: OwnMeasured) -> str:
-    """Return the table of a lab's own frame."""
+    """Return the table of figures of an own frame."""
     rows_px, cols_px = own.mask.shape
     area = "needs the area of a pixel" if own.area_mm2 is None else f"{own.area_mm2:.3f} mm²"
     rows: list[tuple[str, str, str, float | None, str]] = [
@@ -128,5 +128,5 @@ def _table(rows: Sequence[tuple[str, str, str, float | None, str]]) -> str:
 
 
 def _signed(value: float, digits: int) -> str:
-    """Return a number with its sign, a true minus."""
+    """Return a number with its sign, a minus sign for a hyphen."""
     return f"{value:+.{digits}f}".replace("-", "−")

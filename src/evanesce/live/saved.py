@@ -1,4 +1,4 @@
-"""A setting as a scene's TOML text; what a scene has no key for stands above it as a comment."""
+"""Write a setting as a scene's TOML text; values that have no key in a scene are comments above it."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from evanesce.rig.load import dump_scene
 
 
 def scene_text(base: Scene, controls: Controls) -> str:
-    """Return the scene, at full resolution, that :func:`evanesce.rig.load_scene` reads back equal.
+    """Return the scene of a setting at full resolution as text that :func:`evanesce.rig.load_scene` reads back equal.
 
     A scanned finger is named as :func:`evanesce.rig.copy_height_map` names its copy, which belongs beside the text.
 
     Raises
     ------
     InputError
-        If the setting is impossible.
+        If the setting is infeasible.
     """
     scene = scene_of(base, controls)
     lines = [
         "Saved from the live page (evanesce serve).",
-        f"Shown there with threshold {controls.threshold:g}, least blob {controls.min_blob_px:g} px, "
+        f"Shown there with threshold {controls.threshold:g}, minimum blob size {controls.min_blob_px:g} px, "
         f"pixels {controls.coarser} times as large.",
         "evanesce render THIS --fast, then",
         f"evanesce compare FOLDER --threshold {controls.threshold:g} --min-blob {controls.min_blob_px:.0f} "

@@ -1,4 +1,4 @@
-"""The server under the page: its socket, who may speak to it, how much it takes, and the pictures it hands out."""
+"""Server of the live page: socket, allowed hosts, limits on uploads, and delivery of pictures."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from evanesce.core.errors import InputError
 
-ROOM_FOR_FORM = 100_000
-"""What a form adds to the file that it carries [bytes]."""
+FORM_BYTES = 100_000
+"""Overhead of a form around its file [bytes]."""
 
 KEEP_PICTURES = 64
 
@@ -35,7 +35,7 @@ def open_socket(host: str, port: int) -> socket.socket:
         )[0]
     except (OSError, UnicodeError):
         raise InputError(
-            f"{host!r} is no address", key="--host", allowed="127.0.0.1, or an address of this machine"
+            f"{host!r} is not an address", key="--host", allowed="127.0.0.1, or an address of this machine"
         ) from None
     listening = socket.socket(family, kind, protocol)
     try:
@@ -53,7 +53,7 @@ def open_socket(host: str, port: int) -> socket.socket:
 
 
 def is_loopback(host: str) -> bool:
-    """Tell whether only this machine reaches an address."""
+    """Return whether an address is reached by this machine only."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -61,19 +61,19 @@ def is_loopback(host: str) -> bool:
 
 
 def guard(app: FastAPI, host: str, max_bytes: int) -> None:
-    """Refuse large bodies; and, on the machine's own address, requests under a foreign name.
+    """Refuse large bodies and, on the loopback address, requests with a foreign host name.
 
     A page elsewhere could otherwise have its own name resolve to 127.0.0.1 and read this one (DNS rebinding).
     """
-    app.add_middleware(LimitBody, max_bytes=max_bytes + ROOM_FOR_FORM)
+    app.add_middleware(LimitBody, max_bytes=max_bytes + FORM_BYTES)
     if is_loopback(host):
         app.add_middleware(TrustedHostMiddleware, allowed_hosts=["localhost", "127.0.0.1", "[::1]", host])
 
 
 class LimitBody:
-    """Answer 413 to a request whose body is larger than allowed, by its own word or in fact.
+    """Answer 413 to a request whose body is larger than allowed, by its stated or its actual length.
 
-    The browser's own limit on uploads is a courtesy; this one holds.
+    The browser's own limit on uploads can be bypassed; this one cannot.
 
     Parameters
     ----------
@@ -85,12 +85,12 @@ class LimitBody:
         self.app, self.max_bytes = app, max_bytes
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on, counting."""
+        """Pass a request on while counting its bytes."""
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        told = dict(scope["headers"]).get(b"content-length", b"0")
-        if not told.isdigit() or int(told) > self.max_bytes:
+        stated = dict(scope["headers"]).get(b"content-length", b"0")
+        if not stated.isdigit() or int(stated) > self.max_bytes:
             await Response("too large", status_code=413)(scope, receive, send)
             return
         taken, begun = 0, False
@@ -120,20 +120,20 @@ class _TooLargeError(Exception):
 
 
 class PictureStore:
-    """Pictures by an unguessable name, for as long as a browser may still ask for them."""
+    """The latest pictures, each by an unguessable name."""
 
     def __init__(self) -> None:
         self._pictures: OrderedDict[str, bytes] = OrderedDict()
 
     def put(self, name: str, data: bytes) -> str:
-        """Keep a picture; return its address."""
+        """Store a picture; return its address."""
         self._pictures[name] = data
         while len(self._pictures) > KEEP_PICTURES:
             self._pictures.popitem(last=False)
         return f"/picture/{name}"
 
     def serve(self, app: FastAPI) -> None:
-        """Hand the pictures out."""
+        """Add the route of the pictures to an application."""
 
         @app.get("/picture/{name}")
         async def picture(name: str) -> Response:  # no thread of its own: there is nothing to wait for

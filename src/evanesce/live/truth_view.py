@@ -1,4 +1,4 @@
-"""The truth in the pixels of one view, at the rate of a slider: maps kept, nothing but the share in contact."""
+"""Ground truth in the pixels of one view at the rate of a slider: the share in contact, by cached maps."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ Image = NDArray[np.float32]
 
 
 class ContactShare:
-    """What :func:`evanesce.evaluation.labels.label` says of the mask, for many states on one grid.
+    """Mask of :func:`evanesce.evaluation.labels.label` for many states on one grid.
 
     Parameters
     ----------
     geometry : ViewGeometry
     grid : PlateGrid
-        Of the states to come.
+        Of the states.
     supersample : int
         Samples along each side of a pixel.
     """

@@ -1,4 +1,4 @@
-"""Parts of the page: a slider with its number, the plate with its LEDs, a picture with marks over it."""
+"""Widgets of the live page: a slider with its number, the plate with its LEDs, a picture with an SVG overlay."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from evanesce.optics.led import led_positions
 from evanesce.rig import Scene
 
 THROTTLE_S = 0.04
-"""Between two values of a slider that is being moved."""
+"""Time between two values of a moving slider [s]."""
 
 MOVE_BY_ARROWS = """(e) => {
   const step = {ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1}[e.key];
@@ -25,11 +25,11 @@ MOVE_BY_ARROWS = """(e) => {
   next.focus();
   e.preventDefault();
 }"""
-"""One stop of the Tab key for all LEDs; the arrow keys go from one to the next."""
+"""One stop of the Tab key for all LEDs; the arrow keys select the next or previous one."""
 
 
 class Range(Element, component="range.js"):
-    """The browser's own slider; it moves at once, not when the server says so: a held key would lose steps on the way.
+    """The browser's own slider, which moves without waiting for the server, so that no step of a held key is lost.
 
     Parameters
     ----------
@@ -44,24 +44,24 @@ class Range(Element, component="range.js"):
         self.on("moved", lambda event: changed(float(event.args)), throttle=THROTTLE_S)
 
     def put(self, value: float) -> None:
-        """Move the slider from here, without an echo."""
+        """Move the slider without an event."""
         self.run_method("put", value)
 
 
 class Screen(Element, component="screen.js"):
-    """What changes with every picture, put past the page's model of elements, which is compared whole each time."""
+    """Content that changes with every picture, sent without the framework's comparison of the whole page."""
 
     def __init__(self) -> None:
         super().__init__()
         self._shown: dict[tuple[str, str], str] = {}
 
     def show(self, parts: Mapping[tuple[str, str], str]) -> None:
-        """Send what is new.
+        """Send what has changed.
 
         Parameters
         ----------
         parts : mapping
-            (CSS selector, "html", "text", "value" or the name of an attribute) -> text. HTML is taken as it is: it has
+            (CSS selector, "html", "text", "value" or the name of an attribute) -> text. HTML is not sanitised: it has
             to come from this package.
         """
         new = {key: text for key, text in parts.items() if key[1] == "value" or self._shown.get(key) != text}
@@ -71,14 +71,14 @@ class Screen(Element, component="screen.js"):
 
 
 class KnobRow:
-    """A label, a slider, and the same figure as a number with its unit.
+    """A label, a slider, and its value as a number with its unit.
 
     Parameters
     ----------
     knob : Knob
     value : float
     changed : callable
-        Called with the new value when the user has moved either.
+        Called with the new value when the user has changed either.
     """
 
     def __init__(self, knob: Knob, value: float, changed: Callable[[float], None]) -> None:
@@ -98,11 +98,11 @@ class KnobRow:
             )  # fmt: skip
 
     def _take(self, value: float | None, *, moved: bool = False) -> None:
-        """Take a value from the number or, ``moved``, the slider; the other follows, and its echo is no news."""
+        """Set the value from the number or, ``moved``, the slider; the other is updated, and its event is ignored."""
         if value is None or float(value) == self._value:
             return
         value = float(value)
-        # The number shows rounded figures; its echo of a slider's value is not a new one.
+        # The number is rounded: its event with the slider's value is not a new value.
         if abs(value - self._value) < 0.5 * 10.0**-self._knob.digits and value == round(self._value, self._knob.digits):
             return
         self._value = value
@@ -114,23 +114,23 @@ class KnobRow:
         self._take(value, moved=True)
 
     def part(self) -> dict[tuple[str, str], str]:
-        """Return what the number's field is to show while the slider moves, for :class:`Screen`."""
+        """Return the number's text while the slider moves, for :class:`Screen`."""
         selector = f'[data-knob="{self._knob.name}"] input[type="number"]'
         return {(selector, "value"): f"{self._value:.{self._knob.digits}f}"}
 
     def settle(self) -> None:
-        """Let the number itself follow the slider: once it rests, since the whole page is compared for it."""
+        """Update the number once the slider rests: the framework compares the whole page for it."""
         self.number.value = self._value
 
     def show(self, value: float) -> None:
-        """Show a value, without calling anybody."""
+        """Show a value without calling ``changed``."""
         self._value = value
         self.slider.put(value)
         self.number.value = value
 
 
 class LedMap:
-    """The plate from below with its LEDs: each a switch; the chosen one has a slider for its power.
+    """The plate from below with its LEDs, each a switch; the selected one has a slider for its power.
 
     Parameters
     ----------
@@ -143,13 +143,13 @@ class LedMap:
 
     def __init__(self, scene: Scene, powers: tuple[float, ...], changed: Callable[[tuple[float, ...]], None]) -> None:
         self._names, self._powers, self._changed = led_names(scene), powers, changed
-        self._chosen = 0
+        self._selected = 0
         self._buttons: list[Element] = []
         width, height = scene.plate.size_mm
         along = [float(p) for at in led_positions(scene.plate, scene.leds).values() for p in at]
         pitch = scene.leds.pitch_mm / width * 250
         size = max(5, min(16, round(0.8 * pitch)))
-        with ui.element("div").classes("plate-room"), ui.element("div").classes("plate") as plate:
+        with ui.element("div").classes("plate-frame"), ui.element("div").classes("plate") as plate:
             plate.props('role="group" aria-label="LEDs around the plate, as the camera sees them"')
             plate.style(f"aspect-ratio: {width:g} / {height:g}")
             plate.on("keydown", js_handler=MOVE_BY_ARROWS)
@@ -159,8 +159,8 @@ class LedMap:
                 f"left:{50 + 100 * (x - radius) / width:.2f}%; top:{50 + 100 * (y - radius) / height:.2f}%;"
                 f"width:{200 * radius / width:.2f}%; height:{200 * radius / height:.2f}%"
             )
-            for i, ((edge, _), place) in enumerate(zip(self._names, along, strict=True)):
-                left, top = _place(edge, place, width, height)
+            for i, ((edge, _), position) in enumerate(zip(self._names, along, strict=True)):
+                left, top = _point(edge, position, width, height)
                 button = (
                     ui.element("button")
                     .classes("led")
@@ -168,9 +168,9 @@ class LedMap:
                 )
                 button.props(f'type="button" role="switch" tabindex="{0 if i == 0 else -1}"')
                 button.on("click", lambda _, i=i: self._toggle(i), args=[])
-                button.on("focus", lambda _, i=i: self._choose(i), args=[])
+                button.on("focus", lambda _, i=i: self._select(i), args=[])
                 self._buttons.append(button)
-        knob = Knob("led_power", "", "%", 0.0, 200.0, 5.0, 0, "power of the chosen LED over that of its circuit")
+        knob = Knob("led_power", "", "%", 0.0, 200.0, 5.0, 0, "power of the selected LED over that of its circuit")
         self.power = KnobRow(knob, 100.0 * powers[0], self._set_power)
         with ui.element("div").classes("buttons"):
             ui.button("All on", on_click=lambda: self._set_all(1.0)).props("flat dense no-caps")
@@ -178,13 +178,13 @@ class LedMap:
         self.show(powers)
 
     def show(self, powers: tuple[float, ...]) -> None:
-        """Show powers, without calling anybody."""
+        """Show powers without calling ``changed``."""
         self._powers = powers
         for i, (button, power) in enumerate(zip(self._buttons, powers, strict=True)):
-            self._mark(button, i, power)
-        self._name_chosen()
+            self._show_state(button, i, power)
+        self._name_selected()
 
-    def _mark(self, button: Element, i: int, power: float) -> None:
+    def _show_state(self, button: Element, i: int, power: float) -> None:
         edge, number = self._names[i]
         state = f"LED {edge} {number}, {100 * power:.0f} %"
         if button.props.get("aria-label") != state:
@@ -192,60 +192,60 @@ class LedMap:
             button.props["aria-checked"] = "true" if power > 0 else "false"
             button.props["data-level"] = "off" if power == 0 else "on"
 
-    def _name_chosen(self) -> None:
-        edge, number = self._names[self._chosen]
+    def _name_selected(self) -> None:
+        edge, number = self._names[self._selected]
         self.power.label.text = f"{edge} {number}"
-        self.power.show(100.0 * self._powers[self._chosen])
+        self.power.show(100.0 * self._powers[self._selected])
 
-    def _choose(self, i: int) -> None:
-        self._chosen = i
-        self._name_chosen()
+    def _select(self, i: int) -> None:
+        self._selected = i
+        self._name_selected()
 
     def _toggle(self, i: int) -> None:
-        self._chosen = i
+        self._selected = i
         self._set_one(i, 0.0 if self._powers[i] > 0 else 1.0)
 
     def _set_power(self, percent: float) -> None:
-        self._set_one(self._chosen, percent / 100.0)
+        self._set_one(self._selected, percent / 100.0)
 
     def _set_one(self, i: int, power: float) -> None:
-        self._tell(tuple(power if j == i else old for j, old in enumerate(self._powers)))
+        self._set_powers(tuple(power if j == i else old for j, old in enumerate(self._powers)))
 
     def _set_all(self, power: float) -> None:
-        self._tell((power,) * len(self._powers))
+        self._set_powers((power,) * len(self._powers))
 
-    def _tell(self, powers: tuple[float, ...]) -> None:
+    def _set_powers(self, powers: tuple[float, ...]) -> None:
         self.show(powers)
         self._changed(powers)
 
 
-def _place(edge: str, along: float, width: float, height: float) -> tuple[float, float]:
-    """Return an LED's place on the drawn plate, (left, top) [%]."""
+def _point(edge: str, along: float, width: float, height: float) -> tuple[float, float]:
+    """Return an LED's position on the drawn plate, (left, top) [%]."""
     x, y = 50 + 100 * along / width, 50 + 100 * along / height
     return {"left": (0.0, y), "right": (100.0, y), "top": (x, 0.0), "bottom": (x, 100.0)}[edge]
 
 
 class Picture:
-    """A picture with marks over it.
+    """A picture with an SVG overlay.
 
     Parameters
     ----------
     name : str
         Of the element, for style and tests.
     alt : str
-        What it shows, for who does not see it.
+        Description for screen readers.
     drawn : callable, optional
         Called when the browser has drawn a new one.
     """
 
     def __init__(self, name: str, alt: str, drawn: Callable[[], None] | None = None) -> None:
-        self._place = f"#picture-{name}"
+        self._selector = f"#picture-{name}"
         with ui.element("div").classes("picture").props(f'id="picture-{name}"'):
             image = ui.element("img").props(f'alt="{alt}" draggable="false"')
-            ui.element("div").classes("marks")
+            ui.element("div").classes("annotations")
         if drawn is not None:
             image.on("load", lambda _: drawn(), args=[])
 
-    def part(self, address: str, marks: str = "") -> dict[tuple[str, str], str]:
+    def part(self, address: str, overlay: str = "") -> dict[tuple[str, str], str]:
         """Return a picture's address and the SVG over it, for :class:`Screen`."""
-        return {(f"{self._place} img", "src"): address, (f"{self._place} .marks", "html"): marks}
+        return {(f"{self._selector} img", "src"): address, (f"{self._selector} .annotations", "html"): overlay}

@@ -1,4 +1,4 @@
-"""One thread for all computing: jobs in their order, none in the server's own thread."""
+"""One thread for all computation: jobs in their order, none in the server's thread."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ T = TypeVar("T")
 
 
 class Worker:
-    """A thread that does one job after the other.
+    """A thread that runs one job after the other.
 
-    The caches of the renderer are not made for several threads. The thread is a daemon: a long job does not keep the
-    program from ending, as a pool's would.
+    The caches of the renderer are not thread-safe. The thread is a daemon: a long job does not keep the program from
+    ending.
     """
 
     def __init__(self) -> None:
@@ -23,7 +23,7 @@ class Worker:
         threading.Thread(target=self._run, name="evanesce-live", daemon=True).start()
 
     def submit(self, job: Callable[[], T]) -> Future[T]:
-        """Have a job done; its value or its error comes in the future."""
+        """Enqueue a job; the future gets its value or its error."""
         future: Future[T] = Future()
         self._jobs.put((future, job))
         return future
@@ -35,5 +35,5 @@ class Worker:
                 continue
             try:
                 future.set_result(job())
-            except BaseException as error:  # handed to whoever waits
+            except BaseException as error:  # raised where the future is awaited
                 future.set_exception(error)

@@ -1,4 +1,4 @@
-"""What is published of the silicones, each figure with its place in the thesis and a caution where it needs one."""
+"""Published values and constitutive laws of the silicones; each value with its source in the thesis, and a caution."""
 
 from evanesce.materials.tables import Material, material, material_names
 

@@ -24,6 +24,11 @@ def interpolate_modulus(deadener: ArrayLike, table_deadener: ArrayLike, table_mo
     table_deadener, table_modulus : array_like (n,)
         [%], ascending, and [MPa].
 
+    Returns
+    -------
+    ndarray
+        [MPa], in the shape of ``deadener``.
+
     Raises
     ------
     ValueError
@@ -64,6 +69,17 @@ class DeadenerFit:
 
 def fit_deadener(table_deadener: ArrayLike, table_modulus: ArrayLike) -> DeadenerFit:
     """Fit the exponential trend by least squares in ln E (equal relative errors).
+
+    Parameters
+    ----------
+    table_deadener : array_like (n,)
+        [%].
+    table_modulus : array_like (n,)
+        [MPa], above 0.
+
+    Returns
+    -------
+    DeadenerFit
 
     Raises
     ------

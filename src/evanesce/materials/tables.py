@@ -1,4 +1,4 @@
-"""Published figures of the silicones, read strictly from ``silicones.toml``; every figure keeps its source."""
+"""Published values of the silicones, read strictly from ``silicones.toml``; every value keeps its source."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ TABLES = Path(__file__).resolve().parent / "silicones.toml"
 
 
 class Sourced(Strict):
-    """Published figures with their place, and what to beware of."""
+    """Published values with their source and a caution."""
 
     source: str = Field(min_length=1)
     caution: str = ""
@@ -96,7 +96,18 @@ class MeasuredArea(Sourced):
     above_exponent: float = field(unit="1", bounds=(0.0, 2.0))
 
     def area(self, force: ArrayLike) -> NDArray[np.float64]:
-        """Return the measured area [mm^2] at a normal force [N]."""
+        """Return the measured area [mm^2] at a normal force [N].
+
+        Parameters
+        ----------
+        force : array_like
+            [N].
+
+        Returns
+        -------
+        ndarray
+            [mm^2].
+        """
         force = np.asarray(force, dtype=float)
         below = self.below_scale_mm2 * force**self.below_exponent
         above = self.above_scale_mm2 * force**self.above_exponent
@@ -170,13 +181,34 @@ measured_area : optional
     measured_area: MeasuredArea | None = None
 
     def reduced_modulus(self, force: ArrayLike) -> NDArray[np.float64]:
-        """Return E* [MPa] on flat rigid glass at a normal force [N]."""
+        """Return E* [MPa] on flat rigid glass at a normal force [N].
+
+        Parameters
+        ----------
+        force : array_like
+            [N].
+
+        Returns
+        -------
+        ndarray
+            [MPa].
+        """
         law = self.flat_reduced_modulus
         return law.intercept_MPa + law.slope_MPa_per_N * np.asarray(force, dtype=float)
 
 
 def read_tables(path: Path = TABLES) -> _Tables:
     """Read and check a table file.
+
+    Parameters
+    ----------
+    path : Path
+        TOML.
+
+    Returns
+    -------
+    object
+        The tables, checked.
 
     Raises
     ------
@@ -218,12 +250,25 @@ def _library() -> dict[str, Material]:
 
 
 def material_names() -> tuple[str, ...]:
-    """Return the names that :func:`material` knows."""
+    """Return the names of all materials.
+
+    Returns
+    -------
+    tuple of str
+    """
     return tuple(_library())
 
 
 def material(name: str) -> Material:
     """Return a silicone by name.
+
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    Material
 
     Raises
     ------

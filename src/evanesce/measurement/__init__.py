@@ -1,1 +1,1 @@
-"""The real pipeline: frames to area. It knows nothing of the simulation and runs unchanged on real video."""
+"""Measurement of contact area from frames; independent of the simulation, for real and simulated frames alike."""

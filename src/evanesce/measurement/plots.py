@@ -33,6 +33,10 @@ def overlay(view: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint
     ----------
     view : ndarray of uint8, (rows, cols) or (rows, cols, 3)
     mask : ndarray of bool (rows, cols)
+
+    Returns
+    -------
+    ndarray of uint8 (rows, cols, 3)
     """
     painted = np.repeat(view[..., None], 3, axis=2) if view.ndim == 2 else view.copy()
     plain = mask.view(np.uint8)
@@ -44,7 +48,15 @@ def overlay(view: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint
 def intensity_map(measured: Measured) -> NDArray[np.float64]:
     """Return the grey level 0 to 1 under the surviving dilated blobs, NaN elsewhere.
 
-    This is what the author calls pressure. It has no unit: no calibration from grey level to pressure exists.
+    The thesis calls this pressure. It has no unit: no calibration from grey level to pressure exists.
+
+    Parameters
+    ----------
+    measured : Measured
+
+    Returns
+    -------
+    ndarray (rows, cols)
     """
     return np.where(measured.segmentation.dilated, grey(measured.view), np.nan)
 
@@ -74,14 +86,36 @@ def _label(measured: Measured) -> str:
 
 
 def overlay_figure(measured: Measured, mm2_per_px: float) -> Figure:
-    """Return the frame with the mask's outline, axes in mm."""
+    """Return the frame with the mask's outline, axes in mm.
+
+    Parameters
+    ----------
+    measured : Measured
+    mm2_per_px : float
+        [mm^2].
+
+    Returns
+    -------
+    Figure
+    """
     figure, axes, extent = _image_axes(measured, mm2_per_px, _label(measured))
     axes.imshow(overlay(measured.view, measured.segmentation.mask), extent=extent, interpolation="nearest")
     return figure
 
 
 def intensity_figure(measured: Measured, mm2_per_px: float) -> Figure:
-    """Return the intensity map with its colour bar, axes in mm."""
+    """Return the intensity map with its colour bar, axes in mm.
+
+    Parameters
+    ----------
+    measured : Measured
+    mm2_per_px : float
+        [mm^2].
+
+    Returns
+    -------
+    Figure
+    """
     figure, axes, extent = _image_axes(measured, mm2_per_px, "grey level under the dilated mask, " + _label(measured))
     axes.set_facecolor("black")
     shown = axes.imshow(intensity_map(measured), extent=extent, cmap="viridis", vmin=0, vmax=1, interpolation="nearest")
@@ -90,7 +124,20 @@ def intensity_figure(measured: Measured, mm2_per_px: float) -> Figure:
 
 
 def histogram_figure(measured: Measured, threshold: float, blur: float) -> Figure:
-    """Return the histogram of blurred grey levels with the threshold, by which the author chose it."""
+    """Return the histogram of blurred grey levels with the threshold, by which the thesis chose it.
+
+    Parameters
+    ----------
+    measured : Measured
+    threshold : float
+        Grey level, 0 to 1.
+    blur : float
+        Standard deviation of the Gaussian [px].
+
+    Returns
+    -------
+    Figure
+    """
     figure, axes = _axes(f"blurred grey levels, {_label(measured)}")
     levels = blurred_grey(measured.view, blur)
     axes.hist(levels.ravel(), bins=256, range=(0, 1), log=True, color="0.45")
@@ -103,8 +150,17 @@ def histogram_figure(measured: Measured, threshold: float, blur: float) -> Figur
 
 
 def area_figure(rows: Sequence[AreaRow]) -> Figure:
-    """Return area against time, or against the frame's index where times are unknown."""
-    figure, axes = _axes("contact area by the thresholding chain", (7.0, 4.0))
+    """Return area against time, or against the frame's index where times are unknown.
+
+    Parameters
+    ----------
+    rows : sequence of AreaRow
+
+    Returns
+    -------
+    Figure
+    """
+    figure, axes = _axes("contact area by the reference segmentation", (7.0, 4.0))
     timed = not any(math.isnan(row.time_s) for row in rows)
     x = [row.time_s if timed else row.index for row in rows]
     axes.plot(x, [row.area_mm2 for row in rows], "o-", markersize=3, linewidth=1)
@@ -117,6 +173,11 @@ def area_figure(rows: Sequence[AreaRow]) -> Figure:
 
 def save_figure(figure: Figure, path: Path) -> None:
     """Write a figure as PNG, whole or not at all.
+
+    Parameters
+    ----------
+    figure : Figure
+    path : Path
 
     Raises
     ------
@@ -154,7 +215,7 @@ class OverlayVideo:
     Parameters
     ----------
     path : Path
-        Ends in .mp4 (H.264, as any player takes it; for the eye, not for measuring again).
+        Ends in .mp4 (H.264, as any player takes it; not for measuring again).
     frame_rate : float
         [Hz].
     """
@@ -170,7 +231,13 @@ class OverlayVideo:
         return self
 
     def add(self, picture: NDArray[np.uint8]) -> None:
-        """Append an RGB picture (rows, cols, 3); an odd last row or column is left out, as H.264 needs even sizes."""
+        """Append an RGB picture (rows, cols, 3); an odd last row or column is left out, as H.264 needs even sizes.
+
+        Parameters
+        ----------
+        picture : ndarray of uint8 (rows, cols, 3)
+            RGB.
+        """
         rows, cols = (max(n // 2 * 2, 2) for n in picture.shape[:2])
         if self._container is None:
             self._container = av.open(self._name, "w")

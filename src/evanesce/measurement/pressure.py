@@ -1,9 +1,9 @@
-"""Grey level to pressure: the inverse of a curve of light against pressure, with the measured force as its scale.
+"""Pressure from grey level: the inverse of a curve of light against pressure, scaled to the measured force.
 
-A rough skin touches in a share of its nominal contact that grows with pressure, and light enters where it touches. How
-light grows with pressure is a table that the caller brings (a roughness model, or a lab's own press against a flat);
-how bright complete contact would be is not known: it is the light with which the pressures add up to the force of the
-load cell. What saturates tells a least pressure only.
+A rough skin is in real contact over a share of its nominal contact that grows with pressure, and light enters where it
+is. The growth of light with pressure is a table that the caller supplies (a roughness model, or a lab's own press
+against a flat); the brightness of complete contact is not known: it is the light with which the pressures add up to the
+force of the load cell. Saturated pixels give a lower limit only.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ Mask = NDArray[np.bool_]
 
 SMOOTHING_PX = 1.5
 BRIGHTEST = 1e4
-"""Light of complete contact over the frame's brightest, up to which the scale is looked for."""
+"""Light of complete contact over the frame's brightest, up to which the scale is searched."""
 
 
 @dataclass(frozen=True)
 class PressureCurve:
-    """Light of a place against its pressure.
+    """Light against local pressure.
 
     Attributes
     ----------
@@ -52,7 +52,18 @@ class PressureCurve:
             )
 
     def pressure(self, light: ArrayLike) -> Floats:
-        """Return the pressure [MPa] of light over that of complete contact; beyond the table, its last."""
+        """Return the pressure [MPa] of light over that of complete contact; beyond the table, its last.
+
+        Parameters
+        ----------
+        light : array_like
+            Over that of complete contact [1].
+
+        Returns
+        -------
+        ndarray
+            [MPa].
+        """
         rising = np.maximum.accumulate(self.light + 1e-15 * np.arange(len(self.light)))
         return np.asarray(np.interp(np.asarray(light, np.float64), rising, self.pressure_MPa))
 
@@ -66,11 +77,11 @@ class PressureMap:
     pressure : ndarray (rows, cols)
         [MPa].
     unknown : ndarray of bool (rows, cols)
-        Saturated: the pressure there is a least one.
+        Saturated: the pressure there is a lower limit.
     complete_light : float
         Light of complete contact, of full scale.
     factor : float
-        By which pressures had to be multiplied beyond the curve to make up the force; 1 where the curve sufficed.
+        By which pressures had to be multiplied beyond the curve to add up to the force; 1 where the curve sufficed.
     """
 
     pressure: Floats
@@ -82,12 +93,12 @@ class PressureMap:
 def pressure_map(
     light: Floats, full: Mask, pixel_area: Floats | float, force_N: float, curve: PressureCurve
 ) -> PressureMap:
-    """Return the pressure map of a frame.
+    """Convert the light of a frame to pressure.
 
     Parameters
     ----------
     light : ndarray (rows, cols)
-        Linear, background taken off.
+        Linear, background subtracted.
     full : ndarray of bool (rows, cols)
         Saturated pixels.
     pixel_area : ndarray (rows, cols) or float
@@ -95,6 +106,10 @@ def pressure_map(
     force_N : float
         Of the load cell [N].
     curve : PressureCurve
+
+    Returns
+    -------
+    PressureMap
 
     Raises
     ------
@@ -112,21 +127,21 @@ def pressure_map(
         return float((curve.pressure(smooth / (brightest * np.exp(log_ratio))) * pixel_area).sum()) - force_N
 
     top = float(np.log(BRIGHTEST))
-    # the brightest place at the curve's own end carries the most that the curve allows
-    least = -float(np.log(curve.light[-1])) if curve.light[-1] < 1 else 0.0
-    if carried(least) <= 0:
-        complete, factor = brightest * np.exp(least), force_N / (carried(least) + force_N)
+    # the brightest pixel at the curve's own end carries the most that the curve allows
+    bottom = -float(np.log(curve.light[-1])) if curve.light[-1] < 1 else 0.0
+    if carried(bottom) <= 0:
+        complete, factor = brightest * np.exp(bottom), force_N / (carried(bottom) + force_N)
     elif carried(top) >= 0:
         complete, factor = brightest * BRIGHTEST, force_N / (carried(top) + force_N)
     else:
-        complete, factor = brightest * np.exp(brentq(carried, least, top, xtol=1e-6)), 1.0
+        complete, factor = brightest * np.exp(brentq(carried, bottom, top, xtol=1e-6)), 1.0
     return PressureMap(
         pressure=factor * curve.pressure(smooth / complete), unknown=full, complete_light=complete, factor=factor
     )
 
 
 def reference_map(level: Floats, dilated: Mask, pixel_area: Floats | float, force_N: float) -> Floats:
-    """Return the author's grey levels under his dilated mask, scaled to the force [MPa]: he gives them no unit.
+    """Return the thesis's map: grey levels under the dilated mask, scaled to the force (the thesis gives no unit).
 
     Parameters
     ----------
@@ -137,6 +152,11 @@ def reference_map(level: Floats, dilated: Mask, pixel_area: Floats | float, forc
         [mm^2].
     force_N : float
         [N].
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        [MPa].
     """
     kept = np.where(dilated, level, 0.0)
     total = float((kept * pixel_area).sum())

@@ -1,4 +1,4 @@
-"""What a measurement has to tell beside its numbers: warnings that name the figures behind them."""
+"""Warnings of a measurement, with the figures behind them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 SATURATED_SHARE = 0.01
-"""Share of the mask at full scale above which brightness has stopped to carry information [1]."""
+"""Share of the mask at full scale above which brightness carries no information any more [1]."""
 
 RATE_TOLERANCE = 0.01
 """Relative difference of two frame rates that still counts as the same: 29.97 against 30 is 0.1 %, 25 is 17 %."""
@@ -18,7 +18,7 @@ SCALE_TOLERANCE = 0.01
 
 @dataclass(frozen=True)
 class Warning:
-    """One thing the reader of a result should know.
+    """One warning.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class Warning:
 
 @dataclass(frozen=True)
 class FrameFigures:
-    """What :class:`FrameLog` needs to know of one segmented frame.
+    """Figures of one segmented frame, for :class:`FrameLog`.
 
     Attributes
     ----------
@@ -46,9 +46,9 @@ class FrameFigures:
     border_pixels : int
         Those of them that lie in the outermost rows and columns of the crop.
     dropped_blobs : int
-        Dilated blobs below the least size.
+        Dilated blobs below the minimum size.
     grey_range : tuple of float
-        Least and greatest blurred grey level of the crop, 0 to 1.
+        Smallest and greatest blurred grey level of the crop, 0 to 1.
     """
 
     index: int
@@ -78,7 +78,7 @@ class _Worst:
 
 @dataclass
 class FrameLog:
-    """Gathers figures frame by frame and sums them up in one warning per kind, however long the video is.
+    """Collects figures frame by frame and sums them up in one warning per kind.
 
     Parameters
     ----------
@@ -91,12 +91,17 @@ class FrameLog:
     _saturated: _Worst = field(default_factory=_Worst)
     _border: _Worst = field(default_factory=_Worst)
     _empty: _Worst = field(default_factory=_Worst)
-    _least: float = math.inf
+    _smallest: float = math.inf
     _greatest: float = -math.inf
     _dropped: int = 0
 
     def add(self, figures: FrameFigures) -> None:
-        """Take in one frame."""
+        """Add one frame.
+
+        Parameters
+        ----------
+        figures : FrameFigures
+        """
         self.frames += 1
         if figures.pixels == 0:
             self._empty.add(figures.index, 0.0)
@@ -107,11 +112,16 @@ class FrameLog:
                 self._saturated.add(figures.index, share)
         if figures.border_pixels:
             self._border.add(figures.index, figures.border_pixels)
-        self._least = min(self._least, figures.grey_range[0])
+        self._smallest = min(self._smallest, figures.grey_range[0])
         self._greatest = max(self._greatest, figures.grey_range[1])
 
     def warnings(self) -> list[Warning]:
-        """Return what the frames so far give reason to say."""
+        """Return the warnings about the frames so far.
+
+        Returns
+        -------
+        list of Warning
+        """
         if not self.frames:
             return []
         found = [*self._threshold_warning()]
@@ -146,7 +156,7 @@ class FrameLog:
         return f"{worst.count} of {self.frames} frame(s), first {worst.first}"
 
     def _threshold_warning(self) -> Iterable[Warning]:
-        if self._least < self.threshold < self._greatest:
+        if self._smallest < self.threshold < self._greatest:
             return
         if self.threshold >= self._greatest:
             where = "no pixel is brighter"
@@ -155,15 +165,15 @@ class FrameLog:
         yield Warning(
             "threshold_outside_histogram",
             f"threshold {self.threshold:g} lies outside the grey levels of all frames, "
-            f"{self._least:.4f} to {self._greatest:.4f}: {where}",
+            f"{self._smallest:.4f} to {self._greatest:.4f}: {where}",
         )
 
 
 @dataclass
 class EdgeLog:
-    """Gathers the frames in which saturation hides the edge from the refined estimator.
+    """Counts the frames in which saturation hides the edge from the refined estimator.
 
-    ``blur_known`` tells whether the calibration holds the camera's blur.
+    ``blur_known`` says whether the calibration holds the camera's blur.
     """
 
     blur_known: bool = True
@@ -172,7 +182,14 @@ class EdgeLog:
     first: int = -1
 
     def add(self, index: int, unseen: str) -> None:
-        """Take in one frame; see :class:`~evanesce.measurement.refined.estimator.RefinedArea` for what is unseen."""
+        """Add one frame; see :class:`~evanesce.measurement.refined.estimator.RefinedArea` for ``unseen``.
+
+        Parameters
+        ----------
+        index : int
+            Number of the frame.
+        unseen : str
+        """
         if not unseen:
             return
         if self.count == 0:
@@ -181,12 +198,25 @@ class EdgeLog:
         self.modelled += unseen == "modelled"
 
     def warnings(self, frames: int) -> list[Warning]:
-        """Return what there is to say of so many frames."""
+        """Return the warnings about so many frames.
+
+        Parameters
+        ----------
+        frames : int
+
+        Returns
+        -------
+        list of Warning
+        """
         if not self.count:
             return []
-        glow = f", in {self.modelled} of them under glow as well, where a model puts it in" if self.modelled else ""
+        scattered = (
+            f", in {self.modelled} of them under scattered light as well, where a model fills it in"
+            if self.modelled
+            else ""
+        )
         text = (
-            f"the contact's edge is at full scale in {self.count} of {frames} frame(s), first {self.first}{glow}: "
+            f"the contact's edge is at full scale in {self.count} of {frames} frame(s), first {self.first}{scattered}: "
             f"its interval is wider; expose less"
         )
         found = [Warning("saturated_edge", text)]
@@ -194,7 +224,7 @@ class EdgeLog:
             found.append(
                 Warning(
                     "blur_not_known",
-                    "the calibration holds no blur of the camera, which a saturated edge needs: a believed one is used "
+                    "the calibration holds no blur of the camera, which a saturated edge needs: a nominal one is used "
                     "and intervals are wider; calibrate from pictures of the board, or state blur_px in the file",
                 )
             )
@@ -212,6 +242,10 @@ def frame_rate_warning(stated: float | None, given: float | None, where: str) ->
         Of the command line [Hz].
     where : str
         Name of the file or folder.
+
+    Returns
+    -------
+    Warning or None
     """
     if stated is None and given is None:
         return Warning("frame_rate_missing", f"{where} states no frame rate and none was given: times are unknown")
@@ -225,7 +259,17 @@ def frame_rate_warning(stated: float | None, given: float | None, where: str) ->
 
 
 def scale_warning(stored: float | None, given: float | None) -> Warning | None:
-    """Compare the area of a pixel in a calibration with the one the user gives [mm^2]; the latter is used."""
+    """Compare the area of a pixel in a calibration with the one the user gives [mm^2]; the latter is used.
+
+    Parameters
+    ----------
+    stored, given : float or None
+        Area of a pixel [mm^2].
+
+    Returns
+    -------
+    Warning or None
+    """
     if stored is None or given is None or abs(stored / given - 1) <= SCALE_TOLERANCE:
         return None
     return Warning(

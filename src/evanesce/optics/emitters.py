@@ -67,10 +67,10 @@ def led_table(
         number = np.broadcast_to(np.asarray((groups or {}).get(edge, 0), np.int64), along.shape)
         group.append(number[power > 0])
         along, power = along[power > 0], power[power > 0]
-        place = np.array(side[edge])
+        middle = np.array(side[edge])
         direction = np.array([0.0, 1.0] if edge in ("left", "right") else [1.0, 0.0])
-        centre.append(place + along[:, None] * direction)
-        normal.append(np.tile(-np.sign(place), (along.size, 1)))
+        centre.append(middle + along[:, None] * direction)
+        normal.append(np.tile(-np.sign(middle), (along.size, 1)))
         radiance.append(emitter_radiance(leds, 1.0) * power)
     return LedTable(
         np.concatenate(centre),

@@ -1,8 +1,8 @@
 """Closed forms of light in a plate with total reflection: what the renderer has to agree with.
 
 A plate's parallel faces act as mirrors for guided light, so that an LED on an edge becomes a row of images in the
-unfolded plate and every guided path a straight line. Nothing here knows of scattering at edges or contacts: the forms
-hold for black edges between the LEDs and for contacts too small to act back on the light.
+unfolded plate and every guided path a straight line. Scattering at edges and contacts is left out: the forms hold
+for black edges between the LEDs and for contacts too small to act back on the light.
 """
 
 from __future__ import annotations

@@ -16,199 +16,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import qmc
 
-from evanesce.optics.interface import fresnel_reflectance
+from evanesce.optics.edge_rays import (
+    EDGES,
+    Arrival,
+    EdgeLight,
+    arrivals,
+    led_count,
+    radiance_entering,
+    segment_of,
+    segments_of,
+    stacked_radiances,
+)
 
 Array = NDArray[np.float64]
-EDGES = ("left", "right", "top", "bottom")
-MAX_MIRRORINGS = 200
-"""At polished edges; light that is totally reflected by all of them finds an LED within about fifty."""
-
-
-@dataclass(frozen=True)
-class EdgeLight:
-    """The plate as a light guide with rectangular emitters bonded to its edges.
-
-    Attributes
-    ----------
-    size : tuple of float
-        Plate extent in x and y [mm], centred on the origin.
-    thickness : float
-        [mm].
-    refractive_index : float
-        Of the glass, in air [1].
-    absorption_coefficient : float
-        [1/mm].
-    edge_reflectance : float
-        Diffuse reflectance of the edges, emitters included [1].
-    positions : dict of ndarray
-        Along-edge coordinate of each emitter's centre [mm], by edge (``left`` is -x, ``top`` -y).
-    radiances : dict of ndarray
-        Radiance of each emitter into the glass [W mm^-2 sr^-1], by edge.
-    emitter_size : tuple of float
-        Width along the edge and height across the thickness [mm]; centred on mid-thickness.
-    edge_polish : float
-        Share of the edge between the emitters that mirrors as bare glass (Fresnel) instead of scattering [1].
-    air_gap_share : float
-        Share of each emitter's face that an air film parts from the glass [1]; the film's light enters refracted.
-    """
-
-    size: tuple[float, float]
-    thickness: float
-    refractive_index: float
-    absorption_coefficient: float
-    edge_reflectance: float
-    positions: dict[str, Array]
-    radiances: dict[str, Array]
-    emitter_size: tuple[float, float]
-    edge_polish: float = 0.0
-    air_gap_share: float = 0.0
-
-
-@dataclass(frozen=True)
-class _Hits:
-    """Where straight unfolded rays end: edge number, coordinate along it, depth below the top face, attenuation.
-
-    ``cosine`` is that to the edge's normal, ``down`` whether the ray ends on its way down.
-    """
-
-    edge: NDArray[np.int64]
-    along: Array
-    depth: Array
-    transmission: Array
-    cosine: Array
-    down: NDArray[np.bool_]
-
-
-def _cast(
-    light: EdgeLight, x: Array, y: Array, depth: Array, theta: Array, phi: Array, down: NDArray[np.bool_]
-) -> _Hits:
-    """Follow rays from points inside the plate to the edge where each ends (all arguments broadcast).
-
-    ``theta`` is the angle to the plate's normal, ``phi`` the azimuth, ``down`` whether the ray starts downwards.
-    """
-    half_x, half_y = light.size[0] / 2, light.size[1] / 2
-    cos_phi, sin_phi = np.cos(phi), np.sin(phi)
-    with np.errstate(divide="ignore"):
-        to_x = np.where(cos_phi > 0, half_x - x, -half_x - x) / np.where(cos_phi == 0, np.nan, cos_phi)
-        to_y = np.where(sin_phi > 0, half_y - y, -half_y - y) / np.where(sin_phi == 0, np.nan, sin_phi)
-    hits_x = ~(to_y < to_x)
-    run = np.where(hits_x, to_x, to_y)
-    edge = np.where(hits_x, np.where(cos_phi > 0, 1, 0), np.where(sin_phi > 0, 3, 2))
-    along = np.where(hits_x, y + run * sin_phi, x + run * cos_phi)
-    t = light.thickness
-    unfolded = run / np.tan(theta) + np.where(down, depth, -depth)
-    bounces = np.floor(unfolded / t) + np.logical_not(down)  # an upward ray meets the top face at unfolded = 0
-    folded = np.mod(np.abs(unfolded), 2 * t)
-    end_depth = np.where(folded > t, 2 * t - folded, folded)
-    reflectance = fresnel_reflectance(np.cos(theta), light.refractive_index, 1.0)
-    transmission = reflectance**bounces * np.exp(-light.absorption_coefficient * run / np.sin(theta))
-    cosine = np.sin(theta) * np.abs(np.where(hits_x, cos_phi, sin_phi))
-    # A ray that started upwards and ends before the top face is still on its way up.
-    end_down = (unfolded >= 0) & (folded <= t)
-    return _Hits(edge, along, end_depth, transmission, cosine, end_down)
-
-
-def _mirror(light: EdgeLight, hits: _Hits, theta: Array, phi: Array) -> tuple[Array, Array, Array]:
-    """Return x, y and azimuth of rays mirrored by the edges that they met, a hair inside."""
-    side = np.where(hits.edge % 2 == 0, -0.5, 0.5) * (1 - 1e-9)
-    on_x = hits.edge < 2
-    x = np.where(on_x, side * light.size[0], hits.along)
-    y = np.where(on_x, hits.along, side * light.size[1])
-    return x, y, np.where(on_x, np.pi - phi, -phi)
-
-
-def _entering(light: EdgeLight, cosine: Array) -> Array:
-    """Return radiance inside the glass over that of an emitter in optical contact, by the angle to the edge's normal.
-
-    Through an air film a Lambertian face's radiance L enters as n^2 (1 - R) L, and only within the critical angle.
-    """
-    if light.air_gap_share == 0.0:
-        return np.ones(cosine.shape)
-    n = light.refractive_index
-    through = n * n * (1.0 - fresnel_reflectance(np.clip(cosine, 0.0, 1.0), n, 1.0))
-    return np.asarray(1.0 - light.air_gap_share + light.air_gap_share * through)
-
-
-def led_count(light: EdgeLight) -> int:
-    """Return the number of LEDs on all edges."""
-    return sum(light.positions[name].size for name in EDGES if name in light.positions)
-
-
-def stacked_radiances(light: EdgeLight) -> Array:
-    """Return the radiances of all LEDs, edge after edge in the order of ``EDGES`` [W mm^-2 sr^-1]."""
-    parts = [light.radiances[name] for name in EDGES if name in light.positions]
-    return np.concatenate([np.zeros(0), *parts])
-
-
-def _led_met(light: EdgeLight, hits: _Hits) -> NDArray[np.int64]:
-    """Return the number of the LED that each hit is on, in the order of :func:`stacked_radiances`; -1 for none."""
-    width, height = light.emitter_size
-    met = np.full(hits.along.shape, -1)
-    in_height = np.abs(hits.depth - light.thickness / 2) <= height / 2
-    first = 0
-    for number, name in enumerate(EDGES):
-        centres = light.positions.get(name)
-        if centres is None or centres.size == 0:
-            continue
-        here = (hits.edge == number) & in_height
-        order = np.argsort(centres)
-        sorted_centres = centres[order]
-        along = hits.along[here]
-        nearest = np.minimum(np.searchsorted(sorted_centres, along), centres.size - 1)
-        before = np.maximum(nearest - 1, 0)
-        closer = np.abs(along - sorted_centres[before]) <= np.abs(along - sorted_centres[nearest])
-        index = np.where(closer, before, nearest)
-        within = np.abs(along - sorted_centres[index]) <= width / 2
-        met[here] = np.where(within, first + order[index], -1)
-        first += centres.size
-    return met
-
-
-@dataclass(frozen=True)
-class _Arrival:
-    """Rays at the edge where they end or are mirrored: what each brings of an LED's radiance and of the edge's own.
-
-    ``share`` is what is left of each ray when it arrives.
-    """
-
-    hits: _Hits
-    led: NDArray[np.int64]
-    share: Array
-    led_share: Array
-    edge_share: Array
-
-
-def _arrivals(
-    light: EdgeLight, x: Array, y: Array, depth: Array, theta: Array, phi: Array, down: NDArray[np.bool_]
-) -> Iterator[_Arrival]:
-    """Follow rays over mirroring edges; shares include all losses on the way from the ray's start."""
-    weight = np.ones(np.broadcast(x, theta, phi).shape)
-    for _ in range(MAX_MIRRORINGS):
-        hits = _cast(light, x, y, depth, theta, phi, down)
-        led = _led_met(light, hits)
-        arriving = weight * hits.transmission
-        polish = np.where(led >= 0, 0.0, light.edge_polish)
-        yield _Arrival(hits, led, arriving, arriving * _entering(light, hits.cosine), arriving * (1.0 - polish))
-        if light.edge_polish == 0.0:
-            return
-        mirrored = fresnel_reflectance(np.clip(hits.cosine, 0.0, 1.0), light.refractive_index, 1.0)
-        weight = arriving * polish * mirrored
-        if not weight.max(initial=0.0) > 1e-5:
-            return
-        x, y, phi = _mirror(light, hits, theta, phi)
-        depth, down = hits.depth, hits.down
-
-
-def _segments(light: EdgeLight, per_edge: int) -> tuple[Array, Array]:
-    """Return lower ends and lengths of the segments of each edge, shape (4,)."""
-    lengths = np.array([light.size[1], light.size[1], light.size[0], light.size[0]])
-    return -lengths / 2, lengths / per_edge
-
-
-def _segment_of(light: EdgeLight, hits: _Hits, per_edge: int) -> NDArray[np.int64]:
-    start, step = _segments(light, per_edge)
-    inside = np.floor((hits.along - start[hits.edge]) / step[hits.edge]).astype(np.int64)
-    return hits.edge * per_edge + np.clip(inside, 0, per_edge - 1)
 
 
 @dataclass(frozen=True)
@@ -240,13 +60,13 @@ def edge_exchange(light: EdgeLight, *, per_edge: int = 24, rays: int = 4096) -> 
         Quasi-random rays from each segment.
     """
     segments = 4 * per_edge
-    start, step = _segments(light, per_edge)
+    start, step = segments_of(light, per_edge)
     from_edge = np.zeros((segments, segments))
     for row, sample in enumerate(_shifted(rays, segments, 20240611)):
         number, part = divmod(row, per_edge)
         along = start[number] + (part + sample[:, 3]) * step[number]
         for met in _from_edge(light, number, along, sample[:, 2] * light.thickness, sample[:, :2]):
-            segment = _segment_of(light, met.hits, per_edge)
+            segment = segment_of(light, met.hits, per_edge)
             from_edge[row] += np.bincount(segment, met.edge_share, segments) * (np.pi / rays)
     return EdgeExchange(_from_leds(light, per_edge, rays), from_edge)
 
@@ -258,24 +78,24 @@ def _shifted(rays: int, count: int, seed: int) -> Iterator[Array]:
         yield np.mod(sample + shift, 1.0)
 
 
-def _from_edge(light: EdgeLight, number: int, along: Array, depth: Array, u: Array) -> Iterator[_Arrival]:
+def _from_edge(light: EdgeLight, number: int, along: Array, depth: Array, u: Array) -> Iterator[Arrival]:
     """Follow cosine-weighted rays from points of an edge; ``u`` (rays, 2) are uniform numbers for their directions."""
     inward = np.deg2rad([0.0, 180.0, 90.0, 270.0])[number]
     sin_a, around = np.sqrt(u[:, 0]), 2 * np.pi * u[:, 1]
     normal, tangent, up = np.sqrt(1 - u[:, 0]), sin_a * np.cos(around), sin_a * np.sin(around)
     theta = np.arccos(np.clip(np.abs(up), 1e-9, 1.0))
-    # A hair inside, so that the ray does not end where it starts.
+    # Just inside, so that the ray does not end where it starts.
     side = np.full(along.shape, (-0.5, 0.5)[number % 2] * (1 - 1e-9))
     along = along * (1 - 1e-9)
     x, y = (side * light.size[0], along) if number < 2 else (along, side * light.size[1])
-    return _arrivals(light, x, y, depth, theta, inward + np.arctan2(tangent, normal), np.asarray(up < 0))
+    return arrivals(light, x, y, depth, theta, inward + np.arctan2(tangent, normal), np.asarray(up < 0))
 
 
 def _from_leds(light: EdgeLight, per_edge: int, rays: int) -> Array:
-    """Return :attr:`EdgeExchange.from_led`: rays from each LED, all of which arrive somewhere."""
+    """Return :attr:`EdgeExchange.from_led`: rays from each LED, all of which arrive at an edge."""
     segments = 4 * per_edge
     width, height = light.emitter_size
-    _, step = _segments(light, per_edge)
+    _, step = segments_of(light, per_edge)
     area = np.repeat(step, per_edge) * light.thickness
     found = np.zeros((segments, led_count(light)))
     samples = _shifted(rays, led_count(light), 20240613)
@@ -285,9 +105,9 @@ def _from_leds(light: EdgeLight, per_edge: int, rays: int) -> Array:
             sample = next(samples)
             along = centre + (sample[:, 3] - 0.5) * width
             depth = light.thickness / 2 + (sample[:, 2] - 0.5) * height
-            entering = _entering(light, np.sqrt(1 - sample[:, 0]))
+            entering = radiance_entering(light, np.sqrt(1 - sample[:, 0]))
             for met in _from_edge(light, number, along, depth, sample[:, :2]):
-                segment = _segment_of(light, met.hits, per_edge)
+                segment = segment_of(light, met.hits, per_edge)
                 found[:, led] += np.bincount(segment, met.share * entering, segments)
             led += 1
     return np.asarray(found * (np.pi * width * height / rays) / area[:, None])
@@ -297,6 +117,16 @@ def edge_response(exchange: EdgeExchange, reflectance: float) -> Array:
     """Return the diffuse radiance of each segment per irradiance that falls on each from elsewhere [1/sr].
 
     L = (rho/pi)(E + K L), solved for L.
+
+    Parameters
+    ----------
+    exchange : EdgeExchange
+    reflectance : float
+        Diffuse, of the edges [1].
+
+    Returns
+    -------
+    ndarray (segments, segments)
     """
     factor = reflectance / np.pi
     unity = np.eye(exchange.from_edge.shape[0])
@@ -363,8 +193,8 @@ def azimuthal_radiance(
         offset = np.mod((np.arange(theta.size) + k * theta.size) * golden, 1.0)
         phi = (steps[None, :] + offset[:, None]) * (2 * np.pi / azimuths)
         zero: Any = np.zeros_like(phi)
-        for met in _arrivals(light, px + zero, py + zero, zero, theta[:, None] + zero, phi, np.asarray(zero == 0)):
+        for met in arrivals(light, px + zero, py + zero, zero, theta[:, None] + zero, phi, np.asarray(zero == 0)):
             seen = met.led_share * radiances[met.led]
-            seen += met.edge_share * diffuse.ravel()[_segment_of(light, met.hits, per_edge)]
+            seen += met.edge_share * diffuse.ravel()[segment_of(light, met.hits, per_edge)]
             total[k] += seen.mean(axis=1)
     return total

@@ -22,7 +22,13 @@ NM_PER_MM = 1e6
 
 
 def critical_angle(n1: float, n2: float = 1.0) -> float:
-    """Return the critical angle from medium 1 to medium 2 [rad]; pi/2 where there is none (n2 >= n1)."""
+    """Return the critical angle from medium 1 to medium 2 [rad]; pi/2 where there is none (n2 >= n1).
+
+    Parameters
+    ----------
+    n1, n2 : float
+        Refractive indices [1].
+    """
     return float(np.arcsin(min(n2 / n1, 1.0)))
 
 
@@ -102,7 +108,18 @@ def frustrated_reflectance(
 def frustrated_transmittance(
     cos_theta: ArrayLike, gap: ArrayLike, wavelength: float, n1: float, n3: float, n2: float = 1.0
 ) -> Array:
-    """Return one minus :func:`frustrated_reflectance`: the share of power that reaches medium 3."""
+    """Return one minus :func:`frustrated_reflectance`: the share of power that reaches medium 3.
+
+    Parameters
+    ----------
+    cos_theta, gap, wavelength, n1, n3, n2
+        As for :func:`frustrated_reflectance`.
+
+    Returns
+    -------
+    ndarray
+        Broadcast of ``cos_theta`` and ``gap``, 0 to 1.
+    """
     return np.asarray(1.0 - frustrated_reflectance(cos_theta, gap, wavelength, n1, n3, n2))
 
 
@@ -110,6 +127,20 @@ def decay_constant(cos_theta: ArrayLike, wavelength: float, n1: float, n2: float
     """Return kappa [1/mm], by which the evanescent field falls as exp(-kappa z) and the coupling as exp(-2 kappa gap).
 
     Zero below the critical angle.
+
+    Parameters
+    ----------
+    cos_theta : array_like
+        Cosine of the angle of incidence in medium 1, 0 to 1.
+    wavelength : float
+        In vacuum [nm].
+    n1, n2 : float
+        Refractive indices of glass and film [1].
+
+    Returns
+    -------
+    ndarray
+        Shape of ``cos_theta``.
     """
     sin2 = 1.0 - np.asarray(cos_theta, float) ** 2
     return np.asarray((2 * np.pi * NM_PER_MM / wavelength) * _normal_cosine(sin2, n2, n1).imag)

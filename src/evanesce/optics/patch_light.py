@@ -43,6 +43,20 @@ def angle_nodes(count: int, n_glass: float) -> tuple[Array, Array]:
     """Return angles [rad] over the whole hemisphere, denser where light is guided, and weights for d(theta).
 
     Gauss-Legendre on either side of the critical angle, so that the kink there falls between nodes.
+
+    Parameters
+    ----------
+    count : int
+        Nodes on either side of the critical angle.
+    n_glass : float
+        [1].
+
+    Returns
+    -------
+    theta : ndarray (2 count,)
+        Inside the glass [rad].
+    weights : ndarray (2 count,)
+        [rad].
     """
     critical = float(np.arcsin(1.0 / n_glass))
     u, w = np.polynomial.legendre.leggauss(count)
@@ -53,9 +67,17 @@ def angle_nodes(count: int, n_glass: float) -> tuple[Array, Array]:
 
 
 def transmitted_irradiance_kernel(theta: ArrayLike, weights: ArrayLike, gap: ArrayLike, interface: Interface) -> Array:
-    """Return what turns azimuth-averaged radiance at ``theta`` into irradiance inside the silicone.
+    """Return the kernel from azimuth-averaged radiance at ``theta`` to irradiance inside the silicone.
 
     E = sum over theta of kernel * L, kernel = 2 pi T(theta, gap) cos(theta) sin(theta) d(theta).
+
+    Parameters
+    ----------
+    theta, weights : array_like (angles,)
+        Nodes [rad] and weights [rad], as of :func:`angle_nodes`.
+    gap : array_like (gaps,)
+        [mm].
+    interface : Interface
 
     Returns
     -------
@@ -78,6 +100,14 @@ def returned_radiance(gap: ArrayLike, theta: ArrayLike, interface: Interface) ->
 
     The body's light is reflected between body and surface any number of times; n^2 of the change of medium included.
 
+    Parameters
+    ----------
+    gap : array_like
+        [mm].
+    theta : array_like
+        Inside the glass [rad]; broadcasts against ``gap``.
+    interface : Interface
+
     Returns
     -------
     ndarray, broadcast of ``gap`` and ``theta``
@@ -91,7 +121,20 @@ def returned_radiance(gap: ArrayLike, theta: ArrayLike, interface: Interface) ->
 
 
 def window_transmittance(theta_glass: ArrayLike, n_glass: float) -> Array:
-    """Return radiance in air over radiance in the glass at the bottom face: (1 - R)/n^2."""
+    """Return radiance in air over radiance in the glass at the bottom face: (1 - R)/n^2.
+
+    Parameters
+    ----------
+    theta_glass : array_like
+        Angle inside the glass [rad].
+    n_glass : float
+        [1].
+
+    Returns
+    -------
+    ndarray
+        Shape of ``theta_glass`` [1].
+    """
     return np.asarray((1.0 - fresnel_reflectance(np.cos(theta_glass), n_glass, 1.0)) / n_glass**2)
 
 
@@ -99,7 +142,13 @@ EXTERNAL_REFLECTANCE_NODES = 64
 
 
 def external_diffuse_reflectance(n_glass: float) -> float:
-    """Return the reflectance of bare glass for diffuse light from the air: the mean of R over d(sin^2 theta)."""
+    """Return the reflectance of bare glass for diffuse light from the air: the mean of R over d(sin^2 theta).
+
+    Parameters
+    ----------
+    n_glass : float
+        [1].
+    """
     u, w = np.polynomial.legendre.leggauss(EXTERNAL_REFLECTANCE_NODES)
     cosine = 0.5 * (u + 1.0)
     return float(np.sum(w * fresnel_reflectance(cosine, 1.0, n_glass) * cosine))
@@ -112,7 +161,7 @@ class Feedback:
     Attributes
     ----------
     loss : ndarray
-        Guided light that the first took away, as a share of the second's irradiance [1/mm^2].
+        Guided light that the first takes in, as a share of the second's irradiance [1/mm^2].
     gain : ndarray
         Irradiance that the first's own light returns, per irradiance inside the first [1/mm^2].
     """
@@ -133,8 +182,9 @@ def feedback(
 ) -> Feedback:
     """Return the plate's response between two contact elements at distance r.
 
-    A ray at angle theta meets the top face every 2 t tan(theta); the k-th ring around an element is therefore lit (or
-    shaded) at theta = arctan(r/(2 t k)). Contact elements in between are ignored: a second order of the covered share.
+    A ray at angle theta meets the top face every 2 t tan(theta); the k-th annulus around an element is therefore lit
+    (or shaded) at theta = arctan(r/(2 t k)). Contact elements in between are ignored: an effect of second order in the
+    covered share.
 
     Parameters
     ----------
@@ -148,7 +198,7 @@ def feedback(
     absorption_coefficient : float
         [1/mm].
     bounces : int
-        Rings k = 1 ... bounces.
+        Annuli k = 1 ... bounces.
     """
     r = np.asarray(r, float)
     theta, radiance = np.asarray(theta, float), np.asarray(radiance, float)
@@ -161,7 +211,7 @@ def feedback(
     for k in range(1, bounces + 1):
         angle = np.arctan2(r, 2 * thickness * k)
         cosine = np.cos(angle)
-        # d(theta)/dr over the ring's circumference: the area element of plan view
+        # d(theta)/dr over the annulus' circumference: the area element of plan view
         per_area = (2 * thickness * k / (r**2 + (2 * thickness * k) ** 2)) / (2 * np.pi * r)
         t = frustrated_transmittance(cosine, 0.0, interface.wavelength, n, interface.n_silicone)
         bare = fresnel_reflectance(cosine, n, 1.0)

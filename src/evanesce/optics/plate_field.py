@@ -11,17 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from evanesce.optics.guided_field import (
-    EDGES,
-    EdgeExchange,
-    EdgeLight,
-    _arrivals,
-    _entering,
-    _segment_of,
-    edge_exchange,
-    edge_response,
-    led_count,
-)
+from evanesce.optics.edge_rays import EDGES, EdgeLight, arrivals, led_count, radiance_entering, segment_of
+from evanesce.optics.guided_field import EdgeExchange, edge_exchange, edge_response
 from evanesce.optics.interface import fresnel_reflectance
 
 Array = NDArray[np.float64]
@@ -108,7 +99,18 @@ class UnitFields:
 
 
 def segment_areas(light: EdgeLight, per_edge: int) -> Array:
-    """Return the area of each segment of the edges [mm^2]."""
+    """Return the area of each segment of the edges [mm^2].
+
+    Parameters
+    ----------
+    light : EdgeLight
+    per_edge : int
+        Segments of each edge.
+
+    Returns
+    -------
+    ndarray (4 per_edge,)
+    """
     lengths = np.array([light.size[1], light.size[1], light.size[0], light.size[0]])
     return np.asarray(np.repeat(lengths, per_edge) / per_edge * light.thickness)
 
@@ -131,7 +133,7 @@ def _direct_fields(light: EdgeLight, points: Array, bins: AngleBins, *, across: 
     drop = np.stack([2 * j * t + inside, 2 * (j + 1) * t - inside]).reshape(-1)
     drop_weight = np.tile(wd * height / 2, 2 * images)
     found = np.zeros((leds, points.shape[0], bins.count))
-    place = np.arange(points.shape[0])[:, None] * bins.count
+    target = np.arange(points.shape[0])[:, None] * bins.count
     led = 0
     for number, name in enumerate(EDGES):
         for centre in light.positions.get(name, np.zeros(0)):
@@ -145,11 +147,11 @@ def _direct_fields(light: EdgeLight, points: Array, bins: AngleBins, *, across: 
                 s = 1.0 - cosine**2
                 bounces = np.floor(drop / t)
                 share = fresnel_reflectance(cosine, n, 1.0) ** bounces
-                share *= np.exp(-light.absorption_coefficient * np.sqrt(length2)) * _entering(light, cos_led)
+                share *= np.exp(-light.absorption_coefficient * np.sqrt(length2)) * radiance_entering(light, cos_led)
                 value = share * cosine * cos_led / length2 * drop_weight * weight
                 index = np.searchsorted(bins.borders, s) - 1
                 value[index >= bins.count] = 0.0
-                flat = (place + np.clip(index, 0, bins.count - 1)).ravel()
+                flat = (target + np.clip(index, 0, bins.count - 1)).ravel()
                 found[led] += np.bincount(flat, value.ravel(), found[led].size).reshape(found[led].shape)
             led += 1
     return found
@@ -179,18 +181,18 @@ def _points_fields(light: EdgeLight, points: Array, bins: AngleBins, rays: int, 
             u = np.mod(sample[None, :, :] + offset[which][:, None, :], 1.0)
             s, phi = low + (high - low) * u[..., 0], 2 * np.pi * u[..., 1]
             theta = np.arcsin(np.sqrt(np.clip(s, 1e-12, 1.0 - 1e-12)))
-            place = which[:, None] * count + np.clip(np.searchsorted(bins.borders, s) - 1, first, last - 1)
+            target = which[:, None] * count + np.clip(np.searchsorted(bins.borders, s) - 1, first, last - 1)
             zero = np.zeros_like(s)
             x, y = points[which, 0][:, None] + zero, points[which, 1][:, None] + zero
             weight = np.pi * (high - low) / number
-            arrivals = _arrivals(light, x, y, zero, theta, phi, np.ones(s.shape, bool))
-            for mirrorings, met in enumerate(arrivals):
-                segment = _segment_of(light, met.hits, per_edge)
+            followed = arrivals(light, x, y, zero, theta, phi, np.ones(s.shape, bool))
+            for mirrorings, met in enumerate(followed):
+                segment = segment_of(light, met.hits, per_edge)
                 parts = [(found[1], segment, met.edge_share)]
                 if mirrorings > 0:
                     parts.append((found[0], met.led + 1, met.led_share))
                 for into, source, share in parts:
-                    flat = (source * (points.shape[0] * count) + place).ravel()
+                    flat = (source * (points.shape[0] * count) + target).ravel()
                     into += np.bincount(flat, share.ravel() * weight, into.size).reshape(into.shape)
     return found[0][1:], found[1]
 

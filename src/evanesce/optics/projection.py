@@ -37,6 +37,18 @@ def rotation(tilt_x: float, tilt_y: float, roll: float) -> Array:
 def distort(x: ArrayLike, y: ArrayLike, coefficients: tuple[float, float, float, float, float]) -> tuple[Array, Array]:
     """Apply OpenCV's radial-tangential distortion (k1, k2, p1, p2, k3) to normalised coordinates (any shape).
 
+    Parameters
+    ----------
+    x, y : array_like
+        Normalised coordinates (x, y, 1) before distortion [1].
+    coefficients : tuple of float
+        k1, k2, p1, p2, k3 [1].
+
+    Returns
+    -------
+    x, y : ndarray
+        Distorted [1].
+
     References
     ----------
     Brown, "Decentering distortion of lenses", Photogrammetric Engineering 32 (1966) 444.
@@ -72,7 +84,7 @@ class IdealView:
     def finer(self, times: int) -> IdealView:
         """Return the grid with so many times as many pixels along each side."""
         (rows, cols), middle = self.shape, (times - 1) / 2
-        px, py = (place * times + middle for place in self.principal_point)
+        px, py = (p * times + middle for p in self.principal_point)
         return IdealView((rows * times, cols * times), self.focal_px * times, (px, py))
 
 
@@ -93,7 +105,7 @@ class Projection:
     axes : ndarray (3, 3)
         Columns: camera x, y, z in plate coordinates.
     pinhole : ndarray (3,)
-        Its place in plate coordinates [mm].
+        Its position in plate coordinates [mm].
     thickness, refractive_index : float
         Of the plate [mm], [1].
     """

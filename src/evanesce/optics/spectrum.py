@@ -59,12 +59,29 @@ def white_led_power() -> Array:
 
 
 def luminous_efficiency(wavelength: ArrayLike) -> Array:
-    """Return the eye's relative sensitivity, which a frame's luma imitates (single-lobe fit of Wyman et al. 2013)."""
+    """Return the eye's relative sensitivity, which luma approximates (single-lobe fit of Wyman et al. 2013).
+
+    Parameters
+    ----------
+    wavelength : array_like
+        In vacuum [nm].
+
+    Returns
+    -------
+    ndarray
+        Shape of ``wavelength`` [1].
+    """
     return np.asarray(1.014 * np.exp(-0.5 * (np.log(np.asarray(wavelength, float) / 556.1) / 0.075) ** 2))
 
 
 def mean_over_bands(value: Callable[[Array], Array]) -> float:
-    """Return the mean of a function of wavelength [nm] over the white LED's light as a grey frame weighs it."""
+    """Return the mean of a function of wavelength [nm] over the white LED's light as a grey frame weighs it.
+
+    Parameters
+    ----------
+    value : callable
+        Of wavelengths [nm] (bands,).
+    """
     weight = white_led_power() * luminous_efficiency(BAND_NM)
     return float(np.sum(weight * value(BAND_NM)) / weight.sum())
 

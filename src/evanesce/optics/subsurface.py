@@ -1,9 +1,9 @@
-"""Light that wanders inside a scattering body and leaves beside the place where it entered.
+"""Subsurface scattering: light that leaves a scattering body beside the point where it entered.
 
 Diffuse light enters a half-space through its surface. The share of what enters at a point that leaves at distance r,
 per area, is a profile R(r) of the body's reflectance A (its integral over the plane) and of the transport mean free
-path l = 1/(sigma_s' + sigma_a). Boundary index-matched: what the surface reflects back inside is the business of the
-caller, who knows what lies on it.
+path l = 1/(sigma_s' + sigma_a). Boundary index-matched: what the surface reflects back inside is left to the
+caller.
 
 References
 ----------
@@ -25,6 +25,7 @@ from evanesce.optics.interface import fresnel_reflectance
 
 Array = NDArray[np.float64]
 NEAR_CELLS = 8
+"""Cells from the middle within which the profile is integrated, not sampled."""
 
 
 def profile_scale(albedo: float, length: float) -> float:
@@ -41,13 +42,41 @@ def profile_scale(albedo: float, length: float) -> float:
 
 
 def profile(r: ArrayLike, albedo: float, length: float) -> Array:
-    """Return what leaves at distance r per area, over what entered: A (e^(-r/d) + e^(-r/3d))/(8 pi d r) [1/mm^2]."""
+    """Return what leaves at distance r per area, over what entered: A (e^(-r/d) + e^(-r/3d))/(8 pi d r) [1/mm^2].
+
+    Parameters
+    ----------
+    r : array_like
+        Distance, above 0 [mm].
+    albedo : float
+        Diffuse reflectance A of the body [1].
+    length : float
+        Transport mean free path l [mm].
+
+    Returns
+    -------
+    ndarray
+        Shape of ``r``.
+    """
     r, d = np.asarray(r, float), profile_scale(albedo, length)
     return np.asarray(albedo * (np.exp(-r / d) + np.exp(-r / (3 * d))) / (8 * np.pi * d * r))
 
 
 def share_within(r: ArrayLike, albedo: float, length: float) -> Array:
-    """Return the share of what leaves that does so within r: 1 - e^(-r/d)/4 - 3 e^(-r/3d)/4."""
+    """Return the share of what leaves that does so within r: 1 - e^(-r/d)/4 - 3 e^(-r/3d)/4.
+
+    Parameters
+    ----------
+    r : array_like
+        [mm].
+    albedo, length : float
+        As for :func:`profile`.
+
+    Returns
+    -------
+    ndarray
+        Shape of ``r`` [1].
+    """
     x = np.asarray(r, float) / profile_scale(albedo, length)
     return np.asarray(-0.25 * np.expm1(-x) - 0.75 * np.expm1(-x / 3))
 
@@ -74,13 +103,32 @@ def dipole_profile(r: ArrayLike, scattering: float, absorption: float) -> Array:
 
 
 def half_space_reflectance(single_albedo: ArrayLike) -> Array:
-    """Return the diffuse reflectance of a half-space of isotropic scatterers under diffuse light (Hapke)."""
+    """Return the diffuse reflectance of a half-space of isotropic scatterers under diffuse light (Hapke).
+
+    Parameters
+    ----------
+    single_albedo : array_like
+        Albedo of a single scattering [1].
+
+    Returns
+    -------
+    ndarray
+        Shape of ``single_albedo`` [1].
+    """
     gamma = np.sqrt(1.0 - np.asarray(single_albedo, float))
     return np.asarray((1 - gamma) / (1 + gamma) * (1 - gamma / (3 * (1 + gamma))))
 
 
 def absorption_coefficient(albedo: float, length: float) -> float:
-    """Return sigma_a [1/mm] of a body of reflectance A and transport mean free path l [mm]."""
+    """Return sigma_a [1/mm] of a body of reflectance A and transport mean free path l [mm].
+
+    Parameters
+    ----------
+    albedo : float
+        A [1].
+    length : float
+        l [mm].
+    """
     if albedo >= 1.0:
         return 0.0
     single = brentq(lambda s: float(half_space_reflectance(s)) - albedo, 0.0, 1.0)
@@ -126,7 +174,20 @@ def profile_kernel(albedo: float, length: float, cell: float, reach: int) -> Arr
 
 
 def open_film_transmittance(cos_theta: ArrayLike, n_body: float, n_glass: float) -> Array:
-    """Return the transmittance from body to glass through a film of air many wavelengths thick (no interference)."""
+    """Return the transmittance from body to glass through a film of air many wavelengths thick (no interference).
+
+    Parameters
+    ----------
+    cos_theta : array_like
+        Cosine of the angle of incidence in the body [1].
+    n_body, n_glass : float
+        [1].
+
+    Returns
+    -------
+    ndarray
+        Shape of ``cos_theta`` [1].
+    """
     cos_theta = np.asarray(cos_theta, float)
     sin2_air = np.minimum(n_body**2 * (1.0 - cos_theta**2), 1.0)
     first = fresnel_reflectance(cos_theta, n_body, 1.0)
@@ -136,7 +197,13 @@ def open_film_transmittance(cos_theta: ArrayLike, n_body: float, n_glass: float)
 
 
 def open_inside_reflectance(n_body: float, n_glass: float) -> float:
-    """Return the reflectance that diffuse light in the body meets at its surface across such a film from the glass."""
+    """Return the reflectance that diffuse light in the body meets at its surface across such a film from the glass.
+
+    Parameters
+    ----------
+    n_body, n_glass : float
+        [1].
+    """
     u, w = np.polynomial.legendre.leggauss(400)
     # d(sin^2) up to the critical angle; sin^2 = s (1 - (1 - v)^2) makes the square-root end smooth.
     v, w = 0.5 * (u + 1), 0.5 * w

@@ -1,1 +1,1 @@
-"""The only room that knows Mitsuba and Dr.Jit."""
+"""Light from the plate towards the lens: path tracer and fast renderer; only this package imports Mitsuba, Dr.Jit."""

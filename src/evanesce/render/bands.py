@@ -16,16 +16,21 @@ from evanesce.rig.finger import Finger
 
 MAX_BANDS = 14
 LONGEST_MM = 5.0
-"""Bound of ``finger.scattering_length_mm``: beyond, light wanders farther than the finger is thick."""
+"""Bound of ``finger.scattering_length_mm``: beyond, light is scattered farther than the finger is thick."""
 Render = Callable[..., PlateLight]
 
 
 def in_band(scene: Scene, band: Band) -> Scene:
-    """Return a scene as light of one band sees it.
+    """Return a scene at the wavelength of one band.
 
     The scene's indices are those at 589 nm; glass and silicone are shifted as soda-lime and PDMS disperse. Silicone's
     scattering and absorption are those at the scene's wavelength and follow the finger's powers of wavelength; the
     glass's absorption stays, which for the rig's glass is not known by wavelength.
+
+    Parameters
+    ----------
+    scene : Scene
+    band : Band
     """
 
     def shift(index: Callable[[float], Any]) -> float:

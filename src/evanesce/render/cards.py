@@ -1,4 +1,4 @@
-"""Calibration cards seen through the same glass and lens as a contact: checkerboard and square, in any pose."""
+"""Calibration targets, printed cards, through the glass and lens of a contact: checkerboard and square, any pose."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ Array = NDArray[np.float64]
 AIR_FILM = 0.05
 """Distance of paper that lies on the glass [mm]: no optical contact, so no guided light couples into it."""
 
-ROOM_DISTANCE = 400.0
-ROOM_HALF_SIZE = 4000.0
+SOURCE_DISTANCE = 400.0
+SOURCE_HALF_SIZE = 4000.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +67,12 @@ class Card:
 
 
 def checkerboard_of(cards: Cards) -> Card:
-    """Return the checkerboard that a rig's ``[card]`` table describes."""
+    """Return the checkerboard that a rig's ``[card]`` table describes.
+
+    Parameters
+    ----------
+    cards : Cards
+    """
     return Card(
         squares=cards.checkerboard_squares,
         side=cards.checkerboard_side_mm,
@@ -78,7 +83,12 @@ def checkerboard_of(cards: Cards) -> Card:
 
 
 def square_of(cards: Cards) -> Card:
-    """Return the plain square that a rig's ``[card]`` table describes."""
+    """Return the plain square that a rig's ``[card]`` table describes.
+
+    Parameters
+    ----------
+    cards : Cards
+    """
     return Card(
         side=cards.square_side_mm,
         margin=cards.square_margin_mm,
@@ -94,7 +104,7 @@ SQUARE = square_of(Cards())
 
 @dataclass(frozen=True, kw_only=True)
 class Pose:
-    """Where a card is held: turned by tilts and rotation, then shifted; lying flat at the origin by default.
+    """Position and orientation of a card: tilted, rotated, then shifted; flat on the glass at the origin by default.
 
     Attributes
     ----------
@@ -112,7 +122,7 @@ class Pose:
     tilt_x_deg: float = 0.0
     tilt_y_deg: float = 0.0
 
-    def place(self, points: Array) -> Array:
+    def to_plate(self, points: Array) -> Array:
         """Return card points (n, 2) in plate coordinates (n, 3) [mm]."""
         turn = rotation(*np.deg2rad([self.tilt_x_deg, self.tilt_y_deg, self.rotation_deg]))
         flat = np.column_stack([points, np.zeros(len(points))])
@@ -133,8 +143,8 @@ def pose_of(cards: Cards, pose: Pose | None = None) -> Pose:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Room:
-    """Light from below that falls on a card: a wide surface whose radiance may rise to one side.
+class Illumination:
+    """Illumination of a card from below: a wide surface whose radiance may rise to one side.
 
     Attributes
     ----------
@@ -152,13 +162,15 @@ class Room:
         import mitsuba as mi
 
         steps = 64
-        tangent = (np.arange(steps) - (steps - 1) / 2) / steps * 2 * ROOM_HALF_SIZE / ROOM_DISTANCE
+        tangent = (np.arange(steps) - (steps - 1) / 2) / steps * 2 * SOURCE_HALF_SIZE / SOURCE_DISTANCE
         level = 1.0 + self.gradient[0] * np.tanh(tangent)[None, :] + self.gradient[1] * np.tanh(tangent)[:, None]
         # The bitmap's first row lies at v = 0, the rectangle's lowest y; its own normal is +z.
         picture = np.ascontiguousarray((self.radiance * np.clip(level, 0.0, None))[:, :, None].astype(np.float32))
-        place = mi.ScalarTransform4f().translate([0, 0, -ROOM_DISTANCE]).scale([ROOM_HALF_SIZE, ROOM_HALF_SIZE, 1])
+        position = (
+            mi.ScalarTransform4f().translate([0, 0, -SOURCE_DISTANCE]).scale([SOURCE_HALF_SIZE, SOURCE_HALF_SIZE, 1])
+        )
         texture = {"type": "bitmap", "bitmap": mi.Bitmap(picture), "raw": True, "wrap_mode": "clamp"}
-        return {"type": "rectangle", "to_world": place, "emitter": {"type": "area", "radiance": texture}}
+        return {"type": "rectangle", "to_world": position, "emitter": {"type": "area", "radiance": texture}}
 
 
 def _card_shapes(card: Card, pose: Pose) -> dict[str, Any]:
@@ -190,7 +202,7 @@ def _card_shapes(card: Card, pose: Pose) -> dict[str, Any]:
     else:
         white += frame if card.margin > 0 else []
     tiles = {"paper": (white, card.white), "ink": (black, card.black)}
-    return {name: card_mesh(name, t, pose.place, level) for name, (t, level) in tiles.items() if t}
+    return {name: card_mesh(name, t, pose.to_plate, level) for name, (t, level) in tiles.items() if t}
 
 
 def require_above_glass(card: Card, pose: Pose) -> None:
@@ -202,7 +214,7 @@ def require_above_glass(card: Card, pose: Pose) -> None:
     """
     reach = np.array([[sx * (s + 2 * card.margin) / 2 for sx, s in zip(sign, card.size, strict=True)]
                       for sign in ((-1, -1), (-1, 1), (1, -1), (1, 1))])  # fmt: skip
-    lowest = float(pose.place(reach)[:, 2].min())
+    lowest = float(pose.to_plate(reach)[:, 2].min())
     if lowest <= 0:
         raise InputError(
             f"the card reaches {-lowest:.3g} mm into the glass",
@@ -216,7 +228,7 @@ def render_card(
     card: Card,
     pose: Pose | None = None,
     *,
-    room: Room | None = None,
+    illumination: Illumination | None = None,
     variant: str = "auto",
     samples_per_pixel: int = 16,
     passes: int = 4,
@@ -233,8 +245,7 @@ def render_card(
     card : Card
     pose : Pose, optional
         Flat on the glass at the origin if not given.
-    room : Room, optional
-        Light from below.
+    illumination : Illumination, optional
     variant, samples_per_pixel, passes, seed, view, progress
         As for :func:`evanesce.render.reference.path.render`.
 
@@ -247,12 +258,14 @@ def render_card(
     InputError
         If the card would reach into the glass.
     """
-    pose, room = pose or Pose(), room or Room()
+    pose, illumination = pose or Pose(), illumination or Illumination()
     require_above_glass(card, pose)
     projection = Projection.of(scene.camera, scene.plate)
     view = projection.ideal_view() if view is None else view
     info = select(variant)
-    shapes = plate_scene(scene, None, {}, info.is_jit).shapes | _card_shapes(card, pose) | {"room": room.shape()}
+    shapes = (
+        plate_scene(scene, None, {}, info.is_jit).shapes | _card_shapes(card, pose) | {"source": illumination.shape()}
+    )
     sums = trace(
         shapes,
         camera_dict(projection, view),

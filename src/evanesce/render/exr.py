@@ -38,7 +38,7 @@ class LightFile:
     ----------
     light : PlateLight
     contact : dict of ndarray (rows, cols)
-        ``gap`` [mm] (NaN beyond the contact grid), ``pressure`` [MPa], ``mask`` [1]; empty where nothing touched.
+        ``gap`` [mm] (NaN beyond the contact grid), ``pressure`` [MPa], ``mask`` [1]; empty without contact.
     provenance : dict
     """
 
@@ -49,6 +49,12 @@ class LightFile:
 
 def contact_channels(scene: Scene, state: ContactState, view: IdealView) -> dict[str, NDArray[np.float32]]:
     """Carry a contact state to the pixel centres of a view.
+
+    Parameters
+    ----------
+    scene : Scene
+    state : ContactState
+    view : IdealView
 
     Returns
     -------
@@ -82,13 +88,13 @@ def contact_channels(scene: Scene, state: ContactState, view: IdealView) -> dict
 def write_light(
     path: Path, scene: Scene, light: PlateLight, state: ContactState | None, provenance: Mapping[str, Any]
 ) -> None:
-    """Write radiance, variance and, where something touches, gap, pressure and mask; whole or not at all.
+    """Write radiance, variance and, where there is contact, gap, pressure and mask; whole or not at all.
 
     Parameters
     ----------
     path : Path
     scene : Scene
-        Its camera and plate place the contact in the view.
+        Its camera and plate locate the contact in the view.
     light : PlateLight
     state : ContactState or None
     provenance : mapping
@@ -131,6 +137,14 @@ def write_light(
 
 def read_light(path: Path) -> LightFile:
     """Read a file of :func:`write_light`.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    LightFile
 
     Raises
     ------

@@ -8,7 +8,10 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 
-LIMITS = {"unit": 4, "rig": 8, "tables": 16, "glow": 16, "inside": 4, "fields": 32, "maps": 2, "flank": 32, "coarse": 8}
+LIMITS = {
+    "unit": 4, "rig": 8, "tables": 16, "subsurface": 16, "inside reflectance": 4, "fields": 32, "maps": 2, "flank": 32,
+    "contact radiance": 8, "plate unit light": 4, "plate points": 4,
+}  # fmt: skip
 """How many of each kind; a camera's maps of 2000 x 1500 pixels take 80 MB."""
 
 _KEPT: dict[str, OrderedDict[str, Any]] = {kind: OrderedDict() for kind in LIMITS}

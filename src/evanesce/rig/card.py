@@ -1,4 +1,4 @@
-"""The two printed calibration cards, as they really are: what a lab believes of them stands with its measurement."""
+"""The two printed calibration cards, as they really are; their nominal size stands with a lab's measurement."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A camera of the same field with larger pixels, or with smaller ones at which light is gathered."""
+"""A camera of the same field with larger pixels, or with smaller ones at which light is sampled."""
 
 from __future__ import annotations
 
@@ -17,7 +17,11 @@ def coarser_camera(scene: Scene, factor: int, *, key: str = "--camera-coarser") 
     scene : Scene
     factor : int
     key : str
-        Named in errors: what asked for it.
+        Named in errors.
+
+    Returns
+    -------
+    Scene
 
     Raises
     ------
@@ -49,10 +53,20 @@ def coarser_camera(scene: Scene, factor: int, *, key: str = "--camera-coarser") 
 
 
 def finer_pixels(scene: Scene, factor: int) -> Scene:
-    """Return the scene with the smaller pixels at which its lens gathers light, ``factor`` along each of the camera's.
+    """Return the scene with the smaller pixels at which its light is sampled, ``factor`` along each of the camera's.
 
     Added up again they are the camera's own: wells and gain stay those of the whole pixel. A lens that is sharper than
     a pixel cannot be blurred on it.
+
+    Parameters
+    ----------
+    scene : Scene
+    factor : int
+        Finer pixels along each of the camera's.
+
+    Returns
+    -------
+    Scene
     """
     if factor == 1:
         return scene

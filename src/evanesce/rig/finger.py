@@ -1,4 +1,4 @@
-"""The silicone finger and the contact law that is believed of it."""
+"""The silicone finger and its nominal contact law."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ class Ridges(Strict):
         bounds=(0.1, 5000.0),
         doc="Gaussian rounding of a flat-topped ridge; none: a ridge without flats",
     )
-    core_length_mm: float = field(2.0, unit="mm", bounds=(0.0, 100.0), doc="segment that a whorl's rings enclose")
+    core_length_mm: float = field(2.0, unit="mm", bounds=(0.0, 100.0), doc="segment that a whorl's ridges enclose")
 
 
 class ScannedSkin(Strict):
-    """Surface of the finger as a lab measured it, in the place of designed ridges; read by :mod:`evanesce.materials`.
+    """Surface of the finger as a lab measured it, instead of designed ridges; read by :mod:`evanesce.bench`.
 
     Columns of the map run along +x of the plate and rows along +y, as the camera sees the finger through the glass;
     its middle lies on the tip unless ``offset_mm`` says otherwise. A profile repeats itself without end.
@@ -39,7 +39,7 @@ class ScannedSkin(Strict):
     pitch_um: float | None = field(
         None, unit="um", bounds=(0.01, 1000.0), doc="sample distance of a map that does not carry its own"
     )
-    height_unit: Literal["nm", "um", "mm", "m"] | None = Field(None, description="of a csv, tif or exr map's figures")
+    height_unit: Literal["nm", "um", "mm", "m"] | None = Field(None, description="of a csv, tif or exr map's values")
     form_degree: int = Field(1, ge=1, le=2, description="taken off: 1 a plane, 2 a scanned tip's roundness")
     offset_mm: tuple[float, float] = field(
         (0.0, 0.0), unit="mm", bounds=(-100.0, 100.0), doc="middle of the scan from the tip, (x, y)"
@@ -76,7 +76,7 @@ class Finger(Strict):
         unit="1",
         bounds=(0.0, 1.0),
         null=1.0,
-        doc="of the light that the silicone returns, the part that has wandered; the rest leaves where it entered",
+        doc="of the light that the silicone returns, the part scattered below the surface; the rest leaves at once",
     )
     scattering_power: float = field(
         0.0,

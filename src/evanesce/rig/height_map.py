@@ -1,4 +1,4 @@
-"""The file of a scene's height map: where it may lie, that it is the one it was, and a copy beside a written scene."""
+"""The file of a scene's height map: its path, its digest, and a copy beside a written scene."""
 
 from __future__ import annotations
 
@@ -22,6 +22,10 @@ def located(scene: Scene, path: Path) -> Scene:
     scene : Scene
         As its file ``path`` has it: the map is named relative to that file.
     path : Path
+
+    Returns
+    -------
+    Scene
 
     Raises
     ------
@@ -60,19 +64,42 @@ def located(scene: Scene, path: Path) -> Scene:
 
 
 def digest_of(file: str | Path) -> str:
-    """Return the SHA-256 of a file as hexadecimal digits."""
+    """Return the SHA-256 of a file as hexadecimal digits.
+
+    Parameters
+    ----------
+    file : str or Path
+
+    Returns
+    -------
+    str
+    """
     with Path(file).open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def relative(scene: Scene) -> Scene:
-    """Return a scene whose map is named as :func:`copy_height_map` names the copy."""
+    """Return a scene whose map is named as :func:`copy_beside` names the copy.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    Scene
+    """
     skin = scene.finger.height_map
     return scene if skin is None else _with_file(scene, _name(skin.file), skin.sha256)
 
 
 def copy_height_map(scene: Scene, folder: Path) -> None:
     """Copy a scene's height map into a folder, ``height_map`` with its own ending.
+
+    Parameters
+    ----------
+    scene : Scene
+    folder : Path
 
     Raises
     ------

@@ -53,7 +53,7 @@ class LedCircuit(Strict):
 
 
 class StripEdge(Strict):
-    """What one edge's strip has of its own."""
+    """Settings of one edge's strip that differ from the others'."""
 
     offset_mm: float = field(0.0, unit="mm", bounds=(-500.0, 500.0), doc="shift of the strip along its edge")
     voltage_V: float | None = field(None, unit="V", bounds=(0.0, 60.0), doc="own supply voltage")

@@ -25,6 +25,15 @@ MAX_SCENE_BYTES = 1_000_000
 def scene_path(name: str | Path) -> Path:
     """Return the file of a scene given as a path, or as the name of a scene that ships (``thesis``).
 
+    Parameters
+    ----------
+    name : str or Path
+        Path of a TOML file, or name of a scene that ships.
+
+    Returns
+    -------
+    Path
+
     Raises
     ------
     InputError
@@ -50,6 +59,10 @@ def load_scene(name: str | Path, overrides: dict[str, Any] | None = None) -> Sce
         TOML file, or the name of a shipped scene.
     overrides : dict, optional
         Dotted keys to replace before checking, e.g. ``{"leds.voltage_V": 10.0}``.
+
+    Returns
+    -------
+    Scene
 
     Raises
     ------
@@ -82,7 +95,21 @@ ModelT = typing.TypeVar("ModelT", bound=Strict)
 
 
 def validate(model: type[ModelT], data: dict[str, Any], file: Path | str) -> ModelT:
-    """Validate plain data against a strict model; every failure becomes one :class:`InputError`."""
+    """Validate plain data against a strict model; every failure becomes one :class:`InputError`.
+
+    Parameters
+    ----------
+    model : type
+        Strict model.
+    data : dict
+    file : Path or str
+        Named in errors.
+
+    Returns
+    -------
+    object
+        Instance of the model.
+    """
     _check_bounds(model, data, (), file)
     try:
         return model.model_validate(_tuples(data))
@@ -132,7 +159,7 @@ def _pick(models: list[type[BaseModel]], value: dict[str, Any]) -> type[BaseMode
 
 
 def _check_bounds(model: type[BaseModel], data: dict[str, Any], at: tuple[str, ...], file: Path | str) -> None:
-    """Refuse unknown keys and figures out of bounds, in the words of the declaration."""
+    """Refuse unknown keys and values out of bounds, named as declared."""
     for key, value in data.items():
         where = ".".join((*at, key))
         info = model.model_fields.get(key)
@@ -224,7 +251,7 @@ def _as_input_error(model: type[BaseModel], error: ValidationError, data: Any, f
 
 
 def _shown(value: object) -> str:
-    """Return a value in a few words: a long list would drown the message."""
+    """Return a value in a few words: a long list would fill the message."""
     text = repr(value)
     return text if len(text) < 80 else text[:77] + "..."
 
@@ -244,5 +271,14 @@ def dump_scene(scene: Scene) -> str:
     """Return a scene as TOML text that :func:`load_scene` reads back equal.
 
     A height map is named as :func:`~evanesce.rig.copy_height_map` names its copy, which belongs beside the text.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    str
+        TOML.
     """
     return tomli_w.dumps(height_map.relative(scene).as_dict())

@@ -1,4 +1,4 @@
-"""A scene: the rig, what is believed of its contact, its loading programme, and how to sample it."""
+"""A scene: the nominal model of the rig, its contact, its loading programme, and how to sample it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class ContactGrid(Strict):
 
 
 class RenderSettings(Strict):
-    """How much work the path tracer does."""
+    """Settings of the path tracer."""
 
     samples_per_pixel: int = field(64, unit="1", bounds=(1, 1_000_000))
     passes: int = field(4, unit="1", bounds=(2, 100_000), doc="independent passes: the variance comes from them")
@@ -136,10 +136,10 @@ class Scene(Strict):
         if forces is None or len(forces) != 1 or forces[0] <= self.slide.preload_N:
             raise ValueError("a slide needs press.forces_N with one force, above slide.preload_N")
         if not self.finger.is_smooth or self.contact.law == "halfspace":
-            raise ValueError("a slide needs a smooth finger and a law other than halfspace: it knows round contacts")
+            raise ValueError("a slide needs a smooth finger and a law other than halfspace: a slide has round contacts")
 
     def _has(self, dotted: str) -> bool:
-        """Tell whether a dotted key names something in this scene."""
+        """Return whether a dotted key names something in this scene."""
         value: Any = self
         for part in dotted.split("."):
             if isinstance(value, dict):
@@ -151,7 +151,12 @@ class Scene(Strict):
         return True
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain JSON-able data, None left out (TOML has no null)."""
+        """Return plain JSON-able data, None left out (TOML has no null).
+
+        Returns
+        -------
+        dict
+        """
         return self.model_dump(mode="json", exclude_none=True)
 
     @classmethod

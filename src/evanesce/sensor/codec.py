@@ -1,4 +1,4 @@
-"""Frames as files: PNG with a list of time stamps, and video with true time stamps. Whole files or none."""
+"""Frames as files: PNG with a list of time stamps, and video with the frames' own time stamps. Whole files or none."""
 
 from __future__ import annotations
 
@@ -35,7 +35,11 @@ _ENCODERS = {"h264": "libx264", "ffv1": "ffv1"}
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give a temporary path beside ``path`` to write to; it takes the place of ``path`` only if all went well.
+    """Give a temporary path beside ``path`` to write to; it replaces ``path`` only if no error occurred.
+
+    Parameters
+    ----------
+    path : Path
 
     Raises
     ------
@@ -73,7 +77,7 @@ def write_png(path: Path, image: NDArray[Any]) -> None:
     ok, encoded = cv2.imencode(".png", image if image.ndim == 2 else image[..., ::-1])
     if not ok:
         raise WorkError(f"{path}: OpenCV could not encode an image of shape {image.shape}")
-    # Encoded in memory and written by Python: cv2.imwrite tells neither why it failed nor of a disk that filled up.
+    # Encoded in memory and written by Python: cv2.imwrite reports neither why it failed nor a full disk.
     with replacing(path) as part:
         part.write_bytes(encoded.tobytes())
 
@@ -233,7 +237,15 @@ def write_video(
     frame_rate_hz: float = 30.0,
     quality: int = 18,
 ) -> None:
-    """Write all frames as one video; see :class:`VideoWriter`."""
+    """Write all frames as one video; see :class:`VideoWriter`.
+
+    Parameters
+    ----------
+    path : Path
+    frames : iterable of Frame
+    codec, frame_rate_hz, quality
+        As for :class:`VideoWriter`.
+    """
     with VideoWriter(path, codec=codec, frame_rate_hz=frame_rate_hz, quality=quality) as video:
         for frame in frames:
             video.add(frame)

@@ -14,7 +14,19 @@ Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 
 
 def charge_of(light: SensorLight, camera: Camera, pattern: FixedPattern | None = None) -> Array:
-    """Return the mean charge of each pixel before shot noise [e-]."""
+    """Return the mean charge of each pixel before shot noise [e-].
+
+    Parameters
+    ----------
+    light : SensorLight
+        Irradiance [W mm^-2].
+    camera : Camera
+    pattern : FixedPattern, optional
+
+    Returns
+    -------
+    ndarray (rows, cols)
+    """
     pixel, exposure_s = camera.pixel, camera.exposure_ms * 1e-3
     photons = photon_count(
         light.irradiance,
@@ -33,7 +45,20 @@ def charge_of(light: SensorLight, camera: Camera, pattern: FixedPattern | None =
 
 
 def signal_of(mean_e: Array, camera: Camera, rng: np.random.Generator | None) -> Array:
-    """Return the signal before quantisation [DN]: shot noise, full well, read noise, gain, black level."""
+    """Return the signal before quantisation [DN]: shot noise, full well, read noise, gain, black level.
+
+    Parameters
+    ----------
+    mean_e : ndarray (rows, cols)
+        Mean charge [e-].
+    camera : Camera
+    rng : numpy.random.Generator or None
+        None: without temporal noise.
+
+    Returns
+    -------
+    ndarray (rows, cols)
+    """
     pixel = camera.pixel
     return amplify(
         collect(mean_e, pixel.full_well_capacity_e, rng),
@@ -46,7 +71,16 @@ def signal_of(mean_e: Array, camera: Camera, rng: np.random.Generator | None) ->
 
 
 def frame_of(signal_DN: Array, camera: Camera, *, time_s: float = 0.0, index: int = 0) -> Frame:
-    """Return the frame of a signal [DN]: quantised raw, and 8 bits through the camera's tone curve."""
+    """Return the frame of a signal [DN]: quantised raw, and 8 bits through the camera's tone curve.
+
+    Parameters
+    ----------
+    signal_DN : ndarray (rows, cols)
+    camera : Camera
+    time_s : float
+        Mid-exposure time [s].
+    index : int
+    """
     pixel = camera.pixel
     raw = quantise(signal_DN, pixel.bits)
     data = develop(raw, black_level_DN=pixel.black_level_DN, bits=pixel.bits, curve=camera.tone_curve)

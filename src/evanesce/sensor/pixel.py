@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FixedPattern:
-    """What one sensor's pixels have of their own, the same in every frame.
+    """The departures of one sensor's pixels from their mean, the same in every frame.
 
     Attributes
     ----------
@@ -88,7 +88,24 @@ def mean_charge(
     exposure_s: float,
     pattern: FixedPattern | None = None,
 ) -> Array:
-    """Return the mean charge of each pixel before shot noise: eta mu_p S + D t + pattern [e-], never below zero."""
+    """Return the mean charge of each pixel before shot noise: eta mu_p S + D t + pattern [e-], never below zero.
+
+    Parameters
+    ----------
+    photons : ndarray (rows, cols)
+        [1].
+    quantum_efficiency : float
+        eta [1].
+    dark_current_e_per_s : float
+        D [e-/s].
+    exposure_s : float
+        t [s].
+    pattern : FixedPattern, optional
+
+    Returns
+    -------
+    ndarray (rows, cols)
+    """
     charge = photons * quantum_efficiency
     if pattern is not None:
         charge = charge * pattern.sensitivity + pattern.dark_e
@@ -99,6 +116,19 @@ def collect(mean_e: Array, full_well_capacity_e: float, rng: np.random.Generator
     """Return the charge of one exposure: Poisson about its mean, spilt above the full well [e-].
 
     ``rng=None`` gives the mean itself, without shot noise.
+
+    Parameters
+    ----------
+    mean_e : ndarray
+        [e-].
+    full_well_capacity_e : float
+        [e-].
+    rng : numpy.random.Generator or None
+
+    Returns
+    -------
+    ndarray
+        Shape of ``mean_e``.
     """
     charge = mean_e if rng is None else rng.poisson(mean_e).astype(np.float64)
     return np.minimum(charge, full_well_capacity_e)

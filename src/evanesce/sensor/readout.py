@@ -43,5 +43,17 @@ def amplify(
 
 
 def quantise(signal_DN: NDArray[np.floating[Any]], bits: int) -> NDArray[np.uint16]:
-    """Round to whole DN (halves up) and clip to what ``bits`` hold."""
+    """Round to whole DN (halves up) and clip to what ``bits`` hold.
+
+    Parameters
+    ----------
+    signal_DN : ndarray
+        [DN].
+    bits : int
+
+    Returns
+    -------
+    ndarray of uint16
+        Shape of ``signal_DN``.
+    """
     return np.clip(np.floor(signal_DN + 0.5), 0, 2**bits - 1).astype(np.uint16)

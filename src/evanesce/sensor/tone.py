@@ -29,24 +29,68 @@ _LIBCAMERA_IMX477 = (
 
 
 def linear(light: ArrayLike) -> Array:
-    """Return the light itself, 0 to 1."""
+    """Return the light itself, 0 to 1.
+
+    Parameters
+    ----------
+    light : array_like
+        Relative, 0 to 1 [1].
+
+    Returns
+    -------
+    ndarray
+        Shape of ``light``, 0 to 1 [1].
+    """
     return np.asarray(light, np.float64)
 
 
 def bt709(light: ArrayLike) -> Array:
-    """Return the camera curve of ITU-R BT.709-6 (2015), item 1.2: 1.099 L^0.45 - 0.099, linear below 0.018."""
+    """Return the camera curve of ITU-R BT.709-6 (2015), item 1.2: 1.099 L^0.45 - 0.099, linear below 0.018.
+
+    Parameters
+    ----------
+    light : array_like
+        Relative, 0 to 1 [1].
+
+    Returns
+    -------
+    ndarray
+        Shape of ``light``, 0 to 1 [1].
+    """
     light = np.asarray(light, np.float64)
     return np.where(light < 0.018, 4.5 * light, 1.099 * np.maximum(light, 0.018) ** 0.45 - 0.099)
 
 
 def srgb(light: ArrayLike) -> Array:
-    """Return the curve of IEC 61966-2-1:1999: 1.055 L^(1/2.4) - 0.055, linear below 0.0031308."""
+    """Return the curve of IEC 61966-2-1:1999: 1.055 L^(1/2.4) - 0.055, linear below 0.0031308.
+
+    Parameters
+    ----------
+    light : array_like
+        Relative, 0 to 1 [1].
+
+    Returns
+    -------
+    ndarray
+        Shape of ``light``, 0 to 1 [1].
+    """
     light = np.asarray(light, np.float64)
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 0.0031308) ** (1 / 2.4) - 0.055)
 
 
 def libcamera(light: ArrayLike) -> Array:
-    """Return libcamera's default contrast curve of the IMX477, straight between its published points."""
+    """Return libcamera's default contrast curve of the IMX477, straight between its published points.
+
+    Parameters
+    ----------
+    light : array_like
+        Relative, 0 to 1 [1].
+
+    Returns
+    -------
+    ndarray
+        Shape of ``light``, 0 to 1 [1].
+    """
     return np.interp(np.asarray(light, np.float64), *_LIBCAMERA_IMX477.T)
 
 
@@ -59,7 +103,24 @@ CURVES: dict[str, Callable[[ArrayLike], Array]] = {
 
 
 def relative_light(raw: NDArray[Any], *, black_level_DN: float, bits: int, digital_gain: float = 1.0) -> Array:
-    """Return linear light of raw numbers, 0 at the black level and 1 at the top of the range, clipped to both."""
+    """Return linear light of raw numbers, 0 at the black level and 1 at the top of the range, clipped to both.
+
+    Parameters
+    ----------
+    raw : ndarray
+        [DN].
+    black_level_DN : float
+        [DN].
+    bits : int
+        Of the raw numbers.
+    digital_gain : float
+        [1].
+
+    Returns
+    -------
+    ndarray
+        Shape of ``raw`` [1].
+    """
     top = 2**bits - 1
     return np.clip((np.asarray(raw, np.float64) - black_level_DN) * (digital_gain / (top - black_level_DN)), 0.0, 1.0)
 
@@ -88,6 +149,17 @@ def develop(
 
 
 def undevelop(frame: NDArray[np.uint8], *, curve: Curve) -> Array:
-    """Return the linear light, 0 to 1, whose 8-bit value is nearest to that of each pixel: the curve turned round."""
+    """Return the linear light, 0 to 1, whose 8-bit value is nearest to that of each pixel: the curve's inverse.
+
+    Parameters
+    ----------
+    frame : ndarray of uint8
+    curve : {"linear", "bt709", "srgb", "libcamera"}
+
+    Returns
+    -------
+    ndarray
+        Shape of ``frame`` [1].
+    """
     light = np.linspace(0.0, 1.0, 65536)
     return np.asarray(np.interp(np.arange(256) / 255.0, CURVES[curve](light), light)[frame])

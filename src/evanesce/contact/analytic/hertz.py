@@ -79,7 +79,22 @@ def hertz_radius(force: ArrayLike, tip_radius: float, modulus: ArrayLike) -> Arr
 
 
 def hertz_depth(force: ArrayLike, tip_radius: float, modulus: ArrayLike) -> Array:
-    """Return the approach a^2/R of distant points [mm]; parameters as :func:`hertz_radius`."""
+    """Return the approach a^2/R of distant points [mm].
+
+    Parameters
+    ----------
+    force : array_like
+        Normal force [N].
+    tip_radius : float
+        [mm].
+    modulus : array_like
+        E* [MPa].
+
+    Returns
+    -------
+    ndarray
+        [mm].
+    """
     return hertz_radius(force, tip_radius, modulus) ** 2 / tip_radius
 
 
@@ -116,7 +131,22 @@ def hertz_pressure(r: ArrayLike, force: float, contact_radius: float) -> Array:
 
 
 def hertz_force_within(r: ArrayLike, force: float, contact_radius: float) -> Array:
-    """Return the force carried inside radius r [N]: F (1 - (1 - r^2/a^2)^(3/2)), the integral of the pressure."""
+    """Return the force carried inside radius r [N]: F (1 - (1 - r^2/a^2)^(3/2)), the integral of the pressure.
+
+    Parameters
+    ----------
+    r : array_like
+        [mm].
+    force : float
+        [N].
+    contact_radius : float
+        [mm].
+
+    Returns
+    -------
+    ndarray
+        [N].
+    """
     if not contact_radius > 0:
         raise ValueError(f"contact radius {contact_radius:g} mm is not positive")
     inner = np.clip(1.0 - (np.asarray(r, dtype=float) / contact_radius) ** 2, 0.0, None)
@@ -163,7 +193,21 @@ def hertz_gap(r: ArrayLike, contact_radius: float, tip_radius: float) -> Array:
 
 
 def hertz_contact(force: float, tip_radius: float, modulus: float) -> AxisymmetricContact:
-    """Return the whole contact of Hertz; parameters as :func:`hertz_radius`."""
+    """Return Hertz's contact.
+
+    Parameters
+    ----------
+    force : float
+        [N].
+    tip_radius : float
+        [mm].
+    modulus : float
+        E* [MPa].
+
+    Returns
+    -------
+    AxisymmetricContact
+    """
     return scaled_hertz_contact(force, tip_radius, modulus, 1.0)
 
 
@@ -179,6 +223,10 @@ def scaled_hertz_contact(force: float, tip_radius: float, modulus: float, area_s
         As :func:`hertz_radius`.
     area_scale : float
         Contact area over Hertz's area [1].
+
+    Returns
+    -------
+    AxisymmetricContact
 
     Raises
     ------

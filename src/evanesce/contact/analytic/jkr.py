@@ -1,4 +1,4 @@
-"""Johnson, Kendall and Roberts: a sphere that sticks to the glass. 0.001 N/mm of adhesion is 1 J/m^2."""
+"""Johnson, Kendall and Roberts: an elastic sphere on glass with adhesion. 0.001 N/mm of adhesion is 1 J/m^2."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 def jkr_pull_off_force(tip_radius: float, work_of_adhesion: float) -> float:
-    """Return the normal force at which the sphere lets go [N]: -(3/2) pi w R.
+    """Return the normal force at which the sphere separates [N]: -(3/2) pi w R.
 
     Parameters
     ----------
@@ -20,6 +20,11 @@ def jkr_pull_off_force(tip_radius: float, work_of_adhesion: float) -> float:
         R [mm].
     work_of_adhesion : float
         w [N/mm]; 1 N/mm is 1000 J/m^2.
+
+    Returns
+    -------
+    float
+        [N].
 
     References
     ----------
@@ -71,7 +76,24 @@ def jkr_radius(force: ArrayLike, tip_radius: float, modulus: ArrayLike, work_of_
 
 
 def jkr_depth(force: ArrayLike, tip_radius: float, modulus: ArrayLike, work_of_adhesion: float) -> Array:
-    """Return the approach a^2/R - sqrt(2 pi w a/E*) [mm]; parameters as :func:`jkr_radius`."""
+    """Return the approach a^2/R - sqrt(2 pi w a/E*) [mm].
+
+    Parameters
+    ----------
+    force : array_like
+        [N].
+    tip_radius : float
+        [mm].
+    modulus : array_like
+        E* [MPa].
+    work_of_adhesion : float
+        [N/mm].
+
+    Returns
+    -------
+    ndarray
+        [mm].
+    """
     radius = jkr_radius(force, tip_radius, modulus, work_of_adhesion)
     return radius**2 / tip_radius - np.sqrt(2.0 * np.pi * work_of_adhesion * radius / np.asarray(modulus, dtype=float))
 
@@ -117,7 +139,26 @@ def jkr_pressure(
 def jkr_force_within(
     r: ArrayLike, contact_radius: float, tip_radius: float, modulus: float, work_of_adhesion: float
 ) -> Array:
-    """Return the integral of :func:`jkr_pressure` from the centre to r [N], finite at the edge too."""
+    """Return the integral of :func:`jkr_pressure` from the centre to r [N], finite at the edge too.
+
+    Parameters
+    ----------
+    r : array_like
+        [mm].
+    contact_radius : float
+        [mm].
+    tip_radius : float
+        [mm].
+    modulus : float
+        E* [MPa].
+    work_of_adhesion : float
+        [N/mm].
+
+    Returns
+    -------
+    ndarray
+        [N].
+    """
     hertz = 4.0 * modulus * contact_radius**3 / (3.0 * tip_radius)
     punch = np.sqrt(8.0 * np.pi * work_of_adhesion * modulus * contact_radius**3)
     inner = np.clip(1.0 - (np.asarray(r, dtype=float) / contact_radius) ** 2, 0.0, None)
@@ -127,7 +168,23 @@ def jkr_force_within(
 def jkr_gap(r: ArrayLike, contact_radius: float, tip_radius: float, modulus: float, work_of_adhesion: float) -> Array:
     """Return the gap outside contact: Hertz's plus the neck sqrt(8 a w/(pi E*)) arccos(a/r); zero in contact.
 
-    Parameters as :func:`jkr_pressure`; [mm].
+    Parameters
+    ----------
+    r : array_like
+        [mm].
+    contact_radius : float
+        [mm].
+    tip_radius : float
+        [mm].
+    modulus : float
+        E* [MPa].
+    work_of_adhesion : float
+        [N/mm].
+
+    Returns
+    -------
+    ndarray
+        [mm].
 
     References
     ----------
@@ -139,7 +196,23 @@ def jkr_gap(r: ArrayLike, contact_radius: float, tip_radius: float, modulus: flo
 
 
 def jkr_contact(force: float, tip_radius: float, modulus: float, work_of_adhesion: float) -> AxisymmetricContact:
-    """Return the whole contact of JKR; parameters and errors as :func:`jkr_radius`."""
+    """Return the contact of Johnson, Kendall and Roberts; errors as :func:`jkr_radius`.
+
+    Parameters
+    ----------
+    force : float
+        [N].
+    tip_radius : float
+        [mm].
+    modulus : float
+        E* [MPa].
+    work_of_adhesion : float
+        [N/mm].
+
+    Returns
+    -------
+    AxisymmetricContact
+    """
     radius = float(jkr_radius(force, tip_radius, modulus, work_of_adhesion))
     if radius == 0:  # no force and no adhesion
         return AxisymmetricContact(0.0, 0.0, 0.0, np.zeros_like, lambda r: hertz_gap(r, 0.0, tip_radius), None)

@@ -18,6 +18,18 @@ def tangential_modulus(reduced_modulus: ArrayLike, poisson_ratio: float) -> Floa
 
     A sticking circle of radius a has the tangential stiffness 2 a G*.
 
+    Parameters
+    ----------
+    reduced_modulus : array_like
+        E* [MPa].
+    poisson_ratio : float
+        0 to 0.5.
+
+    Returns
+    -------
+    ndarray
+        [MPa].
+
     References
     ----------
     R. D. Mindlin, J. Appl. Mech. 16 (1949) 259.
@@ -50,6 +62,11 @@ def stick_radius(contact_radius: float, normal_force: float, tangential_force: A
     friction : float
         mu > 0.
 
+    Returns
+    -------
+    ndarray
+        [mm].
+
     Raises
     ------
     ValueError
@@ -66,7 +83,26 @@ def stick_radius(contact_radius: float, normal_force: float, tangential_force: A
 def traction(
     r: ArrayLike, contact_radius: float, normal_force: float, tangential_force: float, friction: float
 ) -> Floats:
-    """Return the tangential traction [MPa] at radii [mm]: mu p, less its like of radius c where it sticks."""
+    """Return the tangential traction [MPa] at radii [mm]: mu p, less the same of radius c where it sticks.
+
+    Parameters
+    ----------
+    r : array_like
+        [mm].
+    contact_radius : float
+        [mm].
+    normal_force : float
+        [N].
+    tangential_force : float
+        [N].
+    friction : float
+        Coefficient of friction.
+
+    Returns
+    -------
+    ndarray
+        [MPa].
+    """
     r = np.asarray(r, dtype=float)
     a, c = contact_radius, float(stick_radius(contact_radius, normal_force, tangential_force, friction))
     peak = friction * 1.5 * normal_force / (np.pi * a**2)
@@ -85,6 +121,24 @@ def rigid_displacement(
     """Return the tangential displacement of the distant body [mm]: 3 mu N/(4 G* a) [1 - (1 - Q/(mu N))^(2/3)].
 
     ``modulus`` is G* of :func:`tangential_modulus`.
+
+    Parameters
+    ----------
+    contact_radius : float
+        [mm].
+    normal_force : float
+        [N].
+    tangential_force : array_like
+        [N].
+    friction : float
+        Coefficient of friction.
+    modulus : float
+        G* [MPa].
+
+    Returns
+    -------
+    ndarray
+        [mm].
     """
     q = np.asarray(tangential_force, dtype=float)
     share = _load_share(normal_force, q, friction)
@@ -102,6 +156,26 @@ def slip(
     """Return the slip of the body over the glass [mm] at radii [mm] inside the contact: 0 where it sticks, NaN outside.
 
     The rigid displacement, less the surface's own under the two semi-elliptic tractions of radius a and c.
+
+    Parameters
+    ----------
+    r : array_like
+        [mm].
+    contact_radius : float
+        [mm].
+    normal_force : float
+        [N].
+    tangential_force : float
+        [N].
+    friction : float
+        Coefficient of friction.
+    modulus : float
+        G* [MPa].
+
+    Returns
+    -------
+    ndarray
+        [mm].
     """
     r = np.asarray(r, dtype=float)
     a, c = contact_radius, float(stick_radius(contact_radius, normal_force, tangential_force, friction))

@@ -1,4 +1,4 @@
-"""Real contact on the scale of roughness: the share of nominal contact that touches, after Persson."""
+"""Real contact on the scale of roughness: the share of nominal contact, after Persson."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def persson_contact_fraction(pressure: ArrayLike, modulus: float, rms_slope: flo
     Parameters
     ----------
     pressure : array_like
-        Nominal pressure [MPa]; what pulls does not touch.
+        Nominal pressure [MPa]; tension makes no contact.
     modulus : float
         E* [MPa].
     rms_slope : float
@@ -54,7 +54,20 @@ def persson_contact_fraction(pressure: ArrayLike, modulus: float, rms_slope: flo
 
 
 def rms_slope(heights: Array, pitch: float) -> float:
-    """Return sqrt(<|grad h|^2>) of a periodic height map [mm] sampled at ``pitch`` [mm], by its spectrum."""
+    """Return sqrt(<|grad h|^2>) of a periodic height map [mm] sampled at ``pitch`` [mm], by its spectrum.
+
+    Parameters
+    ----------
+    heights : ndarray (rows, cols)
+        [mm].
+    pitch : float
+        [mm].
+
+    Returns
+    -------
+    float
+        [1].
+    """
     ky = 2.0 * np.pi * np.fft.fftfreq(heights.shape[0], pitch)[:, None]
     kx = 2.0 * np.pi * np.fft.fftfreq(heights.shape[1], pitch)[None, :]
     spectrum = np.fft.fft2(heights) / heights.size

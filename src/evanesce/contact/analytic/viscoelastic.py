@@ -28,7 +28,18 @@ MAX_STEPS = 6000
 
 
 def reduced_series(youngs: PronySeries, poisson_ratio: float) -> PronySeries:
-    """Return the reduced relaxation modulus E(t)/(1 - nu^2) of a body with constant Poisson ratio on rigid glass."""
+    """Return the reduced relaxation modulus E(t)/(1 - nu^2) of a body with constant Poisson ratio on rigid glass.
+
+    Parameters
+    ----------
+    youngs : PronySeries
+        Young's relaxation modulus [MPa].
+    poisson_ratio : float
+
+    Returns
+    -------
+    PronySeries
+    """
     return youngs.scaled(1.0 / (1.0 - poisson_ratio**2))
 
 
@@ -69,15 +80,54 @@ class ViscoelasticHistory:
         return np.diff(shape(self.growth_radius[:, None], r[None, :]), axis=0)
 
     def pressure(self, index: int, r: ArrayLike) -> Floats:
-        """Return the pressure [MPa] at radii [mm] at one time index."""
+        """Return the pressure [MPa] at radii [mm] at one time index.
+
+        Parameters
+        ----------
+        index : int
+            Of the time.
+        r : array_like
+            [mm].
+
+        Returns
+        -------
+        ndarray
+            [MPa].
+        """
         return self.weights[index] @ self._changes(self._pressure_shape, np.atleast_1d(np.asarray(r, dtype=float)))
 
     def force_within(self, index: int, r: ArrayLike) -> Floats:
-        """Return the force inside radii [mm] at one time index [N]."""
+        """Return the force inside radii [mm] at one time index [N].
+
+        Parameters
+        ----------
+        index : int
+            Of the time.
+        r : array_like
+            [mm].
+
+        Returns
+        -------
+        ndarray
+            [N].
+        """
         return self.weights[index] @ self._changes(self._force_shape, np.atleast_1d(np.asarray(r, dtype=float)))
 
     def gap(self, index: int, r: ArrayLike) -> Floats:
-        """Return the gap at radii [mm] at one time index [mm]; 0 in contact."""
+        """Return the gap at radii [mm] at one time index [mm]; 0 in contact.
+
+        Parameters
+        ----------
+        index : int
+            Of the time.
+        r : array_like
+            [mm].
+
+        Returns
+        -------
+        ndarray
+            [mm].
+        """
         radii = np.atleast_1d(np.asarray(r, dtype=float))
         loads = self.weights[: index + 1] @ self._changes(self._displacement_shape, radii)
         rest = np.zeros((1, len(radii)))  # before the first time nothing is loaded
@@ -87,7 +137,19 @@ class ViscoelasticHistory:
         return np.where(radii <= self.radius[index], 0.0, np.maximum(gap, 0.0))
 
     def contact(self, index: int, samples: int = 1024) -> AxisymmetricContact:
-        """Return one instant in the form every axisymmetric law has, tabulated on ``samples`` radii."""
+        """Return one instant in the form every axisymmetric law has, tabulated on ``samples`` radii.
+
+        Parameters
+        ----------
+        index : int
+            Of the time.
+        samples : int
+            Radii of the table.
+
+        Returns
+        -------
+        AxisymmetricContact
+        """
         a = float(self.radius[index])
         reach = max(4.0 * float(self.radius.max()), 1e-6)
         # Spacing from the edge outwards is quadratic for the steep start of the gap, inwards sine for the pressure's.
@@ -147,6 +209,10 @@ def viscoelastic_states(
     parameters : mapping, optional
         Recorded in each state.
 
+    Yields
+    ------
+    ContactState
+
     Raises
     ------
     InputError
@@ -174,6 +240,10 @@ def press_by_force(time: ArrayLike, force: ArrayLike, tip_radius: float, series:
     series : PronySeries
         Reduced relaxation modulus E*(t) [MPa], see :func:`reduced_series`.
 
+    Returns
+    -------
+    ViscoelasticHistory
+
     Raises
     ------
     ValueError
@@ -198,6 +268,21 @@ def press_by_depth(time: ArrayLike, depth: ArrayLike, tip_radius: float, series:
     """Return the contact under a prescribed depth [mm] that rises, dwells and falls once; as :func:`press_by_force`.
 
     The force vanishes before the depth does: the surface cannot follow (Ting 1966).
+
+    Parameters
+    ----------
+    time : array_like (n,)
+        [s], ascending.
+    depth : array_like (n,)
+        [mm].
+    tip_radius : float
+        [mm].
+    series : PronySeries
+        Reduced relaxation modulus [MPa].
+
+    Returns
+    -------
+    ViscoelasticHistory
     """
     t, d = _checked(time, depth, "depth", tip_radius)
     relax, creep = _weights(t, series)

@@ -84,7 +84,24 @@ def xydas_kao_pressure(r: ArrayLike, force: float, contact_radius: float, k: flo
 
 
 def xydas_kao_force_within(r: ArrayLike, force: float, contact_radius: float, k: float = 2.0) -> Array:
-    """Return the force inside r [N], the integral of :func:`xydas_kao_pressure` (regularised incomplete beta)."""
+    """Return the force inside r [N], the integral of :func:`xydas_kao_pressure` (regularised incomplete beta).
+
+    Parameters
+    ----------
+    r : array_like
+        [mm].
+    force : float
+        [N].
+    contact_radius : float
+        [mm].
+    k : float
+        Exponent of the pressure.
+
+    Returns
+    -------
+    ndarray
+        [N].
+    """
     if not (contact_radius > 0 and k > 0):
         raise ValueError(f"contact radius {contact_radius:g} mm and k = {k:g} must be positive")
     ratio = np.clip(np.asarray(r, dtype=float) / contact_radius, 0.0, 1.0)
@@ -92,10 +109,27 @@ def xydas_kao_force_within(r: ArrayLike, force: float, contact_radius: float, k:
 
 
 def xydas_kao_contact(force: float, tip_radius: float, c: float, gamma: float, k: float = 2.0) -> AxisymmetricContact:
-    """Return the whole contact; parameters as :func:`xydas_kao_radius` and :func:`xydas_kao_pressure`.
+    """Return Xydas and Kao's contact.
 
-    The law is silent on what lies outside the contact and on the depth: the gap is that of a parabola of radius
+    The law gives neither the gap outside contact nor the depth: the gap is that of a parabola of radius
     ``tip_radius`` [mm] resting on the circle (Hertz), the depth is NaN.
+
+    Parameters
+    ----------
+    force : float
+        [N].
+    tip_radius : float
+        [mm].
+    c : float
+        Contact radius at 1 N [mm].
+    gamma : float
+        Exponent of force.
+    k : float
+        Exponent of the pressure.
+
+    Returns
+    -------
+    AxisymmetricContact
     """
     radius = float(xydas_kao_radius(force, c, gamma))
     return AxisymmetricContact(

@@ -1,4 +1,4 @@
-"""The only file that knows FElupe (GPL-3, optional extra ``fem``): forces and tangent of a rubber body, and the solver.
+"""The only file that imports FElupe (GPL-3, optional extra ``fem``): forces and tangent of a rubber body, solver.
 
 FElupe gives the three-field element Q1P0 (mean dilatation; the pressure and volume are condensed per element) and the
 assembly; the rubber's derivatives are closed forms, contact and step control the project's own.
@@ -81,14 +81,35 @@ class Body:
         return np.ascontiguousarray(values[:, ::-1]) if self._axisymmetric else values
 
     def inverted(self, displacement: Floats) -> bool:
-        """Say whether an element's volume is not positive somewhere, or a displacement is not finite."""
+        """Return whether an element's volume is not positive somewhere, or a displacement is not finite.
+
+        Parameters
+        ----------
+        displacement : ndarray (n, d)
+            [mm].
+
+        Returns
+        -------
+        bool
+        """
         if not np.isfinite(displacement).all():
             return True
         self._set(displacement)
         return bool(np.linalg.det(np.moveaxis(self._field.extract()[0], (0, 1), (-2, -1))).min() <= 0.0)
 
     def forces(self, displacement: Floats) -> Floats:
-        """Return internal nodal forces [N], shape (n, d), at displacements [mm] of that shape."""
+        """Return internal nodal forces [N], shape (n, d), at displacements [mm] of that shape.
+
+        Parameters
+        ----------
+        displacement : ndarray (n, d)
+            [mm].
+
+        Returns
+        -------
+        ndarray (n, d)
+            [N].
+        """
         self._set(displacement)
         vector = self._solid.assemble.vector(self._field)
         # FElupe's own pressure is linearised along the path of the iterations; it cancels from the forces but not
@@ -102,6 +123,11 @@ class Body:
         """Return the tangent stiffness (sparse CSR) at the displacements of the last :meth:`forces` [N/mm].
 
         Unknown d i + c is component c of node i, in the order of the mesh's coordinates.
+
+        Returns
+        -------
+        sparse matrix (n d, n d)
+            [N/mm].
         """
         matrix = self._solid.assemble.matrix(self._field).tocsr()
         if self._axisymmetric:
@@ -110,14 +136,29 @@ class Body:
         return matrix
 
     def stretches(self, displacement: Floats) -> Floats:
-        """Return the principal stretches at all integration points, largest first, shape (points, 3)."""
+        """Return the principal stretches at all integration points, largest first, shape (points, 3).
+
+        Parameters
+        ----------
+        displacement : ndarray (n, d)
+            [mm].
+
+        Returns
+        -------
+        ndarray (points, 3)
+        """
         self._set(displacement)
         gradient = np.moveaxis(self._field.extract()[0], (0, 1), (-2, -1))
         return np.asarray(np.linalg.svd(gradient, compute_uv=False).reshape(-1, 3))
 
 
 def linear_solver() -> Callable[[Any, Floats], Floats]:
-    """Return ``solve(matrix, right_hand_sides)``: PARDISO where pypardiso is installed, SuperLU otherwise."""
+    """Return ``solve(matrix, right_hand_sides)``: PARDISO where pypardiso is installed, SuperLU otherwise.
+
+    Returns
+    -------
+    callable
+    """
     try:
         pardiso = importlib.import_module("pypardiso").PyPardisoSolver(mtype=11)
     except (ImportError, OSError):

@@ -64,7 +64,12 @@ class ForeignContact:
         return float(self.pressure @ nodal_shares(self.place, self.faces))
 
     def footprint(self) -> Footprint:
-        """Return the footprint: no friction is known, so everything sticks."""
+        """Return the footprint: friction is not in the file, so all contact sticks.
+
+        Returns
+        -------
+        Footprint
+        """
         touching = self.pressure > 0
         gap = np.where(touching, 0.0, self.gap)
         opening = signed_opening(self.place, self.faces, gap, touching)
@@ -77,6 +82,19 @@ class ForeignContact:
         self, grid: PlateGrid, *, centre: tuple[float, float] = (0.0, 0.0), beyond: float = 25.0, time: float = 0.0
     ) -> ContactState:
         """Return the contact on a plate grid, ``centre`` being where the file's origin lies [mm].
+
+        Parameters
+        ----------
+        grid : PlateGrid
+        centre : tuple of float
+        beyond : float
+            Gap where there is no finger over the glass [mm].
+        time : float
+            [s].
+
+        Returns
+        -------
+        ContactState
 
         Raises
         ------
@@ -124,6 +142,10 @@ def check_contact(
         What the pressure should add up to [N].
     first_index : int
         Number of the first node in messages.
+
+    Returns
+    -------
+    ForeignContact
 
     Raises
     ------
@@ -254,7 +276,7 @@ def _triangulated(place: Floats, source: str) -> Ints:
         raise InputError("nodes lie on one line", file=source, key="x, y", allowed="an area of nodes") from None
     a, b = place[cells[:, 1]] - place[cells[:, 0]], place[cells[:, 2]] - place[cells[:, 0]]
     area = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    kept = np.abs(area) > 1e-9 * np.abs(area).max()  # slivers on the rim of the hull
+    kept = np.abs(area) > 1e-9 * np.abs(area).max()  # slivers on the border of the hull
     return np.where(area[kept, None] < 0, cells[kept, ::-1], cells[kept])
 
 
@@ -290,6 +312,10 @@ def read_foreign(
         Names of VTK point data: ``{"pressure": ..., "gap": ...}``.
     length_unit_mm, pressure_unit_MPa : float
         Of a VTK file, which does not say its units.
+
+    Returns
+    -------
+    ForeignContact
 
     Raises
     ------
@@ -352,7 +378,16 @@ def _read_vtk(path: Path, force: float | None, names: dict[str, str], length: fl
 
 
 def summary(contact: ForeignContact) -> dict[str, Any]:
-    """Return the figures of an imported contact."""
+    """Return counts, force, area, peak pressure and largest gap of an imported contact.
+
+    Parameters
+    ----------
+    contact : ForeignContact
+
+    Returns
+    -------
+    dict
+    """
     print_ = contact.footprint()
     return {
         "nodes": len(contact.place),

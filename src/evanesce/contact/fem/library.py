@@ -1,15 +1,17 @@
-"""Solved presses of the thesis's fingers that ship with the project: FE contacts without the extra ``fem``.
+"""Solved presses and slides of the thesis's fingers that ship with the project: FE contacts without the extra ``fem``.
 
 ``library/<material>_<bone>.npz`` holds one press through all forces: arrays ``force``, ``depth``, ``contact_radius``
-(f,), ``r``, ``gap``, ``pressure``, ``traction``, ``slip``, ``slipping`` (f, k) by node of the cap, and ``meta`` (JSON:
-schema, digest and inputs of the run). Lengths in mm, N, MPa. Made by ``python -m evanesce.contact.fem.make_library``.
+(f,), ``r``, ``gap``, ``pressure``, ``traction``, ``slip``, ``slipping`` (f, k) by node of the cap.
+``library/slides/<name>.npz`` holds the footprints of every step of a slide from the end of the press on: ``depth``,
+``slide``, ``normal_force``, ``tangential_force``, ``area`` (s,), ``place``, ``traction``, ``slip`` (s, k, 2),
+``pressure``, ``gap``, ``opening``, ``touching``, ``slipping`` (s, k) by node of the cap's half y >= 0.
+Each has ``meta`` (JSON: schema, digest and inputs of the run). Lengths in mm, forces in N, stresses in MPa. Made by
+``python -m evanesce.contact.fem.make_library``.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -18,143 +20,130 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.contact.fem.result import DAMAGED, SolvedRun, write_npz
-from evanesce.contact.fem.state import AxisymmetricProfile, gap_at, press_state, pressure_at, profile_of
+from evanesce.contact.fem.state import press_state, profile_of, surface_state
+from evanesce.contact.fem.stored import PRESS_FIELDS, SLIDE_FIELDS, Arrays, LibraryPress, LibrarySlide
 from evanesce.core.errors import InputError
 from evanesce.core.provenance import digest
 from evanesce.core.states import ContactState, PlateGrid
 
-Floats = NDArray[np.float64]
-
 FOLDER = Path(__file__).resolve().parent / "library"
-BONES = {"none": 0.0, "half": 3.75}  # bone radius [mm] by name: none, or half the tip radius
-_FIELDS = ("r", "gap", "pressure", "traction", "slip", "slipping")
+SLIDES = FOLDER / "slides"
+BONES = {"none": 0.0, "half": 3.75}
+"""Bone radius [mm] by name: none, or half the tip radius."""
 
-
-@dataclass(frozen=True)
-class LibraryPress:
-    """A press as the library keeps it.
-
-    Attributes
-    ----------
-    force, depth, contact_radius : ndarray (f,)
-        [N], [mm], [mm]; forces rise.
-    profiles : mapping of ndarray (f, k)
-        See :class:`~evanesce.contact.fem.state.AxisymmetricProfile`.
-    inputs : mapping
-        Of the run.
-    digest : str
-    """
-
-    force: Floats
-    depth: Floats
-    contact_radius: Floats
-    profiles: Mapping[str, NDArray[Any]]
-    inputs: Mapping[str, Any]
-    digest: str
-
-    def area(self, force: float) -> float:
-        """Return the area of contact [mm^2] at a force [N] between the first and the last one kept."""
-        return float(np.pi * self.at(force).contact_radius ** 2)
-
-    def at(self, force: float) -> AxisymmetricProfile:
-        """Return the profile at a force [N].
-
-        Between two stored forces the radius of contact and the depth are interpolated in logs, and the shapes of
-        pressure (over the mean pressure), gap and slip in log force at places that correspond.
-
-        Raises
-        ------
-        InputError
-            For a force outside the library.
-        """
-        low, high = float(self.force[0]), float(self.force[-1])
-        if not low * (1 - 1e-9) <= force <= high * (1 + 1e-9):
-            raise InputError(f"{force:g} N", key="force", allowed=f"{low:g} to {high:g} N in the library")
-        index = int(np.clip(np.searchsorted(self.force, force) - 1, 0, self.force.size - 2))
-        share = float(
-            np.clip(np.log(force / self.force[index]) / np.log(self.force[index + 1] / self.force[index]), 0, 1)
-        )
-
-        def mix(a: Any, b: Any) -> Any:
-            return (1 - share) * a + share * b
-
-        radius = float(np.exp(mix(*np.log(self.contact_radius[index : index + 2]))))
-        mean = force / (np.pi * radius**2)
-        # nodes stretched so that both profiles have the wanted radius of contact, then mixed place by place
-        pair = [self._scaled(index + i, radius) for i in (0, 1)]
-        r = mix(pair[0]["r"], pair[1]["r"])
-        mixed = {key: mix(pair[0][key], pair[1][key]) for key in ("gap", "pressure", "traction", "slip")}
-        return AxisymmetricProfile(
-            r=r,
-            gap=np.where(r > radius, np.maximum(mixed["gap"], 1e-12), 0.0),
-            pressure=np.where(r < radius, mean * mixed["pressure"], 0.0),
-            traction=np.where(r < radius, mean * mixed["traction"], 0.0),
-            slip=np.where(r < radius, mixed["slip"], 0.0),
-            slipping=pair[round(share)]["slipping"] & (r < radius),
-            contact_radius=radius,
-            depth=float(np.exp(mix(*np.log(self.depth[index : index + 2])))),
-            normal_force=float(force),
-        )
-
-    def _scaled(self, index: int, radius: float) -> dict[str, Any]:
-        """Return one stored force's fields at places common to all; stresses in units of the mean pressure."""
-        stored = {key: np.asarray(values[index], dtype=float) for key, values in self.profiles.items()}
-        a, r = float(self.contact_radius[index]), stored["r"]
-        widest = int(np.argmax(r)) + 1
-        # inside, the place counts relative to the edge; outside, by its distance from the edge
-        nodes = np.linspace(0.0, 1.0, 121)
-        inner, outer = nodes * a, a + nodes[1:] ** 2 * (r[widest - 1] - a)
-        own = np.concatenate([inner, outer])
-        profile = _profile(self, index)
-        mean = float(self.force[index]) / (np.pi * a**2)
-        return {
-            "r": np.concatenate([nodes * radius, radius + (outer - a)]),
-            "gap": gap_at(profile, own, float(stored["gap"][widest - 1])),
-            "pressure": pressure_at(profile, own) / mean,
-            "traction": np.interp(own, r[:widest], stored["traction"][:widest]) / mean,
-            "slip": np.interp(own, r[:widest], stored["slip"][:widest]),
-            "slipping": np.interp(own, r[:widest], stored["slipping"][:widest]) >= 0.5,
-        }
-
-
-def _profile(press: LibraryPress, index: int) -> AxisymmetricProfile:
-    fields = {key: np.asarray(values[index]) for key, values in press.profiles.items()}
-    return AxisymmetricProfile(
-        **{key: fields[key].astype(bool if key == "slipping" else float) for key in _FIELDS},
-        contact_radius=float(press.contact_radius[index]),
-        depth=float(press.depth[index]),
-        normal_force=float(press.force[index]),
-    )
+_PRESS_SCALARS = ("force", "depth", "contact_radius")
+_SLIDE_SCALARS = ("depth", "slide", "normal_force", "tangential_force", "area")
+_SLIDE_FLAGS = ("touching", "slipping")
 
 
 def save_library_press(path: Path, run: SolvedRun) -> None:
-    """Write the steps of a press at which a force was reached, as a library file (single precision, compressed)."""
+    """Write the steps of a press at which a force was reached as a library file (single precision, compressed).
+
+    Parameters
+    ----------
+    path : Path
+    run : SolvedRun
+        From :func:`evanesce.contact.fem.programme.press`.
+
+    Raises
+    ------
+    WorkError
+        If the file cannot be written.
+    """
     profiles = []
     for index in run.reached():
         state = run.history.steps[index].state
         profiles.append(profile_of(run.footprint(index), state.depth, state.normal_force))
-    meta = {"schema": 1, "digest": digest(dict(run.inputs)), "inputs": dict(run.inputs)}
     arrays = {
-        "meta": np.array(json.dumps(meta, sort_keys=True)),
         "force": np.array([p.normal_force for p in profiles]),
         "depth": np.array([p.depth for p in profiles]),
         "contact_radius": np.array([p.contact_radius for p in profiles]),
         **{
             key: np.array([getattr(p, key) for p in profiles], dtype="?" if key == "slipping" else "f4")
-            for key in _FIELDS
+            for key in PRESS_FIELDS
         },
     }
-    write_npz(path, arrays, compressed=True)
+    _write(path, run, arrays)
+
+
+def save_library_slide(path: Path, run: SolvedRun) -> None:
+    """Write the steps of a slide from the end of the press on as a library file (single precision, compressed).
+
+    Parameters
+    ----------
+    path : Path
+    run : SolvedRun
+        From :func:`evanesce.contact.fem.programme.slide`.
+
+    Raises
+    ------
+    WorkError
+        If the file cannot be written.
+    """
+    indices = range(run.reached()[0], len(run))
+    prints = [run.footprint(i) for i in indices]
+    states = [run.history.steps[i].state for i in indices]
+    arrays = {
+        **{key: np.array([getattr(state, key) for state in states]) for key in _SLIDE_SCALARS[:-1]},
+        "area": np.array([print_.area for print_ in prints]),
+        **{key: np.array([getattr(print_, key) for print_ in prints], dtype="f4") for key in SLIDE_FIELDS},
+        **{key: np.array([getattr(print_, key) for print_ in prints], dtype="?") for key in _SLIDE_FLAGS},
+    }
+    _write(path, run, arrays)
+
+
+def _write(path: Path, run: SolvedRun, arrays: Arrays) -> None:
+    meta = {"schema": 1, "digest": digest(dict(run.inputs)), "inputs": dict(run.inputs)}
+    write_npz(path, {"meta": np.array(json.dumps(meta, sort_keys=True)), **arrays}, compressed=True)
 
 
 def library_names(folder: Path = FOLDER) -> tuple[str, ...]:
-    """Return what the library holds, as ``<material>_<bone>``."""
+    """Return the presses that a folder holds, as ``<material>_<bone>``.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Returns
+    -------
+    tuple of str
+    """
+    return _names(folder)
+
+
+def slide_names(folder: Path = SLIDES) -> tuple[str, ...]:
+    """Return the slides that a folder holds.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Returns
+    -------
+    tuple of str
+    """
+    return _names(folder)
+
+
+def _names(folder: Path) -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in folder.glob("*.npz")))
 
 
 @lru_cache(maxsize=16)
 def library_press(material: str, bone: str = "none", folder: Path = FOLDER) -> LibraryPress:
     """Read one press of the library.
+
+    Parameters
+    ----------
+    material : str
+        ``"silskin_0"`` or ``"silskin_20"``.
+    bone : {"none", "half"}
+        Name of the bone's radius in :data:`BONES`.
+    folder : Path
+
+    Returns
+    -------
+    LibraryPress
 
     Raises
     ------
@@ -165,13 +154,47 @@ def library_press(material: str, bone: str = "none", folder: Path = FOLDER) -> L
     if not path.is_file():
         raise InputError(f"no solved press of {material!r} with bone {bone!r}", key="material",
                          allowed=", ".join(library_names(folder)))  # fmt: skip
+    data, meta = _read(path, _PRESS_SCALARS + PRESS_FIELDS)
+    return LibraryPress(
+        **{key: data[key] for key in _PRESS_SCALARS}, profiles={key: data[key] for key in PRESS_FIELDS},
+        inputs=meta["inputs"], digest=meta["digest"],
+    )  # fmt: skip
+
+
+@lru_cache(maxsize=4)
+def library_slide(name: str, folder: Path = SLIDES) -> LibrarySlide:
+    """Read one slide of the library.
+
+    Parameters
+    ----------
+    name : str
+        One of :func:`slide_names`, e.g. ``"silskin_0_mu067"``.
+    folder : Path
+
+    Returns
+    -------
+    LibrarySlide
+
+    Raises
+    ------
+    InputError
+        If the library has no such slide or its file is damaged.
+    """
+    path = folder / f"{name}.npz"
+    if not path.is_file():
+        raise InputError(f"no solved slide {name!r}", key="slide", allowed=", ".join(slide_names(folder)) or "none")
+    data, meta = _read(path, _SLIDE_SCALARS + SLIDE_FIELDS + _SLIDE_FLAGS)
+    scalars = {key: data[key] for key in _SLIDE_SCALARS}
+    fields = {key: data[key] for key in SLIDE_FIELDS + _SLIDE_FLAGS}
+    return LibrarySlide(scalars, fields, meta["inputs"], meta["digest"])
+
+
+def _read(path: Path, keys: tuple[str, ...]) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    """Return arrays and meta (inputs and digest) of a library file."""
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
             meta = json.loads(str(data["meta"]))
-            return LibraryPress(
-                force=data["force"], depth=data["depth"], contact_radius=data["contact_radius"],
-                profiles={key: data[key] for key in _FIELDS}, inputs=meta["inputs"], digest=meta["digest"],
-            )  # fmt: skip
+            return {key: data[key] for key in keys}, {key: meta[key] for key in ("inputs", "digest")}
     except DAMAGED as error:
         raise InputError(f"damaged: {error}", file=path) from None
 
@@ -185,7 +208,7 @@ def library_state(
     bone: str = "none",
     time: float = 0.0,
 ) -> ContactState:
-    """Return a finite-element contact of the thesis's finger at any force of the library, without the extra ``fem``.
+    """Return the finite-element contact of the thesis's pressed finger at any force of the library.
 
     Parameters
     ----------
@@ -201,6 +224,10 @@ def library_state(
     time : float
         [s].
 
+    Returns
+    -------
+    ContactState
+
     Raises
     ------
     InputError
@@ -211,4 +238,46 @@ def library_state(
     beyond = float(press.inputs["shape"]["length"])
     return press_state(
         grid, centre, press.at(float(force_N)), beyond=beyond, parameters=parameters, law="fem_library", time=time
+    )
+
+
+def library_slide_state(
+    name: str, slide_mm: float, grid: PlateGrid, *, centre: tuple[float, float] = (0.0, 0.0), time: float = 0.0
+) -> ContactState:
+    """Return the finite-element contact of the thesis's sliding finger at any slide of the library.
+
+    Parameters
+    ----------
+    name : str
+        One of :func:`slide_names`.
+    slide_mm : float
+        Displacement of the finger's top over the glass along +x since the press [mm].
+    grid : PlateGrid
+        At rest with the glass.
+    centre : tuple of float
+        Plate point (x, y) under the finger's axis before the slide [mm].
+    time : float
+        [s].
+
+    Returns
+    -------
+    ContactState
+
+    Raises
+    ------
+    InputError
+        For an unknown slide, a displacement outside it, or a contact that does not fit on the grid.
+    """
+    found = library_slide(name)
+    return surface_state(
+        grid,
+        (centre[0] + slide_mm, centre[1]),
+        found.footprint(slide_mm),
+        depth=found.scalar("depth", slide_mm),
+        normal_force=found.scalar("normal_force", slide_mm),
+        tangential_force=found.scalar("tangential_force", slide_mm),
+        beyond=float(found.inputs["shape"]["length"]),
+        parameters={"slide": name, "slide_mm": float(slide_mm), "run_sha256": found.digest},
+        law="fem_library_slide",
+        time=time,
     )

@@ -8,14 +8,12 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from evanesce.contact.fem.library import BONES, FOLDER, save_library_press
-from evanesce.contact.fem.library_slide import SLIDES, save_library_slide
+from evanesce.contact.fem.library import BONES, FOLDER, SLIDES, save_library_press, save_library_slide
 from evanesce.contact.fem.material import rubber
 from evanesce.contact.fem.mesh import FingerShape, MeshSize
-from evanesce.contact.fem.press import press
+from evanesce.contact.fem.programme import press, slide
 from evanesce.contact.fem.result import SolvedRun
 from evanesce.contact.fem.runs import cache_folder
-from evanesce.contact.fem.slide import slide
 from evanesce.materials.tables import material as silicone
 
 FORCES = (0.1, 0.15, 0.22, 0.33, 0.5, 0.7, 1.0, 1.4, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0)
@@ -24,7 +22,17 @@ MATERIALS = ("silskin_0", "silskin_20")
 
 
 def library_run(material: str, bone: str) -> SolvedRun:
-    """Solve one press of the library: the thesis's smooth finger with its static friction on glass."""
+    """Solve one press of the library: the thesis's smooth finger with its static friction on glass.
+
+    Parameters
+    ----------
+    material, bone : str
+        Name in ``BONES``.
+
+    Returns
+    -------
+    SolvedRun
+    """
     friction = silicone(material).friction
     assert friction is not None  # both materials have one in the tables
     shape = FingerShape(bone_radius=BONES[bone])
@@ -33,14 +41,25 @@ def library_run(material: str, bone: str) -> SolvedRun:
 
 
 def library_slide_run() -> SolvedRun:
-    """Solve the slide of the library: Silskin 0 %, 1 N held, mu 0.67, 10 mm."""
+    """Solve the slide of the library: Silskin 0 %, 1 N held, mu 0.67, 10 mm.
+
+    Returns
+    -------
+    SolvedRun
+    """
     size = MeshSize(contact=0.7, growth=1.4, coarsest=3.0)
     shape, chosen = FingerShape(), rubber("silskin_0")
     return slide(shape, chosen, force=1.0, distances=(10.0,), friction=0.67, size=size, cache=cache_folder())
 
 
 def main(folder: Path = FOLDER) -> None:
-    """Write every file of the library."""
+    """Write every file of the library.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the files are written.
+    """
     for material in MATERIALS:
         for bone in BONES:
             run = library_run(material, bone)

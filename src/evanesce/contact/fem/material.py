@@ -1,4 +1,4 @@
-"""The hyperelastic material of a finite-element finger: coefficients, known silicones and the range that is trusted."""
+"""The hyperelastic material of a finite-element finger: coefficients, the thesis's silicones, stable stretches."""
 
 from __future__ import annotations
 
@@ -82,6 +82,10 @@ class Rubber:
 
         Stable in Drucker's sense: stress rises with log strain in every direction, that is, the energy is convex in
         the two free log strains. ``stretch_limit`` bounds the range searched.
+
+        Returns
+        -------
+        tuple of float
         """
         log = np.linspace(0.0, np.log(self.stretch_limit), 601)
 
@@ -93,12 +97,16 @@ class Rubber:
         return bound(-1.0), bound(1.0)
 
     def is_stable(self, stretches: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Say where the distortional material is stable in Drucker's sense.
+        """Return where the distortional material is stable in Drucker's sense.
 
         Parameters
         ----------
         stretches : ndarray (n, 3)
             Principal stretches; a change of volume is taken off.
+
+        Returns
+        -------
+        ndarray of bool
 
         References
         ----------
@@ -119,12 +127,27 @@ class Rubber:
         return np.asarray((aa + bb > 0) & (aa * bb > ab**2))
 
     def identity(self) -> dict[str, Any]:
-        """Return what a result depends on, for its digest; the name is left out."""
+        """Return what a result depends on, for its digest; the name is left out.
+
+        Returns
+        -------
+        dict
+        """
         return {key: value for key, value in asdict(self).items() if key != "name"}
 
 
 def rubber(name: str, **changes: float) -> Rubber:
     """Return a silicone of the thesis (table 6) by name, e.g. ``"silskin_20"``.
+
+    Parameters
+    ----------
+    name : str
+    **changes : float
+        Other coefficients of :class:`Rubber`.
+
+    Returns
+    -------
+    Rubber
 
     Raises
     ------
@@ -157,7 +180,19 @@ def _slopes(material: Rubber, j1: Any, j2: Any) -> tuple[Any, Any]:
 
 
 def energy(material: Rubber, gradient: NDArray[np.float64]) -> Any:
-    """Return the distortional energy density [MPa] at deformation gradients, shape (3, 3, ...)."""
+    """Return the distortional energy density [MPa] at deformation gradients, shape (3, 3, ...).
+
+    Parameters
+    ----------
+    material : Rubber
+    gradient : ndarray (3, 3, ...)
+        Deformation gradients.
+
+    Returns
+    -------
+    ndarray (...)
+        [MPa].
+    """
     scale, i1, i2, *_ = _invariants(gradient)
     j1, j2 = scale * i1 - 3.0, scale**2 * i2 - 3.0
     return material.c10 * j1 + material.c01 * j2 + material.c11 * j1 * j2 + material.c30 * j1**3
@@ -165,6 +200,17 @@ def energy(material: Rubber, gradient: NDArray[np.float64]) -> Any:
 
 def distortional_stress(material: Rubber, gradient: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the first Piola-Kirchhoff stress of the distortional energy [MPa], shape (3, 3, ...).
+
+    Parameters
+    ----------
+    material : Rubber
+    gradient : ndarray (3, 3, ...)
+        Deformation gradients.
+
+    Returns
+    -------
+    ndarray (3, 3, ...)
+        [MPa].
 
     References
     ----------
@@ -178,7 +224,19 @@ def distortional_stress(material: Rubber, gradient: NDArray[np.float64]) -> NDAr
 
 
 def distortional_tangent(material: Rubber, gradient: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the derivative of :func:`distortional_stress` by the deformation gradient [MPa], (3, 3, 3, 3, ...)."""
+    """Return the derivative of :func:`distortional_stress` by the deformation gradient [MPa], (3, 3, 3, 3, ...).
+
+    Parameters
+    ----------
+    material : Rubber
+    gradient : ndarray (3, 3, ...)
+        Deformation gradients.
+
+    Returns
+    -------
+    ndarray (3, 3, 3, 3, ...)
+        [MPa].
+    """
     scale, i1, i2, turned, by_i2, cauchy_green = _invariants(gradient)
     w1, w2 = _slopes(material, scale * i1, scale**2 * i2)
     first = scale * (2.0 * gradient - (2.0 / 3.0) * i1 * turned)

@@ -1,7 +1,7 @@
 """Structured meshes of a silicone finger in numpy: its shape, and its half section (for axisymmetric presses).
 
 The finger stands on its tip: the height is the last coordinate, 0 at the apex; the glass comes from below. A section
-has coordinates (r, z), a half body (x, y, z) with y >= 0. A core of parallel layers is wrapped by rings that follow the
+has coordinates (r, z), a half body (x, y, z) with y >= 0. A core of parallel layers is wrapped by layers along the
 skin (an O-grid), so that no element degenerates on the axis; a rigid bone takes the core's place.
 """
 
@@ -17,7 +17,7 @@ from evanesce.core.errors import InputError
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-CORE_SHARE = 0.55  # of the way from the focus to the skin: rings and core then have elements of like size
+CORE_SHARE = 0.55  # of the distance from the focus to the skin: layers and core then have elements of like size
 CORNER_ANGLE = np.pi / 4  # ray on which the core's edge lies; rays meet both faces of it at about 45 degrees
 
 
@@ -70,7 +70,7 @@ class FingerShape:
 
 @dataclass(frozen=True)
 class MeshSize:
-    """How fine a mesh is.
+    """Element sizes of a mesh.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class MeshSize:
 
 @dataclass(frozen=True)
 class SolidMesh:
-    """Nodes and elements of a solid and what they are for.
+    """Nodes and elements of a solid, and their roles.
 
     Attributes
     ----------
@@ -133,6 +133,24 @@ def graded(length: float, first: float, flat: float, growth: float, coarsest: fl
     """Return division points from 0 to length: elements of size ``first`` up to ``flat``, then growing.
 
     The sizes are stretched together (by less than one element in all) so that they end at ``length``.
+
+    Parameters
+    ----------
+    length : float
+        [mm].
+    first : float
+        Size of the first element [mm].
+    flat : float
+        Length of elements of that size [mm].
+    growth : float
+        Of each element over the one before.
+    coarsest : float
+        Largest element [mm].
+
+    Returns
+    -------
+    ndarray (n,)
+        [mm], ascending from 0 to ``length``.
     """
     sizes: list[float] = []
     total, size = 0.0, first
@@ -149,17 +167,43 @@ def graded(length: float, first: float, flat: float, growth: float, coarsest: fl
 
 @dataclass(frozen=True)
 class Outline:
-    """Skin and inner boundary as two rows of matching nodes: apex first, top last; (r, z) each."""
+    """Skin and inner boundary as two rows of matching nodes, apex first, top last.
+
+    Attributes
+    ----------
+    outer, inner : ndarray (n, 2)
+        (r, z) [mm].
+    corner : int
+        Index of the core's edge.
+    cap : int
+        Index where the cap meets the shaft.
+    layers : ndarray (m,)
+        0 at the skin to 1 at the inner boundary.
+    """
 
     outer: Floats
     inner: Floats
-    corner: int  # index of the core's edge
-    cap: int  # index where the cap meets the shaft
-    layers: Floats  # 0 at the skin to 1 at the inner boundary
+    corner: int
+    cap: int
+    layers: Floats
 
 
 def outline(shape: FingerShape, size: MeshSize, cap_arcs: Floats, corner: int) -> Outline:
-    """Place matching nodes on the skin and on core or bone; ``cap_arcs`` are the cap's division points [mm]."""
+    """Place matching nodes on the skin and on core or bone.
+
+    Parameters
+    ----------
+    shape : FingerShape
+    size : MeshSize
+    cap_arcs : ndarray (k,)
+        Division points of the cap along the skin, from the apex [mm].
+    corner : int
+        Index of the core's edge.
+
+    Returns
+    -------
+    Outline
+    """
     radius, half = shape.tip_radius, shape.diameter / 2
     angle = cap_arcs / radius
     cap = np.column_stack([radius * np.sin(angle), radius * (1 - np.cos(angle))])
@@ -211,7 +255,7 @@ def _bone_boundary(shape: FingerShape, cap_arcs: Floats, outer: Floats, n_cap: i
 
 
 def _corner_of(arcs: Floats, shape: FingerShape) -> int:
-    """Return the cap node that the core's edge looks at; at least one element lies on either side of it."""
+    """Return the cap node opposite the core's edge; at least one element lies on either side of it."""
     angle = min(CORNER_ANGLE, 0.75 * shape.cap_angle)
     return int(np.clip(np.argmin(np.abs(arcs / shape.tip_radius - angle)), 1, arcs.size - 2))
 
@@ -234,10 +278,10 @@ def finger_section(shape: FingerShape, size: MeshSize = MeshSize()) -> SolidMesh
     if arcs.size < 3:
         arcs = np.linspace(0.0, cap_length, 3)
     line = outline(shape, size, arcs, _corner_of(arcs, shape))
-    rings = line.outer[:, None] + line.layers[None, :, None] * (line.inner - line.outer)[:, None]
-    n_line, n_layers = rings.shape[:2]
+    nodes = line.outer[:, None] + line.layers[None, :, None] * (line.inner - line.outer)[:, None]
+    n_line, n_layers = nodes.shape[:2]
     index = np.arange(n_line * n_layers).reshape(n_line, n_layers)
-    points, cells = [rings.reshape(-1, 2)], [quads(index)]
+    points, cells = [nodes.reshape(-1, 2)], [quads(index)]
     top = [index[-1]]
     axis = [index[0]]
     if shape.bone_radius == 0:
@@ -260,7 +304,7 @@ def finger_section(shape: FingerShape, size: MeshSize = MeshSize()) -> SolidMesh
 
 
 def _section_core(line: Outline, boundary: Ints, start: int) -> tuple[Floats, Ints, Ints, Ints]:
-    """Fill the core with layers; its bottom and side nodes are those of the innermost ring."""
+    """Fill the core with layers; its bottom and side nodes are those of the innermost layer."""
     r, z = line.inner[: line.corner + 1, 0], line.inner[line.corner :, 1]
     index = np.empty((r.size, z.size), dtype=np.int64)
     index[:, 0] = boundary[: line.corner + 1]
@@ -271,12 +315,33 @@ def _section_core(line: Outline, boundary: Ints, start: int) -> tuple[Floats, In
 
 
 def quads(index: Ints) -> Ints:
-    """Return the quadrilaterals of a structured index array."""
+    """Return the quadrilaterals of a structured index array.
+
+    Parameters
+    ----------
+    index : ndarray of int (i, j)
+        Node numbers.
+
+    Returns
+    -------
+    ndarray of int (quads, 4)
+    """
     return np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1).reshape(-1, 4)
 
 
 def counter_clockwise(points: Floats, cells: Ints) -> Ints:
-    """Turn clockwise quadrilaterals round."""
+    """Reverse clockwise quadrilaterals.
+
+    Parameters
+    ----------
+    points : ndarray (n, 2)
+        [mm].
+    cells : ndarray of int (quads, 4)
+
+    Returns
+    -------
+    ndarray of int (quads, 4)
+    """
     x, y = points[cells, 0], points[cells, 1]
     area = (x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y).sum(axis=1)
     return np.where(area[:, None] < 0, cells[:, ::-1], cells)
@@ -288,10 +353,15 @@ def nodal_areas(points: Floats, facets: Ints, *, projected: bool = False) -> Flo
     Parameters
     ----------
     points : ndarray (n, 2 or 3)
-        (r, z) of a section (the area is that of the whole ring) or (x, y, z).
+        (r, z) of a section (the area is that of the whole annulus) or (x, y, z).
     facets : ndarray (f, 2 or 4)
     projected : bool
         Of the skin's shadow on the glass instead of the skin itself.
+
+    Returns
+    -------
+    ndarray (n,)
+        [mm^2].
     """
     area = np.zeros(len(points))
     if points.shape[1] == 2:

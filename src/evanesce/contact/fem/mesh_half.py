@@ -21,25 +21,25 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-def _half_disc(centre_cells: int, rings: int) -> tuple[Floats, Ints, Ints]:
-    """Mesh the unit half disc y >= 0; return points (n, 2), quads and the rim's nodes from x = 1 to x = -1."""
-    m, c = centre_cells, centre_cells / (centre_cells + rings) * 0.9
+def _half_disc(centre_cells: int, layers: int) -> tuple[Floats, Ints, Ints]:
+    """Mesh the unit half disc y >= 0; return points (n, 2), quads and the border's nodes from x = 1 to x = -1."""
+    m, c = centre_cells, centre_cells / (centre_cells + layers) * 0.9
     x, y = np.linspace(-c, c, 2 * m + 1), np.linspace(0.0, c, m + 1)
     block = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
-    # draw the block's outline half way to a circle: the ring elements at its corners then keep their angles
+    # draw the block's outline half way to a circle: the outer elements at its corners then keep their angles
     square, round_ = np.maximum(np.abs(block[..., 0]), block[..., 1]), np.hypot(block[..., 0], block[..., 1])
     block = block * (0.5 + 0.5 * square / np.where(round_ > 0, round_, 1.0))[..., None]
     index = np.arange((2 * m + 1) * (m + 1)).reshape(2 * m + 1, m + 1)
     edge = np.concatenate([index[-1, :], index[-2::-1, -1], index[0, -2::-1]])
     inner = block.reshape(-1, 2)[edge]
     angle = np.linspace(0.0, np.pi, edge.size)
-    rim = np.column_stack([np.cos(angle), np.sin(angle)])
-    rim[0, 1] = rim[-1, 1] = 0.0
-    share = np.linspace(0.0, 1.0, rings + 1)[1:]
-    ring = inner[:, None] + share[None, :, None] * (rim - inner)[:, None]
-    ring_index = index.size + np.arange(ring.shape[0] * rings).reshape(ring.shape[0], rings)
-    full = np.column_stack([edge, ring_index])
-    points = np.vstack([block.reshape(-1, 2), ring.reshape(-1, 2)])
+    border = np.column_stack([np.cos(angle), np.sin(angle)])
+    border[0, 1] = border[-1, 1] = 0.0
+    share = np.linspace(0.0, 1.0, layers + 1)[1:]
+    outer = inner[:, None] + share[None, :, None] * (border - inner)[:, None]
+    outer_index = index.size + np.arange(outer.shape[0] * layers).reshape(outer.shape[0], layers)
+    full = np.column_stack([edge, outer_index])
+    points = np.vstack([block.reshape(-1, 2), outer.reshape(-1, 2)])
     cells = counter_clockwise(points, np.vstack([quads(index), quads(full)]))
     return points, cells, full[:, -1]
 
@@ -61,13 +61,15 @@ def finger_half(shape: FingerShape, size: MeshSize) -> SolidMesh:
     edge_arc = edge_angle * shape.tip_radius
     count = max(3, round(edge_arc / size.contact))
     m = max(1, round(0.45 * count))
-    disc, disc_cells, rim = _half_disc(m, count - m)
+    disc, disc_cells, border = _half_disc(m, count - m)
     rest = graded(shape.tip_radius * shape.cap_angle - edge_arc, size.contact, 0.0, size.growth, size.coarsest)
     arcs = np.concatenate([[0.0, edge_arc], edge_arc + rest[1:]])
     line = outline(shape, size, arcs, 1)
-    blocks = [_cap_block(shape, line, disc, edge_angle), _side_block(line, disc[rim])]
+    blocks = [_cap_block(shape, line, disc, edge_angle), _side_block(line, disc[border])]
     cells = [_extrude(disc_cells, len(disc), line.layers.size)]
-    grid = np.arange(blocks[1].shape[0] * line.layers.size * rim.size).reshape(blocks[1].shape[0], line.layers.size, -1)
+    grid = np.arange(blocks[1].shape[0] * line.layers.size * border.size).reshape(
+        blocks[1].shape[0], line.layers.size, -1
+    )
     cells.append(_bricks(grid))
     cap_points, side_points = blocks[0].reshape(-1, 3), blocks[1].reshape(-1, 3)
     n_cap_skin = line.cap - line.corner + 1
@@ -106,7 +108,7 @@ def finger_half(shape: FingerShape, size: MeshSize) -> SolidMesh:
 def _cap_block(shape: FingerShape, line: Outline, disc: Floats, edge_angle: float) -> Floats:
     """Return nodes (layer, node of the disc, xyz) between the tip's skin and the core's bottom or the bone's end."""
     rho = np.hypot(disc[:, 0], disc[:, 1])
-    way = disc / np.where(rho > 0, rho, 1.0)[:, None]
+    direction = disc / np.where(rho > 0, rho, 1.0)[:, None]
     skin_r, skin_z = shape.tip_radius * np.sin(rho * edge_angle), shape.tip_radius * (1 - np.cos(rho * edge_angle))
     if shape.bone_radius > 0:
         centre = shape.diameter / 2
@@ -117,15 +119,15 @@ def _cap_block(shape: FingerShape, line: Outline, disc: Floats, edge_angle: floa
         inner_r, inner_z = rho * line.inner[line.corner, 0], np.full(rho.size, line.inner[line.corner, 1])
     t = line.layers[:, None]
     r, z = skin_r + t * (inner_r - skin_r), skin_z + t * (inner_z - skin_z)
-    return np.stack([r * way[:, 0], r * way[:, 1], z], axis=-1)
+    return np.stack([r * direction[:, 0], r * direction[:, 1], z], axis=-1)
 
 
-def _side_block(line: Outline, rim: Floats) -> Floats:
-    """Return nodes (along the skin, layer, round the rim, xyz) beside the core or bone."""
+def _side_block(line: Outline, border: Floats) -> Floats:
+    """Return nodes (along the skin, layer, round the border, xyz) beside the core or bone."""
     outer, inner = line.outer[line.corner :], line.inner[line.corner :]
     section = outer[:, None] + line.layers[None, :, None] * (inner - outer)[:, None]
     r, z = section[..., 0][..., None], section[..., 1][..., None]
-    return np.stack([r * rim[:, 0], r * rim[:, 1], np.broadcast_to(z, (*r.shape[:2], len(rim)))], axis=-1)
+    return np.stack([r * border[:, 0], r * border[:, 1], np.broadcast_to(z, (*r.shape[:2], len(border)))], axis=-1)
 
 
 def _extrude(quads: Ints, n_points: int, n_layers: int) -> Ints:
@@ -151,7 +153,7 @@ def _merged(points: Floats, cells: Ints) -> tuple[Floats, Ints, Ints]:
 
 
 def _positive(points: Floats, cells: Ints) -> Ints:
-    """Turn hexahedra of negative volume inside out."""
+    """Reverse hexahedra of negative volume."""
     a = points[cells]
     volume = np.einsum("ij,ij->i", np.cross(a[:, 1] - a[:, 0], a[:, 3] - a[:, 0]), a[:, 4] - a[:, 0])
     return np.where(volume[:, None] < 0, cells[:, [4, 5, 6, 7, 0, 1, 2, 3]], cells)

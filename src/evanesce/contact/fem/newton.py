@@ -20,19 +20,56 @@ NOISE = 2e-10  # [N]: rounding of internal forces, bulk modulus times section ti
 
 
 class Solid(Protocol):
-    """What the solver needs of a body; the adapter to the finite-element library has it."""
+    """Interface of a body to the solver; the adapter to the finite-element library implements it."""
 
     def inverted(self, displacement: Floats) -> bool:
-        """Say whether an element is inside out."""
+        """Return whether an element is inverted.
+
+        Parameters
+        ----------
+        displacement : ndarray (n, d)
+            [mm].
+
+        Returns
+        -------
+        bool
+        """
 
     def forces(self, displacement: Floats) -> Floats:
-        """Return internal forces [N]."""
+        """Return internal forces [N].
+
+        Parameters
+        ----------
+        displacement : ndarray (n, d)
+            [mm].
+
+        Returns
+        -------
+        ndarray (n, d)
+            [N].
+        """
 
     def tangent(self) -> Any:
-        """Return the tangent at the last forces [N/mm]."""
+        """Return the tangent at the last forces [N/mm].
+
+        Returns
+        -------
+        sparse matrix (n d, n d)
+            [N/mm].
+        """
 
     def stretches(self, displacement: Floats) -> Floats:
-        """Return principal stretches (points, 3)."""
+        """Return principal stretches (points, 3).
+
+        Parameters
+        ----------
+        displacement : ndarray (n, d)
+            [mm].
+
+        Returns
+        -------
+        ndarray (points, 3)
+        """
 
 
 @dataclass(frozen=True)
@@ -48,7 +85,7 @@ class Equilibrium:
     contact : PlaneForces
         Of the candidate nodes.
     normal_force, tangential_force : float
-        Of the whole finger on the glass, both halves [N]; the tangential along x, the way of the slide.
+        Of the whole finger on the glass, both halves [N]; the tangential along x, the direction of the slide.
     iterations : int
     """
 
@@ -102,7 +139,20 @@ class Model:
         return nodal_areas(self.mesh.points, self.mesh.facets)[self.mesh.candidates]
 
     def relative(self, displacement: Floats, depth: float, slide: float) -> Floats:
-        """Return candidate positions in the glass's coordinates [mm]."""
+        """Return candidate positions in the glass's coordinates [mm].
+
+        Parameters
+        ----------
+        displacement : ndarray (n, d)
+            [mm].
+        depth, slide : float
+            Of the glass [mm].
+
+        Returns
+        -------
+        ndarray (k, d)
+            [mm].
+        """
         chosen = self.mesh.candidates
         offset = np.zeros(self.mesh.dim)
         offset[-1] = depth
@@ -111,7 +161,12 @@ class Model:
         return self.mesh.points[chosen] + displacement[chosen] - offset
 
     def start(self) -> Equilibrium:
-        """Return the undeformed finger with the glass at its apex."""
+        """Return the undeformed finger with the glass at its apex.
+
+        Returns
+        -------
+        Equilibrium
+        """
         rest = np.zeros(self.mesh.points.shape)
         relative = self.relative(rest, 0.0, 0.0)
         memory = free_anchors(relative)
@@ -121,7 +176,15 @@ class Model:
 
 @dataclass(frozen=True)
 class Target:
-    """Where the glass is to be: either a depth or a normal force, and a slide."""
+    """Slide of the glass, and either its depth or the normal force.
+
+    Attributes
+    ----------
+    slide : float
+        [mm].
+    depth, normal_force : float or None
+        One of the two [mm], [N].
+    """
 
     slide: float = 0.0
     depth: float | None = None
@@ -139,8 +202,25 @@ def equilibrium(
 ) -> Equilibrium:
     """Solve one step from the last accepted one.
 
-    The residual must fall below ``tolerance`` times the contact force, or :data:`NOISE` where hardly anything touches.
+    The residual must fall below ``tolerance`` times the contact force, or :data:`NOISE` where contact is almost none.
     An iterate with an inverted element or a number that is not finite is shortened, at most five times.
+
+    Parameters
+    ----------
+    model : Model
+    before : Equilibrium
+        Last accepted state.
+    target : Target
+    guess : Equilibrium, optional
+        First guess.
+    max_iterations : int
+        Of Newton's method.
+    tolerance : float
+        Of the residual, over the contact force.
+
+    Returns
+    -------
+    Equilibrium
 
     Raises
     ------
@@ -155,7 +235,7 @@ def equilibrium(
     best, previous = np.inf, np.inf
     for iteration in range(max_iterations):
         # a cantilever as soft as a finger springs back far beyond the glass's small move if its first iterate may
-        # slip, and then slips the other way for ever: let the skin follow the glass first
+        # slip, and then slips the other way for ever: so the skin follows the glass first
         glass = gripping if iteration == 0 and guess is None and target.slide != before.slide else model.glass
         contact = plane_forces(model.relative(u, depth, target.slide), areas, glass, anchors)
         residual = model.solid.forces(u)
@@ -228,7 +308,7 @@ def _newton_step(
 
 
 def _shortened(model: Model, u: Floats, depth: float, step: Floats, raise_by: float) -> tuple[Floats, float]:
-    """Return the next iterate: the full step, or less of it where that would turn an element inside out."""
+    """Return the next iterate: the full step, or less of it where that would invert an element."""
     share = 1.0
     for _ in range(6):
         trial = u + share * step
@@ -238,7 +318,19 @@ def _shortened(model: Model, u: Floats, depth: float, step: Floats, raise_by: fl
     raise StepFailed
 
 
-def carried_on(before: Equilibrium, last: Equilibrium, share: float) -> Equilibrium:
-    """Return the last state carried on along the path from the one before, as a first guess."""
+def extrapolated(before: Equilibrium, last: Equilibrium, share: float) -> Equilibrium:
+    """Extrapolate two accepted states, as a first guess of the next.
+
+    Parameters
+    ----------
+    before, last : Equilibrium
+        Two accepted states in turn.
+    share : float
+        Length of the next step over the last one's.
+
+    Returns
+    -------
+    Equilibrium
+    """
     guess = last.displacement + share * (last.displacement - before.displacement)
     return Equilibrium(guess, last.depth, last.slide, last.contact, last.normal_force, last.tangential_force, 0)

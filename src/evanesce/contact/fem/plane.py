@@ -39,7 +39,7 @@ class Glass:
 
 @dataclass(frozen=True)
 class Anchors:
-    """What friction remembers of the last accepted step.
+    """History of friction at the last accepted step.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Anchors:
     place : ndarray (k, d - 1)
         Point of the glass, in its own coordinates, from which a sticking node is pulled [mm].
     touchdown : ndarray (k, d - 1)
-        Where each node first touched, in the same coordinates; the way from there to ``place`` has been slipped [mm].
+        Where each node came into contact, in the same coordinates; from there to ``place`` it has slipped [mm].
     last : ndarray (k, d)
         Position of each node relative to the glass at that step [mm].
     """
@@ -81,7 +81,17 @@ class PlaneForces:
 
 
 def free_anchors(positions: Floats) -> Anchors:
-    """Return the memory of nodes none of which touches; ``positions`` are relative to the glass, shape (k, d)."""
+    """Return the anchors of nodes out of contact; ``positions`` are relative to the glass, shape (k, d).
+
+    Parameters
+    ----------
+    positions : ndarray (k, d)
+        [mm].
+
+    Returns
+    -------
+    Anchors
+    """
     flat = positions[:, :-1]
     return Anchors(np.zeros(len(positions), dtype=bool), flat.copy(), flat.copy(), positions.copy())
 
@@ -90,7 +100,7 @@ def plane_forces(relative: Floats, areas: Floats, glass: Glass, anchors: Anchors
     """Return contact forces at positions relative to the glass.
 
     A node that came into contact since the last step is anchored where its path crossed the glass, so that movement
-    before the touch costs nothing.
+    before contact costs nothing.
 
     Parameters
     ----------
@@ -100,13 +110,17 @@ def plane_forces(relative: Floats, areas: Floats, glass: Glass, anchors: Anchors
         [mm^2].
     glass : Glass
     anchors : Anchors
+
+    Returns
+    -------
+    PlaneForces
     """
     count, dim = relative.shape
     height = relative[:, -1]
     touching = height < 0.0
     depth = np.where(touching, -height, 0.0)
     soft = glass.softness
-    # force rises as a parabola over the first `soft` of penetration: its slope then has no jump at the touch, over
+    # force rises as a parabola over the first `soft` of penetration: its slope then has no jump at first contact, over
     # which Newton's iterations would hop to and fro
     inside = depth < soft
     normal_stiffness = glass.penalty * areas * np.where(inside, depth / soft, 1.0)

@@ -1,4 +1,4 @@
-"""Solved runs: what they hold, and the file they are kept in (NPZ without objects: nothing is ever unpickled)."""
+"""Solved runs, and the file in which they are kept (NPZ without objects: nothing is ever unpickled)."""
 
 from __future__ import annotations
 
@@ -51,7 +51,16 @@ class SolvedRun:
         return len(self.history.steps)
 
     def footprint(self, index: int) -> Footprint:
-        """Return what step ``index`` looks like at the glass (from 0; negative from the end)."""
+        """Return the footprint of a step (from 0; negative from the end).
+
+        Parameters
+        ----------
+        index : int
+
+        Returns
+        -------
+        Footprint
+        """
         state = self.history.steps[index].state
         memory = state.contact.anchors
         slip = memory.place - memory.touchdown
@@ -61,11 +70,26 @@ class SolvedRun:
         )  # fmt: skip
 
     def reached(self) -> list[int]:
-        """Return the indices of the steps that end a goal."""
+        """Return the indices of the steps that end a goal.
+
+        Returns
+        -------
+        list of int
+        """
         return [i for i, step in enumerate(self.history.steps) if step.reached]
 
     def row(self, index: int) -> dict[str, float]:
-        """Return the figures of one step: depth, slide and stretches, forces [N], area [mm^2], penetration [mm]."""
+        """Return the results of one step: depth, slide and stretches, forces [N], area [mm^2], penetration [mm].
+
+        Parameters
+        ----------
+        index : int
+
+        Returns
+        -------
+        dict of str to float
+            Units in the keys.
+        """
         step = self.history.steps[index]
         state, print_ = step.state, self.footprint(index)
         heights = (
@@ -103,6 +127,11 @@ def save_run(path: Path, run: SolvedRun) -> None:
     ``slipping``, and the anchors of friction ``place`` and ``touchdown`` (steps, candidates, d - 1). Lengths in mm,
     forces in N; coordinates (r, z) or (x, y, z).
 
+    Parameters
+    ----------
+    path : Path
+    run : SolvedRun
+
     Raises
     ------
     WorkError
@@ -138,7 +167,14 @@ def save_run(path: Path, run: SolvedRun) -> None:
 
 
 def write_npz(path: Path, arrays: Mapping[str, NDArray[Any]], *, compressed: bool = False) -> None:
-    """Write arrays to an NPZ beside its place and rename it there, so that a kill leaves either file whole."""
+    """Write arrays to an NPZ beside its place and rename it there, so that a kill leaves either file whole.
+
+    Parameters
+    ----------
+    path : Path
+    arrays : mapping of str to ndarray
+    compressed : bool
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=path.parent, prefix="." + path.name, suffix=".tmp")
@@ -160,6 +196,14 @@ def write_npz(path: Path, arrays: Mapping[str, NDArray[Any]], *, compressed: boo
 
 def load_run(path: Path) -> SolvedRun:
     """Read what :func:`save_run` wrote; needs no finite-element library.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    SolvedRun
 
     Raises
     ------
@@ -207,10 +251,16 @@ def _run_of(arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> Solv
 def write_vtk(path: Path, run: SolvedRun, index: int) -> None:
     """Write one step as VTK (any form meshio knows by its suffix, e.g. ``.vtu``) with displacement and contact force.
 
+    Parameters
+    ----------
+    path : Path
+    run : SolvedRun
+    index : int
+
     Raises
     ------
     InputError
-        Without the extra ``fem``, or for a suffix that meshio does not know.
+        Without the extra ``fem``, or for a suffix that meshio does not support.
     """
     try:
         import meshio

@@ -1,4 +1,4 @@
-"""Presses and slides as runs: inputs with a digest, a cache, a checkpoint after each step, going on after a kill."""
+"""Presses and slides as runs: inputs with a digest, a cache, a checkpoint after each step, resumed after a kill."""
 
 from __future__ import annotations
 
@@ -25,12 +25,26 @@ Progress = Callable[[SolvedRun, int], None]
 
 
 def cache_folder() -> Path:
-    """Return where solved runs are kept: under EVANESCE_CACHE or the user's cache folder."""
+    """Return the folder of solved runs: under EVANESCE_CACHE or the user's cache folder.
+
+    Returns
+    -------
+    Path
+    """
     return Path(os.environ.get("EVANESCE_CACHE") or platformdirs.user_cache_dir("evanesce")) / "fem"
 
 
 def check_friction(value: float) -> float:
-    """Return Coulomb's coefficient; refuse what is negative or not finite."""
+    """Return Coulomb's coefficient; refuse what is negative or not finite.
+
+    Parameters
+    ----------
+    value : float
+
+    Returns
+    -------
+    float
+    """
     if not np.isfinite(value) or value < 0:
         raise InputError(f"{value!r}", key="friction", allowed="0 or more, finite")
     return float(value)
@@ -45,7 +59,23 @@ def run_inputs(
     goals: Sequence[Goal],
     sizes: StepSizes,
 ) -> dict[str, Any]:
-    """Return all that a run depends on as JSON-able data."""
+    """Return all that a run depends on as JSON-able data.
+
+    Parameters
+    ----------
+    kind : str
+        ``"press"`` or ``"slide"``.
+    shape : FingerShape
+    size : MeshSize
+    material : Rubber
+    glass : Glass
+    goals : sequence of Goal
+    sizes : StepSizes
+
+    Returns
+    -------
+    dict
+    """
     return {
         "kind": kind,
         "solver": SOLVER,
@@ -69,7 +99,7 @@ def solved(
     cache: Path | None,
     on_step: Progress | None = None,
 ) -> SolvedRun:
-    """Return a run from the cache, go on with one that was interrupted, or solve it.
+    """Return a run from the cache, resume one that was interrupted, or solve it.
 
     Parameters
     ----------
@@ -79,6 +109,10 @@ def solved(
         Folder; None keeps nothing.
     on_step : callable, optional
         Called with the run so far and the index of the goal in work after each step that is solved.
+
+    Returns
+    -------
+    SolvedRun
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""From a footprint to the ContactState that the renderer lights: sampling on a plate grid."""
+"""A footprint sampled on a plate grid as a ContactState."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from evanesce.core.states import ContactState, PlateGrid, SurfaceState
 Floats = NDArray[np.float64]
 
 NEAR_GAP = 0.01  # [mm]: silicone this close to the glass is labelled near; some ten times the reach of evanescent light
-SUPERSAMPLE = 4  # points a side at which a cell is asked whether it touches
+SUPERSAMPLE = 4  # points a side at which a cell is tested for contact
 RADIAL_POINTS = 400  # of the pressure's force integral
 
 
@@ -32,7 +32,7 @@ class AxisymmetricProfile:
     r, gap, pressure, traction : ndarray (k,)
         By node of the cap, from the apex: radius [mm], gap [mm], pressure and radial traction [MPa].
     slip : ndarray (k,)
-        Radial way slipped since the touch [mm].
+        Radial slip since contact [mm].
     slipping : ndarray of bool (k,)
     contact_radius, depth, normal_force : float
         [mm], [mm], [N].
@@ -50,7 +50,20 @@ class AxisymmetricProfile:
 
 
 def profile_of(print_: Footprint, depth: float, normal_force: float) -> AxisymmetricProfile:
-    """Return the profile of an axisymmetric footprint."""
+    """Return the profile of an axisymmetric footprint.
+
+    Parameters
+    ----------
+    print_ : Footprint
+    depth : float
+        [mm].
+    normal_force : float
+        [N].
+
+    Returns
+    -------
+    AxisymmetricProfile
+    """
     return AxisymmetricProfile(
         r=print_.place[:, 0],
         gap=print_.gap,
@@ -69,6 +82,17 @@ def pressure_at(profile: AxisymmetricProfile, r: Floats) -> Floats:
 
     p^2 is straight at the edge. The last node in contact is left out: its area reaches beyond the edge, so that its
     force over its area is not a pressure.
+
+    Parameters
+    ----------
+    profile : AxisymmetricProfile
+    r : ndarray
+        [mm].
+
+    Returns
+    -------
+    ndarray
+        [MPa], in the shape of ``r``.
     """
     a = profile.contact_radius
     inside = np.flatnonzero((profile.pressure > 0) & (profile.r < a))
@@ -80,7 +104,21 @@ def pressure_at(profile: AxisymmetricProfile, r: Floats) -> Floats:
 
 
 def gap_at(profile: AxisymmetricProfile, r: Floats, beyond: float) -> Floats:
-    """Return the gap [mm] between nodes; ``beyond`` where the finger's widest place has no skin over the glass."""
+    """Return the gap [mm] between nodes; ``beyond`` where there is no skin over the glass.
+
+    Parameters
+    ----------
+    profile : AxisymmetricProfile
+    r : ndarray
+        [mm].
+    beyond : float
+        [mm].
+
+    Returns
+    -------
+    ndarray
+        [mm], in the shape of ``r``.
+    """
     a = profile.contact_radius
     outside = (profile.gap > 0) & (profile.r > a)
     if not outside.any():
@@ -94,11 +132,22 @@ def gap_at(profile: AxisymmetricProfile, r: Floats, beyond: float) -> Floats:
 
 
 def axisymmetric_contact(profile: AxisymmetricProfile, beyond: float) -> AxisymmetricContact:
-    """Return a profile as the contact that every axisymmetric law gives, its pressure scaled to carry the force."""
+    """Return a profile as the contact that every axisymmetric law gives, its pressure scaled to carry the force.
+
+    Parameters
+    ----------
+    profile : AxisymmetricProfile
+    beyond : float
+        Gap where there is no finger over the glass [mm].
+
+    Returns
+    -------
+    AxisymmetricContact
+    """
     r = np.linspace(0.0, max(profile.contact_radius, 1e-9), RADIAL_POINTS)
     p = pressure_at(profile, r)
-    ring = 2 * np.pi * r * p
-    within = np.concatenate([[0.0], np.cumsum(0.5 * (ring[1:] + ring[:-1]) * np.diff(r))])
+    line_force = 2 * np.pi * r * p
+    within = np.concatenate([[0.0], np.cumsum(0.5 * (line_force[1:] + line_force[:-1]) * np.diff(r))])
     scale = profile.normal_force / within[-1] if within[-1] > 0 else 0.0
 
     def force_within(radius: Floats) -> Floats:
@@ -139,6 +188,10 @@ def press_state(
     time : float
         [s].
 
+    Returns
+    -------
+    ContactState
+
     Raises
     ------
     InputError
@@ -154,7 +207,7 @@ def press_state(
     part, whole = grid_part(grid, box), (slice(None), *box)
     r = radii(part, centre)
     way = np.stack(np.meshgrid(part.x - centre[0], part.y - centre[1])) / np.where(r > 0, r, 1.0)
-    # a cell on the rim is whole as a state, but carries only its covered share of traction and slip
+    # a cell on the border is whole as a state, but carries only its covered share of traction and slip
     traction[whole] = np.interp(r, profile.r, profile.traction) * covered[box] * way
     slip[whole] = np.interp(r, profile.r, profile.slip) * (covered[box] > 0) * way
     # beyond the last node in contact, its own label goes on to the edge
@@ -170,7 +223,21 @@ def press_state(
 
 
 def surface_states(covered: Floats, gap: Floats, slipping: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Return none, near, stick or slip of each cell; a cell touches when half of it is covered."""
+    """Return none, near, stick or slip of each cell; a cell is in contact when half of it is covered.
+
+    Parameters
+    ----------
+    covered : ndarray (rows, cols)
+        Share of each cell in contact.
+    gap : ndarray (rows, cols)
+        [mm].
+    slipping : ndarray of bool (rows, cols)
+
+    Returns
+    -------
+    ndarray of uint8 (rows, cols)
+        :class:`~evanesce.core.states.SurfaceState`.
+    """
     state = np.where(gap < NEAR_GAP, SurfaceState.NEAR, SurfaceState.NONE)
     state = np.where(covered >= 0.5, np.where(slipping, SurfaceState.SLIP, SurfaceState.STICK), state)
     return np.asarray(state, dtype=np.uint8)
@@ -181,12 +248,12 @@ _VECTORS = ("traction", "slip")
 
 
 def _one_piece(print_: Footprint) -> tuple[Floats, dict[str, Floats]]:
-    """Return places and fields as they are."""
+    """Return positions and fields as they are."""
     return print_.place, {key: np.asarray(getattr(print_, key)) for key in _SCALARS + _VECTORS}
 
 
 def _both_halves(print_: Footprint) -> tuple[Floats, dict[str, Floats]]:
-    """Return places and fields of a half y >= 0 together with its mirror image."""
+    """Return positions and fields of a half y >= 0 together with its mirror image."""
     own = print_.place[:, 1] > 1e-6
     mirror = np.array([1.0, -1.0])
     fields = {key: np.concatenate([getattr(print_, key), getattr(print_, key)[own]]) for key in _SCALARS}
@@ -228,6 +295,10 @@ def surface_state(
     parameters, law, time
         Passed on to the state.
 
+    Returns
+    -------
+    ContactState
+
     Raises
     ------
     InputError
@@ -263,7 +334,7 @@ def surface_state(
         pressure = pressure * (normal_force / carried)
     traction = np.moveaxis(sample[..., 2:4], -1, 0) * covered
     slipping = np.zeros(grid.shape, dtype=bool)
-    if touching.any():  # the label of the nearest node in contact, also on the rim beyond the last one
+    if touching.any():  # the label of the nearest node in contact, also on the border beyond the last one
         nearest = cKDTree(place[touching]).query(np.stack([at_x, at_y], axis=-1))[1]
         slipping = fields["slipping"].astype(bool)[touching][nearest]
     gap = np.where(covered >= 1.0, 0.0, np.maximum(opening, 0.0) ** 1.5)

@@ -1,4 +1,4 @@
-"""Step control: go from goal to goal, halve a step that fails, let it grow again, keep every step that holds."""
+"""Step control: from goal to goal, halve a step that fails, let it grow again, keep every accepted step."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.contact.fem.newton import Equilibrium, Model, StepFailed, Target, carried_on, equilibrium
+from evanesce.contact.fem.newton import Equilibrium, Model, StepFailed, Target, equilibrium, extrapolated
 from evanesce.core.errors import InputError, WorkError
 
 Floats = NDArray[np.float64]
@@ -18,7 +18,7 @@ APPROACH = (
     0.93  # of the force wanted that is reached by depth; from there on the glass is free and the force prescribed
 )
 FORCE_RATIO = 1.35  # largest change of force in one force-controlled step
-TAKEN_BACK = 3  # steps undone and gone anew with half their size before a run that is stuck ends
+TAKEN_BACK = 3  # steps undone and repeated with half their size before a run that fails ends
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,15 @@ class Goal:
 
 @dataclass(frozen=True)
 class StepSizes:
-    """Largest, first and smallest step [mm] of depth or slide, and how a step grows after success."""
+    """Sizes of the steps of depth or slide.
+
+    Attributes
+    ----------
+    largest, first, smallest : float
+        [mm].
+    growth : float
+        Factor on a step after success.
+    """
 
     largest: float = 0.3
     first: float = 0.02
@@ -55,7 +63,15 @@ class StepSizes:
 
 @dataclass(frozen=True)
 class MaterialLimits:
-    """Smallest and largest principal stretch kept, and a test of stability of stretches (n, 3) -> (n,)."""
+    """Range of stretches in which a material is solved.
+
+    Attributes
+    ----------
+    range : tuple of float
+        Smallest and largest principal stretch kept.
+    is_stable : callable
+        Principal stretches (n, 3) -> bool (n,).
+    """
 
     range: tuple[float, float]
     is_stable: Callable[[Floats], NDArray[np.bool_]]
@@ -88,7 +104,14 @@ class Step:
 
 @dataclass
 class History:
-    """Accepted steps of a run; ``complete`` once the last goal is reached."""
+    """Accepted steps of a run.
+
+    Attributes
+    ----------
+    steps : list of Step
+    complete : bool
+        Whether the last goal is reached.
+    """
 
     steps: list[Step] = field(default_factory=list)
     complete: bool = False
@@ -120,7 +143,7 @@ def advance(
     limits: MaterialLimits,
     on_step: Callable[[Step, int], None] | None = None,
 ) -> History:
-    """Work through the goals, from where ``history`` stands, and return it completed.
+    """Solve the goals from the end of ``history`` on, and return it completed.
 
     Parameters
     ----------
@@ -133,6 +156,10 @@ def advance(
         Of the material: a step that leaves its range of stretches is not kept.
     on_step : callable, optional
         Called with each accepted step and its number (from 1).
+
+    Returns
+    -------
+    History
 
     Raises
     ------
@@ -183,13 +210,13 @@ def advance(
 
 
 def _way(steps: Sequence[Step]) -> float:
-    """Return how far the glass has moved over some steps [mm]; a single one counts from the first touch."""
+    """Return how far the glass has moved over some steps [mm]; a single one counts from first contact."""
     places = [(0.0, 0.0)] * (len(steps) == 1) + [(step.state.depth, step.state.slide) for step in steps]
     return float(np.abs(np.diff(places, axis=0)).sum()) if len(places) > 1 else 0.0
 
 
 def _turns(goals: Sequence[Goal], index: int) -> bool:
-    """Say whether the way of moving changes at a goal, so that the old step size means nothing."""
+    """Return whether the direction of motion changes at a goal, so that the old step size does not apply."""
     return index == 0 or (goals[index].kind == "slide") != (goals[index - 1].kind == "slide")
 
 
@@ -208,7 +235,7 @@ def _one_step(
     goal = goals[goal_index]
     while True:
         target, ends, share = _proposal(goal, last, before, size)
-        guesses = [carried_on(before, last, share), None] if 0 < share <= 2.0 else [None]
+        guesses = [extrapolated(before, last, share), None] if 0 < share <= 2.0 else [None]
         for guess in guesses:
             try:
                 state = equilibrium(model, last, target, guess=guess)
@@ -241,7 +268,7 @@ def _why(stretches: Floats, last: Equilibrium, sizes: StepSizes, limits: Materia
 
 
 def _proposal(goal: Goal, last: Equilibrium, before: Equilibrium, size: float) -> tuple[Target, bool, float]:
-    """Return where to go next, whether that ends the goal, and the way there as a multiple of the last step."""
+    """Return the next target, whether it ends the goal, and its distance as a multiple of the last step."""
     deeper, further = last.depth - before.depth, last.slide - before.slide
     if goal.kind == "slide":
         rest = goal.value - last.slide

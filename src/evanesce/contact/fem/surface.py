@@ -26,7 +26,7 @@ EDGE_NODES = 4  # free nodes whose q is continued to zero: fewer follow the nois
 
 @dataclass(frozen=True)
 class Footprint:
-    """What a solved instant looks like at the glass.
+    """Contact of a solved instant at the glass.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Footprint:
         [mm]; 0 in contact.
     touching, slipping : ndarray of bool (k,)
     slip : ndarray (k, 1 or 2)
-        Way of the finger over the glass since the touch [mm].
+        Slip of the finger over the glass since contact [mm].
     opening : ndarray (k,)
         Signed q = gap^(2/3) [mm^(2/3)]: positive outside, continued to negative values inside the contact.
     area : float
@@ -81,6 +81,10 @@ def footprint(
     touching, slipping : ndarray of bool (k,)
     slip : ndarray (k, d - 1)
         [mm].
+
+    Returns
+    -------
+    Footprint
     """
     position = mesh.points + displacement
     chosen = mesh.candidates
@@ -119,6 +123,11 @@ def contact_radius(r: Floats, gap: Floats, touching: NDArray[np.bool_]) -> float
     r, gap : ndarray (k,)
         Of the skin's nodes, from the apex outwards [mm].
     touching : ndarray of bool (k,)
+
+    Returns
+    -------
+    float
+        [mm].
     """
     last = int(np.flatnonzero(touching)[-1])
     if last + 1 >= r.size:
@@ -151,6 +160,20 @@ def signed_opening(place: Floats, faces: Ints, gap: Floats, touching: NDArray[np
 
     Each free node beside the contact has a gradient of q, by least squares over its free neighbours; continued along
     the edge to the neighbour in contact it gives that one a value; the mean over its edges is taken.
+
+    Parameters
+    ----------
+    place : ndarray (k, 2)
+        [mm].
+    faces : ndarray of int (faces, nodes)
+    gap : ndarray (k,)
+        [mm].
+    touching : ndarray of bool (k,)
+
+    Returns
+    -------
+    ndarray (k,)
+        [mm^(2/3)].
     """
     q = np.cbrt(gap) ** 2
     corners = faces.shape[1]
@@ -180,7 +203,16 @@ def signed_opening(place: Floats, faces: Ints, gap: Floats, touching: NDArray[np
 
 
 def triangles(faces: Ints) -> Ints:
-    """Return two triangles for each quadrilateral."""
+    """Return two triangles for each quadrilateral.
+
+    Parameters
+    ----------
+    faces : ndarray of int (quads, 4)
+
+    Returns
+    -------
+    ndarray of int (2 quads, 3)
+    """
     return np.vstack([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]])
 
 
@@ -193,6 +225,11 @@ def level_area(place: Floats, faces: Ints, value: Floats) -> float:
         [mm].
     faces : ndarray (f, 3 or 4)
     value : ndarray (k,)
+
+    Returns
+    -------
+    float
+        [mm^2].
     """
     total = 0.0
     cuts = [faces] * 2 if faces.shape[1] == 3 else [triangles(faces), triangles(np.roll(faces, 1, axis=1))]
@@ -214,7 +251,19 @@ def level_area(place: Floats, faces: Ints, value: Floats) -> float:
 
 
 def nodal_shares(place: Floats, faces: Ints) -> Floats:
-    """Return the area of each node of a flat mesh of triangles or quadrilaterals [mm^2]: a linear field's integral."""
+    """Return the area of each node of a flat mesh of triangles or quadrilaterals [mm^2]: a linear field's integral.
+
+    Parameters
+    ----------
+    place : ndarray (k, 2)
+        [mm].
+    faces : ndarray of int (faces, nodes)
+
+    Returns
+    -------
+    ndarray (k,)
+        [mm^2].
+    """
     share = np.zeros(len(place))
     cut = faces if faces.shape[1] == 3 else np.vstack([triangles(faces), triangles(np.roll(faces, 1, axis=1))])
     p = place[cut]

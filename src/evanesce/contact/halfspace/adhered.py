@@ -1,4 +1,4 @@
-"""Adhesion on top of a contact that was found without it, whatever the law.
+"""Adhesion added to a contact that was solved without it, whatever the law.
 
 A round contact takes JKR's argument as it stands: the radius is that of a dry contact under a larger force, less the
 pull of a flat punch of that radius. For Hertz's law this is JKR. A ridged contact is pressed on a half-space twice,
@@ -22,9 +22,9 @@ from evanesce.core.states import ContactState
 Array = NDArray[np.float64]
 
 MARGIN = 1.5
-"""Half side of the window that is solved, over the radius of what touches already."""
+"""Half side of the window that is solved, over the radius of contact without adhesion."""
 
-LEAST_WINDOW_MM = 1.0
+MIN_WINDOW_MM = 1.0
 
 
 _FIRST_FORCE = 1e-6
@@ -43,7 +43,7 @@ def adhered_contact(
     force : float
         [N], not negative.
     modulus : float
-        E* at the rim [MPa].
+        E* at the edge of contact [MPa].
     work : float
         Work of adhesion [N/mm].
 
@@ -101,9 +101,13 @@ def adhered_state(state: ContactState, heights: Array, modulus: float, adhesion:
         What a half-space would have to be to make that contact [mm]
         (:func:`~evanesce.contact.halfspace.resolved.pressed_profile`).
     modulus : float
-        E* at the rim of contact [MPa].
+        E* at the edge of contact [MPa].
     adhesion : Adhesion
         Its work positive.
+
+    Returns
+    -------
+    ContactState
 
     Raises
     ------
@@ -120,7 +124,7 @@ def adhered_state(state: ContactState, heights: Array, modulus: float, adhesion:
         row, col = np.unravel_index(int(np.argmin(state.gap)), grid.shape)
         x, y = grid.x[[col, col]], grid.y[[row, row]]
     centre = (float(x.mean()), float(y.mean()))
-    box = box_around(grid, centre, MARGIN * max(float(np.ptp(x)), float(np.ptp(y))) / 2 + LEAST_WINDOW_MM)
+    box = box_around(grid, centre, MARGIN * max(float(np.ptp(x)), float(np.ptp(y))) / 2 + MIN_WINDOW_MM)
     part = grid_part(grid, box)
     shape = heights[box] - heights[box].min()
     without = resolved_state(part, shape, modulus, state.normal_force, law=state.law)

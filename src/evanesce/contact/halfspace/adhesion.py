@@ -30,6 +30,10 @@ def maugis_parameter(tip_radius: float, modulus: float, work_of_adhesion: float,
     cohesive_stress : float
         sigma0 [MPa].
 
+    Returns
+    -------
+    float
+
     Raises
     ------
     ValueError
@@ -59,6 +63,11 @@ def resolved_cohesive_stress(modulus: float, work_of_adhesion: float, pitch: flo
     pitch : float
         Sampling [mm].
     cells : float
+
+    Returns
+    -------
+    float
+        [MPa].
     """
     return float(np.sqrt(np.pi * modulus * work_of_adhesion / (4.0 * cells * pitch)))
 
@@ -68,7 +77,23 @@ def maugis_force_and_depth(
 ) -> tuple[float, float]:
     """Return force [N] and depth [mm] in equilibrium with a contact radius [mm].
 
-    Other parameters as :func:`maugis_parameter`.
+    Parameters
+    ----------
+    contact_radius : float
+        [mm].
+    tip_radius : float
+        [mm].
+    modulus : float
+        E* [MPa].
+    work_of_adhesion : float
+        [N/mm].
+    cohesive_stress : float
+        [MPa].
+
+    Returns
+    -------
+    tuple of float
+        [N], [mm].
 
     References
     ----------
@@ -95,7 +120,24 @@ def maugis_force_and_depth(
 
 
 def maugis_pull_off_force(tip_radius: float, modulus: float, work_of_adhesion: float, cohesive_stress: float) -> float:
-    """Return the smallest force in equilibrium [N], between -2 pi w R (DMT) and -1.5 pi w R (JKR)."""
+    """Return the smallest force in equilibrium [N], between -2 pi w R (DMT) and -1.5 pi w R (JKR).
+
+    Parameters
+    ----------
+    tip_radius : float
+        [mm].
+    modulus : float
+        E* [MPa].
+    work_of_adhesion : float
+        [N/mm].
+    cohesive_stress : float
+        [MPa].
+
+    Returns
+    -------
+    float
+        [N].
+    """
     unit = np.cbrt(np.pi * work_of_adhesion * tip_radius**2 / (4.0 * modulus / 3.0))
 
     def force(log_radius: float) -> float:
@@ -119,7 +161,7 @@ def press_adhesive_height_map(
     tolerance: float = 1e-4,
     max_rounds: int = 400,
 ) -> HalfspaceSolution:
-    """Press (or pull) a sticky elastic half-space of a given height map on rigid glass.
+    """Press (or pull) an adhesive elastic half-space of a given height map on rigid glass.
 
     Where the gap is below w/sigma0 the tension sigma0 acts. With that region D held, pressure plus sigma0 on D is the
     solution of a contact without adhesion on a map that sigma0 on D has pulled down; D follows from its gap, and so
@@ -148,7 +190,7 @@ def press_adhesive_height_map(
     Raises
     ------
     ValueError
-        If w or sigma0 is not positive, or a pull is asked for without a preload.
+        If w or sigma0 is not positive, or a tensile force is given without a preload.
     WorkError
         If the finger lets go of the glass, or the rounds do not settle.
 
@@ -179,7 +221,7 @@ def press_adhesive_height_map(
             if carried <= 0:
                 raise WorkError(f"the finger lets go of the glass at {target:g} N")
             pulled = heights - operator(cohesive_stress * zone)
-            inner = min(1e-3, max(0.03 * change, 1e-6))  # no need to be finer than the zone itself is known
+            inner = min(1e-3, max(0.03 * change, 1e-6))  # no need to be finer than the zone itself
             found = conjugate_gradients(pulled, operator, pitch, carried, lifted, tolerance=inner, max_iterations=4000)
             lifted = found.pressure
             updated = _zone(found.gap, reach)

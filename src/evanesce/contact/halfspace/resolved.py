@@ -21,7 +21,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Adhesion:
-    """Work of adhesion [N/mm] and cohesive stress [MPa]; None: as large as the grid resolves."""
+    """Adhesion of a half-space.
+
+    Attributes
+    ----------
+    work : float
+        Work of adhesion [N/mm].
+    stress : float or None
+        Cohesive stress [MPa]; None: as large as the grid resolves.
+    """
 
     work: float
     stress: float | None = None
@@ -32,6 +40,18 @@ def contact_area(touching: NDArray[np.bool_], pitch: float) -> float:
 
     A cell that touches at all counts as touching, which adds (pi - 1 + ln 2)/24 of a cell per cell side of border on
     average over its directions.
+
+    Parameters
+    ----------
+    touching : ndarray of bool (rows, cols)
+        Cells in contact.
+    pitch : float
+        [mm].
+
+    Returns
+    -------
+    float
+        [mm^2].
 
     References
     ----------
@@ -55,6 +75,10 @@ def contact_coverage(reaction: Array, pitch: float) -> Array:
         Pressure of the constraint [MPa]: positive in contact, zero elsewhere.
     pitch : float
         [mm].
+
+    Returns
+    -------
+    ndarray (rows, cols)
     """
     touching = reaction > 0
     share = touching.astype(float)
@@ -72,12 +96,12 @@ def contact_coverage(reaction: Array, pitch: float) -> Array:
 
 
 def pressed_profile(smooth_pressure: Array, smooth_gap: Array, ridges: Array, pitch: float, modulus: float) -> Array:
-    """Return the height map that stands for a ridged finger whose smooth contact is known from elsewhere.
+    """Return the height map that stands for a ridged finger whose smooth contact is given.
 
     In the smooth contact the glass has flattened the finger: its shape plus the displacement by its pressure is its gap
     plus a constant. So gap minus displacement is a shape that a half-space presses to the same contact, whatever the
     finger's own elasticity (a finite-element finger with bone and shaft); on it lie the ridges, which are small enough
-    to feel a half-space.
+    for a half-space.
 
     Parameters
     ----------
@@ -115,7 +139,7 @@ def resolved_state(
     ----------
     grid : PlateGrid
     heights : ndarray (rows, cols)
-        Undeformed distance from the glass [mm], zero at the first point to touch.
+        Undeformed distance from the glass [mm], zero at the first point of contact.
     modulus : float
         E* [MPa].
     force : float
@@ -123,6 +147,10 @@ def resolved_state(
     law, parameters, time
         Passed on.
     adhesion : Adhesion, optional
+
+    Returns
+    -------
+    ContactState
 
     Raises
     ------

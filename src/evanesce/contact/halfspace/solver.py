@@ -79,6 +79,20 @@ def free_operator(shape: tuple[int, int], pitch: float, modulus: float) -> Opera
 
     Zero padding to twice the size makes the circular convolution a linear one; the influence is even, so that its
     spectrum is real.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Of the grid (rows, cols).
+    pitch : float
+        [mm].
+    modulus : float
+        E* [MPa].
+
+    Returns
+    -------
+    callable
+        Pressure (rows, cols) [MPa] -> displacement (rows, cols) [mm].
     """
     rows, cols = shape
     padded = tuple(fft.next_fast_len(2 * n - 1, real=True) for n in shape)
@@ -99,7 +113,22 @@ def free_operator(shape: tuple[int, int], pitch: float, modulus: float) -> Opera
 
 
 def periodic_operator(shape: tuple[int, int], pitch: float, modulus: float) -> Operator:
-    """Return pressure [MPa] -> displacement [mm] of a periodic half-space: u_k = 2 p_k/(E* |k|), without its mean."""
+    """Return pressure [MPa] -> displacement [mm] of a periodic half-space: u_k = 2 p_k/(E* |k|), without its mean.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Of one period (rows, cols).
+    pitch : float
+        [mm].
+    modulus : float
+        E* [MPa].
+
+    Returns
+    -------
+    callable
+        Pressure (rows, cols) [MPa] -> displacement (rows, cols) [mm].
+    """
     ky = 2.0 * np.pi * fft.fftfreq(shape[0], pitch)[:, None]
     kx = 2.0 * np.pi * fft.rfftfreq(shape[1], pitch)[None, :]
     k = np.hypot(kx, ky)
@@ -185,9 +214,28 @@ def conjugate_gradients(
 ) -> HalfspaceSolution:
     """Find p >= 0 with gap >= 0, p gap = 0 and the given force, for any displacement operator.
 
-    Parameters as :func:`press_height_map`; ``start`` need not carry the force. Polonsky and Keer restart the conjugate
-    directions whenever cells come into contact, which near closed furrows is nearly always; Polak and Ribiere's
-    factor, cut at zero, does so only when the directions have lost their use, and takes a fifth of the iterations.
+    ``start`` need not carry the force. Polonsky and Keer restart the conjugate directions whenever cells come into
+    contact, which near closed furrows is nearly always; Polak and Ribiere's factor, cut at zero, restarts only when the
+    directions are no longer conjugate, and takes a fifth of the iterations.
+
+    Parameters
+    ----------
+    heights : ndarray (rows, cols)
+        Undeformed distance from the glass [mm].
+    operator : callable
+        Pressure [MPa] -> displacement [mm].
+    pitch : float
+        [mm].
+    force : float
+        [N], above 0.
+    start : ndarray (rows, cols)
+        First guess of the pressure [MPa].
+    tolerance : float
+    max_iterations : int
+
+    Returns
+    -------
+    HalfspaceSolution
     """
     total = force / pitch**2
     pressure = np.maximum(start, 0.0)

@@ -1,14 +1,14 @@
 """Ridges as a height map: where the crests run (pattern or orientation field) and how a ridge is shaped across.
 
 Every pattern is the distance from a core, so that crests lie exactly one pitch apart everywhere: a line (parallel), a
-point (concentric), a segment (whorl: rings drawn out along it) or a half-line (loop: arches around its end that run
+point (concentric), a segment (whorl: crests stretched along it) or a half-line (loop: arches around its end that run
 into parallels). Measured or other orientation fields are filled by growing ridges along them.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +35,7 @@ class RidgeRow:
         Direction along parallel ridges, of a whorl's segment, or into which a loop opens, from +x towards +y [rad].
     rounding : float or None
         Standard deviation of the Gaussian that rounds a flat-topped ridge [mm]; None: a ridge without flats,
-        |sin|^m of :mod:`.profile`.
+        |sin|^m of :mod:`~evanesce.contact.ridges.profile`.
     core_length : float
         Length of a whorl's segment [mm].
     """
@@ -49,7 +49,19 @@ class RidgeRow:
     core_length: float = 0.0
 
     def locate(self, x: Array, y: Array) -> tuple[NDArray[np.int64], Array]:
-        """Return ridge number and distance from its crest [mm] of points relative to the tip [mm]."""
+        """Return ridge number and distance from its crest [mm] of points relative to the tip [mm].
+
+        Parameters
+        ----------
+        x, y : ndarray
+            From the tip [mm]; broadcast.
+
+        Returns
+        -------
+        number : ndarray of int
+        distance : ndarray
+            From the nearest crest [mm].
+        """
         along, across = self._axes(x, y)
         match self.pattern:
             case "parallel":
@@ -65,7 +77,18 @@ class RidgeRow:
         return number.astype(np.int64), distance - number * self.pitch
 
     def orientation_field(self, x: Array, y: Array) -> Array:
-        """Return the direction of the crests at points relative to the tip [rad], modulo pi."""
+        """Return the direction of the crests at points relative to the tip [rad], modulo pi.
+
+        Parameters
+        ----------
+        x, y : ndarray
+            From the tip [mm]; broadcast.
+
+        Returns
+        -------
+        ndarray
+            [rad].
+        """
         along, across = self._axes(x, y)
         match self.pattern:
             case "parallel":
@@ -80,8 +103,37 @@ class RidgeRow:
         return np.mod(np.arctan2(across, normal_along) + 0.5 * np.pi + self.orientation, np.pi)
 
     def heights(self, x: Array, y: Array) -> Array:
-        """Return the depth below the crests [mm] of points relative to the tip [mm]."""
+        """Return the depth below the crests [mm] of points relative to the tip [mm].
+
+        Parameters
+        ----------
+        x, y : ndarray
+            From the tip [mm]; broadcast.
+
+        Returns
+        -------
+        ndarray
+            [mm].
+        """
         return furrow_depth(self.locate(x, y)[1], self.pitch, self.width, self.height, self.rounding)
+
+    def parameters(self) -> dict[str, Any]:
+        """Return what a contact state records of the ridges.
+
+        Returns
+        -------
+        dict
+        """
+        named: dict[str, Any] = {
+            "ridge_pattern": self.pattern,
+            "ridge_pitch_mm": self.pitch,
+            "ridge_width_mm": self.width,
+            "ridge_height_mm": self.height,
+            "ridge_orientation_rad": self.orientation,
+        }
+        if self.rounding is not None:
+            named["ridge_rounding_mm"] = self.rounding
+        return named
 
     def _axes(self, x: Array, y: Array) -> tuple[Array, Array]:
         cos, sin = np.cos(self.orientation), np.sin(self.orientation)

@@ -61,6 +61,11 @@ def closure_pressure(modulus: float, height: float, pitch: float, exponent: floa
     exponent : float
         m [1].
 
+    Returns
+    -------
+    float
+        [MPa].
+
     Raises
     ------
     ValueError
@@ -86,6 +91,11 @@ def contact_edge(mean_pressure: ArrayLike, closure: float, exponent: float = 2.0
         p_c [MPa].
     exponent : float
         m [1].
+
+    Returns
+    -------
+    ndarray
+        0 to 1, in the shape of ``mean_pressure``.
     """
     mean = np.clip(np.asarray(mean_pressure, dtype=float), 0.0, None)
     if closure == 0:
@@ -126,9 +136,29 @@ def ridge_pressure(
 def ridge_gap(
     distance: ArrayLike, mean_pressure: ArrayLike, pitch: float, height: float, closure: float, exponent: float = 2.0
 ) -> Array:
-    """Return the gap of the furrow [mm], zero in contact and ``height`` at most; parameters as :func:`ridge_pressure`.
+    """Return the gap of the furrow [mm], zero in contact and ``height`` at most.
 
     ``height`` is the undeformed one, crest to valley [mm].
+
+    Parameters
+    ----------
+    distance : array_like
+        From the crest, across the ridge [mm].
+    mean_pressure : array_like
+        Over a whole pitch [MPa]; broadcasts with ``distance``.
+    pitch : float
+        [mm].
+    height : float
+        Undeformed, crest to valley [mm].
+    closure : float
+        p_c [MPa].
+    exponent : float
+        m [1].
+
+    Returns
+    -------
+    ndarray
+        [mm].
     """
     s = np.abs(np.sin(np.pi * np.asarray(distance, dtype=float) / pitch))
     s, edge = np.broadcast_arrays(s, contact_edge(mean_pressure, closure, exponent))

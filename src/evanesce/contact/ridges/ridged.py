@@ -1,10 +1,12 @@
-"""A ridged finger, first model: the smooth finger's pressure is handed to its ridges, each of which closes locally.
+"""A ridged finger on two scales: its ridges carry the smooth finger's pressure, and each closes locally.
 
 Scales are separated: the macroscopic contact (radius, pressure, gap) is that of the smooth finger, and where its
-pressure is p, a ridge looks like one of an endless periodic row under the mean pressure p (:mod:`.profile`). Its
-limits: the pitch must be small against the contact radius (error of the order pitch/radius at the rim); ridges do not
-change the macroscopic radius or depth; curvature of concentric ridges is ignored, which their innermost ring feels;
-no adhesion, no friction, small slopes. The half-space solver has none of the first three limits.
+pressure is p, a ridge is one of a periodic row under the mean pressure p (:mod:`evanesce.contact.ridges.profile`).
+:func:`ridged_state` puts ridges on a pressed finger, :func:`with_ridges` on any smooth contact state, in which they
+move with the skin. Limits: the pitch must be small against the contact radius (error of the order pitch/radius at the
+edge of contact); ridges do not change the macroscopic radius or depth; curvature of concentric ridges is neglected,
+which affects their innermost one; no adhesion, small slopes; whether a ridge slips is decided on the scale of the whole
+contact. The half-space solver has none of the first three limits.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.contact.coverage import level_area, level_coverage
 from evanesce.contact.patch import (
     AxisymmetricContact,
     axisymmetric_state,
@@ -25,15 +28,14 @@ from evanesce.contact.patch import (
     radii,
     require_fit,
 )
-from evanesce.contact.ridges.heightmap import RidgeRow, furrow_depth
-from evanesce.contact.ridges.profile import closure_pressure, profile_exponent, ridge_gap, ridge_pressure
+from evanesce.contact.ridges.closure import RidgeClosure
+from evanesce.contact.ridges.heightmap import RidgeRow
 from evanesce.core.errors import InputError
-from evanesce.core.states import ContactState, PlateGrid
+from evanesce.core.states import ContactState, PlateGrid, SurfaceState
 
 Array = NDArray[np.float64]
 
 MIN_SAMPLES_PER_PITCH = 8
-_SUBCELLS = 4
 _MAX_OVERLOAD = 1.25
 
 
@@ -48,7 +50,7 @@ def ridged_state(
     parameters: Mapping[str, Any] | None = None,
     time: float = 0.0,
 ) -> ContactState:
-    """Sample the contact of a ridged finger.
+    """Sample the contact of a pressed finger with ridges.
 
     Parameters
     ----------
@@ -66,26 +68,28 @@ def ridged_state(
     Returns
     -------
     ContactState
-        Each ridge carries on the grid the share of the smooth finger's force that falls on its pitch (at the rim see
-        :func:`share_forces`), so that the total is the normal force.
+        Each ridge carries on the grid the share of the smooth finger's force that falls on its pitch (at the edge of
+        contact see :func:`share_forces`), so that the total is the normal force.
 
     Raises
     ------
     InputError
         If the contact does not fit on the grid, or the grid is too coarse for the ridges.
     ValueError
-        If ``smooth`` has no pressure of that form, or a figure of ``ridges`` is impossible.
+        If ``smooth`` has no pressure of that form, or a dimension of ``ridges`` is impossible.
     """
     require_resolved(grid, ridges)
-    exponent = profile_exponent(ridges.width, ridges.pitch)
-    closure = closure_pressure(modulus, ridges.height, ridges.pitch, exponent)
-    named = {**(parameters or {}), "ridge_profile_exponent": exponent, "ridge_closure_pressure_MPa": closure}
+    closure = RidgeClosure.of(ridges, modulus)
+    named = {
+        **(parameters or {}),
+        "ridge_profile_exponent": closure.exponent,
+        "ridge_closure_pressure_MPa": closure.pressure,
+    }
     x, y = grid.x[None, :] - centre[0], grid.y[:, None] - centre[1]
     number, distance = ridges.locate(x, y)
     if smooth.contact_radius == 0:
         open_state = axisymmetric_state(grid, centre, smooth, law=law, parameters=named, time=time)
-        furrow = ridge_gap(distance, 0.0, ridges.pitch, ridges.height, closure, exponent)
-        return replace(open_state, gap=open_state.gap + furrow)
+        return replace(open_state, gap=open_state.gap + closure.gap(distance, 0.0))
     if smooth.shape_exponent is None:
         raise ValueError("the first ridged model needs a macroscopic law without adhesion")
     require_fit(grid, centre, smooth.contact_radius)
@@ -95,20 +99,20 @@ def ridged_state(
     mean = cell_pressure(part, centre, smooth)
     r = radii(grid, centre)
     local = _mean_pressure(smooth, r[box])
-    inner = ridge_pressure(distance[box], local, ridges.pitch, closure, exponent)
+    inner = closure.local_pressure(distance[box], local)
     inner = share_forces(inner, mean, number[box]) * (smooth.normal_force / (mean.sum() * grid.pitch**2))
-    furrow = furrow_depth(distance, ridges.pitch, ridges.width, ridges.height)
-    furrow[box] = ridge_gap(distance[box], local, ridges.pitch, ridges.height, closure, exponent)
+    furrow = closure.undeformed_gap(distance)
+    furrow[box] = closure.gap(distance[box], local)
     pressure, covered = np.zeros(grid.shape), np.zeros(grid.shape)
     pressure[box] = inner
-    covered[box] = level_coverage(_level(smooth, ridges, closure, exponent), part, centre)
+    covered[box] = level_coverage(_level(smooth, closure), part, centre)
     return ContactState(
         grid=grid,
         pressure=pressure,
         gap=smooth.gap(r) + furrow,
         contact_mask=covered,
         normal_force=smooth.normal_force,
-        nominal_contact_area=ridged_area(smooth, ridges, closure, exponent),
+        nominal_contact_area=ridged_area(smooth, closure),
         depth=smooth.depth,
         law=law,
         parameters=named,
@@ -116,8 +120,117 @@ def ridged_state(
     )
 
 
+def with_ridges(
+    smooth: ContactState,
+    ridges: RidgeRow,
+    modulus: float,
+    *,
+    origin: tuple[float, float],
+    outer_slip: tuple[float, float] = (0.0, 0.0),
+    near_gap: float = 0.01,
+) -> ContactState:
+    """Put ridges on a smooth finger's contact state, in which they move with the skin.
+
+    A ridge belongs to the finger's skin: it stands where its piece of skin first touched, plus the slip since then, so
+    that it stays on the glass where the contact sticks and moves where it slips. Traction follows pressure within a
+    pitch.
+
+    Parameters
+    ----------
+    smooth : ContactState
+        With pressure and gap; slip, traction and state where it slides.
+    ridges : RidgeRow
+    modulus : float
+        E* at the scale of the ridges [MPa].
+    origin : tuple of float
+        Plate point (x, y) on which the finger's tip first rested [mm].
+    outer_slip : tuple of float
+        Displacement (x, y) of the skin outside the contact [mm].
+    near_gap : float
+        Gap below which a surface counts as near [mm].
+
+    Returns
+    -------
+    ContactState
+        Carries the same forces; ``nominal_contact_area`` is that of the ridges' contact, counted from the mask.
+    """
+    grid, closure = smooth.grid, RidgeClosure.of(ridges, modulus)
+    whole = np.asarray(smooth.contact_mask, dtype=float)
+    touched = whole > 0
+    drift = _drift(smooth, touched, outer_slip)
+    x, y = grid.x[None, :] - origin[0] - drift[0], grid.y[:, None] - origin[1] - drift[1]
+    distance = ridges.locate(x, y)[1]
+    furrow = closure.undeformed_gap(distance)
+    mask, pressure, factor = (np.zeros(grid.shape) for _ in range(3))
+    if touched.any():
+        mean = np.asarray(smooth.pressure, dtype=float)[touched]
+        d = distance[touched]
+        local = closure.local_pressure(d, mean)
+        furrow[touched] = closure.gap(d, mean)
+        mask[touched] = whole[touched] * _strip_coverage(d, mean, closure, grid.pitch)
+        local = np.where(mask[touched] > 0, local, 0.0)
+        carried = float(local.sum())
+        pressure[touched] = local * (float(mean.sum()) / carried if carried > 0 else 0.0)
+        factor[touched] = np.divide(pressure[touched], mean, out=np.zeros_like(mean), where=mean > 0)
+    gap = np.where(mask >= 1.0, 0.0, np.asarray(smooth.gap) + furrow)
+    changes: dict[str, Any] = {}
+    if smooth.traction is not None:
+        changes["traction"] = _follow_pressure(np.asarray(smooth.traction, dtype=float), factor)
+    if smooth.slip is not None:
+        changes["slip"] = np.asarray(smooth.slip) * (mask > 0)
+    if smooth.state is not None:
+        state = np.where(gap < near_gap, np.uint8(SurfaceState.NEAR), np.uint8(SurfaceState.NONE))
+        held = mask >= 0.5
+        state[held] = np.maximum(np.asarray(smooth.state)[held], np.uint8(SurfaceState.STICK))
+        changes["state"] = state
+    return replace(
+        smooth,
+        pressure=pressure,
+        gap=gap,
+        contact_mask=mask,
+        nominal_contact_area=float(mask.sum()) * grid.pitch**2,
+        law=f"{smooth.law}+ridges",
+        parameters={**smooth.parameters, **replace(ridges, rounding=None).parameters()},
+        **changes,
+    )
+
+
+def _drift(smooth: ContactState, touched: NDArray[np.bool_], outer_slip: tuple[float, float]) -> Array:
+    """Return how far the skin has moved over the glass [mm], (2, rows, cols)."""
+    drift = np.empty((2, *smooth.grid.shape))
+    for axis in (0, 1):
+        drift[axis] = (
+            outer_slip[axis] if smooth.slip is None else np.where(touched, smooth.slip[axis], outer_slip[axis])
+        )
+    return drift
+
+
+def _strip_coverage(distance: Array, mean: Array, closure: RidgeClosure, cell: float) -> Array:
+    """Return the share of each cell within the half width of its ridge's contact, the border cut as a straight edge."""
+    half = closure.half_width(mean)
+    share = np.clip(0.5 + (half - np.abs(distance)) / cell, 0.0, 1.0)
+    return np.where(half >= 0.5 * closure.ridges.pitch, 1.0, np.where(half > 0, share, 0.0))
+
+
+def _follow_pressure(traction: Array, factor: Array) -> Array:
+    """Scale traction as pressure within a pitch, with its resultant kept for both directions."""
+    found = traction * factor
+    for axis in (0, 1):
+        wanted, got = float(traction[axis].sum()), float(found[axis].sum())
+        size = float(np.abs(traction[axis]).sum())
+        # A twist's resultant is zero: a factor would divide by rounding.
+        if abs(wanted) > 0.05 * size and got * wanted > 0:
+            found[axis] *= wanted / got
+    return found
+
+
 def require_resolved(grid: PlateGrid, ridges: RidgeRow) -> None:
     """Refuse a grid with fewer than :data:`MIN_SAMPLES_PER_PITCH` samples to a ridge.
+
+    Parameters
+    ----------
+    grid : PlateGrid
+    ridges : RidgeRow
 
     Raises
     ------
@@ -159,8 +272,8 @@ def share_forces(pressure: Array, mean: Array, number: NDArray[np.int64]) -> Arr
     Returns
     -------
     ndarray (rows, cols)
-        Sums to the sum of ``mean``. At the rim a crest may barely reach the glass, or not at all: what a ridge would
-        have to carry beyond a quarter more than its local pressure, its inner neighbour takes.
+        Sums to the sum of ``mean``. At the edge of contact a crest may barely reach the glass, or not at all: what a
+        ridge would have to carry beyond a quarter more than its local pressure, its inner neighbour takes.
 
     Raises
     ------
@@ -184,98 +297,53 @@ def share_forces(pressure: Array, mean: Array, number: NDArray[np.int64]) -> Arr
     return pressure * factor[index].reshape(pressure.shape)
 
 
-def _level(
-    smooth: AxisymmetricContact, ridges: RidgeRow, closure: float, exponent: float
-) -> Callable[[Array, Array], Array]:
+def _level(smooth: AxisymmetricContact, closure: RidgeClosure) -> Callable[[Array, Array], Array]:
     """Return a smooth function of points (relative to the tip) that is positive in contact.
 
     Contact is where the macroscopic pressure exceeds what the local height takes, p > p_c |sin|^m, and inside the
-    macroscopic circle. To the power k this is (a^k - r^k) - a^k (p_c/p0)^k |sin|^(m k), without the steep rim of p.
+    macroscopic circle. To the power k this is (a^k - r^k) - a^k (p_c/p0)^k |sin|^(m k), without the steep edge of p.
     """
-    k = smooth.shape_exponent or 2.0
+    k, ridges = smooth.shape_exponent or 2.0, closure.ridges
     radius = smooth.contact_radius
-    need = (closure / _peak(smooth)) ** k
+    need = (closure.pressure / _peak(smooth)) ** k
 
     def level(x: Array, y: Array) -> Array:
         _, distance = ridges.locate(x, y)
         s = np.abs(np.sin(np.pi * distance / ridges.pitch))
-        return 1.0 - (np.hypot(x, y) / radius) ** k - need * s ** (exponent * k)
+        return 1.0 - (np.hypot(x, y) / radius) ** k - need * s ** (closure.exponent * k)
 
     return level
 
 
-def level_coverage(level: Callable[[Array, Array], Array], grid: PlateGrid, centre: tuple[float, float]) -> Array:
-    """Return the share of each cell where a smooth function is positive.
-
-    Cells whose corners and centre agree in sign are full or empty. The others are split into 4 x 4 and each part is
-    covered as by a straight edge at level/|gradient| from its middle, so that errors are of second order in the
-    part's size and of either sign.
-
-    Parameters
-    ----------
-    level : callable
-        (x, y) relative to ``centre`` [mm] -> values, positive inside.
-    grid : PlateGrid
-    centre : tuple of float
-        [mm].
-
-    Returns
-    -------
-    ndarray (rows, cols)
-    """
-    h = grid.pitch
-    x, y = grid.x - centre[0], grid.y - centre[1]
-    middle = level(x[None, :], y[:, None]) > 0
-    edge_x, edge_y = np.append(x - h / 2, x[-1] + h / 2), np.append(y - h / 2, y[-1] + h / 2)
-    corner = level(edge_x[None, :], edge_y[:, None]) > 0
-    votes = middle.astype(int) + corner[:-1, :-1] + corner[1:, :-1] + corner[:-1, 1:] + corner[1:, 1:]
-    share = (votes == 5).astype(float)
-    rows, cols = np.nonzero((votes > 0) & (votes < 5))
-    part = h / _SUBCELLS
-    offset = (np.arange(-1, _SUBCELLS + 1) - (_SUBCELLS - 1) / 2) * part
-    at = level(x[cols][:, None, None] + offset[None, None, :], y[rows][:, None, None] + offset[None, :, None])
-    slope_x = 0.5 * (at[:, 1:-1, 2:] - at[:, 1:-1, :-2])
-    slope_y = 0.5 * (at[:, 2:, 1:-1] - at[:, :-2, 1:-1])
-    reach = np.abs(slope_x) + np.abs(slope_y)
-    inner = at[:, 1:-1, 1:-1]
-    cover = np.clip(0.5 + np.divide(inner, reach, out=np.sign(inner), where=reach > 0), 0.0, 1.0)
-    share[rows, cols] = cover.mean(axis=(1, 2))
-    return share
-
-
-def ridged_area(smooth: AxisymmetricContact, ridges: RidgeRow, closure: float, exponent: float) -> float:
-    """Return the area of contact [mm^2] by quadrature, without a grid of the plate.
+def ridged_area(smooth: AxisymmetricContact, closure: RidgeClosure) -> float:
+    """Return the area of contact of a pressed finger with ridges by quadrature, without a grid of the plate.
 
     At distance d from its crest a ridge touches inside the circle on which the macroscopic pressure is
     p_c |sin(pi d/lambda)|^m, of radius rho(d). A parallel ridge at u adds the chords 2 sqrt(rho^2 - (u + d)^2); other
     patterns are integrated along 1,000 lines, on each of which the edges are found between nodes, to 2e-4 of the area.
+
+    Parameters
+    ----------
+    smooth : AxisymmetricContact
+        As in :func:`ridged_state`.
+    closure : RidgeClosure
+
+    Returns
+    -------
+    float
+        [mm^2].
     """
+    ridges = closure.ridges
     if ridges.pattern != "parallel":
-        return _area_by_lines(_level(smooth, ridges, closure, exponent), smooth.contact_radius)
+        return level_area(_level(smooth, closure), smooth.contact_radius)
     k, radius, pitch = smooth.shape_exponent or 2.0, smooth.contact_radius, ridges.pitch
-    need = closure / _peak(smooth)
+    need = closure.pressure / _peak(smooth)
     # midpoint rule: the integrand's only kinks are roots at the ends of chords, error below 1e-5 of a pitch
     nodes = 4000
     d = ((np.arange(nodes) + 0.5) / nodes - 0.5) * pitch
     s = np.abs(np.sin(np.pi * d / pitch))
-    rho = radius * np.clip(1.0 - (need * s**exponent) ** k, 0.0, None) ** (1.0 / k)
+    rho = radius * np.clip(1.0 - (need * s**closure.exponent) ** k, 0.0, None) ** (1.0 / k)
     reach = int(np.ceil(radius / pitch)) + 1
     across = np.arange(-reach, reach + 1)[:, None] * pitch + d[None, :]
     chord = 2.0 * np.sqrt(np.clip(rho**2 - across**2, 0.0, None))
     return float(chord.sum() * pitch / nodes)
-
-
-def _area_by_lines(
-    level: Callable[[Array, Array], Array], radius: float, lines: int = 1000, nodes: int = 1001
-) -> float:
-    """Return the area on which a function is positive inside a circle: midpoint rule across, linear roots along."""
-    step = 2.0 * radius / lines
-    x = np.linspace(-radius, radius, nodes)
-    area = 0.0
-    for block in np.array_split(-radius + (np.arange(lines) + 0.5) * step, 20):
-        value = level(x[None, :], block[:, None])
-        left, right = value[:, :-1], value[:, 1:]
-        rise = np.abs(left) + np.abs(right)
-        part = np.divide(np.maximum(left, 0) + np.maximum(right, 0), rise, out=np.zeros_like(rise), where=rise > 0)
-        area += float(part.sum()) * (x[1] - x[0]) * step
-    return area

@@ -23,7 +23,7 @@ from evanesce.rig.height_map import digest_of
 
 Array = NDArray[np.float64]
 
-LEAST_RMS_KEPT = 0.95
+MIN_RMS_KEPT = 0.95
 """Share of a scan's rms height that must survive the mean over cells: a sinusoid of 5.7 samples a period has it."""
 
 
@@ -52,6 +52,15 @@ class Skin:
 def skin_of(finger: Finger, grid: PlateGrid) -> Skin | None:
     """Return a finger's relief on a grid; None for a smooth finger.
 
+    Parameters
+    ----------
+    finger : Finger
+    grid : PlateGrid
+
+    Returns
+    -------
+    Skin or None
+
     Raises
     ------
     InputError
@@ -68,11 +77,20 @@ def skin_of(finger: Finger, grid: PlateGrid) -> Skin | None:
         depth = row.heights(x, y)
     except ValueError as error:
         raise InputError(str(error), key="finger.ridges") from None
-    return Skin("ridges", depth, np.ones(grid.shape, dtype=bool), ridge_parameters(row))
+    return Skin("ridges", depth, np.ones(grid.shape, dtype=bool), row.parameters())
 
 
 def require_within_scan(state: ContactState, skin: Skin) -> ContactState:
-    """Return the state; refuse it where it touches beyond the scan.
+    """Return the state; refuse it where contact reaches beyond the scan.
+
+    Parameters
+    ----------
+    state : ContactState
+    skin : Skin
+
+    Returns
+    -------
+    ContactState
 
     Raises
     ------
@@ -89,7 +107,16 @@ def require_within_scan(state: ContactState, skin: Skin) -> ContactState:
 
 
 def ridge_row_of(ridges: Ridges) -> RidgeRow:
-    """Return a scene's ridges in mm and rad."""
+    """Return a scene's ridges in mm and rad.
+
+    Parameters
+    ----------
+    ridges : Ridges
+
+    Returns
+    -------
+    RidgeRow
+    """
     return RidgeRow(
         pattern=ridges.pattern,
         pitch=1e-3 * ridges.pitch_um,
@@ -99,20 +126,6 @@ def ridge_row_of(ridges: Ridges) -> RidgeRow:
         rounding=None if ridges.rounding_um is None else 1e-3 * ridges.rounding_um,
         core_length=ridges.core_length_mm,
     )
-
-
-def ridge_parameters(row: RidgeRow) -> dict[str, Any]:
-    """Return what a contact state records of ridges."""
-    named: dict[str, Any] = {
-        "ridge_pattern": row.pattern,
-        "ridge_pitch_mm": row.pitch,
-        "ridge_width_mm": row.width,
-        "ridge_height_mm": row.height,
-        "ridge_orientation_rad": row.orientation,
-    }
-    if row.rounding is not None:
-        named["ridge_rounding_mm"] = row.rounding
-    return named
 
 
 def scanned_depth(
@@ -164,10 +177,10 @@ def _scanned(skin: ScannedSkin, x: Array, y: Array, cell: float) -> Skin:
     cos, sin = math.cos(turn), math.sin(turn)
     x, y = x - skin.offset_mm[0], y - skin.offset_mm[1]
     depth, known, kept = scanned_depth(scan, x * cos + y * sin, -x * sin + y * cos, cell)
-    if kept < LEAST_RMS_KEPT:
+    if kept < MIN_RMS_KEPT:
         raise InputError(
             f"contact grid of {1e3 * cell:.4g} um per sample leaves {kept:.0%} of the scan's rms height",
-            key="grid.samples", allowed=f"cells that leave at least {LEAST_RMS_KEPT:.0%}",
+            key="grid.samples", allowed=f"cells that leave at least {MIN_RMS_KEPT:.0%}",
         )  # fmt: skip
     size = (math.inf, math.inf) if isinstance(scan, RepeatedProfile) else scan.size
     parameters = {

@@ -1,9 +1,10 @@
-"""The thesis's friction programme on a grid: preload, press to the load, slide, perhaps back again."""
+"""The thesis's friction programme: preload, press to the load, slide, perhaps back again; and its contact states."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +12,12 @@ from numpy.typing import NDArray
 from evanesce.contact.analytic.hertz import hertz_contact
 from evanesce.contact.analytic.partial_slip import tangential_modulus
 from evanesce.contact.patch import AxisymmetricContact
-from evanesce.contact.sliding.friction import InterfaceFriction, tilted_compliance
+from evanesce.contact.sliding.shaft import tilted_compliance
 from evanesce.contact.sliding.solver import march
 from evanesce.contact.sliding.states import SlideStates, SlideView
 from evanesce.core.errors import InputError
 from evanesce.core.states import PlateGrid
+from evanesce.materials.friction import InterfaceFriction
 from evanesce.materials.tables import Material
 
 Floats = NDArray[np.float64]
@@ -50,7 +52,12 @@ class SlideProgramme:
     frame_rate: float = 30.0
 
     def sample(self) -> tuple[Floats, Floats, Floats]:
-        """Return (time [s], normal force [N], drive displacement [mm]) of every frame.
+        """Return time, normal force and drive displacement of every frame.
+
+        Returns
+        -------
+        time, force, drive : ndarray (frames,)
+            [s], [N], [mm].
 
         Raises
         ------
@@ -61,7 +68,7 @@ class SlideProgramme:
         for name in (*positive, "preload", "hold_time"):
             value = getattr(self, name)
             if not np.isfinite(value) or value < 0 or (value == 0 and name in positive):
-                raise InputError(f"{value:g}", key=name, allowed="a finite figure above 0")
+                raise InputError(f"{value:g}", key=name, allowed="a finite number above 0")
         turn = self.press_time + self.hold_time
         one_way = self.distance / self.speed
         end = turn + one_way * (2 if self.reciprocate else 1)
@@ -73,6 +80,58 @@ class SlideProgramme:
         back = 0.0 if self.reciprocate else self.distance
         drive = np.interp(time, [turn, turn + one_way, turn + 2 * one_way], [0.0, self.distance, back])
         return time, force, drive
+
+
+def slide_states(
+    grid: PlateGrid,
+    programme: SlideProgramme,
+    friction: InterfaceFriction,
+    contact_law: Callable[[float], AxisymmetricContact],
+    shear_modulus: Callable[[float], float],
+    *,
+    drive_stiffness: float = float("inf"),
+    area_loss: float = 0.0,
+    view: SlideView | None = None,
+    law: str = "sliding",
+    parameters: Mapping[str, Any] | None = None,
+) -> SlideStates:
+    """Solve a press and slide; each state is sampled on the grid when it is indexed.
+
+    Parameters
+    ----------
+    grid : PlateGrid
+    programme : SlideProgramme
+    friction : InterfaceFriction
+    contact_law : callable
+        Normal force [N] -> contact of the smooth finger.
+    shear_modulus : callable
+        Normal force [N] -> G* [MPa] (:func:`~evanesce.contact.analytic.partial_slip.tangential_modulus`).
+    drive_stiffness : float
+        Of shaft and drive along the slide [N/mm].
+    area_loss : float
+        Sahli's alpha_A [mm^2/N^2].
+    view : SlideView, optional
+    law, parameters
+        Passed on to the states.
+
+    Returns
+    -------
+    SlideStates
+
+    Raises
+    ------
+    InputError
+        If the programme cannot run or the contact leaves the grid.
+    """
+    time, force, drive = programme.sample()
+    loads = dict.fromkeys(force.tolist())
+    contacts = {load: contact_law(load) for load in loads}
+    moduli = {load: shear_modulus(load) for load in loads}
+    slide = march(
+        [contacts[load] for load in force.tolist()], time, drive, friction,
+        np.array([moduli[load] for load in force.tolist()]), drive_stiffness=drive_stiffness, area_loss=area_loss,
+    )  # fmt: skip
+    return SlideStates(slide, grid, view, law=law, parameters=parameters)
 
 
 def press_and_slide(
@@ -88,7 +147,7 @@ def press_and_slide(
     area_loss: float = 0.0,
     view: SlideView | None = None,
 ) -> SlideStates:
-    """Return the contact states of a press and slide at constant normal force.
+    """Press a finger of a silicone to a held normal force and slide it.
 
     Parameters
     ----------
@@ -110,6 +169,10 @@ def press_and_slide(
         Sahli's alpha_A [mm^2/N^2].
     view : SlideView, optional
 
+    Returns
+    -------
+    SlideStates
+
     Raises
     ------
     InputError
@@ -119,21 +182,16 @@ def press_and_slide(
     -----
     The normal force is held by the machine, so that of a tilted shaft only the compliance along the slide matters.
     """
-    time, force, drive = programme.sample()
 
     def hertz(load: float) -> AxisymmetricContact:
         return hertz_contact(load, tip_radius, float(material.reduced_modulus(load)))
 
-    law = contact_law or hertz
-    contacts: list[AxisymmetricContact] = []
-    for i, load in enumerate(force):
-        held = i > 0 and load == force[i - 1]
-        contacts.append(contacts[-1] if held else law(float(load)))
+    def shear_modulus(load: float) -> float:
+        return float(tangential_modulus(material.reduced_modulus(load), material.poisson_ratio))
+
     stiffness = float("inf")
     if np.isfinite(shaft_stiffness).all():
         stiffness = 1.0 / float(tilted_compliance(*shaft_stiffness, contact_angle)[0, 0])
-    modulus = tangential_modulus(material.reduced_modulus(force), material.poisson_ratio)
-    slide = march(contacts, time, drive, friction, modulus, drive_stiffness=stiffness, area_loss=area_loss)
     parameters = {
         "material": material.name,
         "tip_radius_mm": tip_radius,
@@ -143,6 +201,7 @@ def press_and_slide(
         "area_loss_mm2_per_N2": area_loss,
         "contact_angle_deg": float(np.degrees(contact_angle)),
     }
-    return SlideStates(
-        slide, grid, view, law="hertz+sliding" if contact_law is None else "sliding", parameters=parameters
-    )
+    return slide_states(
+        grid, programme, friction, contact_law or hertz, shear_modulus, drive_stiffness=stiffness, area_loss=area_loss,
+        view=view, law="hertz+sliding" if contact_law is None else "sliding", parameters=parameters,
+    )  # fmt: skip

@@ -22,12 +22,12 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
 from evanesce.contact.patch import AxisymmetricContact
-from evanesce.contact.sliding.friction import InterfaceFriction
+from evanesce.materials.friction import InterfaceFriction
 
 Floats = NDArray[np.float64]
 
 # Sahli's law is a fit; beyond this share of the area it has never been seen, and the patch must not vanish.
-LEAST_AREA_SHARE = 0.3
+MIN_AREA_SHARE = 0.3
 
 
 @dataclass(frozen=True)
@@ -88,22 +88,44 @@ class Slide:
         return iter(self.frames)
 
     def series(self, name: str) -> Floats:
-        """Return one scalar of every frame."""
+        """Return one scalar of every frame.
+
+        Parameters
+        ----------
+        name : str
+            Attribute of :class:`SlideFrame`.
+
+        Returns
+        -------
+        ndarray (frames,)
+        """
         return np.array([getattr(frame, name) for frame in self.frames])
 
 
-def spring_load(contact: AxisymmetricContact, edges: Floats, rings: int = 384) -> Floats:
+def spring_load(contact: AxisymmetricContact, edges: Floats, annuli: int = 384) -> Floats:
     """Return the normal force density of the springs [N/mm], shape (m,): the Abel transform of the pressure.
 
-    The pressure is taken constant over each of ``rings`` rings, with the ring's exact force; the rest is exact, so that
-    the sum over all springs and both sides is the normal force. Tension at an adhesive edge is cut off: it adds
+    The pressure is taken constant over each of ``annuli`` annuli, with the annulus's exact force; the rest is exact, so
+    that the sum over all springs and both sides is the normal force. Tension at an adhesive edge is cut off: it adds
     no friction.
+
+    Parameters
+    ----------
+    contact : AxisymmetricContact
+    edges : ndarray (m + 1,)
+        Borders of the springs, from 0 [mm].
+    annuli : int
+
+    Returns
+    -------
+    ndarray (m,)
+        [N/mm].
     """
     a = contact.contact_radius
     if a <= 0:
         return np.zeros(len(edges) - 1)
     # Sine spacing: the pressure falls as a square root at the edge.
-    r = a * np.sin(np.linspace(0.0, np.pi / 2, rings + 1))
+    r = a * np.sin(np.linspace(0.0, np.pi / 2, annuli + 1))
     pressure = np.diff(contact.force_within(r)) / (np.pi * np.diff(r**2))
     # A disc of radius r under unit pressure is felt by the springs as 2 sqrt(r^2 - x^2); p is a sum of such discs.
     discs = -np.diff(np.append(pressure, 0.0))
@@ -115,7 +137,20 @@ def spring_load(contact: AxisymmetricContact, edges: Floats, rings: int = 384) -
 
 
 def spring_strength(radius: float, edges: Floats) -> Floats:
-    """Return the Abel transform of unit strength on a disc [mm], 2 sqrt(a^2 - x^2), averaged over each spring."""
+    """Return the Abel transform of unit strength on a disc [mm], 2 sqrt(a^2 - x^2), averaged over each spring.
+
+    Parameters
+    ----------
+    radius : float
+        Of contact [mm].
+    edges : ndarray (m + 1,)
+        Borders of the springs, from 0 [mm].
+
+    Returns
+    -------
+    ndarray (m,)
+        [mm].
+    """
     if radius <= 0:
         return np.zeros(len(edges) - 1)
     u = np.clip(edges / radius, 0.0, 1.0)
@@ -125,7 +160,7 @@ def spring_strength(radius: float, edges: Floats) -> Floats:
 
 @dataclass
 class _Springs:
-    """State of the row of springs while it is marched; one mutable place, used nowhere else."""
+    """State of the row of springs while it is marched: mutable, private."""
 
     edges: Floats
     density: Floats
@@ -237,8 +272,8 @@ def _check(contacts: Sequence[AxisymmetricContact], t: Floats, drive: Floats, sp
 
 
 def _left(area: float, loss: float, force: float) -> float:
-    """Return the area left under shear [mm^2], within the range in which the law has been seen."""
-    return max(area - loss * force**2, LEAST_AREA_SHARE * area)
+    """Return the area left under shear [mm^2], within the range of the data that the law fits."""
+    return max(area - loss * force**2, MIN_AREA_SHARE * area)
 
 
 def _step(

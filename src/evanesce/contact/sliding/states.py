@@ -1,4 +1,4 @@
-"""Frames of a slide as contact states on the plate's grid, made one at a time when asked for."""
+"""Frames of a slide as contact states on the plate's grid, each made when it is indexed."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.contact.coverage import half_plane_share
 from evanesce.contact.patch import require_fit
 from evanesce.contact.sliding.solver import Slide, SlideFrame
 from evanesce.core.states import ContactState, PlateGrid, SurfaceState
@@ -85,14 +86,14 @@ class SlideStates(Sequence[ContactState]):
         for frame in slide:
             outline = self._outline(frame)
             require_fit(grid, outline.centre, outline.radius)
-        # Tractions are means over rings as wide as a cell, as pressures are; narrower rings would show the springs.
-        ring = max(grid.pitch, 6.0 * float(slide.edges[1]))
-        reach = float(slide.edges[-1]) + ring
+        # Tractions are means over annuli as wide as a cell, as pressures are; narrower ones would show the springs.
+        width = max(grid.pitch, 6.0 * float(slide.edges[1]))
+        reach = float(slide.edges[-1]) + width
         self._radii = np.linspace(0.0, reach, 1024)
-        self._inner, self._outer = np.maximum(self._radii - ring / 2, 0.0), self._radii + ring / 2
-        self._ring_area = np.pi * (self._outer**2 - self._inner**2)
+        self._inner, self._outer = np.maximum(self._radii - width / 2, 0.0), self._radii + width / 2
+        self._annulus_area = np.pi * (self._outer**2 - self._inner**2)
         within = force_within_matrix
-        self._traction = (within(self._outer, slide.edges) - within(self._inner, slide.edges)) / self._ring_area[
+        self._traction = (within(self._outer, slide.edges) - within(self._inner, slide.edges)) / self._annulus_area[
             :, None
         ]
         self._slip = surface_slip_matrix(np.minimum(self._radii, slide.edges[-1]), slide.edges)
@@ -159,7 +160,7 @@ class SlideStates(Sequence[ContactState]):
     def _fields(self, frame: SlideFrame, outline: _Ellipse, rho: Floats) -> dict[str, Floats]:
         """Return pressure, traction and slip on the grid; the two stresses rise as the area shrinks."""
         contact = frame.contact
-        pressure = (contact.force_within(self._outer) - contact.force_within(self._inner)) / self._ring_area
+        pressure = (contact.force_within(self._outer) - contact.force_within(self._inner)) / self._annulus_area
         tables = {
             "pressure": (pressure / outline.shortening, contact.normal_force),
             "traction": (self._traction @ frame.force_density / outline.shortening, frame.tangential_force),
@@ -176,7 +177,7 @@ class SlideStates(Sequence[ContactState]):
                 values[rho.ravel()[inside] > contact.contact_radius] = 0.0
             elif total:
                 carried = float(values.sum()) * self._grid.pitch**2
-                if abs(carried) > 0.5 * abs(total):  # rings on squares: below 0.1 % from 20 cells per radius on
+                if abs(carried) > 0.5 * abs(total):  # annuli on squares: below 0.1 % from 20 cells per radius on
                     values *= total / carried
             full = np.zeros(rho.size)
             full[inside] = values
@@ -184,7 +185,7 @@ class SlideStates(Sequence[ContactState]):
         return result
 
     def _continued(self, frame: SlideFrame) -> Floats:
-        """Return the springs' slips, the outermost one's carried on outside, so that tables are smooth there."""
+        """Return the springs' slips, the outermost one's continued outside, so that tables are smooth there."""
         count = int(np.searchsorted(self._slide.edges[:-1], frame.contact.contact_radius))
         slips = frame.spring_slip.copy()
         if 0 < count < len(slips):
@@ -196,13 +197,36 @@ def force_within_matrix(radii: Floats, edges: Floats) -> Floats:
     """Return the matrix that turns spring force densities [N/mm] into the force inside radii [N], (len(radii), m).
 
     A spring density of 1 up to x = b is a rigid punch of radius b, which carries 2 (b - sqrt(b^2 - r^2)) within r.
+
+    Parameters
+    ----------
+    radii : ndarray (n,)
+        [mm].
+    edges : ndarray (m + 1,)
+        Borders of the springs, from 0 [mm].
+
+    Returns
+    -------
+    ndarray (n, m)
     """
     chord = np.sqrt(np.clip(edges[None, :] ** 2 - radii[:, None] ** 2, 0.0, None))
     return 2.0 * (np.diff(edges)[None, :] - np.diff(chord, axis=1))
 
 
 def surface_slip_matrix(radii: Floats, edges: Floats) -> Floats:
-    """Return the matrix that turns spring slips [mm] into surface slips at radii [mm]: (2/pi) of an arcsine's steps."""
+    """Return the matrix that turns spring slips [mm] into surface slips at radii [mm]: (2/pi) of an arcsine's steps.
+
+    Parameters
+    ----------
+    radii : ndarray (n,)
+        [mm].
+    edges : ndarray (m + 1,)
+        Borders of the springs, from 0 [mm].
+
+    Returns
+    -------
+    ndarray (n, m)
+    """
     matrix = np.empty((len(radii), len(edges) - 1))
     for i, r in enumerate(radii):
         if r <= edges[1]:
@@ -235,17 +259,5 @@ def _coverage(grid: PlateGrid, outline: _Ellipse, rho: Floats, gx: Floats, gy: F
     slope_x, slope_y = gx.ravel()[band] / r, gy.ravel()[band] / r  # gradient of rho
     steep = np.hypot(slope_x, slope_y)
     distance = (outline.radius - r) / steep / grid.pitch
-    mask.ravel()[band] = _half_plane_share(distance, np.abs(slope_x / steep), np.abs(slope_y / steep))
+    mask.ravel()[band] = half_plane_share(distance, np.abs(slope_x / steep), np.abs(slope_y / steep))
     return mask
-
-
-def _half_plane_share(distance: Floats, nx: Floats, ny: Floats) -> Floats:
-    """Return the share of a unit square in a half plane whose border lies ``distance`` outside its middle."""
-    large, small = np.maximum(nx, ny), np.minimum(nx, ny)
-    d = np.abs(distance)
-    straight, corner = 0.5 * (large - small), 0.5 * (large + small)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        flat = d / large
-        cut = 0.5 - (corner - d) ** 2 / (2.0 * large * small)
-    part = np.where(d <= straight, flat, np.where(d < corner, cut, 0.5))
-    return 0.5 + np.sign(distance) * part

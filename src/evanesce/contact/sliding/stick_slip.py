@@ -1,4 +1,4 @@
-"""A finger as a mass on a spring, pulled over glass: stick, slip, and the frequency of their turns."""
+"""A finger as a mass on a spring, pulled over glass: stick, slip, and the frequency of their alternation."""
 
 from __future__ import annotations
 
@@ -67,6 +67,11 @@ def stick_slip_period(slider: Slider, speed: float) -> float:
     speed : float
         Of the drive [mm/s], > 0.
 
+    Returns
+    -------
+    float
+        [s].
+
     Raises
     ------
     ValueError
@@ -124,6 +129,10 @@ def simulate_stick_slip(slider: Slider, speed: float, duration: float, sampling_
     sampling_rate : float
         Of the returned record [Hz].
 
+    Returns
+    -------
+    StickSlip
+
     Raises
     ------
     ValueError
@@ -153,7 +162,7 @@ def simulate_stick_slip(slider: Slider, speed: float, duration: float, sampling_
         if away >= duration:
             break
         onsets.append(away)
-        # A push of one part in 10^9 of the drive speed tells the solver which side of rest it is on.
+        # A push of one part in 10^9 of the drive speed places the solver on one side of rest.
         run = solve_ivp(
             slide, (away, duration), [x, 1e-9 * speed], method="DOP853", events=stops, max_step=step,
             rtol=1e-9, atol=1e-12, dense_output=True,

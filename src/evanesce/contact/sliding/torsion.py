@@ -1,8 +1,8 @@
-"""Twisting an axisymmetric contact about its normal: partial slip from the rim inwards, by superposed rigid rotations.
+"""Twisting an axisymmetric contact about its normal: partial slip from the edge inwards, by superposed rigid rotations.
 
 A disc of radius x that is turned rigidly by d psi on a half-space of shear modulus G carries the azimuthal traction
 (4 G/pi) r/sqrt(x^2 - r^2) d psi and the torque (16/3) G x^3 d psi (Reissner and Sagoci). A twist that grows steadily is
-a sum of such discs from the rim down to the stick radius c; where it slips, the sum has to be the shear strength, which
+a sum of such discs from the edge down to the stick radius c; where it slips, the sum is the shear strength, which
 is Abel's equation. With I(x) = integral of strength(r)/sqrt(r^2 - x^2) from x to a:
 
     density of rotation  G d psi/dx = -I'(x)/2,  twist = I(c)/(2 G),  torque = (8/3) c^3 I(c) + 8 integral of x^2 I dx.
@@ -23,8 +23,8 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import brentq
 
 from evanesce.contact.patch import AxisymmetricContact, axisymmetric_state
-from evanesce.contact.sliding.friction import InterfaceFriction
 from evanesce.core.states import ContactState, PlateGrid, SurfaceState
+from evanesce.materials.friction import InterfaceFriction
 
 Floats = NDArray[np.float64]
 
@@ -58,7 +58,18 @@ class Twist:
 
 
 def sliding_torque(contact: AxisymmetricContact, friction: InterfaceFriction) -> float:
-    """Return the torque at which the whole contact slips [N mm]: 2 pi times the integral of r^2 strength."""
+    """Return the torque at which the whole contact slips [N mm]: 2 pi times the integral of r^2 strength.
+
+    Parameters
+    ----------
+    contact : AxisymmetricContact
+    friction : InterfaceFriction
+
+    Returns
+    -------
+    float
+        [N mm].
+    """
     r, strength = _strength(contact, friction)
     return float(2.0 * np.pi * np.trapezoid(r**2 * strength, r))
 
@@ -77,6 +88,10 @@ def twisted(contact: AxisymmetricContact, friction: InterfaceFriction, shear_mod
     share : float
         Of the torque of full sliding, 0 to below 1; full sliding needs an infinite twist.
 
+    Returns
+    -------
+    Twist
+
     Raises
     ------
     ValueError
@@ -86,7 +101,7 @@ def twisted(contact: AxisymmetricContact, friction: InterfaceFriction, shear_mod
     if not (a > 0 and shear_modulus > 0 and 0 <= share < 1):
         raise ValueError(f"contact radius {a:g} mm, G {shear_modulus:g} MPa, share {share:g}")
     r, strength = _strength(contact, friction)
-    # Nodes crowd at the rim, where the pressure falls as a root.
+    # Nodes crowd at the edge, where the pressure falls as a root.
     x = a * np.sin(np.linspace(0.0, np.pi / 2, NODES + 1))
     integral = np.array([_abel(float(at), a, r, strength) for at in x[1:]])
     integral = np.append(integral[0], integral)  # logarithmic at the middle, where x^2 takes it away
@@ -113,7 +128,24 @@ def twisted_state(
     near_gap: float = 0.01,
     time: float = 0.0,
 ) -> ContactState:
-    """Put a twisted contact on the plate's grid; positive torque turns from x towards y."""
+    """Put a twisted contact on the plate's grid; positive torque turns from x towards y.
+
+    Parameters
+    ----------
+    grid : PlateGrid
+    centre : tuple of float
+    contact : AxisymmetricContact
+        Without twist.
+    twist : Twist
+    near_gap : float
+        Gap below which a surface counts as near [mm].
+    time : float
+        [s].
+
+    Returns
+    -------
+    ContactState
+    """
     state = axisymmetric_state(grid, centre, contact, law="hertz+torsion", time=time)
     x, y = grid.x[None, :] - centre[0], grid.y[:, None] - centre[1]
     radius = np.hypot(x, y)
@@ -143,7 +175,7 @@ def twisted_state(
 
 
 def _strength(contact: AxisymmetricContact, friction: InterfaceFriction) -> tuple[Floats, Floats]:
-    """Return radii [mm] and shear strength there [MPa], from rings that carry the contact's exact force."""
+    """Return radii [mm] and shear strength there [MPa], from annuli that carry the contact's exact force."""
     a = contact.contact_radius
     edges = a * np.sin(np.linspace(0.0, np.pi / 2, 4 * NODES + 1))
     pressure = np.diff(contact.force_within(edges)) / (np.pi * np.diff(edges**2))
@@ -156,7 +188,7 @@ def _strength(contact: AxisymmetricContact, friction: InterfaceFriction) -> tupl
 def _abel(x: float, a: float, r: Floats, strength: Floats) -> float:
     """Return the integral of strength(r)/sqrt(r^2 - x^2) dr from x to a; r^2 = x^2 + s^2 takes the root away."""
     top = np.sqrt(max(a * a - x * x, 0.0))
-    # Cubic crowding at s = 0, where 1/r is steep for small x, and at the rim's root by the strength's own nodes.
+    # Cubic crowding at s = 0, where 1/r is steep for small x, and at the edge's root by the strength's own nodes.
     v = np.linspace(0.0, 1.0, 400)
     s = top * np.sin(0.5 * np.pi * v) ** 2
     radius = np.sqrt(x * x + s * s)
@@ -164,7 +196,7 @@ def _abel(x: float, a: float, r: Floats, strength: Floats) -> float:
 
 
 def _elements(x: Floats, c: float, integral: Floats) -> tuple[Floats, Floats]:
-    """Return borders from the stick radius to the rim, and G d psi of each ring between them."""
+    """Return borders from the stick radius to the edge of contact, and G d psi of each annulus between them."""
     beyond = x > c
     edges = np.append(c, x[beyond])
     values = np.append(np.interp(c, x, integral), integral[beyond])

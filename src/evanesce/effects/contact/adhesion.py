@@ -1,4 +1,4 @@
-"""Silicone that sticks to glass: more contact than the force alone would make, most of all where it is small."""
+"""Adhesion of silicone to glass: more contact than without it, relatively most at small force."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ J_PER_M2_IN_N_PER_MM = 1e-3
 
 
 class Parameters(Strict):
-    """How strongly."""
+    """Work of adhesion."""
 
     work_J_per_m2: float = field(
         0.0,
@@ -24,7 +24,17 @@ class Parameters(Strict):
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
-    """Add to the finger's work of adhesion; each contact law has its own way to take it.
+    """Add to the finger's work of adhesion; each contact law includes it in its own way.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The bone inside: a finger that grows stiffer as it is pressed, because the glass comes nearer to what is hard."""
+"""Bone inside the finger: its stiffness rises with normal force, as the glass comes closer to the bone."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from evanesce.rig import Finger, Scene
 
 
 class Parameters(Strict):
-    """How fast."""
+    """Rise of stiffness."""
 
     per_N: float = field(
         0.0,
@@ -23,6 +23,16 @@ class Parameters(Strict):
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     """Add to the finger's stiffening: under a force F it is 1 + per_N F times as stiff, under every contact law.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Silicone that gives way under a held load: contact grows with the logarithm of time."""
+"""Creep of silicone under a held load: contact grows with the logarithm of time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from evanesce.rig import Scene
 
 
 class Parameters(Strict):
-    """How fast, and since when."""
+    """Rate and onset of creep."""
 
     per_decade: float = field(
         0.0,
@@ -26,22 +26,46 @@ class Parameters(Strict):
 
 
 def compliance_rise(seconds: float, per_decade: float, onset_s: float) -> float:
-    """Return J(t)/J(0) = 1 + per_decade log10(1 + t/onset)."""
+    """Return J(t)/J(0) = 1 + per_decade log10(1 + t/onset).
+
+    Parameters
+    ----------
+    seconds : float
+        Time under load [s].
+    per_decade : float
+        Rise of the compliance a decade of time [1].
+    onset_s : float
+        [s].
+
+    Returns
+    -------
+    float
+    """
     return 1.0 + per_decade * math.log10(1.0 + max(seconds, 0.0) / onset_s)
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     """Divide the finger's stiffness by the rise of its compliance since the load came on.
 
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+
     Raises
     ------
     InputError
-        In a scene with a slide, whose states are marched with one stiffness.
+        In a scene with a slide, which is solved with one stiffness.
     """
     if parameters.per_decade == 0.0:
         return scene
     if scene.slide is not None:
-        raise InputError("a slide is marched without creep", key="effects.creep", allowed="a scene without a slide")
+        raise InputError("a slide is solved without creep", key="effects.creep", allowed="a scene without a slide")
     rise = compliance_rise(context.time_s + parameters.held_before_s, parameters.per_decade, parameters.onset_s)
     return stiffer(scene, 1.0 / rise, "effects.creep.per_decade")
 

@@ -1,4 +1,4 @@
-"""A load cell whose zero is off: what presses is not what is read."""
+"""Zero offset of the load cell: the force that acts is not the force that is read."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from evanesce.effects.protocol import Context, Effect, Stage
 
 
 class Parameters(Strict):
-    """By how much."""
+    """Offset of the reading."""
 
     offset_N: float = field(
         0.0, unit="N", bounds=(-5.0, 5.0), null=0.0, doc="reading less real force; tare with a finger resting: negative"
@@ -17,6 +17,18 @@ class Parameters(Strict):
 
 def apply(force_N: float, parameters: Parameters, context: Context) -> float:
     """Return the real force: the reading less the offset, and nothing where that is a pull.
+
+    Parameters
+    ----------
+    force_N : float
+        [N].
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    float
+        [N].
 
     Raises
     ------

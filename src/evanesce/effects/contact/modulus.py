@@ -1,4 +1,4 @@
-"""A silicone that is stiffer or softer than its table says: another batch, another cure, another share of deadener."""
+"""Silicone stiffer or softer than its material: another batch, cure or share of deadener."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from evanesce.rig import Finger, Scene
 
 
 class Parameters(Strict):
-    """By how much."""
+    """Departure of the modulus."""
 
     relative: float = field(
         0.0,
         unit="1",
         bounds=(-0.9, 4.0),
         null=0.0,
-        doc="real modulus over the one believed, less 1",
+        doc="real over nominal modulus, less 1",
     )
 
 
@@ -31,6 +31,10 @@ def stiffer(scene: Scene, factor: float, key: str) -> Scene:
     key : str
         Named in errors.
 
+    Returns
+    -------
+    Scene
+
     Raises
     ------
     InputError
@@ -44,7 +48,18 @@ def stiffer(scene: Scene, factor: float, key: str) -> Scene:
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
-    """Multiply the finger's stiffness by 1 + relative, under every contact law."""
+    """Multiply the finger's stiffness by 1 + relative, under every contact law.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+    """
     if parameters.relative == 0.0:
         return scene
     return stiffer(scene, 1.0 + parameters.relative, "effects.modulus.relative")

@@ -1,4 +1,4 @@
-"""A load that does not go straight through the tip: contact wanders sideways and turns oval as force grows."""
+"""Load off the finger's axis: the contact shifts sideways and becomes oval as force grows."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from evanesce.effects.protocol import Context, Effect, Stage
 
 
 class Parameters(Strict):
-    """How far it wanders, and how oval it turns."""
+    """Shift and ovality by force."""
 
     shift_x_mm_per_N: float = field(0.0, unit="mm/N", bounds=(-2.0, 2.0), null=0.0, doc="of the contact towards +x")
     shift_y_mm_per_N: float = field(0.0, unit="mm/N", bounds=(-2.0, 2.0), null=0.0, doc="of the contact towards +y")
@@ -27,6 +27,16 @@ class Parameters(Strict):
 
 def apply(state: ContactState, parameters: Parameters, context: Context) -> ContactState:
     """Shift the contact by its force, and stretch it about its centre at constant area.
+
+    Parameters
+    ----------
+    state : ContactState
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    ContactState
 
     Raises
     ------
@@ -44,7 +54,7 @@ def apply(state: ContactState, parameters: Parameters, context: Context) -> Cont
         return state
     if not context.scene.finger.is_smooth:
         raise InputError(
-            "an oval contact of a ridged finger is not known",
+            "an oval contact of a ridged finger is not modelled",
             key="effects.off_axis_load",
             allowed="oval_x_per_N and oval_diagonal_per_N of 0, or a smooth finger",
         )

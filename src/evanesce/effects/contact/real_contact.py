@@ -1,4 +1,4 @@
-"""Skin that is rough: only a share of the nominal contact touches, and it grows with pressure."""
+"""Roughness of the skin: real contact is a share of nominal contact, and rises with pressure."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from evanesce.rig import Scene
 
 
 class Parameters(Strict):
-    """How rough."""
+    """Gradient of the roughness."""
 
     rms_slope: float = field(
         0.0,
@@ -23,7 +23,18 @@ class Parameters(Strict):
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
-    """Add to the finger's roughness; independent gradients add in squares. The contact law makes the share of it."""
+    """Add to the finger's roughness, from which the contact law computes the share; gradients add in squares.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+    """
     slope = math.hypot(scene.finger.roughness_rms_slope, parameters.rms_slope)
     return scene.model_copy(update={"finger": scene.finger.model_copy(update={"roughness_rms_slope": slope})})
 
@@ -36,7 +47,7 @@ EFFECT = Effect(
     apply=apply,
     # Moulded skins have 0.1 to 1.
     fitted={"rms_slope": 0.3},
-    scaling="falls with pressure: rim and low forces fainter, the patch no smaller",
+    scaling="falls with pressure: edge of contact and low forces darker, the patch no smaller",
     # Contact is complete to the last digit up to a finite slope.
     start={"rms_slope": (0.2, 0.5, 1.0)},
 )

@@ -1,4 +1,4 @@
-"""Moulded ridges that are not as high as their drawing or their last measurement says."""
+"""Height of moulded ridges that departs from the nominal one."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from evanesce.rig import Ridges, Scene
 
 
 class Parameters(Strict):
-    """By how much."""
+    """Departure of the height."""
 
     relative: float = field(
         0.0,
@@ -17,12 +17,22 @@ class Parameters(Strict):
         bounds=(-0.95, 3.0),
         null=0.0,
         source="thesis, section 3.5.1, table 4: moulds change the height; 47.67 um is a moulded one",
-        doc="real height over the one believed, less 1",
+        doc="real over nominal height, less 1",
     )
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     """Scale the height of the ridges.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Rows exposed one after the other while the contact moves or grows: a patch that is skewed and stretched.
+"""Rolling shutter while the contact moves or grows: a patch that is skewed and stretched.
 
 The chain has one contact state per frame. This effect moves each point of it to where it was when the row that sees it
 was exposed, to first order: a steady velocity and a steady growth about the finger's tip.
@@ -21,7 +21,7 @@ from evanesce.rig import Scene
 
 
 class Parameters(Strict):
-    """How the contact moves in view, and how long the rows take."""
+    """Motion of the contact in view, and readout time."""
 
     velocity_x_mm_per_s: float = field(
         0.0, unit="mm/s", bounds=(-100.0, 100.0), null=0.0, doc="of the contact over the glass, to the image's right"
@@ -43,7 +43,18 @@ AMPLITUDES = ("velocity_x_mm_per_s", "velocity_y_mm_per_s", "growth_per_s")
 
 
 def apply(state: ContactState, parameters: Parameters, context: Context) -> ContactState:
-    """Read each point of the state where its matter was at the middle of the frame; force and true area stay."""
+    """Sample each point of the state where its material was at mid-frame; force and true area are kept.
+
+    Parameters
+    ----------
+    state : ContactState
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    ContactState
+    """
     if all(getattr(parameters, name) == 0.0 for name in AMPLITUDES) or parameters.readout_ms == 0.0:
         return state
     scene, grid = context.scene, state.grid
@@ -73,6 +84,18 @@ def lateness(scene: Scene, grid: PlateGrid, readout_s: float) -> NDArray[np.floa
     """Return how long after the frame's middle the row that sees each point of the grid is exposed [s].
 
     The camera's geometry at the grid's middle, straight from there: distortion bends rows by some per cent.
+
+    Parameters
+    ----------
+    scene : Scene
+    grid : PlateGrid
+    readout_s : float
+        From the first row's exposure to the last row's [s].
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        [s].
     """
     projection, step = Projection.of(scene.camera, scene.plate), 0.1
     x0, y0 = grid.centre

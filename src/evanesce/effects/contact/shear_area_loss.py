@@ -1,4 +1,4 @@
-"""Contact that peels under shear: a sideways force takes area away, as its square."""
+"""Loss of contact area under shear, as the square of the tangential force (Sahli et al. 2018)."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from evanesce.core.quantities import Strict, field
 from evanesce.core.states import ContactState
 from evanesce.effects.protocol import Context, Effect, Stage
 
-LEAST_AREA_SHARE = 0.3
-"""The law is a fit; beyond this share of the area it has not been seen."""
+MIN_AREA_SHARE = 0.3
+"""Of the area without shear; the law is a fit to larger shares."""
 
 
 class Parameters(Strict):
-    """How much, and under which force."""
+    """Area loss, and the tangential force of a press."""
 
     loss_mm2_per_N2: float = field(
         0.0,
@@ -23,10 +23,10 @@ class Parameters(Strict):
         bounds=(0.0, 1000.0),
         null=0.0,
         source="R. Sahli et al., PNAS 115 (2018) 471",
-        doc="alpha_A: area lost over the square of the sideways force",
+        doc="alpha_A: area lost over the square of the tangential force",
     )
     side_load_share: float = field(
-        0.3, unit="1", bounds=(0.0, 2.0), doc="sideways over normal force in a press; a slide has its own force"
+        0.3, unit="1", bounds=(0.0, 2.0), doc="tangential over normal force in a press; a slide has its own force"
     )
     direction_deg: float = field(
         0.0, unit="deg", bounds=(-180.0, 180.0), doc="of that force on the finger, from x towards y"
@@ -34,7 +34,17 @@ class Parameters(Strict):
 
 
 def apply(state: ContactState, parameters: Parameters, context: Context) -> ContactState:
-    """Shorten the contact along the sideways force, about its leading edge, until alpha Q^2 of its area is gone.
+    """Shorten the contact along the tangential force, about its leading edge, until alpha Q^2 of its area is gone.
+
+    Parameters
+    ----------
+    state : ContactState
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    ContactState
 
     Raises
     ------
@@ -45,14 +55,16 @@ def apply(state: ContactState, parameters: Parameters, context: Context) -> Cont
         return state
     if not context.scene.finger.is_smooth:
         raise InputError(
-            "loss of area under shear is not known for ridges", key="effects.shear_area_loss", allowed="a smooth finger"
+            "loss of area under shear is not modelled for ridges",
+            key="effects.shear_area_loss",
+            allowed="a smooth finger",
         )
     qx, qy = state.tangential_force
     direction, shear = math.atan2(qy, qx), math.hypot(qx, qy)
     if shear == 0.0:
         direction = math.radians(parameters.direction_deg)
         shear = parameters.side_load_share * state.normal_force
-    left = max(1.0 - parameters.loss_mm2_per_N2 * shear**2 / state.nominal_contact_area, LEAST_AREA_SHARE)
+    left = max(1.0 - parameters.loss_mm2_per_N2 * shear**2 / state.nominal_contact_area, MIN_AREA_SHARE)
     if left == 1.0:
         return state
     x, y = contact_centre(state)

@@ -1,4 +1,4 @@
-"""A lens that is not in focus as believed: a further blur, which may grow or shrink towards the frame's corners."""
+"""Defocus beyond the nominal model: a further blur, which may grow or shrink towards the frame's corners."""
 
 from __future__ import annotations
 
@@ -44,7 +44,17 @@ class Parameters(Strict):
 def discrete_gaussian(variance: float) -> Array:
     """Return the discrete kernel exp(-v) I_n(v), whose variance is exactly v [px^2], however narrow it is.
 
-    A sampled Gaussian has not, below a pixel's width; with this one, pixels of any size see the same blur.
+    That of a sampled Gaussian is not, below a pixel's width; with this kernel pixels of any size have the same blur.
+
+    Parameters
+    ----------
+    variance : float
+        [px^2].
+
+    Returns
+    -------
+    ndarray (n,)
+        Sum 1.
 
     References
     ----------
@@ -56,10 +66,21 @@ def discrete_gaussian(variance: float) -> Array:
 
 
 def spread_by(image: Array, variance: Array) -> Array:
-    """Spread each pixel's light by a Gaussian of its own variance [px^2]; light is moved, never made or lost.
+    """Spread each pixel's light by a Gaussian of its own variance [px^2]; total light is kept.
 
-    Kernels of a few widths are blended linearly in the variance, which makes every pixel's second moment right.
+    Kernels of a few widths are blended linearly in the variance, so that every pixel's second moment is exact.
     Beyond the border the image is continued by its outermost pixels.
+
+    Parameters
+    ----------
+    image : ndarray (rows, cols)
+        Any unit.
+    variance : ndarray (rows, cols)
+        [px^2].
+
+    Returns
+    -------
+    ndarray (rows, cols)
     """
     low, high = math.sqrt(float(variance.min())), math.sqrt(float(variance.max()))
     if high - low < 1e-9:
@@ -87,7 +108,18 @@ def _blurred(image: Array, variance: float) -> Array:
 
 
 def apply(light: SensorLight, parameters: Parameters, context: Context) -> SensorLight:
-    """Blur by |blur + corner_blur rho^2|, rho = 1 at the corner farthest from the optical axis."""
+    """Blur by |blur + corner_blur rho^2|, rho = 1 at the corner farthest from the optical axis.
+
+    Parameters
+    ----------
+    light : SensorLight
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    SensorLight
+    """
     if parameters.blur_um == 0.0 and parameters.corner_blur_um == 0.0:
         return light
     image = np.ascontiguousarray(light.irradiance, np.float64)
@@ -116,7 +148,7 @@ EFFECT = Effect(
     amplitudes=("blur_um", "corner_blur_um"),
     apply=apply,
     null_when="all",
-    # On the axis a focus set by eye: 0.1 mm at f/5.6; in the corners what the rig's photograph shows.
+    # On the axis a focus set by hand: 0.1 mm at f/5.6; in the corners as in the rig's photograph.
     fitted={"blur_um": 5.0, "corner_blur_um": 10.0},
     needs=("press",),
     scaling="moves a share of the light that goes with the square of the blur; follows LED power, same in every frame",

@@ -1,8 +1,7 @@
-"""A lens that moved since it was calibrated: its distortion and principal point are not the believed ones.
+"""Lens that moved since its calibration: distortion and principal point depart from the nominal ones.
 
-The image that the believed lens forms is warped into that of the real one, so that nothing has to be rendered anew.
-Labels that the truth draws into the image are those of the believed lens; what is measured on the plate is compared
-with the truth as it should be.
+The image by the nominal lens is warped into that of the real one, without rendering again. Labels that the truth draws
+into the image are those of the nominal lens; areas on the plate are compared with the truth as usual.
 """
 
 from __future__ import annotations
@@ -24,13 +23,13 @@ from evanesce.sensor.lens import distortion_jacobian
 Array = NDArray[np.float64]
 
 NODES = 14
-"""Chebyshev nodes along each side: the warp is smooth, and so known to 2e-4 px of a frame of 2000."""
+"""Chebyshev nodes along each side: the warp is smooth, and interpolated to 2e-4 px of a frame of 2000."""
 
 STRIPE_ROWS = 16
 
 
 class Parameters(Strict):
-    """Real minus believed figures."""
+    """Real minus nominal values."""
 
     k1: float = field(0.0, unit="1", bounds=(-0.3, 0.3), null=0.0, doc="radial coefficient of r^2, OpenCV's")
     k2: float = field(0.0, unit="1", bounds=(-1.0, 1.0), null=0.0, doc="radial coefficient of r^4")
@@ -46,7 +45,17 @@ AMPLITUDES = ("k1", "k2", "p1", "p2", "centre_x_um", "centre_y_um")
 
 
 def apply(light: SensorLight, parameters: Parameters, context: Context) -> SensorLight:
-    """Carry the light of each direction to where the real lens images it, brighter where that squeezes the image.
+    """Move the light of each direction to where the real lens images it, brighter where the image is compressed.
+
+    Parameters
+    ----------
+    light : SensorLight
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    SensorLight
 
     Raises
     ------
@@ -70,10 +79,10 @@ def _warp(camera: Camera, plate: Plate, parameters: Parameters, shape: tuple[int
 
     Each an ndarray (rows, cols).
     """
-    believed = Projection.of(camera, plate)
+    nominal = Projection.of(camera, plate)
     added = (parameters.k1, parameters.k2, parameters.p1, parameters.p2, 0.0)
-    k1, k2, p1, p2, k3 = (old + new for old, new in zip(believed.distortion, added, strict=True))
-    real = replace(believed, distortion=(k1, k2, p1, p2, k3))
+    k1, k2, p1, p2, k3 = (old + new for old, new in zip(nominal.distortion, added, strict=True))
+    real = replace(nominal, distortion=(k1, k2, p1, p2, k3))
     rows, cols = shape
     dx, dy = camera.principal_point_offset_px
     axis = ((cols - 1) / 2 + dx, (rows - 1) / 2 + dy)
@@ -82,19 +91,19 @@ def _warp(camera: Camera, plate: Plate, parameters: Parameters, shape: tuple[int
 
     (at_x, spread_x), (at_y, spread_y) = _interpolation(cols), _interpolation(rows)
     u, v = np.meshgrid(at_x, at_y)
-    focal = believed.focal_px
+    focal = nominal.focal_px
     direction = real.undistort((u - real_axis[0]) / focal, (v - real_axis[1]) / focal)
-    squeezed = distortion_jacobian(*direction, real.distortion)
+    compressed = distortion_jacobian(*direction, real.distortion)
     landed = distort(*direction, real.distortion)
     missed = max(float(np.abs(a * focal + c - w).max()) for a, c, w in zip(landed, real_axis, (u, v), strict=True))
-    if squeezed.min() <= 0.0 or missed > 1e-3:
+    if compressed.min() <= 0.0 or missed > 1e-3:
         raise InputError(
             "the lens would fold the image over itself",
             key="effects.distortion_drift",
             allowed="coefficients whose radial curve rises out to the frame's corner",
         )
-    x, y = distort(*direction, believed.distortion)
-    gain = distortion_jacobian(*direction, believed.distortion) / squeezed
+    x, y = distort(*direction, nominal.distortion)
+    gain = distortion_jacobian(*direction, nominal.distortion) / compressed
     right, down = x * focal + axis[0] - u, y * focal + axis[1] - v
     steeper = np.gradient(spread_y, axis=0) @ right @ spread_x.T
     return [spread_y @ right @ spread_x.T, spread_y @ down @ spread_x.T, steeper, spread_y @ gain @ spread_x.T]
@@ -112,14 +121,27 @@ def _interpolation(count: int) -> tuple[Array, Array]:
 
 
 def shifted(image: Array, shift: Array, *, axis: int) -> Array:
-    """Return ``image`` read at ``shift`` [px] further along an axis, by Keys' cubic convolution; borders go on.
+    """Return ``image`` read at ``shift`` [px] further along an axis, by Keys' cubic convolution; borders are continued.
 
-    ``cv2.remap`` alone knows only 1/32 px: a fit that asks for the effect of less would get none.
+    ``cv2.remap`` resolves 1/32 px only: the effect of less would vanish in a fit.
+
+    Parameters
+    ----------
+    image : ndarray (rows, cols)
+        Any unit.
+    shift : ndarray (rows, cols)
+        [px].
+    axis : int
+        0 down the rows, 1 along them.
+
+    Returns
+    -------
+    ndarray (rows, cols)
 
     References
     ----------
     R. G. Keys, "Cubic convolution interpolation for digital image processing", IEEE Trans. Acoust., Speech, Signal
-    Processing 29 (1981) 1153; with a = -1/2 quadratics come back exactly.
+    Processing 29 (1981) 1153; with a = -1/2 quadratics are reproduced exactly.
     """
     beyond = int(np.abs(shift).max()) + 3
     padded = np.pad(image, [(0, 0), (beyond, beyond)] if axis == 1 else [(beyond, beyond), (0, 0)], mode="edge")

@@ -1,4 +1,4 @@
-"""Rows exposed one after the other under LEDs whose light ripples: bright and dark bands that wander.
+"""Rolling shutter under LEDs whose light ripples: bright and dark bands that drift.
 
 The supply's ripple is a sinusoid; a dimmer switches the light on and off (pulse-width modulation).
 """
@@ -12,13 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from evanesce.core.quantities import Strict, field
 from evanesce.core.states import SensorLight
-from evanesce.effects.protocol import Bands, Context, Effect, Stage
+from evanesce.effects.inference_hints import Bands
+from evanesce.effects.protocol import Context, Effect, Stage
 
 Array = NDArray[np.float64]
 
 
 class Parameters(Strict):
-    """How the light ripples, and how long the rows take."""
+    """Ripple of the light, and readout time."""
 
     ripple: float = field(
         0.0,
@@ -57,6 +58,11 @@ def mean_light(
     ripple, frequency_hz, phase_rad, duty : float
         See :class:`Parameters`; duty 0 means 1 + ripple cos(2 pi f t + phase), else 1 - ripple + ripple s/duty with
         s = 1 during the first ``duty`` of each period and 0 else.
+
+    Returns
+    -------
+    ndarray
+        In the shape of ``time_s``.
     """
     cycles = frequency_hz * np.asarray(time_s, np.float64) + phase_rad / (2.0 * math.pi)
     width = frequency_hz * exposure_s
@@ -72,7 +78,18 @@ def mean_light(
 
 
 def apply(light: SensorLight, parameters: Parameters, context: Context) -> SensorLight:
-    """Multiply each row by the mean light of its own exposure; the middle row is exposed about the frame's time."""
+    """Multiply each row by the mean light of its own exposure; the middle row is exposed about the frame's time.
+
+    Parameters
+    ----------
+    light : SensorLight
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    SensorLight
+    """
     if parameters.ripple == 0.0:
         return light
     rows = light.irradiance.shape[0]
@@ -97,7 +114,7 @@ EFFECT = Effect(
     apply=apply,
     # Assumed: some per cent, near twice the mains' frequency or a dimmer's.
     fitted={"ripple": 0.05, "frequency_hz": 10.0, "phase_deg": 90.0},
-    scaling="follows LED power; horizontal bands whose phase moves with time, or stands where the rates are locked",
+    scaling="follows LED power; horizontal bands whose phase moves with time, or stands at equal rates",
     # Without ripple neither frequency nor phase has a derivative.
     start={"ripple": (0.05,), "frequency_hz": (100.0, 120.0), "phase_deg": (0.0, 90.0)},
     bands=Bands(

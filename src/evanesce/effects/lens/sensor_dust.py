@@ -11,20 +11,19 @@ from pydantic import model_validator
 
 from evanesce.core.quantities import Strict, field
 from evanesce.core.states import SensorLight
-from evanesce.effects.protocol import Context, Effect, Marks, Stage, listed
+from evanesce.effects.inference_hints import Marks
+from evanesce.effects.particles import MAX_PER_CM2, draw_particles, listed_values, require_one_length
+from evanesce.effects.protocol import Context, Effect, Stage
 from evanesce.rig import Scene
 from evanesce.sensor.lens import magnification, working_f_number
 
 Array = NDArray[np.float64]
 
-MAX_MARKS = 20000
-MAX_PER_CM2 = 2000.0
-MM2_PER_CM2 = 100.0
 SMALLEST_CONE_MM = 1e-6
 
 
 class Parameters(Strict):
-    """How many grains, how large, how far from the pixels, and how opaque."""
+    """Density, size, height over the pixels and opacity of the grains."""
 
     per_cm2: float = field(
         0.0, unit="1/cm^2", bounds=(0.0, MAX_PER_CM2), null=0.0, doc="grains per area of the sensor (0.29 cm^2)"
@@ -38,19 +37,13 @@ class Parameters(Strict):
     )
     opacity: float = field(1.0, unit="1", bounds=(0.0, 1.0), doc="share of its light that a grain stops")
     marks: float = field(0.0, unit="1", bounds=(0.0, 10.0), null=0.0, doc="multiplies what listed grains stop")
-    mark_x_mm: tuple[float, ...] = field(
-        (), unit="mm", bounds=(0.0, 100.0), doc="listed grains, from the sensor's left edge", max_length=MAX_MARKS
-    )
-    mark_y_mm: tuple[float, ...] = field(
-        (), unit="mm", bounds=(0.0, 100.0), doc="from its upper edge", max_length=MAX_MARKS
-    )
-    mark_area_mm2: tuple[float, ...] = field(
-        (), unit="mm^2", bounds=(0.0, 100.0), doc="of each listed grain", max_length=MAX_MARKS
-    )
+    mark_x_mm: tuple[float, ...] = listed_values("mm", (0.0, 100.0), "listed grains, from the sensor's left edge")
+    mark_y_mm: tuple[float, ...] = listed_values("mm", (0.0, 100.0), "from its upper edge")
+    mark_area_mm2: tuple[float, ...] = listed_values("mm^2", (0.0, 100.0), "of each listed grain")
 
     @model_validator(mode="after")
     def _lists(self) -> Parameters:
-        listed({name: getattr(self, name) for name in ("mark_x_mm", "mark_y_mm", "mark_area_mm2")})
+        require_one_length({name: getattr(self, name) for name in ("mark_x_mm", "mark_y_mm", "mark_area_mm2")})
         return self
 
 
@@ -65,6 +58,11 @@ def obstructed_share(distance: ArrayLike, grain_mm: float, cone_mm: float) -> Ar
         Of the pixel from below the grain's middle [mm].
     grain_mm, cone_mm : float
         Diameters of the grain and, at its height, of the cone [mm].
+
+    Returns
+    -------
+    ndarray
+        0 to 1, in the shape of ``distance``.
     """
     r = np.asarray(distance, np.float64)
     a, b = grain_mm / 2, cone_mm / 2
@@ -85,7 +83,7 @@ def _transmitted(shape: tuple[int, int], size_mm: tuple[float, float], grains: A
     left = np.ones(shape)
     for x, y, diameter in grains:
         reach = (diameter + cone_mm) / 2
-        # Means over a pixel by sub-samples, a quarter of what is sharpest in the shadow apart.
+        # Means over a pixel by sub-samples a quarter of the shadow's sharpest length apart.
         fine = int(np.clip(math.ceil(4 * pitch.max() / max(reach, 1e-9)), 1, 12))
         c0, r0 = (max(0, math.floor((p - reach) / w)) for p, w in zip((x, y), pitch, strict=True))
         c1 = min(shape[1], math.floor((x + reach) / pitch[0]) + 1)
@@ -108,9 +106,19 @@ def _of_grains(shape: tuple[int, int], size_mm: tuple[float, float], grains: byt
 
 
 def apply(light: SensorLight, parameters: Parameters, context: Context) -> SensorLight:
-    """Take off what the grains stop; a higher density keeps those of a lower one.
+    """Remove the light that the grains stop; a higher density keeps the grains of a lower one.
 
-    Places are in mm on the sensor, so that the same seed has the same dust at every size of the pixels.
+    Locations are in mm on the sensor, so that a seed has the same dust at every pixel size.
+
+    Parameters
+    ----------
+    light : SensorLight
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    SensorLight
     """
     camera = context.scene.camera
     pitch_mm = camera.pixel.pitch_um * 1e-3
@@ -126,13 +134,11 @@ def apply(light: SensorLight, parameters: Parameters, context: Context) -> Senso
 
 
 def _drawn(parameters: Parameters, size_mm: tuple[float, float], context: Context) -> Array:
-    """Return grains at random places: x, y, diameter [mm]."""
+    """Return grains at random locations: x, y, diameter [mm]."""
     rng = context.generator("sensor_dust", per_frame=False)
-    count = rng.poisson(MAX_PER_CM2 / MM2_PER_CM2 * size_mm[0] * size_mm[1])
-    place, size, order = rng.random((count, 2)), rng.standard_normal(count), rng.random(count)
-    there = order < parameters.per_cm2 / MAX_PER_CM2
-    diameter = parameters.median_diameter_um * 1e-3 * np.exp(parameters.log_spread * size[there])
-    return np.column_stack([place[there] * size_mm, diameter])
+    place, relative_diameter = draw_particles(rng, size_mm, parameters.per_cm2, parameters.log_spread)
+    diameter = parameters.median_diameter_um * 1e-3 * relative_diameter
+    return np.column_stack([place * size_mm, diameter])
 
 
 def _listed(parameters: Parameters) -> Array:

@@ -1,4 +1,4 @@
-"""Light lost to a hood or a decentred stop: a further loss about a point that need not be the optical axis.
+"""Vignetting by a hood or a decentred stop: a further loss about a point that need not be the optical axis.
 
 It goes as the square of the radius where a pupil shrinks smoothly, and is steeper or flatter where an edge cuts into
 it: a mask as large as the stop takes light in proportion to the radius, a larger one none near the middle.
@@ -15,7 +15,7 @@ from evanesce.sensor.lens import field_radius2
 
 
 class Parameters(Strict):
-    """Loss and where it starts."""
+    """Loss, its exponent and its centre."""
 
     k: float = field(0.0, unit="1", bounds=(0.0, 0.95), null=0.0, doc="loss at the corner farthest from the centre")
     exponent: float = field(
@@ -27,7 +27,18 @@ class Parameters(Strict):
 
 
 def apply(light: SensorLight, parameters: Parameters, context: Context) -> SensorLight:
-    """Multiply the irradiance by 1 - k rho^exponent, rho = 1 at the corner farthest from the centre."""
+    """Multiply the irradiance by 1 - k rho^exponent, rho = 1 at the corner farthest from the centre.
+
+    Parameters
+    ----------
+    light : SensorLight
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    SensorLight
+    """
     rows, cols = light.irradiance.shape
     dx, dy = parameters.centre_offset_px
     centre = ((cols - 1) / 2 + dx, (rows - 1) / 2 + dy)

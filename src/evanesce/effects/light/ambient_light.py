@@ -1,4 +1,4 @@
-"""Light of the room that the plate and finger send towards the lens: a radiance with a slope and a bow."""
+"""Ambient light scattered towards the lens: a smooth radiance over the view, linear and quadratic in the tangent."""
 
 from __future__ import annotations
 
@@ -26,7 +26,18 @@ class Parameters(Strict):
 
 
 def apply(light: PlateLight, parameters: Parameters, context: Context) -> PlateLight:
-    """Add L0 (1 + g_x tan_x + g_y tan_y + b tan^2), never below zero; room light has no sampling variance."""
+    """Add L0 (1 + g_x tan_x + g_y tan_y + b tan^2), never below zero; ambient light has no sampling variance.
+
+    Parameters
+    ----------
+    light : PlateLight
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    PlateLight
+    """
     rows, cols = light.radiance.shape
     gx, gy = parameters.gradient
     x = (np.arange(cols) - light.principal_point[0]) / light.focal_px
@@ -41,7 +52,7 @@ EFFECT = Effect(
     parameters=Parameters,
     amplitudes=("radiance_W_per_mm2_sr",),
     apply=apply,
-    # Assumed: 4 % of the light of a contact, which is 2.6e-6 in the thesis scene at 9 V. A bow makes up for what the
+    # Assumed: 4 % of the light of a contact, which is 2.6e-6 in the thesis scene at 9 V. A bow compensates what the
     # lens leaves of an even radiance: 2 without distortion (cos^4), 0.2 with that of the thesis.
     fitted={"radiance_W_per_mm2_sr": 1e-7, "gradient[0]": 0.5, "gradient[1]": 0.5, "bow": 0.5},
     scaling="constant at every voltage and force, smooth over the frame; there with the LEDs off, gone with the cap on",

@@ -1,4 +1,4 @@
-"""Silicone that lets light wander: what enters at a contact leaves sideways and lights the grooves beside it."""
+"""Subsurface scattering in the silicone: light that enters at a contact leaves beside it and fills the grooves."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from evanesce.rig import Scene
 
 
 class Parameters(Strict):
-    """How far light wanders, and how much of it."""
+    """Subsurface scattering length, and the share of light that it concerns."""
 
     length_mm: float = field(
         0.0,
@@ -23,12 +23,23 @@ class Parameters(Strict):
         unit="1",
         bounds=(0.0, 1.0),
         null=0.0,
-        doc="of the returned light that wanders; less than all in a silicone that is paler at its skin than below",
+        doc="of the returned light, the part scattered below the surface; below 1 where the skin scatters more",
     )
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
-    """Set the finger's scattering length, which adds to one that it has; its reflectance stays what it is."""
+    """Set the finger's scattering length, which adds to one that it has; its reflectance is kept.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+    """
     if parameters.length_mm == 0.0 or parameters.share == 0.0:
         return scene
     finger = scene.finger

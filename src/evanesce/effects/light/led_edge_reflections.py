@@ -1,4 +1,4 @@
-"""LEDs seen by reflection at the frame's border: a veil from each side that fades inwards, brighter before an LED."""
+"""Reflections of the LEDs at the frame's border: a veil from each side that decays inwards, brighter beside an LED."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 class Parameters(Strict):
-    """How bright at the border, how far in, and how unlike the sides are."""
+    """Radiance at the border, decay length, and share of each side."""
 
     relative_radiance: float = field(
         0.0,
@@ -46,7 +46,18 @@ class Parameters(Strict):
 
 
 def apply(light: PlateLight, parameters: Parameters, context: Context) -> PlateLight:
-    """Add, for each lit edge, its share of exp(-distance from the frame's border/decay) times its LEDs' comb."""
+    """Add, for each lit edge, its share of exp(-distance from the frame's border/decay) times its LEDs' comb.
+
+    Parameters
+    ----------
+    light : PlateLight
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    PlateLight
+    """
     if parameters.relative_radiance == 0.0:
         return light
     scene = context.scene
@@ -71,7 +82,25 @@ def apply(light: PlateLight, parameters: Parameters, context: Context) -> PlateL
 
 
 def led_comb(along: Array, positions: Array, power: Array, pitch: float, width: float) -> Array:
-    """Return one Gaussian for each LED, so that a long row of equal LEDs of power 1 averages to 1."""
+    """Return one Gaussian for each LED, so that a long row of equal LEDs of power 1 averages to 1.
+
+    Parameters
+    ----------
+    along : ndarray (n,)
+        [mm], along the edge.
+    positions : ndarray (m,)
+        Of the LEDs [mm].
+    power : ndarray (m,)
+        Of each, over the mean.
+    pitch : float
+        Of the LEDs [mm].
+    width : float
+        Standard deviation of a Gaussian [mm].
+
+    Returns
+    -------
+    ndarray (n,)
+    """
     bell = np.exp(-0.5 * ((along[:, None] - positions[None, :]) / width) ** 2)
     return np.asarray(bell @ power * (pitch / (width * math.sqrt(2 * math.pi))))
 

@@ -1,4 +1,4 @@
-"""A film that fingers left on the glass: a faint, soft-edged haze that scatters guided light."""
+"""Residue of fingers on the glass: a weak, soft-edged haze that scatters guided light."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ import numpy as np
 
 from evanesce.core.quantities import Strict, field
 from evanesce.core.states import PlateLight
-from evanesce.effects.protocol import Blot, Context, Effect, Stage
+from evanesce.effects.inference_hints import Blot
+from evanesce.effects.protocol import Context, Effect, Stage
 from evanesce.render.fast.defects import contact_radiance, plate_points
 
 
 class Parameters(Strict):
-    """How bright, and where."""
+    """Radiance, location and radius."""
 
     relative_radiance: float = field(
         0.0, unit="1", bounds=(0.0, 1.0), null=0.0, doc="radiance at its middle over that of a contact there"
@@ -23,7 +24,18 @@ class Parameters(Strict):
 
 
 def apply(light: PlateLight, parameters: Parameters, context: Context) -> PlateLight:
-    """Add relative_radiance exp(-r^2/(2 radius^2)) times a contact's radiance."""
+    """Add relative_radiance exp(-r^2/(2 radius^2)) times a contact's radiance.
+
+    Parameters
+    ----------
+    light : PlateLight
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    PlateLight
+    """
     if parameters.relative_radiance == 0.0:
         return light
     x, y = plate_points(context.scene, light)
@@ -44,6 +56,6 @@ EFFECT = Effect(
     apply=apply,
     # Assumed: some per cent of what a contact scatters, where fingers were pressed.
     fitted={"relative_radiance": 0.05, "middle_mm[0]": 3.0, "middle_mm[1]": 3.0, "radius_mm": 2.0},
-    scaling="a haze at a fixed place: follows LED power, does not grow with force; there before the finger touches",
+    scaling="a haze at a fixed location: follows LED power, does not grow with force; there without contact",
     blot=Blot(amount="relative_radiance", middle="middle_mm", radius="radius_mm", like="specks"),
 )

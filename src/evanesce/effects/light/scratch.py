@@ -1,4 +1,4 @@
-"""A scratch on the glass that scatters guided light: a straight line, the same in every frame."""
+"""Scratch on the glass that scatters guided light: a straight line, the same in every frame."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ import numpy as np
 
 from evanesce.core.quantities import Strict, field
 from evanesce.core.states import PlateLight
-from evanesce.effects.protocol import Context, Effect, Line, Stage
+from evanesce.effects.inference_hints import Line
+from evanesce.effects.protocol import Context, Effect, Stage
 from evanesce.render.fast.defects import add_points, contact_radiance
 
 WIDTH_UM = 15.0
 
 
 class Parameters(Strict):
-    """How bright, and where."""
+    """Radiance, location and size."""
 
     relative_radiance: float = field(
         0.0, unit="1", bounds=(0.0, 3.0), null=0.0, doc="radiance of the scratch over that of a contact there"
@@ -27,7 +28,18 @@ class Parameters(Strict):
 
 
 def apply(light: PlateLight, parameters: Parameters, context: Context) -> PlateLight:
-    """Add points of light along the scratch, a quarter of a pixel apart, and across it where it is wider than that."""
+    """Add points of light along the scratch, a quarter of a pixel apart, and across it where it is wider than that.
+
+    Parameters
+    ----------
+    light : PlateLight
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    PlateLight
+    """
     if parameters.relative_radiance == 0.0:
         return light
     scene, step = context.scene, 0.25 / context.scene.camera.scale_px_per_mm
@@ -61,7 +73,7 @@ EFFECT = Effect(
         "direction_deg": 60.0,
         "length_mm": 5.0,
     },
-    scaling="a line at a fixed place: follows LED power, does not move with force; there before the finger touches",
+    scaling="a line at a fixed location: follows LED power, does not move with force; there without contact",
     # Where it lies and how has no derivative while it is not there.
     start={"relative_radiance": (0.3,), "direction_deg": (0.0, 45.0, 90.0, 135.0)},
     line=Line(

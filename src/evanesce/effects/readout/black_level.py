@@ -1,4 +1,4 @@
-"""A black level that is not where the camera's processing believes it to be."""
+"""Black level that departs from the one that the camera's processing subtracts."""
 
 from __future__ import annotations
 
@@ -13,12 +13,25 @@ class Parameters(Strict):
     """Offset of the black level."""
 
     offset_DN: float = field(
-        0.0, unit="DN", bounds=(-2048.0, 2048.0), null=0.0, doc="real minus believed black level, raw numbers"
+        0.0, unit="DN", bounds=(-2048.0, 2048.0), null=0.0, doc="real minus nominal black level, raw numbers"
     )
 
 
 def apply(signal_DN: NDArray[np.float64], parameters: Parameters, context: Context) -> NDArray[np.float64]:
-    """Add the offset to the signal before it is quantised."""
+    """Add the offset to the signal before it is quantised.
+
+    Parameters
+    ----------
+    signal_DN : ndarray (rows, cols)
+        [DN].
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        [DN].
+    """
     return signal_DN + parameters.offset_DN
 
 

@@ -1,4 +1,4 @@
-"""A frame that went through a lossy video codec: block transform, coefficients rounded to steps, H.264-like."""
+"""Lossy video codec: block transform, coefficients rounded to steps, as in H.264."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Image = NDArray[np.float32]
 
 
 class Parameters(Strict):
-    """How coarsely it is quantised."""
+    """Step, block size and rounding."""
 
     step_DN: float = field(
         0.0,
@@ -50,6 +50,11 @@ def quantised(image: NDArray[Any], step: float, block: int, rounding: float) -> 
         Side of a block [px]; the last ones are filled up with the border's values.
     rounding : float
         [steps].
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        [DN].
     """
     rows, cols = image.shape
     padded = np.pad(image.astype(np.float32), ((0, -rows % block), (0, -cols % block)), mode="edge")
@@ -69,7 +74,18 @@ def quantised(image: NDArray[Any], step: float, block: int, rounding: float) -> 
 
 
 def apply(frame: Frame, parameters: Parameters, context: Context) -> Frame:
-    """Quantise the frame's blocks, each channel alone; a frame of floats (a prediction) is not rounded after."""
+    """Quantise the frame's blocks, each channel alone; a frame of floats (a prediction) is not rounded after.
+
+    Parameters
+    ----------
+    frame : Frame
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Frame
+    """
     if parameters.step_DN == 0.0:
         return frame
     data: NDArray[Any] = frame.data
@@ -92,7 +108,7 @@ EFFECT = Effect(
     apply=apply,
     # Cameras record at QP 18 to 30; a prior on the step from fine to middling.
     fitted={"step_DN": 10.0},
-    scaling="constant in DN; noise is smoothed and correlated within blocks, faint gradients turn into steps",
+    scaling="constant in DN; noise is smoothed and correlated within blocks, weak gradients turn into steps",
     # Rounding has no derivative.
     start={"step_DN": (5.0, 12.0, 25.0)},
 )

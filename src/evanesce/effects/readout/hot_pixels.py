@@ -1,4 +1,4 @@
-"""Pixels with a dark current far above that of their neighbours, at the same places in every frame."""
+"""Hot pixels: dark current far above that of their neighbours, at the same pixels in every frame."""
 
 from __future__ import annotations
 
@@ -7,33 +7,27 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from evanesce.core.quantities import Strict, field
-from evanesce.effects.protocol import Context, Effect, Marks, Stage, listed
+from evanesce.effects.inference_hints import Marks
+from evanesce.effects.particles import listed_values, require_one_length
+from evanesce.effects.protocol import Context, Effect, Stage
 from evanesce.rig import Scene
-
-MAX_MARKS = 20000
 
 
 class Parameters(Strict):
-    """How many, and how hot; or where."""
+    """Share of hot pixels and their dark current; or a list of them."""
 
     fraction: float = field(0.0, unit="1", bounds=(0.0, 0.1), null=0.0, doc="share of pixels that are hot")
     rate_e_per_s: float = field(
         1e5, unit="e_per_s", bounds=(0.0, 1e8), doc="mean of their exponentially distributed dark current"
     )
     marks: float = field(0.0, unit="1", bounds=(0.0, 10.0), null=0.0, doc="multiplies the rates of the listed pixels")
-    mark_x_mm: tuple[float, ...] = field(
-        (), unit="mm", bounds=(0.0, 100.0), doc="listed pixels, from the sensor's left edge", max_length=MAX_MARKS
-    )
-    mark_y_mm: tuple[float, ...] = field(
-        (), unit="mm", bounds=(0.0, 100.0), doc="from its upper edge", max_length=MAX_MARKS
-    )
-    mark_rate_e_per_s: tuple[float, ...] = field(
-        (), unit="e_per_s", bounds=(0.0, 1e9), doc="dark current of each", max_length=MAX_MARKS
-    )
+    mark_x_mm: tuple[float, ...] = listed_values("mm", (0.0, 100.0), "listed pixels, from the sensor's left edge")
+    mark_y_mm: tuple[float, ...] = listed_values("mm", (0.0, 100.0), "from its upper edge")
+    mark_rate_e_per_s: tuple[float, ...] = listed_values("e_per_s", (0.0, 1e9), "dark current of each")
 
     @model_validator(mode="after")
     def _lists(self) -> Parameters:
-        listed({name: getattr(self, name) for name in ("mark_x_mm", "mark_y_mm", "mark_rate_e_per_s")})
+        require_one_length({name: getattr(self, name) for name in ("mark_x_mm", "mark_y_mm", "mark_rate_e_per_s")})
         return self
 
 
@@ -41,6 +35,18 @@ def apply(charge_e: NDArray[np.float64], parameters: Parameters, context: Contex
     """Add rate times exposure to a fixed random choice of pixels, and to those that are listed.
 
     Chosen by thresholding one uniform number per pixel, so that a larger fraction keeps the pixels of a smaller one.
+
+    Parameters
+    ----------
+    charge_e : ndarray (rows, cols)
+        [e-].
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        [e-].
     """
     camera = context.scene.camera
     rate = np.zeros(charge_e.shape)
@@ -76,7 +82,7 @@ EFFECT = Effect(
     # Assumed: bright enough to show beside contact light, 600 e- in 6 ms.
     fitted={"fraction": 0.001, "rate_e_per_s": 1e5},
     scaling="single pixels, constant in electrons: grows with exposure, not with LED power",
-    # The share has a derivative only where its own random pixels are; marks serve those that data show.
+    # The share has a derivative only at its own random pixels; those that data show are listed.
     start={"fraction": 0.001, "rate_e_per_s": 1e5},
     marks=Marks(
         scale="marks", x="mark_x_mm", y="mark_y_mm", amount="mark_rate_e_per_s", where="sensor", unit=_noticeable

@@ -1,4 +1,4 @@
-"""Pixels that are full before they are believed to be; what overflows may bloom along the column."""
+"""Saturation below the nominal full well; overflow may bloom along the column."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ Array = NDArray[np.float64]
 
 
 class Parameters(Strict):
-    """How much less a pixel holds, and where the rest goes."""
+    """Loss of full well, and where the overflow goes."""
 
     well_loss: float = field(
         0.0,
         unit="1",
         bounds=(0.0, 0.99),
         null=0.0,
-        doc="share of the believed range (well or converter, what is full first) that is missing",
+        doc="share of the nominal range (well or converter, what is full first) that is missing",
     )
     knee: float = field(
         0.0,
@@ -40,7 +40,15 @@ class Parameters(Strict):
 def overflow_kernel(length_px: float) -> Array:
     """Return the shares of a charge that arrive in the pixels along its column: exp(-|x|/length)/(2 length) [px].
 
-    Integrated over the receiving pixels, so that pixels of any size see the same; sum 1.
+    Integrated over the receiving pixels, so that pixels of any size receive the same; sum 1.
+
+    Parameters
+    ----------
+    length_px : float
+
+    Returns
+    -------
+    ndarray (n,)
     """
     reach = max(1, math.ceil(8.0 * length_px))
     edges = np.arange(-reach, reach + 2) - 0.5
@@ -49,8 +57,18 @@ def overflow_kernel(length_px: float) -> Array:
     return np.asarray(kernel / kernel.sum())
 
 
-def believed_range_DN(camera: Camera) -> float:
-    """Return the signal above black at which a pixel is believed to be full: its well or the converter's last code."""
+def nominal_range_DN(camera: Camera) -> float:
+    """Return the signal above black at which a pixel is nominally full: its well or the converter's last code.
+
+    Parameters
+    ----------
+    camera : Camera
+
+    Returns
+    -------
+    float
+        [DN].
+    """
     pixel = camera.pixel
     well = pixel.full_well_capacity_e * camera.analogue_gain / pixel.conversion_gain_e_per_DN
     return min(well, 2.0**pixel.bits - 1.0 - pixel.black_level_DN)
@@ -66,6 +84,11 @@ def softened(signal: Array, ceiling: float, knee: float) -> Array:
     ceiling : float
     knee : float
         Above 0 [1].
+
+    Returns
+    -------
+    ndarray
+        In the shape of ``signal``.
     """
     share = np.maximum(signal, 0.0) / ceiling
     small, large = np.minimum(share, 1.0), np.maximum(share, 1.0)
@@ -76,14 +99,26 @@ def softened(signal: Array, ceiling: float, knee: float) -> Array:
 def apply(signal_DN: Array, parameters: Parameters, context: Context) -> Array:
     """Clip the signal at the real ceiling; it acts on the charge that came, shot noise included.
 
-    Where a pixel fills over a knee it stays a little below either. The overflow known here is that up to the believed
-    one. Read noise above the real one is clipped with it.
+    With a knee the signal stays a little below the ceiling. Overflow is counted up to the nominal ceiling only. Read
+    noise above the real ceiling is clipped with it.
+
+    Parameters
+    ----------
+    signal_DN : ndarray (rows, cols)
+        [DN].
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        [DN].
     """
     if parameters.well_loss == 0.0:
         return signal_DN
     camera = context.scene.camera
     pixel = camera.pixel
-    level = pixel.black_level_DN + believed_range_DN(camera) * (1.0 - parameters.well_loss)
+    level = pixel.black_level_DN + nominal_range_DN(camera) * (1.0 - parameters.well_loss)
     kept = np.minimum(signal_DN, level)
     if parameters.knee > 0.0:
         black = pixel.black_level_DN

@@ -1,4 +1,4 @@
-"""A camera that develops its frames by another tone curve than believed: other gamma, more or less contrast."""
+"""Tone curve that departs from the nominal one in gamma or contrast."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 class Parameters(Strict):
-    """How the real curve departs from the believed one."""
+    """Departure of the real from the nominal curve."""
 
     gamma: float = field(
         0.0, unit="1", bounds=(-0.6, 2.0), null=0.0, doc="exponent on the developed value less 1; negative brightens"
@@ -29,17 +29,39 @@ class Parameters(Strict):
 
 
 def departed(value: ArrayLike, gamma: float, contrast: float) -> Array:
-    """Return what the real curve makes of a value v, 0 to 1, of the believed one.
+    """Return the real curve's value where the nominal one gives v, 0 to 1.
 
     w + contrast w (1 - w)(2w - 1) with w = v^(1 + gamma): 0 and 1 stay,
     and the curve rises within the bounds of :class:`Parameters`.
+
+    Parameters
+    ----------
+    value : array_like
+        0 to 1.
+    gamma, contrast : float
+
+    Returns
+    -------
+    ndarray
+        0 to 1, in the shape of ``value``.
     """
     power = np.asarray(value, np.float64) ** (1.0 + gamma)
     return np.asarray(power + contrast * power * (1.0 - power) * (2.0 * power - 1.0))
 
 
 def apply(frame: Frame, parameters: Parameters, context: Context) -> Frame:
-    """Develop by the real curve; a frame of floats (a prediction without rounding) stays one."""
+    """Develop by the real curve; a frame of floats (a prediction without rounding) stays one.
+
+    Parameters
+    ----------
+    frame : Frame
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Frame
+    """
     gamma, contrast = parameters.gamma, parameters.contrast
     if gamma == 0.0 and contrast == 0.0:
         return frame

@@ -1,4 +1,4 @@
-"""A card whose printed side does not lie on the contact plane: thick lamination, a curl, print on the upper side."""
+"""Card whose printed side lies off the contact plane: thick lamination, a curl, print on the upper side."""
 
 from __future__ import annotations
 
@@ -9,15 +9,25 @@ from evanesce.rig import Cards, Scene
 
 
 class Parameters(Strict):
-    """How far."""
+    """Height of the printed side."""
 
     height_mm: float = field(
-        0.0, unit="mm", bounds=(-0.049, 5.0), null=0.0, doc="printed side above where it is believed, off the glass"
+        0.0, unit="mm", bounds=(-0.049, 5.0), null=0.0, doc="printed side above its nominal height, off the glass"
     )
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     """Add to the height of the printed side.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
 
     Raises
     ------

@@ -8,14 +8,14 @@ from evanesce.rig import Scene
 
 
 class Parameters(Strict):
-    """How much of the edge is otherwise than believed, and what it is like there."""
+    """Share of the edge with another finish than nominal, and its reflectance."""
 
     share: float = field(0.0, unit="1", bounds=(0.0, 1.0), null=0.0, doc="share of the edge that has the other finish")
     polish: float = field(
         1.0,
         unit="1",
         bounds=(0.0, 1.0),
-        doc="of it: share that mirrors as bare glass; 1 polished, 0 ground",
+        doc="of it: share that reflects specularly as bare glass; 1 polished, 0 ground",
     )
     reflectance: float = field(
         0.0, unit="1", bounds=(0.0, 1.0), doc="diffuse reflectance of its rest; white tape about 0.85, black tape 0.05"
@@ -23,7 +23,18 @@ class Parameters(Strict):
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
-    """Mix both finishes by area: mirroring adds up, and the scattering parts share their mean reflectance."""
+    """Mix both finishes by area: specular reflectances add, and the diffuse parts take their mean reflectance.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+    """
     if parameters.share == 0.0:
         return scene
     plate, share = scene.plate, parameters.share
@@ -44,6 +55,6 @@ EFFECT = Effect(
     # Neither finish nor tape is published: anything up to the whole edge.
     fitted={"share": 0.3, "polish": 0.5, "reflectance": 0.3},
     scaling="all light by nearly one factor, the same at every voltage and force",
-    # What the other finish is has no derivative while there is none of it: polished, black tape, white tape.
+    # The other finish has no derivative while its share is 0: polished, black tape, white tape.
     start={"share": (0.3,), "polish": (1.0, 0.0), "reflectance": (0.05, 0.85)},
 )

@@ -1,4 +1,4 @@
-"""Glass that absorbs: light from far LEDs, and light at steep angles, loses more on its longer way."""
+"""Absorption of the glass: light from far LEDs, and at steep angles, loses more along its longer path."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from evanesce.rig import Scene
 
 
 class Parameters(Strict):
-    """How much more than believed."""
+    """Absorption beyond the nominal one."""
 
     absorption_per_mm: float = field(
         0.0,
@@ -21,7 +21,18 @@ class Parameters(Strict):
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
-    """Add to the plate's absorption coefficient (Beer and Lambert along each path)."""
+    """Add to the plate's absorption coefficient (Beer and Lambert along each path).
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+    """
     total = scene.plate.absorption_coefficient_per_mm + parameters.absorption_per_mm
     plate = scene.plate.model_copy(update={"absorption_coefficient_per_mm": total})
     return scene.model_copy(update={"plate": plate})
@@ -35,5 +46,5 @@ EFFECT = Effect(
     apply=apply,
     # From low-iron to common float glass: 0.0005 to 0.002 per mm.
     fitted={"absorption_per_mm": 0.001},
-    scaling="a share of the light by its way in the glass: the same at every voltage and force",
+    scaling="a share of the light by its path in the glass: the same at every voltage and force",
 )

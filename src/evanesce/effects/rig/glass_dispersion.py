@@ -1,4 +1,4 @@
-"""An index that depends on wavelength: the plate has that of the light that counts, not that of the sodium line."""
+"""Dispersion of the glass: the refractive index at the LEDs' wavelengths rather than at the sodium line."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from evanesce.rig import Scene
 
 
 class Parameters(Strict):
-    """How dispersive."""
+    """Dispersion over that of clear soda-lime glass."""
 
     strength: float = field(
         0.0, unit="1", bounds=(0.0, 3.0), null=0.0, doc="dispersion over that of clear soda-lime glass (Rubin 1985)"
@@ -17,7 +17,18 @@ class Parameters(Strict):
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
-    """Add strength times (n averaged over the white LED's bands, by luminous weight, minus n at 589 nm)."""
+    """Add strength times (n averaged over the white LED's bands, by luminous weight, minus n at 589 nm).
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+    """
     if parameters.strength == 0.0:
         return scene
     shift = mean_over_bands(soda_lime_index) - float(soda_lime_index(SODIUM_NM))
@@ -31,7 +42,7 @@ EFFECT = Effect(
     parameters=Parameters,
     amplitudes=("strength",),
     apply=apply,
-    # All or nothing of a known curve.
+    # All or nothing of a published curve.
     fitted={"strength": 0.5},
     scaling="a change of the critical angle: nearly one factor for all frames",
 )

@@ -12,7 +12,7 @@ from evanesce.rig import Scene
 
 
 class Parameters(Strict):
-    """How much is lost, and where."""
+    """Loss, and the LEDs concerned."""
 
     loss: float = field(0.0, unit="1", bounds=(0.0, 1.0), null=0.0, doc="share of their power that is lost; 1: dead")
     first: int = field(
@@ -26,6 +26,16 @@ class Parameters(Strict):
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     """Multiply the power of ``count`` LEDs from ``first`` on by 1 - loss; a strip's end ends the row.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
 
     Raises
     ------
@@ -52,9 +62,9 @@ EFFECT = Effect(
     parameters=Parameters,
     amplitudes=("loss",),
     apply=apply,
-    # A failed segment is off or dim; which one, nothing tells before.
+    # A failed segment is off or dim; any one is as likely.
     fitted={"loss": 0.5, "first": 8.0},
-    scaling="follows LED power: a smooth loss towards one place at the edge, and holes in the reflections there",
+    scaling="follows LED power: a smooth loss towards one location at the edge, and holes in the reflections there",
     # Which LED it is has no derivative. Numbers beyond the rig's last LED are an InputError and no start.
     start={"loss": (0.8,), "first": tuple(float(i) for i in range(0, 48, 2))},
 )

@@ -1,4 +1,4 @@
-"""Light that is not proportional to current: best efficiency at a few milliamperes, less below and above."""
+"""Efficiency droop: LED light is not proportional to current; best efficiency at a few milliamperes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from evanesce.rig import Scene
 
 
 class Parameters(Strict):
-    """Strength, and where the efficiency is best."""
+    """Strength of the droop, and current of the best efficiency."""
 
     droop: float = field(
         0.0,
@@ -24,7 +24,18 @@ class Parameters(Strict):
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
-    """Set the circuit's droop; :func:`evanesce.optics.led.relative_efficiency` does the rest."""
+    """Set the circuit's droop; :func:`evanesce.optics.led_circuit.relative_efficiency` applies it.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+    """
     if parameters.droop == 0.0:
         return scene
     changes = {"droop": parameters.droop, "peak_current_mA": parameters.peak_current_mA}
@@ -38,7 +49,7 @@ EFFECT = Effect(
     parameters=Parameters,
     amplitudes=("droop",),
     apply=apply,
-    # Good LEDs have 0.1, poor ones twice that; the best current is known to a factor of two.
+    # Good LEDs have 0.1, poor ones twice that; the best current is certain to a factor of two.
     fitted={"droop": 0.1, "peak_current_mA": 2.0},
     needs=("press", "voltage"),
     scaling="all light by one factor that bends with voltage, 1 at the rated one",

@@ -1,4 +1,4 @@
-"""One side of the plate lit more than the other: the LEDs' power is a plane over the plate."""
+"""Imbalance of the LEDs: their power is a plane over the plate."""
 
 from __future__ import annotations
 
@@ -11,20 +11,31 @@ from evanesce.rig import Scene
 
 
 class Parameters(Strict):
-    """How uneven, and which side is the brighter one."""
+    """Contrast, and direction of the brighter side."""
 
     contrast: float = field(
         0.0,
         unit="1",
         bounds=(-0.95, 0.95),
         null=0.0,
-        doc="(brightest - faintest)/(their sum), if LEDs sat on the plate's two extreme corners of that direction",
+        doc="(brightest - dimmest)/(their sum), if LEDs sat on the plate's two extreme corners of that direction",
     )
     direction_deg: float = field(0.0, unit="deg", bounds=(-180.0, 180.0), doc="brighter side, from +x towards +y")
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
-    """Multiply each LED's power by 1 + contrast (x cos + y sin)/reach, reach the corners' largest x cos + y sin."""
+    """Multiply each LED's power by 1 + contrast (x cos + y sin)/reach, reach the corners' largest x cos + y sin.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+    """
     if parameters.contrast == 0.0:
         return scene
     half_x, half_y = scene.plate.size_mm[0] / 2, scene.plate.size_mm[1] / 2

@@ -1,4 +1,4 @@
-"""LEDs of one reel that are not alike: each has its own efficacy, drawn once for the rig."""
+"""Spread of LED efficacy: each LED has its own, drawn once for the rig."""
 
 from __future__ import annotations
 
@@ -23,7 +23,18 @@ class Parameters(Strict):
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
-    """Multiply each LED's power by exp(spread z - spread^2/2), z a fixed normal number of its own: mean 1."""
+    """Multiply each LED's power by exp(spread z - spread^2/2), z a fixed normal number of its own: mean 1.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+    """
     if parameters.spread == 0.0:
         return scene
     rng, s = context.generator("led_spread", per_frame=False), parameters.spread

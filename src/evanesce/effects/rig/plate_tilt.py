@@ -1,4 +1,4 @@
-"""A plate that does not stand square to the camera: foreshortening, and scale that changes across the picture."""
+"""Tilt of the plate to the camera: foreshortening, and scale that changes across the image."""
 
 from __future__ import annotations
 
@@ -12,20 +12,41 @@ from evanesce.rig import Camera, Scene
 
 
 class Parameters(Strict):
-    """Two angles."""
+    """Tilt about the plate's axes."""
 
     about_x_deg: float = field(0.0, unit="deg", bounds=(-10.0, 10.0), null=0.0, doc="of the plate about its own x")
     about_y_deg: float = field(0.0, unit="deg", bounds=(-10.0, 10.0), null=0.0, doc="of the plate about its own y")
 
 
 def angles_of(axes: np.ndarray) -> tuple[float, float, float]:
-    """Return tilt_x, tilt_y and roll [rad] of camera axes (3, 3): the inverse of optics.projection.rotation."""
+    """Return tilt_x, tilt_y and roll [rad] of camera axes (3, 3): the inverse of optics.projection.rotation.
+
+    Parameters
+    ----------
+    axes : ndarray (3, 3)
+        Camera axes as rows.
+
+    Returns
+    -------
+    tuple of float
+        [rad].
+    """
     tilt_y = np.arcsin(np.clip(-axes[2, 0], -1.0, 1.0))
     return float(np.arctan2(axes[2, 1], axes[2, 2])), float(tilt_y), float(np.arctan2(axes[1, 0], axes[0, 0]))
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     """Turn the plate about the point that the camera looks at; seen from the plate, the camera turns the other way.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
 
     Raises
     ------

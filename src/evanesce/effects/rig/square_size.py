@@ -1,4 +1,4 @@
-"""Cards that were not printed at the size that is believed of them: every scale taken from them is off."""
+"""Cards printed at another size than nominal: every scale taken from them is biased."""
 
 from __future__ import annotations
 
@@ -9,18 +9,28 @@ from evanesce.rig import Cards, Scene
 
 
 class Parameters(Strict):
-    """Of each card, because they may come from two prints."""
+    """Relative size of each card; they may come from two prints."""
 
     square: float = field(
-        0.0, unit="1", bounds=(-0.2, 0.2), null=0.0, doc="the square's side as printed over the one believed, less 1"
+        0.0, unit="1", bounds=(-0.2, 0.2), null=0.0, doc="the square's side as printed over the nominal one, less 1"
     )
     checkerboard: float = field(
-        0.0, unit="1", bounds=(-0.2, 0.2), null=0.0, doc="the board's squares as printed over those believed, less 1"
+        0.0, unit="1", bounds=(-0.2, 0.2), null=0.0, doc="the board's squares as printed over the nominal ones, less 1"
     )
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     """Scale the printed sides.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
 
     Raises
     ------

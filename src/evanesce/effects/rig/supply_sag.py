@@ -1,15 +1,16 @@
-"""Voltage lost along the strips' copper: LEDs far from the fed end are fainter, the more so the brighter all are."""
+"""Voltage drop along the strips: LEDs far from the fed end are dimmer, the more so the larger the current."""
 
 from __future__ import annotations
 
 from evanesce.core.quantities import Strict, field
 from evanesce.effects.protocol import Context, Effect, Stage
-from evanesce.optics.led import edge_resistance, edge_supply, segment_current
+from evanesce.optics.led import edge_resistance, edge_supply
+from evanesce.optics.led_circuit import segment_current
 from evanesce.rig import Scene
 from evanesce.rig.leds import StripEdge
 
 LEAST_CURRENT = 1e-6
-"""Of the rated one: less lights nothing that could be seen."""
+"""Of the rated current; less gives no visible light."""
 
 
 class Parameters(Strict):
@@ -31,7 +32,18 @@ class Parameters(Strict):
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
-    """Add the resistance to that of the strips; :func:`evanesce.optics.led.strip_voltages` solves the ladder."""
+    """Add the resistance to that of the strips; :func:`evanesce.optics.led_circuit.strip_voltages` solves the ladder.
+
+    Parameters
+    ----------
+    scene : Scene
+    parameters : Parameters
+    context : Context
+
+    Returns
+    -------
+    Scene
+    """
     if parameters.resistance_ohm_per_mm == 0.0:
         return scene
     leds, edges = scene.leds, dict(scene.leds.edge)
@@ -54,5 +66,5 @@ EFFECT = Effect(
     # A wire's resistance is the same at any current, one of a loose joint is not: to the square root of it, assumed.
     fitted={"resistance_ohm_per_mm": 0.3, "growth": 0.5},
     needs=("press", "voltage"),
-    scaling="grows with LED current: far ends of the strips fainter, the more so at high voltage",
+    scaling="grows with LED current: far ends of the strips dimmer, the more so at high voltage",
 )

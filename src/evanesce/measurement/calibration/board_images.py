@@ -1,9 +1,11 @@
-"""Pictures of a checkerboard from files: read, judged for saturation and size, and their corners found."""
+"""Images of a checkerboard from files: read, checked for saturation and size, and their corners found."""
 
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -47,7 +49,7 @@ class BoardPictures:
 
 
 def find_boards(paths: Sequence[Path], square_mm: float, *, done: Callable[[], Any] = lambda: None) -> BoardPictures:
-    """Find the checkerboard in each picture.
+    """Find the checkerboard in each image.
 
     Pictures without a board and pictures of another size than the first are left out with a warning.
 
@@ -58,6 +60,10 @@ def find_boards(paths: Sequence[Path], square_mm: float, *, done: Callable[[], A
         Side of the printed squares [mm].
     done : callable
         Called after each picture.
+
+    Returns
+    -------
+    BoardPictures
 
     Raises
     ------
@@ -77,7 +83,7 @@ def boards_of(
     Parameters
     ----------
     pictures : iterable of (str, Loaded)
-        Name and picture; taken one at a time.
+        Name and picture.
     square_mm : float
         Side of the printed squares [mm].
     done : callable
@@ -88,44 +94,63 @@ def boards_of(
     WorkError
         If there is a board in none of them.
     """
+    loaded = list(pictures)
+    first_name, first = (loaded[0][0], loaded[0][1].data) if loaded else ("", None)
+    # A video of a still card, split into files, repeats its pictures: each is searched once.
+    keys = [hashlib.sha256(one.data.tobytes()).digest() for _, one in loaded]
     views: list[BoardView] = []
     warnings: list[Warning] = []
-    first: NDArray[np.uint8] | None = None
-    first_name = ""
     blurs: list[dict[str, Any]] = []
-    # a video of a still card, split into files, repeats its pictures
-    known: dict[bytes, tuple[CornerGrid, dict[str, Any]]] = {}
     reason = ""
-    for name, loaded in pictures:
-        picture = loaded.data
-        warnings += loaded.notes
-        if first is None:
-            first, first_name = picture, name
-        if picture.shape[:2] != first.shape[:2]:
-            text = f"{name} is {_size(picture)} pixels, {first_name} {_size(first)}: left out"
-            warnings.append(Warning("changed_resolution", text))
-        else:
-            warnings += saturation(picture, name)
-            digest = hashlib.sha256(picture.tobytes()).digest()
-            try:
-                if digest not in known:
-                    grid = find_corners(picture)
-                    known[digest] = grid, blur_of_board(picture, grid)
-                grid, blur = known[digest]
-            except WorkError as error:
-                reason = f"{name}: {error}"
-                warnings.append(Warning("no_board", f"{reason}: left out"))
+    # NumPy and SciPy release the interpreter's lock, so that threads share the work over the cores.
+    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+        jobs = {
+            key: pool.submit(_searched, one.data)
+            for key, (_, one) in dict(zip(keys, loaded, strict=True)).items()
+            if first is not None and one.data.shape[:2] == first.shape[:2]
+        }
+        for (name, one), key in zip(loaded, keys, strict=True):
+            warnings += one.notes
+            if key not in jobs:
+                text = f"{name} is {_size(one.data)} pixels, {first_name} {_size(loaded[0][1].data)}: left out"
+                warnings.append(Warning("changed_resolution", text))
             else:
-                views.append(grid.view(name, square_mm))
-                blurs.append(blur)
-        done()
+                warnings += saturation(one.data, name)
+                try:
+                    grid, blur = jobs[key].result()
+                except WorkError as error:
+                    reason = f"{name}: {error}"
+                    warnings.append(Warning("no_board", f"{reason}: left out"))
+                else:
+                    views.append(grid.view(name, square_mm))
+                    blurs.append(blur)
+            done()
     if first is None or not views:
         raise WorkError(reason or "no picture of a board")
     return BoardPictures(views, blurs, (first.shape[1], first.shape[0]), first, first_name, warnings)
 
 
+def _searched(picture: NDArray[np.uint8]) -> tuple[CornerGrid, dict[str, Any]]:
+    """Return the corners of a picture's board and the blur that its edges show."""
+    grid = find_corners(picture)
+    return grid, blur_of_board(picture, grid)
+
+
 def saturation(picture: NDArray[np.uint8], name: str) -> list[Warning]:
-    """Warn if more than 1 % of the pixels have a channel at full scale, where edges lie too far outwards."""
+    """Warn if more than 1 % of the pixels have a channel at full scale, where edges lie too far outwards.
+
+    Parameters
+    ----------
+    picture : ndarray of uint8 (rows, cols) or (rows, cols, 3)
+        [DN].
+    name : str
+        Of the file.
+
+    Returns
+    -------
+    list of Warning
+        Empty or one.
+    """
     full = (picture == 255).reshape(*picture.shape[:2], -1).any(axis=2)
     if full.mean() <= SATURATED_SHARE:
         return []

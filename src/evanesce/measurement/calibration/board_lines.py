@@ -1,7 +1,7 @@
-"""Where the lines of a printed board really lie: a printer places them on its own dots, not on the millimetre.
+"""Positions of the lines of a printed board: a printer rounds them to its own dots.
 
 A square of 1 mm is 23.62 dots of a 600-dpi printer and comes out 23 or 24 dots wide, so that lines lie up to half a dot
-(21 um) beside their nominal places, whole lines at a time. At 30 px/mm this is the largest part of what a smooth lens
+(21 um) off their nominal positions, whole lines at a time. At 30 px/mm this is the largest part of what a smooth lens
 model leaves of a corner grid.
 """
 
@@ -24,21 +24,32 @@ MIN_PER_LINE = 3
 
 @dataclass(frozen=True)
 class BoardLines:
-    """Nominal and fitted places of a board's grid lines.
+    """Nominal and fitted positions of a board's grid lines.
 
     Attributes
     ----------
     nominal : tuple of ndarray
-        Places of the lines of constant x and of constant y [mm].
+        Positions of the lines of constant x and of constant y [mm].
     offset : tuple of ndarray
-        Fitted minus nominal [mm]; free of any trend smoother than a cubic, which cannot be told from the lens.
+        Fitted minus nominal [mm]; free of any trend smoother than a cubic, which cannot be separated from the lens.
     """
 
     nominal: tuple[Array, Array]
     offset: tuple[Array, Array]
 
     def place(self, world: Array) -> Array:
-        """Return nominal corners (n, 2) [mm] moved to the fitted lines; corners between known lines move by neither."""
+        """Return nominal corners (n, 2) [mm] moved to the fitted lines; corners between known lines move by neither.
+
+        Parameters
+        ----------
+        world : ndarray (n, 2)
+            Nominal corners [mm].
+
+        Returns
+        -------
+        ndarray (n, 2)
+            [mm].
+        """
         moved = world.copy()
         for axis in (0, 1):
             index = np.clip(np.searchsorted(self.nominal[axis], world[:, axis]), 0, len(self.nominal[axis]) - 1)
@@ -53,7 +64,16 @@ class BoardLines:
 
 
 def nominal_lines(view: BoardView) -> BoardLines:
-    """Return the lines of a view's corners without any offset."""
+    """Return the lines of a view's corners without any offset.
+
+    Parameters
+    ----------
+    view : BoardView
+
+    Returns
+    -------
+    BoardLines
+    """
     lines = (np.unique(view.world[:, 0]), np.unique(view.world[:, 1]))
     return BoardLines(lines, (np.zeros(len(lines[0])), np.zeros(len(lines[1]))))
 
@@ -61,14 +81,20 @@ def nominal_lines(view: BoardView) -> BoardLines:
 def fit_lines(
     view: BoardView, image_size: tuple[int, int], focal_px: float, model: str = "radial2"
 ) -> tuple[BoardLines, BoardFit]:
-    """Fit line places and lens in turn: each line moves to the median of its corners, then the lens is fitted anew.
+    """Fit line positions and lens in turn: each line moves to the median of its corners, then the lens is fitted anew.
 
     Parameters
     ----------
     view : BoardView
-        One view of a board; lines with fewer than three corners keep their nominal place.
+        One view of a board; lines with fewer than three corners keep their nominal position.
     image_size, focal_px, model
         As for :func:`evanesce.measurement.calibration.planar.fit_planar`.
+
+    Returns
+    -------
+    lines : BoardLines
+    fit : BoardFit
+        With the fitted lines.
 
     Raises
     ------
@@ -96,7 +122,7 @@ def fit_lines(
 
 
 def _rough(at: Array, offset: Array, counts: NDArray[np.int64]) -> Array:
-    """Take the smooth trend off: it belongs to homography and lens."""
+    """Subtract the smooth trend: it belongs to homography and lens."""
     known = counts >= MIN_PER_LINE
     if known.sum() <= SMOOTH_DEGREE + 1:
         return np.zeros_like(offset)

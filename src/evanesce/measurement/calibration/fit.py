@@ -1,7 +1,7 @@
-"""Checkerboard corners in, calibration out, with what its reader has to be told.
+"""Calibrate a camera from checkerboard corners, with warnings and held-out residuals.
 
-Two fits are tried: the full camera where the boards are tilted enough to tell its focal length, else the planar
-rectification with an assumed one. Either is judged on corners that were left out of it.
+Two fits are tried: the full camera where the boards are tilted enough to determine the focal length, else the planar
+rectification with an assumed one. Either is evaluated on held-out corners.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from evanesce.core import rng
 from evanesce.core.errors import InputError, WorkError
+from evanesce.measurement.calibration.distinct import distinct_views
 from evanesce.measurement.calibration.local_scale import ScaleMap, local_scale
 from evanesce.measurement.calibration.model import Calibration
 from evanesce.measurement.calibration.pinhole import PinholeFit, fit_pinhole
@@ -25,17 +25,14 @@ from evanesce.measurement.warnings import Warning
 
 Array = NDArray[np.float64]
 
-STILL_PX = 0.1
-"""RMS difference of corners below which two views show the same scene: more than noise moves those of a still board."""
-
 MIN_TILT_DEG = 5.0
-"""Spread of the boards' normals below which the focal length is not believed, whatever its standard error."""
+"""Spread of the boards' normals below which the focal length is not accepted, whatever its standard error."""
 
 MAX_FOCAL_ERROR = 0.05
-"""Relative standard error of the focal length above which it is not believed."""
+"""Relative standard error of the focal length above which it is not accepted."""
 
-ODDS = 0.05
-"""Relative difference from the rig's own figure above which focal length or distance is called at odds with it."""
+MAX_DEVIATION = 0.05
+"""Relative deviation of focal length or distance from the rig's drawing above which a warning says so."""
 
 ANISOTROPY = 0.01
 """Relative difference of the scales along two directions above which an area or a length is wrong by that much."""
@@ -46,7 +43,7 @@ MIN_HELD_OUT = 24
 
 @dataclass(frozen=True)
 class Calibrated:
-    """A calibration with everything it was judged by.
+    """A calibration with its evidence.
 
     Attributes
     ----------
@@ -65,7 +62,7 @@ class Calibrated:
     scale, scale_undistorted : ScaleMap
         Of the first distinct view, in the picture and after undistortion.
     focal_given : bool
-        Whether the rig's drawing told a focal length.
+        Whether the rig's drawing states a focal length.
     warnings : list of Warning
     """
 
@@ -92,7 +89,17 @@ class Calibrated:
 
 
 def rms(residual: Array) -> float:
-    """Return the root-mean-square length of residual vectors (n, 2)."""
+    """Return the root-mean-square length of residual vectors (n, 2).
+
+    Parameters
+    ----------
+    residual : ndarray (n, 2)
+
+    Returns
+    -------
+    float
+        In the same unit.
+    """
     return float(np.sqrt((residual**2).sum(axis=1).mean()))
 
 
@@ -112,10 +119,14 @@ def calibrate(
     image_size : tuple of int
         (cols, rows).
     model : {"radial2", "radial3", "full"}
-        Two radial terms as the author used, three, or three with the tangential ones.
+        Two radial terms as in the thesis, three, or three with the tangential ones.
     expect_focal_px, expect_distance_mm : float, optional
-        What the rig's drawing says, to compare with; the focal length is also the one assumed where none can be found
+        Figures of the rig's drawing, to compare with; the focal length is also the one assumed where none can be found
         (else the longer side of the frame).
+
+    Returns
+    -------
+    Calibrated
 
     Raises
     ------
@@ -128,8 +139,8 @@ def calibrate(
     _check(views, image_size)
     assumed = expect_focal_px if expect_focal_px is not None else float(max(image_size))
     distinct, warnings = distinct_views(views)
-    fit, told = _fit(distinct, image_size, model, assumed)
-    warnings += told
+    fit, found = _fit(distinct, image_size, model, assumed)
+    warnings += found
     full = isinstance(fit, PinholeFit)
 
     def refit(half: list[BoardView]) -> BoardFit:
@@ -140,7 +151,7 @@ def calibrate(
         residuals = _residuals(distinct, fit)
         text = f"{min(map(len, distinct))} corners in a view are too few to leave half out: residuals are the fit's own"
         warnings.append(Warning("few_corners", text))
-    warnings += [*_odds(fit, expect_focal_px, expect_distance_mm), *_anisotropy(fit, distinct[0])]
+    warnings += [*_deviations(fit, expect_focal_px, expect_distance_mm), *_anisotropy(fit, distinct[0])]
     straight = BoardView(distinct[0].name, distinct[0].world, fit.undistort(distinct[0].image))
     return Calibrated(
         calibration=Calibration(image_size=image_size, camera_matrix=fit.camera_matrix, distortion=fit.distortion),
@@ -171,43 +182,6 @@ def _check(views: list[BoardView], image_size: tuple[int, int]) -> None:
                 key="image size",
                 allowed=f"corners within {cols} x {rows} px: give the size of the pictures the corners were found in",
             )
-
-
-def distinct_views(views: Sequence[BoardView]) -> tuple[list[BoardView], list[Warning]]:
-    """Return one of each set of views that show the same scene, and a warning that says which."""
-    groups: list[list[BoardView]] = []
-    worst = 0.0
-    for view in views:
-        for group in groups:
-            difference = _still(group[0], view)
-            if difference < STILL_PX:
-                group.append(view)
-                worst = max(worst, difference)
-                break
-        else:
-            groups.append([view])
-    if len(groups) == len(views):
-        return [group[0] for group in groups], []
-    repeated = [group for group in groups if len(group) > 1]
-    sets = "; ".join(_listed([v.name for v in group]) for group in repeated)
-    text = (
-        f"{len(views)} views are {len(groups)}: the corners of views {sets} differ by at most {worst:.2g} px RMS "
-        f"(limit {STILL_PX} px), so repeated pictures of a board that did not move count once"
-    )
-    return [group[0] for group in groups], [Warning("identical_views", text)]
-
-
-def _listed(names: list[str]) -> str:
-    return ", ".join(names if len(names) <= 4 else [*names[:2], "...", names[-1]])
-
-
-def _still(one: BoardView, other: BoardView) -> float:
-    """Return the RMS distance [px] of the corners two views share; infinite unless nine in ten coincide to 1 px."""
-    distance, _ = KDTree(one.image).query(other.image, distance_upper_bound=1.0)
-    near = distance[np.isfinite(distance)]
-    if len(near) < 0.9 * max(len(one), len(other)):
-        return float("inf")
-    return float(np.sqrt((near**2).mean()))
 
 
 def _fit(
@@ -245,7 +219,7 @@ def _residuals(views: list[BoardView], fit: BoardFit) -> tuple[list[Array], list
 def _held_out(
     views: list[BoardView], refit: Callable[[list[BoardView]], BoardFit]
 ) -> tuple[list[Array], list[Array]] | None:
-    """Fit each random half of the corners and judge it on the other; None where there are too few."""
+    """Fit each random half of the corners and evaluate it on the other; None where there are too few."""
     if min(map(len, views)) < MIN_HELD_OUT:
         return None
     halves = [rng.generator(0, "calibrate", "halves", k).permutation(len(v)) % 2 for k, v in enumerate(views)]
@@ -267,14 +241,14 @@ def _some(view: BoardView, which: NDArray[np.bool_]) -> BoardView:
     return BoardView(view.name, view.world[which], view.image[which])
 
 
-def _odds(fit: BoardFit, focal_px: float | None, distance_mm: float | None) -> list[Warning]:
-    """Compare what was found with what the rig's drawing says."""
+def _deviations(fit: BoardFit, focal_px: float | None, distance_mm: float | None) -> list[Warning]:
+    """Compare focal length and distance with the rig's drawing."""
     found = []
     if not isinstance(fit, PinholeFit):
         if distance_mm is not None:
             scale = np.sqrt(abs(np.linalg.det(_jacobian(fit, 0))))
             implied = fit.camera_matrix[0, 0] / scale
-            if abs(implied / distance_mm - 1) > ODDS:
+            if abs(implied / distance_mm - 1) > MAX_DEVIATION:
                 text = (
                     f"with the assumed focal length of {fit.camera_matrix[0, 0]:g} px the scale of {scale:.4g} px/mm "
                     f"puts the board at {implied:.4g} mm, the rig says {distance_mm:g} mm"
@@ -283,7 +257,7 @@ def _odds(fit: BoardFit, focal_px: float | None, distance_mm: float | None) -> l
         return found
     for name, i in (("fx", 0), ("fy", 1)):
         value, error = fit.camera_matrix[i, i], fit.standard_errors[name]
-        if focal_px is not None and abs(value / focal_px - 1) > ODDS:
+        if focal_px is not None and abs(value / focal_px - 1) > MAX_DEVIATION:
             text = (
                 f"{name} = {value:.1f} +- {error:.1f} px, the rig says {focal_px:g} px "
                 f"({100 * (value / focal_px - 1):+.1f} %)"
@@ -291,7 +265,7 @@ def _odds(fit: BoardFit, focal_px: float | None, distance_mm: float | None) -> l
             found.append(Warning("focal_length_at_odds", text))
             break
     far = float(np.median(fit.distances))
-    if distance_mm is not None and abs(far / distance_mm - 1) > ODDS:
+    if distance_mm is not None and abs(far / distance_mm - 1) > MAX_DEVIATION:
         text = (
             f"the boards lie at a median distance of {far:.4g} mm, the rig says {distance_mm:g} mm "
             f"({100 * (far / distance_mm - 1):+.1f} %)"
@@ -306,8 +280,8 @@ def _jacobian(fit: BoardFit, view: int) -> Array:
     at = np.linalg.solve(homography, [*fit.camera_matrix[:2, 2], 1.0])
     at = at[:2] / at[2]
     w = homography[2, :2] @ at + homography[2, 2]
-    place = (homography[:2, :2] @ at + homography[:2, 2]) / w
-    return np.asarray((homography[:2, :2] - np.outer(place, homography[2, :2])) / w)
+    position = (homography[:2, :2] @ at + homography[:2, 2]) / w
+    return np.asarray((homography[:2, :2] - np.outer(position, homography[2, :2])) / w)
 
 
 def _anisotropy(fit: BoardFit, view: BoardView) -> list[Warning]:
@@ -321,7 +295,7 @@ def _anisotropy(fit: BoardFit, view: BoardView) -> list[Warning]:
             )
         )
     if isinstance(fit, PinholeFit):
-        return found  # a calibration board may be tilted as it likes
+        return found  # a calibration board may be tilted by any angle
     high, low = np.linalg.svd(_jacobian(fit, 0), compute_uv=False)
     if high / low - 1 > ANISOTROPY:
         along = np.linalg.norm(_jacobian(fit, 0), axis=0)
@@ -335,7 +309,17 @@ def _anisotropy(fit: BoardFit, view: BoardView) -> list[Warning]:
 
 
 def report(result: Calibrated) -> dict[str, Any]:
-    """Return JSON-able figures of a calibration, to stand beside its own keys."""
+    """Return JSON-able figures of a calibration, for :attr:`Calibration.details`.
+
+    Parameters
+    ----------
+    result : Calibrated
+
+    Returns
+    -------
+    dict
+        Units in the keys.
+    """
     corners = [
         {
             "view": number,

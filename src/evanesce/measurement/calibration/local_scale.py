@@ -1,4 +1,4 @@
-"""How many pixels show a square millimetre, place by place, from the cells of a corner grid."""
+"""Local scale in pixels per square millimetre, from the cells of a corner grid."""
 
 from __future__ import annotations
 
@@ -28,7 +28,13 @@ class ScaleMap:
     px_per_mm2: Array
 
     def summary(self) -> dict[str, float]:
-        """Return median, least and greatest scale and the 5th and 95th percentile [px/mm^2]; NaN without cells."""
+        """Return median, smallest and greatest scale and the 5th and 95th percentile [px/mm^2]; NaN without cells.
+
+        Returns
+        -------
+        dict of str to float
+            ``median``, ``min``, ``max``, ``p05``, ``p95``.
+        """
         names = {"median": 50, "min": 0, "max": 100, "p05": 5, "p95": 95}
         if not len(self.px_per_mm2):
             return dict.fromkeys(names, float("nan"))
@@ -36,10 +42,18 @@ class ScaleMap:
 
 
 def local_scale(view: BoardView) -> ScaleMap:
-    """Measure each cell whose four corners are there.
+    """Measure the local scale of each cell whose four corners are there.
 
     Cells lie between neighbouring grid lines of the board, which may be spaced unequally. Their edges count as
     straight: opposite edges bend alike, so that this costs only the second difference of the scale.
+
+    Parameters
+    ----------
+    view : BoardView
+
+    Returns
+    -------
+    ScaleMap
     """
     xs, ix = np.unique(view.world[:, 0], return_inverse=True)
     ys, iy = np.unique(view.world[:, 1], return_inverse=True)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.errors import InputError, WorkError
+from evanesce.core.plain import plain
 
 MAX_CALIBRATION_BYTES = 50_000_000
 MAX_SIDE_PX = 100_000
@@ -22,7 +23,7 @@ MAX_SIDE_PX = 100_000
 
 @dataclass(frozen=True, kw_only=True)
 class Calibration:
-    """What a measurement needs to know of the camera.
+    """Calibration of a camera.
 
     Attributes
     ----------
@@ -69,6 +70,14 @@ class Calibration:
 def load_calibration(path: str | Path) -> Calibration:
     """Read a calibration that :meth:`Calibration.save` or ``evanesce calibrate --json`` wrote.
 
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    Calibration
+
     Raises
     ------
     InputError
@@ -90,6 +99,11 @@ def load_calibration(path: str | Path) -> Calibration:
 
 def save_calibration(path: str | Path, calibration: Calibration) -> None:
     """Write a calibration as JSON, whole or not at all.
+
+    Parameters
+    ----------
+    path : str or Path
+    calibration : Calibration
 
     Raises
     ------
@@ -113,9 +127,19 @@ def save_calibration(path: str | Path, calibration: Calibration) -> None:
 
 
 def as_plain(calibration: Calibration) -> dict[str, Any]:
-    """Return JSON-able data; the details stand beside the calibration's own keys, which win. NaN becomes null."""
+    """Return a calibration as JSON-able data.
+
+    Parameters
+    ----------
+    calibration : Calibration
+
+    Returns
+    -------
+    dict
+        The details beside the calibration's own keys, which win; NaN becomes None.
+    """
     return {
-        **{str(key): _plain(value) for key, value in calibration.details.items()},
+        **{str(key): plain(value) for key, value in calibration.details.items()},
         "image_size": [int(n) for n in calibration.image_size],
         "camera_matrix": calibration.camera_matrix.tolist(),
         "distortion": calibration.distortion.tolist(),
@@ -173,15 +197,3 @@ def _positive(data: dict[str, Any], key: str, path: Path) -> float | None:
 def _is_finite(value: Any) -> bool:
     # abs() < 1e300 also refuses whole numbers too large for a float
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
-
-
-def _plain(value: Any) -> Any:
-    if hasattr(value, "tolist"):
-        value = value.tolist()
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

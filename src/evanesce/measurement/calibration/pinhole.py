@@ -39,7 +39,7 @@ class PinholeFit(BoardFit):
 
     @property
     def tilt_spread_deg(self) -> float:
-        """Greatest angle between two board normals [deg]: what the focal length is told by."""
+        """Greatest angle between two board normals [deg], which determines the focal length."""
         cosines = np.clip(np.abs(self.normals @ self.normals.T), 0.0, 1.0)
         return float(np.rad2deg(np.arccos(cosines.min())))
 
@@ -61,10 +61,14 @@ def fit_pinhole(views: Sequence[BoardView], image_size: tuple[int, int], model: 
     model : str
         A key of ``planar.MODELS``.
 
+    Returns
+    -------
+    PinholeFit
+
     Raises
     ------
     WorkError
-        If OpenCV's solver does not come to a finite answer.
+        If OpenCV's solver does not converge to finite values.
 
     References
     ----------
@@ -81,12 +85,12 @@ def fit_pinhole(views: Sequence[BoardView], image_size: tuple[int, int], model: 
         raise WorkError(f"camera calibration failed: {str(error).splitlines()[0]}") from None
     k, errors = np.ravel(k)[:5], np.ravel(errors)
     if not (np.isfinite(matrix).all() and np.isfinite(k).all() and np.isfinite(errors).all() and matrix[0, 0] > 0):
-        raise WorkError("camera calibration came to no finite answer")
+        raise WorkError("camera calibration did not converge to finite values")
     rotations = np.array([cv2.Rodrigues(r)[0] for r in rvecs])
     shifts = np.array([np.ravel(t) for t in tvecs])
     homographies = matrix @ np.stack([rotations[:, :, 0], rotations[:, :, 1], shifts], axis=-1)
     middles = np.array([np.append(v.world.mean(axis=0), 0.0) for v in views])
-    places = np.einsum("kab,kb->ka", rotations, middles) + shifts
+    centres = np.einsum("kab,kb->ka", rotations, middles) + shifts
     names = ("fx", "fy", "cx", "cy", *COEFFICIENTS)
     kept = {"fx", "fy", "cx", "cy", *MODELS[model]}
     return PinholeFit(
@@ -95,5 +99,5 @@ def fit_pinhole(views: Sequence[BoardView], image_size: tuple[int, int], model: 
         homographies=homographies,
         standard_errors={name: float(e) for name, e in zip(names, errors, strict=False) if name in kept},
         normals=rotations[:, :, 2],
-        distances=np.linalg.norm(places, axis=1),
+        distances=np.linalg.norm(centres, axis=1),
     )

@@ -1,7 +1,7 @@
 """Planar rectification: a homography for each view, and the distortion that all views share.
 
-One flat board, or several that lie in parallel planes, cannot tell the focal length: any focal length f can be
-absorbed by the homographies. What they do tell is the distortion as a function of pixels from its centre. So f is
+One flat board, or several that lie in parallel planes, cannot determine the focal length: any focal length f can
+be absorbed by the homographies. They do determine the distortion as a function of pixels from its centre. So f is
 assumed, the coefficients are those that belong to it (k1/f^2 and k2/f^4 are what the picture holds), and the
 undistorted picture does not depend on the choice.
 """
@@ -52,22 +52,69 @@ class BoardFit:
     standard_errors: dict[str, float]
 
     def undistort(self, points: Array) -> Array:
-        """Return where pixels (n, 2) lie in the undistorted picture [px]."""
+        """Return where pixels (n, 2) lie in the undistorted picture [px].
+
+        Parameters
+        ----------
+        points : ndarray (n, 2)
+            (x, y) in the picture [px].
+
+        Returns
+        -------
+        ndarray (n, 2)
+            [px].
+        """
         return undistort_points(points, self.camera_matrix, self.distortion)
 
     def straight(self, view: int, world: Array) -> Array:
-        """Return where the grid of a view [mm] lies in the undistorted picture [px]."""
+        """Return where the grid of a view [mm] lies in the undistorted picture [px].
+
+        Parameters
+        ----------
+        view : int
+            Number of the view, from 0.
+        world : ndarray (n, 2)
+            On the board [mm].
+
+        Returns
+        -------
+        ndarray (n, 2)
+            [px].
+        """
         return apply_homography(self.homographies[view], world)
 
     def predict(self, view: int, world: Array) -> Array:
-        """Return where the grid of a view [mm] lies in the picture as taken [px]."""
+        """Return where the grid of a view [mm] lies in the picture as taken [px].
+
+        Parameters
+        ----------
+        view : int
+            Number of the view, from 0.
+        world : ndarray (n, 2)
+            On the board [mm].
+
+        Returns
+        -------
+        ndarray (n, 2)
+            [px].
+        """
         middle, focal = self.camera_matrix[:2, 2], np.diag(self.camera_matrix)[:2]
         bent = distort_normalized((self.straight(view, world) - middle) / focal, self.distortion)
         return np.asarray(bent * focal + middle)
 
 
 def apply_homography(homography: Array, points: Array) -> Array:
-    """Map points (n, 2)."""
+    """Map points by a homography.
+
+    Parameters
+    ----------
+    homography : ndarray (3, 3)
+    points : ndarray (n, 2)
+
+    Returns
+    -------
+    ndarray (n, 2)
+    """
     mapped = points @ homography[:, :2].T + homography[:, 2]
     return np.asarray(mapped[:, :2] / mapped[:, 2:])
 
@@ -75,7 +122,7 @@ def apply_homography(homography: Array, points: Array) -> Array:
 def fit_planar(
     views: Sequence[BoardView], image_size: tuple[int, int], focal_px: float, model: str = "radial2"
 ) -> BoardFit:
-    """Fit homographies, centre and coefficients of distortion by least squares on the corners' places in the picture.
+    """Fit homographies, centre and coefficients of distortion by least squares on the corners' image positions.
 
     Parameters
     ----------
@@ -86,6 +133,10 @@ def fit_planar(
         Assumed focal length [px].
     model : str
         A key of ``MODELS``.
+
+    Returns
+    -------
+    BoardFit
 
     Raises
     ------

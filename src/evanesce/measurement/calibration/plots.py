@@ -29,7 +29,18 @@ def _frame_axes(result: Calibrated, title: str) -> tuple[Figure, Any]:
 
 
 def corners_figure(result: Calibrated, picture: NDArray[np.uint8] | None = None) -> Figure:
-    """Return the corners of the first distinct view, coloured by the parity of their index, on its picture if given."""
+    """Return the corners of the first distinct view, coloured by the parity of their index, on its picture if given.
+
+    Parameters
+    ----------
+    result : Calibrated
+    picture : ndarray of uint8, optional
+        Of that view.
+
+    Returns
+    -------
+    Figure
+    """
     view = result.distinct[0]
     figure, axes = _frame_axes(result, f"{len(view)} corners of view {view.name}")
     if picture is not None:
@@ -44,7 +55,18 @@ def corners_figure(result: Calibrated, picture: NDArray[np.uint8] | None = None)
 
 
 def residual_figure(result: Calibrated, times: float = 25.0) -> Figure:
-    """Return the misses of left-out corners of the first distinct view as arrows, drawn larger by ``times``."""
+    """Return the misses of left-out corners of the first distinct view as arrows, drawn larger by ``times``.
+
+    Parameters
+    ----------
+    result : Calibrated
+    times : float
+        Magnification of the arrows [1].
+
+    Returns
+    -------
+    Figure
+    """
     view, miss = result.distinct[0], result.held_out[0]
     title = f"corner found minus predicted without it, {times:g} times; RMS {rms(miss):.3f} px, view {view.name}"
     figure, axes = _frame_axes(result, title)
@@ -57,7 +79,18 @@ def residual_figure(result: Calibrated, times: float = 25.0) -> Figure:
 
 
 def scale_figure(scale: ScaleMap, result: Calibrated, title: str) -> Figure:
-    """Return the local scale of each cell as coloured dots over the frame."""
+    """Return the local scale of each cell as coloured dots over the frame.
+
+    Parameters
+    ----------
+    scale : ScaleMap
+    result : Calibrated
+    title : str
+
+    Returns
+    -------
+    Figure
+    """
     figure, axes = _frame_axes(result, title)
     shown = axes.scatter(*scale.centre.T, c=scale.px_per_mm2, s=26, marker="s", cmap="viridis")
     figure.colorbar(shown, ax=axes, label="local scale [px/mm²]", shrink=0.8)

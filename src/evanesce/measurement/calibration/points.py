@@ -34,7 +34,7 @@ class BoardView:
     name : str
         Of the picture.
     world : ndarray (n, 2)
-        Corner places on the board [mm].
+        Corner positions on the board [mm].
     image : ndarray (n, 2)
         The same corners in the picture, (x, y) [px]; integer coordinates are pixel centres.
     """
@@ -53,6 +53,11 @@ class BoardView:
 
 def read_points(path: str | Path) -> list[BoardView]:
     """Read corners from a CSV or a MATLAB file, by the file's ending.
+
+    Parameters
+    ----------
+    path : str or Path
+        Ends in ``.csv`` or ``.mat``.
 
     Returns
     -------
@@ -81,6 +86,14 @@ def read_csv_points(path: Path) -> list[BoardView]:
     """Read a CSV with the columns ``view, world_x_mm, world_y_mm, image_x_px, image_y_px`` (OpenCV pixel convention).
 
     Further columns are ignored; a view is the set of rows with the same text in ``view``.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    list of BoardView
 
     Raises
     ------
@@ -136,6 +149,14 @@ def read_mat_points(path: Path) -> list[BoardView]:
     MATLAB counts pixels from 1, so 1 is subtracted. Points that the detector left out (NaN in ``imagePoints``, as
     partial boards have them) are dropped; a point with only one coordinate is an error. The two arrays may stand at
     the top or in a structure one level below.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    list of BoardView
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """Undistort to the "valid" view: no undefined pixel, focal length kept, so nothing is rescaled.
 
-This is the author's step, MATLAB's ``undistortImage(I, params, "OutputView", "valid")``: the ideal image is cut to
+This is the thesis's step, MATLAB's ``undistortImage(I, params, "OutputView", "valid")``: the ideal image is cut to
 whole pixels at the innermost point of each of its four curved edges, the principal point moves with the cut, and the
 focal length stays [1]_. Two things are done otherwise. MATLAB traces the edges on a pixel mask; here they are carried
 through the inverse distortion, so a cut may differ by a pixel. And a pixel counts as defined if bilinear interpolation
@@ -83,7 +83,19 @@ def distort_normalized(points: Floats, distortion: Floats) -> Floats:
 
 
 def distortion_jacobian(points: Floats, distortion: Floats) -> Floats:
-    """Return the derivative of :func:`distort_normalized` by its points, shape (..., 2, 2); it is symmetric."""
+    """Return the derivative of :func:`distort_normalized` by its points, shape (..., 2, 2); it is symmetric.
+
+    Parameters
+    ----------
+    points : ndarray (..., 2)
+        Ideal (x/z, y/z) [1].
+    distortion : ndarray (5,)
+        k1, k2, p1, p2, k3.
+
+    Returns
+    -------
+    ndarray (..., 2, 2)
+    """
     k1, k2, p1, p2, k3 = distortion
     x, y = points[..., 0], points[..., 1]
     r2 = x * x + y * y
@@ -161,7 +173,15 @@ def _valid_bounds(size: tuple[int, int], camera_matrix: Floats, distortion: Floa
 def rectification(calibration: Calibration) -> Rectification:
     """Return the map to the "valid" view of a calibration.
 
-    All coefficients of the calibration are used; the author's model has two radial ones, the others zero.
+    All coefficients of the calibration are used; the thesis's model has two radial ones, the others zero.
+
+    Parameters
+    ----------
+    calibration : Calibration
+
+    Returns
+    -------
+    Rectification
 
     Raises
     ------
@@ -204,6 +224,10 @@ def rectify(image: NDArray[np.uint8], rectified: Rectification) -> NDArray[np.ui
     image : ndarray of uint8, (rows, cols) or (rows, cols, 3)
         Distorted frame [DN].
     rectified : Rectification
+
+    Returns
+    -------
+    ndarray of uint8 (rows, cols) or (rows, cols, 3)
 
     Raises
     ------

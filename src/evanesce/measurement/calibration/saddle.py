@@ -1,4 +1,4 @@
-"""Sub-pixel place of checkerboard corners: a blurred-corner model fitted to the grey values, many corners at once.
+"""Sub-pixel position of checkerboard corners: a blurred-corner model fitted to the grey values, many corners at once.
 
 Where two edges of a board cross, a Gaussian blur leaves, with d_k = n_k . (p - c) / (sqrt(2) sigma_k),
 
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 ITERATIONS = 25
 MAX_HALF_WIDTH_PX = 13.0
-MAX_BATCH_SAMPLES = 400_000
+MAX_BATCH_SAMPLES = 40_000  # the derivatives of a batch (3.5 MB) stay in the cache
 _CAUCHY = 2.385  # 95 % efficiency on Gaussian noise (Holland & Welsch 1977)
 _SQRT2 = np.sqrt(2.0)
 # the columns of the parameters
@@ -69,7 +69,7 @@ class SaddleFit:
 def fit_saddles(
     image: Array, centres: Array, lattice: Array, half_width: float = 0.42, limit_px: float = MAX_HALF_WIDTH_PX
 ) -> SaddleFit:
-    """Fit the corner model around approximate places.
+    """Fit the corner model around approximate positions.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def fit_saddles(
     SaddleFit
     """
     pitch = np.sqrt(np.abs(np.linalg.det(lattice)))
-    widths = np.minimum(half_width, limit_px / pitch)  # fine boards are cut at the limit
+    widths = np.minimum(half_width, limit_px / pitch)  # boards of large squares are cut at the limit
     reach = int(np.ceil((widths[:, None] * np.abs(lattice).sum(axis=2)).max(initial=1.0))) + 1
     step = max(1, MAX_BATCH_SAMPLES // (2 * reach + 1) ** 2)
     starts = range(0, max(len(centres), 1), step)
@@ -153,7 +153,7 @@ def _fit_batch(image: Array, centres: Array, lattice: Array, widths: Array, reac
     _start_levels(theta, dx, dy, values, mask)
     theta, weights = _levenberg(theta, dx, dy, values, mask, pitch)
 
-    model, _ = _model(theta, dx, dy)
+    model, _ = _values(theta, dx, dy)
     total = np.maximum(weights.sum(axis=1), 1e-12)
     mean = (weights * values).sum(axis=1) / total
     spread = np.maximum((weights * (values - mean[:, None]) ** 2).sum(axis=1), 1e-12)
@@ -180,8 +180,24 @@ def _windows(image: Array, base: NDArray[np.int64], reach: int) -> tuple[Array, 
     return dx.astype(np.float64), dy.astype(np.float64), values, inside
 
 
-def _model(theta: Array, dx: Array, dy: Array) -> tuple[Array, Array]:
-    """Return the model (n, m) and its derivatives (n, m, 11) by the parameters."""
+@dataclass(frozen=True)
+class _Terms:
+    """Terms of the model at some parameters: what its values and its derivatives share. Arrays (n, m), trig (n, 2)."""
+
+    x: Array
+    y: Array
+    cos: Array
+    sin: Array
+    scale: Array
+    d: list[Array]
+    edge: list[Array]
+    gauss: list[Array]
+    cross: Array
+    both: Array
+
+
+def _values(theta: Array, dx: Array, dy: Array) -> tuple[Array, _Terms]:
+    """Return the model's grey values (n, m) and their terms."""
     x, y = dx - theta[:, X, None], dy - theta[:, Y, None]
     contrast, bump = theta[:, CONTRAST, None], theta[:, BUMP, None]
     cos, sin = np.cos(theta[:, ANGLE]), np.sin(theta[:, ANGLE])
@@ -192,9 +208,16 @@ def _model(theta: Array, dx: Array, dy: Array) -> tuple[Array, Array]:
     cross, both = edge[0] * edge[1], gauss[0] * gauss[1]
     model = theta[:, LEVEL, None] + theta[:, SLOPE_X, None] * x + theta[:, SLOPE_Y, None] * y
     model = model + contrast * cross + bump * both
+    return model, _Terms(x, y, cos, sin, scale, d, edge, gauss, cross, both)
 
+
+def _model(theta: Array, dx: Array, dy: Array) -> tuple[Array, Array]:
+    """Return the model (n, m) and its derivatives (n, m, 11) by the parameters."""
+    model, t = _values(theta, dx, dy)
+    x, y, cos, sin, scale, d = t.x, t.y, t.cos, t.sin, t.scale, t.d
+    contrast, bump = theta[:, CONTRAST, None], theta[:, BUMP, None]
     jacobian = np.empty((*model.shape, 11))
-    by_d = [(2 / np.sqrt(np.pi)) * contrast * gauss[k] * edge[1 - k] - 2 * bump * d[k] * both for k in (0, 1)]
+    by_d = [(2 / np.sqrt(np.pi)) * contrast * t.gauss[k] * t.edge[1 - k] - 2 * bump * d[k] * t.both for k in (0, 1)]
     for column, trig, slope in ((X, cos, SLOPE_X), (Y, sin, SLOPE_Y)):
         pull = sum(by_d[k] * (trig * scale)[:, k, None] for k in (0, 1))
         jacobian[..., column] = -pull - theta[:, slope, None]
@@ -205,8 +228,8 @@ def _model(theta: Array, dx: Array, dy: Array) -> tuple[Array, Array]:
     jacobian[..., LEVEL] = 1.0
     jacobian[..., SLOPE_X] = x
     jacobian[..., SLOPE_Y] = y
-    jacobian[..., CONTRAST] = cross
-    jacobian[..., BUMP] = both
+    jacobian[..., CONTRAST] = t.cross
+    jacobian[..., BUMP] = t.both
     return model, jacobian
 
 
@@ -258,7 +281,7 @@ def _levenberg(theta: Array, dx: Array, dy: Array, values: Array, mask: Array, p
         tried[:, WIDTH] = np.clip(tried[:, WIDTH], low, high[active, None])
         limit = np.abs(tried[:, CONTRAST])
         tried[:, BUMP] = np.clip(tried[:, BUMP], -limit, limit)
-        better = (robust * (grey - _model(tried, dx, dy)[0]) ** 2).sum(1) <= (robust * residual**2).sum(1)
+        better = (robust * (grey - _values(tried, dx, dy)[0]) ** 2).sum(1) <= (robust * residual**2).sum(1)
         moved = np.abs(tried[:, :2] - now[:, :2]).max(axis=1)
         theta[active[better]] = tried[better]
         damping[active] = np.clip(damping[active] * np.where(better, 0.3, 8.0), 1e-6, 1e6)

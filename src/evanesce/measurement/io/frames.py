@@ -47,8 +47,8 @@ class _Item:
 class FrameStream(ABC):
     """Frames in the order of time; iterate once.
 
-    What is readable comes; a picture that is not is left out, remembered, and raised by :meth:`finish`. A picture of
-    another size than the first is left out with a warning, because neither crop nor scale hold for it.
+    Readable pictures are yielded; the others are left out and raised by :meth:`finish`. A picture of another size than
+    the first is left out with a warning, because neither crop nor scale hold for it.
 
     Attributes
     ----------
@@ -132,7 +132,7 @@ class FrameStream(ABC):
 
     @property
     def warnings(self) -> list[Warning]:
-        """What the stream so far gives reason to say."""
+        """Warnings about the frames read so far."""
         found = []
         rate = frame_rate_warning(self.stated_rate, self.given_rate, self.path.name)
         if rate is not None:
@@ -161,7 +161,7 @@ class FrameStream(ABC):
         return found
 
     def finish(self) -> None:
-        """Raise what went wrong on the way, after the results so far have been put away.
+        """Raise what went wrong while reading, after the results so far have been stored.
 
         Raises
         ------
@@ -183,7 +183,16 @@ class FrameStream(ABC):
 
 
 def natural_key(name: str) -> tuple[tuple[int, int | str], ...]:
-    """Return a sort key under which ``frame_9`` comes before ``frame_10``."""
+    """Return a sort key under which ``frame_9`` comes before ``frame_10``.
+
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    tuple
+    """
     parts = re.split(r"([0-9]+)", name.lower())
     return tuple((0, int(part)) if k % 2 else (1, part) for k, part in enumerate(parts))
 
@@ -264,7 +273,7 @@ class VideoStream(FrameStream):
     def _items(self) -> Iterator[_Item]:
         with self._open() as container:
             stream = _video_of(container, self.path)
-            # a decoder left to itself paints over what it cannot read; a made-up picture has an area too
+            # by default the decoder conceals what it cannot read; a concealed picture has an area too
             stream.codec_context.options = {"err_detect": "crccheck+explode"}
             index = packets = 0
             last: float | None = None
@@ -310,9 +319,9 @@ class VideoStream(FrameStream):
 
 @contextmanager
 def _decoder_complaints() -> Iterator[list[Any]]:
-    """Collect FFmpeg's error messages: some decoders (FFV1 on a wrong checksum) only say so and patch the picture.
+    """Collect FFmpeg's error messages: some decoders (FFV1 on a wrong checksum) log it and go on.
 
-    The log is listened to while a packet is decoded and at no other time, since PyAV warns of deadlocks elsewhere.
+    The log is captured while a packet is decoded and at no other time, since PyAV warns of deadlocks elsewhere.
     """
     level, skip = av.logging.get_level(), av.logging.get_skip_repeated()
     av.logging.set_level(av.logging.ERROR)
@@ -365,7 +374,7 @@ def open_frames(path: str | Path, frame_rate: float | None = None) -> FrameStrea
     path : str or Path
     frame_rate : float, optional
         Of the user [Hz]. Where the file states none, times are index / frame_rate; where both exist and differ by more
-        than 1 %, this one is used and the stream says so; where they agree, the file's time stamps are used.
+        than 1 %, this one is used with a warning; where they agree, the file's time stamps are used.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""One image file into 8-bit grey or RGB, refusing what is damaged: a half-decoded picture has an area too."""
+"""Read image files as 8-bit grey or RGB; damaged files are refused, since a partly decoded image has an area too."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Unreadable(Exception):
 
 @dataclass(frozen=True)
 class Loaded:
-    """An image with what had to be changed to make it 8-bit grey or RGB.
+    """An image with notes on what was changed to make it 8-bit grey or RGB.
 
     Attributes
     ----------
@@ -41,7 +41,15 @@ class Loaded:
 
 
 def read_image(path: str | Path) -> Loaded:
-    """Read one image for which there is no second: a card, a photograph.
+    """Read a single image, such as a photograph of a calibration target.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    Loaded
 
     Raises
     ------
@@ -59,6 +67,14 @@ def read_image(path: str | Path) -> Loaded:
 
 def load_image(path: Path) -> Loaded:
     """Decode one image file.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    Loaded
 
     Raises
     ------
@@ -86,7 +102,7 @@ def load_image(path: Path) -> Loaded:
 
 
 def _check_png(content: bytes) -> None:
-    """Walk the chunks: the decoder itself may hand back what it has of a file that is cut off or altered."""
+    """Check every chunk: the decoder itself may return part of a file that is cut off or altered."""
     at = len(PNG_SIGNATURE)
     while at + 12 <= len(content):
         length = int.from_bytes(content[at : at + 4], "big")
@@ -170,7 +186,7 @@ def _decode_tiff(path: Path) -> NDArray[np.generic]:
 
 
 def _to_8_bit_rgb(raw: NDArray[np.generic]) -> Loaded:
-    """Drop alpha, scale 16 bits to 8 by full scale, and say so."""
+    """Drop alpha and scale 16 bits to 8 by full scale, with notes."""
     notes = []
     _check_size(*raw.shape[:2])
     if raw.ndim == 3 and raw.shape[2] in (2, 4):

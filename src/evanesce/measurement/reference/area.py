@@ -1,10 +1,10 @@
-"""Contact area against time, and the area of a pixel from a square card through the very same chain."""
+"""Contact area against time by the reference segmentation, and the area of a pixel from a square card."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import cv2
@@ -21,12 +21,12 @@ ANISOTROPY = 0.02
 """Relative difference of a square's sides above which one area per pixel no longer describes the image."""
 
 SQUARE_FILL = 0.93
-"""Least share that a square fills of its own bounding rectangle."""
+"""Smallest share that a square fills of its own bounding rectangle."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Measured:
-    """One frame after the chain.
+    """Measurement of one frame.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Measured:
 
     @property
     def figures(self) -> FrameFigures:
-        """What the warnings need to know of this frame."""
+        """Figures of this frame for the warnings."""
         mask = self.segmentation.mask
         saturated = border = 0
         if self.segmentation.pixels:
@@ -61,7 +61,7 @@ class Measured:
 
 
 def measure_frame(frame: Frame, chain: Chain, mm2_per_px: float, rectified: Rectification | None = None) -> Measured:
-    """Measure one frame: rectify, then the chain, then pixels times area per pixel.
+    """Measure one frame: rectify, segment, count pixels times area per pixel.
 
     Parameters
     ----------
@@ -72,6 +72,10 @@ def measure_frame(frame: Frame, chain: Chain, mm2_per_px: float, rectified: Rect
         Area of a pixel [mm^2].
     rectified : Rectification, optional
         None leaves the frame as it is.
+
+    Returns
+    -------
+    Measured
 
     Raises
     ------
@@ -113,7 +117,18 @@ class AreaRow:
 
     @classmethod
     def of(cls, measured: Measured, interval: tuple[float, float] = (math.nan, math.nan)) -> AreaRow:
-        """Return the line of one frame, with the 95 % interval of its area [mm^2] if that is known."""
+        """Return the line of one frame, with the 95 % interval of its area [mm^2] if that is known.
+
+        Parameters
+        ----------
+        measured : Measured
+        interval : tuple of float
+            95 % interval of the area [mm^2]; NaN where unknown.
+
+        Returns
+        -------
+        AreaRow
+        """
         e = measured.estimate
         return cls(e.index, e.time, e.pixels, e.area, measured.segmentation.blobs, *interval)
 
@@ -122,7 +137,17 @@ CSV_HEADER = "index,time_s,pixels_px,area_mm2,blobs,area_low_mm2,area_high_mm2"
 
 
 def to_csv(rows: Sequence[AreaRow]) -> str:
-    """Return the table as CSV; a field is empty where its value is unknown. Numbers read back to the last bit."""
+    """Return the table as CSV.
+
+    Parameters
+    ----------
+    rows : sequence of AreaRow
+
+    Returns
+    -------
+    str
+        A field is empty where its value is unknown; numbers read back to the last bit.
+    """
     lines = [CSV_HEADER]
     for row in rows:
         time, low, high = (
@@ -134,7 +159,17 @@ def to_csv(rows: Sequence[AreaRow]) -> str:
 
 
 def to_plain(rows: Sequence[AreaRow]) -> list[dict[str, Any]]:
-    """Return the table as JSON-able rows: index, time_s, pixels, area_mm2, blobs, area_low_mm2, area_high_mm2."""
+    """Return the table as JSON-able rows.
+
+    Parameters
+    ----------
+    rows : sequence of AreaRow
+
+    Returns
+    -------
+    list of dict
+        index, time_s, pixels, area_mm2, blobs, area_low_mm2, area_high_mm2.
+    """
     return [
         {
             "index": r.index,
@@ -150,7 +185,16 @@ def to_plain(rows: Sequence[AreaRow]) -> list[dict[str, Any]]:
 
 
 def summary(rows: Sequence[AreaRow]) -> dict[str, Any]:
-    """Return count, duration [s] and the least, mean and greatest area [mm^2] with the frame of the last.
+    """Return count, duration [s] and the smallest, mean and greatest area [mm^2] with the frame of the greatest.
+
+    Parameters
+    ----------
+    rows : sequence of AreaRow
+
+    Returns
+    -------
+    dict
+        Units in the keys.
 
     Raises
     ------
@@ -182,7 +226,7 @@ class SquareScale:
         side^2 / pixels [mm^2].
     pixels : int
     sides_px : tuple of float
-        Longer and shorter side of the least rectangle around the square [px].
+        Longer and shorter side of the smallest rectangle around the square [px].
     rotation_deg : float
         Of that rectangle, -45 to 45.
     threshold : float
@@ -205,7 +249,7 @@ def square_scale(
     *,
     square: Literal["white", "black"] = "white",
 ) -> SquareScale:
-    """Count a square card by the reference segmentation and return the area of a pixel.
+    """Measure the area of a pixel on a square card by the reference segmentation.
 
     The thesis calls its card a black square in one place and a white one in another, so both are taken: a black square
     is segmented on the negative, at the same grey level.
@@ -215,11 +259,16 @@ def square_scale(
     image : ndarray of uint8, (rows, cols) or (rows, cols, 3)
         Rectified photograph of the card [DN].
     side_mm : float
+        Side of the square [mm].
     chain : Chain, optional
-        Settings of the chain; by default the threshold is half-way between the means of dark and bright pixels (split
+        Settings; by default the threshold is half-way between the means of dark and bright pixels (split
         by Otsu's method), where a symmetric blur leaves a straight edge in place.
     square : {"white", "black"}
         Which of the two is the square.
+
+    Returns
+    -------
+    SquareScale
 
     Raises
     ------
@@ -234,20 +283,8 @@ def square_scale(
         raise InputError(f"{side_mm}", key="square side", allowed="above 0 mm")
     if chain is None:
         chain = Chain(threshold=halfway_threshold(image))
-    positive = image if square == "white" else 255 - image
-    level = chain.threshold if square == "white" else 1 - chain.threshold
-    found = segment(
-        positive, Chain(threshold=level, min_blob=chain.min_blob, blur=chain.blur, radius=chain.radius, crop=chain.crop)
-    )
-    if found.blobs != 1:
-        raise InputError(
-            f"{found.blobs} {square} blobs of at least {chain.min_blob} px at threshold {chain.threshold:.4g}",
-            key="square card",
-            allowed="exactly one: crop to the square, or set the threshold",
-        )
-    if found.pixels - np.count_nonzero(found.mask[1:-1, 1:-1]):
-        raise InputError("the square touches the border of the crop", key="square card", allowed="a whole square")
-    longer, shorter, angle = _least_rectangle(found.mask)
+    found = _segmented_square(image, chain, square)
+    longer, shorter, angle = _smallest_rectangle(found.mask)
     fill = found.pixels / (longer * shorter)
     if fill < SQUARE_FILL or shorter / longer < 0.8:
         raise InputError(
@@ -258,13 +295,11 @@ def square_scale(
     warnings = []
     apart = longer / shorter - 1
     if apart > ANISOTROPY:
-        warnings.append(
-            Warning(
-                "anisotropic_scale",
-                f"the square's sides are {longer:.1f} and {shorter:.1f} px, {100 * apart:.1f} % apart: "
-                f"pixels are not square or the card is tilted",
-            )
+        text = (
+            f"the square's sides are {longer:.1f} and {shorter:.1f} px, {100 * apart:.1f} % apart: "
+            "pixels are not square or the card is tilted"
         )
+        warnings.append(Warning("anisotropic_scale", text))
     return SquareScale(
         mm2_per_px=side_mm**2 / found.pixels,
         pixels=found.pixels,
@@ -275,8 +310,40 @@ def square_scale(
     )
 
 
+def _segmented_square(image: NDArray[np.uint8], chain: Chain, square: Literal["white", "black"]) -> Segmentation:
+    """Segment a square card, a black one on the negative; refuse anything but one whole blob."""
+    positive = image if square == "white" else 255 - image
+    level = chain.threshold if square == "white" else 1 - chain.threshold
+    found = segment(positive, replace(chain, threshold=level))
+    if found.blobs != 1:
+        raise InputError(
+            f"{found.blobs} {square} blobs of at least {chain.min_blob} px at threshold {chain.threshold:.4g}",
+            key="square card",
+            allowed="exactly one: crop to the square, or set the threshold",
+        )
+    if found.pixels - np.count_nonzero(found.mask[1:-1, 1:-1]):
+        raise InputError("the square touches the border of the crop", key="square card", allowed="a whole square")
+    return found
+
+
 def halfway_threshold(image: NDArray[np.uint8]) -> float:
-    """Return the grey level [1] half-way between the means of dark and bright pixels, split by Otsu's method."""
+    """Return the threshold half-way between the means of dark and bright pixels, split by Otsu's method.
+
+    Parameters
+    ----------
+    image : ndarray of uint8, (rows, cols) or (rows, cols, 3)
+        [DN].
+
+    Returns
+    -------
+    float
+        Grey level, 0 to 1.
+
+    Raises
+    ------
+    InputError
+        If all pixels are equal.
+    """
     level = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     split, _ = cv2.threshold(level, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
     bright = level > split
@@ -285,8 +352,8 @@ def halfway_threshold(image: NDArray[np.uint8]) -> float:
     return float(level[bright].mean() + level[~bright].mean()) / 510
 
 
-def _least_rectangle(mask: NDArray[np.bool_]) -> tuple[float, float, float]:
-    """Return longer and shorter side [px] and angle [deg] of the least rectangle around the mask's pixels."""
+def _smallest_rectangle(mask: NDArray[np.bool_]) -> tuple[float, float, float]:
+    """Return longer and shorter side [px] and angle [deg] of the smallest rectangle around the mask's pixels."""
     contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     _, sides, angle = cv2.minAreaRect(np.concatenate(contours))
     # centres of pixels span one pixel less than the pixels do

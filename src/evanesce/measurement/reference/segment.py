@@ -1,19 +1,23 @@
-"""The author's thresholding chain: grey, blur, threshold, and the removal of small blobs.
+"""Reference segmentation of the thesis: grey level, Gaussian blur, threshold, and removal of small blobs.
 
 The reference is the chain as scikit-image computes it, in double precision (`rgb2gray`, `gaussian`, strict ``>``,
-`binary_dilation` with `disk(10)`, `label` with 8 neighbours). This module returns the same mask to the pixel, and takes
-about a twentieth of the time:
+`binary_dilation` with `disk(10)`, `label` with 8 neighbours). This module returns the same mask to the pixel, at a
+small part of the cost:
 
 * Grey levels are sums of whole numbers (2125 R + 7154 G + 721 B), which single precision holds exactly; blurring them
   in single precision is then off by less than :func:`rounding_margin`. Only pixels closer to the threshold than that
   can differ from double precision; they are done again in double precision, and those that even this leaves open,
   such as a flat patch exactly at the threshold, with scikit-image's own functions on whole rows.
-* Dilation and labels are confined to boxes around groups of bright pixels that cannot touch once dilated; a group whose
-  box is smaller than the least blob needs neither.
+* Rows are blurred and compared in strips that stay in the processor's cache, in as many threads as OpenCV may use
+  (``cv2.setNumThreads``).
+* Dilation and selection by size work on one bit per pixel and on runs of pixels
+  (:mod:`evanesce.measurement.reference.blobs`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -25,6 +29,7 @@ from scipy import ndimage
 from skimage.color import rgb2gray
 
 from evanesce.core.errors import InputError
+from evanesce.measurement.reference.blobs import large_blobs
 
 Image = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
@@ -45,11 +50,11 @@ SINGLE_ROUNDING = 2.0**-24
 DOUBLE_MARGIN = 1e-13
 """What double precision leaves undecided: two sums of at most 401 terms, up to 1, of unit roundoff 1.1e-16."""
 
-STRIP_PIXELS = 131_072
-"""Pixels of a strip: half a megabyte in single precision."""
+STRIP_PIXELS = 524_288
+"""Pixels of a strip: two megabytes in single precision."""
 
-BLOCK = 8
-"""Side of the blocks in which bright pixels are grouped [px]: a word of eight bytes."""
+THREAD_PIXELS = 1_000_000
+"""Pixels of a frame for each thread: for fewer a thread is not worth its start."""
 
 MOST_WINDOWS = 4000
 """Undecided pixels up to which their surroundings are gathered one by one; whole rows are cheaper for more."""
@@ -114,14 +119,14 @@ def _bound(text: str) -> int | None:
 
 @dataclass(frozen=True, kw_only=True)
 class Chain:
-    """Settings of the chain.
+    """Settings of the reference segmentation.
 
     Attributes
     ----------
     threshold : float
         Grey level, 0 to 1; brighter is contact (strict ``>``).
     min_blob : int
-        Least size of a dilated blob that is kept [px].
+        Minimum size of a dilated blob that is kept [px].
     blur : float
         Standard deviation of the Gaussian [px]; 0 for none.
     radius : int
@@ -148,18 +153,18 @@ class Chain:
 
 @dataclass(frozen=True, kw_only=True)
 class Segmentation:
-    """Result of the chain on one frame.
+    """Result of the reference segmentation on one frame.
 
     Attributes
     ----------
     mask : ndarray of bool (rows, cols)
         Contact in the cropped frame.
     dilated : ndarray of bool (rows, cols)
-        The surviving dilated blobs, on which the author reads his "pressure".
+        The surviving dilated blobs, on which the thesis reads its "pressure".
     pixels : int
         Pixels of the mask.
     blobs, dropped_blobs : int
-        Dilated blobs that survive, and those that are too small (specks close together may count as one).
+        Number of dilated blobs that survive, and of those that are too small.
     grey_range : tuple of float
         Least and greatest blurred grey level of the crop, 0 to 1, to single precision.
     """
@@ -173,7 +178,7 @@ class Segmentation:
 
 
 def segment(image: Image, chain: Chain) -> Segmentation:
-    """Segment one frame by the reference segmentation.
+    """Segment one frame by the reference segmentation of the thesis.
 
     Parameters
     ----------
@@ -199,7 +204,16 @@ def segment(image: Image, chain: Chain) -> Segmentation:
     _check(image)
     view = chain.crop.apply(image)
     bright, grey_range = _brighter(view, chain.threshold, chain.blur)
-    return _keep_large(bright, grey_range, chain)
+    blobs = large_blobs(bright, chain.radius, chain.min_blob)
+    mask = bright & blobs.dilated if blobs.dropped else bright
+    return Segmentation(
+        mask=mask,
+        dilated=blobs.dilated,
+        pixels=int(np.count_nonzero(mask)),
+        blobs=blobs.kept,
+        dropped_blobs=blobs.dropped,
+        grey_range=grey_range,
+    )
 
 
 def _check(image: Image) -> None:
@@ -258,49 +272,75 @@ def rounding_margin(taps: int) -> float:
     return steps / (1 - steps) + DOUBLE_MARGIN
 
 
-def _brighter(view: Image, threshold: float, blur: float) -> tuple[Image, tuple[float, float]]:
-    """Return where the blurred grey level exceeds the threshold (255, else 0) and the range of levels."""
+def _brighter(view: Image, threshold: float, blur: float) -> tuple[Mask, tuple[float, float]]:
+    """Return where the blurred grey level exceeds the threshold, and the range of blurred levels."""
     weights = _weights(blur)
-    reach = len(weights) // 2
+    rows, cols = view.shape[:2]
+    bright = np.empty((rows, cols), dtype=np.bool_)
+    threads = max(min(cv2.getNumThreads(), rows * cols // THREAD_PIXELS, rows), 1)
+    ends = [rows * k // threads for k in range(threads + 1)]
+
+    def compare(part: int) -> tuple[float, float, NDArray[np.intp]]:
+        return _compare_rows(view, threshold, weights, range(ends[part], ends[part + 1]), bright)
+
+    with ThreadPoolExecutor(threads) as pool:  # starts a thread only for what is submitted
+        others = [pool.submit(compare, part) for part in range(1, threads)]
+        found = [compare(0), *(other.result() for other in others)]
+    undecided = np.concatenate([at for _, _, at in found])
+    if len(undecided):
+        pixels = np.divmod(undecided, cols)
+        if len(undecided) <= MOST_WINDOWS:
+            pixels = _decide_by_windows(view, threshold, weights, pixels, bright)
+        _decide_by_rows(view, threshold, blur, pixels, bright)
+    return bright, (min(least for least, _, _ in found), max(greatest for _, greatest, _ in found))
+
+
+def _compare_rows(
+    view: Image, threshold: float, weights: NDArray[np.float64], rows: range, bright: Mask
+) -> tuple[float, float, NDArray[np.intp]]:
+    """Set rows of ``bright`` in place; return least and greatest level and the flat indices of undecided pixels."""
     scale = float(LUMA_SCALE) if view.ndim == 3 else 255.0
     margin = rounding_margin(len(weights))
     # the limits are single precision themselves, so each is moved outwards by its own rounding as well
-    lower = float(np.nextafter(np.float32((threshold - margin) * scale), np.float32(-np.inf)))
-    upper = float(np.nextafter(np.float32((threshold + margin) * scale), np.float32(np.inf)))
-    bright = np.empty(view.shape[:2], dtype=np.uint8)
+    lower = np.nextafter(np.float32((threshold - margin) * scale), np.float32(-np.inf))
+    upper = np.nextafter(np.float32((threshold + margin) * scale), np.float32(np.inf))
     extremes: list[float] = []
-    undecided: list[Pixels] = []
-    # in strips that stay in the processor's cache, each with the rows around it that its blur needs
+    undecided: list[NDArray[np.intp]] = []
+    for start, level in _single_precision_levels(view, weights, rows):
+        above = np.greater(level, upper, out=bright[start : start + len(level)])
+        undecided.append(np.flatnonzero(np.not_equal(level >= lower, above)) + start * view.shape[1])
+        extremes += (extreme / scale for extreme in cv2.minMaxLoc(level)[:2])
+    return min(extremes), max(extremes), np.concatenate(undecided)
+
+
+def _single_precision_levels(
+    view: Image, weights: NDArray[np.float64], rows: range
+) -> Iterator[tuple[int, NDArray[np.float32]]]:
+    """Yield the blurred levels of some rows, strip by strip, each with its first row; the next overwrites the last.
+
+    Levels are weighted sums of R, G and B (up to :data:`LUMA_SCALE`), or grey levels as they are (up to 255). A strip
+    with the rows around it that its blur needs stays in the processor's cache, and so do its arrays, used again.
+    """
+    reach = len(weights) // 2
     height = max(STRIP_PIXELS // view.shape[1], 4 * reach, 1)
-    for start in range(0, view.shape[0], height):
-        stop = min(start + height, view.shape[0])
+    most = min(height + 2 * reach, view.shape[0])
+    colour = np.empty((most, *view.shape[1:]), dtype=np.float32) if view.ndim == 3 else None
+    levels = np.empty((most, view.shape[1]), dtype=np.float32)
+    blurred = np.empty_like(levels)
+    for start in range(rows.start, rows.stop, height):
+        stop = min(start + height, rows.stop)
         top, bottom = max(start - reach, 0), min(stop + reach, view.shape[0])
-        level = _single_precision_grey(view[top:bottom])
-        if reach:
-            level = cv2.sepFilter2D(level, cv2.CV_32F, weights, weights, borderType=cv2.BORDER_REPLICATE)
-        level = level[start - top : stop - top]
-        extremes += cv2.minMaxLoc(level)[:2]
-        np.multiply(level > upper, np.uint8(255), out=bright[start:stop])
-        near = cv2.inRange(level, lower, upper)
-        if cv2.countNonZero(near):
-            at_rows, at_cols = np.nonzero(near)
-            undecided.append((at_rows + start, at_cols))
-    if undecided:
-        pixels = np.concatenate([rows for rows, _ in undecided]), np.concatenate([cols for _, cols in undecided])
-        if len(pixels[0]) <= MOST_WINDOWS:
-            pixels = _decide_by_windows(view, threshold, weights, pixels, bright)
-        _decide_by_rows(view, threshold, blur, pixels, bright)
-    return bright, (min(extremes) / scale, max(extremes) / scale)
-
-
-def _single_precision_grey(view: Image) -> NDArray[np.float32]:
-    """Return weighted sums of R, G and B (whole numbers up to :data:`LUMA_SCALE`), or grey levels as they are."""
-    single = view.astype(np.float32)
-    return single if view.ndim == 2 else np.asarray(cv2.transform(single, np.array([LUMA], dtype=np.float32)))
+        n = bottom - top
+        strip: NDArray[Any] = view[top:bottom]
+        if colour is not None:
+            np.copyto(colour[:n], strip)
+            strip = cv2.transform(colour[:n], np.array([LUMA], dtype=np.float32), levels[:n])
+        cv2.sepFilter2D(strip, cv2.CV_32F, weights, weights, blurred[:n], borderType=cv2.BORDER_REPLICATE)
+        yield start, blurred[start - top : stop - top]
 
 
 def _decide_by_windows(
-    view: Image, threshold: float, weights: NDArray[np.float64], pixels: Pixels, bright: Image
+    view: Image, threshold: float, weights: NDArray[np.float64], pixels: Pixels, bright: Mask
 ) -> Pixels:
     """Set pixels of ``bright`` in place in double precision; return those that even this leaves undecided."""
     rows, cols = pixels
@@ -310,14 +350,14 @@ def _decide_by_windows(
     around_cols = np.clip(cols[:, None] + steps, 0, view.shape[1] - 1)
     windows = view[around_rows[:, :, None], around_cols[:, None, :]].astype(np.float64)
     if windows.ndim == 4:
-        windows = windows @ np.array(LUMA, dtype=np.float64) / 10_000
-    level = np.einsum("kij,i,j->k", windows, weights, weights, optimize=True) / 255
-    bright[rows, cols] = np.where(level > threshold, 255, 0)
+        windows = windows.reshape(-1, 3) @ np.array(LUMA, dtype=np.float64) / 10_000
+    level = (windows.reshape(-1, len(weights)) @ weights).reshape(-1, len(weights)) @ weights / 255
+    bright[rows, cols] = level > threshold
     still = np.abs(level - threshold) <= DOUBLE_MARGIN
     return rows[still], cols[still]
 
 
-def _decide_by_rows(view: Image, threshold: float, blur: float, pixels: Pixels, bright: Image) -> None:
+def _decide_by_rows(view: Image, threshold: float, blur: float, pixels: Pixels, bright: Mask) -> None:
     """Set pixels of ``bright`` in place to the last bit, by the reference's own functions on whole rows.
 
     Whole rows, because the matrix product behind `rgb2gray` may round differently at another place of a row; a block
@@ -329,7 +369,7 @@ def _decide_by_rows(view: Image, threshold: float, blur: float, pixels: Pixels, 
         top, bottom = max(start - reach, 0), min(stop + reach, view.shape[0])
         exact = blurred_grey(view[top:bottom], blur)
         some = slice(*np.searchsorted(rows, [start, stop]))
-        bright[rows[some], cols[some]] = np.where(exact[rows[some] - top, cols[some]] > threshold, 255, 0)
+        bright[rows[some], cols[some]] = exact[rows[some] - top, cols[some]] > threshold
 
 
 def _runs(indices: NDArray[np.intp], gap: int) -> list[tuple[int, int]]:
@@ -340,96 +380,3 @@ def _runs(indices: NDArray[np.intp], gap: int) -> list[tuple[int, int]]:
     starts = indices[np.r_[0, breaks + 1]]
     stops = indices[np.r_[breaks, len(indices) - 1]] + 1
     return list(zip(starts.tolist(), stops.tolist(), strict=True))
-
-
-@lru_cache(maxsize=8)
-def disk(radius: int) -> Image:
-    """Return the digital disk: 1 where x^2 + y^2 <= radius^2, shape (2 radius + 1, 2 radius + 1)."""
-    y, x = np.ogrid[-radius : radius + 1, -radius : radius + 1]
-    return (x * x + y * y <= radius * radius).astype(np.uint8)
-
-
-def _keep_large(bright: Image, grey_range: tuple[float, float], chain: Chain) -> Segmentation:
-    """Drop what belongs to no dilated blob of ``min_blob`` pixels."""
-    mask = np.zeros(bright.shape, dtype=np.uint8)
-    dilated = np.zeros(bright.shape, dtype=np.uint8)
-    blobs = pixels = 0
-    groups, dropped = _groups(bright, chain.radius, chain.min_blob)
-    for rows, cols, members in groups:
-        box = cv2.bitwise_and(bright[rows, cols], members)  # 0 or 1
-        grown = cv2.dilate(box, disk(chain.radius)) if chain.radius else box
-        count, labels, stats, _ = cv2.connectedComponentsWithStats(grown, connectivity=8, ltype=cv2.CV_32S)
-        large = stats[:, cv2.CC_STAT_AREA] >= chain.min_blob
-        large[0] = False
-        kept = int(np.count_nonzero(large))
-        blobs += kept
-        dropped += count - 1 - kept
-        if kept < count - 1:
-            grown = large.astype(np.uint8)[labels]
-            box = cv2.bitwise_and(box, grown)
-        # boxes may overlap, the blobs in them do not
-        mask[rows, cols] |= box
-        dilated[rows, cols] |= grown
-        pixels += cv2.countNonZero(box)
-    return Segmentation(
-        mask=mask.view(np.bool_),
-        dilated=dilated.view(np.bool_),
-        pixels=pixels,
-        blobs=blobs,
-        dropped_blobs=dropped,
-        grey_range=grey_range,
-    )
-
-
-def _groups(bright: Image, radius: int, min_blob: int) -> tuple[list[tuple[slice, slice, Image]], int]:
-    """Split bright pixels into groups that cannot touch each other once dilated.
-
-    Parameters
-    ----------
-    bright : ndarray of uint8 (rows, cols)
-        0 or 255.
-    radius, min_blob : int
-        Of the chain [px].
-
-    Returns
-    -------
-    groups : list of (slice, slice, ndarray of uint8)
-        Box of each group with room for its dilation, and 1 where a pixel of the box may belong to it.
-    dropped : int
-        Number of groups left out, because even their box is smaller than ``min_blob``.
-
-    Notes
-    -----
-    Pixels are gathered in blocks of 8 x 8, which a 64-bit word holds row by row. Disks touch, corner to corner
-    included, only if their centres are at most 2 radius + 1 apart in each direction, that is (2 radius + 8) // 8
-    blocks; blocks that far apart touch once each has grown by half of it.
-    """
-    rows, cols = bright.shape
-    padded = np.zeros((-(-rows // BLOCK) * BLOCK, -(-cols // BLOCK) * BLOCK), dtype=np.uint8)
-    padded[:rows, :cols] = bright
-    words = padded.view(np.uint64)  # one word to eight pixels
-    lit = (np.bitwise_or.reduce(words.reshape(-1, BLOCK, words.shape[1]), axis=1) != 0).astype(np.uint8)
-    grow = (2 * radius + BLOCK) // BLOCK // 2
-    grown = cv2.dilate(lit, np.ones((2 * grow + 1, 2 * grow + 1), np.uint8)) if grow else lit
-    count, labels, _, _ = cv2.connectedComponentsWithStats(grown, connectivity=8, ltype=cv2.CV_32S)
-    labels *= lit
-    groups, dropped, room = [], 0, 0
-    for label, found in enumerate(ndimage.find_objects(labels, count - 1), start=1):
-        top, bottom = found[0].start * BLOCK, min(found[0].stop * BLOCK, rows)
-        left, right = found[1].start * BLOCK, min(found[1].stop * BLOCK, cols)
-        r = slice(max(top - radius, 0), min(bottom + radius, rows))
-        c = slice(max(left - radius, 0), min(right + radius, cols))
-        size = (r.stop - r.start) * (c.stop - c.start)
-        if size < min_blob:
-            dropped += 1
-            continue
-        members = np.zeros((r.stop - r.start, c.stop - c.start), dtype=np.uint8)
-        inside = np.repeat(np.repeat(labels[found] == label, BLOCK, axis=0), BLOCK, axis=1)[
-            : bottom - top, : right - left
-        ]
-        members[top - r.start : bottom - r.start, left - c.start : right - c.start] = inside
-        groups.append((r, c, members))
-        room += size
-    if room > 2 * bright.size:  # entangled groups, each with a wide box: cheaper in one
-        return [(slice(0, rows), slice(0, cols), np.ones_like(bright))], 0
-    return groups, dropped

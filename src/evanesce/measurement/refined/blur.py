@@ -1,7 +1,7 @@
-"""The camera's blur as a calibration knows it: from the edges of the board, in linear light.
+"""The camera's blur from the edges of the calibration board, in linear light.
 
-A board's corners are fitted in grey levels, where a tone curve widens an edge by 2 to 12 %. How much follows from the
-curve and from the levels of the board's dark and bright squares, and is taken off.
+A board's corners are fitted in grey levels, where a tone curve widens an edge by 2 to 12 %. The factor follows from
+the curve and from the levels of the board's dark and bright squares, and is divided out.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from evanesce.measurement.calibration.corners import CornerGrid
 
 Floats = NDArray[np.float64]
 
-BELIEVED_PX = 1.13
-"""Standard deviation of the simulated thesis camera's blur [px]: what is believed where nothing was measured."""
+NOMINAL_PX = 1.13
+"""Standard deviation of the simulated thesis camera's blur [px]: assumed where nothing was measured."""
 
-BELIEVED_LIMITS_PX = (0.6, 3.0)
-"""Limits of a blur that nobody measured [px]: the least that pixels leave, and a picture plainly out of focus."""
+NOMINAL_LIMITS_PX = (0.6, 3.0)
+"""Limits of a blur that was not measured [px]: the smallest that pixels allow, and an image clearly out of focus."""
 
-LEAST_DOUBT = 0.05
-"""Relative half-width of a measured blur: what taking off the tone curve leaves is up to 3 %, at 1 to 3 px."""
+MIN_HALF_WIDTH = 0.05
+"""Relative half-width of a measured blur: removing the tone curve leaves an error of up to 3 %, at 1 to 3 px."""
 
-LEVELS_NOT_KNOWN = (0.88, 1.0)
+UNKNOWN_LEVELS = (0.88, 1.0)
 """Linear over grey-level width of an edge, where a calibration does not keep its board's levels."""
 
 ALLOWED = "above 0, below 50 px, or what `evanesce calibrate` writes"
@@ -47,42 +47,70 @@ class Blur:
         Standard deviation [px].
     low_px, high_px : float
         Limits.
-    origin : {"board", "stated", "believed"}
-        The calibration's board; a number in its file or of a caller; nothing.
+    origin : {"board", "stated", "nominal"}
+        The calibration's board; a number in its file or of a caller; assumed.
     response : tuple of ndarray, optional
-        Places from dark to bright [px] and the light there of a unit step, where the board's edges show it; else the
-        edge is a Gaussian's.
+        Positions from dark to bright [px] and the light there of a unit step, where the board's edges show it; else
+        the edge is Gaussian.
     """
 
-    px: float = BELIEVED_PX
-    low_px: float = BELIEVED_LIMITS_PX[0]
-    high_px: float = BELIEVED_LIMITS_PX[1]
-    origin: str = "believed"
+    px: float = NOMINAL_PX
+    low_px: float = NOMINAL_LIMITS_PX[0]
+    high_px: float = NOMINAL_LIMITS_PX[1]
+    origin: str = "nominal"
     response: tuple[Floats, Floats] | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data: widths and origin, and where the edge's profile is known its places [px] and light [1]."""
+        """Return plain data: widths, origin and, where known, the edge's profile as positions [px] and light [1].
+
+        Returns
+        -------
+        dict
+        """
         found: dict[str, Any] = {"px": self.px, "low_px": self.low_px, "high_px": self.high_px, "origin": self.origin}
         if self.response is not None:
-            found["edge"] = {"places_px": self.response[0].tolist(), "light": self.response[1].tolist()}
+            found["edge"] = {"positions_px": self.response[0].tolist(), "light": self.response[1].tolist()}
         return found
 
     def edge(self, distance: Floats, px: float | None = None) -> Floats:
-        """Return the light of a unit step at distances outside it [px], as if the blur were ``px`` wide."""
+        """Return the light of a unit step at distances outside it [px], as if the blur were ``px`` wide.
+
+        Parameters
+        ----------
+        distance : ndarray
+            Outside the step [px].
+        px : float, optional
+            Standard deviation of the blur; its own by default [px].
+
+        Returns
+        -------
+        ndarray
+            0 to 1.
+        """
         width = self.px if px is None else px
         if self.response is None:
             return edge_response(distance, width)
-        places, shares = self.response
-        return np.asarray(np.interp(-np.asarray(distance) * self.px / width, places, shares))
+        positions, shares = self.response
+        return np.asarray(np.interp(-np.asarray(distance) * self.px / width, positions, shares))
 
     @classmethod
     def stated(cls, px: float) -> Blur:
-        """Return a blur that is known to 5 %."""
-        return cls(px=px, low_px=px * (1 - LEAST_DOUBT), high_px=px * (1 + LEAST_DOUBT), origin="stated")
+        """Return a blur that is known to 5 %.
+
+        Parameters
+        ----------
+        px : float
+            Standard deviation [px].
+
+        Returns
+        -------
+        Blur
+        """
+        return cls(px=px, low_px=px * (1 - MIN_HALF_WIDTH), high_px=px * (1 + MIN_HALF_WIDTH), origin="stated")
 
     @classmethod
     def of(cls, details: Mapping[str, Any], tone: Floats, view: int | None = None) -> Blur:
-        """Return the blur that a calibration measured, else the believed one.
+        """Return the blur that a calibration measured, else the nominal one.
 
         Parameters
         ----------
@@ -94,6 +122,10 @@ class Blur:
         view : int, optional
             Number of the picture, from 1, whose board lay on the glass: a tilted one is out of focus somewhere. Without
             it the sharpest counts.
+
+        Returns
+        -------
+        Blur
 
         Raises
         ------
@@ -111,19 +143,32 @@ class Blur:
         entry, median = entries[one], medians[one]
         spread = sorted((_positive(entry.get("p05", median)), median, _positive(entry.get("p95", median))))
         if "dark_DN" in entry and "bright_DN" in entry:
-            least = most = 1.0 / widened(_level(entry["dark_DN"]), _level(entry["bright_DN"]), tone)
+            low = high = 1.0 / widened(_level(entry["dark_DN"]), _level(entry["bright_DN"]), tone)
         else:
-            least, most = LEVELS_NOT_KNOWN
-        middle = 0.5 * (least + most)
+            low, high = UNKNOWN_LEVELS
+        middle = 0.5 * (low + high)
         return cls(
             px=median * middle, origin="board", response=_response(entry.get("edge"), tone),
-            low_px=min(spread[0] * least, median * middle * (1 - LEAST_DOUBT)),
-            high_px=max(spread[2] * most, median * middle * (1 + LEAST_DOUBT)),
+            low_px=min(spread[0] * low, median * middle * (1 - MIN_HALF_WIDTH)),
+            high_px=max(spread[2] * high, median * middle * (1 + MIN_HALF_WIDTH)),
         )  # fmt: skip
 
 
 def edge_response(distance: Floats, blur_px: float) -> Floats:
-    """Return the light of a unit step at distances outside it [px], blurred by a Gaussian."""
+    """Return the light of a unit step at distances outside it [px], blurred by a Gaussian.
+
+    Parameters
+    ----------
+    distance : ndarray
+        Outside the step [px].
+    blur_px : float
+        Standard deviation [px].
+
+    Returns
+    -------
+    ndarray
+        0 to 1.
+    """
     return np.asarray(0.5 * erfc(distance / (np.sqrt(2.0) * blur_px)))
 
 
@@ -157,6 +202,11 @@ def widened(dark_DN: float, bright_DN: float, tone: Floats) -> float:
     dark_DN, bright_DN : float
         Of the two sides, 0 to 255.
     tone : ndarray (256,)
+
+    Returns
+    -------
+    float
+        [1].
     """
     levels = np.arange(len(tone), dtype=np.float64)
     dark, bright = np.interp([dark_DN, bright_DN], levels, tone)
@@ -173,7 +223,7 @@ def widened(dark_DN: float, bright_DN: float, tone: Floats) -> float:
 
 
 def _response(edge: Any, tone: Floats) -> tuple[Floats, Floats] | None:
-    """Return a kept profile as places and shares of light, made even about its half-way point."""
+    """Return a stored profile as positions and shares of light, made symmetric about its half-way point."""
     if edge is None:
         return None
     try:
@@ -181,8 +231,8 @@ def _response(edge: Any, tone: Floats) -> tuple[Floats, Floats] | None:
         levels = np.array(edge["levels_DN"], np.float64)
     except (KeyError, TypeError, ValueError):
         raise InputError("not a profile", key="blur_px: edge", allowed=ALLOWED) from None
-    places = first + step * np.arange(levels.size)
-    sound = levels.ndim == 1 and levels.size > 8 and step > 0 and abs(places[0] + places[-1]) < 1e-6
+    positions = first + step * np.arange(levels.size)
+    sound = levels.ndim == 1 and levels.size > 8 and step > 0 and abs(positions[0] + positions[-1]) < 1e-6
     if not (sound and np.isfinite(levels).all() and ((levels >= -64) & (levels <= 320)).all()):
         raise InputError("not a profile", key="blur_px: edge", allowed=ALLOWED)
     light = np.interp(levels, np.arange(len(tone), dtype=np.float64), tone)
@@ -192,9 +242,9 @@ def _response(edge: Any, tone: Floats) -> tuple[Floats, Floats] | None:
         return None
     share = (light - dark) / (bright - dark)
     # a tone curve moves the half-way point of grey levels off that of light
-    share = np.interp(places + np.interp(0.5, np.maximum.accumulate(share), places), places, share)
+    share = np.interp(positions + np.interp(0.5, np.maximum.accumulate(share), positions), positions, share)
     even = np.maximum.accumulate(0.5 * (share + 1.0 - share[::-1]))
-    return np.asarray(places, np.float64), np.asarray(even, np.float64)
+    return np.asarray(positions, np.float64), np.asarray(even, np.float64)
 
 
 def _positive(value: Any) -> float:

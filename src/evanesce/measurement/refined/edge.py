@@ -2,8 +2,8 @@
 
 A symmetric blur leaves a step in place where it passes half-way between what lies on its two sides. So the threshold at
 each place is the mean of two envelopes: the light inside the contact and the light outside it, each read beyond the
-blur's reach and carried to the boundary by a straight line in the distance from it. What glows in a groove or around a
-contact belongs to the outer envelope and so is not counted; what the LEDs make uneven belongs to both.
+blur and carried to the boundary by a straight line in the distance from it. Scattered light in a
+groove or around a contact belongs to the outer envelope and is not counted; uneven illumination belongs to both.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ FLATTEST = 0.02
 
 @dataclass(frozen=True, kw_only=True)
 class EdgeSettings:
-    """How the boundary is looked for.
+    """Settings of the search for the boundary.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class EdgeSettings:
     window_px : float
         Standard deviation of the window of an envelope along the boundary [px].
     rounds : int
-        Threshold and boundary are found in turn, this often.
+        Number of times that threshold and boundary are found in turn.
     """
 
     smoothing_px: float = 0.7
@@ -48,7 +48,7 @@ class EdgeSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class Boundary:
-    """What was found in one frame.
+    """Boundary of contact in one frame.
 
     Attributes
     ----------
@@ -66,13 +66,17 @@ class Boundary:
 
 
 def envelopes(light: Floats, mask: Mask, settings: EdgeSettings) -> tuple[Floats, Floats]:
-    """Return inner and outer light carried to the boundary of a mask, (rows, cols) each.
+    """Extrapolate inner and outer light to the boundary of a mask.
 
     Parameters
     ----------
     light : ndarray (rows, cols)
     mask : ndarray of bool (rows, cols)
     settings : EdgeSettings
+
+    Returns
+    -------
+    inner, outer : ndarray (rows, cols)
     """
     inner, outer = (_carried(light, _distance(side), settings) for side in (mask, ~mask))
     return inner, outer
@@ -85,8 +89,8 @@ def _distance(side: Mask) -> Floats:
 
 
 def _carried(light: Floats, distance: Floats, settings: EdgeSettings) -> Floats:
-    """Fit light = a + b distance by weights around each place and return a."""
-    # A narrow ridge or groove has no pixel beyond the blur's reach; there the farthest ones count, by little.
+    """Fit light = a + b distance by weights around each pixel and return a."""
+    # A narrow ridge or groove has no pixel beyond the blur's reach; there the farthest ones count, with a small weight.
     weight = np.where(distance > 0, 1e-6 * np.clip(distance, 0, settings.near_px) ** 6, 0.0)
     weight = np.where((distance >= settings.near_px) & (distance <= settings.far_px), 1.0, weight)
     weight[distance > settings.far_px] = 0.0
@@ -101,22 +105,26 @@ def _carried(light: Floats, distance: Floats, settings: EdgeSettings) -> Floats:
     return np.asarray(l1 - slope * d1)
 
 
-def coarse_mask(light: Floats, least_step: float, *, pixels: int = 1000) -> Mask | None:
-    """Return contact cut half-way between the background and its even part; None where nothing touches.
+def coarse_mask(light: Floats, min_step: float, *, pixels: int = 1000) -> Mask | None:
+    """Segment contact half-way between the background and the plateau of the light; None where there is no contact.
 
     Parameters
     ----------
     light : ndarray (rows, cols)
-    least_step : float
+    min_step : float
         Light over the background below which there is no contact.
     pixels : int
         Contact covers at least so many pixels; what is brighter and smaller is a speck.
+
+    Returns
+    -------
+    ndarray of bool (rows, cols), or None
     """
     smooth = cv2.GaussianBlur(light, (0, 0), 2.0)
     base = float(np.median(smooth))
     count = min(pixels, smooth.size)
     top = float(np.partition(smooth, smooth.size - count, axis=None)[smooth.size - count])
-    if not top - base > least_step:
+    if not top - base > min_step:
         return None
     # the brightest thousand pixels may be a crest in the light: the median of what is bright is the plateau
     plateau = float(np.median(smooth[smooth > 0.5 * (base + top)]))
@@ -133,6 +141,10 @@ def find_boundary(light: Floats, mask: Mask, settings: EdgeSettings | None = Non
     mask : ndarray of bool (rows, cols)
         First guess, right to some pixels.
     settings : EdgeSettings, optional
+
+    Returns
+    -------
+    Boundary
     """
     settings = settings or EdgeSettings()
     smooth = np.asarray(cv2.GaussianBlur(light, (0, 0), settings.smoothing_px))
@@ -152,8 +164,17 @@ def find_boundary(light: Floats, mask: Mask, settings: EdgeSettings | None = Non
 def edge_spread(boundary: Boundary) -> float:
     """Return how much wider the edge is on average along its curves than at its median [px].
 
-    A blur is the same all along; what widens the edge in places is a film of air that opens slowly beside the contact.
+    A blur is the same all along; what widens the edge locally is a film of air that opens slowly beside the contact.
     An edge's width is one over the slope of its level.
+
+    Parameters
+    ----------
+    boundary : Boundary
+
+    Returns
+    -------
+    float
+        [px].
     """
     slope = np.hypot(*np.gradient(boundary.level))
     widths, lengths = [], []
@@ -169,6 +190,16 @@ def edge_spread(boundary: Boundary) -> float:
 
 
 def half_contours(level: Floats) -> list[Floats]:
-    """Return the closed curves (x, y) where a map passes one half [px]; they close along the map's border."""
+    """Return the closed curves (x, y) where a map passes one half [px]; they close along the map's border.
+
+    Parameters
+    ----------
+    level : ndarray (rows, cols)
+
+    Returns
+    -------
+    list of ndarray (n, 2)
+        (x, y) [px].
+    """
     found = find_contours(np.pad(level, 1, constant_values=0.0), 0.5)
     return [(contour - 1)[:, ::-1] for contour in found if len(contour) > 3]

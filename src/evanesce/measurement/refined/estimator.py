@@ -1,9 +1,10 @@
-"""Refined contact area, to a fraction of a pixel, from frames and the rig's own calibration; no ground truth enters.
+"""Refined contact area, to a fraction of a pixel, from frames and the rig's own calibration.
 
-The steps: grey level to linear light (:mod:`.light`); glow inside the silicone taken back to where it entered
-(:mod:`.subsurface`); boundary half-way between the light on its two sides (:mod:`.edge`); what saturates, put
-in from the light that does not; and the curve carried onto the plate point by point (:mod:`.plate`), so that
-there is no single area per pixel. Frames are read as taken: nothing is resampled.
+Steps: grey level to linear light (:mod:`~evanesce.measurement.refined.light`); subsurface scattering inverted
+(:mod:`~evanesce.measurement.refined.subsurface`); boundary half-way between the light on its two sides
+(:mod:`~evanesce.measurement.refined.edge`); saturated parts replaced by a model fitted to the unsaturated light
+(:mod:`~evanesce.measurement.refined.saturation`); curve mapped onto the plate point by point
+(:mod:`~evanesce.measurement.refined.plate`), so that there is no single area per pixel. Frames are not resampled.
 """
 
 from __future__ import annotations
@@ -35,62 +36,62 @@ from evanesce.measurement.refined.plate import PlateMap
 from evanesce.measurement.refined.saturation import (
     contact_edge,
     contact_within,
-    doubt_of_edge,
+    edge_uncertainty,
     filled_by,
     lies_within,
     shift_of_edge,
 )
-from evanesce.measurement.refined.subsurface import Walk, entered, find_walk
+from evanesce.measurement.refined.subsurface import Scattering, entered, find_scattering
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Unseen = Literal["", "top", "modelled"]
 
 PLAIN_MARGIN_PX = 60
-GLOW_MARGIN_PX = 260
-GLOW_REACH_PX = 200.0
-GLOW_SMOOTHING_PX = 1.5
+SCATTERING_MARGIN_PX = 260
+SCATTERING_REACH_PX = 200.0
+SCATTERING_SMOOTHING_PX = 1.5
 FILL_ROUNDS = 4
 BLURS_TRIED = 7
-"""Within the limits of the camera's blur, to see how far a saturated edge depends on it."""
+"""Blurs within the camera's limits by which the dependence of a saturated edge on the blur is estimated."""
 
 SATURATED_SHARE = 0.02
-"""Of the contact's pixels: up to here noise takes single pixels to the top, which are read as they are."""
+"""Of the contact's pixels: up to here noise saturates single pixels, which are read as they are."""
 
 SATURATED_LEVEL = 0.8
-"""Light at which the edge of a saturated contact is read: the highest that noise keeps from the top."""
+"""Light at which the edge of a saturated contact is read: the highest that noise does not saturate."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """What the estimator may be told.
+    """Settings of the estimator.
 
     Attributes
     ----------
     edge : EdgeSettings
     blur : Blur
         Of the camera; only saturated frames need it.
-    least_step : float
-        Light of contact over the background, of full scale, below which nothing touches.
-    least_area_mm2 : float
+    min_step : float
+        Light of contact over the background, of full scale, below which there is no contact.
+    min_area_mm2 : float
         Smaller islands are specks.
-    walk : Walk, optional
-        Of the light in this finger's silicone; looked for in each frame that does not saturate if not given.
+    scattering : Scattering, optional
+        Of this finger's silicone; fitted to each frame that does not saturate if not given.
     crop : Crop
         In the frame as taken.
     """
 
     edge: EdgeSettings = field(default_factory=EdgeSettings)
     blur: Blur = field(default_factory=Blur)
-    least_step: float = 0.01
-    least_area_mm2: float = 0.1
-    walk: Walk | None = None
+    min_step: float = 0.01
+    min_area_mm2: float = 0.1
+    scattering: Scattering | None = None
     crop: Crop = field(default_factory=Crop)
 
 
 @dataclass(frozen=True, kw_only=True)
 class RefinedArea:
-    """What the estimator says of one frame.
+    """Refined area of one frame.
 
     Attributes
     ----------
@@ -100,39 +101,39 @@ class RefinedArea:
         (x, y) in the frame as taken [px]; holes run the other way round.
     mask : ndarray of bool (rows, cols)
         Of the crop.
-    walk : Walk
+    scattering : Scattering
     saturated_pixels : int
     islands, dropped : int
         Parts of the contact, and those too small to be it.
     step : float
         Median light of contact over what is beside it, of full scale.
     spread_mm : float, optional
-        How much wider the edge is than at its median (:func:`.edge_spread`); None where it is not the
-        frame's own: saturated, or after light's walk was turned round.
+        How much wider the edge is than at its median (:func:`~.refined_edge.edge_spread`); None where it is not the
+        frame's own: saturated, or after scattering was inverted.
     unseen : {"", "top", "modelled"}
-        What saturation hides of the edge: nothing; its top, so that its foot was read; more, under glow, so that the
-        saturated part was put in by a model.
-    blur_doubt_px : float
-        How far the boundary would move by the limits of the camera's blur [px]; 0 where the edge does not need it.
+        What saturation hides of the edge: nothing; its top, so that its foot was read; more, under scattered light, so
+        that the saturated part comes from a model.
+    blur_uncertainty_px : float
+        How far the boundary moves between the limits of the camera's blur [px]; 0 where the edge does not depend on it.
     """
 
     area_mm2: float
     perimeter_mm: float
     contours: list[Floats]
     mask: Mask
-    walk: Walk
+    scattering: Scattering
     saturated_pixels: int
     islands: int
     dropped: int
     step: float
     spread_mm: float | None = None
     unseen: Unseen = ""
-    blur_doubt_px: float = 0.0
+    blur_uncertainty_px: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Estimator:
-    """The estimator with the rig's calibration; made once for all frames.
+    """Refined area estimator with the rig's calibration; made once for all frames.
 
     Attributes
     ----------
@@ -151,10 +152,22 @@ class Estimator:
 
         ``blur_px`` states the camera's blur; without it (or ``blur``) it is what the calibration's board shows.
 
+        Parameters
+        ----------
+        calibration : Calibration
+        radiometry : Radiometry, optional
+            From the calibration's tone curve by default.
+        **settings
+            Of :class:`Settings`, and ``blur_px``.
+
+        Returns
+        -------
+        Estimator
+
         Raises
         ------
         InputError
-            If the calibration tells no scale, or its tone curve or blur is not valid.
+            If the calibration holds no scale, or its tone curve or blur is not valid.
         """
         if radiometry is None:
             radiometry = Radiometry.of(calibration.details)
@@ -165,24 +178,29 @@ class Estimator:
             settings["blur"] = Blur.of(calibration.details, radiometry.tone, plate.view)
         return cls(plate=plate, radiometry=radiometry, settings=Settings(**settings))
 
-    def taught(self, image: NDArray[np.uint8]) -> Estimator:
-        """Return the estimator that has learnt how far light walks in this finger, and how it rises across the edge.
+    def tuned_on(self, image: NDArray[np.uint8]) -> Estimator:
+        """Return the estimator with scattering and edge profile fitted to a frame of the same finger.
 
-        The edge is learnt where light does not walk: a film of air beside the contact widens it beyond the blur.
+        The edge profile is fitted where there is no scattering: a film of air beside the contact widens it beyond the
+        blur.
 
         Parameters
         ----------
         image : ndarray of uint8, (rows, cols) or (rows, cols, 3)
             Unsaturated [DN].
+
+        Returns
+        -------
+        Estimator
         """
         found = self.area(image)
         blur = self.settings.blur
-        if found.contours and not found.unseen and not found.walk.length_px:
+        if found.contours and not found.unseen and not found.scattering.length_px:
             light = self.settings.crop.apply(self.radiometry.light(image)[0])
             window = _window(found.mask, PLAIN_MARGIN_PX)
             boundary = find_boundary(light[window], found.mask[window], self.settings.edge)
             blur = replace(blur, response=contact_edge(light[window], boundary, self.settings.edge) or blur.response)
-        return replace(self, settings=replace(self.settings, walk=found.walk, blur=blur))
+        return replace(self, settings=replace(self.settings, scattering=found.scattering, blur=blur))
 
     def area(self, image: NDArray[np.uint8]) -> RefinedArea:
         """Measure one frame.
@@ -191,6 +209,10 @@ class Estimator:
         ----------
         image : ndarray of uint8, (rows, cols) or (rows, cols, 3)
             As taken, not undistorted [DN].
+
+        Returns
+        -------
+        RefinedArea
 
         Raises
         ------
@@ -207,7 +229,7 @@ class Estimator:
         light, full = self.radiometry.light(image)
         crop = self.settings.crop
         light, full = crop.apply(light), crop.apply(full)
-        coarse = coarse_mask(light, self.settings.least_step)
+        coarse = coarse_mask(light, self.settings.min_step)
         if coarse is None:
             return self._nothing(light.shape, full)
         coarse, dropped = self._without_specks(coarse, (crop.r0, crop.c0))
@@ -218,81 +240,86 @@ class Estimator:
     def _nothing(self, shape: tuple[int, ...], full: Mask) -> RefinedArea:
         return RefinedArea(
             area_mm2=0.0, perimeter_mm=0.0, contours=[], mask=np.zeros(shape, np.bool_),
-            walk=self.settings.walk or Walk(), saturated_pixels=int(full.sum()), islands=0, dropped=0, step=0.0,
+            scattering=self.settings.scattering or Scattering(), saturated_pixels=int(full.sum()), islands=0, dropped=0,
+            step=0.0,
         )  # fmt: skip
 
     def _without_specks(self, mask: Mask, origin: tuple[int, int]) -> tuple[Mask, int]:
-        """Drop islands below the least area; return the rest and their number."""
+        """Drop islands below the minimum area; return the rest and the number dropped."""
         labels, count = ndimage.label(mask, np.ones((3, 3)))
         if not count:
             return mask, 0
         sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
         middles = np.array(ndimage.center_of_mass(mask, labels, np.arange(1, count + 1)))[:, ::-1] + origin[::-1]
-        keep = sizes * self.plate.pixel_area(middles) >= self.settings.least_area_mm2
+        keep = sizes * self.plate.pixel_area(middles) >= self.settings.min_area_mm2
         return np.asarray(np.concatenate([[False], keep])[labels]), int((~keep).sum())
 
     def _contact(self, light: Floats, full: Mask, coarse: Mask) -> RefinedArea:
         settings = self.settings
         saturated = bool((full & coarse).sum() > SATURATED_SHARE * coarse.sum())
-        wide = _window(coarse, GLOW_MARGIN_PX)
-        walk = settings.walk
-        if walk is None:
-            walk = Walk() if saturated else self._find_walk(light[wide], coarse[wide])
-        window = _window(coarse, GLOW_MARGIN_PX if walk.length_px else PLAIN_MARGIN_PX)
+        wide = _window(coarse, SCATTERING_MARGIN_PX)
+        scattering = settings.scattering
+        if scattering is None:
+            scattering = Scattering() if saturated else self._find_scattering(light[wide], coarse[wide])
+        window = _window(coarse, SCATTERING_MARGIN_PX if scattering.length_px else PLAIN_MARGIN_PX)
         local, first = light[window], coarse[window]
-        inward = doubt = 0.0
+        inward = uncertainty = 0.0
         unseen: Unseen = ""
-        if walk.length_px:
-            boundary = self._under_glow(local, full[window] if saturated else None, first, walk)
+        if scattering.length_px:
+            boundary = self._without_scattering(local, full[window] if saturated else None, first, scattering)
             if saturated:
-                unseen, doubt = "modelled", 0.5 * (settings.blur.high_px - settings.blur.low_px)
+                unseen, uncertainty = "modelled", 0.5 * (settings.blur.high_px - settings.blur.low_px)
         elif saturated:
-            inward, doubt, boundary = self._saturated_edge(local, full[window])
+            inward, uncertainty, boundary = self._saturated_edge(local, full[window])
             unseen = "top"
         else:
             boundary = find_boundary(local, first, settings.edge)
         found = replace(
-            self._measured(boundary, window, light.shape, full, walk, inward), unseen=unseen, blur_doubt_px=doubt
+            self._measured(boundary, window, light.shape, full, scattering, inward),
+            unseen=unseen,
+            blur_uncertainty_px=uncertainty,
         )
-        if walk.length_px or saturated or not found.contours:
+        if scattering.length_px or saturated or not found.contours:
             return found
         side = np.sqrt(self.plate.pixel_area(np.concatenate(found.contours)).mean())
         return replace(found, spread_mm=edge_spread(boundary) * float(side))
 
-    def _find_walk(self, light: Floats, mask: Mask) -> Walk:
-        """Look for the walk twice: the first contact is too large where grooves glow."""
-        walk = find_walk(light, mask, reach_px=GLOW_REACH_PX)
-        if not walk.length_px:
-            return walk
-        return find_walk(light, self._under_glow(light, None, mask, walk).level > 0.5, reach_px=GLOW_REACH_PX)
+    def _find_scattering(self, light: Floats, mask: Mask) -> Scattering:
+        """Fit the scattering twice: the first contact is too large where light is scattered into grooves."""
+        scattering = find_scattering(light, mask, reach_px=SCATTERING_REACH_PX)
+        if not scattering.length_px:
+            return scattering
+        return find_scattering(
+            light, self._without_scattering(light, None, mask, scattering).level > 0.5, reach_px=SCATTERING_REACH_PX
+        )
 
-    def _under_glow(self, light: Floats, full: Mask | None, mask: Mask, walk: Walk) -> Boundary:
-        """Find the boundary in the light that entered; what saturates is put in by what the contact would make."""
+    def _without_scattering(self, light: Floats, full: Mask | None, mask: Mask, scattering: Scattering) -> Boundary:
+        """Find the boundary in the light that entered; saturated parts are replaced by the light of the contact."""
         edge = replace(self.settings.edge, smoothing_px=0.3)
         if full is None:
-            source = entered(light, walk, GLOW_SMOOTHING_PX)
+            source = entered(light, scattering, SCATTERING_SMOOTHING_PX)
             first = coarse_mask(source, 0.0)
             return find_boundary(source, mask if first is None else first, edge)
         full = cv2.dilate(full.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-        start = coarse_mask(entered(light, walk, GLOW_SMOOTHING_PX), 0.0)
+        start = coarse_mask(entered(light, scattering, SCATTERING_SMOOTHING_PX), 0.0)
         mask = light > SATURATED_LEVEL if start is None else start
         for _ in range(FILL_ROUNDS):
-            filled = filled_by(light, full, mask, walk, self.settings.blur.px)
-            found = find_boundary(entered(filled, walk, GLOW_SMOOTHING_PX), mask, replace(edge, rounds=2))
+            filled = filled_by(light, full, mask, scattering, self.settings.blur.px)
+            found = find_boundary(entered(filled, scattering, SCATTERING_SMOOTHING_PX), mask, replace(edge, rounds=2))
             mask = found.level > 0.5
         if not lies_within(mask, full):
             return found
-        return contact_within(light, full, walk, self.settings.blur.px)
+        return contact_within(light, full, scattering, self.settings.blur.px)
 
     def _saturated_edge(self, light: Floats, full: Mask) -> tuple[float, float, Boundary]:
-        """Return how far inwards of a fixed level the half-way point lies, how far by the blur's limits it may lie
-        elsewhere [px], and the curve at that level."""
+        """Return how far inside a fixed level the half-way point lies and its uncertainty by the blur's limits [px],
+        and the curve at that level."""
         level = cv2.GaussianBlur(light, (0, 0), self.settings.edge.smoothing_px) / (2 * SATURATED_LEVEL)
         boundary = Boundary(contours=half_contours(level), level=level, step=np.full(light.shape, 1.0))
         blur = self.settings.blur
         blurs = [blur.px, *np.geomspace(blur.low_px, blur.high_px, BLURS_TRIED)]
         tried = shift_of_edge(light, full, boundary, SATURATED_LEVEL, blur, blurs)
-        return float(tried[0, 0]), doubt_of_edge(tried), boundary
+        return float(tried[0, 0]), edge_uncertainty(tried), boundary
 
     def _measured(
         self,
@@ -300,7 +327,7 @@ class Estimator:
         window: tuple[slice, slice],
         shape: tuple[int, ...],
         full: Mask,
-        walk: Walk,
+        scattering: Scattering,
         inward_px: float,
     ) -> RefinedArea:
         crop = self.settings.crop
@@ -313,12 +340,14 @@ class Estimator:
         contours = [c for c, p in zip(contours, on_plate, strict=True) if len(p) > 3]
         perimeter = sum(float(np.linalg.norm(np.diff(p, axis=0), axis=1).sum()) for p in on_plate)
         area = self.plate.area(contours)
-        if inward_px and contours:  # to first order a curve moved along its normal changes area by length times way
+        if (
+            inward_px and contours
+        ):  # to first order a curve displaced along its normal changes area by length times displacement
             side = np.sqrt(self.plate.pixel_area(np.concatenate(contours)).mean())
             area -= perimeter * inward_px * float(side)
         inside = boundary.level > 0.5
         return RefinedArea(
-            area_mm2=max(area, 0.0), perimeter_mm=perimeter, contours=contours, mask=mask, walk=walk,
+            area_mm2=max(area, 0.0), perimeter_mm=perimeter, contours=contours, mask=mask, scattering=scattering,
             saturated_pixels=int((full & mask).sum()), islands=islands, dropped=0,
             step=float(np.median(boundary.step[inside])) if inside.any() else 0.0,
         )  # fmt: skip
@@ -333,7 +362,20 @@ def _window(mask: Mask, margin: int) -> tuple[slice, slice]:
 
 
 def refined_measured(frame: Frame, found: RefinedArea, estimator: Estimator) -> Measured:
-    """Return what was found in the form of the reference segmentation; the view is the frame as taken, cropped."""
+    """Return a refined area in the form of the reference segmentation's result.
+
+    Parameters
+    ----------
+    frame : Frame
+    found : RefinedArea
+        Of that frame.
+    estimator : Estimator
+
+    Returns
+    -------
+    Measured
+        Its view is the frame as taken, cropped.
+    """
     view = estimator.settings.crop.apply(frame.data)
     levels = view if view.ndim == 2 else view.max(axis=2)
     pixels = int(found.mask.sum())

@@ -1,7 +1,7 @@
-"""From 8-bit frames back to linear light: tone curve undone, black level and standing light off, field levelled.
+"""From 8-bit frames to linear light: tone curve inverted, dark frame subtracted, flat field divided out.
 
 All of it comes from the rig's own shots: the tone curve from a standard's name or a measured table, the dark light from
-frames in which nothing touches, the flat field from frames of something that touches everywhere or of an even target.
+frames without contact, the flat field from frames of a contact that covers the view or of a uniform target.
 """
 
 from __future__ import annotations
@@ -27,13 +27,18 @@ CURVES = ("linear", "bt709", "srgb")
 
 
 def tone_table(curve: str | Sequence[float]) -> Floats:
-    """Return the linear light, 0 to 1, that each 8-bit level stands for, shape (256,).
+    """Return the linear light of each 8-bit level.
 
     Parameters
     ----------
     curve : str or sequence of float
         ``linear``, ``bt709`` (ITU-R BT.709-6, item 1.2) or ``srgb`` (IEC 61966-2-1), or the 256 values themselves, as a
         step wedge gives them.
+
+    Returns
+    -------
+    ndarray (256,)
+        0 to 1.
 
     Raises
     ------
@@ -59,14 +64,14 @@ def tone_table(curve: str | Sequence[float]) -> Floats:
 
 @dataclass(frozen=True)
 class Radiometry:
-    """How light follows from a frame's numbers.
+    """Conversion of a frame's grey levels to linear light.
 
     Attributes
     ----------
     tone : ndarray (256,)
         Linear light of each level, 0 to 1 (:func:`tone_table`).
     dark : ndarray (rows, cols) or float
-        Linear light with nothing in touch: black level, ambient light, specks.
+        Linear light without contact: black level, ambient light, specks.
     flat : ndarray (rows, cols) or float
         Relative light of an even target, mean 1.
     """
@@ -78,6 +83,17 @@ class Radiometry:
     @classmethod
     def of(cls, details: Mapping[str, Any], dark: Iterable[Image] = (), flat: Iterable[Image] = ()) -> Radiometry:
         """Combine a calibration's ``tone_curve`` (bt709 if it has none) with the rig's own dark and flat shots.
+
+        Parameters
+        ----------
+        details : mapping
+            Of a calibration; ``tone_curve`` is read.
+        dark, flat : iterable of ndarray of uint8
+            Frames without contact, and of a uniform target [DN].
+
+        Returns
+        -------
+        Radiometry
 
         Raises
         ------
@@ -101,6 +117,11 @@ class Radiometry:
         ----------
         image : ndarray of uint8, (rows, cols) or (rows, cols, 3)
             [DN]; of colour frames each channel is made linear before the luma weights.
+
+        Returns
+        -------
+        light : ndarray (rows, cols)
+        saturated : ndarray of bool (rows, cols)
         """
         for name, part in (("dark", self.dark), ("flat", self.flat)):
             if isinstance(part, np.ndarray) and part.shape != image.shape[:2]:

@@ -1,8 +1,8 @@
-"""Where on the plate a pixel lies, and how much of it the pixel sees: from a checkerboard that lay on the glass.
+"""Map from pixels to the plate, with the area of each pixel, from a checkerboard that lay on the glass.
 
 The reference segmentation has one area per pixel for the whole undistorted view. Seen through thick glass the scale
-changes over the view, and a tilted camera changes it as well. A board of known squares on the glass tells both, place
-by place.
+changes over the view, and a tilted camera changes it as well. A board of known squares on the glass determines both
+locally.
 """
 
 from __future__ import annotations
@@ -59,7 +59,15 @@ class PlateMap:
     def of(cls, calibration: Calibration) -> PlateMap:
         """Fit the corners that a calibration keeps; without corners, its one area per pixel.
 
-        Of several views the one that is seen most squarely counts: it lay on the glass.
+        Of several views the one least tilted to the camera counts: it lay on the glass.
+
+        Parameters
+        ----------
+        calibration : Calibration
+
+        Returns
+        -------
+        PlateMap
 
         Raises
         ------
@@ -92,25 +100,58 @@ class PlateMap:
         return cls(calibration, np.zeros(2), 1.0, powers, coefficients, np.zeros((3, 3)))
 
     def to_plate(self, points: Floats) -> Floats:
-        """Return plate positions (n, 2) [mm] of points (x, y) in the frame as taken [px]."""
+        """Return plate positions (n, 2) [mm] of points (x, y) in the frame as taken [px].
+
+        Parameters
+        ----------
+        points : ndarray (n, 2)
+            (x, y) in the frame as taken [px].
+
+        Returns
+        -------
+        ndarray (n, 2)
+            [mm].
+        """
         straight = undistort_points(points, self.calibration.camera_matrix, self.calibration.distortion)
         return np.asarray(_terms((straight - self.middle) / self.reach, self.powers) @ self.coefficients)
 
     def pixel_area(self, points: Floats) -> Floats:
-        """Return the area of the plate that a pixel at each point (n, 2) sees [mm^2]."""
+        """Return the area of the plate that a pixel sees [mm^2], (n,), at points (x, y) (n, 2) in the frame [px].
+
+        Parameters
+        ----------
+        points : ndarray (n, 2)
+            (x, y) in the frame as taken [px].
+
+        Returns
+        -------
+        ndarray (n,)
+            [mm^2].
+        """
         right, below = np.array([0.5, 0.0]), np.array([0.0, 0.5])
         across = self.to_plate(points + right) - self.to_plate(points - right)
         down = self.to_plate(points + below) - self.to_plate(points - below)
         return np.asarray(np.abs(across[:, 0] * down[:, 1] - across[:, 1] * down[:, 0]))
 
     def area_standard(self, polygons: list[Floats]) -> float:
-        """Return the standard uncertainty of :meth:`area` from the corners' scatter [mm^2]."""
+        """Return the standard uncertainty of :meth:`area` from the corners' scatter [mm^2].
+
+        Parameters
+        ----------
+        polygons : list of ndarray (n, 2)
+            As for :meth:`area`.
+
+        Returns
+        -------
+        float
+            [mm^2].
+        """
         gradient = np.zeros((len(self.powers), 2))
         for polygon in polygons:
             straight = undistort_points(polygon, self.calibration.camera_matrix, self.calibration.distortion)
             terms = _terms((straight[:-1] - self.middle) / self.reach, self.powers)
-            place = terms @ self.coefficients
-            chord = 0.5 * (np.roll(place, -1, axis=0) - np.roll(place, 1, axis=0))
+            position = terms @ self.coefficients
+            chord = 0.5 * (np.roll(position, -1, axis=0) - np.roll(position, 1, axis=0))
             gradient += np.stack([terms.T @ chord[:, 1], -terms.T @ chord[:, 0]], axis=-1)
         return float(np.sqrt(np.einsum("ik,ij,jk->", gradient, self.covariance, gradient)))
 
@@ -127,12 +168,27 @@ class PlateMap:
         ----------
         polygons : list of ndarray (n, 2)
             (x, y) of vertices, the last equal to the first [px].
+
+        Returns
+        -------
+        float
+            [mm^2].
         """
         return abs(sum(shoelace(self.to_plate(polygon)) for polygon in polygons))
 
 
 def shoelace(polygon: Floats) -> float:
-    """Return the signed area of a closed polygon (n, 2), the last vertex equal to the first."""
+    """Return the signed area of a closed polygon (n, 2), the last vertex equal to the first.
+
+    Parameters
+    ----------
+    polygon : ndarray (n, 2)
+
+    Returns
+    -------
+    float
+        In the unit squared.
+    """
     x, y = (polygon - polygon.mean(axis=0)).T
     return float(0.5 * np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]))
 
@@ -144,7 +200,7 @@ def _terms(points: Floats, powers: NDArray[np.int64]) -> Floats:
 def _flattest(calibration: Calibration) -> tuple[int, Floats, Floats] | None:
     """Return number, board [mm] and straight picture [px] of the view whose scale changes least across it, if any."""
     best: tuple[int, Floats, Floats] | None = None
-    least = math.inf
+    smallest = math.inf
     for number, world, image in _views(calibration.details):
         straight = undistort_points(image, calibration.camera_matrix, calibration.distortion)
         homography, _ = cv2.findHomography(world, straight)
@@ -152,8 +208,8 @@ def _flattest(calibration: Calibration) -> tuple[int, Floats, Floats] | None:
             continue
         depth = world @ homography[2, :2] + homography[2, 2]  # proportional to the corners' distance from the lens
         spread = float(depth.max() / depth.min()) if depth.min() > 0 else math.inf
-        if spread < least:
-            best, least = (number, world, straight), spread
+        if spread < smallest:
+            best, smallest = (number, world, straight), spread
     return best
 
 

@@ -1,7 +1,7 @@
-"""Where the edge of a contact lies whose light is over the top: read from the foot of the blur that is not.
+"""Edge of a saturated contact, from the foot of the blurred step that is not saturated.
 
 The foot of a blurred step, light against distance, has its own length for each height of the step. So the part of it
-below full scale tells how high the step is and how far inside the half-way point lies.
+below full scale determines how high the step is and how far inside the half-way point lies.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from scipy.optimize import least_squares, minimize_scalar
 
 from evanesce.measurement.refined.blur import Blur
 from evanesce.measurement.refined.edge import Boundary, EdgeSettings, envelopes, half_contours
-from evanesce.measurement.refined.subsurface import Walk, spread
+from evanesce.measurement.refined.subsurface import Scattering, spread
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -26,21 +26,21 @@ REACH_BLURS = 5.0
 """How far out the foot is read, in standard deviations of the blur, but at least ``REACH_PX``."""
 
 FOOT_ALLOWS = 1.7
-"""A blur is ruled out whose residual is so many times the least one's: on ellipses 1.3 to 4 times over the top, blurred
-by 1.1 to 3 px, the true blur's is at most 1.4 times the least."""
+"""A blur is excluded whose residual is so many times the smallest: on ellipses 1.3 to 4 times above full scale, blurred
+by 1.1 to 3 px, the true blur's is at most 1.4 times the smallest."""
 
 CLEAR_PX = 0.25
-"""Where reading the foot begins [px]. Nearer to the curve noise saturates some pixels of a place and not others: to
-read there made contacts 3 and 4 times over the top 0.8 and 1.3 % too large."""
+"""Where reading the foot begins [px]. Nearer to the curve noise saturates some pixels at a distance and not others:
+reading there made contacts 3 and 4 times above full scale 0.8 and 1.3 % too large."""
 
 BIN_PX = 0.25
-LEAST_IN_BIN = 10
+MIN_IN_BIN = 10
 BESIDE_PX = 40.0
 WIDEST_RIM_PX = 30.0
 
 
 def contact_edge(light: Floats, boundary: Boundary, settings: EdgeSettings) -> tuple[Floats, Floats] | None:
-    """Return how light rises across an unsaturated contact's edge: places from dark to bright [px], share of the step.
+    """Return the profile across an unsaturated contact's edge: positions from dark to bright [px], share of step [1].
 
     It holds the camera's blur and the film of air beside the contact, through which some light passes as well.
 
@@ -50,13 +50,18 @@ def contact_edge(light: Floats, boundary: Boundary, settings: EdgeSettings) -> t
     boundary : Boundary
     settings : EdgeSettings
         By which it was found.
+
+    Returns
+    -------
+    tuple of ndarray (n,), or None
+        None where the edge is too short for a profile.
     """
     inner, outer = envelopes(light, boundary.level > 0.5, settings)
     place = -_outside(boundary.level)
     near = (np.abs(place) < REACH_PX) & (inner - outer > 0)
     edges = np.arange(-REACH_PX, REACH_PX + BIN_PX / 2, BIN_PX)
     number = np.digitize(place[near], edges)
-    if np.bincount(number, minlength=len(edges) + 1)[1 : len(edges)].min() < LEAST_IN_BIN:
+    if np.bincount(number, minlength=len(edges) + 1)[1 : len(edges)].min() < MIN_IN_BIN:
         return None
     share = ((light - outer) / np.where(inner > outer, inner - outer, 1.0))[near]
     profile = np.asarray(ndimage.median(share, number, np.arange(1, len(edges))))
@@ -68,7 +73,7 @@ def shift_of_edge(
 ) -> Floats:
     """Return the distance from a curve of fixed light to the half-way point of its step [px], positive inwards.
 
-    One row a width: the distance, and the RMS residual of the foot [of full scale].
+    One row per width: the distance, and the RMS residual of the foot [of full scale].
 
     Parameters
     ----------
@@ -81,9 +86,13 @@ def shift_of_edge(
     level : float
         That level, of full scale.
     blur : Blur
-        Of the camera; its width says how far out the foot is read.
+        Of the camera; its width determines how far out the foot is read.
     widths_px : sequence of float
-        Standard deviations that it is taken to have [px].
+        Standard deviations tried for it [px].
+
+    Returns
+    -------
+    ndarray (n, 2)
     """
     distance = _outside(boundary.level)
     reach = max(REACH_PX, REACH_BLURS * min(blur.px, 10.0))
@@ -99,13 +108,18 @@ def shift_of_edge(
     return np.array([_shift(middle, np.asarray(profile), level, blur, width) for width in widths_px])
 
 
-def doubt_of_edge(tried: Floats) -> float:
-    """Return how far the half-way point may lie off the first blur's [px], over the blurs that the foot allows.
+def edge_uncertainty(tried: Floats) -> float:
+    """Return how far the half-way point may lie from the first blur's [px], over the blurs that the foot allows.
 
     Parameters
     ----------
     tried : ndarray (n, 2)
         Of :func:`shift_of_edge`.
+
+    Returns
+    -------
+    float
+        [px].
     """
     shifts, residuals = tried.T
     allowed = residuals <= FOOT_ALLOWS * residuals.min()
@@ -113,10 +127,10 @@ def doubt_of_edge(tried: Floats) -> float:
 
 
 def _shift(middle: Floats, profile: Floats, level: float, blur: Blur, width_px: float) -> tuple[float, float]:
-    """Fit the foot of a blurred step of unknown height and place; return place [px], positive inwards, and residual."""
+    """Fit the foot of a blurred step of unknown height and position; return position [px] inwards, and residual."""
 
     def residual(x: Floats) -> Floats:
-        # x0 height, x1 shift, x2 light far outside; its own level is no part: smoothing moved it
+        # x0 height, x1 shift, x2 light far outside; its own level is not used: smoothing moved it
         return np.asarray(x[0] * blur.edge(middle + x[1], width_px) + x[2] - profile)
 
     start = [1.5, float(np.clip(width_px * (0.5 - level / 1.5), -1.0, 1.0)), 0.0]
@@ -124,8 +138,8 @@ def _shift(middle: Floats, profile: Floats, level: float, blur: Blur, width_px: 
     return float(solved.x[1]), float(np.sqrt(np.mean(solved.fun**2)))
 
 
-def contact_within(light: Floats, full: Mask, walk: Walk, blur_px: float) -> Boundary:
-    """Return the contact inside a saturated part that explains what glows around that part.
+def contact_within(light: Floats, full: Mask, scattering: Scattering, blur_px: float) -> Boundary:
+    """Return the contact inside a saturated part that explains the scattered light around that part.
 
     The contact is taken as the saturated part less a rim of one width, evenly lit; width and strength are those that
     fit the light beside it best. The curve is the contact's own: to look for an edge in light that is half measured,
@@ -136,15 +150,19 @@ def contact_within(light: Floats, full: Mask, walk: Walk, blur_px: float) -> Bou
     light : ndarray (rows, cols)
     full : ndarray of bool (rows, cols)
         Saturated pixels.
-    walk : Walk
+    scattering : Scattering
     blur_px : float
         Standard deviation of the camera's blur [px].
+
+    Returns
+    -------
+    Boundary
     """
     depth = _outside(np.where(full, 1.0, 0.0))
     beside = (depth > 0.5) & (depth < BESIDE_PX)
 
     def model(rim: float) -> tuple[float, Floats]:
-        made = spread(np.clip(0.5 - depth - rim, 0.0, 1.0), walk, blur_px)
+        made = spread(np.clip(0.5 - depth - rim, 0.0, 1.0), scattering, blur_px)
         return float((made[beside] * light[beside]).sum() / max(float((made[beside] ** 2).sum()), 1e-12)), made
 
     def misfit(rim: float) -> float:
@@ -161,16 +179,45 @@ def contact_within(light: Floats, full: Mask, walk: Walk, blur_px: float) -> Bou
     return Boundary(contours=half_contours(level), level=level, step=np.full(light.shape, strength))
 
 
-def filled_by(light: Floats, full: Mask, mask: Mask, walk: Walk, blur_px: float) -> Floats:
-    """Return light with its saturated part put in as a contact would make it, its strength by the light beside."""
+def filled_by(light: Floats, full: Mask, mask: Mask, scattering: Scattering, blur_px: float) -> Floats:
+    """Return light whose saturated part is replaced by that of a contact, its strength fitted to the light beside it.
+
+    Parameters
+    ----------
+    light : ndarray (rows, cols)
+        Linear, of full scale.
+    full : ndarray of bool (rows, cols)
+        Saturated pixels.
+    mask : ndarray of bool (rows, cols)
+        Contact.
+    scattering : Scattering
+    blur_px : float
+        Standard deviation of the camera's blur [px].
+
+    Returns
+    -------
+    ndarray (rows, cols)
+    """
     beside = (cv2.dilate(full.astype(np.uint8), np.ones((41, 41), np.uint8)) > 0) & ~full
-    model = spread(mask.astype(float), walk, blur_px)
+    model = spread(mask.astype(float), scattering, blur_px)
     strength = float((model[beside] * light[beside]).sum() / max(float((model[beside] ** 2).sum()), 1e-12))
     return np.where(full, np.maximum(strength * model, light), light)
 
 
 def lies_within(mask: Mask, full: Mask) -> bool:
-    """Tell whether most of a contact's boundary lies where the frame is saturated, so that nothing shows it."""
+    """Return whether most of a contact's boundary lies where the frame is saturated.
+
+    Parameters
+    ----------
+    mask : ndarray of bool (rows, cols)
+        Contact.
+    full : ndarray of bool (rows, cols)
+        Saturated pixels.
+
+    Returns
+    -------
+    bool
+    """
     shape = np.ones((3, 3), np.uint8)
     rim = mask & ~(cv2.erode(mask.astype(np.uint8), shape) > 0)
     return bool((rim & full).sum() > 0.5 * rim.sum())

@@ -14,23 +14,19 @@ from evanesce.measurement.reference.area import Measured
 from evanesce.measurement.reference.segment import grey
 from evanesce.measurement.refined.estimator import Estimator, RefinedArea
 from evanesce.measurement.refined.light import tone_table
-from evanesce.measurement.uncertainty.budget import (
-    Component,
-    Finger,
-    Reading,
-    Uncertain,
+from evanesce.measurement.uncertainty.budget import Component, Finger, Reading, Uncertain, propagate
+from evanesce.measurement.uncertainty.components import (
     card_components,
     nearness_component,
-    propagate,
     reference_components,
     refined_components,
 )
 
 UNKNOWN_DISTANCE_MM = 33.0
-"""Lens to plate of the thesis's rig, where no calibration tells it: it only scales the card's height."""
+"""Lens to plate of the thesis's rig, where no calibration determines it: it only scales the card's height."""
 
 UNKNOWN_SPREAD = 0.02
-"""Half the relative spread of the local scale, where no calibration tells it: the thesis rig's own."""
+"""Half the relative spread of the local scale, where no calibration determines it: the thesis rig's own."""
 
 
 def refined_uncertainty(
@@ -49,6 +45,10 @@ def refined_uncertainty(
     cards : sequence of Component, optional
         What is known of the cards; :func:`.card_components` by default.
     finger : {"ridged", "smooth"}
+
+    Returns
+    -------
+    Uncertain
     """
     side = math.sqrt(estimator.plate.middle_area)
     spread = estimator.plate.area_standard(found.contours) / found.area_mm2 if found.area_mm2 > 0 else 0.0
@@ -59,8 +59,8 @@ def refined_uncertainty(
         nearness,
         *refined_components(
             side, spread, video=video, finger=finger, spread_mm=None if video else found.spread_mm,
-            unseen=found.unseen, glow=found.walk.length_px > 0,
-            blur_doubt_px=found.blur_doubt_px,
+            unseen=found.unseen, scattering=found.scattering.length_px > 0,
+            blur_uncertainty_px=found.blur_uncertainty_px,
         ),
     ]  # fmt: skip
     return propagate(reading, parts, rng)
@@ -72,8 +72,8 @@ def reference_uncertainty(
 ) -> Uncertain:  # fmt: skip
     """Return an area of the reference segmentation with its uncertainty.
 
-    How far the threshold's boundary may lie off is read from the frame: the area that a threshold half-way up in linear
-    light would have given in the same surviving blobs.
+    The displacement of the threshold's boundary is estimated from the frame: by the area of a threshold half-way up in
+    linear light in the same surviving blobs.
 
     Parameters
     ----------
@@ -86,6 +86,10 @@ def reference_uncertainty(
         As for :func:`refined_uncertainty`.
     video : bool
         Whether the frame went through a lossy codec.
+
+    Returns
+    -------
+    Uncertain
     """
     side = math.sqrt(mm2_per_px)
     details = calibration.details if calibration else {}
@@ -103,16 +107,22 @@ def reference_uncertainty(
 
 
 def lens_distance(calibration: Calibration | None, pixel_mm: float) -> tuple[float, Component]:
-    """Return the distance of the contact plane from the lens, as it appears through the glass [mm], and how well known.
+    """Return the apparent distance of the contact plane from the lens through the glass [mm], and its uncertainty.
 
-    Focal length over scale. A board that lies flat on the glass does not tell the focal length, so that it counts for
-    what it is worth: found, taken from the rig's drawing, or assumed.
+    Focal length over scale. A board that lies flat on the glass does not determine the focal length, so that its
+    uncertainty depends on whether it was found, taken from the rig's drawing, or assumed.
 
     Parameters
     ----------
     calibration : Calibration, optional
     pixel_mm : float
-        Side of a pixel on the plate, near the axis.
+        Side of a pixel on the plate, near the axis [mm].
+
+    Returns
+    -------
+    distance : float
+        [mm].
+    component : Component
     """
     if calibration is None:
         return UNKNOWN_DISTANCE_MM, nearness_component("assumed")
@@ -122,13 +132,25 @@ def lens_distance(calibration: Calibration | None, pixel_mm: float) -> tuple[flo
         error = errors.get("fx") if isinstance(errors, Mapping) else None
         if isinstance(error, int | float) and 0 <= error < focal:
             return focal * pixel_mm, nearness_component("found", float(error) / focal)
-        return focal * pixel_mm, nearness_component("drawing")  # found, but the file does not say how well
+        return focal * pixel_mm, nearness_component("drawing")  # found, but the file does not state its error
     known: Literal["drawing", "assumed"] = "drawing" if details.get("focal_length_given") is True else "assumed"
     return focal * pixel_mm, nearness_component(known)
 
 
 def reference_boundary(measured: Measured, curve: str | Sequence[float]) -> tuple[float, float]:
-    """Return the length of the mask's boundary, and how far outside the half-way one it runs [px]."""
+    """Return the length of the mask's boundary, and how far outside the half-way boundary it runs.
+
+    Parameters
+    ----------
+    measured : Measured
+    curve : str or sequence of float
+        Tone curve, see :func:`~evanesce.measurement.refined.light.tone_table`.
+
+    Returns
+    -------
+    perimeter, outside : float
+        [px].
+    """
     mask = measured.segmentation.mask
     perimeter = float(perimeter_crofton(mask, 4)) if mask.any() else 0.0
     if not perimeter > 0:

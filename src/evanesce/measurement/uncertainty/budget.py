@@ -5,10 +5,10 @@ A model of the measurement turns an area as read into the area sought:
     A = A_read (1 + print)^2 (1 - height (1 + nearness) / distance)^2 (1 + scale) - perimeter * boundary + noise
 
 print: printed over stated length of the card; height: printed side over the contact plane, which makes the card smaller
-in the picture; nearness: how much nearer than stated the lens may be, of one over its distance; scale: what the fitted
-scale is off at the contact; boundary: how far outside the contact the curve runs, the sum of blur, film of air,
-sampling, codec and threshold; noise: of the frame. Every quantity has a distribution whose origin is said in words; one
-that is not centred corrects the value as well as widening it.
+in the picture; nearness: how much nearer than stated the lens may be, of one over its distance; scale: error of the
+fitted scale at the contact; boundary: how far outside the contact the curve runs, the sum of blur, film of air,
+sampling, codec and threshold; noise: of the frame. Every quantity has a distribution with its origin in words; one that
+is not centred corrects the value as well.
 
 References
 ----------
@@ -71,7 +71,18 @@ class Component:
         return half / math.sqrt(3.0) if self.shape == "rectangular" else half
 
     def draw(self, rng: np.random.Generator, count: int) -> Floats:
-        """Return independent draws."""
+        """Return independent draws.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+        count : int
+
+        Returns
+        -------
+        ndarray (count,)
+            In the unit of the role.
+        """
         if self.shape == "rectangular":
             return rng.uniform(self.low, self.high, count)
         return rng.normal(self.mean, self.standard, count)
@@ -79,7 +90,7 @@ class Component:
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """What the budget must know of one area.
+    """One area as read, with what the model needs beside it.
 
     Attributes
     ----------
@@ -122,12 +133,30 @@ class Uncertain:
     components: tuple[Component, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return plain data.
+
+        Returns
+        -------
+        dict
+            Units in the keys.
+        """
         return asdict(self)
 
 
 def model(reading: Reading, values: Mapping[Role, Any]) -> Any:
-    """Return the area sought [mm^2] for values of the inputs, each a number or an array of draws."""
+    """Return the area sought for values of the inputs.
+
+    Parameters
+    ----------
+    reading : Reading
+    values : mapping of float or ndarray (draws,)
+        By role.
+
+    Returns
+    -------
+    float or ndarray (draws,)
+        [mm^2].
+    """
     smaller = 1.0 - values["height"] * (1.0 + values["nearness"]) / reading.distance_mm
     scale = (1.0 + values["print"]) ** 2 * smaller**2 * (1.0 + values["scale"])
     return reading.area_mm2 * scale - reading.perimeter_mm * values["boundary"] + values["noise"]
@@ -152,6 +181,11 @@ def propagate(
         Independent of one another, each name once.
     rng : numpy.random.Generator
     draws : int
+        Of the Monte Carlo.
+
+    Returns
+    -------
+    Uncertain
     """
     means = {c.name: c.mean for c in components}
     centre = float(model(reading, _sums(components, means)))
@@ -176,221 +210,3 @@ def propagate(
         interval_mm2=(max(0.0, float(low)), max(0.0, float(high))), contributions_mm2=contributions,
         components=tuple(components),
     )  # fmt: skip
-
-
-PRINT_TOLERANCE = 0.002
-"""Relative length of a print: paper that takes up moisture, a laser printer's feed."""
-
-CARD_HEIGHT_MM = 0.1
-"""Greatest height of a card's printed side over the contact plane: unevenness of paper."""
-
-
-@dataclass(frozen=True)
-class FilmLaw:
-    """How far outside the contact the refined boundary runs, by the width of the edge.
-
-    Light couples across a film of air of some 0.1 um. Where the film opens slowly, as over a ridge that is about to
-    touch, that widens the edge and moves its half-way point outwards: by ``per_spread`` times how much wider it is.
-
-    Attributes
-    ----------
-    per_spread : float
-        [1].
-    offset_mm : float
-        At an edge that noise alone widens.
-    standard_mm : float
-        Standard deviation of what the law leaves, a new rig's own included.
-    """
-
-    per_spread: float
-    offset_mm: float
-    standard_mm: float
-
-    def at(self, spread_mm: float) -> float:
-        """Return the expected way outwards [mm]."""
-        return self.per_spread * spread_mm + self.offset_mm
-
-
-FILM = FilmLaw(per_spread=1.84, offset_mm=-0.00076, standard_mm=0.0004)
-"""Fitted to presses on rigs of their own: other stiffness, ridges, places, forces and voltages (benchmarks/film.py)."""
-
-FILM_LIMITS_MM = {"smooth": (0.0, 0.002), "ridged": (-0.003, 0.007)}
-"""Limits of the same way where the frame does not show the edge's own width: saturated, or in silicone that glows."""
-
-
-UNSEEN_PX = {"top": 0.4, "modelled": 1.2}
-"""Limits of the way of an edge that saturation hides [px], by what it hides: the estimator study's greatest errors,
-rounded up; on another rig they may be larger."""
-
-TURNED_ROUND_PX = 0.5
-"""The same of an edge that was found after light's walk in the silicone was turned round."""
-
-
-def card_components(*, tolerance: float = PRINT_TOLERANCE, height_mm: float = CARD_HEIGHT_MM) -> list[Component]:
-    """Return what every area owes to the card that set its scale."""
-    return [
-        Component(
-            name="card print", role="print", low=-tolerance, high=tolerance, shape="rectangular",
-            origin="printed over stated length of the card",
-        ),
-        Component(
-            name="card height", role="height", low=0.0, high=height_mm, shape="rectangular",
-            origin="printed side over the contact plane, seen through the glass",
-        ),
-    ]  # fmt: skip
-
-
-FOCAL_OF_DRAWING = 0.05
-"""Relative tolerance of a focal length that a drawing or a lens's label states."""
-
-FOCAL_ASSUMED = 0.6
-"""Relative tolerance of one over the distance where the focal length was taken as the longer side of the frame: true
-for fields of view of 23 to 77 degrees along that side."""
-
-
-def nearness_component(known: Literal["found", "drawing", "assumed"], found_error: float = 0.0) -> Component:
-    """Return how well the lens's distance is known, which only matters for the card's height.
-
-    Parameters
-    ----------
-    known : {"found", "drawing", "assumed"}
-        Where the focal length, and with the scale the distance, comes from: tilted boards tell it, one that lies on the
-        glass does not.
-    found_error : float
-        Relative standard error of a focal length that was found.
-    """
-    if known == "found":
-        return Component(
-            name="lens distance", role="nearness", low=-found_error, high=found_error, shape="normal",
-            origin="focal length, from tilted boards",
-        )  # fmt: skip
-    half = FOCAL_OF_DRAWING if known == "drawing" else FOCAL_ASSUMED
-    origin = "focal length by the rig's drawing" if known == "drawing" else "focal length not known: an ordinary lens"
-    return Component(name="lens distance", role="nearness", low=-half, high=half, shape="rectangular", origin=origin)
-
-
-def refined_components(
-    pixel_mm: float, scale_standard: float, *, video: bool = False, finger: Finger = "ridged",
-    spread_mm: float | None = None, unseen: str = "", glow: bool = False, blur_doubt_px: float = 0.0,
-) -> list[Component]:  # fmt: skip
-    """Return the budget of the refined estimator beyond the card.
-
-    Parameters
-    ----------
-    pixel_mm : float
-        Side of a pixel on the plate.
-    scale_standard : float
-        Relative standard uncertainty of the area from the corners' scatter (tilt and distortion included).
-    video : bool
-        Whether frames went through a lossy codec.
-    finger : {"ridged", "smooth"}
-        Counts where the edge's own width is not known.
-    spread_mm, unseen, blur_doubt_px : float, str, float, optional
-        Of :class:`~evanesce.measurement.refined.estimator.RefinedArea`.
-    glow : bool
-        Whether light's walk in the silicone was turned round.
-    """
-    found = [
-        Component(
-            name="scale fit", role="scale", low=-scale_standard, high=scale_standard, shape="normal",
-            origin="scatter of the board's corners, carried through the fit of scale, tilt and distortion",
-        ),
-    ]  # fmt: skip
-    if spread_mm is not None:
-        middle, half = FILM.at(spread_mm), FILM.standard_mm
-        found.append(
-            Component(
-                name="film of air, edge", role="boundary", low=middle - half, high=middle + half, shape="normal",
-                origin="light that still couples beside the contact, by the width of the edge; what the law leaves on"
-                " other rigs, which holds envelopes and sampling of the curve",
-            )
-        )  # fmt: skip
-    else:
-        low, high = FILM_LIMITS_MM[finger]
-        found += [
-            Component(
-                name="film of air, edge", role="boundary", low=low, high=high, shape="rectangular",
-                origin="light that still couples beside the contact",
-            ),
-            Component(
-                name="edge model", role="boundary", low=-0.1 * pixel_mm, high=0.1 * pixel_mm, shape="rectangular",
-                origin="blur that is not symmetric, envelopes, sampling of the curve: a tenth of a pixel",
-            ),
-        ]  # fmt: skip
-    if glow:
-        half = TURNED_ROUND_PX * pixel_mm
-        found.append(
-            Component(
-                name="light's walk", role="boundary", low=-half, high=half, shape="rectangular",
-                origin="light's walk in the silicone, found from the frame and turned round",
-            )
-        )  # fmt: skip
-    if unseen:
-        half = UNSEEN_PX[unseen] * pixel_mm
-        found.append(
-            Component(
-                name="saturated edge", role="boundary", low=-half, high=half, shape="rectangular",
-                origin="the edge is read from light beside the part that is at full scale",
-            )
-        )  # fmt: skip
-    if blur_doubt_px > 0:
-        half = blur_doubt_px * pixel_mm
-        found.append(
-            Component(
-                name="camera's blur", role="boundary", low=-half, high=half, shape="rectangular",
-                origin="way of a saturated edge by the limits of the blur: the board's, or those of any camera",
-            )
-        )  # fmt: skip
-    return [*found, *_codec(pixel_mm, video)]
-
-
-def _codec(pixel_mm: float, video: bool) -> list[Component]:
-    if not video:
-        return []
-    return [
-        Component(
-            name="codec", role="boundary", low=-0.1 * pixel_mm, high=0.1 * pixel_mm, shape="rectangular",
-            origin="a lossy codec's ringing at an edge: a tenth of a pixel",
-        )
-    ]  # fmt: skip
-
-
-def reference_components(
-    pixel_mm: float, *, square_px: float, spread: float, threshold_mm: float, video: bool = False
-) -> list[Component]:
-    """Return the budget of the reference segmentation beyond the card.
-
-    Parameters
-    ----------
-    pixel_mm : float
-    square_px : float
-        Side of the square card in the picture.
-    spread : float
-        Half the relative spread of the local scale over the undistorted view.
-    threshold_mm : float
-        How far the threshold's boundary lies outside the half-way one.
-    video : bool
-        Whether frames went through a lossy codec.
-    """
-    edge = 2.0 * 2.0 * 0.5 / square_px  # both edges of both sides, half a pixel each
-    # the half-way boundary is the better estimate: a known deviation corrects the value, by JCGM 100, 3.2.4
-    away = max(0.5 * abs(threshold_mm), 0.2 * pixel_mm)
-    return [
-        Component(
-            name="threshold on the card", role="scale", low=-edge, high=edge, shape="rectangular",
-            origin="half a pixel at each edge of the square, by blur and threshold",
-        ),
-        Component(
-            name="scale over the view", role="scale", low=-spread, high=spread, shape="rectangular",
-            origin="one area per pixel for the whole undistorted view",
-        ),
-        Component(
-            name="threshold on the contact", role="boundary", low=threshold_mm - away, high=threshold_mm + away,
-            shape="rectangular", origin="distance of the threshold's boundary from the half-way one, known to a half",
-        ),
-        Component(
-            name="counting", role="boundary", low=-0.1 * pixel_mm, high=0.1 * pixel_mm, shape="rectangular",
-            origin="whole pixels, undistortion's interpolation",
-        ),
-        *_codec(pixel_mm, video),
-    ]  # fmt: skip

@@ -9,11 +9,11 @@ from typing import Any
 from evanesce.measurement.uncertainty.budget import Role, Uncertain
 
 FACTOR_ROLES: tuple[Role, ...] = ("print", "height", "nearness", "scale")
-"""What the conversion factor, area over pixels, owes its uncertainty to; the rest is the contact's boundary."""
+"""Roles that enter the conversion factor, area over pixels; the others concern the contact's boundary."""
 
 NOT_COUNTED = {
-    "noise": "moves the boundary at random along its length; part of what the film's law leaves, 0.06 % of an area",
-    "LED voltage": "refined: less than 0.01 % from 8.4 to 9.7 V; author: within 'threshold on the contact'",
+    "noise": "moves the boundary at random along its length; part of the film law's residual, 0.06 % of an area",
+    "LED voltage": "refined: less than 0.01 % from 8.4 to 9.7 V; reference: within 'threshold on the contact'",
     "blur on the card": "a symmetric blur leaves a straight edge at its half-way level; the rest is the half pixel of "
     "'threshold on the card', or in the corners' scatter",
 }
@@ -25,6 +25,14 @@ def budget_table(found: Uncertain) -> dict[str, Any]:
 
     Percentages are standard uncertainties, of the area as read and of the factor [mm^2 per px]; the factor's are None
     where a component does not enter it. Of no area they are 0.
+
+    Parameters
+    ----------
+    found : Uncertain
+
+    Returns
+    -------
+    dict
     """
     rows = []
     for part in found.components:

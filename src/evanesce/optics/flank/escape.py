@@ -1,6 +1,6 @@
 """Light of LEDs and edges that leaves the plate's top face towards points above it: a quadrature over their images.
 
-Mirrored in the plate's faces, a stretch of edge is a tower of images, one below the other. Seen from above the plate
+Mirrored in the plate's faces, a stretch of edge is a column of images, one below the other. Seen from above the plate
 through its top face each image fills a range of angles: its ends follow from Snell's law, and between them the light
 is smooth.
 """
@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.optics.guided_field import EDGES, EdgeLight, _entering, led_count
+from evanesce.optics.edge_rays import EDGES, EdgeLight, led_count, radiance_entering
 from evanesce.optics.interface import fresnel_reflectance
 
 Array = NDArray[np.float64]
@@ -19,10 +19,10 @@ SOLVE_STEPS = 7
 """Of Newton's method for the angle; from its start the sixth changes nothing that float64 holds."""
 
 GRAZING = 1e6
-"""Slope of the flattest way that is looked at [1]."""
+"""Slope of the flattest path that is considered [1]."""
 
 ON_GLASS = 1e-9
-"""Height below which a point lies on the glass [mm]; rounding must not let it see what grazes the plate."""
+"""Height below which a point lies on the glass [mm]; rounding must not let it receive light that grazes the plate."""
 
 FURTHER_IMAGES = 3
 """Images below the one that is seen at the critical angle; more of them change the light by less than 1e-4."""
@@ -34,7 +34,7 @@ _CHUNK = 1 << 21
 
 
 def exit_slope(run: Array, drop: Array, height: Array, refractive_index: float) -> Array:
-    """Return the slope in the air, horizontal over vertical, of the way from a depth in the glass to a height above it.
+    """Return the slope in the air, horizontal over vertical, of the path from a depth in the glass to a height above.
 
     Solves drop tan(theta) + height tan(theta') = run with n sin(theta) = sin(theta') (arguments broadcast).
 
@@ -50,7 +50,7 @@ def exit_slope(run: Array, drop: Array, height: Array, refractive_index: float) 
     Returns
     -------
     ndarray
-        [1]; at most :data:`GRAZING`, which stands for no way at all where ``height`` is 0.
+        [1]; at most :data:`GRAZING`, which stands for no path at all where ``height`` is 0.
     """
     n2 = refractive_index**2
     height = np.where(height > ON_GLASS, height, 0.0)
@@ -67,7 +67,7 @@ def exit_slope(run: Array, drop: Array, height: Array, refractive_index: float) 
     return np.asarray(slope)
 
 
-def _towers(light: EdgeLight, near: float, far: float, reach: float) -> tuple[Array, Array, Array]:
+def _image_columns(light: EdgeLight, near: float, far: float, reach: float) -> tuple[Array, Array, Array]:
     """Return upper and lower ends [mm] of the images of a stretch between two depths, and each one's mirrorings."""
     t = light.thickness
     images = int(np.ceil(reach * np.sqrt(max(light.refractive_index**2 - 1.0, 0.0)) / t)) + FURTHER_IMAGES
@@ -90,7 +90,7 @@ def _irradiance(
     edge : int
         Its number in ``EDGES``.
     along : ndarray (lines,)
-        Places along the edge [mm].
+        Positions along the edge [mm].
     depths : tuple of float
         Upper and lower end of the lines [mm].
     bare : bool
@@ -102,11 +102,11 @@ def _irradiance(
     beside = along[None, :] - points[:, lengthwise, None]
     inward = np.maximum(away, 1e-9)[:, None]
     run = np.hypot(inward, beside)
-    top, bottom, mirrored = _towers(light, *depths, float(run.max()))
+    top, bottom, mirrored = _image_columns(light, *depths, float(run.max()))
     where = run[..., None], points[:, None, None, 2]
     low, high = (np.arctan(exit_slope(where[0], d[None, None, :], where[1], light.refractive_index))
                  for d in (bottom, top))  # fmt: skip
-    # The way to the source, horizontally, in the sense of the normal.
+    # The path to the source, horizontally, in the sense of the normal.
     towards = (normals[:, across, None] * side * inward + normals[:, lengthwise, None] * beside) / run
     u, w = np.polynomial.legendre.leggauss(ANGLES)
     total = np.zeros(low.shape)
@@ -124,7 +124,7 @@ def _irradiance(
             )
             share = share * np.exp(-light.absorption_coefficient * length)
         if not bare:
-            share = share * _entering(light, sine_glass * (inward / run)[..., None])
+            share = share * radiance_entering(light, sine_glass * (inward / run)[..., None])
         total += share * (0.5 * weight * (high - low))
     # d(azimuth) = away/run^2 d(along)
     found = total.sum(axis=-1) / light.refractive_index**2 * inward / run**2

@@ -1,1 +1,1 @@
-"""The fast renderer: fields computed once per rig, operators per contact state, fused kernels."""
+"""The fast renderer: fields computed once per rig, operators per contact state, one kernel from charge to pixels."""

@@ -1,21 +1,13 @@
-"""Marks on the plate's top face that scatter guided light without contact: dust, scratches, films.
+"""Scatterers on the plate's top face, which send guided light to the lens without contact: dust, scratches, films.
 
-Their light is stated against that of a contact: a mark of relative radiance 1 is as bright as the finger would be if it
-touched there. So it follows voltage, dead LEDs and absorption, and no absolute figure has to be invented.
+Their light is stated relative to that of a contact: one of relative radiance 1 is as bright as the finger would be in
+contact there. So it follows voltage, dead LEDs and absorption, and no absolute figure has to be invented.
 """
 
 from __future__ import annotations
 
-import contextlib
 import math
-import os
-import tempfile
-import zipfile
-from collections import OrderedDict
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,14 +15,15 @@ from scipy.interpolate import RectBivariateSpline
 
 from evanesce.core.provenance import digest
 from evanesce.core.states import PlateLight
-from evanesce.optics.guided_field import stacked_radiances
+from evanesce.optics.edge_rays import stacked_radiances
 from evanesce.optics.interface import frustrated_transmittance
 from evanesce.optics.led import led_positions, led_radiances
 from evanesce.optics.patch_light import returned_radiance, window_transmittance
 from evanesce.optics.plate_field import AngleBins, unit_fields
 from evanesce.optics.projection import Projection
-from evanesce.render.fast.rig_fields import cache_folder
-from evanesce.render.fast.transport import edge_light, interface_of
+from evanesce.render.fast.field_files import read_arrays, write_arrays
+from evanesce.render.fast.rig_optics import edge_light, interface_of
+from evanesce.render.kept import kept
 from evanesce.rig import Scene
 
 Array = NDArray[np.float64]
@@ -43,19 +36,6 @@ EDGE_MARGIN = 0.5
 
 RAYS = 1 << 12
 """From each node to the edges, whose own light is smooth; that of the LEDs is a quadrature."""
-
-_KEPT: OrderedDict[str, Any] = OrderedDict()
-_KEEP = 16
-
-
-def _kept(key: str, make: Callable[[], Any]) -> Any:
-    """Return a cached value of this process; the oldest beyond a few are dropped."""
-    if key not in _KEPT:
-        _KEPT[key] = make()
-        while len(_KEPT) > _KEEP:
-            _KEPT.popitem(last=False)
-    _KEPT.move_to_end(key)
-    return _KEPT[key]
 
 
 def contact_radiance(scene: Scene, x: ArrayLike, y: ArrayLike) -> Array:
@@ -88,46 +68,29 @@ def _field_of(scene: Scene, level: float) -> RectBivariateSpline:
     """Return contact radiance over the plate per mean radiance of the LEDs, from this process, from disk, or made."""
     data = scene.as_dict()
     shares = {e: np.round(r / level, 9).tolist() for e, r in led_radiances(scene.plate, scene.leds).items()}
-    places = {e: p.tolist() for e, p in led_positions(scene.plate, scene.leds).items()}
+    positions = {e: p.tolist() for e, p in led_positions(scene.plate, scene.leds).items()}
     faces = [data["leds"][key] for key in ("emitting_width_mm", "emitting_height_mm", "air_gap_share")]
     optical = [data["finger"]["refractive_index"], data["finger"]["diffuse_reflectance"], scene.camera.wavelength_nm]
-    key = digest(["marks 2", data["plate"], faces, shares, places, optical])
+    key = digest(["contact radiance 2", data["plate"], faces, shares, positions, optical])
 
     def make() -> RectBivariateSpline:
-        path = cache_folder() / f"{key}.npz"
-        found = _read(path)
+        found = _read(key)
         if found is None:
             found = _contact_field(scene, level)
-            _write(path, found)
+            write_arrays(key, dict(zip(("y", "x", "values"), found, strict=True)))
         y, x, values = found
         return RectBivariateSpline(y, x, values)
 
-    spline: RectBivariateSpline = _kept(key, make)
-    return spline
+    return kept("contact radiance", key, make)
 
 
-def _read(path: Path) -> tuple[Array, Array, Array] | None:
+def _read(key: str) -> tuple[Array, Array, Array] | None:
     """Return a field kept on disk, None where there is none that can be used."""
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            y, x, values = (np.asarray(data[name], float) for name in ("y", "x", "values"))
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+    arrays = read_arrays(key, ("y", "x", "values"))
+    if arrays is None:
         return None
-    return (y, x, values) if values.shape == (y.size, x.size) and np.isfinite(values).all() else None
-
-
-def _write(path: Path, field: tuple[Array, Array, Array]) -> None:
-    """Keep a field on disk, whole or not at all; a cache that cannot be written is no error."""
-    with contextlib.suppress(OSError):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, part = tempfile.mkstemp(dir=path.parent, suffix=".part")
-        try:
-            with os.fdopen(handle, "wb") as stream:
-                np.savez(stream, y=field[0], x=field[1], values=field[2])
-            os.replace(part, path)
-        except BaseException:
-            Path(part).unlink(missing_ok=True)
-            raise
+    y, x, values = (np.asarray(array, float) for array in arrays.values())
+    return (y, x, values) if values.shape == (y.size, x.size) else None
 
 
 def _contact_field(scene: Scene, level: float) -> tuple[Array, Array, Array]:
@@ -142,13 +105,14 @@ def _contact_field(scene: Scene, level: float) -> tuple[Array, Array, Array]:
         half = size / 2 - EDGE_MARGIN
         axes.append(np.linspace(-half, half, max(4, math.ceil(2 * half / NODE_SPACING) + 1)))
     points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
-    # Another share of power among the same LEDs needs no new light.
+    # Unit light serves any share of power among the same LEDs.
     data = scene.as_dict()
     plate = {key: value for key, value in data["plate"].items() if key != "edge_reflectance"}
     leds = [data["leds"][key] for key in ("emitting_width_mm", "emitting_height_mm", "air_gap_share")]
-    places = {edge: place.tolist() for edge, place in light.positions.items()}
-    unit = _kept(
-        digest(["marks unit", plate, leds, places, interface.n_silicone]),
+    positions = {edge: own.tolist() for edge, own in light.positions.items()}
+    unit = kept(
+        "plate unit light",
+        digest([plate, leds, positions, interface.n_silicone]),
         lambda: unit_fields(light, points, bins, rays=RAYS),
     )
     irradiance = unit.irradiance(stacked_radiances(light), light.edge_reflectance) @ entering
@@ -159,16 +123,36 @@ def _contact_field(scene: Scene, level: float) -> tuple[Array, Array, Array]:
 
 
 def view_position(scene: Scene, light: PlateLight, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
-    """Return where plate points [mm] appear on the light's pinhole grid (column, row) [px]."""
+    """Return where plate points [mm] appear on the light's pinhole grid (column, row) [px].
+
+    Parameters
+    ----------
+    scene : Scene
+    light : PlateLight
+        Its pinhole grid.
+    x, y : array_like
+        Points on the top face [mm].
+    """
     xn, yn = Projection.of(scene.camera, scene.plate).plate_to_ray(x, y)
     px, py = light.principal_point
     return xn * light.focal_px + px, yn * light.focal_px + py
 
 
 def plate_points(scene: Scene, light: PlateLight) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the plate point (x, y) [mm] that each pixel of the light's pinhole grid sees; kept for the last rigs."""
+    """Return the plate point (x, y) [mm] of each pixel of the light's pinhole grid; kept for the last few rigs.
+
+    Parameters
+    ----------
+    scene : Scene
+    light : PlateLight
+        Its pinhole grid.
+
+    Returns
+    -------
+    x, y : ndarray of float32 (rows, cols)
+    """
     data = scene.as_dict()
-    key = digest([data["camera"], data["plate"], light.radiance.shape, light.focal_px, light.principal_point, "points"])
+    key = digest([data["camera"], data["plate"], light.radiance.shape, light.focal_px, light.principal_point])
 
     def make() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         rows, cols = light.radiance.shape
@@ -177,12 +161,20 @@ def plate_points(scene: Scene, light: PlateLight) -> tuple[NDArray[np.float32], 
         x, y = Projection.of(scene.camera, scene.plate).ray_to_plate(u, v)
         return x.astype(np.float32), y.astype(np.float32)
 
-    found: tuple[NDArray[np.float32], NDArray[np.float32]] = _kept(key, make)
-    return found
+    return kept("plate points", key, make)
 
 
 def pixel_area(scene: Scene, light: PlateLight, u: Array, v: Array) -> Array:
-    """Return the area of the contact plane [mm^2] that a pixel at (u, v) of the light's grid sees."""
+    """Return the area of the contact plane [mm^2] that a pixel at (u, v) of the light's grid sees.
+
+    Parameters
+    ----------
+    scene : Scene
+    light : PlateLight
+        Its pinhole grid.
+    u, v : ndarray
+        Column and row [px].
+    """
     projection = Projection.of(scene.camera, scene.plate)
     px, py = light.principal_point
 
@@ -209,7 +201,7 @@ def add_points(scene: Scene, light: PlateLight, x: Array, y: Array, flux: Array)
     -------
     PlateLight
         Each point shared among the four pixels around it, so that radiance summed over the plane keeps ``flux`` and
-        its place; what falls off the grid is dropped.
+        its position; what falls off the grid is dropped.
     """
     u, v = view_position(scene, light, x, y)
     rows, cols = light.radiance.shape

@@ -1,4 +1,4 @@
-"""What a contact does to its own light through the plate: rings of loss and gain, and what the edges send back."""
+"""What a contact does to its own light through the plate: annuli of loss and gain, and what the edges return."""
 
 from __future__ import annotations
 
@@ -70,8 +70,8 @@ class CoarseGrid:
 
 def _hats(nodes: Array, x: Array) -> Array:
     """Return the weights (nodes, points) of linear interpolation between even nodes, ends continued."""
-    place = np.clip((x - nodes[0]) / (nodes[1] - nodes[0]), 0, nodes.size - 1)
-    return np.asarray(np.clip(1.0 - np.abs(place[None, :] - np.arange(nodes.size)[:, None]), 0.0, None))
+    index = np.clip((x - nodes[0]) / (nodes[1] - nodes[0]), 0, nodes.size - 1)
+    return np.asarray(np.clip(1.0 - np.abs(index[None, :] - np.arange(nodes.size)[:, None]), 0.0, None))
 
 
 def coarse_mean(part: Image, first: tuple[int, int], fine: tuple[int, int], coarse: tuple[int, int]) -> Array:
@@ -87,7 +87,7 @@ def coarse_mean(part: Image, first: tuple[int, int], fine: tuple[int, int], coar
     """
     cell = [n / c for n, c in zip(fine, coarse, strict=True)]
     if all(side == int(side) for side in cell):
-        # Whole samples to a cell: only the cells that the part touches.
+        # Whole samples to a cell: only the cells that the part overlaps.
         high, wide = (int(side) for side in cell)
         (row, above), (col, left) = divmod(first[0], high), divmod(first[1], wide)
         below, right = -(above + part.shape[0]) % high, -(left + part.shape[1]) % wide
@@ -123,7 +123,7 @@ def feedback(fields: Fields, coarse: CoarseGrid, entering: Array) -> tuple[Array
     change, taken = np.zeros_like(entering), np.zeros(0)
     for _ in range(ROUNDS):
         inside = entering * (1.0 + change)
-        # The loss is relative to the field at the second place; the field is nearly even, and the first serves, too.
+        # The loss is relative to the field at the second element; the field is nearly even, and the first's serves.
         net = coarse.spectrum * fft.rfft2(inside.astype(np.float32), coarse.padded)
         taken = (coarse.onto_y @ inside @ coarse.onto_x.T).ravel() * coarse.area
         edges = (fields.rig.edges @ taken).reshape(fields.y.size, fields.x.size)

@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from evanesce.core.provenance import digest
-from evanesce.optics.guided_field import stacked_radiances
+from evanesce.optics.edge_rays import stacked_radiances
 from evanesce.optics.interface import frustrated_transmittance
 from evanesce.optics.patch_light import Interface, returned_radiance, window_transmittance
 from evanesce.optics.plate_field import AngleBins
 from evanesce.optics.projection import Projection
-from evanesce.render.fast.rig_fields import RigFields, edge_light, interface_of, node_axes, rig_digest, rig_fields
-from evanesce.render.fast.subsurface import Glow, make_glow
+from evanesce.render.fast.flank import FlankLight, tabulated_approaches
+from evanesce.render.fast.rig_fields import RigFields, node_axes, rig_digest, rig_fields
+from evanesce.render.fast.rig_optics import edge_light, interface_of
+from evanesce.render.fast.subsurface import Subsurface, subsurface_of
 from evanesce.render.kept import kept
 from evanesce.render.reference.bsdf import NEAR_WAVELENGTHS
 from evanesce.rig import Scene
@@ -25,7 +27,7 @@ from evanesce.rig import Scene
 Array = NDArray[np.float64]
 
 MODES = 4
-"""Spatial modes of the coupled field: from place to place it differs mostly by a factor, little by its decay with gap.
+"""Spatial modes of the coupled field: between positions it differs mostly by a factor, little by its decay with gap.
 
 In contact nothing is missing; in a film the fifth would add less than 1e-3 of the contact's light.
 """
@@ -34,12 +36,10 @@ GAP_STEPS = 2048
 GAP_KNOTS = 513
 """Gaps at which the tables are computed; the rest by a cubic spline, to some 1e-6."""
 
-_NOT_SEEN = ("exposure_ms", "analogue_gain", "tone_curve")
-
 
 @dataclass(frozen=True)
 class Fields:
-    """What a frame needs: the rig's fields for the powers of its LEDs, and tables by gap for its camera's place.
+    """What a frame needs: the rig's fields for the powers of its LEDs, and tables by gap for its camera's position.
 
     Attributes
     ----------
@@ -53,15 +53,12 @@ class Fields:
         Irradiance inside the silicone per mode [1].
     response : ndarray (GAP_STEPS,)
         Radiance in air towards the lens per irradiance inside the silicone [1/sr].
-    open_response : float
-        The same per irradiance on the flank behind open glass [1/sr].
     ghost : float
-        Share of radiance that reaches the lens after one more turn between the faces where the glass is open [1].
-    flank_lit : ndarray (depths, stations, azimuths)
-        Irradiance on the flank by light from beside the finger [W mm^-2].
+        Share of radiance that reaches the lens after one more round trip between the faces where the glass is bare [1].
+    flank : FlankLight
     rig : RigFields
-    glow : Glow or None
-        Lateral spread inside the silicone; None where light leaves where it entered.
+    subsurface : Subsurface or None
+        Scattering inside the silicone; None where light leaves where it entered.
     """
 
     x: Array
@@ -70,16 +67,15 @@ class Fields:
     gaps: Array
     coupling: Array
     response: Array
-    open_response: float
     ghost: float
-    flank_lit: Array
+    flank: FlankLight
     rig: RigFields
-    glow: Glow | None = None
+    subsurface: Subsurface | None = None
 
 
 @dataclass(frozen=True)
 class _Tables:
-    """By gap, for one interface and one place of the camera.
+    """By gap, for one interface and one position of the camera.
 
     Attributes
     ----------
@@ -103,11 +99,16 @@ class _Tables:
 
 
 def fields_of(scene: Scene) -> Fields:
-    """Return the fields of a scene, kept for the last few; another voltage costs next to nothing."""
+    """Return the fields of a scene, kept for the last few; another voltage costs next to nothing.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
     radiances = stacked_radiances(edge_light(scene))
     tables, grid = _tables_digest(scene), scene.as_dict()["grid"]
-    walk = scene.finger.scattering_length_mm, scene.finger.scattering_share
-    key = digest([rig_digest(scene), tables, radiances.tolist(), walk, grid])
+    scattering = scene.finger.scattering_length_mm, scene.finger.scattering_share
+    key = digest([rig_digest(scene), tables, radiances.tolist(), scattering, grid])
     return kept("fields", key, lambda: _assemble(scene, radiances, tables))
 
 
@@ -118,17 +119,21 @@ def _assemble(scene: Scene, radiances: Array, tables_key: str) -> Fields:
     modes, coupling = _modes(np.tensordot(radiances, rig.led, 1), tables.transmitted)
     bare = 1.0 - float(window_transmittance(tables.view, interface.n_glass)) * interface.n_glass**2
     return Fields(
-        x,
-        y,
-        modes.reshape(MODES, y.size, x.size),
-        tables.gaps,
-        coupling,
-        tables.response,
-        interface.body_reflectance / np.pi * (1.0 - bare) * interface.n_glass**2 * tables.window,
-        bare * bare,
-        np.tensordot(radiances, rig.flank, 1),
-        rig,
-        _glow(scene, interface, tables, tables_key),
+        x=x,
+        y=y,
+        modes=modes.reshape(MODES, y.size, x.size),
+        gaps=tables.gaps,
+        coupling=coupling,
+        response=tables.response,
+        ghost=bare * bare,
+        flank=FlankLight(
+            approaches=tabulated_approaches(scene),
+            irradiance=np.tensordot(radiances, rig.flank, 1),
+            per_taken=rig.flank_contact,
+            response=interface.body_reflectance / np.pi * (1.0 - bare) * interface.n_glass**2 * tables.window,
+        ),
+        rig=rig,
+        subsurface=_subsurface(scene, interface, tables, tables_key),
     )
 
 
@@ -149,7 +154,7 @@ def _modes(field: Array, transmitted: Array) -> tuple[Array, Array]:
     coupling : ndarray (MODES, GAP_STEPS)
         [1].
     """
-    # Contact first, where the most light is; then what is left by gap, of which a part of the gaps tells all.
+    # Contact first, where the most light is; then the remainder by gap, which a part of the gaps determines.
     contact = field @ transmitted[:, 0]
     mean = field.sum(axis=0) @ transmitted / max(float(contact.sum()), 1e-300)
     rest = field @ transmitted[:, ::16] - contact[:, None] * mean[::16]
@@ -159,16 +164,17 @@ def _modes(field: Array, transmitted: Array) -> tuple[Array, Array]:
     return modes, np.concatenate([mean[None, :], curves])
 
 
-def _glow(scene: Scene, interface: Interface, tables: _Tables, tables_key: str) -> Glow | None:
+def _subsurface(scene: Scene, interface: Interface, tables: _Tables, tables_key: str) -> Subsurface | None:
+    """Return the tables of subsurface scattering; None where the finger has none."""
     length, grid = scene.finger.scattering_length_mm, scene.grid
     share = scene.finger.scattering_share
     if length <= 0 or share <= 0 or interface.body_reflectance <= 0:
         return None
     pitch = grid.size_mm / grid.samples
     whole = kept(
-        "glow",
+        "subsurface",
         f"{tables_key}{length:.17g} {grid.size_mm:.17g} {grid.samples}",
-        lambda: make_glow(interface, length, grid.size_mm, pitch, tables.gaps, tables.view, tables.window),
+        lambda: subsurface_of(interface, length, grid.size_mm, pitch, tables.gaps, tables.view, tables.window),
     )
     return replace(whole, share=share)
 
@@ -221,12 +227,3 @@ def _mean_view_angle(scene: Scene) -> float:
     x, y = projection.plate_to_ray(*(np.array([p]) for p in scene.finger.position_mm))
     ray = projection.axes @ np.array([x[0], y[0], 1.0])
     return float(np.arccos(ray[2] / np.linalg.norm(ray)))
-
-
-def sight_digest(scene: Scene) -> str:
-    """Return the digest of all that decides where the camera sees plate and finger: of no light, and of no contact."""
-    data = scene.as_dict()
-    camera = {k: v for k, v in data["camera"].items() if k not in _NOT_SEEN}
-    plate = {k: data["plate"][k] for k in ("thickness_mm", "refractive_index")}
-    finger = {k: data["finger"][k] for k in ("position_mm", "tip_radius_mm", "diameter_mm", "length_mm")}
-    return digest([camera, plate, finger])

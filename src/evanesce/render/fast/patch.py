@@ -1,6 +1,6 @@
-"""The light of a contact on a refined contact grid: coupling by gap, what the contact does to itself, glow.
+"""The light of a contact on a refined contact grid: coupling by gap, feedback, subsurface scattering.
 
-Only the part of the grid that holds contact, or a film thin enough to couple light, is looked at.
+Only the part of the grid with contact, or with a film thin enough to couple light, is computed.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from evanesce.core.states import ContactState, PlateGrid
 from evanesce.render.fast.feedback import CoarseGrid, coarse_mean, feedback
 from evanesce.render.fast.fields import GAP_STEPS, Fields
-from evanesce.render.fast.fused import THREADS, in_threads
-from evanesce.render.fast.subsurface import glow_radiance
+from evanesce.render.fast.sampling import enlarged
+from evanesce.render.fast.subsurface import subsurface_radiance
+from evanesce.render.fast.threads import THREADS, in_threads
 
 Array = NDArray[Any]
 Image = NDArray[np.float32]
@@ -44,19 +45,30 @@ def refinement(pitch: float, pixel_mm: float) -> int:
     return 1 if 2.0 * pitch <= pixel_mm else 2
 
 
-def enlarged(coarse: Image, step: int, shape: tuple[int, int]) -> Image:
-    """Return an image sampled at pixels 0, step, 2 step, ... at all pixels."""
-    onto = np.array([[step, 0, 0], [0, step, 0]], np.float32)
-    return np.asarray(cv2.warpAffine(coarse, onto, shape[::-1], flags=cv2.INTER_LINEAR), np.float32)
-
-
 def field_images(fields: Fields, x: Array, y: Array) -> list[Image]:
-    """Return the field's modes at plate points x, y [mm] (rows, cols), cubic between the nodes."""
+    """Return the field's modes at plate points x, y [mm] (rows, cols), cubic between the nodes.
+
+    Parameters
+    ----------
+    fields : Fields
+    x, y : ndarray (rows, cols)
+    """
     return [field_image(fields, mode, x, y) for mode in fields.modes]
 
 
 def field_image(fields: Fields, values: Array, x: Array, y: Array) -> Image:
-    """Return values at the field's nodes (y, x) at plate points x, y [mm] (rows, cols), cubic between the nodes."""
+    """Return values at the field's nodes (y, x) at plate points x, y [mm] (rows, cols), cubic between the nodes.
+
+    Parameters
+    ----------
+    fields : Fields
+    values : ndarray (y, x)
+    x, y : ndarray (rows, cols)
+
+    Returns
+    -------
+    ndarray of float32 (rows, cols)
+    """
     map_x = ((x - fields.x[0]) / (fields.x[1] - fields.x[0])).astype(np.float32)
     map_y = ((y - fields.y[0]) / (fields.y[1] - fields.y[0])).astype(np.float32)
     found = cv2.remap(values.astype(np.float32), map_x, map_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
@@ -90,17 +102,17 @@ class InterfaceBox:
     def of(cls, state: ContactState, end: float, refine: int, *, whole: bool = False) -> InterfaceBox:
         """Find the part where there is contact or a film below ``end`` [mm], or take the ``whole`` grid."""
         gap, share = np.asarray(state.gap), np.asarray(state.contact_mask)
-        part = np.s_[:, :] if whole else _touched(gap, share, end)
+        part = np.s_[:, :] if whole else _coupled_part(gap, share, end)
         # As in the path tracer's textures, a gap that is not a number is none.
         gap = np.minimum(np.fmax(gap[part].astype(np.float32), np.float32(0)), np.float32(4 * end))
         share = np.clip(share[part].astype(np.float32), 0, 1)
-        # In a cell that touches in part the gap is that of its centre; the rest of it has its neighbours' largest.
-        touched = (share > 0).astype(np.uint8)
-        cv2.copyTo(cv2.dilate(gap, np.ones((3, 3), np.uint8)), touched, gap)
+        # In a cell partly in contact the gap is that of its centre; the rest of it has its neighbours' largest.
+        in_contact = (share > 0).astype(np.uint8)
+        cv2.copyTo(cv2.dilate(gap, np.ones((3, 3), np.uint8)), in_contact, gap)
         if state.real_contact_fraction is not None:
             # Between the asperities the film is micrometres thick: out of reach of the evanescent wave.
             fraction = np.clip(np.asarray(state.real_contact_fraction)[part].astype(np.float32), 0, 1)
-            rough = (touched > 0) & (fraction < 1)
+            rough = (in_contact > 0) & (fraction < 1)
             gap = np.where(rough, np.maximum(gap, np.float32(0.999 * end)), gap)
             share = share * fraction
         cover = np.where(gap < np.float32(end), np.float32(1), share)
@@ -111,15 +123,15 @@ class InterfaceBox:
         return cls(row * refine, col * refine, gap, share, cover, refine)
 
 
-def _touched(gap: Array, share: Array, end: float) -> tuple[slice, slice]:
+def _coupled_part(gap: Array, share: Array, end: float) -> tuple[slice, slice]:
     """Return the rows and columns that hold contact or a thin film, and a margin; a single cell where none do."""
     near = np.empty(gap.shape, np.uint8)
 
-    def look(rows: range) -> None:
+    def find(rows: range) -> None:
         some = np.s_[rows.start : rows.stop]
         near[some] = ~(gap[some] >= end) | (share[some] > 0)
 
-    in_threads(look, gap.shape[0], -(-gap.shape[0] // THREADS))
+    in_threads(find, gap.shape[0], -(-gap.shape[0] // THREADS))
     col, row, wide, high = cv2.boundingRect(near)
     if wide == 0:
         return np.s_[0:1, 0:1]
@@ -128,7 +140,7 @@ def _touched(gap: Array, share: Array, end: float) -> tuple[slice, slice]:
 
 @dataclass(frozen=True)
 class PatchLight:
-    """What a contact shows on part of a refined contact grid; beyond it there is nothing of it.
+    """The light of a contact on part of a refined contact grid; beyond it there is none.
 
     Attributes
     ----------
@@ -157,7 +169,7 @@ class PatchLight:
 
 @dataclass(frozen=True)
 class _Modes:
-    """The guided field's modes on the samples of a box, and which samples have a film between contact and open."""
+    """The guided field's modes on the samples of a box, and which samples have a film that couples light."""
 
     images: list[Image]
     film: NDArray[np.bool_]
@@ -165,7 +177,7 @@ class _Modes:
     part: Image
 
     def mixed(self, share: Image, tables: Array) -> Image:
-        """Return what share and film couple of all modes, by tables (modes, gaps); open glass couples nothing."""
+        """Return what contact and film couple of all modes, by tables (modes, gaps); bare glass couples nothing."""
         contact = sum(image * np.float32(table[0]) for image, table in zip(self.images, tables, strict=True))
         total = np.asarray(share * contact, np.float32)
         film = np.zeros(self.part.shape, np.float32)
@@ -175,9 +187,23 @@ class _Modes:
         return total
 
 
-def table_place(gap: Image, end: float) -> tuple[NDArray[np.int32], Image]:
-    """Return each gap's node below in the tables, and the part beyond it; all wide gaps are at the last node."""
-    # The gap between rough asperities is set just below the end; it is open.
+def gap_position(gap: Image, end: float) -> tuple[NDArray[np.int32], Image]:
+    """Return each gap's node below in the tables, and the part beyond it; all wide gaps are at the last node.
+
+    Parameters
+    ----------
+    gap : ndarray
+        [mm].
+    end : float
+        Gap of the tables' last entry [mm].
+
+    Returns
+    -------
+    low : ndarray of int32
+    part : ndarray of float32
+        0 to 1.
+    """
+    # The gap between rough asperities is set just below the end; there the glass is bare.
     wide = gap >= np.float32(0.998 * end)
     index = np.where(wide, GAP_STEPS - 1, np.sqrt(np.minimum(gap / np.float32(end), 1)) * np.float32(GAP_STEPS - 1))
     low = np.minimum(index.astype(np.int32), GAP_STEPS - 2)
@@ -186,7 +212,7 @@ def table_place(gap: Image, end: float) -> tuple[NDArray[np.int32], Image]:
 
 def _modes(fields: Fields, grid: PlateGrid, box: InterfaceBox, end: float) -> _Modes:
     film = (box.gap < np.float32(0.998 * end)) & (box.share < 1)
-    low, part = table_place(box.gap[film], end)
+    low, part = gap_position(box.gap[film], end)
     pitch, shape = grid.pitch / box.refine, box.gap.shape
     step = max(1, round(FIELD_STEP_MM / pitch))
     # One sample beyond the last, for the interpolation.
@@ -198,23 +224,32 @@ def _modes(fields: Fields, grid: PlateGrid, box: InterfaceBox, end: float) -> _M
 
 
 def patch_light(fields: Fields, state: ContactState, refine: int = 2) -> PatchLight:
-    """Return the light of a contact on its grid, ``refine`` times as fine."""
+    """Return the light of a contact on its grid, ``refine`` times as fine.
+
+    Parameters
+    ----------
+    fields : Fields
+    state : ContactState
+    refine : int
+        Samples a side of one cell.
+    """
     grid, end = state.grid, float(fields.gaps[-1])
-    # Light that wanders in the silicone leaves beside the contact, too.
-    box = InterfaceBox.of(state, end, refine, whole=fields.glow is not None)
+    # Light scattered below the surface leaves beside the contact, too.
+    box = InterfaceBox.of(state, end, refine, whole=fields.subsurface is not None)
     pitch, fine = grid.pitch / refine, (grid.shape[0] * refine, grid.shape[1] * refine)
     modes = _modes(fields, grid, box, end)
     irradiance = modes.mixed(box.share, fields.coupling)
     coarse = CoarseGrid.of(fields, grid)
     change, taken = feedback(fields, coarse, coarse_mean(irradiance, (box.row, box.col), fine, coarse.shape))
     rise = _rise(change, box, fine)
-    glow, radiance = fields.glow, np.zeros(irradiance.shape, np.float32)
-    if glow is None or glow.share < 1.0:
-        stays = 1.0 if glow is None else 1.0 - glow.share
-        radiance += np.float32(stays) * modes.mixed(box.share, fields.coupling * fields.response) * rise
-    if glow is not None:
-        low, part = table_place(box.gap, end)
-        radiance += np.float32(glow.share) * glow_radiance(glow, irradiance * rise, box.share, low, part, pitch)
+    subsurface, radiance = fields.subsurface, np.zeros(irradiance.shape, np.float32)
+    if subsurface is None or subsurface.share < 1.0:
+        unscattered = 1.0 if subsurface is None else 1.0 - subsurface.share
+        radiance += np.float32(unscattered) * modes.mixed(box.share, fields.coupling * fields.response) * rise
+    if subsurface is not None:
+        low, part = gap_position(box.gap, end)
+        scattered = subsurface_radiance(subsurface, irradiance * rise, box.share, low, part, pitch)
+        radiance += np.float32(subsurface.share) * scattered
     return PatchLight(box.row, box.col, radiance, box.cover, taken, pitch, refine)
 
 
@@ -237,7 +272,20 @@ def _rise(change: Array, box: InterfaceBox, fine: tuple[int, int]) -> Image:
 
 
 def patch_radiance(fields: Fields, state: ContactState, refine: int = 2) -> tuple[Image, float]:
-    """Return the radiance of :func:`patch_light` on the whole refined grid, and its pitch [mm]."""
+    """Return the radiance of :func:`patch_light` on the whole refined grid, and its pitch [mm].
+
+    Parameters
+    ----------
+    fields, state, refine
+        As for :func:`patch_light`.
+
+    Returns
+    -------
+    radiance : ndarray of float32 (rows, cols)
+        [W mm^-2 sr^-1].
+    pitch : float
+        [mm].
+    """
     found = patch_light(fields, state, refine)
     whole = np.zeros((state.grid.shape[0] * refine, state.grid.shape[1] * refine), np.float32)
     rows, cols = found.radiance.shape

@@ -1,4 +1,4 @@
-"""Lateral glow in the fast renderer: light that enters the silicone at a contact and leaves beside it."""
+"""Subsurface scattering in the fast renderer: light that enters the silicone at a contact and leaves beside it."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from evanesce.render.kept import kept
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
-GLOW_CELL = 0.0625
-"""Largest cell of the glow's grid [mm]: an eighth of a ridge of the thesis."""
+LARGEST_CELL_MM = 0.0625
+"""Largest cell of the grid on which scattered light is solved [mm]: an eighth of a ridge of the thesis."""
 
 
 @dataclass(frozen=True)
-class Glow:
-    """What of the glow is computed once per rig.
+class Subsurface:
+    """What of subsurface scattering is computed once per rig.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Glow:
     leave : ndarray (gaps,)
         Radiance in air towards the lens per irradiance that reaches the surface from inside [1/sr].
     share : float
-        Of the returned light that wanders; the rest leaves where it entered [1].
+        Of the returned light that is scattered; the rest leaves where it entered [1].
     """
 
     cell: float
@@ -48,10 +48,10 @@ class Glow:
     share: float = 1.0
 
 
-def make_glow(
+def subsurface_of(
     interface: Interface, length: float, size: float, pitch: float, gaps: Array, view: float, window: float
-) -> Glow:
-    """Return the glow's tables.
+) -> Subsurface:
+    """Return the tables of subsurface scattering.
 
     Parameters
     ----------
@@ -69,22 +69,22 @@ def make_glow(
     window : float
         Radiance in air over radiance at the top face, on the way to the lens [1].
     """
-    cell = min(GLOW_CELL, max(length / 4, pitch))
+    cell = min(LARGEST_CELL_MM, max(length / 4, pitch))
     kernel = profile_kernel(interface.body_reflectance, length, cell, math.ceil(size / cell))
     n1, n3 = interface.n_glass, interface.n_silicone
     by_gap = kept(
-        "inside",
+        "inside reflectance",
         f"{gaps.size} {gaps[-1]:.17g} {interface.wavelength:.17g} {n1:.17g} {n3:.17g}",
         lambda: np.array(internal_diffuse_reflectance(gaps, interface.wavelength, n1, n3)),
     )
     inside = by_gap.copy()
     through = np.array(frustrated_transmittance(np.cos(view), gaps, interface.wavelength, n1, n3))
-    # The eye of the lens averages the fringes of wider films.
+    # The lens's aperture averages the fringes of wider films.
     inside[-1] = open_inside_reflectance(n3, n1)
     cos_inside = math.sqrt(1.0 - min(1.0, (n1 / n3 * math.sin(view)) ** 2))
     through[-1] = open_film_transmittance(cos_inside, n3, n1)
     leave = through / np.pi * (n1 / n3) ** 2 * window
-    return Glow(cell, kernel, inside, np.asarray(leave))
+    return Subsurface(cell, kernel, inside, np.asarray(leave))
 
 
 def body_light(kernel: Array, irradiance: Array, inside: Array) -> Array:
@@ -107,7 +107,7 @@ def body_light(kernel: Array, irradiance: Array, inside: Array) -> Array:
     middle_y, middle_x = kernel.shape[0] // 2, kernel.shape[1] // 2
     cut = kernel[middle_y - reach_y : middle_y + reach_y + 1, middle_x - reach_x : middle_x + reach_x + 1]
     shape: Any = [fft.next_fast_len(n + r, real=True) for n, r in ((rows, reach_y), (cols, reach_x))]
-    # Room for one reach of wrap-around: what wraps falls outside the rows and columns that are kept.
+    # Padded by one reach: what wraps falls outside the rows and columns that are kept.
     around = np.zeros(shape)
     index_y, index_x = np.arange(-reach_y, reach_y + 1) % shape[0], np.arange(-reach_x, reach_x + 1) % shape[1]
     np.add.at(around, (index_y[:, None], index_x[None, :]), cut)
@@ -122,22 +122,22 @@ def body_light(kernel: Array, irradiance: Array, inside: Array) -> Array:
     return found
 
 
-def glow_radiance(
-    glow: Glow, irradiance: Image, share: Image, low: NDArray[np.int32], part: Image, pitch: float
+def subsurface_radiance(
+    tables: Subsurface, irradiance: Image, share: Image, low: NDArray[np.int32], part: Image, pitch: float
 ) -> Image:
-    """Return the radiance towards the lens on the fine grid.
+    """Return the radiance towards the lens on the refined grid.
 
     Parameters
     ----------
-    glow : Glow
+    tables : Subsurface
     irradiance : ndarray (rows, cols)
         That enters the silicone [W/mm^2].
     share : ndarray (rows, cols)
-        Share in contact; asperities are finer than the light's walk, so that the body sees the mean of both parts.
+        Share in contact; asperities are finer than the scattering length, so that the body sees the mean of both parts.
     low, part : ndarray (rows, cols)
-        Place of the other part's gap in the tables: node below, and what is beyond it.
+        Position of the other part's gap in the tables: node below, and the fraction beyond it.
     pitch : float
-        Of the fine grid [mm].
+        Of the refined grid [mm].
     """
 
     def at(table: Array) -> Image:
@@ -146,9 +146,9 @@ def glow_radiance(
         return np.asarray(share * table32[0] + (1 - share) * apart, np.float32)
 
     rows, cols = irradiance.shape
-    coarse = (max(1, round(cols * pitch / glow.cell)), max(1, round(rows * pitch / glow.cell)))
+    coarse = (max(1, round(cols * pitch / tables.cell)), max(1, round(rows * pitch / tables.cell)))
     entering = cv2.resize(irradiance, coarse, interpolation=cv2.INTER_AREA).astype(float)
-    inside = cv2.resize(at(glow.inside), coarse, interpolation=cv2.INTER_AREA).astype(float)
-    found = body_light(glow.kernel, entering, inside)
+    inside = cv2.resize(at(tables.inside), coarse, interpolation=cv2.INTER_AREA).astype(float)
+    found = body_light(tables.kernel, entering, inside)
     body = cv2.resize(np.asarray(found, np.float32), (cols, rows), interpolation=cv2.INTER_LINEAR)
-    return np.asarray(np.maximum(body, 0.0) * at(glow.leave), np.float32)
+    return np.asarray(np.maximum(body, 0.0) * at(tables.leave), np.float32)

@@ -104,7 +104,7 @@ class LedConnector:
             self.bounces = int(diagonal * self.cot_critical / (2 * self.thickness)) + 1
 
     def is_guided(self, direction: Any) -> Any:
-        """Tell whether a direction inside the glass lies beyond the critical angle of both faces."""
+        """Return whether a direction inside the glass lies beyond the critical angle of both faces."""
         return 1.0 - dr.square(direction.z) > self.escape2
 
     def _patch_transmission(self, p: Any, delta: Any, drop: Any, depth: Any, on_top: Any, cosine: Any, ok: Any) -> Any:

@@ -1,8 +1,8 @@
-"""A finger whose inside is a participating medium: the reference for light that wanders in the silicone.
+"""A finger whose inside is a participating medium: the reference for subsurface scattering.
 
-The body is a closed mesh. Part of its surface touches the glass: matched in index, lit from outside by diffuse light
-of irradiance 1 over the touching faces. The rest is open: either matched too (what arrives leaves, as in a random walk)
-or a smooth boundary to air, which sends most of the light back inside. Asked is what leaves the surface.
+The body is a closed mesh. Part of its surface is in contact with the glass: matched in index, lit from outside by
+diffuse light of irradiance 1 over those faces. The rest is open: either matched too (what arrives leaves) or a smooth
+boundary to air, which reflects most of the light back inside. Computed is the exitance of the surface.
 
 Paths are traced backwards, by Mitsuba's volumetric path tracer, in llvm or scalar variants.
 
@@ -66,7 +66,7 @@ class Silicone:
 
 @dataclass(frozen=True)
 class Body:
-    """A closed surface, and which of its faces touch the glass.
+    """A closed surface, and which of its faces are in contact with the glass.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class Body:
         if not self.mesh.is_watertight:
             raise ValueError("the body's mesh is not closed")
         if self.touching.shape != (len(self.mesh.faces),):
-            raise ValueError(f"{self.touching.shape} marks for {len(self.mesh.faces)} faces")
+            raise ValueError(f"{self.touching.shape} flags for {len(self.mesh.faces)} faces")
 
 
 def slab_body(touching: Any, *, half: float, depth: float, cell: float, fine: float) -> Body:
@@ -167,6 +167,17 @@ def medium_scene(body: Body, silicone: Silicone, boundary: Boundary) -> Any:
     """Return the Mitsuba scene of a body lit through its touching faces with irradiance 1 per area.
 
     The variant is the current one.
+
+    Parameters
+    ----------
+    body : Body
+    silicone : Silicone
+    boundary : {"matched", "air"}
+        Of the faces not in contact.
+
+    Returns
+    -------
+    mitsuba.Scene
     """
     import mitsuba as mi
 
@@ -217,7 +228,7 @@ def exitance(scene: Any, points: Array, *, seed: int) -> Array:
 
     # A named stream: a caller's points may come from a generator of the same seed.
     rng = generator(seed, "medium", "directions")
-    normal, place, met = _surface(scene, points)
+    normal, point, met = _surface(scene, points)
     # Cosine-weighted about the inward normal: the mean radiance times pi is the exitance.
     u, phi = rng.random(len(points)), 2 * np.pi * rng.random(len(points))
     side, up = np.sqrt(u), np.sqrt(1 - u)
@@ -226,7 +237,7 @@ def exitance(scene: Any, points: Array, *, seed: int) -> Array:
     a /= np.linalg.norm(a, axis=1, keepdims=True)
     b = np.cross(normal, a)
     direction = side[:, None] * (np.cos(phi)[:, None] * a + np.sin(phi)[:, None] * b) - up[:, None] * normal
-    origin = place + START * normal
+    origin = point + START * normal
     integrator = mi.load_dict({"type": "volpath", "max_depth": MAX_DEPTH, "rr_depth": ROULETTE})
     sampler = mi.load_dict({"type": "independent"})
     if str(mi.variant()).startswith("scalar"):
@@ -248,20 +259,20 @@ def _one(mi: Any, integrator: Any, scene: Any, sampler: Any, origin: Array, dire
 
 
 def _surface(scene: Any, points: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Return outward normal, place, and whether there is a surface above each point."""
+    """Return outward normal, point, and whether there is a surface above each point."""
     import mitsuba as mi
 
     start = np.column_stack([points, np.full(len(points), -1.0)])
     if str(mi.variant()).startswith("scalar"):
         hits = [scene.ray_intersect(mi.Ray3f(mi.Point3f(*p), mi.Vector3f(0, 0, 1))) for p in start]
         normal = np.array([np.array(h.n) for h in hits]).reshape(-1, 3)
-        place = np.array([np.array(h.p) for h in hits]).reshape(-1, 3)
+        point = np.array([np.array(h.p) for h in hits]).reshape(-1, 3)
         met = np.array([h.is_valid() for h in hits])
     else:
         hit = scene.ray_intersect(mi.Ray3f(mi.Point3f(start.T), mi.Vector3f(0, 0, 1)))
-        normal, place = np.array(hit.n).T.astype(float), np.array(hit.p).T.astype(float)
+        normal, point = np.array(hit.n).T.astype(float), np.array(hit.p).T.astype(float)
         met = np.array(hit.is_valid())
     # The lit faces are turned round; from below, outwards is downwards.
     normal = np.where(normal[:, 2:] > 0, -normal, normal)
     normal = np.where(met[:, None], normal, [[0.0, 0.0, -1.0]])
-    return normal, np.where(met[:, None], place, start), met
+    return normal, np.where(met[:, None], point, start), met

@@ -1,4 +1,4 @@
-"""Averaging independently seeded passes of one view: a fixed number, or until their scatter says it is enough."""
+"""Averaging independently seeded passes of one view: a fixed number, or until their scatter is small enough."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Welford:
 
     @property
     def variance_of_mean(self) -> Array:
-        """Variance of the mean; infinite after a single pass, which tells nothing of it."""
+        """Variance of the mean; infinite after a single pass."""
         if self.count < 2:
             return np.full(self.mean.shape, np.inf)
         return np.asarray(self._squares / (self.count - 1) / self.count)
@@ -48,6 +48,11 @@ def noise_and_level(mean: NDArray[Any], variance: NDArray[Any]) -> tuple[float, 
     """Return the RMS standard error of an image's pixels and the RMS of the image without it.
 
     The square of a noisy mean is too large by its variance, which is taken off; what remains below 0 counts as 0.
+
+    Parameters
+    ----------
+    mean, variance : ndarray
+        Of each pixel, variance that of the mean.
     """
     noise2 = float(np.mean(variance))
     return float(np.sqrt(noise2)), float(np.sqrt(max(float(np.mean(np.square(mean, dtype=float))) - noise2, 0.0)))
@@ -58,6 +63,10 @@ def relative_error(light: PlateLight) -> float:
 
     On pixels of one brightness this is the relative standard error of a pixel. 0 in darkness, infinite where nothing
     but noise is seen.
+
+    Parameters
+    ----------
+    light : PlateLight
     """
     noise, level = noise_and_level(light.radiance, light.variance)
     if noise == 0.0:
@@ -103,7 +112,7 @@ class Until:
         sums : Welford
             Of (rows, cols, channels).
         levels : ndarray (channels,)
-            What ``error`` is relative to, by channel; an infinite one asks for nothing.
+            What ``error`` is relative to, by channel; an infinite one sets no limit.
         """
         if self.error is None or sums.count < self.passes:
             return self.passes
@@ -114,7 +123,16 @@ class Until:
 
 
 def channel_levels(sums: Welford) -> Array:
-    """Return the RMS radiance of each channel of (rows, cols, channels), noise taken off."""
+    """Return the RMS radiance of each channel of (rows, cols, channels), noise taken off.
+
+    Parameters
+    ----------
+    sums : Welford
+
+    Returns
+    -------
+    ndarray (channels,)
+    """
     variance = sums.variance_of_mean
     pairs = [noise_and_level(sums.mean[..., k], variance[..., k]) for k in range(sums.mean.shape[2])]
     return np.array([level for _, level in pairs])
@@ -151,7 +169,14 @@ def average(
 
 
 def pass_samples(total: int, passes: int) -> int:
-    """Return samples per pixel of one pass, at least 1, so that all passes together have at least ``total``."""
+    """Return samples per pixel of one pass, at least 1, so that all passes together have at least ``total``.
+
+    Parameters
+    ----------
+    total : int
+        Samples per pixel in all passes.
+    passes : int
+    """
     return max(1, -(-total // passes))
 
 
@@ -168,6 +193,20 @@ def trace(
     tick: Callable[[int, int], None] = lambda done, total: None,
 ) -> Welford:
     """Average independently seeded passes of a scene through one sensor.
+
+    Parameters
+    ----------
+    shapes, sensor : dict
+        As ``mitsuba.load_dict`` takes them.
+    integrator : dict or mitsuba.Integrator
+    samples : int
+        Per pixel and pass.
+    until : Until
+    seed : int
+    name : str
+        Of the random stream.
+    levels, tick
+        As for :func:`average`.
 
     Returns
     -------

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState, PlateLight
 from evanesce.optics.emitters import led_table
-from evanesce.optics.led import each_led_power, led_positions
 from evanesce.optics.projection import IdealView, Projection
+from evanesce.render.reference.led_groups import LedChoice, LedGroups, Powers, in_units, lit_powers
 from evanesce.render.reference.passes import Until, Welford, channel_levels, pass_samples, trace
 from evanesce.render.reference.scene import PlateModel, camera_dict, plate_scene
 from evanesce.render.reference.views import (
@@ -22,30 +22,16 @@ from evanesce.render.reference.views import (
     enlarged,
     focus_window,
     sampling_runs,
-    scaled_view,
 )
 from evanesce.render.variant import VariantInfo, select
 from evanesce.rig import Scene
 
-__all__ = [
-    "LedChoice",
-    "LedGroups",
-    "Powers",
-    "focus_window",
-    "integrator_for",
-    "render",
-    "render_groups",
-    "scaled_view",
-]
-
 Array = NDArray[np.float64]
-Powers = float | Array
-LedChoice = Literal["all", "left", "right", "top", "bottom"]
-# Where an error is asked for, the part of the variance that is left to the light beside the contact, at least.
+# Where an error is required, the part of the variance that is left to the light beside the contact, at least.
 BACKGROUND_VARIANCE = 0.1
 MAX_VIEW_PIXELS = 200_000_000
 MAX_PASSES = 4096
-"""Where an error is asked for that is not reached sooner."""
+"""Most passes, where a required error is not reached sooner."""
 POLISHED_DEPTH = 4096
 """Light goes round between polished edges until it meets an LED, a ground part, or leaves."""
 
@@ -66,13 +52,13 @@ def integrator_for(
     scene : Scene
     info : VariantInfo
     model : PlateModel or None
-        None where nothing touches and no groups are told apart.
+        None without contact and groups.
     powers : mapping
         Radiant power of one LED [W] by edge.
     connect : bool
         Whether paths are connected to the LEDs (llvm and cuda); the mean is the same without, the noise larger.
     groups : LedGroups, optional
-        To be told apart (llvm and cuda).
+        Whose light is separated (llvm and cuda).
     """
     plate, depth = scene.plate, scene.render.max_depth
     if not info.is_jit:
@@ -87,16 +73,22 @@ def integrator_for(
         plate.absorption_coefficient_per_mm, scene.leds.air_gap_share,
     )  # fmt: skip
     patch = model.patch if model else None
-    place = (patch.extent, patch.reflectance) if patch else (None, None)
+    frustrated = (patch.extent, patch.reflectance) if patch else (None, None)
     numbers = groups.numbers if groups else None
-    connector = LedConnector(led_table(plate, scene.leds, powers, numbers), guide, *place) if connect else None
+    connector = LedConnector(led_table(plate, scene.leds, powers, numbers), guide, *frustrated) if connect else None
     depth = max(depth, POLISHED_DEPTH) if plate.edge_polish > 0 else depth
     named = (groups.names, model.group_of) if groups and model else ()
     return guided_integrator(guide, depth, connector, *named)
 
 
 def require_traceable(scene: Scene, jit: bool = True) -> None:
-    """Refuse what only the fast renderer knows, or only the path tracer's llvm and cuda variants.
+    """Refuse what only the fast renderer models, or only the path tracer's llvm and cuda variants.
+
+    Parameters
+    ----------
+    scene : Scene
+    jit : bool
+        Whether the variant is llvm or cuda.
 
     Raises
     ------
@@ -117,66 +109,6 @@ def require_traceable(scene: Scene, jit: bool = True) -> None:
             )
 
 
-@dataclass(frozen=True)
-class LedGroups:
-    """LEDs that are told apart in one rendering.
-
-    Attributes
-    ----------
-    names : tuple of str
-    numbers : mapping of ndarray of int
-        Index into ``names`` of each LED, by edge, in the order of :func:`evanesce.optics.led.led_positions`.
-    """
-
-    names: tuple[str, ...]
-    numbers: Mapping[str, NDArray[np.int64]]
-
-    @classmethod
-    def of(cls, scene: Scene, membership: Mapping[str, str | Sequence[str]] | None = None) -> LedGroups:
-        """Return groups from the name of each LED's group, by edge: one for all LEDs there, or one each.
-
-        Without ``membership`` every edge is a group.
-
-        Raises
-        ------
-        InputError
-            If an edge is missing or its names do not fit its LEDs.
-        """
-        positions = led_positions(scene.plate, scene.leds)
-        wanted = {edge: edge for edge in positions} if membership is None else dict(membership)
-        if set(wanted) != set(positions):
-            raise InputError(f"{sorted(wanted)}", key="led groups", allowed="the lit edges: " + ", ".join(positions))
-        each = {}
-        for edge, centres in positions.items():
-            given = wanted[edge]
-            each[edge] = [given] * centres.size if isinstance(given, str) else list(given)
-            if len(each[edge]) != centres.size:
-                raise InputError(f"{len(each[edge])} names", key=f"led groups, {edge}", allowed=f"{centres.size} names")
-        names = tuple(dict.fromkeys(name for edge in each.values() for name in edge))
-        return cls(names, {edge: np.array([names.index(n) for n in own], np.int64) for edge, own in each.items()})
-
-
-def lit_powers(scene: Scene, leds: LedChoice) -> dict[str, Powers]:
-    """Return the radiant power of each LED [W] on the edges that are lit in this rendering."""
-    powers: dict[str, Powers] = dict(each_led_power(scene.plate, scene.leds))
-    if leds == "all":
-        return powers
-    if leds not in powers:
-        raise InputError(f"'{leds}'", key="leds", allowed=", ".join(["all", *powers]))
-    return {leds: powers[leds]}
-
-
-def in_units(powers: Mapping[str, Powers]) -> tuple[dict[str, Powers], float]:
-    """Return powers over a power of two that makes them of order one, and that unit.
-
-    Light is linear in them and the division is exact, but below the knee of the LEDs' characteristic they fall out of
-    the range of the renderer's 32-bit numbers.
-    """
-    largest = max((float(np.max(p, initial=0.0)) for p in powers.values()), default=0.0)
-    unit = 2.0 ** np.floor(np.log2(largest)) if largest > 0 else 1.0
-    return {edge: np.asarray(p) / unit for edge, p in powers.items()}, float(unit)
-
-
 def render(
     scene: Scene,
     state: ContactState | None,
@@ -194,26 +126,22 @@ def render(
     connect: bool = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> PlateLight:
-    """Path trace the light that leaves the plate towards the lens.
-
-    The same arguments give the same bytes.
+    """Path trace the light that leaves the plate towards the lens; the same arguments give the same bytes.
 
     Parameters
     ----------
     scene : Scene
     state : ContactState or None
-        What touches the glass; None with the finger lifted away.
+        None with the finger lifted away.
     variant : {"auto", "llvm", "scalar", "cuda"}
-    samples_per_pixel : int, optional
-        In all passes together; ``scene.render`` has the default, as for the next two.
-    passes : int, optional
-        Independent passes that the variance is estimated from, at least 2.
+    samples_per_pixel, passes : int, optional
+        Samples in all passes together; independent passes that the variance is estimated from, at least 2. Defaults
+        are the scene's, as that of ``seed``.
     until_error : float, optional
-        Go on with further passes of the same size until the standard error of the radiance, RMS over the pixels, is
-        this part of its RMS (:func:`evanesce.render.reference.passes.relative_error`). With ``focus`` window and rest
-        go on apart.
+        Add passes until the standard error of the radiance, RMS over the pixels, is this part of its RMS
+        (:func:`evanesce.render.reference.passes.relative_error`); with ``focus`` window and rest apart.
     max_passes : int
-        Where that error is not reached sooner; the result then has the error that it has.
+        Where that error is not reached sooner.
     seed : int, optional
     view : IdealView, optional
         Pixels to render; all that the camera's distorted frame sees if not given.
@@ -222,12 +150,12 @@ def render(
     powers : mapping, optional
         Radiant power [W] by edge, of each LED there or of every one, instead of what the supply voltages give.
     focus : bool
-        Spend the samples around the contact and an eighth of them elsewhere, there on coarser pixels: what little
-        light there is beside a contact is smooth, and few samples a pixel would leave it as bright single specks.
+        Spend the samples around the contact and an eighth of them elsewhere, there on coarser pixels: light beside
+        a contact is dim and smooth, and few samples a pixel would leave single bright pixels.
     connect : bool
         See :func:`integrator_for`.
     progress : callable, optional
-        Called as ``progress(done, total)`` after each pass; where an error is asked for, ``total`` is what is expected.
+        Called as ``progress(done, total)`` after each pass; where an error is required, ``total`` is what is expected.
 
     Returns
     -------
@@ -360,7 +288,7 @@ class _Job:
         scale = self.scene.camera.scale_px_per_mm * view.focal_px / self.projection.focal_px
         runs, results = sampling_runs(view, window, sampling.per_pass, scale), []
         levels, before, budget = None, 0, 1.0 - BACKGROUND_VARIANCE if window is not None else 1.0
-        # The window around the contact comes first: it says how bright the light is that errors are relative to.
+        # The window around the contact comes first: it gives the level that errors are relative to.
         for left, run in enumerate(reversed(runs), 1 - len(runs)):
 
             def tick(done: int, total: int, before: int = before, left: int = left) -> None:
@@ -375,7 +303,7 @@ class _Job:
             before += sums.count
             results.append((run, sums))
             if run.window is not None:
-                # So that variances and squares, each summed over the whole view, have the ratio that is asked for.
+                # So that variances and squares, each summed over the whole view, have the ratio that is required.
                 share = np.prod(run.window.shape) / np.prod(view.shape)
                 budget = 1.0 - sampling.until.used(sums, channel_levels(sums))
                 levels = channel_levels(sums) * np.sqrt(share / max(1.0 - share, 1e-9))

@@ -20,7 +20,7 @@ from evanesce.rig import Finger, Scene
 
 Array = NDArray[np.float64]
 EDGES = ("left", "right", "top", "bottom")
-# The finger's mesh stays this far above the glass; nearer silicone is the interface's business. Mitsuba moves the start
+# The finger's mesh stays this far above the glass; nearer silicone belongs to the interface. Mitsuba moves the start
 # of a ray off its surface by about 1e-4 (1 + |p|): 1 um at 10 mm.
 FINGER_CLEARANCE = 0.02
 FINGER_SEGMENTS = 96
@@ -42,7 +42,12 @@ class Window:
 
 
 def interface_optics(scene: Scene) -> InterfaceOptics:
-    """Return the constants of the scene's interface."""
+    """Return the constants of the scene's interface.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
     return InterfaceOptics(
         scene.plate.refractive_index,
         scene.finger.refractive_index,
@@ -52,10 +57,20 @@ def interface_optics(scene: Scene) -> InterfaceOptics:
 
 
 def interface_maps(state: ContactState, near_gap: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the textures of the interface: gap of what does not touch [mm], and share that touches.
+    """Return the textures of the interface: gap of what is not in contact [mm], and share in contact.
 
-    In a cell that touches in part, the state's gap is that of its centre, maybe 0; the part that does not touch gets
-    the largest gap of the neighbourhood, so that contact is counted once, by its share.
+    In a cell partly in contact the state's gap is that of its centre, maybe 0; the part not in contact gets the
+    largest gap of the neighbourhood, so that contact is counted once, by its share.
+
+    Parameters
+    ----------
+    state : ContactState
+    near_gap : float
+        Gap from which on glass and silicone are separate bodies [mm].
+
+    Returns
+    -------
+    gap, share : ndarray of float32 (rows, cols)
     """
     share = np.clip(np.asarray(state.contact_mask, float), 0.0, 1.0)
     gap = np.clip(np.nan_to_num(np.asarray(state.gap, float), posinf=np.inf), 0.0, 4 * near_gap)
@@ -112,11 +127,11 @@ def _on_edge(edge: str, half: tuple[float, float], spans: list[tuple[float, floa
     hx, hy = half
     quads = []
     for a0, a1, z0, z1 in spans:
-        ring = [(a0, z0), (a1, z0), (a1, z1), (a0, z1)]
+        corners_2d = [(a0, z0), (a1, z0), (a1, z1), (a0, z1)]
         if edge in ("left", "right"):
-            quads.append([(-hx if edge == "left" else hx, a, z) for a, z in ring])
+            quads.append([(-hx if edge == "left" else hx, a, z) for a, z in corners_2d])
         else:
-            quads.append([(a, -hy if edge == "top" else hy, z) for a, z in ring])
+            quads.append([(a, -hy if edge == "top" else hy, z) for a, z in corners_2d])
     corners = np.array(quads).reshape(-1, 4, 3)
     # (along, z) turns counter-clockwise about +x for y-z and about -y for x-z.
     return corners if edge in ("left", "bottom") else corners[:, ::-1]
@@ -125,7 +140,7 @@ def _on_edge(edge: str, half: tuple[float, float], spans: list[tuple[float, floa
 def edge_spans(
     length: float, thickness: float, centres: Array, width: float, height: float
 ) -> tuple[list[tuple[float, float, float, float]], list[tuple[float, float, float, float]]]:
-    """Tile an edge face exactly: rectangles (along0, along1, z0, z1) of the LEDs, and of what lies between them."""
+    """Tile an edge face exactly: rectangles (along0, along1, z0, z1) [mm] of the LEDs, and of what is between."""
     z0, z1 = -thickness / 2 - height / 2, -thickness / 2 + height / 2
     lit = [(float(c) - width / 2, float(c) + width / 2, z0, z1) for c in np.sort(centres)]
     dark = []
@@ -160,7 +175,13 @@ def finger_mesh(finger: Finger, depth: float) -> trimesh.Trimesh:
 
 
 def approach(state: ContactState, finger: Finger) -> float:
-    """Return the state's depth, or that of a sphere cut at the contact area where the law has none [mm]."""
+    """Return the state's depth, or that of a sphere cut at the contact area where the law has none [mm].
+
+    Parameters
+    ----------
+    state : ContactState
+    finger : Finger
+    """
     if np.isfinite(state.depth):
         return float(state.depth)
     return state.nominal_contact_area / (np.pi * finger.tip_radius_mm)
@@ -191,7 +212,7 @@ class _Plate:
     def edges(
         self, powers: Mapping[str, ArrayLike], groups: Mapping[str, ArrayLike]
     ) -> tuple[dict[str, Any], dict[str, int]]:
-        """Return the edge faces: LEDs with their radiant powers [W] (in ascending place), and the rest.
+        """Return the edge faces: LEDs with their radiant powers [W] (in ascending position), and the rest.
 
         The LEDs' own faces scatter like the ground part of the edge around them. Returned as well: the group's number
         of each shape that emits.
@@ -369,11 +390,11 @@ def plate_scene(
 def card_mesh(
     name: str,
     tiles: list[tuple[float, float, float, float]],
-    place: Callable[[Array], Array],
+    to_plate: Callable[[Array], Array],
     reflectance: float,
 ) -> Any:
-    """Return tiles (x0, x1, y0, y1) of a card as one diffuse mesh that faces down; ``place`` puts points in space."""
+    """Return tiles (x0, x1, y0, y1) of a card as one diffuse mesh that faces down; ``to_plate`` transforms points."""
     flat = _horizontal(tiles, 0.0, up=False)
-    placed = place(flat.reshape(-1, 3)[:, :2]).reshape(flat.shape)
+    placed = to_plate(flat.reshape(-1, 3)[:, :2]).reshape(flat.shape)
     bsdf = {"type": "diffuse", "reflectance": {"type": "uniform", "value": reflectance}}
     return _mesh(name, *_quads(placed), {"type": "twosided", "bsdf": bsdf})

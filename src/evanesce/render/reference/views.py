@@ -16,13 +16,19 @@ from evanesce.render.reference.scene import Window
 Array = NDArray[np.float64]
 # Around the contact's bounding box; wider than lens blur and dilation by the pipeline.
 FOCUS_MARGIN_MM = 1.0
-# Outside that window this fraction of the samples: there is next to nothing to see.
+# Fraction of the samples outside that window, where there is little light.
 BACKGROUND_SHARE = 0.125
 MAX_BACKGROUND_FACTOR = 8
 
 
 def scaled_view(view: IdealView, factor: float) -> IdealView:
     """Return a view of the same field with ``factor`` times as many pixels a side, for previews.
+
+    Parameters
+    ----------
+    view : IdealView
+    factor : float
+        [1].
 
     Raises
     ------
@@ -38,7 +44,16 @@ def scaled_view(view: IdealView, factor: float) -> IdealView:
 
 
 def focus_window(projection: Projection, view: IdealView, state: ContactState, margin: float) -> Window | None:
-    """Return the view's pixels around the contact (bounding box plus ``margin`` [mm]); None where none is in view."""
+    """Return the view's pixels around the contact (bounding box plus margin); None where none is in view.
+
+    Parameters
+    ----------
+    projection : Projection
+    view : IdealView
+    state : ContactState
+    margin : float
+        [mm].
+    """
     rows, cols = np.nonzero(np.asarray(state.contact_mask) > 0)
     if rows.size == 0:
         return None
@@ -60,7 +75,14 @@ def background_factor(px_per_mm: float) -> int:
 
 
 def enlarged(image: Array, shape: tuple[int, int]) -> Array:
-    """Return an image of the same field on more pixels, bilinear; the same array where the shape is the same."""
+    """Return an image of the same field on more pixels, bilinear; the same array where the shape is the same.
+
+    Parameters
+    ----------
+    image : ndarray (rows, cols)
+    shape : tuple of int
+        (rows, cols).
+    """
     if image.shape == shape:
         return image
     return np.asarray(cv2.resize(image, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR))
@@ -77,7 +99,17 @@ class SamplingRun:
 
 
 def sampling_runs(view: IdealView, window: Window | None, samples: int, px_per_mm: float) -> list[SamplingRun]:
-    """Return what to render: all of the view alike, or its window finely over a coarse whole."""
+    """Return what to render: all of the view alike, or its window finely over a coarse whole.
+
+    Parameters
+    ----------
+    view : IdealView
+    window : Window or None
+    samples : int
+        Per pixel and pass in the window.
+    px_per_mm : float
+        Of the view on the contact plane [px/mm].
+    """
     if window is None:
         return [SamplingRun("whole", view, None, samples)]
     coarse = background_factor(px_per_mm)

@@ -61,8 +61,8 @@
     return out;
   }
 
-  // Clears dilated blobs (8 neighbours) of fewer than `least` pixels.
-  function keepLarge(blobs, rows, cols, least) {
+  // Clears dilated blobs (8 neighbours) of fewer than `minimum` pixels.
+  function keepLarge(blobs, rows, cols, minimum) {
     const stack = new Int32Array(rows * cols), members = new Int32Array(rows * cols);
     for (let start = 0; start < blobs.length; start++) {
       if (blobs[start] !== 1) continue;
@@ -79,7 +79,7 @@
               stack[height++] = r * cols + c;
             }
       }
-      if (count < least) for (let k = 0; k < count; k++) blobs[members[k]] = 0;
+      if (count < minimum) for (let k = 0; k < count; k++) blobs[members[k]] = 0;
     }
   }
 

@@ -1,5 +1,4 @@
-"""Whether stated intervals hold the truth: cards and corners drawn anew, one of a class's frames drawn, per finger and
-place.
+"""Coverage of the stated intervals: cards and corners drawn anew, one of a class's frames drawn, per finger and place.
 
 Each measurement draws one calibration (print, height and square of the cards, scatter of the corners) and one frame of
 each class. What a frame's boundary is does not depend on the calibration, so that it is found once per frame.
@@ -22,36 +21,34 @@ from evanesce.measurement.calibration.rectify import rectification
 from evanesce.measurement.reference.area import measure_frame
 from evanesce.measurement.reference.segment import Chain
 from evanesce.measurement.refined.estimator import Estimator, RefinedArea, Unseen
-from evanesce.measurement.refined.subsurface import Walk
+from evanesce.measurement.refined.subsurface import Scattering
 from evanesce.measurement.uncertainty.area import lens_distance, reference_boundary, refined_uncertainty
-from evanesce.measurement.uncertainty.budget import (
+from evanesce.measurement.uncertainty.budget import Finger, Reading, propagate
+from evanesce.measurement.uncertainty.components import (
     CARD_HEIGHT_MM,
     PRINT_TOLERANCE,
-    Finger,
-    Reading,
     card_components,
-    propagate,
     reference_components,
 )
 from evanesce.optics.projection import Projection
 from evanesce.rig import Scene
-from evanesce.studies.estimator.study import PLACES, REFERENCE_V, Lit, fingers_of, placed
-from evanesce.studies.registry import Keep, not_kept
+from evanesce.studies.estimator.study import POSITIONS, REFERENCE_V, LitPress, fingers_of, placed
+from evanesce.studies.ledger import Keep, not_kept
 
 FORCES = (0.8, 1.1, 1.7, 2.3, 3.6, 4.4)
-"""At 0.8 N a ridge is about to touch: the widest film of air [N]."""
+"""At 0.8 N a ridge is about to come into contact: the widest film of air [N]."""
 
 VOLTAGES = (8.4, 9.7)
 FINGERS = ("smooth", "ridged")
 BLOCK = 50
-"""Measurements that are put away together."""
+"""Measurements that are kept together."""
 
 Tick = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Shot:
-    """One frame, measured as far as that needs no calibration.
+    """What one frame gives without a calibration.
 
     Attributes
     ----------
@@ -64,9 +61,9 @@ class Shot:
     perimeter_px, away_px : float
         Of the reference segmentation (:func:`~evanesce.measurement.uncertainty.area.reference_boundary`).
     unseen : str
-    walk : Walk
-    blur_doubt_px : float
-        Of the refined estimator: what of the edge the frame does not show.
+    scattering : Scattering
+    blur_uncertainty_px : float
+        Of the refined estimator.
     """
 
     true_mm2: float
@@ -76,19 +73,34 @@ class Shot:
     perimeter_px: float
     away_px: float
     unseen: Unseen = ""
-    walk: Walk = field(default_factory=Walk)
-    blur_doubt_px: float = 0.0
+    scattering: Scattering = field(default_factory=Scattering)
+    blur_uncertainty_px: float = 0.0
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data, from which :meth:`of` makes the same shot to the last bit."""
+        """Return plain data, from which :meth:`of` makes the same shot to the last bit.
+
+        Returns
+        -------
+        dict
+        """
         contours = [contour.tolist() for contour in self.contours]
-        return {**vars(self), "contours": contours, "walk": asdict(self.walk)}
+        return {**vars(self), "contours": contours, "scattering": asdict(self.scattering)}
 
     @classmethod
     def of(cls, data: Mapping[str, Any]) -> Shot:
-        """Return a shot of plain data."""
+        """Return a shot of plain data.
+
+        Parameters
+        ----------
+        data : mapping
+            Of :meth:`as_dict`.
+
+        Returns
+        -------
+        Shot
+        """
         contours = [np.array(contour, np.float64) for contour in data["contours"]]
-        return cls(**{**data, "contours": contours, "walk": Walk(**data["walk"])})
+        return cls(**{**data, "contours": contours, "scattering": Scattering(**data["scattering"])})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,7 +122,7 @@ class ClassCoverage:
     contributions_percent : dict
         Median standard uncertainty of the refined area from each component [%].
     reference_contributions_percent : dict
-        The same of the author's area.
+        The same of the area by the reference segmentation.
     """
 
     finger: str
@@ -136,7 +148,12 @@ class BudgetStudy:
     provenance: dict[str, Any]
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the JSON result."""
+        """Return the JSON result.
+
+        Returns
+        -------
+        dict
+        """
         return {"classes": [asdict(c) for c in self.classes], "provenance": self.provenance}
 
 
@@ -148,30 +165,57 @@ def shots_of(
     threshold: float,
     seed: int,
 ) -> list[Shot]:
-    """Return the frames of one finger at one place, at each force and voltage."""
-    presses = [Lit.of(scene, force, seed) for force in forces]
-    estimator = Estimator.of(calibration).taught(presses[0].frame(REFERENCE_V, rng.integer_seed(seed, "teach")).data)
+    """Return the frames of one finger at one place, at each force and voltage.
+
+    Parameters
+    ----------
+    scene : Scene
+    calibration : Calibration
+        Nominal.
+    forces, voltages : sequence of float
+        [N], [V].
+    threshold : float
+        Of the reference segmentation, 0 to 1.
+    seed : int
+
+    Returns
+    -------
+    list of Shot
+    """
+    presses = [LitPress.of(scene, force, seed) for force in forces]
+    estimator = Estimator.of(calibration).tuned_on(presses[0].frame(REFERENCE_V, rng.integer_seed(seed, "teach")).data)
     view, chain = rectification(calibration), Chain(threshold=threshold)
     assert calibration.mm2_per_px is not None
     shots = []
     for k, press in enumerate(presses):
         for voltage in voltages:
             frame = press.frame(voltage, rng.integer_seed(seed, "frame", k))
-            author = measure_frame(frame, chain, calibration.mm2_per_px, view)
-            perimeter, away = reference_boundary(author, scene.camera.tone_curve)
+            reference = measure_frame(frame, chain, calibration.mm2_per_px, view)
+            perimeter, away = reference_boundary(reference, scene.camera.tone_curve)
             found = estimator.area(frame.data)
             shots.append(
                 Shot(
                     true_mm2=press.true_mm2, contours=found.contours, spread_mm=found.spread_mm,
-                    pixels=author.segmentation.pixels, perimeter_px=perimeter, away_px=away,
-                    unseen=found.unseen, walk=found.walk, blur_doubt_px=found.blur_doubt_px,
+                    pixels=reference.segmentation.pixels, perimeter_px=perimeter, away_px=away,
+                    unseen=found.unseen, scattering=found.scattering, blur_uncertainty_px=found.blur_uncertainty_px,
                 )
             )  # fmt: skip
     return shots
 
 
 def draw_errors(draws: np.random.Generator) -> tuple[CardErrors, float]:
-    """Return card errors from the distributions that the budget states, and the error of the square's area [1]."""
+    """Draw card errors from the distributions that the budget states.
+
+    Parameters
+    ----------
+    draws : numpy.random.Generator
+
+    Returns
+    -------
+    errors : CardErrors
+    edge : float
+        Displacement of the square's edges [px].
+    """
     errors = CardErrors(
         board_scale=1.0 + draws.uniform(-PRINT_TOLERANCE, PRINT_TOLERANCE), height_mm=draws.uniform(0.0, CARD_HEIGHT_MM)
     )
@@ -187,7 +231,7 @@ def run_study(
     forces: Sequence[float] = FORCES,
     voltages: Sequence[float] = VOLTAGES,
     fingers: Sequence[str] = FINGERS,
-    places: Sequence[str] = tuple(PLACES),
+    positions: Sequence[str] = tuple(POSITIONS),
     threshold: float = 0.15,
     seed: int = 1,
     tick: Tick = lambda what, done, total: None,
@@ -202,30 +246,34 @@ def run_study(
         Of each class.
     forces, voltages : sequence of float
         Of the frames that are measured [N], [V].
-    fingers, places : sequence of str
-        Names of :func:`~evanesce.studies.estimator.study.fingers_of` and of its places.
+    fingers, positions : sequence of str
+        Names of :func:`~evanesce.studies.estimator.study.fingers_of` and of its positions.
     threshold : float
         Of the reference segmentation.
     seed : int
     tick : callable
         ``tick(what, done, total)``.
     keep : callable
-        Puts the frames of a class and each block of measurements away, so that an interrupted run goes on; see
-        :data:`~.studies.Keep`.
+        Keeps the frames of a class and each block of measurements, so that an interrupted run goes on; see
+        :data:`~evanesce.studies.ledger.Keep`.
+
+    Returns
+    -------
+    BudgetStudy
     """
     perfect = calibrated(smooth, rng.generator(seed, "nominal"), CardErrors(corner_noise_px=0.0))
     nominal = with_board_blur(perfect, smooth, seed)
     scenes = fingers_of(smooth, ridged)
-    keys = [(finger, place) for place in places for finger in fingers]
+    keys = [(finger, place) for place in positions for finger in fingers]
     shots: dict[tuple[str, str], list[Shot]] = {}
     for finger, place in keys:
-        scene = placed(scenes[finger], PLACES[place])
+        scene = placed(scenes[finger], POSITIONS[place])
 
-        def photographed(scene: Scene = scene) -> dict[str, Any]:
+        def exposed(scene: Scene = scene) -> dict[str, Any]:
             taken = shots_of(scene, nominal, forces, voltages, threshold, seed)
             return {"shots": [shot.as_dict() for shot in taken]}
 
-        kept = keep(f"frames: {finger}, {place}", photographed)["shots"]
+        kept = keep(f"frames: {finger}, {place}", exposed)["shots"]
         shots[finger, place] = [Shot.of(data) for data in kept]
         tick("frames", len(shots), len(keys))
     tallies: dict[tuple[str, str], list[Mapping[str, Any]]] = {key: [] for key in keys}
@@ -279,8 +327,8 @@ def _measure(
     perimeter = sum(float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum()) for curve in on_plate)
     found = RefinedArea(
         area_mm2=plate.area(shot.contours), perimeter_mm=perimeter, contours=shot.contours,
-        mask=np.zeros((0, 0), np.bool_), walk=shot.walk, saturated_pixels=0, islands=1, dropped=0, step=0.0,
-        spread_mm=shot.spread_mm, unseen=shot.unseen, blur_doubt_px=shot.blur_doubt_px,
+        mask=np.zeros((0, 0), np.bool_), scattering=shot.scattering, saturated_pixels=0, islands=1, dropped=0, step=0.0,
+        spread_mm=shot.spread_mm, unseen=shot.unseen, blur_uncertainty_px=shot.blur_uncertainty_px,
     )  # fmt: skip
     refined = refined_uncertainty(found, estimator, draws, finger=finger)
     assert calibration.mm2_per_px is not None
@@ -294,25 +342,25 @@ def _measure(
     parts = reference_components(
         side, square_px=calibration.square_side_mm / side, spread=spread, threshold_mm=shot.away_px * side
     )
-    author = propagate(reading, [*card_components(), nearness, *parts], draws)
+    reference = propagate(reading, [*card_components(), nearness, *parts], draws)
     true = shot.true_mm2
-    intervals = (refined.interval_mm2, refined.linear_mm2, author.interval_mm2)
+    intervals = (refined.interval_mm2, refined.linear_mm2, reference.interval_mm2)
     return {
         "covered": [bool(low < true < high) for low, high in intervals],
-        "widths": [50 * (u.interval_mm2[1] - u.interval_mm2[0]) / true for u in (refined, author)],
+        "widths": [50 * (u.interval_mm2[1] - u.interval_mm2[0]) / true for u in (refined, reference)],
         "errors": [100 * (found.area_mm2 / true - 1), 100 * (area / true - 1)],
         "parts": {name: 100 * u / true for name, u in refined.contributions_mm2.items()},
-        "reference_parts": {name: 100 * u / true for name, u in author.contributions_mm2.items()},
+        "reference_parts": {name: 100 * u / true for name, u in reference.contributions_mm2.items()},
     }
 
 
 def _summed(key: tuple[str, str], tally: Sequence[Mapping[str, Any]], frames: int) -> ClassCoverage:
-    refined, linear, author = np.mean([m["covered"] for m in tally], axis=0)
+    refined, linear, reference = np.mean([m["covered"] for m in tally], axis=0)
     widths = np.median([m["widths"] for m in tally], axis=0)
     errors = np.mean([m["errors"] for m in tally], axis=0)
     return ClassCoverage(
         finger=key[0], place=key[1], measurements=len(tally), frames=frames,
-        refined_covered=float(refined), refined_linear_covered=float(linear), reference_covered=float(author),
+        refined_covered=float(refined), refined_linear_covered=float(linear), reference_covered=float(reference),
         refined_half_width_percent=float(widths[0]), reference_half_width_percent=float(widths[1]),
         refined_bias_percent=float(errors[0]), reference_bias_percent=float(errors[1]),
         contributions_percent=_medians([m["parts"] for m in tally]),

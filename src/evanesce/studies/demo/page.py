@@ -8,26 +8,86 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from evanesce.report.html import Page, Picture, Section, Table, figure_png, image_png
-from evanesce.studies.demo.run import Demo, DemoFrame
+from evanesce.studies.demo.run import MARGIN_PX, Demo, DemoFrame, RendererPair
+from evanesce.studies.demo.slip import SlipSequence, slip_animation
 
 TRUE_COLOUR, MEASURED_COLOUR = "#00b3ff", "#ff7f0e"
-MARGIN_PX = 60
 
 
-def demo_page(demo: Demo) -> Page:
-    """Return the report of a demo run."""
+def demo_page(demo: Demo, slip: SlipSequence) -> Page:
+    """Return the report of a demo run.
+
+    Parameters
+    ----------
+    demo : Demo
+    slip : SlipSequence
+        Opens the page.
+    """
     worst = max(demo.frames, key=lambda frame: abs(frame.evaluation.comparison.error_percent))
     error = worst.evaluation.comparison.error_percent
     lead = (
-        f"The thesis's rig, simulated, photographed and measured by the reference segmentation at threshold 0.15."
+        f"The thesis's rig, simulated, and measured by the thesis's reference segmentation at a threshold of 0.15."
         f" The area is off by up to {error:+.1f} % ({worst.finger}, {worst.force_N:g} N)."
     )
     return Page(
         title="evanesce: the loop on the thesis's rig",
         lead=lead,
-        sections=[_areas(demo), _frames(demo), _calibration(demo)],
+        sections=[_slip(slip), _areas(demo), _frames(demo), *_renderers(demo), _calibration(demo)],
         provenance=demo.provenance,
     )
+
+
+def _slip(slip: SlipSequence) -> Section:
+    last = slip.slipping()[-1]
+    return Section(
+        "What the camera sees of slip",
+        pictures=[
+            Picture(
+                slip_animation(slip),
+                f"Open ridges, 130 µm high, pressed to {slip.normal_N.max():g} N and sheared. Left: the frames. Right: the"
+                f" labels that come with them, stick (blue) and slip (red): slip grows from the rim inwards, to"
+                f" {100 * last:.0f} % of the contact in the last frame, and bends the ridges.",
+                kind="webp",
+            )
+        ],
+    )
+
+
+def _renderers(demo: Demo) -> list[Section]:
+    if not demo.pairs:
+        return []
+    rows = [pair.row() for pair in demo.pairs]
+    table = Table(
+        ["finger", "force [N]", "contact [DN]", "mean difference [DN]", "RMS difference [DN]"],
+        [
+            [r["finger"], f"{r['force_N']:g}", f"{r['contact_level_DN']:.1f}", f"{r['mean_difference_DN']:+.2f}",
+             f"{r['rms_difference_DN']:.2f}"]
+            for r in rows
+        ],
+        "Inside the true contact; the path tracer's own noise is part of the RMS.",
+    )  # fmt: skip
+    pictures = [
+        Picture(
+            _pair_figure(pair),
+            f"{pair.finger} finger, {pair.force_N:g} N: fast renderer, path tracer, and their difference [DN].",
+        )
+        for pair in demo.pairs
+    ]
+    return [Section("The fast renderer beside the path tracer", pictures=pictures, tables=[table])]
+
+
+def _pair_figure(pair: RendererPair) -> bytes:
+    figure = Figure(figsize=(10.5, 3.6), layout="constrained")
+    axes = figure.subplots(1, 3)
+    for axis, image, title in ((axes[0], pair.fast, "fast renderer"), (axes[1], pair.reference, "path tracer")):
+        axis.imshow(image, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
+        axis.set(title=title, xlabel="column [px]")
+    top = max(4.0, float(np.quantile(np.abs(pair.difference), 0.995)))
+    shown = axes[2].imshow(pair.difference, cmap="RdBu_r", vmin=-top, vmax=top, interpolation="nearest")
+    axes[2].set(title="fast minus path traced", xlabel="column [px]")
+    axes[0].set_ylabel("row [px]")
+    figure.colorbar(shown, ax=axes[2], label="difference [DN]")
+    return figure_png(figure)
 
 
 def _areas(demo: Demo) -> Section:

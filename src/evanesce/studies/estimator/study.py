@@ -1,11 +1,10 @@
-"""Refined estimator and reference segmentation on the same frames: fingers, places in the view, LED voltages."""
+"""Refined estimator and reference segmentation on the same frames: fingers, positions, LED voltages."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,15 +23,16 @@ from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
 from evanesce.sensor.expose import charge_of, frame_of, signal_of
 from evanesce.sensor.lens import form_image
-from evanesce.studies.voltage.curve import power_ratio
+from evanesce.studies.ledger import Keep, not_kept
+from evanesce.studies.voltage.press import power_ratio
 
 VOLTAGES = (8.0, 8.5, 9.0, 10.0, 11.0, 12.0)
 FORCES = (1.0, 3.0)
-PLACES = {"centre": (0.37, -0.21), "corner": (11.3, 7.9)}
+POSITIONS = {"centre": (0.37, -0.21), "corner": (11.3, 7.9)}
 REFERENCE_V = 9.0
-"""Voltage of the one press from which the estimator learns how far light walks; it does not saturate."""
+"""Voltage of the one press to which the estimator's scattering length is fitted; it does not saturate."""
 
-GLOW_MM = 0.5
+SCATTERING_LENGTH_MM = 0.5
 STIFF_MPA = 4.0
 """Reduced modulus at which grooves stay open under the study's forces."""
 
@@ -73,30 +73,52 @@ class Row:
 
 
 def fingers_of(smooth: Scene, ridged: Scene) -> dict[str, Scene]:
-    """Return the fingers of the study by name: plain, with open grooves, and with silicone that glows."""
+    """Return the fingers of the study by name: plain, with open grooves, and with subsurface scattering.
+
+    Parameters
+    ----------
+    smooth, ridged : Scene
+
+    Returns
+    -------
+    dict of str to Scene
+    """
     stiff = ridged.model_copy(update={"contact": ridged.contact.model_copy(update={"reduced_modulus_MPa": STIFF_MPA})})
 
-    def glowing(scene: Scene) -> Scene:
-        return scene.model_copy(update={"finger": scene.finger.model_copy(update={"scattering_length_mm": GLOW_MM})})
+    def scattering(scene: Scene) -> Scene:
+        return scene.model_copy(
+            update={"finger": scene.finger.model_copy(update={"scattering_length_mm": SCATTERING_LENGTH_MM})}
+        )
 
     return {
         "smooth": smooth,
         "ridged": ridged,
         "ridged, open grooves": stiff,
-        "smooth, glow": glowing(smooth),
-        "ridged, glow": glowing(ridged),
-        "ridged, open grooves, glow": glowing(stiff),
+        "smooth, scattering": scattering(smooth),
+        "ridged, scattering": scattering(ridged),
+        "ridged, open grooves, scattering": scattering(stiff),
     }
 
 
 def placed(scene: Scene, place: tuple[float, float]) -> Scene:
-    """Return a scene whose finger presses elsewhere on the plate [mm]."""
+    """Return a scene whose finger presses elsewhere on the plate [mm].
+
+    Parameters
+    ----------
+    scene : Scene
+    place : tuple of float
+        (x, y) [mm].
+
+    Returns
+    -------
+    Scene
+    """
     return scene.model_copy(update={"finger": scene.finger.model_copy(update={"position_mm": place})})
 
 
 @dataclass(frozen=True)
-class Lit:
-    """A press as light on the sensor, from which frames at any voltage are exposed.
+class LitPress:
+    """Light of a press on the sensor, from which frames at any voltage are exposed.
 
     Attributes
     ----------
@@ -111,15 +133,39 @@ class Lit:
     true_mm2: float
 
     @classmethod
-    def of(cls, scene: Scene, force: float, seed: int) -> Lit:
-        """Press and render by fast transport."""
+    def of(cls, scene: Scene, force: float, seed: int) -> LitPress:
+        """Solve the contact and render it by the fast renderer.
+
+        Parameters
+        ----------
+        scene : Scene
+        force : float
+            [N].
+        seed : int
+
+        Returns
+        -------
+        LitPress
+        """
         rig, state = solve_contact(scene, force, seed=seed)
         assert state is not None  # a force was given
         image = form_image(render_fast(rig, state), rig.camera, rig.plate)
         return cls(scene, np.asarray(image.irradiance, np.float32), state.nominal_contact_area)
 
     def frame(self, voltage: float, seed: int) -> Frame:
-        """Expose at a voltage."""
+        """Expose at a voltage.
+
+        Parameters
+        ----------
+        voltage : float
+            [V].
+        seed : int
+            Of the noise.
+
+        Returns
+        -------
+        Frame
+        """
         ratio = power_ratio(self.scene, voltage)
         if ratio is None:
             raise ValueError("the LEDs do not all change alike")
@@ -132,14 +178,32 @@ def rows_of(
     name: str, place: str, scene: Scene, calibration: Calibration, voltages: Sequence[float], forces: Sequence[float],
     *, threshold: float, seed: int,
 ) -> Iterator[Row]:  # fmt: skip
-    """Yield the rows of one finger at one place; the estimator sees frames and calibration only."""
+    """Yield the rows of one finger at one place; the estimator sees frames and calibration only.
+
+    Parameters
+    ----------
+    name, place : str
+        Of finger and position.
+    scene : Scene
+    calibration : Calibration
+    voltages, forces : sequence of float
+        [V], [N].
+    threshold : float
+        Of the reference segmentation, 0 to 1.
+    seed : int
+
+    Yields
+    ------
+    Row
+    """
+    stream = name.replace("scattering", "glow")  # the random stream's label: frames of a seed stay the same
     chain, view = Chain(threshold=threshold), rectification(calibration)
-    presses = {force: Lit.of(scene, force, seed) for force in forces}
+    presses = {force: LitPress.of(scene, force, seed) for force in forces}
     first = presses[forces[0]]
-    estimator = Estimator.of(calibration).taught(first.frame(REFERENCE_V, rng.integer_seed(seed, "teach")).data)
+    estimator = Estimator.of(calibration).tuned_on(first.frame(REFERENCE_V, rng.integer_seed(seed, "teach")).data)
     for force, press in presses.items():
         for voltage in voltages:
-            frame = press.frame(voltage, rng.integer_seed(seed, name, place, f"{force:g}"))
+            frame = press.frame(voltage, rng.integer_seed(seed, stream, place, f"{force:g}"))
             yield _row(name, place, force, voltage, press.true_mm2, frame, (estimator, chain, view, calibration))
 
 
@@ -150,9 +214,9 @@ def _row(
     estimator, chain, view, calibration = tools
     found = estimator.area(frame.data)
     assert calibration.mm2_per_px is not None
-    author = measure_frame(frame, chain, calibration.mm2_per_px, view).estimate.area
+    reference = measure_frame(frame, chain, calibration.mm2_per_px, view).estimate.area
     return Row(
-        finger=name, place=place, force_N=force, voltage_V=voltage, true_mm2=true_mm2, reference_mm2=author,
+        finger=name, place=place, force_N=force, voltage_V=voltage, true_mm2=true_mm2, reference_mm2=reference,
         refined_mm2=found.area_mm2, saturated_share=found.saturated_pixels / max(1, int(found.mask.sum())),
     )  # fmt: skip
 
@@ -174,7 +238,12 @@ class EstimatorStudy:
     provenance: dict[str, Any]
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the JSON result."""
+        """Return the JSON result.
+
+        Returns
+        -------
+        dict
+        """
         plain = [
             asdict(r) | {"reference_percent": r.reference_percent, "refined_percent": r.refined_percent}
             for r in self.rows
@@ -182,12 +251,17 @@ class EstimatorStudy:
         return {"threshold": self.threshold, "rows": plain, "worst": self.worst(), "provenance": self.provenance}
 
     def worst(self) -> list[dict[str, Any]]:
-        """Return greatest error and RMS of each finger and place, over voltages and forces [%]."""
+        """Return greatest error and RMS of each finger and place, over voltages and forces [%].
+
+        Returns
+        -------
+        list of dict
+        """
         found = []
         for finger, place in dict.fromkeys((r.finger, r.place) for r in self.rows):
             own = [r for r in self.rows if (r.finger, r.place) == (finger, place)]
             refined = np.array([r.refined_percent for r in own])
-            author = np.array([r.reference_percent for r in own])
+            reference = np.array([r.reference_percent for r in own])
             found.append(
                 {
                     "finger": finger,
@@ -195,8 +269,8 @@ class EstimatorStudy:
                     "frames": len(own),
                     "refined_rms_percent": float(np.sqrt((refined**2).mean())),
                     "refined_worst_percent": float(refined[np.abs(refined).argmax()]),
-                    "reference_rms_percent": float(np.sqrt((author**2).mean())),
-                    "reference_worst_percent": float(author[np.abs(author).argmax()]),
+                    "reference_rms_percent": float(np.sqrt((reference**2).mean())),
+                    "reference_worst_percent": float(reference[np.abs(reference).argmax()]),
                 }
             )
         return found
@@ -211,7 +285,7 @@ def run_study(
     fingers: Sequence[str] | None = None,
     threshold: float = 0.15,
     seed: int = 1,
-    keep: Path | None = None,
+    keep: Keep = not_kept,
     tick: Tick = lambda done, total: None,
 ) -> EstimatorStudy:
     """Run the study.
@@ -226,53 +300,33 @@ def run_study(
     threshold : float
         Of the reference segmentation.
     seed : int
-    keep : Path, optional
-        File of finished rows, one JSON object a line, from which an interrupted run goes on.
+    keep : callable
+        Keeps the rows of a finger at a place, so that an interrupted run goes on; see
+        :data:`~evanesce.studies.ledger.Keep`.
     tick : callable
         ``tick(done, total)``.
+
+    Returns
+    -------
+    EstimatorStudy
     """
     chosen = {n: s for n, s in fingers_of(smooth, ridged).items() if fingers is None or n in fingers}
     calibration = with_board_blur(calibrated(smooth, rng.generator(seed, "corners")), smooth, seed)
     origin = dict(provenance.record(seed=seed, config={"smooth": smooth.as_dict(), "ridged": ridged.as_dict()}))
-    digest = provenance.digest([provenance.code_digest(), smooth.as_dict(), ridged.as_dict(), threshold, seed])
-    done = _kept(keep, digest)
-    total = len(chosen) * len(PLACES) * len(voltages) * len(forces)
+    total = len(chosen) * len(POSITIONS) * len(voltages) * len(forces)
     rows: list[Row] = []
-    for place, at in PLACES.items():
-        for name, scene in chosen.items():
-            wanted = [(name, place, f, v) for f in forces for v in voltages]
-            found = [done[key] for key in wanted if key in done]
-            if len(found) < len(wanted):
-                found = []
-                for row in rows_of(
-                    name, place, placed(scene, at), calibration, voltages, forces, threshold=threshold, seed=seed
-                ):
-                    found.append(row)
-                    tick(len(rows) + len(found), total)
-                _keep(keep, digest, found)
-            rows += found
+
+    def measured(name: str, place: str, done: int) -> dict[str, Any]:
+        found = []
+        scene = placed(chosen[name], POSITIONS[place])
+        for row in rows_of(name, place, scene, calibration, voltages, forces, threshold=threshold, seed=seed):
+            found.append(asdict(row))
+            tick(done + len(found), total)
+        return {"rows": found}
+
+    for place in POSITIONS:
+        for name in chosen:
+            kept = keep(f"{name}, {place}", partial(measured, name, place, len(rows)))
+            rows += [Row(**data) for data in kept["rows"]]
             tick(len(rows), total)
     return EstimatorStudy(rows=rows, threshold=threshold, provenance=origin)
-
-
-def _kept(path: Path | None, digest: str) -> dict[tuple[str, str, float, float], Row]:
-    """Return the rows that an earlier run with the same settings finished; a line cut short is left out."""
-    if path is None or not path.is_file():
-        return {}
-    found = {}
-    for line in path.read_text(encoding="utf-8").splitlines():
-        try:
-            data = json.loads(line)
-            if data.pop("digest") == digest:
-                row = Row(**data)
-                found[row.finger, row.place, row.force_N, row.voltage_V] = row
-        except (ValueError, KeyError, TypeError):
-            continue
-    return found
-
-
-def _keep(path: Path | None, digest: str, rows: Sequence[Row]) -> None:
-    if path is None:
-        return
-    with path.open("a", encoding="utf-8") as stream:
-        stream.writelines(json.dumps(asdict(row) | {"digest": digest}) + "\n" for row in rows)

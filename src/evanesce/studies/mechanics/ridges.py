@@ -1,7 +1,7 @@
 """What ridges do to a smooth contact that finite elements have solved: each furrow closed by a half-space.
 
 The smooth macroscopic contact stands (:func:`evanesce.contact.halfspace.resolved.pressed_profile`); the ridges lie on
-it and feel a half-space of the silicone's small-strain modulus. Pitch, place and direction of the ridges are not
+it and feel a half-space of the silicone's small-strain modulus. Pitch, position and direction of the ridges are not
 published: every ratio is a list over what they may be.
 """
 
@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.contact.fem.library import library_state
-from evanesce.contact.fem.library_slide import LibrarySlide
 from evanesce.contact.fem.state import surface_state
+from evanesce.contact.fem.stored import LibrarySlide
 from evanesce.contact.halfspace.resolved import contact_area, pressed_profile
 from evanesce.contact.halfspace.solver import press_height_map
 from evanesce.contact.ridges.heightmap import RidgeRow
@@ -39,7 +39,12 @@ class Ridging:
     direction: float
 
     def heights(self) -> Floats:
-        """Return the depth below the crests on :data:`GRID` [mm]."""
+        """Return the depth below the crests on :data:`GRID` [mm].
+
+        Returns
+        -------
+        ndarray (rows, cols)
+        """
         row = RidgeRow("parallel", self.pitch, WIDTH, HEIGHT, self.direction)
         shift = 0.5 * self.pitch if self.furrow_at_tip else 0.0
         # moved across the ridges, so that the tip meets a furrow instead of a crest
@@ -48,7 +53,17 @@ class Ridging:
 
 
 def ridgings(directions: Sequence[float] = (0.0,)) -> Iterator[Ridging]:
-    """Yield every guess, the likely pitch first."""
+    """Yield every guess, the likely pitch first.
+
+    Parameters
+    ----------
+    directions : sequence of float
+        [rad].
+
+    Yields
+    ------
+    Ridging
+    """
     for pitch in PITCHES:
         for direction in directions:
             for furrow in (False, True):
@@ -66,6 +81,11 @@ def ridged_area(smooth: ContactState, modulus: float, ridges: Floats) -> float:
         E* at the ridges [MPa].
     ridges : ndarray (rows, cols)
         Depth below the crests [mm]; zeros give the smooth area as this solver has it.
+
+    Returns
+    -------
+    float
+        [mm^2].
     """
     pressure, gap = np.asarray(smooth.pressure, dtype=float), np.asarray(smooth.gap, dtype=float)
     heights = pressed_profile(pressure, gap, ridges, GRID.pitch, modulus)
@@ -74,12 +94,34 @@ def ridged_area(smooth: ContactState, modulus: float, ridges: Floats) -> float:
 
 
 def pressed(bone: str, force: float) -> ContactState:
-    """Return the library's press of Silskin 0 % on :data:`GRID`."""
+    """Return the library's press of Silskin 0 % on :data:`GRID`.
+
+    Parameters
+    ----------
+    bone : {"none", "half"}
+    force : float
+        [N].
+
+    Returns
+    -------
+    ContactState
+    """
     return library_state("silskin_0", force, GRID, bone=bone)
 
 
 def slid(found: LibrarySlide, way: float) -> ContactState:
-    """Return a slide's contact at a way [mm] on :data:`GRID`, brought to its middle."""
+    """Return a slide's contact at a displacement [mm] on :data:`GRID`, moved to its middle.
+
+    Parameters
+    ----------
+    found : LibrarySlide
+    way : float
+        Displacement of the finger [mm].
+
+    Returns
+    -------
+    ContactState
+    """
     print_ = found.footprint(way)
     middle = float(print_.place[print_.touching, 0].mean())
     return surface_state(
@@ -95,14 +137,40 @@ def slid(found: LibrarySlide, way: float) -> ContactState:
 
 
 def press_ratios(bone: str, modulus: float, force: float = 1.0) -> Floats:
-    """Return ridged over smooth area of a press for every guess; the likely pitch makes the first two."""
+    """Return ridged over smooth area of a press for every guess; the likely pitch makes the first two.
+
+    Parameters
+    ----------
+    bone : {"none", "half"}
+    modulus : float
+        E* at the ridges [MPa].
+    force : float
+        [N].
+
+    Returns
+    -------
+    ndarray (guesses,)
+        [1].
+    """
     smooth = pressed(bone, force)
     plain = ridged_area(smooth, modulus, np.zeros(GRID.shape))
     return np.array([ridged_area(smooth, modulus, ridging.heights()) / plain for ridging in ridgings()])
 
 
 def slide_ratios(found: LibrarySlide, modulus: float) -> Floats:
-    """Return ridged area at a slide's end over that before the slide; the likely pitch makes the first four."""
+    """Return ridged area at a slide's end over that before the slide; the likely pitch makes the first four.
+
+    Parameters
+    ----------
+    found : LibrarySlide
+    modulus : float
+        E* at the ridges [MPa].
+
+    Returns
+    -------
+    ndarray (guesses,)
+        [1].
+    """
     before, after = slid(found, 0.0), slid(found, float(found.scalars["slide"][-1]))
     guesses = [ridging.heights() for ridging in ridgings((0.0, 0.5 * np.pi))]
     return np.array([ridged_area(after, modulus, h) / ridged_area(before, modulus, h) for h in guesses])

@@ -3,7 +3,7 @@
 ``python -m evanesce.studies.mechanics.runs`` solves and writes them: presses of the thesis's other fingers (length
 7.5 mm, tip radius 10 mm) and slides at its three coefficients of friction, each without a bone and with one of half the
 shaft's radius. ``data/*.npz`` has the library's formats (:mod:`evanesce.contact.fem.library`,
-:mod:`evanesce.contact.fem.library_slide`) and ships with the project, so that reading it needs no extra. A second call
+:mod:`evanesce.contact.fem.library`) and ships with the project, so that reading it needs no extra. A second call
 finds solved runs in the cache.
 """
 
@@ -16,15 +16,14 @@ from functools import partial
 from pathlib import Path
 from typing import Literal
 
-from evanesce.contact.fem.library import LibraryPress, library_press, save_library_press
-from evanesce.contact.fem.library_slide import LibrarySlide, library_slide, save_library_slide
+from evanesce.contact.fem.library import library_press, library_slide, save_library_press, save_library_slide
 from evanesce.contact.fem.material import rubber
 from evanesce.contact.fem.mesh import FingerShape, MeshSize
-from evanesce.contact.fem.press import press
+from evanesce.contact.fem.programme import press, slide
 from evanesce.contact.fem.result import SolvedRun
 from evanesce.contact.fem.runs import cache_folder
-from evanesce.contact.fem.slide import slide
 from evanesce.contact.fem.steps import LimitReached
+from evanesce.contact.fem.stored import LibraryPress, LibrarySlide
 from evanesce.materials.tables import material as silicone
 
 FOLDER = Path(__file__).resolve().parent / "data"
@@ -52,7 +51,16 @@ class Shape:
     length: float
 
     def finger(self, bone: str) -> FingerShape:
-        """Return it without a bone (``"none"``) or with one (``"half"``)."""
+        """Return it without a bone (``"none"``) or with one (``"half"``).
+
+        Parameters
+        ----------
+        bone : {"none", "half"}
+
+        Returns
+        -------
+        FingerShape
+        """
         radius = self.diameter / 4 if bone == "half" else 0.0
         return FingerShape(self.tip_radius, self.diameter, self.length, radius)
 
@@ -91,12 +99,34 @@ SLIDES = (
 
 
 def solved_press(material: str, shape: str, bone: str, folder: Path = FOLDER) -> LibraryPress:
-    """Return a press that ships with the study."""
+    """Return a press that ships with the study.
+
+    Parameters
+    ----------
+    material, shape : str
+        Keys of the tables of materials and of :data:`SHAPES`.
+    bone : {"none", "half"}
+    folder : Path
+
+    Returns
+    -------
+    LibraryPress
+    """
     return library_press(f"{material}_{shape}", bone, folder)
 
 
 def solved_slide(case: SlideCase, folder: Path = FOLDER) -> LibrarySlide:
-    """Return a slide that ships with the study."""
+    """Return a slide that ships with the study.
+
+    Parameters
+    ----------
+    case : SlideCase
+    folder : Path
+
+    Returns
+    -------
+    LibrarySlide
+    """
     return library_slide(case.name, folder)
 
 
@@ -148,7 +178,14 @@ def _jobs(folder: Path) -> Iterator[tuple[str, Callable[[], None]]]:
 
 
 def main(only: str = "", folder: Path = FOLDER) -> None:
-    """Solve and write every run whose name contains ``only``."""
+    """Solve and write every run whose name contains ``only``.
+
+    Parameters
+    ----------
+    only : str
+        Part of a run's name.
+    folder : Path
+    """
     for name, work in _jobs(folder):
         if only in name:
             work()

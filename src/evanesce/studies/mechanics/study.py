@@ -1,7 +1,7 @@
-"""What follows for contact area and sliding from the thesis's inputs alone, with intervals; nothing is fitted.
+"""Predict contact area and sliding from the thesis's inputs alone, with intervals; nothing is fitted.
 
 Inputs: the shapes, Mooney-Rivlin coefficients (table 6), moulded ridges (table 4), coefficients of friction (chapter
-6). Not published, and therefore spanned: the bone (none, or rigid with half the shaft's radius), the pitch, place and
+6). Not published, and therefore varied: the bone (none, or rigid with half the shaft's radius), pitch, position and
 direction of the ridges, whether a tip of 10 mm radius has a shaft of 15 or of 20 mm. The finite elements' own error
 comes from second meshes and is added to both ends. A value without further word is that of the solid finger.
 """
@@ -15,16 +15,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.contact.fem.library import LibraryPress, library_press
-from evanesce.contact.fem.library_slide import LibrarySlide, library_slide
+from evanesce.contact.fem.library import library_press
+from evanesce.contact.fem.stored import LibraryPress, LibrarySlide
 from evanesce.materials.hyperelastic import of_material
 from evanesce.materials.tables import material
+from evanesce.studies.mechanics.curves import press_curves, slide_curves
 from evanesce.studies.mechanics.ridges import press_ratios, slide_ratios
 from evanesce.studies.mechanics.runs import (
     BONES,
     FRICTIONS,
-    MATERIALS,
-    SLIDES,
     SlideCase,
     solved_press,
     solved_slide,
@@ -55,12 +54,30 @@ class Prediction:
     basis: str
 
     def as_list(self) -> list[float]:
-        """Return [value, low, high]."""
+        """Return [value, low, high].
+
+        Returns
+        -------
+        list of float
+        """
         return [self.value, self.low, self.high]
 
 
 def spanned(value: float, others: Sequence[float] | Floats, error: float, basis: str) -> Prediction:
-    """Return a prediction whose interval holds the value and all others, widened by an error on both sides."""
+    """Return a prediction whose interval holds the value and all others, widened by an error on both sides.
+
+    Parameters
+    ----------
+    value : float
+    others : sequence of float
+    error : float
+        Added to both ends, in the same unit.
+    basis : str
+
+    Returns
+    -------
+    Prediction
+    """
     every = [value, *(float(other) for other in others)]
     return Prediction(float(value), float(min(every) - error), float(max(every) + error), basis)
 
@@ -69,6 +86,20 @@ def power_law(force: Floats, area: Floats) -> tuple[float, float]:
     """Return the area at 1 N [mm^2] by a power law through areas around it, and the largest relative misfit.
 
     Where the edge of a contact lies among the nodes of a mesh scatters single areas by up to a percent.
+
+    Parameters
+    ----------
+    force : ndarray (n,)
+        [N].
+    area : ndarray (n,)
+        [mm^2].
+
+    Returns
+    -------
+    area_at_1N : float
+        [mm^2].
+    misfit : float
+        [1].
     """
     slope, intercept = np.polyfit(np.log(force), np.log(area), 1)
     misfit = area / np.exp(intercept + slope * np.log(force)) - 1.0
@@ -76,13 +107,36 @@ def power_law(force: Floats, area: Floats) -> tuple[float, float]:
 
 
 def area_at_1N(press: LibraryPress) -> tuple[float, float]:
-    """Return the area of a press at 1 N [mm^2] and its scatter [1]."""
+    """Return the area of a press at 1 N [mm^2] and its scatter [1].
+
+    Parameters
+    ----------
+    press : LibraryPress
+
+    Returns
+    -------
+    area : float
+        [mm^2].
+    scatter : float
+        [1].
+    """
     near = (press.force > WINDOW[0]) & (press.force < WINDOW[1])
     return power_law(press.force[near], np.pi * press.contact_radius[near] ** 2)
 
 
 def mesh_error(name: str) -> float:
-    """Return the relative error of a material's area at 1 N: elements of 0.12 against 0.06 mm, and the scatter."""
+    """Return the relative error of a material's area at 1 N: elements of 0.12 against 0.06 mm, and the scatter.
+
+    Parameters
+    ----------
+    name : str
+        Of the material.
+
+    Returns
+    -------
+    float
+        [1].
+    """
     errors = []
     for bone in BONES:
         usual, scatter = area_at_1N(solved_press(name, "standard", bone))
@@ -92,7 +146,20 @@ def mesh_error(name: str) -> float:
 
 
 def area_change(name: str, tops: Sequence[str], bases: Sequence[str], basis: str) -> Prediction:
-    """Return area at 1 N of one shape over another's, less 1; the first pair without a bone is the value."""
+    """Return area at 1 N of one shape over another's, less 1; the first pair without a bone is the value.
+
+    Parameters
+    ----------
+    name : str
+        Of the material.
+    tops, bases : sequence of str
+        Keys of :data:`~evanesce.studies.mechanics.runs.SHAPES`, in pairs.
+    basis : str
+
+    Returns
+    -------
+    Prediction
+    """
     changes = []
     for top, base in zip(tops, bases, strict=True):
         for bone in BONES:
@@ -103,7 +170,17 @@ def area_change(name: str, tops: Sequence[str], bases: Sequence[str], basis: str
 
 
 def bone_change(name: str) -> Prediction:
-    """Return area at 1 N with a bone over that without, less 1."""
+    """Return area at 1 N with a bone over that without, less 1.
+
+    Parameters
+    ----------
+    name : str
+        Of the material.
+
+    Returns
+    -------
+    Prediction
+    """
     fine = {bone: area_at_1N(library_press(name, bone))[0] for bone in BONES}
     usual = {bone: area_at_1N(solved_press(name, "standard", bone))[0] for bone in BONES}
     ratios = [areas["half"] / areas["none"] - 1.0 for areas in (fine, usual)]
@@ -115,7 +192,19 @@ def bone_change(name: str) -> Prediction:
 
 
 def measured_over_fe(name: str, force: float) -> Prediction:
-    """Return the waveguide's area (published power laws) over the finite elements' at a force [N]."""
+    """Return the waveguide's area (published power laws) over the finite elements' at a force [N].
+
+    Parameters
+    ----------
+    name : str
+        Of the material.
+    force : float
+        [N].
+
+    Returns
+    -------
+    Prediction
+    """
     law = material(name).measured_area
     assert law is not None  # the caller names a material that was measured
     # at the break both laws hold, and they do not meet there exactly
@@ -132,12 +221,28 @@ def measured_over_fe(name: str, force: float) -> Prediction:
 
 
 def modulus_at_ridges(name: str) -> float:
-    """Return E* = 4 G of the incompressible material at small strain [MPa]."""
+    """Return E* = 4 G of the incompressible material at small strain [MPa].
+
+    Parameters
+    ----------
+    name : str
+        Of the material.
+
+    Returns
+    -------
+    float
+        [MPa].
+    """
     return 4.0 * of_material(name).shear_modulus
 
 
 def ridged_press() -> Prediction:
-    """Return ridged over smooth area at 1 N of Silskin 0 %."""
+    """Return ridged over smooth area at 1 N of Silskin 0 %.
+
+    Returns
+    -------
+    Prediction
+    """
     modulus = modulus_at_ridges("silskin_0")
     ratios = {bone: press_ratios(bone, modulus) for bone in BONES}
     value = float(ratios["none"][:2].mean())
@@ -150,15 +255,35 @@ def ridged_press() -> Prediction:
 
 
 def overshoot(found: LibrarySlide) -> float:
-    """Return the largest departure of the normal force from that of the press, with its sign, over its amount there."""
+    """Return the largest deviation of the normal force from that of the press, with its sign, over its amount there.
+
+    Parameters
+    ----------
+    found : LibrarySlide
+
+    Returns
+    -------
+    float
+        [1].
+    """
     change = found.scalars["normal_force"] / found.scalars["normal_force"][0] - 1.0
     return float(change[np.argmax(np.abs(change))])
 
 
 def normal_force_overshoot(friction: float) -> Prediction:
-    """Return the departure of the normal force while Silskin 0 % slides at the depth that 1 N pressed."""
+    """Return the deviation of the normal force while Silskin 0 % slides at the depth that 1 N pressed.
+
+    Parameters
+    ----------
+    friction : float
+        Coefficient [1].
+
+    Returns
+    -------
+    Prediction
+    """
     found = {bone: solved_slide(SlideCase(friction, bone, "depth")) for bone in BONES}
-    # what the mesh does at 0.67 is taken to scale with the departure itself
+    # what the mesh does at 0.67 is taken to scale with the deviation itself
     at_067 = {check: [overshoot(solved_slide(SlideCase(0.67, bone, "depth", check))) for bone in BONES]
               for check in (False, True)}  # fmt: skip
     relative = [abs(other / usual - 1.0) for usual, other in zip(at_067[False], at_067[True], strict=True)]
@@ -168,7 +293,7 @@ def normal_force_overshoot(friction: float) -> Prediction:
     basis = (
         f"Silskin 0 %, pressed to 1 N, depth then held, mu {friction:g}, slid by {ways['none']:.1f} mm"
         f" ({ways['half']:.1f} with the bone; below 10 mm the run met its material or step limit before gross slip):"
-        " largest departure of the normal force, signed, over 1 N; negative is a drop. Value: no bone. Interval: no"
+        " largest deviation of the normal force, signed, over 1 N; negative is a drop. Value: no bone. Interval: no"
         " bone to a rigid one of half the radius, each with its mesh error (mu 0.67: 0.8 against 0.6 mm)."
         " A bone turns the drop into an overshoot."
     )
@@ -176,7 +301,12 @@ def normal_force_overshoot(friction: float) -> Prediction:
 
 
 def ridged_sliding() -> Prediction:
-    """Return ridged area at the end of a slide over that before it, Silskin 0 % under 1 N."""
+    """Return ridged area at the end of a slide over that before it, Silskin 0 % under 1 N.
+
+    Returns
+    -------
+    Prediction
+    """
     modulus = modulus_at_ridges("silskin_0")
     cases = {bone: solved_slide(SlideCase(RIDGED_FRICTION, bone, "force")) for bone in BONES}
     ratios = {bone: slide_ratios(found, modulus) for bone, found in cases.items()}
@@ -204,7 +334,17 @@ def _title(name: str) -> str:
 
 
 def shape_changes(name: str) -> dict[str, Prediction]:
-    """Return what length, tip radius and bone do to a material's area at 1 N."""
+    """Return what length, tip radius and bone do to a material's area at 1 N.
+
+    Parameters
+    ----------
+    name : str
+        Of the material.
+
+    Returns
+    -------
+    dict of str to Prediction
+    """
     length = (
         f"{_title(name)}, 1 N: area of the finger 25 mm long over that of the one of 7.5 mm, less 1 (finite elements"
         " of 0.12 mm). Value: no bone. Interval: bone, and the mesh."
@@ -221,7 +361,12 @@ def shape_changes(name: str) -> dict[str, Prediction]:
 
 
 def predictions() -> dict[str, Prediction | dict[str, Prediction]]:
-    """Return every prediction by its key; those that depend on force, friction or material by that one's text."""
+    """Return every prediction by its key; those that depend on force, friction or material by that one's text.
+
+    Returns
+    -------
+    dict
+    """
     return {
         "area_ratio_ridged_1N": ridged_press(),
         **shape_changes("silskin_0"),
@@ -232,49 +377,18 @@ def predictions() -> dict[str, Prediction | dict[str, Prediction]]:
     }
 
 
-def press_curves() -> dict[str, dict[str, dict[str, list[float]]]]:
-    """Return area [mm^2] and depth [mm] against force [N] by material and bone."""
-    curves: dict[str, dict[str, dict[str, list[float]]]] = {}
-    for name in MATERIALS:
-        curves[name] = {}
-        for bone in BONES:
-            press = library_press(name, bone)
-            curves[name][bone] = {
-                "force_N": press.force.tolist(),
-                "area_mm2": (np.pi * press.contact_radius**2).tolist(),
-                "depth_mm": press.depth.tolist(),
-            }
-    return curves
-
-
-def slide_curves() -> dict[str, dict[str, Any]]:
-    """Return forces [N] and area [mm^2, and over that of the press] against the way [mm], by slide."""
-    found = {case.name: solved_slide(case) for case in SLIDES}
-    found["silskin_0_none_mu067_force_library"] = library_slide("silskin_0_mu067")
-    return {name: _slide_curve(one) for name, one in found.items()}
-
-
-def _slide_curve(found: LibrarySlide) -> dict[str, Any]:
-    area, pressure = found.scalars["area"], np.asarray(found.fields["pressure"], dtype=float)
-    touching, slipping = found.fields["touching"].astype(bool), found.fields["slipping"].astype(bool)
-    last = touching[-1]
-    return {
-        "friction": float(found.inputs["glass"]["friction"]),
-        "bone_radius_mm": float(found.inputs["shape"]["bone_radius"]),
-        "held": str(found.inputs["goals"][-1]["hold"]),
-        "element_mm": float(found.inputs["mesh"]["contact"]),
-        "slide_mm": found.scalars["slide"].tolist(),
-        "normal_force_N": found.scalars["normal_force"].tolist(),
-        "tangential_force_N": found.scalars["tangential_force"].tolist(),
-        "area_mm2": area.tolist(),
-        "area_ratio": (area / area[0]).tolist(),
-        "peak_pressure_MPa": pressure.max(axis=1).tolist(),
-        "slips_as_a_whole": bool(slipping[-1][last].all()),
-    }
-
-
 def as_json(found: Mapping[str, Prediction | Mapping[str, Prediction]]) -> dict[str, Any]:
-    """Return the predictions as ``{key: [value, low, high]}`` with the bases beside them, curves included."""
+    """Return the predictions as ``{key: [value, low, high]}`` with the bases beside them, curves included.
+
+    Parameters
+    ----------
+    found : mapping
+        Of :func:`predictions`.
+
+    Returns
+    -------
+    dict
+    """
     result: dict[str, Any] = {}
     bases: dict[str, Any] = {}
     for key, one in found.items():

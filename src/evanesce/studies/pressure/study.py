@@ -1,4 +1,4 @@
-"""Pressure from grey levels, by the roughness model turned round and by the author's map, against the true pressure."""
+"""Pressure from grey levels, by the inverted roughness model and by the thesis's map, against the true pressure."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from evanesce.measurement.reference.segment import Chain, segment
 from evanesce.measurement.refined.light import Radiometry, tone_table
 from evanesce.optics.projection import Projection
 from evanesce.rig import Scene
-from evanesce.studies.estimator.study import Lit
-from evanesce.studies.registry import Keep, not_kept
+from evanesce.studies.estimator.study import LitPress
+from evanesce.studies.ledger import Keep, not_kept
 
 Floats = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ class Row:
     saturated_share : float
         Of the contact.
     halo_percent, reference_halo_percent : float
-        Force that a map puts where nothing touches [% of the force].
+        Force that a map puts outside the contact [% of the force].
     factor : float
         See :class:`~evanesce.measurement.pressure.PressureMap`.
     """
@@ -74,7 +74,7 @@ class PressureStudy:
     ----------
     rows : list of Row
     maps : dict of ndarray
-        ``true``, ``model`` and ``author`` pressure [MPa] of the first frame that does not saturate, and ``full``, 1
+        ``true``, ``model`` and ``reference`` pressure [MPa] of the first frame that does not saturate, and ``full``, 1
         where a pixel is at full scale.
     provenance : dict
     """
@@ -84,12 +84,17 @@ class PressureStudy:
     provenance: dict[str, Any]
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the JSON result."""
+        """Return the JSON result.
+
+        Returns
+        -------
+        dict
+        """
         return {"rows": [asdict(r) for r in self.rows], "provenance": self.provenance}
 
 
 def roughness_curve(modulus: float, slope: float, peak_MPa: float) -> PressureCurve:
-    """Return light against pressure of a rough skin: the share that touches, after Persson.
+    """Return light against pressure of a rough skin: the share in real contact, after Persson.
 
     Parameters
     ----------
@@ -99,13 +104,28 @@ def roughness_curve(modulus: float, slope: float, peak_MPa: float) -> PressureCu
         RMS slope of the roughness [1].
     peak_MPa : float
         End of the table [MPa].
+
+    Returns
+    -------
+    PressureCurve
     """
     pressure = np.linspace(0.0, peak_MPa, CURVE_POINTS)
     return PressureCurve(pressure, persson_contact_fraction(pressure, modulus, slope))
 
 
 def rough(scene: Scene, slope: float) -> Scene:
-    """Return a scene whose skin has an RMS slope."""
+    """Return a scene whose skin has an RMS slope.
+
+    Parameters
+    ----------
+    scene : Scene
+    slope : float
+        RMS slope [1].
+
+    Returns
+    -------
+    Scene
+    """
     return scene.model_copy(update={"finger": scene.finger.model_copy(update={"roughness_rms_slope": slope})})
 
 
@@ -135,9 +155,13 @@ def run_study(
     tick : callable
         ``tick(done, total)``.
     keep : callable
-        Puts the rows of a press away, so that an interrupted run goes on; see :data:`~.studies.Keep`.
+        Keeps the rows of a press, so that an interrupted run goes on; see :data:`~evanesce.studies.ledger.Keep`.
     show : callable
-        ``show(maps, row)`` gets every frame's maps, before the rows of its press are put away.
+        ``show(maps, row)`` gets every frame's maps, before the rows of its press are kept.
+
+    Returns
+    -------
+    PressureStudy
     """
     rows: list[Row] = []
     maps: dict[str, Floats] = {}
@@ -162,7 +186,7 @@ def _press(
     show: Callable[[dict[str, Floats], Row], None],
 ) -> dict[str, Any]:  # fmt: skip
     """Return the rows of one press as plain data."""
-    press, state = Lit.of(rig, force, seed), contact_state(rig, force)
+    press, state = LitPress.of(rig, force, seed), contact_state(rig, force)
     truth = label(state, view_geometry(Projection.of(rig.camera, rig.plate)), supersample=2)
     curve = roughness_curve(float(state.parameters["reduced_modulus_MPa"]), slope, 4.0 * float(state.pressure.max()))
     rows = []
@@ -186,7 +210,7 @@ def _compare(
     true, inside, area = truth.pressure[box].astype(float), truth.mask[box] > 0.5, truth.pixel_area[box]
     light, full = Radiometry(tone_table(tone)).light(image[box])
     found = pressure_map(light - float(np.median(light[truth.mask[box] == 0])), full, area, force, curve)
-    theirs = reference_map(image[box] / 255.0, segment(image, Chain(threshold=threshold)).dilated[box], area, force)
+    thesis = reference_map(image[box] / 255.0, segment(image, Chain(threshold=threshold)).dilated[box], area, force)
     peak = float(true.max())
 
     def scores(pressure: Floats) -> tuple[float, float | None, float]:
@@ -196,11 +220,11 @@ def _compare(
         alike = None if flat else float(np.corrcoef(pressure[inside], true[inside])[0, 1])
         return 100 * float(np.sqrt((error**2).mean())) / peak, alike, 100 * halo
 
-    ours, other = scores(found.pressure), scores(theirs)
+    model, reference = scores(found.pressure), scores(thesis)
     row = Row(
-        rms_slope=slope, force_N=force, voltage_V=voltage, peak_MPa=peak, rms_percent=ours[0],
-        reference_rms_percent=other[0], correlation=ours[1], reference_correlation=other[1],
-        saturated_share=float((full & inside).sum() / inside.sum()), halo_percent=ours[2],
-        reference_halo_percent=other[2], factor=found.factor,
+        rms_slope=slope, force_N=force, voltage_V=voltage, peak_MPa=peak, rms_percent=model[0],
+        reference_rms_percent=reference[0], correlation=model[1], reference_correlation=reference[1],
+        saturated_share=float((full & inside).sum() / inside.sum()), halo_percent=model[2],
+        reference_halo_percent=reference[2], factor=found.factor,
     )  # fmt: skip
-    return row, {"true": true, "model": found.pressure, "reference": theirs, "full": (full & inside).astype(float)}
+    return row, {"true": true, "model": found.pressure, "reference": thesis, "full": (full & inside).astype(float)}

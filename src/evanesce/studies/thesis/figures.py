@@ -1,4 +1,4 @@
-"""Figures of the thesis beside what its own inputs give: areas, depths, friction, voltages; and its words."""
+"""Figures and observations of the thesis beside what its own inputs give: areas, depths, friction, voltages."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ POSSIBLE = ("measured", "Hertz, ", "finite")
 
 @dataclass(frozen=True, kw_only=True)
 class Reproduced:
-    """A figure of the thesis beside ours.
+    """A figure of the thesis beside the one computed from its inputs.
 
     Attributes
     ----------
@@ -65,14 +65,41 @@ class Reproduced:
 def spanning(
     figure: str, what: str, unit: str, thesis: float, values: Sequence[float], reason: str, *, simulated: bool = True
 ) -> Reproduced:
-    """Return an entry whose value is the first of several and whose interval holds them all."""
+    """Return an entry whose value is the first of several and whose interval holds them all.
+
+    Parameters
+    ----------
+    figure, what, unit : str
+    thesis : float
+        The thesis's figure.
+    values : sequence of float
+        Computed ones, the preferred first.
+    reason : str
+        Of a disagreement.
+    simulated : bool
+
+    Returns
+    -------
+    Reproduced
+    """
     low, high = float(min(values)), float(max(values))
     return Reproduced(figure=figure, what=what, unit=unit, thesis=thesis, value=float(values[0]), low=low, high=high,
                       reason=reason, simulated=simulated)  # fmt: skip
 
 
 def area_laws(name: str) -> dict[str, Floats]:
-    """Return the contact area of a material by every law at :data:`FORCES` [mm^2]."""
+    """Return the contact area of a material by every law at :data:`FORCES` [mm^2].
+
+    Parameters
+    ----------
+    name : str
+        Of the material.
+
+    Returns
+    -------
+    dict of str to ndarray (forces,)
+        [mm^2].
+    """
     force, silicone = np.array(FORCES), material(name)
     modulus = silicone.reduced_modulus(force)
     hertz = np.pi * hertz_radius(force, RADIUS, modulus) ** 2
@@ -93,12 +120,39 @@ def area_laws(name: str) -> dict[str, Floats]:
 
 
 def published_depth(name: str, force: float) -> float:
-    """Return the depth behind the published E*(F) on glass, delta^1.5 = (3/4) F/(sqrt(R) E*) [mm]."""
+    """Return the depth behind the published E*(F) on glass, delta^1.5 = (3/4) F/(sqrt(R) E*) [mm].
+
+    Parameters
+    ----------
+    name : str
+        Of the material.
+    force : float
+        [N].
+
+    Returns
+    -------
+    float
+        [mm].
+    """
     return float((0.75 * force / (np.sqrt(RADIUS) * material(name).reduced_modulus(force))) ** (2 / 3))
 
 
 def fe_interval(name: str, force: float, of: str) -> list[float]:
-    """Return area [mm^2] or depth [mm] by finite elements: without bone, then with one, each with its mesh error."""
+    """Return area [mm^2] or depth [mm] by finite elements: without bone, then with one, each with its mesh error.
+
+    Parameters
+    ----------
+    name : str
+        Of the material.
+    force : float
+        [N].
+    of : {"area", "depth"}
+
+    Returns
+    -------
+    list of float
+        [mm^2] or [mm].
+    """
     error = mesh_error(name)
     found = []
     for bone in BONES:
@@ -109,10 +163,15 @@ def fe_interval(name: str, force: float, of: str) -> list[float]:
 
 
 def area_figures() -> Iterator[Reproduced]:
-    """Yield area against force and the factors between laws and waveguide."""
+    """Yield area against force and the factors between laws and waveguide.
+
+    Yields
+    ------
+    Reproduced
+    """
     measured, laws = material("silskin_20").measured_area, area_laws("silskin_20")
     assert measured is not None  # in the tables
-    reason = "the finite elements know no adhesion and no creep; the waveguide's patch may hold glow beside the contact"
+    reason = "no adhesion and no creep in the finite elements; the waveguide's patch may hold scattered light beside it"
     for force in FORCES:
         yield spanning("area against force, Silskin 20 %", f"area at {force:g} N", "mm²", float(measured.area(force)),
                        fe_interval("silskin_20", force, "area"), reason)  # fmt: skip
@@ -131,7 +190,12 @@ def area_figures() -> Iterator[Reproduced]:
 
 
 def depth_figures() -> Iterator[Reproduced]:
-    """Yield force against displacement on glass, and the two constants of the indenter's formula."""
+    """Yield force against displacement on glass, and the two constants of the indenter's formula.
+
+    Yields
+    ------
+    Reproduced
+    """
     reason = (
         "table 6's material is about half as stiff in small strain as the flat-plate fit says, and the shaft's own"
         " shortening is part of the finite elements' depth; the bone is not stated"
@@ -149,7 +213,12 @@ def depth_figures() -> Iterator[Reproduced]:
 
 
 def friction_figures() -> Iterator[Reproduced]:
-    """Yield static friction at 1 N from the published rheology, over the areas that are possible."""
+    """Yield static friction at 1 N from the published rheology, over the areas that are possible.
+
+    Yields
+    ------
+    Reproduced
+    """
     for name, title in (("silskin_0", "Silskin 0 %"), ("silskin_20", "Silskin 20 %")):
         silicone = material(name)
         assert silicone.friction is not None  # in the tables
@@ -163,7 +232,17 @@ def friction_figures() -> Iterator[Reproduced]:
 
 
 def voltage_figures(volts: Mapping[str, Any]) -> Iterator[Reproduced]:
-    """Yield where the patch is lost and where its area settles."""
+    """Yield where the patch is lost and where its area settles.
+
+    Parameters
+    ----------
+    volts : mapping
+        Of :attr:`~evanesce.studies.thesis.study.ThesisStudy.volts`.
+
+    Yields
+    ------
+    Reproduced
+    """
     some = [volts[f"{force:g} N"] for force in (1.0, 5.0)]
     step = 0.25
     lost = [entry["onset_V"] for entry in some]
@@ -173,17 +252,21 @@ def voltage_figures(volts: Mapping[str, Any]) -> Iterator[Reproduced]:
     settled = [entry["converged_V"] for entry in some]
     yield spanning("estimated area against voltage", "converged from", "V", 9.0,
                    [*settled, min(settled) - step, max(settled) + step],
-                   "at a fixed exposure glow goes on growing; a camera that sets its own exposure would settle"
+                   "at a fixed exposure scattered light grows with voltage; with exposure control it would settle"
                    " (docs/background/voltage.md)")  # fmt: skip
 
 
 def observations(curves: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str, str]]:
-    """Return what the thesis says in words, what follows here, and a verdict.
+    """Return the thesis's observations in words, what follows from its inputs, and a verdict.
 
     Parameters
     ----------
     curves : mapping
         Of the solved slides (:func:`evanesce.studies.mechanics.study.slide_curves`).
+
+    Returns
+    -------
+    list of tuple of str
     """
     held = [one for one in curves.values() if one["held"] == "force"]
     ends = [100 * (float(one["area_ratio"][-1]) - 1) for one in held]

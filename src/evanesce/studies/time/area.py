@@ -1,4 +1,4 @@
-"""Area against time, and the onset of slip, as a camera's stamps, exposure and rows let them be read.
+"""Area against time, and the onset of slip, as read with a camera's time stamps, exposure and rolling shutter.
 
 Frames are taken at ``FINE_HZ``. A longer exposure is the mean of successive frames' light; rows that are read one after
 the other are rows of neighbouring frames, each at its own time. Stamps need no frames of their own.
@@ -34,7 +34,7 @@ LEVELS = (0.05, 0.15, 0.35)
 MERGED = {"6 ms": 1, "20 ms": 3, "33 ms": 5}
 """Successive frames whose mean stands for an exposure."""
 
-TRUE_HZ, BELIEVED_HZ = 30.0, 25.0
+TRUE_HZ, ASSUMED_HZ = 30.0, 25.0
 """The camera is said to run at 30 Hz; the published scripts divide by 25."""
 
 OFF_MM = 8.0
@@ -54,6 +54,10 @@ def averaged(images: Sequence[NDArray[np.uint8]], curve: Any) -> NDArray[np.uint
     images : sequence of ndarray of uint8 (rows, cols)
     curve : str or sequence of float
         The tone curve, see :func:`~evanesce.measurement.refined.light.tone_table`.
+
+    Returns
+    -------
+    ndarray of uint8 (rows, cols)
     """
     if len(images) == 1:
         return images[0]
@@ -92,10 +96,26 @@ def rolled(time: Floats, masks: NDArray[np.bool_], delay: Floats) -> tuple[Float
 def film_row(
     view: PerfectView, moving: Scene, states: Sequence[ContactState], chain: Chain, half_mm: float, seed: int
 ) -> dict[str, Any]:
-    """Return area [mm^2] and place [mm] of the patch over time, by each exposure and way of reading rows.
+    """Return area [mm^2] and position [mm] of the patch over time, by each exposure and way of reading rows.
 
     Stamps are mid-exposure, and those of the frame's middle row. The first and last two frames, whose neighbours are
     missing, are left out.
+
+    Parameters
+    ----------
+    view : PerfectView
+    moving : Scene
+    states : sequence of ContactState
+        One per frame.
+    chain : Chain
+    half_mm : float
+        Half the side of the crop [mm].
+    seed : int
+
+    Returns
+    -------
+    dict
+        Units in the keys.
     """
     camera, crop = FastCamera(moving), view.window(half_mm)
     time = np.array([state.time for state in states])
@@ -145,6 +165,13 @@ def stamped(
         Standard deviation of a stamp [s].
     dropped : float
         Share of frames that are lost unnoticed: those that arrive are numbered on, and number over rate is the time.
+
+    Returns
+    -------
+    kept : ndarray of int
+        Numbers of the frames that arrive.
+    time : ndarray
+        Their stamps [s].
     """
     before = max(0, int(np.floor(time[0] * rate + 1e-6)))
     arrives = generator.random(before + len(time)) >= dropped
@@ -158,7 +185,7 @@ def reading_errors(
     press: Mapping[str, Any], seen: str = "6 ms", *, rate: float, clock: float, jitter_s: float = 0.0,
     dropped: float = 0.0, seed: int = 1,
 ) -> tuple[Floats, Floats]:  # fmt: skip
-    """Return how wrong the area is that a film of a press gives for a time, and its rate of growth.
+    """Return the error of the area that a film of a press gives for a time, and its rate of growth.
 
     Parameters
     ----------
@@ -167,7 +194,7 @@ def reading_errors(
     seen : str
         Exposure or way of reading rows.
     rate, clock : float
-        True and believed frame rate [Hz].
+        True and assumed frame rate [Hz].
     jitter_s, dropped : float
         See :func:`stamped`.
     seed : int
@@ -225,17 +252,22 @@ def broken_line(time: Floats, way: Floats) -> tuple[float, float]:
 def onsets(
     row: Mapping[str, Any], rate: float, clock: float, *, jitter_s: float = 0.0, dropped: float = 0.0, seed: int = 1
 ) -> list[float]:
-    """Return the detected onset of slip at each phase of a camera, by a clock that believes in another rate [s].
+    """Return the detected onset of slip at each phase of a camera, by a clock that assumes another rate [s].
 
     Parameters
     ----------
     row : mapping
         Of one slide: ``time_s``, ``x_mm``, ``slide_starts_s``.
     rate, clock : float
-        True and believed frame rate [Hz]; time counts from the start of the slide.
+        True and assumed frame rate [Hz]; time counts from the start of the slide.
     jitter_s, dropped : float
         See :func:`stamped`; with either, each phase is drawn ``DRAWS`` times.
     seed : int
+
+    Returns
+    -------
+    list of float
+        [s].
     """
     step = round(FINE_HZ / rate)
     time = np.array(row["time_s"]) - row["slide_starts_s"]

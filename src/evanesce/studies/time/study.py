@@ -1,4 +1,4 @@
-"""What a wrong clock, a long exposure, rows read one by one and few frames do to areas and to the onset of slip.
+"""Effect of a wrong clock, a long exposure, a rolling shutter and few frames on areas and on the onset of slip.
 
 The finger of the scene is pressed to 1 N and slid until it slips as a whole; frames are taken five times as often as
 the camera takes them, so that the camera's own phase against the slide can be moved.
@@ -25,10 +25,10 @@ from evanesce.evaluation.perfect_view import PerfectView
 from evanesce.measurement.reference.segment import Chain, segment
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
-from evanesce.studies.registry import Findings, Ledger, Part, Progress
+from evanesce.studies.ledger import Ledger
+from evanesce.studies.registry import Progress
 from evanesce.studies.scenes import check_studied
 from evanesce.studies.time.area import EXPOSED_SPEED, FINE_HZ, LEVELS, READOUT_S, TRUE_HZ, film_row
-from evanesce.studies.time.findings import findings
 
 Floats = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ QUICK_SPEEDS = (25.0,)  # [mm/s]
 DISTANCE = 10.0  # [mm]
 CHAIN = Chain(threshold=0.15)
 SMEARS_MM = (0.0, 0.03, 0.15, 0.5, 0.825)
-"""Way during an exposure: 5 mm/s for 6 ms, 25 for 6, 25 for 20, 25 for 33 ms."""
+"""Displacement during an exposure: 5 mm/s for 6 ms, 25 for 6, 25 for 20, 25 for 33 ms."""
 
 VELOCITIES = ((25.0, 0.0), (0.0, 25.0), (0.0, -25.0), (0.0, 5.0))  # [mm/s], image's right and down
 HALF_MM = 7.5
@@ -46,7 +46,18 @@ PRESS_S, HOLD_S = 0.5, 0.1
 
 
 def sliding(scene: Scene, speed: float) -> Scene:
-    """Return a scene that presses to 1 N and slides at a speed [mm/s], sampled finely in time."""
+    """Return a scene that presses to 1 N and slides at a speed [mm/s], sampled finely in time.
+
+    Parameters
+    ----------
+    scene : Scene
+    speed : float
+        [mm/s].
+
+    Returns
+    -------
+    Scene
+    """
     x, y = scene.finger.position_mm
     data = scene.as_dict() | {
         "press": {"forces_N": [FORCE], "frame_rate_hz": FINE_HZ},
@@ -61,12 +72,23 @@ def sliding(scene: Scene, speed: float) -> Scene:
 
 
 def smeared(light: PlateLight, way_px: float) -> PlateLight:
-    """Return light that moved along the rows by a way [px] during the exposure, with its mean place unchanged."""
+    """Return light displaced along the rows during the exposure, its mean position unchanged.
+
+    Parameters
+    ----------
+    light : PlateLight
+    way_px : float
+        Displacement during the exposure [px].
+
+    Returns
+    -------
+    PlateLight
+    """
     if way_px <= 0:
         return light
     reach = int(np.ceil(way_px / 2 + 0.5))
     taps = np.arange(-reach, reach + 1)
-    # the share of the way spent over each pixel
+    # the share of the displacement over each pixel
     box = np.clip(np.minimum(taps + 0.5, way_px / 2) - np.maximum(taps - 0.5, -way_px / 2), 0.0, None)
     kernel = (box / box.sum()).astype(np.float32)
     still = np.array([1.0], np.float32)
@@ -76,8 +98,23 @@ def smeared(light: PlateLight, way_px: float) -> PlateLight:
     return replace(light, radiance=spread)
 
 
-def run(scene: Scene, out: Path, progress: Progress, *, quick: bool = False, seed: int = 1) -> Findings:
-    """Do the study; see :class:`evanesce.studies.registry.Study`."""
+def compute(
+    scene: Scene, out: Path, progress: Progress, *, quick: bool = False, seed: int = 1
+) -> tuple[dict[str, dict[str, Any]], tuple[float, ...]]:
+    """Measure slides, a press, smeared frames and frames with a rolling shutter.
+
+    Parameters
+    ----------
+    scene, out, progress, quick, seed
+        See :meth:`evanesce.studies.registry.Study.run`.
+
+    Returns
+    -------
+    rows : dict
+        Results by what was measured: ``slide 25``, ``press``, ``exposed``, ``smear``, ``rows 25 0`` ...
+    speeds : tuple of float
+        Of the slides [mm/s].
+    """
     check_studied(scene)
     speeds = QUICK_SPEEDS if quick else SPEEDS
     ledger = Ledger(out / "time.jsonl", {"scene": scene.as_dict(), "seed": seed})
@@ -87,12 +124,12 @@ def run(scene: Scene, out: Path, progress: Progress, *, quick: bool = False, see
     jobs += [("press", partial(_press_row, view, smooth, seed)), ("exposed", partial(_exposed_row, view, smooth, seed))]
     jobs += [("smear", partial(_smear_row, view, smooth, seed))]
     jobs += [(f"rows {x:g} {y:g}", partial(_rows_row, view, smooth, (x, y), seed)) for x, y in VELOCITIES]
-    rows = {}
+    rows: dict[str, dict[str, Any]] = {}
     for done, (key, make) in enumerate(jobs):
         progress("time: slides", done, len(jobs))
         rows[key] = ledger.row(key, make)
     progress("time: slides", len(jobs), len(jobs))
-    return findings(rows, speeds, seed)
+    return rows, speeds
 
 
 def _slide_row(view: PerfectView, scene: Scene, speed: float, seed: int) -> dict[str, Any]:
@@ -146,7 +183,7 @@ def _exposed_row(view: PerfectView, scene: Scene, seed: int) -> dict[str, Any]:
 
 
 def _smear_row(view: PerfectView, scene: Scene, seed: int) -> dict[str, Any]:
-    """Return the area at each way during the exposure and level, the exposure's light unchanged [mm^2]."""
+    """Return the area by displacement during the exposure and threshold, at unchanged light [mm^2]."""
     rig, state = solve_contact(scene, FORCE, seed=seed)
     assert state is not None  # a force was given
     light = render_fast(rig, state, seed=rng.integer_seed(seed, "render", 0))
@@ -173,6 +210,3 @@ def _rows_row(view: PerfectView, scene: Scene, velocity: tuple[float, float], se
         # rows are read at height/readout; a patch that runs with them is seen for longer
         "expected": 1.0 / (1.0 - velocity[1] * READOUT_S / height) - 1.0,
     }
-
-
-STUDY = Part("time", "Clock, exposure, rows and the onset of slip", 50, run)

@@ -11,26 +11,48 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from evanesce.report.html import Page, Picture, Section, Table, figure_png, image_png
-from evanesce.studies.twin.judge import DOT_600_DPI_UM, Judgement, edge_width, radius, spacings
-from evanesce.studies.twin.model import Twin
+from evanesce.studies.twin.residuals import DOT_600_DPI_UM, TwinResiduals, edge_width, radius, spacings
+from evanesce.studies.twin.study import Twin
 
 DIFFERENCE_DN = 50.0
 
 
-def page(twin: Twin, judged: Judgement, name: str, provenance: Mapping[str, Any]) -> Page:
-    """Return the report of one photograph and its twin."""
+def page(twin: Twin, residuals: TwinResiduals, name: str, provenance: Mapping[str, Any]) -> Page:
+    """Return the report of one photograph and its twin.
+
+    Parameters
+    ----------
+    twin : Twin
+    residuals : TwinResiduals
+    name : str
+        Of the photograph.
+    provenance : mapping
+
+    Returns
+    -------
+    Page
+    """
     lead = (
-        f"The simulated rig, lens, board and light were fitted to one half of {name} and judged on the other: "
-        f"corners lie within {judged.corner_rms_px:.2f} px RMS of where the simulation puts them, grey values within "
-        f"{judged.grey_rms:.1f} DN RMS (median {judged.grey_median_abs:.1f} DN), in a picture whose grey values "
-        f"scatter by {judged.photo_deviation:.0f} DN."
+        f"The simulated rig, lens, board and light were fitted to one half of {name} and evaluated on the other: "
+        f"corners agree within {residuals.corner_rms_px:.2f} px RMS, grey values within "
+        f"{residuals.grey_rms:.1f} DN RMS (median {residuals.grey_median_abs:.1f} DN), in a picture whose grey values "
+        f"scatter by {residuals.photo_deviation:.0f} DN."
     )
-    sections = [_side_by_side(twin), _difference(twin, judged), _geometry(twin, judged), _blur(twin, judged)]
+    sections = [_side_by_side(twin), _difference(twin, residuals), _geometry(twin, residuals), _blur(twin, residuals)]
     return Page(f"Twin of {name}", lead, [*sections, _fitted(twin)], provenance)
 
 
 def difference_png(twin: Twin) -> bytes:
-    """Return photograph minus twin in colour: red where the photograph is brighter, blue where it is darker."""
+    """Return photograph minus twin in colour: red where the photograph is brighter, blue where it is darker.
+
+    Parameters
+    ----------
+    twin : Twin
+
+    Returns
+    -------
+    bytes
+    """
     return _picture(twin.photo - twin.mean, "RdBu_r", -DIFFERENCE_DN, DIFFERENCE_DN, "photograph − twin [DN]")
 
 
@@ -70,12 +92,12 @@ def _side_by_side(twin: Twin) -> Section:
     )
 
 
-def _difference(twin: Twin, judged: Judgement) -> Section:
-    difference = (twin.photo - twin.mean)[twin.judged]
+def _difference(twin: Twin, residuals: TwinResiduals) -> Section:
+    difference = (twin.photo - twin.mean)[twin.held_out]
     figure, axes = _figure()
     bins = np.arange(-80, 121, 1.0)
-    axes.hist(np.clip(difference, bins[0], bins[-1]), bins=bins, log=True, color="0.45", label="judged blocks")
-    spread = 1.4826 * judged.grey_median_abs
+    axes.hist(np.clip(difference, bins[0], bins[-1]), bins=bins, log=True, color="0.45", label="held-out blocks")
+    spread = 1.4826 * residuals.grey_median_abs
     bell = difference.size * np.exp(-0.5 * (bins / spread) ** 2) / (spread * np.sqrt(2 * np.pi))
     axes.plot(bins[bell > 0.5], bell[bell > 0.5], color="tab:red", label=f"normal law of {spread:.1f} DN")
     axes.set_xlabel("photograph − twin [DN]; beyond the axis counted at its ends")
@@ -83,7 +105,7 @@ def _difference(twin: Twin, judged: Judgement) -> Section:
     axes.legend()
     rows = [
         (c.name, f"{100 * c.pixels:.1f}", f"{100 * c.energy:.1f}", f"{c.rms:.1f}")
-        for c in judged.causes
+        for c in residuals.causes
         if c.pixels > 0
     ]
     return Section(
@@ -91,23 +113,23 @@ def _difference(twin: Twin, judged: Judgement) -> Section:
         paragraphs=[
             "Three things the twin does not have: dust and scratches on the glass scatter guided light and show as "
             "specks; the edge LEDs are mirrored in the paper as bright patches; the paper's fibres and the toner's "
-            "density mottle the squares. The table sorts the judged pixels by the first of its rows that applies.",
+            "density mottle the squares. The table sorts the held-out pixels by the first of its rows that applies.",
         ],
         pictures=[
             Picture(difference_png(twin), "Red: the photograph is brighter than its twin; blue: darker."),
-            Picture(figure_png(figure), "Differences on the judged blocks; the tail to the right is specks."),
+            Picture(figure_png(figure), "Differences on the held-out blocks; the tail to the right is specks."),
         ],
         tables=[
             Table(
                 ("kind of pixel", "share of pixels [%]", "share of squared difference [%]", "RMS [DN]"),
                 rows,
-                f"All judged pixels: {judged.grey_rms:.2f} DN RMS; fitted ones {judged.grey_rms_fitted:.2f} DN.",
+                f"All held-out pixels: {residuals.grey_rms:.2f} DN RMS; fitted: {residuals.grey_rms_fitted:.2f} DN.",
             )
         ],
     )
 
 
-def _geometry(twin: Twin, judged: Judgement) -> Section:
+def _geometry(twin: Twin, residuals: TwinResiduals) -> Section:
     widths = spacings(twin)
     figure, axes = _figure()
     axes.hist(widths, bins=np.arange(-60, 61, 4.0), color="0.45", label=f"{widths.size} columns and rows of squares")
@@ -120,7 +142,7 @@ def _geometry(twin: Twin, judged: Judgement) -> Section:
     axes.legend(loc="upper center")
     miss = twin.corner_miss
     arrows, quiver_axes = _figure(9.0, 7.0)
-    some = twin.corners_judged
+    some = twin.corners_held_out
     quiver_axes.quiver(
         *twin.grid.fit.position[some].T, *(25 * miss[some]).T, angles="xy", scale_units="xy", scale=1, width=0.0016
     )
@@ -129,8 +151,8 @@ def _geometry(twin: Twin, judged: Judgement) -> Section:
     quiver_axes.set_xlabel("x [px]")
     quiver_axes.set_ylabel("y [px]")
     text = (
-        f"Narrow squares are {judged.spacing_narrow_um:+.1f} µm, wide ones {judged.spacing_wide_um:+.1f} µm beside a "
-        "millimetre. A printer of 600 dots per inch makes them 23 or 24 dots wide, "
+        f"Narrow squares are {residuals.spacing_narrow_um:+.1f} µm, wide ones {residuals.spacing_wide_um:+.1f} µm "
+        "off 1 mm. A printer of 600 dots per inch makes them 23 or 24 dots wide, "
         f"{23 * DOT_600_DPI_UM - 1000:+.1f} or {24 * DOT_600_DPI_UM - 1000:+.1f} µm: where the two agree, the print "
         "is the larger part of what a smooth lens model leaves, and the twin has the same uneven lines."
     )
@@ -139,14 +161,14 @@ def _geometry(twin: Twin, judged: Judgement) -> Section:
         paragraphs=[text],
         pictures=[
             Picture(figure_png(figure), "Fitted widths of the squares; dashed, whole dots of a 600-dpi printer."),
-            Picture(figure_png(arrows), "Judged corners: found minus predicted, 25 times enlarged."),
+            Picture(figure_png(arrows), "Held-out corners: found minus predicted, 25 times enlarged."),
         ],
     )
 
 
-def _blur(twin: Twin, judged: Judgement) -> Section:
+def _blur(twin: Twin, residuals: TwinResiduals) -> Section:
     figure, axes = _figure()
-    some = twin.corners_judged
+    some = twin.corners_held_out
     r = radius(twin.grid.fit.position, twin.photo.shape)[some]
     for fit, label, colour in ((twin.grid.fit, "photograph", "tab:red"), (twin.own, "twin", "tab:blue")):
         axes.plot(r, edge_width(fit.sigma[some]), ".", markersize=3, color=colour, label=label, alpha=0.6)
@@ -165,11 +187,11 @@ def _blur(twin: Twin, judged: Judgement) -> Section:
             f"{z.dark_photo:.0f} / {z.dark_twin:.0f}",
             f"{z.grey_rms:.1f}",
         )
-        for z in judged.zones
+        for z in residuals.zones
     ]
     columns = (
         "distance from the middle [px]",
-        "judged corners",
+        "held-out corners",
         "corner RMS [px]",
         "edge width, photograph [px]",
         "edge width, twin [px]",
@@ -179,7 +201,7 @@ def _blur(twin: Twin, judged: Judgement) -> Section:
     )
     return Section(
         "Blur and light by zone",
-        pictures=[Picture(figure_png(figure), "Edge widths at the judged corners, by the same corner fit in both.")],
+        pictures=[Picture(figure_png(figure), "Edge widths at the held-out corners, by the same corner fit in both.")],
         tables=[Table(columns, rows)],
     )
 
@@ -209,12 +231,12 @@ def _fitted(twin: Twin) -> Section:
     return Section(
         "What was fitted, and what assumed",
         paragraphs=[
-            "Fitted on alternate blocks of two by two squares: the camera's place and the lens's two radial terms, "
+            "Fitted on alternate blocks of two by two squares: the camera's position and the lens's two radial terms, "
             "through the refracting glass; the printed lines; smooth light for bright and for dark squares; defocus on "
             "the axis, its growth to the corner and the reach of the ink. The picture then goes through the same lens, "
             "pixel, readout and tone curve as every simulated frame. Not in the twin: specks, reflections, mottled "
             "paper, an astigmatic lens, colour, the printer's seams. Ink and tone curve act alike on the edges and "
-            "cannot be told apart by one picture; a flat board does not tell the focal length.",
+            "cannot be separated from one picture; a flat board does not determine the focal length.",
         ],
         tables=[Table(("quantity", "value"), rows)],
     )

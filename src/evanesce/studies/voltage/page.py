@@ -12,12 +12,12 @@ from skimage.measure import find_contours
 
 from evanesce.measurement.reference.segment import Chain, segment
 from evanesce.report.html import Page, Picture, Section, Table, figure_png
-from evanesce.studies.voltage.curve import SOURCES
-from evanesce.studies.voltage.findings import CONVERGED_V, ONSET_V, RISE
+from evanesce.studies.voltage.analysis import CONVERGED_V, ONSET_V, RISE
+from evanesce.studies.voltage.sources import SOURCES
 from evanesce.studies.voltage.study import VoltageStudy
 from evanesce.studies.voltage.unknowns import FLAT, SEEN, THRESHOLDS, UNKNOWNS
 
-COLOURS = {"groove glow": "tab:orange", "blur": "tab:blue", "saturation": "tab:red", "specks": "tab:green"}
+COLOURS = {"subsurface scattering": "tab:orange", "blur": "tab:blue", "saturation": "tab:red", "specks": "tab:green"}
 OUTPUTS = {
     "onset_V": "voltage at which the patch appears",
     "converged_V": "voltage from which the estimate is within 5 % of its last",
@@ -26,7 +26,16 @@ OUTPUTS = {
 
 
 def page(found: VoltageStudy) -> Page:
-    """Return the report of one study."""
+    """Return the report of one study.
+
+    Parameters
+    ----------
+    found : VoltageStudy
+
+    Returns
+    -------
+    Page
+    """
     held = found.shares("as computed")
     onsets = ", ".join(f"{found.scene_voltages(f)[0]:.2f} V at {f:g} N" for f in found.forces)
     lead = (
@@ -62,7 +71,16 @@ def _figure(cols: int = 1, width: float = 9.0, height: float = 4.2) -> tuple[Fig
 
 
 def curves_figure(found: VoltageStudy) -> Figure:
-    """Return estimated and true area against voltage, and what each source adds, one panel a force."""
+    """Return estimated and true area against voltage, and what each source adds, one panel a force.
+
+    Parameters
+    ----------
+    found : VoltageStudy
+
+    Returns
+    -------
+    Figure
+    """
     figure, axes = _figure(len(found.forces), 5.0 * len(found.forces), 4.4)
     for panel, force in zip(axes, found.forces, strict=True):
         rows = found.curves[force]
@@ -88,21 +106,21 @@ def _curves(found: VoltageStudy) -> Section:
         lines = []
         for row in shown:
             excess = row.area_mm2 - row.true_area_mm2
-            glow = row.parts_mm2["groove glow"]
-            share = f"{100 * glow / excess:.0f}" if excess > 0.01 * row.true_area_mm2 else "-"
+            scattered = row.parts_mm2["subsurface scattering"]
+            share = f"{100 * scattered / excess:.0f}" if excess > 0.01 * row.true_area_mm2 else "-"
             parts = [_plain(row.parts_mm2[s]) for s in SOURCES]
             lines.append(
                 (f"{row.voltage_V:g}", f"{row.area_mm2:.2f}", f"{row.true_area_mm2:.2f}", f"{excess:.2f}", *parts,
                  _plain(row.residual_mm2), _plain(row.interaction_mm2), share)
             )  # fmt: skip
         columns = ("voltage [V]", "estimated [mm²]", "true [mm²]", "excess [mm²]", *(f"{s} [mm²]" for s in SOURCES),
-                   "residual [mm²]", "interaction [mm²]", "glow / excess [%]")  # fmt: skip
+                   "residual [mm²]", "interaction [mm²]", "scattering / excess [%]")  # fmt: skip
         tables.append(Table(columns, lines, f"{force:g} N"))
     text = (
-        "Each source is switched off in turn; its part is what it adds while the others are present. Groove glow is "
-        "light that wandered through the silicone: switching it off also gives the contact back the light that left "
-        "sideways, so that its part may be negative where the patch is barely bright enough. Saturation clips the "
-        "contact, not its rim, so a threshold below full scale hardly feels it. Residual is the excess with all "
+        "Each source is switched off in turn; its part is what it adds while the others are present. Without "
+        "subsurface scattering the contact also keeps the light that would leave sideways, so that its part may be "
+        "negative where the patch is barely bright enough. Saturation clips the contact, not its rim, so that a "
+        "threshold below full scale is insensitive to it. Residual is the excess with all "
         "four switched off. Parts, residual and interaction add up to the excess."
     )
     caption = "Estimated area against voltage at a fixed threshold, the true area, and what each source adds."
@@ -110,7 +128,16 @@ def _curves(found: VoltageStudy) -> Section:
 
 
 def frames_figure(found: VoltageStudy) -> Figure:
-    """Return frames at some voltages with the estimate outlined."""
+    """Return frames at some voltages with the estimate outlined.
+
+    Parameters
+    ----------
+    found : VoltageStudy
+
+    Returns
+    -------
+    Figure
+    """
     figure, axes = _figure(len(found.frames), 2.6 * len(found.frames), 2.9)
     for panel, (volts, frame) in zip(axes, found.frames.items(), strict=True):
         panel.imshow(frame, cmap="gray", vmin=0, vmax=255)
@@ -123,9 +150,7 @@ def frames_figure(found: VoltageStudy) -> Figure:
 
 
 def _frames(found: VoltageStudy) -> Section:
-    caption = (
-        f"{found.forces[0]:g} N: what the camera sees, and in red what threshold {found.threshold:g} takes for it."
-    )
+    caption = f"{found.forces[0]:g} N: frames, and in red the contact by threshold {found.threshold:g}."
     return Section("What the camera sees", pictures=[Picture(figure_png(frames_figure(found)), caption)])
 
 
@@ -142,7 +167,7 @@ def _grooves(found: VoltageStudy) -> Section:
         sampled = ", ".join(f"{_percent(s)} at {f:g} N" for f, s in zip(found.forces, shares, strict=True))
         text = (
             f"At {', '.join(f'{g.force_N:g}' for g in closed)} N the pressure in the middle exceeds what closes the "
-            "grooves: the silicone fills them and there is no groove left to glow. Light that enters still lights "
+            "grooves: the silicone fills them and no groove is left for light. Light that enters still lights "
             "open grooves near the rim, and the skin around the contact. Grooves that stay open to the middle at "
             "these forces need stiffer, higher or closer ridges than the published figures give (or air shut in "
             f"under them, which is not modelled): among the sampled rigs they are open in {sampled}. If the thesis "
@@ -173,15 +198,24 @@ def _bins(found: VoltageStudy) -> Section:
     )
     text = (
         "Below its knee an LED's current falls by a factor of ten in a few tenths of a volt, so that the patch "
-        "vanishes within such a span, and the bin says where. Exposure and threshold move it as well, but only with "
-        "their logarithm."
+        "vanishes within such a span, at a voltage that depends on the bin. Exposure and threshold move it as "
+        "well, but only with their logarithm."
     )
     picture = Picture(figure_png(figure), "The same finger, exposure and threshold with LEDs of other bins.")
     return Section("The LEDs' bin", [text], [picture], [Table(columns, rows)])
 
 
 def holds_figure(found: VoltageStudy) -> Figure:
-    """Return where in each unknown's range the patch vanishes near 8 V, converges by 9 V, and all is seen."""
+    """Return where in each unknown's range the patch vanishes near 8 V, converges by 9 V, and all is seen.
+
+    Parameters
+    ----------
+    found : VoltageStudy
+
+    Returns
+    -------
+    Figure
+    """
     figure, axes = _figure(len(UNKNOWNS), 2.4 * len(UNKNOWNS), 3.2)
     series = {
         "vanishes near 8 V": ("vanishes", "tab:blue"),
@@ -282,13 +316,22 @@ def _sensitivity(found: VoltageStudy) -> Section:
 
 
 def best_figure(found: VoltageStudy) -> Figure:
-    """Return the scene's area error by voltage and threshold, and the rigs' errors by cutting ratio."""
+    """Return the scene's area error by voltage and threshold, and the rigs' errors by cutting ratio.
+
+    Parameters
+    ----------
+    found : VoltageStudy
+
+    Returns
+    -------
+    Figure
+    """
     figure, axes = _figure(1, 7.5, 4.4)
     shown = axes[0].pcolormesh(
         found.voltages, THRESHOLDS, 100 * np.minimum(found.error_map, 1.0).T, cmap="viridis_r", shading="nearest"
     )
     volts, level, _ = found.scene_best
-    axes[0].plot(volts, level, "r+", markersize=12, label=f"least: {volts:g} V, {level:g}")
+    axes[0].plot(volts, level, "r+", markersize=12, label=f"minimum: {volts:g} V, {level:g}")
     axes[0].set_xlabel("LED voltage [V]")
     axes[0].set_ylabel("threshold")
     axes[0].legend(loc="upper left", fontsize=8)
@@ -315,9 +358,9 @@ def _best(found: VoltageStudy) -> Section:
          f"{100 * b.ratio_error:.1f} ({two(b.ratio_error_interval, 100)})"),
     ]  # fmt: skip
     text = [
-        "Voltage, exposure and threshold act as one: what matters is where the threshold lies between the light of "
-        "the contact and that of its surroundings. So the setting of least error is a valley, not a point, and a "
-        "voltage without an exposure says nothing about another rig. In brackets: 5 to 95 % by bootstrap over "
+        "Voltage, exposure and threshold are confounded: what matters is where the threshold lies between the light of "
+        "the contact and that of its surroundings. So the setting of smallest error is a valley, not a point, and a "
+        "voltage without an exposure cannot be transferred to another rig. In brackets: 5 to 95 % by bootstrap over "
         f"{b.rigs} independent rigs; errors are medians over the rigs.",
         f"A cut at {b.ratio:g} of the mean linear light of the contact itself needs no voltage: its error is "
         f"{three(b.ratio_errors, 100)} % (5, 50 and 95 % of the rigs). It asks for raw or linearised frames that do "
@@ -325,7 +368,7 @@ def _best(found: VoltageStudy) -> Section:
     ]
     columns = ("what is set", "voltage [V]", "threshold, or share of light", "area error [%]")
     picture = Picture(figure_png(best_figure(found)), "This scene: area error by voltage and threshold, full chain.")
-    return Section("Voltage and threshold of least error", text, [picture], [Table(columns, rows)])
+    return Section("Voltage and threshold of smallest error", text, [picture], [Table(columns, rows)])
 
 
 def _method(found: VoltageStudy) -> Section:
@@ -341,5 +384,5 @@ def _method(found: VoltageStudy) -> Section:
         "roughness; droop and warming of the LEDs.",
     ]
     if found.notes:
-        text.append("Put in where the scene is silent: " + "; ".join(found.notes) + ".")
+        text.append("Added where the scene states nothing: " + "; ".join(found.notes) + ".")
     return Section("How it was computed", text)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,8 +19,7 @@ from evanesce.effects import Context, Stage, active_effects, apply_stage
 from evanesce.measurement.reference.segment import Chain
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
-from evanesce.studies.voltage.curve import Excess, Press, study_scene, voltage_curve
-from evanesce.studies.voltage.findings import (
+from evanesce.studies.voltage.analysis import (
     BestSetting,
     Claims,
     best_setting,
@@ -31,15 +31,12 @@ from evanesce.studies.voltage.findings import (
     up_to,
     where_it_holds,
 )
-from evanesce.studies.voltage.unknowns import (
-    THRESHOLDS,
-    UNKNOWNS,
-    Plan,
-    ReducedRig,
-    Samples,
-    middle_open,
-    run_samples,
-)
+from evanesce.studies.voltage.curve import Excess, voltage_curve
+from evanesce.studies.voltage.press import Press
+from evanesce.studies.voltage.reduced_rig import ReducedRig, middle_open
+from evanesce.studies.voltage.samples import run_samples
+from evanesce.studies.voltage.sources import study_scene
+from evanesce.studies.voltage.unknowns import THRESHOLDS, UNKNOWNS, Plan, Samples
 
 Array = NDArray[np.float64]
 Tick = Callable[[str, int, int], None]
@@ -51,7 +48,7 @@ EXPOSURE_CONTROL_V = 9.0
 
 @dataclass(frozen=True, kw_only=True)
 class Grooves:
-    """Whether a force leaves grooves open in the middle of the scene's contact.
+    """State of the grooves in the middle of the scene's contact.
 
     Attributes
     ----------
@@ -74,7 +71,18 @@ class Grooves:
 
 
 def grooves(scene: Scene, force: float) -> Grooves:
-    """Return the state of the grooves of a scene with an analytic law under a force [N]."""
+    """Return the state of the grooves of a scene with an analytic law under a force [N].
+
+    Parameters
+    ----------
+    scene : Scene
+    force : float
+        [N].
+
+    Returns
+    -------
+    Grooves
+    """
     state = contact_state(scene, force)
     modulus = float(state.parameters.get("reduced_modulus_MPa", float("nan")))
     radius = scene.finger.tip_radius_mm
@@ -100,7 +108,7 @@ class VoltageStudy:
     ----------
     scene : Scene
     notes : list of str
-        What the scene did not say.
+        What was added to the scene.
     forces, voltages : tuple of float
     threshold : float
     curves : dict of list of Excess
@@ -145,18 +153,34 @@ class VoltageStudy:
 
     @property
     def scene_best(self) -> tuple[float, float, float]:
-        """Voltage [V], threshold and relative error of the scene's own least error."""
+        """Voltage [V], threshold and relative error of the scene's own smallest error."""
         i, j = np.unravel_index(int(self.error_map.argmin()), self.error_map.shape)
         return self.voltages[i], THRESHOLDS[j], float(self.error_map[i, j])
 
     def scene_voltages(self, force: float) -> tuple[float, float]:
-        """Return onset and convergence [V] of the scene at a force."""
+        """Return onset and convergence [V] of the scene at a force.
+
+        Parameters
+        ----------
+        force : float
+            [N].
+
+        Returns
+        -------
+        onset, convergence : float
+            [V].
+        """
         area = np.array([row.area_mm2 for row in self.curves[force]])
         truth = np.array(self.curves[force][0].true_area_mm2)
         return float(onset(self.voltages, area, truth)), float(converged(self.voltages, area))
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the JSON result, units in the keys."""
+        """Return the JSON result, units in the keys.
+
+        Returns
+        -------
+        dict
+        """
         volts, level, error = self.scene_best
         return {
             "threshold": self.threshold,
@@ -183,7 +207,18 @@ class VoltageStudy:
         }
 
     def shares(self, reading: str) -> dict[str, float]:
-        """Return the share of independent rigs that show each part of the thesis's observation."""
+        """Return the share of independent rigs that show each part of the thesis's observation.
+
+        Parameters
+        ----------
+        reading : str
+            Key of ``readings``.
+
+        Returns
+        -------
+        dict of str to float
+            [1].
+        """
         c, some = self.readings[reading], self.samples.independent
         parts = {"vanishes": c.vanishes, "rises": c.rises, "settles": c.settles, "all": c.all}
         return {name: float(np.mean(value[some])) for name, value in parts.items()}
@@ -191,6 +226,16 @@ class VoltageStudy:
 
 def scene_values(scene: Scene, threshold: float) -> Array:
     """Return the scene's own figures in the order of the unknowns.
+
+    Parameters
+    ----------
+    scene : Scene
+    threshold : float
+        Of the reference segmentation, 0 to 1.
+
+    Returns
+    -------
+    ndarray (unknowns,)
 
     Raises
     ------
@@ -246,6 +291,10 @@ def run_study(
     tick : callable
         ``tick(what, done, total)``.
 
+    Returns
+    -------
+    VoltageStudy
+
     Raises
     ------
     InputError
@@ -254,22 +303,10 @@ def run_study(
     render = render_fast if render is None else render
     scene, notes = study_scene(scene)
     own = scene_values(scene, threshold)
-    chain, volts, loads = Chain(threshold=threshold), tuple(voltages), tuple(forces)
-    curves: dict[float, list[Excess]] = {}
-    for k, force in enumerate(loads):
-        done = [k * len(volts)]
-
-        def step(done: list[int] = done) -> None:
-            done[0] += 1
-            tick("voltages", done[0], len(loads) * len(volts))
-
-        curves[force] = voltage_curve(scene, force, volts, chain, seed=seed, render=render, tick=step)
+    volts, loads = tuple(voltages), tuple(forces)
+    curves = _curves(scene, loads, volts, threshold, seed, render, tick)
     presses = [Press.of(scene, force, seed=seed, render=render) for force in loads]
-    chains = [Chain(threshold=t) for t in THRESHOLDS]
-    relative = []
-    for press in presses:
-        relative.append([np.array(press.areas(v, chains)) / press.true_area_mm2 - 1.0 for v in volts])
-        tick("thresholds", len(relative), len(presses))
+    error_map = _error_map(presses, volts, tick)
     plan = Plan(loads, volts, base, seed)
     rig = ReducedRig(scene, plan)
     lit = rig.light(own)
@@ -286,7 +323,7 @@ def run_study(
     return VoltageStudy(
         scene=scene, notes=notes, forces=loads, voltages=volts, threshold=threshold, curves=curves,
         frames={v: np.asarray(presses[0].levels(v)) for v in SHOWN_V},
-        error_map=np.sqrt((np.array(relative) ** 2).mean(axis=0)),
+        error_map=error_map,
         reduced_difference=_differences(reduced, full, lit.true_area, np.array(volts) <= 9.0),
         bins=_bins(rig, lit.images, own, lit.true_area),
         grooves=[grooves(scene, force) for force in loads],
@@ -297,6 +334,30 @@ def run_study(
         best=best_setting(samples, np.ones(len(samples.values), bool), seed=seed),
         provenance=provenance.record(seed=seed, config=scene.as_dict(), **(renderer or {"renderer": "transport"})),
     )  # fmt: skip
+
+
+def _curves(
+    scene: Scene, loads: tuple[float, ...], volts: tuple[float, ...], threshold: float, seed: int, render: Render,
+    tick: Tick,
+) -> dict[float, list[Excess]]:  # fmt: skip
+    """Return area and excess at each voltage, by force."""
+    counter, total = itertools.count(1), len(loads) * len(volts)
+
+    def step() -> None:
+        tick("voltages", next(counter), total)
+
+    chain = Chain(threshold=threshold)
+    return {force: voltage_curve(scene, force, volts, chain, seed=seed, render=render, tick=step) for force in loads}
+
+
+def _error_map(presses: Sequence[Press], volts: tuple[float, ...], tick: Tick) -> Array:
+    """Return the relative area error by voltage and threshold, RMS over the forces."""
+    chains = [Chain(threshold=t) for t in THRESHOLDS]
+    relative = []
+    for press in presses:
+        relative.append([np.array(press.areas(v, chains)) / press.true_area_mm2 - 1.0 for v in volts])
+        tick("thresholds", len(relative), len(presses))
+    return np.sqrt((np.array(relative) ** 2).mean(axis=0))
 
 
 def _differences(reduced: Array, full: Array, true_area: Array, low: NDArray[np.bool_]) -> tuple[float, float]:

@@ -1,0 +1,244 @@
+"""Components of an area's uncertainty budget: the card, the lens's distance, both estimators, a lossy codec."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from evanesce.measurement.uncertainty.budget import Component, Finger
+
+PRINT_TOLERANCE = 0.002
+"""Relative length of a print: paper that takes up moisture, a laser printer's feed."""
+
+CARD_HEIGHT_MM = 0.1
+"""Greatest height of a card's printed side over the contact plane: unevenness of paper."""
+
+
+@dataclass(frozen=True)
+class FilmLaw:
+    """How far outside the contact the refined boundary runs, by the width of the edge.
+
+    Light couples across a film of air of some 0.1 um. Where the film opens slowly, as over a ridge that is about to
+    come into contact, that widens the edge and moves its half-way point outwards: by ``per_spread`` times the widening.
+
+    Attributes
+    ----------
+    per_spread : float
+        [1].
+    offset_mm : float
+        At an edge that noise alone widens.
+    standard_mm : float
+        Standard deviation of the residual, rig to rig included.
+    """
+
+    per_spread: float
+    offset_mm: float
+    standard_mm: float
+
+    def at(self, spread_mm: float) -> float:
+        """Return the expected displacement of an edge outwards.
+
+        Parameters
+        ----------
+        spread_mm : float
+            Widening of the edge [mm].
+
+        Returns
+        -------
+        float
+            [mm].
+        """
+        return self.per_spread * spread_mm + self.offset_mm
+
+
+FILM = FilmLaw(per_spread=1.84, offset_mm=-0.00076, standard_mm=0.0004)
+"""Fitted to presses on other rigs: stiffness, ridges, positions, forces and voltages vary (benchmarks/film.py)."""
+
+FILM_LIMITS_MM = {"smooth": (0.0, 0.002), "ridged": (-0.003, 0.007)}
+"""Limits of the same displacement where the frame does not show the edge's own width: saturated, or scattering."""
+
+
+UNSEEN_PX = {"top": 0.4, "modelled": 1.2}
+"""Limits of the displacement of an edge that saturation hides [px], by what it hides: the estimator study's greatest
+errors, rounded up; on another rig they may be larger."""
+
+INVERSION_PX = 0.5
+"""The same of an edge that was found after inversion of subsurface scattering."""
+
+
+def card_components(*, tolerance: float = PRINT_TOLERANCE, height_mm: float = CARD_HEIGHT_MM) -> list[Component]:
+    """Return the components of the card that set the scale.
+
+    Parameters
+    ----------
+    tolerance : float
+        Relative tolerance of the printed length [1].
+    height_mm : float
+        Greatest height of the printed side over the contact plane [mm].
+
+    Returns
+    -------
+    list of Component
+    """
+    return [
+        Component(
+            name="card print", role="print", low=-tolerance, high=tolerance, shape="rectangular",
+            origin="printed over stated length of the card",
+        ),
+        Component(
+            name="card height", role="height", low=0.0, high=height_mm, shape="rectangular",
+            origin="printed side over the contact plane, seen through the glass",
+        ),
+    ]  # fmt: skip
+
+
+FOCAL_OF_DRAWING = 0.05
+"""Relative tolerance of a focal length that a drawing or a lens's label states."""
+
+FOCAL_ASSUMED = 0.6
+"""Relative tolerance of one over the distance where the focal length was taken as the longer side of the frame: true
+for fields of view of 23 to 77 degrees along that side."""
+
+
+def nearness_component(known: Literal["found", "drawing", "assumed"], found_error: float = 0.0) -> Component:
+    """Return the component of the lens's distance, which only matters for the card's height.
+
+    Parameters
+    ----------
+    known : {"found", "drawing", "assumed"}
+        Where the focal length, and with the scale the distance, comes from: tilted boards determine it, one on the
+        glass does not.
+    found_error : float
+        Relative standard error of a focal length that was found.
+
+    Returns
+    -------
+    Component
+    """
+    if known == "found":
+        return Component(
+            name="lens distance", role="nearness", low=-found_error, high=found_error, shape="normal",
+            origin="focal length, from tilted boards",
+        )  # fmt: skip
+    half = FOCAL_OF_DRAWING if known == "drawing" else FOCAL_ASSUMED
+    origin = "focal length by the rig's drawing" if known == "drawing" else "focal length not known: an ordinary lens"
+    return Component(name="lens distance", role="nearness", low=-half, high=half, shape="rectangular", origin=origin)
+
+
+def refined_components(
+    pixel_mm: float, scale_standard: float, *, video: bool = False, finger: Finger = "ridged",
+    spread_mm: float | None = None, unseen: str = "", scattering: bool = False, blur_uncertainty_px: float = 0.0,
+) -> list[Component]:  # fmt: skip
+    """Return the budget of the refined estimator beyond the card.
+
+    Parameters
+    ----------
+    pixel_mm : float
+        Side of a pixel on the plate [mm].
+    scale_standard : float
+        Relative standard uncertainty of the area from the corners' scatter (tilt and distortion included) [1].
+    video : bool
+        Whether frames went through a lossy codec.
+    finger : {"ridged", "smooth"}
+        Counts where the edge's own width is not known.
+    spread_mm, unseen, blur_uncertainty_px : float, str, float, optional
+        Of :class:`~evanesce.measurement.refined.estimator.RefinedArea`.
+    scattering : bool
+        Whether subsurface scattering was inverted.
+
+    Returns
+    -------
+    list of Component
+    """
+    found = [
+        Component(
+            name="scale fit", role="scale", low=-scale_standard, high=scale_standard, shape="normal",
+            origin="scatter of the board's corners, propagated through the fit of scale, tilt and distortion",
+        ),
+        *_film_components(pixel_mm, spread_mm, finger),
+    ]  # fmt: skip
+    if scattering:
+        origin = "inversion of subsurface scattering, whose length is fitted to the frame"
+        found.append(_boundary("subsurface scattering", INVERSION_PX * pixel_mm, origin))
+    if unseen:
+        origin = "the edge is read from light beside the part that is at full scale"
+        found.append(_boundary("saturated edge", UNSEEN_PX[unseen] * pixel_mm, origin))
+    if blur_uncertainty_px > 0:
+        origin = "displacement of a saturated edge by the limits of the blur: the board's, or those of any camera"
+        found.append(_boundary("camera's blur", blur_uncertainty_px * pixel_mm, origin))
+    return [*found, *_codec(pixel_mm, video)]
+
+
+def _boundary(name: str, half_mm: float, origin: str) -> Component:
+    """Return a rectangular component of the boundary, symmetric about zero [mm]."""
+    return Component(name=name, role="boundary", low=-half_mm, high=half_mm, shape="rectangular", origin=origin)
+
+
+def _film_components(pixel_mm: float, spread_mm: float | None, finger: Finger) -> list[Component]:
+    """Return the components of the film of air beside the contact and of the edge model."""
+    if spread_mm is not None:
+        middle, half = FILM.at(spread_mm), FILM.standard_mm
+        return [
+            Component(
+                name="film of air, edge", role="boundary", low=middle - half, high=middle + half, shape="normal",
+                origin="light that still couples beside the contact, by the width of the edge; the law's residual on"
+                " other rigs, which holds envelopes and sampling of the curve",
+            )
+        ]  # fmt: skip
+    low, high = FILM_LIMITS_MM[finger]
+    origin = "blur that is not symmetric, envelopes, sampling of the curve: a tenth of a pixel"
+    return [
+        Component(
+            name="film of air, edge", role="boundary", low=low, high=high, shape="rectangular",
+            origin="light that still couples beside the contact",
+        ),
+        _boundary("edge model", 0.1 * pixel_mm, origin),
+    ]  # fmt: skip
+
+
+def _codec(pixel_mm: float, video: bool) -> list[Component]:
+    if not video:
+        return []
+    return [_boundary("codec", 0.1 * pixel_mm, "overshoot of a lossy codec at an edge: a tenth of a pixel")]
+
+
+def reference_components(
+    pixel_mm: float, *, square_px: float, spread: float, threshold_mm: float, video: bool = False
+) -> list[Component]:
+    """Return the budget of the reference segmentation beyond the card.
+
+    Parameters
+    ----------
+    pixel_mm : float
+    square_px : float
+        Side of the square card in the picture.
+    spread : float
+        Half the relative spread of the local scale over the undistorted view.
+    threshold_mm : float
+        How far the threshold's boundary lies outside the half-way one.
+    video : bool
+        Whether frames went through a lossy codec.
+
+    Returns
+    -------
+    list of Component
+    """
+    edge = 2.0 * 2.0 * 0.5 / square_px  # both edges of both sides, half a pixel each
+    # the half-way boundary is the better estimate: a known deviation corrects the value, by JCGM 100, 3.2.4
+    away = max(0.5 * abs(threshold_mm), 0.2 * pixel_mm)
+    return [
+        Component(
+            name="threshold on the card", role="scale", low=-edge, high=edge, shape="rectangular",
+            origin="half a pixel at each edge of the square, by blur and threshold",
+        ),
+        Component(
+            name="scale over the view", role="scale", low=-spread, high=spread, shape="rectangular",
+            origin="one area per pixel for the whole undistorted view",
+        ),
+        Component(
+            name="threshold on the contact", role="boundary", low=threshold_mm - away, high=threshold_mm + away,
+            shape="rectangular", origin="distance of the threshold's boundary from the half-way one, known to a half",
+        ),
+        _boundary("counting", 0.1 * pixel_mm, "whole pixels, undistortion's interpolation"),
+        *_codec(pixel_mm, video),
+    ]  # fmt: skip

@@ -1,0 +1,401 @@
+"""The finger's flank in the fast renderer: its light in tables, the position in them that a ray meets, its image.
+
+Beside the contact the lens sees the flank through bare glass, lit by what leaves the plate near its edges and by what
+the contact itself sends there over the bottom face. Both are smooth: irradiance is tabulated by the finger's approach,
+by station (from the tip upwards, :class:`evanesce.optics.flank.surface.FingerSurface`) and by azimuth, and linear
+between. The closed forms are in :mod:`evanesce.optics.flank`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.core.states import ContactState
+from evanesce.optics.edge_rays import EdgeLight
+from evanesce.optics.flank.irradiance import contact_on_flank, flank_irradiance, mirrored_exchange
+from evanesce.optics.flank.surface import EPSILON
+from evanesce.optics.patch_light import Interface
+from evanesce.optics.projection import IdealView, Projection
+from evanesce.render.fast.rig_optics import finger_surface, geometry_digest
+from evanesce.render.fast.sampling import BLOCK, enlarged, spread_blocks, view_rays
+from evanesce.render.kept import kept
+from evanesce.render.reference.scene import approach
+from evanesce.rig import Scene
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+
+APPROACHES = np.array([0.0, 0.08, 0.2, 0.45, 0.85])
+"""Approaches of the tables over the tip's radius [1]."""
+
+STATIONS = np.array(
+    [-1, -0.5, -EPSILON, 0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1, 1.25, 1.6, 2]
+)
+AZIMUTHS = 16
+
+AZIMUTH_STEP = 2
+"""In a coarse table every so many azimuths are computed; between them it is interpolated."""
+
+APPROACH_STEP_MM = 0.1
+"""Step of the approaches for which positions in the table are kept."""
+
+VIEW_STEP = 4
+"""Every so many pixels of a view, or blocks of so many of a frame, share one position in the table [px]."""
+
+OUTLINE_PARTS = 8
+"""Rays along each side of a cell of the flank's outline."""
+
+
+# --- irradiance in tables --------------------------------------------------------------------------------------------
+
+
+def tabulated_approaches(scene: Scene) -> Array:
+    """Return the approaches of a scene's tables [mm].
+
+    Parameters
+    ----------
+    scene : Scene
+    """
+    return APPROACHES * scene.finger.tip_radius_mm
+
+
+def _table_points(scene: Scene) -> tuple[Array, Array]:
+    """Return points [mm] and outward normals of the tables, each (approaches, stations, azimuths, 3)."""
+    azimuths = np.arange(AZIMUTHS) * 2 * np.pi / AZIMUTHS
+    depth, station, azimuth = np.meshgrid(tabulated_approaches(scene), STATIONS, azimuths, indexing="ij")
+    return finger_surface(scene).points(station, azimuth, depth)
+
+
+def unit_tables(scene: Scene, light: EdgeLight, per_edge: int) -> tuple[Array, Array]:
+    """Compute the irradiance on the flank by unit sources.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its finger.
+    light : EdgeLight
+        Its plate; radiances do not count.
+    per_edge : int
+        Segments of each edge.
+
+    Returns
+    -------
+    led : ndarray (leds, approaches * stations * azimuths)
+        Per radiance of each LED [sr].
+    edge : ndarray (segments, approaches * stations * azimuths)
+        Per diffuse radiance of each segment [sr].
+    """
+    points, normals = _table_points(scene)
+    return flank_irradiance(light, points.reshape(-1, 3), normals.reshape(-1, 3), per_edge=per_edge)
+
+
+def approaches_around(wanted_mm: tuple[float, ...], radius_mm: float) -> NDArray[np.intp]:
+    """Return the indices of the tabulated approaches between which those of a tip [mm] lie.
+
+    Parameters
+    ----------
+    wanted_mm : tuple of float
+        [mm].
+    radius_mm : float
+        Of the tip [mm].
+
+    Returns
+    -------
+    ndarray of int
+    """
+    share = np.asarray(wanted_mm) / radius_mm
+    above = np.clip(np.searchsorted(APPROACHES, share), 1, APPROACHES.size - 1)
+    return np.unique(np.concatenate([above - 1, above]))
+
+
+def coarse_unit_tables(scene: Scene, light: EdgeLight, per_edge: int, some: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Compute :func:`unit_tables` at some approaches (their indices) and a part of the azimuths.
+
+    The other approaches repeat the nearest of them, azimuths are interpolated.
+
+    Parameters
+    ----------
+    scene, light, per_edge
+        As for :func:`unit_tables`.
+    some : ndarray of int
+        Indices of the approaches.
+
+    Returns
+    -------
+    led, edge : ndarray
+        As of :func:`unit_tables`.
+    """
+    points, normals = (a[some][:, :, ::AZIMUTH_STEP] for a in _table_points(scene))
+    coarse = flank_irradiance(light, points.reshape(-1, 3), normals.reshape(-1, 3), per_edge=per_edge)
+    led, edge = (_filled(table.reshape(-1, *points.shape[:-1]), some) for table in coarse)
+    return led, edge
+
+
+def _filled(table: Array, some: NDArray[np.intp]) -> Array:
+    """Return a coarse table (sources, approaches, stations, azimuths) at all approaches and azimuths, (sources, -1)."""
+    count = table.shape[-1] * AZIMUTH_STEP
+    around = np.repeat(table, AZIMUTH_STEP, axis=-1)
+    following = np.repeat(np.roll(table, -1, axis=-1), AZIMUTH_STEP, axis=-1)
+    part = np.tile(np.arange(AZIMUTH_STEP) / AZIMUTH_STEP, count // AZIMUTH_STEP)
+    fine = around * (1 - part) + following * part
+    nearest = np.abs(np.arange(APPROACHES.size)[:, None] - some[None, :]).argmin(axis=1)
+    return np.asarray(fine[:, nearest].reshape(table.shape[0], -1))
+
+
+def rig_tables(
+    scene: Scene, light: EdgeLight, interface: Interface, nodes: Array, direct: Array
+) -> tuple[Array, Array]:
+    """Compute the irradiance on the flank by LEDs and contact, reflections between flank and plate included.
+
+    Parameters
+    ----------
+    scene : Scene
+    light : EdgeLight
+    interface : Interface
+    nodes : ndarray (points, 2)
+        Contacts on the top face [mm].
+    direct : ndarray (leds, approaches * stations * azimuths)
+        Irradiance per radiance of each LED, diffuse edges included, those reflections not [sr].
+
+    Returns
+    -------
+    led : ndarray (leds, approaches, stations, azimuths)
+        Per radiance of each LED [sr].
+    contact : ndarray (approaches, stations, azimuths, points)
+        Per power that a contact at each node takes in [1/mm^2].
+    """
+    points, normals = _table_points(scene)
+    shape = points.shape[:-1]
+    led = direct.reshape(-1, *shape)
+    contact = contact_on_flank(
+        points.reshape(-1, 3), normals.reshape(-1, 3), nodes, light.thickness, interface, light.absorption_coefficient
+    ).reshape(*shape, -1)
+    for k in range(shape[0]):
+        own = mirrored_exchange(points[k], normals[k], interface.body_reflectance, interface.n_glass)
+        led[:, k] = (led[:, k].reshape(len(led), -1) @ own.T).reshape(led[:, k].shape)
+        contact[k] = (own @ contact[k].reshape(-1, len(nodes))).reshape(contact[k].shape)
+    return led, contact
+
+
+@dataclass(frozen=True)
+class FlankLight:
+    """The flank's light for a rig's LED powers.
+
+    Attributes
+    ----------
+    approaches : ndarray (approaches,)
+        Of the tables [mm].
+    irradiance : ndarray (approaches, stations, azimuths)
+        By light from beside the finger [W mm^-2].
+    per_taken : ndarray (approaches, stations, azimuths, points)
+        Irradiance per power that a contact at each node of the guided field takes in [1/mm^2].
+    response : float
+        Radiance in air towards the lens per irradiance, behind bare glass [1/sr].
+    """
+
+    approaches: Array
+    irradiance: Array
+    per_taken: Array
+    response: float
+
+    def at(self, approach_mm: float) -> tuple[Array, Array]:
+        """Return the radiance at one approach, (stations, azimuths), and what contact adds, (..., points).
+
+        The first is of light from beside the finger [W mm^-2 sr^-1], the second per power that a contact at each node
+        takes in [mm^-2 sr^-1].
+        """
+        share = np.array([np.interp(approach_mm, self.approaches, row) for row in np.eye(self.approaches.size)])
+        lit, per_taken = (np.tensordot(share, a, 1) * self.response for a in (self.irradiance, self.per_taken))
+        return lit, per_taken
+
+    def radiance(self, approach_mm: float, taken: Array) -> Image:
+        """Return the radiance towards the lens by station and azimuth, the first azimuth twice."""
+        lit, per_taken = self.at(approach_mm)
+        return _closed_table(lit + per_taken @ taken)
+
+
+def _closed_table(table: Array) -> Image:
+    """Return a table (stations, azimuths) with its first azimuth repeated at the end, for interpolation all around."""
+    return np.concatenate([table, table[:, :1]], axis=1).astype(np.float32)
+
+
+# --- positions in the table -------------------------------------------------------------------------------------------
+
+
+def _clipped_approach(scene: Scene, state: ContactState) -> float:
+    """Return a state's approach, within those of the tables [mm]."""
+    tabulated = tabulated_approaches(scene)
+    return float(np.clip(approach(state, scene.finger), tabulated[0], tabulated[-1]))
+
+
+def rounded_approach(scene: Scene, state: ContactState) -> float:
+    """Return a state's approach to a tenth of a millimetre: a single frame shows no difference [mm]."""
+    return round(_clipped_approach(scene, state), 1)
+
+
+def table_position(scene: Scene, u: Array, v: Array, approach_mm: float) -> tuple[Image, Image, Image]:
+    """Return column and row in the flank's table that directions (u, v, 1) see, and the share that see the flank.
+
+    Directions are those of a grid (rows, cols); at the flank's outline each stands for its cell, so that the outline
+    moves with a camera that moves, and does not jump from cell to cell.
+
+    Parameters
+    ----------
+    scene : Scene
+    u, v : ndarray (rows, cols)
+        [1].
+    approach_mm : float
+        [mm].
+
+    Returns
+    -------
+    column, row, share : ndarray of float32 (rows, cols)
+        [1].
+    """
+    station, azimuth = _intersection(scene, u, v, approach_mm)
+    met = np.isfinite(station)
+    share = met.astype(float)
+    edge = _outline(met)
+    if edge.any():
+        part = (np.arange(OUTLINE_PARTS) + 0.5) / OUTLINE_PARTS - 0.5
+        du, dv = np.gradient(u, axis=1)[edge], np.gradient(v, axis=0)[edge]
+        across, down = (part[None, None, :] * du[:, None, None], part[None, :, None] * dv[:, None, None])
+        uu, vv = np.broadcast_arrays(u[edge][:, None, None] + across, v[edge][:, None, None] + down)
+        stations, azimuths = _intersection(scene, uu, vv, approach_mm)
+        hit = np.isfinite(stations)
+        count = np.maximum(hit.sum(axis=(1, 2)), 1)
+        share[edge] = hit.mean(axis=(1, 2))
+        station[edge] = np.where(hit, stations, 0.0).sum(axis=(1, 2)) / count
+        sine, cosine = (np.where(hit, turn(azimuths), 0.0).sum(axis=(1, 2)) for turn in (np.sin, np.cos))
+        azimuth[edge] = np.arctan2(sine, cosine)
+    station, azimuth = np.where(share > 0, station, 0.0), np.where(share > 0, azimuth, 0.0)
+    row = np.interp(station, STATIONS, np.arange(STATIONS.size))
+    column = np.mod(azimuth, 2 * np.pi) * (AZIMUTHS / (2 * np.pi))
+    return column.astype(np.float32), row.astype(np.float32), share.astype(np.float32)
+
+
+def _outline(met: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return where a neighbour differs."""
+    kind, around = met.astype(np.uint8), np.ones((3, 3), np.uint8)
+    return np.asarray(cv2.dilate(kind, around) != cv2.erode(kind, around))
+
+
+def _intersection(scene: Scene, u: Array, v: Array, approach_mm: float) -> tuple[Array, Array]:
+    """Return station and azimuth on the flank where directions (u, v, 1) meet it; NaN where they miss."""
+    projection = Projection.of(scene.camera, scene.plate)
+    x, y = projection.ray_to_plate(u, v)
+    # Above the glass a ray is as steep as below it.
+    station, azimuth = finger_surface(scene).intersect(x, y, *projection.tangents(u, v), approach_mm)
+    return np.array(station), np.array(azimuth)
+
+
+# --- images ----------------------------------------------------------------------------------------------------------
+
+
+def flank_image(
+    scene: Scene, light: FlankLight, state: ContactState, taken: Array, view: IdealView, *, step: int = VIEW_STEP
+) -> Image:
+    """Return the radiance of the finger's flank on a view; smooth, so that every ``step``-th pixel is enough.
+
+    Parameters
+    ----------
+    scene : Scene
+    light : FlankLight
+    state : ContactState
+    taken : ndarray (points,)
+        Power that the contact takes in at the guided field's nodes [W].
+    view : IdealView
+    step : int
+
+    Returns
+    -------
+    ndarray of float32 (rows, cols)
+        [W mm^-2 sr^-1]; 0 where the view sees no flank.
+    """
+    rays = view_rays(view, step)
+    between = _clipped_approach(scene, state)
+    low = int(np.floor(between / APPROACH_STEP_MM))
+    coarse: Any = 0.0
+    # Between two approaches that are kept: one rounded approach would jump where a force grows.
+    for number, share in ((low, 1 - (between / APPROACH_STEP_MM - low)), (low + 1, between / APPROACH_STEP_MM - low)):
+        if share > 0:
+            depth = round(min(number * APPROACH_STEP_MM, float(tabulated_approaches(scene)[-1])), 3)
+            key = f"{geometry_digest(scene)}{view}{step}{depth:.3f}"
+            column, row, seen = kept("flank", key, partial(table_position, scene, *rays, depth))
+            lit = cv2.remap(light.radiance(depth, taken), column, row, cv2.INTER_LINEAR)
+            coarse = coarse + np.float32(share) * (lit * seen)
+    return enlarged(np.asarray(coarse, np.float32), step, view.shape)
+
+
+@dataclass(frozen=True)
+class FlankView:
+    """The flank in a camera's frame at one approach.
+
+    Attributes
+    ----------
+    first_row, first_col : int
+        Pixel at which the next three start.
+    column, row : ndarray of float32 (rows / VIEW_STEP, cols / VIEW_STEP)
+        Position in the flank's table that each block sees.
+    charge : ndarray of float32 (rows / VIEW_STEP, cols / VIEW_STEP)
+        Mean charge per radiance, 0 where no flank is seen [e- mm^2 sr/W].
+    lit : ndarray (stations, azimuths)
+        Radiance by light from beside the finger [W mm^-2 sr^-1].
+    per_taken : ndarray (stations, azimuths, points)
+        Radiance per power that the contact takes in at each node [mm^-2 sr^-1].
+    """
+
+    first_row: int
+    first_col: int
+    column: Image
+    row: Image
+    charge: Image
+    lit: Array
+    per_taken: Array
+
+    @classmethod
+    def of(
+        cls, scene: Scene, light: FlankLight, approach_mm: float, direction: tuple[Array, Array], charge: Image
+    ) -> FlankView:
+        """Find the flank in the frame.
+
+        Parameters
+        ----------
+        scene : Scene
+        light : FlankLight
+        approach_mm : float
+            Of the finger [mm].
+        direction : tuple of ndarray
+            Undistorted direction (u, v, 1) of the centre of each block of ``VIEW_STEP`` pixels of the frame.
+        charge : ndarray
+            Mean charge per radiance of the blocks [e- mm^2 sr/W].
+        """
+        tables = light.at(approach_mm)
+        column, row, seen = table_position(scene, *direction, approach_mm)
+        charge = charge * seen
+        rows, cols = np.nonzero(seen.any(axis=1))[0], np.nonzero(seen.any(axis=0))[0]
+        if rows.size == 0:
+            return cls(0, 0, column[:2, :2], row[:2, :2], charge[:2, :2] * 0, *tables)
+        # Whole blocks of the frame, and one sample more on each side.
+        per = BLOCK // VIEW_STEP
+        low = [max(0, n[0] - 1) // per * per for n in (rows, cols)]
+        high = [min(-(-(n[-1] + 2) // per) * per, size) for n, size in zip((rows, cols), seen.shape, strict=True)]
+        part = np.s_[low[0] : high[0], low[1] : high[1]]
+        column, row, charge = (np.ascontiguousarray(a[part], np.float32) for a in (column, row, charge))
+        return cls(low[0] * VIEW_STEP, low[1] * VIEW_STEP, column, row, charge, *tables)
+
+    def relit(self, light: FlankLight, approach_mm: float) -> FlankView:
+        """Return the same view in the light of other LED powers."""
+        lit, per_taken = light.at(approach_mm)
+        return replace(self, lit=lit, per_taken=per_taken)
+
+    def mean_charge(self, taken: Array) -> Image:
+        """Return the flank's mean charge at all pixels of the view, for the power that the contact takes in [e-]."""
+        table = _closed_table(self.lit + self.per_taken @ taken)
+        return spread_blocks(cv2.remap(table, self.column, self.row, cv2.INTER_LINEAR) * self.charge, VIEW_STEP)

@@ -1,0 +1,137 @@
+"""The last operators of a frame in NumPy, on blocks of rows: coupling by gap, and exposure."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.render.fast.readout import NORMALS, ChargeBox, Readout, dark_steps, normal_table, raw_numbers
+from evanesce.render.fast.threads import in_threads
+
+Image = NDArray[np.float32]
+
+_ROWS = 24  # of a block: what fits into a core's cache
+
+
+def _mix(x: NDArray[np.uint32], work: NDArray[np.uint32]) -> None:
+    """Scramble 32-bit words in place (C. Wellons's lowbias32, a bijection)."""
+    for shift, factor in ((16, 0x7FEB352D), (15, 0x846CA68B)):
+        np.right_shift(x, np.uint32(shift), out=work)
+        np.bitwise_xor(x, work, out=x)
+        np.multiply(x, np.uint32(factor), out=x)
+    np.right_shift(x, np.uint32(16), out=work)
+    np.bitwise_xor(x, work, out=x)
+
+
+def pixel_bits(first: int, count: int, keys: tuple[int, int]) -> NDArray[np.uint32]:
+    """Return 32 random bits for pixels ``first`` to ``first + count``; two keyed rounds, so that frames differ.
+
+    Parameters
+    ----------
+    first, count : int
+    keys : tuple of int
+        Two words of 32 bits.
+
+    Returns
+    -------
+    ndarray of uint32 (count,)
+    """
+    x = np.arange(first, first + count, dtype=np.uint32)
+    work = np.empty_like(x)
+    np.add(x, np.uint32(keys[0]), out=x)
+    _mix(x, work)
+    np.bitwise_xor(x, np.uint32(keys[1]), out=x)
+    _mix(x, work)
+    return x
+
+
+def _expose_rows(
+    out: NDArray[np.uint8], raw: NDArray[np.uint16] | None, rows: range, lit: ChargeBox, readout: Readout, keys: Any
+) -> None:
+    """Expose some rows: every pixel as if dark, then those of the box of charge."""
+    cols = readout.shape[1]
+    bits = pixel_bits(rows.start * cols, len(rows) * cols, keys).reshape(len(rows), cols)
+    here = slice(rows.start, rows.stop)
+    steps = dark_steps(readout)
+    if steps is not None and raw is None:
+        high = (bits >> np.uint32(16)).astype(np.uint16)
+        out[here] = steps.base
+        for position, rise in steps.rises:
+            out[here] += (high >= np.uint16(position)).view(np.uint8) * np.uint8(rise)
+    else:
+        values = _quantised(np.full(bits.shape, readout.dark_e, np.float32), bits, readout)
+        readout.tone.take(values, out=out[here])
+        if raw is not None:
+            raw[here] = values
+    r0, r1 = max(rows.start, lit.row), min(rows.stop, lit.row + lit.charge.shape[0])
+    if r1 > r0:
+        columns = slice(lit.col, lit.col + lit.charge.shape[1])
+        charge = lit.charge[r0 - lit.row : r1 - lit.row] + np.float32(readout.dark_e)
+        values = _quantised(charge, bits[r0 - rows.start : r1 - rows.start, columns], readout)
+        out[r0:r1, columns] = readout.tone.take(values)
+        if raw is not None:
+            raw[r0:r1, columns] = values
+
+
+def _quantised(charge: Image, bits: NDArray[np.uint32], readout: Readout) -> NDArray[np.uint16]:
+    """Return raw numbers of mean charges."""
+    table = normal_table()
+    z = table.take(bits & np.uint32(NORMALS - 1))
+    charge = np.maximum(charge, np.float32(0))
+    collected = charge + np.sqrt(charge) * z
+    collected += (z * z - np.float32(1)) * np.minimum(charge, np.float32(1)) * np.float32(1 / 6)
+    np.minimum(collected, np.float32(readout.full_well_e), out=collected)
+    return raw_numbers(collected, table.take(bits >> np.uint32(16)), readout)
+
+
+def expose_numpy(
+    lit: ChargeBox, readout: Readout, keys: tuple[int, int], *, with_raw: bool = False
+) -> tuple[NDArray[np.uint8], NDArray[np.uint16] | None]:
+    """Return 8-bit frame and, if asked for, raw numbers.
+
+    Parameters
+    ----------
+    lit : ChargeBox
+    readout : Readout
+    keys : tuple of int
+        Two words of 32 bits that the noise depends on.
+    with_raw : bool
+
+    Returns
+    -------
+    data : ndarray of uint8 (rows, cols)
+    raw : ndarray of uint16 (rows, cols) or None
+        [DN].
+    """
+    out = np.empty(readout.shape, np.uint8)
+    raw = np.empty(readout.shape, np.uint16) if with_raw else None
+    in_threads(lambda rows: _expose_rows(out, raw, rows, lit, readout, keys), readout.shape[0], _ROWS)
+    return out, raw
+
+
+def coupling_numpy(gap: Image, share: Image, end: float, table: Image) -> Image:
+    """Return the coupling of each point: its share in contact, and of the rest what the gap lets through.
+
+    Parameters
+    ----------
+    gap, share : ndarray (rows, cols)
+        [mm], [1].
+    end : float
+        Gap of the table's last entry [mm].
+    table : ndarray
+        Coupling by the square root of the gap, evenly spaced, 0 in the last entry [1].
+    """
+    out = np.empty_like(gap)
+
+    def work(rows: range) -> None:
+        here = slice(rows.start, rows.stop)
+        g, s = gap[here], share[here]
+        index = np.sqrt(np.minimum(g * np.float32(1 / end), np.float32(1))) * np.float32(table.size - 1)
+        through = table.take((index + np.float32(0.5)).astype(np.int32))
+        np.multiply(through, 1 - s, out=out[here])
+        out[here] += s
+
+    in_threads(work, gap.shape[0], 128)
+    return out

@@ -1,0 +1,30 @@
+"""Work on blocks of an image's rows in a few threads of this process."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+THREADS = 2
+"""Set it before the first use."""
+
+
+@functools.cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(THREADS)
+
+
+def in_threads(work: Callable[[range], None], rows: int, block: int) -> None:
+    """Call ``work`` on blocks of rows, in a few threads; each writes to its own rows, so order does not matter.
+
+    Parameters
+    ----------
+    work : callable
+        Of a range of rows.
+    rows : int
+        In all.
+    block : int
+        Rows of a block.
+    """
+    list(_pool().map(work, [range(r, min(r + block, rows)) for r in range(0, rows, block)]))

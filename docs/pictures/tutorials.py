@@ -102,7 +102,12 @@ def threshold() -> Figure:
     for axis, voltage in zip(axes[1:], (8.5, 9.5, 10.0), strict=True):
         show(axis, shots[voltage], 5.5, f"{voltage:g} V")
         axis.contour(
-            shots[voltage].truth.coverage, [0.5], colors=TRUE, extent=extent(shots[voltage]), origin="upper", linewidths=1
+            shots[voltage].truth.coverage,
+            [0.5],
+            colors=TRUE,
+            extent=extent(shots[voltage]),
+            origin="upper",
+            linewidths=1,
         )
     return figure
 
@@ -153,7 +158,9 @@ def effect() -> Figure:
         level = np.asarray(light.irradiance) / np.asarray(shot.sensor_light.irradiance).max()
         axis.imshow(level**0.45, cmap="gray", vmin=0, vmax=1, extent=extent(shot))
         axis.set(xlim=(-6, 6), ylim=(6, -6), title=f"share {share:g}", xlabel="x [mm]")
-        axes[2].semilogy(np.linspace(*extent(shot)[:2], level.shape[1]), level[level.shape[0] // 2], label=f"share {share:g}")
+        axes[2].semilogy(
+            np.linspace(*extent(shot)[:2], level.shape[1]), level[level.shape[0] // 2], label=f"share {share:g}"
+        )
     axes[2].set(ylim=(1e-4, 2), xlabel="x [mm]", ylabel="irradiance over its maximum", title="along the middle row")
     axes[2].legend(frameon=False)
     return figure

@@ -1,8 +1,8 @@
 """Run what a tutorial shows: its files, Python and commands, in their order, in an empty folder.
 
-A fenced block is run by its language: ``python`` in one process for the page, ``console`` line by line in bash. A comment
-before a block changes that: ``<!-- file: NAME -->`` writes it to a file, ``<!-- not run -->`` leaves it out. A ``text`` block
-is what the block before it prints: words are equal, numbers within :data:`TOLERANCE`.
+A fenced block is run by its language: ``python`` in one process for the page, ``console`` line by line in bash. A
+comment before a block changes that: ``<!-- file: NAME -->`` writes it to a file, ``<!-- not run -->`` leaves it out.
+A ``text`` block is what the block before it prints: words are equal, numbers within :data:`TOLERANCE`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from pathlib import Path
 from typing import Any
 
 BLOCK = re.compile(
-    r"(?:^<!-- (?P<note>[^>]*) -->\n+)?^```(?P<language>python|console|toml|text)\n(?P<body>.*?)^```$", re.MULTILINE | re.DOTALL
+    r"(?:^<!-- (?P<note>[^>]*) -->\n+)?^```(?P<language>python|console|toml|text)\n(?P<body>.*?)^```$",
+    re.MULTILINE | re.DOTALL,
 )
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?")
 TOLERANCE = 0.02
@@ -60,7 +61,8 @@ def same_text(printed: str, shown: str) -> bool:
         return False
     pairs = zip(NUMBER.findall(printed), NUMBER.findall(shown), strict=True)
     return all(
-        math.isclose(float(a), float(b), rel_tol=TOLERANCE, abs_tol=2 * 10.0 ** -len(b.partition(".")[2])) for a, b in pairs
+        math.isclose(float(a), float(b), rel_tol=TOLERANCE, abs_tol=2 * 10.0 ** -len(b.partition(".")[2]))
+        for a, b in pairs
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import re
+from pathlib import Path
 from typing import Any
 
 from docutils import nodes
@@ -76,8 +77,16 @@ def _find(module: str, target: str) -> tuple[str, Any] | None:
     return None
 
 
+def drop_stale_pages(app: Sphinx, config: Any) -> None:
+    """Remove generated pages of modules and names that are gone."""
+    for page in (Path(app.srcdir) / "reference" / "api").glob("*.rst"):
+        if _find("", page.stem) is None:
+            page.unlink()
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Register both."""
+    """Register all three."""
+    app.connect("config-inited", drop_stale_pages)
     app.connect("autodoc-process-docstring", escape_bars)
     app.connect("missing-reference", imported_name)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -38,9 +38,12 @@ demo: install
 design-demo: dev
 	$(BIN)/evanesce design scenes/questions/same_cost.toml --workers 2 --out outputs/design-demo
 
-# Two workers of one thread each: linear algebra that takes both cores in both of them waits for itself.
+# Two workers of one thread each: linear algebra that takes both cores in both of them waits for itself. Coverage of lines
+# is measured as the tests run; what is covered least is shown.
 test: dev
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow"
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow and not whole_case" \
+	  --durations 10 --cov --cov-report=
+	@$(BIN)/coverage report > .coverage.report && head -n 14 .coverage.report && tail -n 1 .coverage.report
 
 test-all: dev
 	$(BIN)/python -m pytest

@@ -54,6 +54,7 @@ autosummary_generate = True
 autodoc_mock_imports = [name for name in ("felupe", "pypardiso", "torch") if find_spec(name) is None]
 autodoc_typehints = "none"
 autodoc_member_order = "bysource"
+autodoc_docstring_signature = False
 numpydoc_show_class_members = False
 numpydoc_class_members_toctree = False
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import re
 from pathlib import Path
+from types import GenericAlias
 from typing import Any
 
 from docutils import nodes
@@ -77,6 +79,12 @@ def _find(module: str, target: str) -> tuple[str, Any] | None:
     return None
 
 
+def skip_foreign_class(app: Sphinx, what: str, name: str, obj: Any, skip: bool, options: Any) -> bool | None:
+    """Leave out a class that a module has from elsewhere, and an alias of a built-in one: they have no page here."""
+    foreign = isinstance(obj, GenericAlias) or not str(getattr(obj, "__module__", "")).startswith("evanesce")
+    return True if what == "module" and inspect.isclass(obj) and foreign else None
+
+
 def drop_stale_pages(app: Sphinx, config: Any) -> None:
     """Remove generated pages of modules and names that are gone."""
     for page in (Path(app.srcdir) / "reference" / "api").glob("*.rst"):
@@ -85,8 +93,9 @@ def drop_stale_pages(app: Sphinx, config: Any) -> None:
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Register all three."""
+    """Register all of them."""
     app.connect("config-inited", drop_stale_pages)
+    app.connect("autodoc-skip-member", skip_foreign_class)
     app.connect("autodoc-process-docstring", escape_bars)
     app.connect("missing-reference", imported_name)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -9,7 +9,7 @@ from scipy import stats
 from evanesce.chain.simulate import solve_contact
 from evanesce.core import rng
 from evanesce.core.errors import InputError
-from evanesce.design import objective
+from evanesce.design import measurement, objective
 from evanesce.design.evaluate import evaluate, plain_job, read_job
 from evanesce.design.objective import (
     CalibratedMeasurement,
@@ -128,7 +128,7 @@ def test_the_scale_is_that_of_the_card():
     drawn = Draw({}, CardErrors(square_scale=1.0017, height_mm=0.08), 0.3)
     # Lens to plate: focal length over pixel, over the scale. What the edge adds is taken to first order there.
     distance = 6.0 / 0.013 / 18.0
-    assert objective.reference_scale(nominal, drawn, distance) == pytest.approx(real.mm2_per_px, rel=1e-4)
+    assert measurement.reference_scale(nominal, drawn, distance) == pytest.approx(real.mm2_per_px, rel=1e-4)
 
 
 def test_a_perfect_frame_is_counted_right():

@@ -14,7 +14,8 @@ from scipy.optimize import brentq
 from evanesce.core.errors import InputError
 from evanesce.design import secondary
 from evanesce.design.evaluate import contact_irradiance, evaluate, plain_job
-from evanesce.design.objective import CalibratedMeasurement, Prediction, measured, prepare_fields, prepared
+from evanesce.design.measurement import CalibratedMeasurement
+from evanesce.design.objective import Prediction, measured, prepare_fields, prepared
 from evanesce.design.question import Design
 from evanesce.design.secondary import figures, plate_deflection_um
 from evanesce.optics.projection import Projection

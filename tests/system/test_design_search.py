@@ -24,7 +24,7 @@ from evanesce.cli.app import app
 from evanesce.cli.design import _client
 from evanesce.core.errors import InputError, WorkError
 from evanesce.core.provenance import code_digest, digest_of_files
-from evanesce.design import assessment, evaluate, objective, search, sensitivity
+from evanesce.design import assessment, evaluate, measurement, objective, search, sensitivity
 from evanesce.design.plots import pareto_figure
 from evanesce.design.question import Design, Question
 from evanesce.design.question_file import read_question
@@ -163,7 +163,7 @@ def test_a_full_disk_is_no_rig_that_cannot_be(monkeypatch):
 
     monkeypatch.setattr(evaluate, "contact_irradiance", lambda *given: 1.0)
     monkeypatch.setattr(objective, "prepare_fields", lambda *given: None)
-    monkeypatch.setattr(objective, "calibrated", full)
+    monkeypatch.setattr(measurement, "calibrated", full)
     values = {"plate.thickness_mm": 5.0, "camera.exposure_ms": 10.0}
     assert "cannot be calibrated: disk full" in evaluate.evaluate(job, values)["reason"]
     monkeypatch.setattr(evaluate, "samples", full)

@@ -18,7 +18,8 @@ from evanesce.cli.design import _write
 from evanesce.design import assessment, winner
 from evanesce.design.assessment import Chosen
 from evanesce.design.evaluate import plain_job
-from evanesce.design.objective import CalibratedMeasurement, measured, prepare_fields, prepared, samples
+from evanesce.design.measurement import CalibratedMeasurement
+from evanesce.design.objective import measured, prepare_fields, prepared, samples
 from evanesce.design.parts import cost, read_parts
 from evanesce.design.picture import shot
 from evanesce.design.question import Design, on_case

@@ -43,22 +43,22 @@ VIEWING_RATE = 30.0
 """Frame rate of an overlay video whose source states none [Hz]; it is for the eye only."""
 
 
-MOST_SHOTS = 64
-"""Dark or flat shots that are averaged: more would take their noise below what 8 bits resolve."""
+MAX_DARK_FRAMES = 64
+"""Number of dark or flat frames that are averaged: with more their noise is below the resolution of 8 bits."""
 
 
 @dataclass(frozen=True)
 class Refined:
-    """Options of the refined estimator: where its dark and flat shots are, and the frame that teaches it."""
+    """Options of the refined estimator: dark and flat frames, finger, and the frame that it is tuned on."""
 
     dark: Path | None
     flat: Path | None
     finger: Finger
-    teach: Path | None = None
+    tune: Path | None = None
 
 
 def refined_options(
-    estimator: str, dark: Path | None, flat: Path | None, finger: str, teach: Path | None = None
+    estimator: str, dark: Path | None, flat: Path | None, finger: str, tune: Path | None = None
 ) -> Refined | None:
     """Check the choice of an estimator; None is the reference segmentation.
 
@@ -72,9 +72,9 @@ def refined_options(
     if estimator == "refined":
         kinds: dict[str, Finger] = {"ridged": "ridged", "smooth": "smooth"}
         if finger in kinds:
-            return Refined(dark, flat, kinds[finger], teach)
+            return Refined(dark, flat, kinds[finger], tune)
         raise InputError(f"'{finger}'", key="--finger", allowed="ridged, smooth")
-    for key, path in (("--dark", dark), ("--flat", flat), ("--tune", teach)):
+    for key, path in (("--dark", dark), ("--flat", flat), ("--tune", tune)):
         if path is not None:
             raise InputError("the reference segmentation does not use it", key=key, allowed="with --estimator refined")
     return None
@@ -95,7 +95,7 @@ class Job:
     estimator: Estimator | None = None
     stored: Calibration | None = None
     finger: Finger = "ridged"
-    teach: Path | None = None
+    tune: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ def prepare(
         estimator=estimator,
         stored=stored,
         finger="ridged" if refined is None else refined.finger,
-        teach=None if refined is None else refined.teach,
+        tune=None if refined is None else refined.tune,
     )
 
 
@@ -156,12 +156,12 @@ def _estimator(refined: Refined, stored: Calibration | None, mm2_per_px: float |
         raise InputError("is needed by the refined estimator", key="--calibration", allowed="a calibration file")
     if mm2_per_px is not None:
         raise InputError(
-            f"{mm2_per_px:g}", key="--mm2-per-px", allowed="none: the refined estimator reads the scale place by place"
+            f"{mm2_per_px:g}", key="--mm2-per-px", allowed="none: the refined estimator uses the local scale"
         )
-    shots = ([frame.data for frame in islice(open_frames(p), MOST_SHOTS)] if p else [] for p in _paths(refined))
+    shots = ([frame.data for frame in islice(open_frames(p), MAX_DARK_FRAMES)] if p else [] for p in _paths(refined))
     radiometry = Radiometry.of(stored.details, *shots)
     estimator = Estimator.of(stored, radiometry, crop=chain.crop)
-    return estimator if refined.teach is None else _tuned(estimator, refined.teach)
+    return estimator if refined.tune is None else _tuned(estimator, refined.tune)
 
 
 def _tuned(estimator: Estimator, path: Path) -> Estimator:
@@ -260,7 +260,7 @@ def record(job: Job, result: Result) -> dict[str, Any]:
     if job.estimator is not None:
         scattering, blur = job.estimator.settings.scattering, job.estimator.settings.blur
         settings |= {
-            "teach": str(job.teach) if job.teach else None,
+            "tune": str(job.tune) if job.tune else None,
             "scattering": asdict(scattering) if scattering else None,
             "camera_blur": blur.as_dict(),
         }

@@ -99,7 +99,7 @@ def render(
     if force:
         overrides["press"] = {"forces_N": list(force)}
     loaded = load_scene(scene, overrides)
-    active_effects(loaded, scene_path(scene))  # refused here, before anything is written
+    active_effects(loaded, scene_path(scene))  # refused before anything is written
     check_skin(loaded)
     if not 1 <= bands <= MAX_BANDS:
         raise InputError(f"{bands}", key="--bands", allowed=f"1 to {MAX_BANDS}")
@@ -175,7 +175,7 @@ def _run(
             shot = simulate(scene, force_N, seed=seed, time_s=time_s, index=index, render=renderer, **options)
             assert shot.state is not None  # a programme always presses
             assert shot.frame.raw is not None
-            # Each frame goes to disk at once: what a crash interrupts keeps all frames before it.
+            # Each frame is written at once, so that an interrupted run leaves all earlier frames.
             if exr:
                 write_light(folder / f"light_{index:06d}.exr", shot.scene, shot.plate_light, shot.state, origin)
             write_png(folder / f"frame_{index:06d}.png", shot.frame.data)
@@ -190,7 +190,7 @@ def _run(
 
 
 def _row(index: int, time_s: float, force_N: float, shot: SimulatedFrame) -> dict[str, Any]:
-    """Return what the table and ``result.json`` hold of one frame."""
+    """Return the row of one frame in the table and in ``result.json``."""
     from evanesce.render.reference.passes import relative_error
 
     assert shot.state is not None
@@ -202,7 +202,7 @@ def _row(index: int, time_s: float, force_N: float, shot: SimulatedFrame) -> dic
 
 
 def chosen_renderer(fast: bool, variant: str) -> tuple[Any, dict[str, Any]]:
-    """Return the renderer and what provenance says of it."""
+    """Return the renderer, and its record for the provenance."""
     if fast:
         from evanesce.render.fast.transport import render_fast
 

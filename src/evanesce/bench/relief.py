@@ -62,7 +62,8 @@ class RepeatedProfile:
 
 
 def height_map_of_scan(height: ArrayLike, pitch: float, form_degree: int = 1) -> HeightMap:
-    """Return a scanned map as a finger's height map: levelled (:func:`~evanesce.bench.profile.level`), gaps filled, mean crest at 0.
+    """Return a scanned map as a finger's height map: levelled (:func:`~evanesce.bench.profile.level`), gaps filled,
+    mean crest at 0.
 
     Parameters
     ----------

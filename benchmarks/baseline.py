@@ -1,4 +1,4 @@
-"""Is the dataset any good? Two baselines from frames alone, against a force threshold; what randomisation is worth.
+"""Benchmark of the dataset: two baselines from frames alone, against a force threshold; what randomisation is worth.
 
 Stick ratio by gradient boosting on plain features of the last frames, and slip onset from it, on trials with unseen
 friction, unseen ridge pitch and unseen rigs. The same trials train thrice: on rigs with effects, on the same rigs
@@ -261,7 +261,7 @@ class Detector:
         scores = {name: score(series, threshold) for name, threshold in self.thresholds.items()}
         return {n: {"false_per_minute": s.false_per_minute, "detected": s.detected} for n, s in scores.items()}
 
-    def judge(self, table: Table) -> dict[str, Any]:
+    def evaluate(self, table: Table) -> dict[str, Any]:
         """Return regression and detection figures."""
         found = self.stick(table)
         mean, standard = over_trials(np.abs(found - table.stick), table.trial)
@@ -310,11 +310,11 @@ WORTH = {
 """What randomising something is worth: the error without it less the error with it."""
 
 
-def judged(tables: dict[str, Table]) -> tuple[dict[str, Any], dict[str, Any]]:
+def evaluated(tables: dict[str, Table]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return figures by detector and test, and by what is randomised and test what that is worth."""
     frames = {training: Detector(tables[training], "frames") for training in TRAINING}
     detectors = {TRAINING[t]: frames[t] for t in TRAINING} | {"force threshold": Detector(tables["train"], "force")}
-    found = {name: {test: detector.judge(tables[test]) for test in TESTS} for name, detector in detectors.items()}
+    found = {name: {test: detector.evaluate(tables[test]) for test in TESTS} for name, detector in detectors.items()}
     worth: dict[str, dict[str, Any]] = {name: {} for name in WORTH}
     for test in TESTS:
         table = tables[test]
@@ -356,8 +356,8 @@ def show(result: dict[str, Any]) -> None:
     for name, by_test in result["worth"].items():
         for test, w in by_test.items():
             rigs = ", ".join(f"{v:+.3f}" for v in w["by_rig"])
-            title = test.replace("_", " ")
-            print(f"randomising {name} is worth {w['mean']:.3f} +- {w['standard']:.3f} on {title} (by rig: {rigs})")
+            named = test.replace("_", " ")
+            print(f"randomising {name} is worth {w['mean']:.3f} +- {w['standard']:.3f} on {named} (by rig: {rigs})")
     for name, curve in result["curves"].items():
         print(f"\n| trials of {name} | " + " | ".join(f"MAE {t.replace('_', ' ')}" for t in TESTS) + " |")
         print("|" + "---|" * 4)
@@ -380,7 +380,7 @@ def main() -> None:
     }
     print(f"features in {time.perf_counter() - seen:.0f} s", flush=True)
     mean = float(tables["train"].stick.mean())
-    results, worth = judged(tables)
+    results, worth = evaluated(tables)
     result = {
         "trials": given.trials,
         "test_trials": {t: len(np.unique(tables[t].trial)) for t in TESTS},
@@ -396,7 +396,7 @@ def main() -> None:
     }
     show(result)
     print(
-        f"frames {sum(seconds.values()):.0f} s, rest {result['features_and_fits_s']:.0f} s, load {result['load']:.1f}"
+        f"frames {sum(seconds.values()):.0f} s, others {result['features_and_fits_s']:.0f} s, load {result['load']:.1f}"
     )
     if given.json:
         given.json.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")

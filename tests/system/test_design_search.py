@@ -108,7 +108,7 @@ def test_a_search_starts_at_the_scene_and_marks_what_cannot_be(synthetic_rig, tm
 
 
 def test_tpe_finds_what_a_formula_says(synthetic_rig, tmp_path):
-    """Of one objective, 10/t + (d - 5)^2 within 20 ms: least at 20 ms and 5 mm, 0.5."""
+    """Of one objective, 10/t + (d - 5)^2 within 20 ms: smallest at 20 ms and 5 mm, 0.5."""
     wanted = plan(objectives=("area_error",), trials=26)
     best = min(t.figures["area_error"] for t in run(wanted, tmp_path) if t.feasible)
     assert 0.5 <= best < 1.5

@@ -125,7 +125,7 @@ def fit_calibration(
     square: Picture | None = None,
     square_side_mm: float = 15.0,
     square_colour: Colour = "white",
-    model: Model = "radial2",
+    model: str = "radial2",
     expect_focal_px: float | None = None,
     expect_distance_mm: float | None = None,
 ) -> CalibrationFit:

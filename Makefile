@@ -1,61 +1,73 @@
-# `make demo` and `make test` do everything on a fresh machine with Python 3.11+: environment, packages, run.
+# `make demo` and `make test` do everything on a fresh machine with Python 3.11+: environment, packages, run. The demo
+# installs the core only, tests and checks what they need besides.
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
-STAMP := $(VENV)/.installed
+CORE := $(VENV)/.core
+DEV := $(VENV)/.dev
+# Bytecode is left to the first import: compiling all of every package takes longer than installing it.
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 
-.PHONY: baseline install demo design-demo test test-all lint types contracts check accuracy benchmarks pictures fem challenge challenge-slice clean
+.PHONY: baseline install dev demo design-demo test test-all lint types contracts check accuracy benchmarks pictures fem challenge challenge-slice clean
 
-install: $(STAMP)
+install: $(CORE)
 
-$(STAMP): pyproject.toml constraints.txt
+dev: $(DEV)
+
+$(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed (PYTHON=...)"; exit 1; }
-	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	$(PYTHON) -m venv $(VENV)
+
+$(CORE): pyproject.toml constraints.txt | $(BIN)/python
+	$(PIP) -e .
 	touch $@
 
+$(DEV): pyproject.toml constraints.txt | $(BIN)/python
+	$(PIP) -e '.[dev]'
+	touch $(CORE) $@
+
 # The finite-element extra (GPL and proprietary parts; see docs/decisions) is asked for by name.
-fem: install
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,fem]'
+fem: dev
+	$(PIP) -e '.[dev,fem]'
 
 demo: install
 	$(BIN)/evanesce demo
 
 # Rigs of no more than the thesis rig's cost, by their predicted area error: some ten minutes on two quiet cores. An
 # interrupted run resumes where it stopped.
-design-demo: install
+design-demo: dev
 	$(BIN)/evanesce design scenes/questions/same_cost.toml --workers 2 --out outputs/design-demo
 
 # Two workers of one thread each: linear algebra that takes both cores in both of them waits for itself.
-test: install
+test: dev
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow"
 
-test-all: install
+test-all: dev
 	$(BIN)/python -m pytest
 
-lint: install
-	$(BIN)/ruff check src tests benchmarks docs
-	$(BIN)/ruff format --check src tests benchmarks docs
+lint: dev
+	$(BIN)/ruff check src tests benchmarks docs .ci
+	$(BIN)/ruff format --check src tests benchmarks docs .ci
 
-types: install
+types: dev
 	$(BIN)/mypy
 
-contracts: install
+contracts: dev
 	$(BIN)/lint-imports
 
 # The fast renderer against the path tracer on all contacts: some ten minutes.
-accuracy: install
+accuracy: dev
 	$(BIN)/python -m pytest -m slow tests/physics/test_fast_agreement.py
 
-pictures: install
+pictures: dev
 	$(BIN)/python docs/pictures/make.py
 
-benchmarks: install
+benchmarks: dev
 	$(BIN)/python benchmarks/render.py
 	$(BIN)/python benchmarks/measure.py
 
 # Two slip detectors trained on a small generated set and scored on unseen friction and ridges.
-baseline: install
+baseline: dev
 	$(BIN)/python benchmarks/baseline.py --out outputs/baseline --json outputs/baseline.json
 
 check: lint types contracts test
@@ -64,11 +76,11 @@ check: lint types contracts test
 # whose outcome is known are left out.
 SET ?= scored
 BUDGET ?= 1e9
-challenge: install
+challenge: dev
 	$(BIN)/python -m tests.criticism.challenge.run --set $(SET) --workers 2 --budget-s $(BUDGET) \
 	  --beside largest-prior chi-square nearest-signature --spent docs/criticism/runs/scored-*.jsonl
 
-challenge-slice: install
+challenge-slice: dev
 	$(BIN)/python -m tests.criticism.challenge.run --set slice --workers 2 --budget-s 600
 
 clean:

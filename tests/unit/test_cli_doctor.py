@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 
 import pytest
 import typer
@@ -40,6 +41,30 @@ def test_a_healthy_machine(app, monkeypatch, tmp_path):
     assert any("cuda_ad_mono" in note for note in report["notes"])
     assert "/usr/lib" not in json.dumps(report)
     assert "taken by --variant auto" in result.output
+
+
+@pytest.mark.parametrize("source", ["package karellen-llvm-core 19.1.7", "system"])
+def test_it_tells_where_the_library_comes_from(app, monkeypatch, tmp_path, source):
+    _pretend(monkeypatch, {"llvm", "scalar"})
+    monkeypatch.setattr("evanesce.render.variant.llvm_source", lambda path: source)
+    result = CliRunner().invoke(app, ["doctor", "--json", str(tmp_path / "a.json")])
+    (library,) = json.loads((tmp_path / "a.json").read_text())["variants"][0]["libraries"]
+    assert library == {"library": "libLLVM-19.so", "from": source, "works": True, "version": "19.1", "error": ""}
+    assert f"works, from {source}" in result.output
+
+
+def test_extras_that_are_missing_are_no_fault(app, monkeypatch, tmp_path):
+    _pretend(monkeypatch, {"llvm", "scalar"})
+    for name in ("dask", "distributed"):
+        monkeypatch.setitem(sys.modules, name, None)
+    result = CliRunner().invoke(app, ["doctor", "--json", str(tmp_path / "a.json")])
+    assert result.exit_code == 0
+    report = json.loads((tmp_path / "a.json").read_text())
+    assert report["extras"]["dataset"]["missing"] == "dask and distributed"
+    assert report["extras"]["dataset"]["packages"].keys() == {"dask", "distributed"}
+    (note,) = (n for n in report["notes"] if "extras" in n)
+    assert "dataset" in note
+    assert "evanesce[NAME]" in note
 
 
 def test_without_llvm_it_still_works_and_says_how_to_get_it(app, monkeypatch, tmp_path):

@@ -62,8 +62,11 @@ def make(
 
     job = new_job(load_scene(scene, overrides), load_config(config), frames=frames, seed=seed)
     from evanesce.dataset.estimate import estimate, require_disk
+    from evanesce.dataset.run import require_workers
 
     engine = _engine(workers, scheduler, shard)
+    if not dry_run:
+        require_workers(engine)
     guess = estimate(job, engine.workers)
     free = require_disk(out, guess.size // (engine.part[1] if engine.part else 1))
     messages.print(
@@ -94,12 +97,15 @@ def resume(
     check_json_target(json_file)
     from evanesce.dataset.estimate import estimate, require_disk
     from evanesce.dataset.job import load_job
+    from evanesce.dataset.run import require_workers
     from evanesce.dataset.run import resume as run
 
     engine = _engine(workers, scheduler, shard)
     job = load_job(folder)
     # by count: an estimate less what is there would need space where nothing is left to make
     missing = max(job.shards - len(list((folder / "shards").glob("*.tar"))), 0)
+    if missing:
+        require_workers(engine)
     parts = engine.part[1] if engine.part else 1
     left = estimate(job, engine.workers).size * missing // (job.shards * parts)
     free = require_disk(folder, left)

@@ -25,6 +25,7 @@ from evanesce.cli.common import (
 )
 from evanesce.cli.render import parse_overrides
 from evanesce.core.errors import WorkError
+from evanesce.core.extras import require
 
 if TYPE_CHECKING:
     from evanesce.design.assessment import Assessment, Chosen
@@ -52,19 +53,16 @@ def design(
     An interrupted search resumes from its output folder; with more trials than before, a finished one continues.
     """
     check_json_target(json_file)
-    _needs_optuna()
+    require("design", "a search", "optuna")
+    if workers or scheduler:
+        require("design", "work in several processes (--workers above 0)", "dask", "distributed")
     from evanesce.design.question_file import read_question
 
     plan, assessment = read_question(question, parse_overrides(settings))
+    if assessment.trajectories:
+        require("design", "sensitivity of the best (assessment.trajectories above 0)", "SALib")
     folder = out_dir(out, f"design-{Path(question).stem}")
     _run(plan, assessment, folder, workers, scheduler, json_file)
-
-
-def _needs_optuna() -> None:
-    try:
-        import optuna  # noqa: F401
-    except ImportError:
-        raise WorkError("a search needs Optuna: pip install 'evanesce[design]'") from None
 
 
 def _run(

@@ -12,7 +12,6 @@ from rich.table import Table
 
 from evanesce.cli.common import JsonOption, OutOption, check_json_target, console, handles_errors, out_dir, write_json
 
-OPTIONAL = ("felupe", "pypardiso", "meshio")
 MINIMUM_DISK_MB = 500.0
 
 
@@ -29,14 +28,20 @@ def _advice(family: str) -> str:
 
 def _families() -> list[dict[str, Any]]:
     """Probe every family in a subprocess, remembered answers set aside."""
-    from evanesce.render.variant import FAMILIES, attempts
+    from evanesce.render.variant import FAMILIES, attempts, llvm_source
 
     found = []
     for family, name in FAMILIES.items():
         tried = attempts(family, fresh=True)
         works = bool(tried) and tried[-1].works
         libraries = [
-            {"library": Path(a.llvm_path).name, "works": a.works, "version": a.backend_version, "error": a.error}
+            {
+                "library": Path(a.llvm_path).name,
+                "from": llvm_source(a.llvm_path),
+                "works": a.works,
+                "version": a.backend_version,
+                "error": a.error,
+            }
             for a in tried
             if a.llvm_path
         ]
@@ -55,6 +60,21 @@ def _families() -> list[dict[str, Any]]:
     return found
 
 
+def _extras() -> dict[str, dict[str, Any]]:
+    """Return, for each extra, what it is for, the versions of its packages, and in words which are missing."""
+    from evanesce.core.extras import EXTRAS, PURPOSES, distribution_name, listed, missing
+    from evanesce.core.provenance import package_versions
+
+    return {
+        extra: {
+            "purpose": PURPOSES[extra],
+            "packages": package_versions(tuple(distribution_name(name) for name in modules)),
+            "missing": listed(absent) if (absent := missing(modules)) else "",
+        }
+        for extra, modules in EXTRAS.items()
+    }
+
+
 def diagnose() -> dict[str, Any]:
     """Return the whole report as JSON-able data.
 
@@ -63,11 +83,11 @@ def diagnose() -> dict[str, Any]:
     from evanesce import __version__
     from evanesce.core.provenance import package_versions
 
-    packages, optional = package_versions(), package_versions(OPTIONAL)
+    packages, extras = package_versions(), _extras()
     families = _families()
     free_mb = shutil.disk_usage(Path.cwd()).free / 1e6
     missing = [
-        f"package {name}: install the project with its pinned versions (make install)"
+        f"package {name}: install evanesce anew (pip install evanesce; in a checkout: make install)"
         for name, version in packages.items()
         if version == "missing"
     ]
@@ -77,11 +97,8 @@ def diagnose() -> dict[str, Any]:
     if free_mb < MINIMUM_DISK_MB:
         missing.append(f"disk space: {free_mb:.0f} MB free here, a demo needs {MINIMUM_DISK_MB:.0f} MB")
     notes = [f"{f['variant']}: {f['error']}; {f['advice']}" for f in families if not f["works"]]
-    notes += [
-        f"{name} is not installed: only finite elements need it (the extra 'fem', make fem)"
-        for name, version in optional.items()
-        if version == "missing"
-    ]
+    if absent := [extra for extra, found in extras.items() if found["missing"]]:
+        notes.append(f"extras that are not installed: {', '.join(absent)}; to add one: pip install 'evanesce[NAME]'")
     return {
         "ok": not missing,
         "evanesce": __version__,
@@ -90,7 +107,7 @@ def diagnose() -> dict[str, Any]:
         "variants": families,
         "auto": next((f["variant"] for f in cpu if f["works"]), None),
         "packages": packages,
-        "optional_packages": optional,
+        "extras": extras,
         "free_disk_MB": round(free_mb),
         "missing": missing,
         "notes": notes,
@@ -107,9 +124,13 @@ def _show(report: dict[str, Any]) -> None:
             state += ", taken by --variant auto"
         table.add_row(family["variant"], family["version"], state)
         for library in family.get("libraries", []):
-            table.add_row(f"  {library['library']}", library["version"], "works" if library["works"] else "fails")
-    for name, version in {**report["packages"], **report["optional_packages"]}.items():
+            state = "works" if library["works"] else "fails"
+            table.add_row(f"  {library['library']}", library["version"], f"{state}, from {library['from']}")
+    for name, version in report["packages"].items():
         table.add_row(name, "" if version == "missing" else version, "missing" if version == "missing" else "")
+    for extra, found in report["extras"].items():
+        state = f"{found['missing']} not installed" if found["missing"] else "installed"
+        table.add_row(f"extra '{extra}'", "", f"{state} ({found['purpose']})")
     console.print(table)
     for line in report["missing"]:
         console.print(f"missing: {line}", markup=False, highlight=False, soft_wrap=True)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.table import Table
 
 from evanesce.cli.common import console, out_dir, progress, write_json
+from evanesce.core.extras import require
 
 if TYPE_CHECKING:
     from evanesce.contact.fem.convergence import Convergence
@@ -27,6 +28,8 @@ def solve_and_report(
     """Solve, and write the steps; where a limit ended the run its steps are written before the error is raised."""
     from evanesce.contact.fem.steps import LimitReached
 
+    if vtk:
+        require("fem", "--vtk", "meshio")
     folder = out_dir(out, f"fem-{kind}")
     limit: LimitReached | None = None
     with progress() as bar:

@@ -10,8 +10,7 @@ import typer
 from evanesce.cli.common import handles_errors
 from evanesce.cli.render import SetOption, parse_overrides
 from evanesce.core.errors import InputError
-
-MISSING = "the live page needs NiceGUI: pip install 'evanesce[page]'"
+from evanesce.core.extras import require
 
 
 def register(app: typer.Typer) -> None:
@@ -44,10 +43,7 @@ def register(app: typer.Typer) -> None:
         from evanesce.measurement.calibration.model import load_calibration
         from evanesce.rig import load_scene, scene_path
 
-        try:
-            import nicegui  # noqa: F401
-        except ImportError:
-            raise InputError(MISSING, key="extra page") from None
+        require("page", "the live page")
         loaded = load_scene(scene, parse_overrides(settings))
         active_effects(loaded, scene_path(scene))
         check_skin(loaded)

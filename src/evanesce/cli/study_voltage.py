@@ -21,6 +21,7 @@ from evanesce.cli.common import (
 )
 from evanesce.cli.render import SetOption, VariantOption, check_variant, chosen_renderer, parse_overrides
 from evanesce.core.errors import InputError
+from evanesce.core.extras import require
 
 if TYPE_CHECKING:
     from evanesce.studies.voltage.study import VoltageStudy
@@ -103,6 +104,7 @@ def register(group: typer.Typer) -> None:
             raise InputError(f"{threshold:g}", key="--threshold", allowed="above 0, below 1")
         if samples < 2 or samples > 4096 or samples & (samples - 1):
             raise InputError(f"{samples}", key="--samples", allowed="a power of two, 2 to 4096")
+        require("design", "the study of voltage", "SALib")
         from evanesce.report.html import write
         from evanesce.rig import load_scene
         from evanesce.studies.voltage.page import page

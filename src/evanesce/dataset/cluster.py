@@ -15,6 +15,7 @@ from multiprocessing import resource_tracker
 from typing import Any, NoReturn
 
 from evanesce.core.errors import InputError, WorkError
+from evanesce.core.extras import require
 
 STARTS = 3
 """Attempts to start the embedded cluster: a process that is killed while it starts ends the attempt."""
@@ -43,6 +44,17 @@ _SETTINGS = {
 }
 
 
+def require_cluster() -> None:
+    """Check that Dask is installed.
+
+    Raises
+    ------
+    MissingExtraError
+        If it is not.
+    """
+    require("dataset", "work in several processes (--workers above 0)", "dask", "distributed")
+
+
 @contextmanager
 def cluster_client(workers: int, scheduler: str) -> Iterator[Any]:
     """Yield a client of a running scheduler, or of a cluster of ``workers`` processes that ends with the context.
@@ -50,10 +62,11 @@ def cluster_client(workers: int, scheduler: str) -> Iterator[Any]:
     Raises
     ------
     InputError
-        If no scheduler answers at the address.
+        If no scheduler answers at the address, or the extra ``dataset`` is not installed.
     WorkError
         If no workers start.
     """
+    require_cluster()
     import dask
     from distributed import Client
 

@@ -9,9 +9,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 from evanesce.core.errors import InputError, WorkError
+from evanesce.core.extras import require
 from evanesce.dataset.read import Dataset
 
 FORMATS = ("hdf5", "lerobot", "coco", "parquet")
+
+_PACKAGES = {"hdf5": ("h5py",), "lerobot": ("pandas", "pyarrow"), "parquet": ("pyarrow",)}
 
 Advance = Callable[[int], None]
 
@@ -49,12 +52,9 @@ def export(
         raise InputError(f"{to!r}", key="--to", allowed=", ".join(FORMATS))
     if target.exists():
         raise InputError("exists", file=target, key="--out", allowed="a new folder")
-    try:
-        module = importlib.import_module(f"evanesce.dataset.export_{to}")
-    except ImportError as error:
-        raise InputError(
-            f"{error.name} is not installed", key=f"--to {to}", allowed="pip install 'evanesce[dataset]'"
-        ) from None
+    if needed := _PACKAGES.get(to):
+        require("export", f"export to {to}", *needed)
+    module = importlib.import_module(f"evanesce.dataset.export_{to}")
     part = target.with_name(f".{target.name}.{os.getpid()}.part")
     try:
         part.mkdir(parents=True)

@@ -89,10 +89,13 @@ def make(folder: Path, job: Job, engine: Engine | None = None, on_shard: Progres
     ------
     InputError
         If the folder holds something else.
+    MissingExtraError
+        If worker processes are asked for and the extra ``dataset`` is not installed.
     WorkError
         If the system refuses to write, or another generator is running.
     """
     engine = engine or Engine()
+    require_workers(engine)
     if (folder / layout.MANIFEST).exists() and engine.part is None:
         raise InputError("there is a dataset already", file=folder, key="--out", allowed="an empty folder, or `resume`")
     if folder.is_dir() and not (folder / layout.DESCRIPTION).exists():
@@ -122,6 +125,20 @@ def resume(
     layout.make_folders(folder)
     with _write_errors(folder), layout.generator_lock(folder, engine.part):
         return _run(folder, job, engine, on_shard, any_versions=any_versions)
+
+
+def require_workers(engine: Engine) -> None:
+    """Check, before anything is written, that an engine of several processes has the package that it needs.
+
+    Raises
+    ------
+    MissingExtraError
+        If the extra ``dataset`` is not installed.
+    """
+    if engine.workers or engine.scheduler:
+        from evanesce.dataset.cluster import require_cluster
+
+        require_cluster()
 
 
 @contextlib.contextmanager

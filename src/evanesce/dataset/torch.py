@@ -7,13 +7,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
-from torch.utils.data import Dataset as TorchDataset
-from torch.utils.data import IterableDataset, get_worker_info
 
+from evanesce.core.extras import require
 from evanesce.dataset.labels import CHANNELS
 from evanesce.dataset.read import Dataset, Sample
 from evanesce.dataset.trial import SCALARS
+
+try:
+    import torch
+    from torch.utils.data import Dataset as TorchDataset
+    from torch.utils.data import IterableDataset, get_worker_info
+except ModuleNotFoundError:
+    require("torch", "a data set as tensors")
+    raise
 
 Transform = Callable[[Sample], Any]
 

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from evanesce.core.errors import InputError, WorkError
+from evanesce.core.extras import require
 from evanesce.core.provenance import code_digest, digest
 from evanesce.design.evaluate import evaluate, plain_job
 from evanesce.design.parts import PartsTable
@@ -180,6 +181,7 @@ def read(plan: Plan, folder: Path) -> list[Trial]:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
+    require("design", "a search", "optuna")
     import optuna
     from sqlalchemy.exc import SQLAlchemyError
 

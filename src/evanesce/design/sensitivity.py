@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.core.extras import require
 from evanesce.design.variables import DesignVariable
 
 Array = NDArray[np.float64]
@@ -39,6 +40,7 @@ def box(variables: Sequence[DesignVariable], values: Mapping[str, float]) -> lis
 
 def sample(variables: Sequence[DesignVariable], values: Mapping[str, float], trajectories: int, seed: int) -> Array:
     """Return the designs (trajectories (variables + 1), variables) of Morris' plan; integers rounded."""
+    require("design", "sensitivity", "SALib")
     from SALib.sample import morris  # type: ignore[import-untyped]
 
     drawn = morris.sample(_problem(variables, values), trajectories, num_levels=LEVELS, seed=seed)
@@ -67,6 +69,7 @@ def indices(
     seed : int
         Of the bootstrap.
     """
+    require("design", "sensitivity", "SALib")
     from SALib.analyze import morris  # type: ignore[import-untyped]
 
     with warnings.catch_warnings():

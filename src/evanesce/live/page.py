@@ -14,22 +14,28 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any
 
-import uvicorn
-from fastapi import FastAPI
-from nicegui import background_tasks, ui
-from nicegui.client import Client
-
 from evanesce.core.errors import EvanesceError
+from evanesce.core.extras import require
 from evanesce.live.controls import controls_of
 from evanesce.live.engine import Engine, Shown
-from evanesce.live.layout import Handlers, Layout
 from evanesce.live.own import MAX_BYTES, OwnFrame, OwnMeasured, measure_own, read_own
 from evanesce.live.present import Presented, present, present_own
 from evanesce.live.saved import scene_text
-from evanesce.live.server import PictureStore, guard
 from evanesce.live.worker import Worker
 from evanesce.measurement.calibration.model import Calibration
 from evanesce.rig import Scene
+
+try:
+    import uvicorn
+    from fastapi import FastAPI
+    from nicegui import background_tasks, ui
+    from nicegui.client import Client
+
+    from evanesce.live.layout import Handlers, Layout
+    from evanesce.live.server import PictureStore, guard
+except ModuleNotFoundError:
+    require("page", "the live page")
+    raise
 
 log = logging.getLogger(__name__)
 

@@ -1,7 +1,9 @@
 """Which Mitsuba variant works on this machine: tried in a subprocess, because a bad LLVM aborts the process.
 
 Dr.Jit 1.5 refuses libLLVM 14 and aborts in code generation with 15 and 16 on processors with AVX-512; an abort cannot
-be caught, so each candidate renders a tiny scene in a process of its own, once, and the answer is kept on disk.
+be caught, so each candidate renders a tiny scene in a process of its own, once, and the answer is kept on disk. On
+x86-64 Linux the package karellen-llvm-core, a dependency, brings libLLVM 19; elsewhere, and where it does not work, the
+system's libraries are tried.
 """
 
 from __future__ import annotations
@@ -15,7 +17,8 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
+from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +30,12 @@ from evanesce.core.provenance import digest, package_versions
 FAMILIES = {"llvm": "llvm_ad_mono", "cuda": "cuda_ad_mono", "scalar": "scalar_rgb"}
 CHOICES = ("auto", *FAMILIES)
 PROBE_SECONDS = 180
+LLVM_PACKAGE = "karellen-llvm-core"
+"""The distribution that brings libLLVM where it has a wheel (x86-64 Linux)."""
+
 LLVM_HELP = (
-    "install LLVM 19 (Debian, Ubuntu: apt install libllvm19) or set DRJIT_LIBLLVM_PATH to a libLLVM of 17 or newer"
+    f"install LLVM 19 (x86-64 Linux: pip install {LLVM_PACKAGE}==19.1.7; Debian, Ubuntu: apt install libllvm19) or set "
+    "DRJIT_LIBLLVM_PATH to a libLLVM of 17 or newer"
 )
 _LLVM_PLACES = (
     "/usr/lib/*/libLLVM*.so*",
@@ -128,8 +135,30 @@ def llvm_major(path: str) -> int:
     return int(found[-1]) if found else 0
 
 
-def rank_llvm(paths: Iterable[str]) -> list[str]:
-    """Order library paths by promise: 19, then newer, 18, 17, unknown, and 16 and 15 last; older ones are left out."""
+def packaged_llvm() -> list[str]:
+    """Return the libLLVM files of the distribution karellen-llvm-core, wherever it was installed (user site, --prefix).
+
+    Names that are links to the same file are left out. Empty where the distribution, or its library, is not there:
+    ``pip install --target`` leaves out what belongs in ``lib``.
+    """
+    try:
+        files = distribution(LLVM_PACKAGE).files or []
+    except PackageNotFoundError:
+        return []
+    named = (Path(str(f.locate())).resolve() for f in files if re.fullmatch(r"libLLVM[-.].*", f.name))
+    return sorted({str(path) for path in named if path.is_file()})
+
+
+def rank_llvm(paths: Iterable[str], first: Iterable[str] = ()) -> list[str]:
+    """Order library paths by promise: 19, then newer, 18, 17, unknown, and 16 and 15 last; older ones are left out.
+
+    Parameters
+    ----------
+    paths : iterable of str
+    first : iterable of str
+        Those of ``paths`` that precede others of the same major version.
+    """
+    preferred = frozenset(first)
 
     def rank(path: str) -> tuple[int, int]:
         major = llvm_major(path)
@@ -141,20 +170,33 @@ def rank_llvm(paths: Iterable[str]) -> list[str]:
             return 2, -major
         return (3, 0) if major == 0 else (4, -major)
 
-    return sorted((p for p in paths if not 0 < llvm_major(p) < 15), key=lambda p: (rank(p), p))
+    able = (p for p in paths if not 0 < llvm_major(p) < 15)
+    return sorted(able, key=lambda p: (rank(p), p not in preferred, p))
 
 
 def llvm_candidates(environ: Mapping[str, str] | None = None) -> list[str]:
-    """Return libLLVM paths worth trying; ``DRJIT_LIBLLVM_PATH`` alone if it is set."""
+    """Return libLLVM paths worth trying, best first; ``DRJIT_LIBLLVM_PATH`` alone if it is set.
+
+    Of one major version the package's library precedes the system's: it is the build that this project is tested with.
+    """
     environ = os.environ if environ is None else environ
     given = environ.get("DRJIT_LIBLLVM_PATH")
     if given:
         return [given]
+    packaged = packaged_llvm()
     places = [*_LLVM_PLACES, f"{sys.prefix}/lib/libLLVM*.so*", f"{sys.prefix}/lib/libLLVM*.dylib"]
+    found = {p for place in places for p in glob.glob(place)}
     by_target: dict[str, str] = {}
-    for path in rank_llvm({p for place in places for p in glob.glob(place)}):
+    for path in rank_llvm(found.union(packaged), packaged):
         by_target.setdefault(os.path.realpath(path), path)
     return list(by_target.values())
+
+
+def llvm_source(path: str) -> str:
+    """Return where a libLLVM comes from: a package with its version, ``DRJIT_LIBLLVM_PATH``, or the system."""
+    if os.path.realpath(path) in packaged_llvm():
+        return f"package {LLVM_PACKAGE} {distribution(LLVM_PACKAGE).version}"
+    return "DRJIT_LIBLLVM_PATH" if path == os.environ.get("DRJIT_LIBLLVM_PATH") else "system"
 
 
 def _cpu_model() -> str:
@@ -197,6 +239,8 @@ def _write_cache(data: dict[str, Any]) -> None:
 
 
 def _run_probe(family: str, llvm_path: str) -> Attempt:
+    if os.path.dirname(llvm_path) and not os.path.isfile(llvm_path):
+        return Attempt(family, llvm_path, error="no such file")
     environ = {k: v for k, v in os.environ.items() if k != "DRJIT_LIBLLVM_PATH"}
     if llvm_path:
         environ["DRJIT_LIBLLVM_PATH"] = llvm_path
@@ -290,8 +334,20 @@ def find(variant: str = "auto", *, fresh: bool = False) -> VariantInfo:
     raise InputError(note, key="--variant", allowed="auto, or a variant that 'evanesce doctor' finds working")
 
 
+def _loaded_llvm() -> str:
+    """Return the version of the libLLVM that this process's Dr.Jit has loaded; empty before Dr.Jit is imported."""
+    drjit = sys.modules.get("drjit")
+    if drjit is None:
+        return ""
+    version: tuple[int, ...] = drjit.detail.llvm_version()
+    return "LLVM " + ".".join(map(str, version)) if min(version) >= 0 else "no LLVM"
+
+
 def select(variant: str = "auto") -> VariantInfo:
     """Find a working variant, make it Mitsuba's current one and return its record.
+
+    Dr.Jit loads its LLVM when it is imported, and keeps it. Where it was imported before, with another LLVM than the
+    one that works, ``auto`` takes scalar with a note.
 
     Raises
     ------
@@ -299,9 +355,16 @@ def select(variant: str = "auto") -> VariantInfo:
         See :func:`find`.
     """
     info = find(variant)
+    if info.family == "llvm" and (loaded := _loaded_llvm()) not in ("", f"LLVM {info.backend_version}"):
+        why = (
+            f"Dr.Jit was imported before evanesce chose {Path(info.llvm_path).name} and has loaded {loaded}; import "
+            "mitsuba and drjit after the first rendering, or set DRJIT_LIBLLVM_PATH"
+        )
+        if variant != "auto":
+            raise InputError(why, key="--variant", allowed="auto, scalar")
+        info = replace(find("scalar"), note=f"{why}; using scalar, about ten times slower")
     if info.llvm_path:
-        # Read once, when Dr.Jit first starts its LLVM backend.
-        os.environ["DRJIT_LIBLLVM_PATH"] = info.llvm_path
+        os.environ["DRJIT_LIBLLVM_PATH"] = info.llvm_path  # Dr.Jit reads it when it is imported
     import mitsuba as mi
 
     if mi.variant() != info.name:

@@ -16,21 +16,17 @@ from numpy.typing import NDArray
 
 from evanesce.contact.fem.material import Rubber, distortional_stress, distortional_tangent
 from evanesce.contact.fem.mesh import SolidMesh
-from evanesce.core.errors import InputError
+from evanesce.core.extras import require
 
 Floats = NDArray[np.float64]
 
 
 def _felupe() -> Any:
     """Import FElupe when it is first needed, so that everything else works without the extra."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return importlib.import_module("felupe")
-    except ImportError:
-        raise InputError(
-            "solving finite elements needs the optional extra 'fem'; install it with: pip install 'evanesce[fem]'"
-        ) from None
+    require("fem", "solving finite elements", "felupe")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return importlib.import_module("felupe")
 
 
 class _DistortionalLaw:

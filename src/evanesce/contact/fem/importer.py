@@ -17,6 +17,7 @@ from evanesce.contact.fem.state import surface_state
 from evanesce.contact.fem.surface import Footprint, level_area, nodal_shares, signed_opening
 from evanesce.core.columns import Column, read_columns
 from evanesce.core.errors import InputError
+from evanesce.core.extras import require
 from evanesce.core.states import ContactState, PlateGrid
 
 Floats = NDArray[np.float64]
@@ -333,10 +334,9 @@ def read_foreign(
 def _read_vtk(path: Path, force: float | None, names: dict[str, str], length: float, stress: float) -> ForeignContact:
     if not path.is_file():
         raise InputError("no such file", file=path, allowed="a CSV or VTK file")
-    try:
-        import meshio
-    except ImportError:
-        raise InputError("reading VTK needs the optional extra 'fem'; pip install 'evanesce[fem]'", file=path) from None
+    require("fem", "reading VTK", "meshio")
+    import meshio
+
     said = io.StringIO()
     try:
         with redirect_stdout(said), redirect_stderr(said):

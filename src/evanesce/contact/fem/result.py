@@ -21,6 +21,7 @@ from evanesce.contact.fem.plane import Anchors, PlaneForces
 from evanesce.contact.fem.steps import History, Step
 from evanesce.contact.fem.surface import Footprint, footprint
 from evanesce.core.errors import InputError, WorkError
+from evanesce.core.extras import require
 
 Floats = NDArray[np.float64]
 SCHEMA = 1
@@ -262,10 +263,9 @@ def write_vtk(path: Path, run: SolvedRun, index: int) -> None:
     InputError
         Without the extra ``fem``, or for a suffix that meshio does not support.
     """
-    try:
-        import meshio
-    except ImportError:
-        raise InputError("writing VTK needs the optional extra 'fem'; pip install 'evanesce[fem]'") from None
+    require("fem", "writing VTK", "meshio")
+    import meshio
+
     mesh, state, print_ = run.mesh, run.history.steps[index].state, run.footprint(index)
 
     def spread(values: Floats, width: int) -> Floats:

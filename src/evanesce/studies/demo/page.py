@@ -44,8 +44,8 @@ def _slip(slip: SlipSequence) -> Section:
         pictures=[
             Picture(
                 slip_animation(slip),
-                f"Open ridges, 130 µm high, pressed to {slip.normal_N.max():g} N and sheared. Left: the frames. Right: the"
-                f" labels that come with them, stick (blue) and slip (red): slip grows from the rim inwards, to"
+                f"Open ridges, 130 µm high, pressed to {slip.normal_N.max():g} N and sheared. Left: the frames. Right:"
+                f" the labels that come with them, stick (blue) and slip (red): slip grows from the rim inwards, to"
                 f" {100 * last:.0f} % of the contact in the last frame, and bends the ridges.",
                 kind="webp",
             )

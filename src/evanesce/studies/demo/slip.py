@@ -1,7 +1,7 @@
 """A ridged finger that is pressed and then sheared until it slips: frames beside the stick and slip of every pixel.
 
-The ridges are open, 130 um high at 1.5 N, so that the camera sees each of them: they stay on the glass where the contact
-sticks, and bend and move where it slips, from the rim inwards.
+The ridges are open, 130 um high at 1.5 N, so that the camera sees each of them: they stay on the glass where the
+contact sticks, and bend and move where it slips, from the rim inwards.
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from evanesce.chain.fast import FastCamera
-from evanesce.contact.ridges.ridged_slide import with_ridges
-from evanesce.contact.solve import contact_grid, contact_sequence, ridge_row, smooth_contact
+from evanesce.contact.laws import smooth_contact
+from evanesce.contact.ridges.ridged import with_ridges
+from evanesce.contact.solve import contact_grid, contact_sequence, ridge_row
 from evanesce.core.states import ContactState, SurfaceState
 from evanesce.dataset.labels import FrameLabeller
 from evanesce.dataset.trial import FrameTruth

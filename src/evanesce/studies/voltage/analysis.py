@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core import rng
+from evanesce.core.extras import require
 from evanesce.studies.voltage.unknowns import FLAT, GRID_MM, RATIOS, SEEN, THRESHOLDS, UNKNOWNS, Samples, problem
 
 Array = NDArray[np.float64]
@@ -185,6 +186,7 @@ def sensitivity(output: Array, seed: int) -> list[dict[str, Any]]:
     -------
     list of dict
     """
+    require("design", "Sobol' indices", "SALib")
     from SALib.analyze import sobol  # type: ignore[import-untyped]
 
     if not np.ptp(output) > 0:

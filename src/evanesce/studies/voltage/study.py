@@ -15,6 +15,7 @@ from evanesce.chain.simulate import Render
 from evanesce.contact.solve import contact_state
 from evanesce.core import provenance
 from evanesce.core.errors import InputError
+from evanesce.core.extras import require
 from evanesce.effects import Context, Stage, active_effects, apply_stage
 from evanesce.measurement.reference.segment import Chain
 from evanesce.render.fast.transport import render_fast
@@ -300,6 +301,7 @@ def run_study(
     InputError
         If the scene cannot be studied.
     """
+    require("design", "the study of voltage", "SALib")
     render = render_fast if render is None else render
     scene, notes = study_scene(scene)
     own = scene_values(scene, threshold)

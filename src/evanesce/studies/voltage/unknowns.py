@@ -19,6 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.core.extras import require
+
 Array = NDArray[np.float64]
 
 GRID_MM, GRID_SAMPLES = 12.8, 400
@@ -100,6 +102,7 @@ class Plan:
         -------
         ndarray (samples, unknowns)
         """
+        require("design", "a sample of the unknowns", "SALib")
         from SALib.sample import sobol  # type: ignore[import-untyped]
 
         return np.asarray(sobol.sample(problem(), self.base, calc_second_order=False, seed=self.seed))

@@ -46,8 +46,8 @@ test-all: dev
 	$(BIN)/python -m pytest
 
 lint: dev
-	$(BIN)/ruff check src tests benchmarks docs .ci
-	$(BIN)/ruff format --check src tests benchmarks docs .ci
+	$(BIN)/ruff check src tests benchmarks docs examples .ci
+	$(BIN)/ruff format --check src tests benchmarks docs examples .ci
 
 types: dev
 	$(BIN)/mypy

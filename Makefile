@@ -8,7 +8,7 @@ DEV := $(VENV)/.dev
 # Bytecode is left to the first import: compiling all of every package takes longer than installing it.
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 
-.PHONY: baseline install dev demo design-demo test test-all lint types contracts check accuracy benchmarks pictures fem challenge challenge-slice clean
+.PHONY: baseline install dev demo design-demo test test-all lint types contracts check accuracy benchmarks pictures fem challenge challenge-slice docs docs-links clean
 
 install: $(CORE)
 
@@ -38,9 +38,12 @@ demo: install
 design-demo: dev
 	$(BIN)/evanesce design scenes/questions/same_cost.toml --workers 2 --out outputs/design-demo
 
-# Two workers of one thread each: linear algebra that takes both cores in both of them waits for itself.
+# Two workers of one thread each: linear algebra that takes both cores in both of them waits for itself. Coverage of lines
+# is measured as the tests run; what is covered least is shown.
 test: dev
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow"
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow and not whole_case" \
+	  --durations 10 --cov --cov-report=
+	@$(BIN)/coverage report > .coverage.report && head -n 14 .coverage.report && tail -n 1 .coverage.report
 
 test-all: dev
 	$(BIN)/python -m pytest
@@ -70,6 +73,21 @@ benchmarks: dev
 baseline: dev
 	$(BIN)/python benchmarks/baseline.py --out outputs/baseline --json outputs/baseline.json
 
+# The site in docs/_build/html, without a network once packages are installed. A name, page or picture that is referred
+# to and missing, a link within the site that leads nowhere, and an example that fails are errors.
+DOCS := $(VENV)/.docs
+
+$(DOCS): pyproject.toml constraints.txt | $(BIN)/python
+	$(PIP) -e '.[dev,docs]'
+	touch $(CORE) $(DEV) $@
+
+docs: $(DOCS)
+	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build/html
+
+# Pages and README as they stand: every relative link and every anchor, in under ten seconds.
+docs-links: dev
+	$(BIN)/python -m pytest tests/system/test_docs_links.py
+
 check: lint types contracts test
 
 # The critic against hidden causes: hours, goes on where it stopped. SET=dev while developing, BUDGET in seconds. Cases
@@ -84,4 +102,4 @@ challenge-slice: dev
 	$(BIN)/python -m tests.criticism.challenge.run --set slice --workers 2 --budget-s 600
 
 clean:
-	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis docs/_build docs/gallery docs/reference/api

@@ -66,9 +66,9 @@ def main() -> None:
             folder.mkdir()
         hidden = {"DRJIT_LIBLLVM_PATH": str(Path(name) / "libLLVM.so")}
 
-        told = folders["scalar"] / "doctor.json"
-        evanesce(folders["scalar"], ["doctor", "--json", str(told)], **hidden)
-        report = json.loads(told.read_text(encoding="utf-8"))
+        reported = folders["scalar"] / "doctor.json"
+        evanesce(folders["scalar"], ["doctor", "--json", str(reported)], **hidden)
+        report = json.loads(reported.read_text(encoding="utf-8"))
         assert report["auto"] == "scalar_rgb", report["auto"]
         assert any("no such file" in note and "libllvm19" in note for note in report["notes"]), report["notes"]
 

@@ -1,4 +1,4 @@
-"""Is the dataset any good? Two baselines from frames alone, against a force threshold; what randomisation is worth.
+"""Benchmark of the dataset: two baselines from frames alone, against a force threshold; what randomisation is worth.
 
 Stick ratio by gradient boosting on plain features of the last frames, and slip onset from it, on trials with unseen
 friction, unseen ridge pitch and unseen rigs. The same trials train thrice: on rigs with effects, on the same rigs
@@ -256,12 +256,12 @@ class Detector:
         return table.force_ratio if self.kind == "force" else 1.0 - self.stick(table)
 
     def alarms(self, table: Table) -> dict[str, dict[str, float]]:
-        """Return false alarms a minute and share of slides told, by how the threshold's trials were held out."""
+        """Return false alarms a minute and share of slides detected, by how the threshold's trials were held out."""
         series = table.series(self.evidence(table))
         scores = {name: score(series, threshold) for name, threshold in self.thresholds.items()}
         return {n: {"false_per_minute": s.false_per_minute, "detected": s.detected} for n, s in scores.items()}
 
-    def judge(self, table: Table) -> dict[str, Any]:
+    def evaluate(self, table: Table) -> dict[str, Any]:
         """Return regression and detection figures."""
         found = self.stick(table)
         mean, standard = over_trials(np.abs(found - table.stick), table.trial)
@@ -284,7 +284,7 @@ def over_trials(error: np.ndarray, trial: np.ndarray) -> tuple[float, float]:
 def generate(out: Path, trials: int, workers: int) -> dict[str, float]:
     """Make what is not there yet; return seconds by set, those of earlier runs that were stopped included."""
     kept = out / f"seconds-{trials}.json"
-    spent: dict[str, float] = json.loads(kept.read_text()) if kept.exists() else {}
+    seconds: dict[str, float] = json.loads(kept.read_text()) if kept.exists() else {}
     for name, (config, count, seed) in sets(trials).items():
         folder, start = out / f"{name}-{trials}", time.perf_counter()
         engine = Engine(workers=workers)
@@ -293,10 +293,10 @@ def generate(out: Path, trials: int, workers: int) -> dict[str, float]:
         else:
             outcome = make(folder, new_job(load_scene("thesis"), config, frames=count * FRAMES, seed=seed), engine)
         if outcome.made:
-            spent[name] = spent.get(name, 0.0) + time.perf_counter() - start
-            kept.write_text(json.dumps(spent) + "\n")
-        print(f"{name}: {outcome.frames} frames, made in {spent.get(name, 0.0):.0f} s", flush=True)
-    return spent
+            seconds[name] = seconds.get(name, 0.0) + time.perf_counter() - start
+            kept.write_text(json.dumps(seconds) + "\n")
+        print(f"{name}: {outcome.frames} frames, made in {seconds.get(name, 0.0):.0f} s", flush=True)
+    return seconds
 
 
 TESTS = ("seen", "unseen_friction", "unseen_pitch")
@@ -310,11 +310,11 @@ WORTH = {
 """What randomising something is worth: the error without it less the error with it."""
 
 
-def judged(tables: dict[str, Table]) -> tuple[dict[str, Any], dict[str, Any]]:
+def evaluated(tables: dict[str, Table]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return figures by detector and test, and by what is randomised and test what that is worth."""
     frames = {training: Detector(tables[training], "frames") for training in TRAINING}
     detectors = {TRAINING[t]: frames[t] for t in TRAINING} | {"force threshold": Detector(tables["train"], "force")}
-    found = {name: {test: detector.judge(tables[test]) for test in TESTS} for name, detector in detectors.items()}
+    found = {name: {test: detector.evaluate(tables[test]) for test in TESTS} for name, detector in detectors.items()}
     worth: dict[str, dict[str, Any]] = {name: {} for name in WORTH}
     for test in TESTS:
         table = tables[test]
@@ -356,8 +356,8 @@ def show(result: dict[str, Any]) -> None:
     for name, by_test in result["worth"].items():
         for test, w in by_test.items():
             rigs = ", ".join(f"{v:+.3f}" for v in w["by_rig"])
-            told = test.replace("_", " ")
-            print(f"randomising {name} is worth {w['mean']:.3f} +- {w['standard']:.3f} on {told} (by rig: {rigs})")
+            named = test.replace("_", " ")
+            print(f"randomising {name} is worth {w['mean']:.3f} +- {w['standard']:.3f} on {named} (by rig: {rigs})")
     for name, curve in result["curves"].items():
         print(f"\n| trials of {name} | " + " | ".join(f"MAE {t.replace('_', ' ')}" for t in TESTS) + " |")
         print("|" + "---|" * 4)
@@ -373,14 +373,14 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
-    spent = generate(given.out, given.trials, given.workers)
+    seconds = generate(given.out, given.trials, given.workers)
     seen = time.perf_counter()
     tables = {
         name: table_of(given.out / f"{name}-{given.trials}", max(1, given.workers)) for name in sets(given.trials)
     }
     print(f"features in {time.perf_counter() - seen:.0f} s", flush=True)
     mean = float(tables["train"].stick.mean())
-    results, worth = judged(tables)
+    results, worth = evaluated(tables)
     result = {
         "trials": given.trials,
         "test_trials": {t: len(np.unique(tables[t].trial)) for t in TESTS},
@@ -389,14 +389,14 @@ def main() -> None:
         "worth": worth,
         "curves": learning_curves(tables, given.trials),
         "constant_mae": {t: float(np.abs(tables[t].stick - mean).mean()) for t in TESTS},
-        "generated_s": spent,
+        "generated_s": seconds,
         "features_and_fits_s": time.perf_counter() - seen,
         "load": os.getloadavg()[0],
         "provenance": dict(provenance.record()),
     }
     show(result)
     print(
-        f"frames {sum(spent.values()):.0f} s, the rest {result['features_and_fits_s']:.0f} s, load {result['load']:.1f}"
+        f"frames {sum(seconds.values()):.0f} s, others {result['features_and_fits_s']:.0f} s, load {result['load']:.1f}"
     )
     if given.json:
         given.json.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Gradients against search, for the continuous optical figures of a rig: LED powers, LED places, absorption.
+"""Gradients against search, for the continuous optical figures of a rig: LED powers, LED positions, absorption.
 
 What is made even is the guided light over the middle of the plate, which is smooth in all of them. The rig is the
 thesis's with LEDs on two edges only (`--edges`): with four it is even from the start. Three ways:
@@ -45,7 +45,7 @@ SHIFT_MM = 3.0
 
 
 class Evenness:
-    """Relative spread of the direct guided light over the field, by power and place of each LED and by absorption.
+    """Relative spread of the direct guided light over the field, by power and position of each LED and by absorption.
 
     Arguments of the functions: powers [1], shifts along the edges [mm], absorption [1/mm].
     """
@@ -56,12 +56,12 @@ class Evenness:
         from drjit.auto.ad import UInt32
 
         self.dr, self.float = dr, Float
-        plate, places = scene.plate, led_positions(scene.plate, scene.leds)
+        plate, positions = scene.plate, led_positions(scene.plate, scene.leds)
         t, n = plate.thickness_mm, plate.refractive_index
         x, y = np.meshgrid(*(np.linspace(-s / 2, s / 2, k) for s, k in zip(FIELD_MM, NODES, strict=True)))
         points = np.stack([x.ravel(), y.ravel()], axis=-1)
         normal, beside, along = [], [], []
-        for edge, centres in places.items():
+        for edge, centres in positions.items():
             on_x, side = edge in ("left", "right"), -1.0 if edge in ("left", "top") else 1.0
             wall = side * plate.size_mm[0 if on_x else 1] / 2
             for centre in centres:
@@ -129,7 +129,7 @@ class Evenness:
 
 
 def search(function: Callable[[Array], float], low: Array, high: Array, start: Array, trials: int, seed: int) -> float:
-    """Return the least value that TPE finds; it starts at ``start``."""
+    """Return the smallest value that TPE finds; it starts at ``start``."""
     import optuna
 
     optuna.logging.set_verbosity(optuna.logging.ERROR)

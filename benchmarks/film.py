@@ -74,7 +74,7 @@ def drawn(draw: np.random.Generator, number: int) -> tuple[Scene, float, float]:
 
 
 def pressed(scene: Scene, force: float, voltage: float, calibration: Calibration) -> Press:
-    """Press, photograph and measure."""
+    """Solve the contact, expose and measure."""
     press = LitPress.of(scene, force, 1)
     found = Estimator.of(calibration).area(press.frame(voltage, rng.integer_seed(1, "f", f"{force}")).data)
     assert found.spread_mm is not None

@@ -29,7 +29,7 @@ from evanesce.rig import load_scene
 FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking"]
 MOVES: dict[str, Callable[[Controls, int], Controls]] = {
     "threshold": lambda c, i: c.changed(threshold=0.05 + 0.005 * i),
-    "least blob": lambda c, i: c.changed(min_blob_px=500.0 + 50 * i),
+    "minimum blob size": lambda c, i: c.changed(min_blob_px=500.0 + 50 * i),
     "profile line": lambda c, i: c.changed(line_mm=-2.0 + 0.05 * i),
     "LED voltage": lambda c, i: c.changed(voltage_V=8.0 + 0.05 * i),
     "one LED": lambda c, i: c.changed(led_power=tuple(0.02 * i if k == 3 else p for k, p in enumerate(c.led_power))),
@@ -159,7 +159,7 @@ def browser_part(name: str, seconds: float) -> dict[str, Any]:
             page.evaluate(DRIVE, [slider, 2.0, 25])  # warm
             before = processor_s()
             drawn = np.array(page.evaluate(DRIVE, [slider, seconds, 25])) / 1e3
-            spent = {kind: 1e3 * (t - before[kind]) / drawn.size for kind, t in processor_s().items()}
+            processor_ms = {kind: 1e3 * (t - before[kind]) / drawn.size for kind, t in processor_s().items()}
             time.sleep(1.0)
             trips = []
             for i in range(12):
@@ -177,13 +177,13 @@ def browser_part(name: str, seconds: float) -> dict[str, Any]:
                 "worst_second": min(per_second, default=0),
                 "round_trip_best_ms": float(min(trips)),
                 "round_trip_median_ms": float(np.median(trips)),
-                "processor_ms": spent,
+                "processor_ms": processor_ms,
             }
             r = rows[slider]
             print(f"{slider:16s} {r['updates_per_s']:5.1f} updates/s (best second {r['best_second']}, worst "
                   f"{r['worst_second']}), round trip best {r['round_trip_best_ms']:.0f}, median "
                   f"{r['round_trip_median_ms']:.0f} ms; processor "
-                  + ", ".join(f"{kind} {ms:.0f} ms" for kind, ms in spent.items()))  # fmt: skip
+                  + ", ".join(f"{kind} {ms:.0f} ms" for kind, ms in processor_ms.items()))  # fmt: skip
             page.get_by_role("button", name="Reset").click()
             time.sleep(0.5)
         browser.close()

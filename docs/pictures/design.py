@@ -41,8 +41,8 @@ def pareto(result: dict[str, Any]) -> Figure:
         for name, c in result["chosen"].items()
     ]
     plan = Plan(
-        base=Design(scene=scene), variables=tuple(
-            DesignVariable(**v) for v in result["provenance"]["search"]["variables"]),
+        base=Design(scene=scene),
+        variables=tuple(DesignVariable(**v) for v in result["provenance"]["search"]["variables"]),
         question=Question(forces_N=(1.0, 3.0), positions_mm=((0.0, 0.0),), materials=(scene.finger.material,)),
         objectives=tuple(result["objectives"]),
     )  # fmt: skip

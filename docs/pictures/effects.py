@@ -96,14 +96,14 @@ def sheet(out: Path) -> None:
         if effect.stage in (Stage.RIG, Stage.CONTACT):
             picture = change[ZOOM]
         else:
-            # Small marks would vanish in a reduced picture: keep each block's largest change.
+            # Small defects would vanish in a reduced picture: keep each block's largest change.
             blocks = change[:748, :1000].reshape(187, 4, 250, 4).transpose(0, 2, 1, 3).reshape(187, 250, 16)
             picture = np.take_along_axis(blocks, np.abs(blocks).argmax(axis=2)[:, :, None], axis=2)[:, :, 0]
         # A few specks or hot pixels must not leave the rest white.
         scale = max(float(np.percentile(np.abs(picture), 99.7)), 1.0)
         axis.imshow(picture, cmap="RdBu_r", vmin=-scale, vmax=scale, interpolation="nearest")
-        told = ", ".join(f"{k.split('_')[0]} {v:g}" for k, v in values.items() if isinstance(v, int | float))
-        axis.set_title(f"{effect.id}\n{told}", fontsize=8)
+        figures = ", ".join(f"{k.split('_')[0]} {v:g}" for k, v in values.items() if isinstance(v, int | float))
+        axis.set_title(f"{effect.id}\n{figures}", fontsize=8)
         axis.text(
             0.5,
             -0.07,

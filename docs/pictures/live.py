@@ -1,4 +1,4 @@
-"""Photograph the live page as a browser shows it: ``python docs/pictures/live.py``.
+"""Take screenshots of the live page: ``python docs/pictures/live.py``.
 
 Needs the extra ``page``, Playwright and a Chromium. What stands there as a lab's own frame is a rendered one.
 """
@@ -45,7 +45,7 @@ def own_frame() -> bytes:
     return image_png(FastCamera(scene).press(2.4, seed=11).data)
 
 
-def photograph(address: str, chromium: str, own: bytes) -> bytes:
+def screenshot(address: str, chromium: str, own: bytes) -> bytes:
     """Set a voltage, a threshold and a focus; switch one edge off; take the page."""
     with sync_playwright() as started:
         browser = started.chromium.launch(executable_path=chromium, args=FLAGS)
@@ -69,7 +69,7 @@ def photograph(address: str, chromium: str, own: bytes) -> bytes:
 
 
 def main() -> None:
-    """Serve the ridged rig, photograph the page, keep the picture small."""
+    """Serve the ridged rig, take screenshots, keep the picture small."""
     chromium = next((found for name in CHROMIUM if (found := shutil.which(name))), None)
     if chromium is None:
         raise SystemExit("no Chromium is installed")
@@ -81,7 +81,7 @@ def main() -> None:
         assert server.stdout is not None
         found = re.match(r"(http://\S+)", server.stdout.readline())
         assert found is not None
-        shot = photograph(found[1], chromium, own_frame())
+        shot = screenshot(found[1], chromium, own_frame())
     finally:
         server.terminate()
         server.wait()

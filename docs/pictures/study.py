@@ -1,7 +1,7 @@
 """Take the pictures of the page on the measurement's study from a report's folder.
 
 ``evanesce study all scenes/thesis.toml --out OUT`` first, then ``python docs/pictures/study.py OUT``; the threshold
-slider is photographed by Chromium, where that is installed.
+slider is captured by Chromium, where that is installed.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def slider(report: Path) -> bytes | None:
 
 
 def main() -> None:
-    """Copy the figures and photograph the slider."""
+    """Copy the figures and capture the slider."""
     source = Path(sys.argv[1])
     for name, target in PICTURES.items():
         if (source / f"{name}.png").is_file():

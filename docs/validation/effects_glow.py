@@ -1,4 +1,4 @@
-"""Figures of the validation pages of lateral glow and real contact.
+"""Figures of the validation pages of subsurface scattering and real contact.
 
 Run: python docs/validation/effects_glow.py
 """

@@ -61,9 +61,9 @@ def main() -> None:
         base = coupled(scene)
         for name, values, time_s in CASES:
             change = 100 * (coupled(with_effect(scene, name, time_s, **values)) / base - 1)
-            told = ", ".join(f"{k} {v:g}" for k, v in values.items())
+            shown = ", ".join(f"{k} {v:g}" for k, v in values.items())
             shown = "  ".join(f"{place} {c:+.2f}" for place, c in zip(PLACES, change, strict=True))
-            print(f"  {volts:g} V  {name} ({told}):  {shown}")
+            print(f"  {volts:g} V  {name} ({shown}):  {shown}")
     print("Light left at 8, 8.5 and 9 V, percent of that at 12 V, by forward voltage at 20 mA (7.5 ohm in each LED):")
     for bin_V in (2.9, 3.1, 3.3):
         circuit = load_scene("thesis").leds.circuit.model_copy(

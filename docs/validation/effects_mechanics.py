@@ -87,7 +87,7 @@ def tilt() -> None:
 
 
 def moved() -> None:
-    """Print how a contact that wanders differs, in the fast renderer, from a finger that stands there."""
+    """Print how a displaced contact differs, in the fast renderer, from a finger that stands there."""
     view = {
         "camera.resolution_px": [400, 300],
         "camera.scale_px_per_mm": 20.0,
@@ -97,10 +97,10 @@ def moved() -> None:
         "grid.size_mm": 9.0,
     }
     values = {"shift_x_mm_per_N": 0.5, "shift_y_mm_per_N": -0.3}
-    wandering = load_scene("thesis", view).model_copy(update={"effects": {"off_axis_load": values}})
+    displaced = load_scene("thesis", view).model_copy(update={"effects": {"off_axis_load": values}})
     standing = load_scene("thesis", view | {"finger.position_mm": [0.75, -0.45]})
     one, two = (
-        np.asarray(render_fast(*solve_contact(scene, 1.5, seed=1), seed=1).radiance) for scene in (wandering, standing)
+        np.asarray(render_fast(*solve_contact(scene, 1.5, seed=1), seed=1).radiance) for scene in (displaced, standing)
     )
     print("\noff_axis_load: contact moved by (0.75, -0.45) mm against a finger that stands there, fast renderer")
     largest = 100 * np.abs(one - two).max() / two.max()

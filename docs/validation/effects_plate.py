@@ -1,4 +1,4 @@
-"""Figures of the validation pages of marks on the plate: what they add to a frame of the thesis rig.
+"""Figures of the validation pages of scatterers on the plate: what they add to a frame of the thesis rig.
 
 Run: python docs/validation/effects_plate.py
 """

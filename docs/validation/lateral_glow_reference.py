@@ -1,4 +1,4 @@
-"""Lateral glow: the diffusion model against a participating medium in slab and finger. Figures and picture of the page.
+"""Subsurface scattering: the diffusion model against a participating medium (slab, finger). Figures and a picture.
 
 Run: python docs/validation/lateral_glow_reference.py (about two minutes)
 """
@@ -40,7 +40,7 @@ def air_inside() -> float:
 
 
 def model(touching: Array, length: float, boundary: Boundary) -> Array:
-    """Exitance over entering irradiance on a grid of CELL: the model of optics/glow.py."""
+    """Exitance over entering irradiance on a grid of CELL: the model of optics/subsurface.py."""
     inside = (1 - touching) * (air_inside() if boundary == "air" else 0.0)
     kernel = profile_kernel(REFLECTANCE, length, CELL, len(touching) - 1)
     return np.asarray((1 - inside) * body_light(kernel, touching, inside))

@@ -90,7 +90,7 @@ def analyse(folder: Path) -> dict[str, object]:
     v, u = np.nonzero(peak)
     radius = np.hypot(u - 511.5, v - 383.5)
     seen = float(mm2[black].sum()) / 100
-    # Where all are still found: a faint speck spread over nine pixels must reach the threshold.
+    # Where all are still found: a weak speck spread over nine pixels must reach the threshold.
     cut = float(np.median(SIGMAS * noise / white[black] * mm2[black]) * np.median(extent))
     laws = fit(light, cut)
     cells = [

@@ -1,4 +1,4 @@
-"""Bundles: what is written is read back, what is broken is refused at its exact place."""
+"""Bundles: what is written is read back, what is broken is refused by its exact location."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def test_a_bundle_filled_by_hand_is_read(hand: Path) -> None:
 
 
 def test_a_finger_on_its_way_is_seen_by_frames_that_follow_at_once(hand: Path) -> None:
-    """Of a hold a steady velocity would make nonsense; what needs motion is not judged there."""
+    """Of a hold a steady velocity would make nonsense; what needs motion is not checked there."""
     table = hand / "press.csv"
     lines = table.read_text().splitlines()
     assert "rolling_skew" in contents(read_bundle(hand))["cannot_be_named"]

@@ -133,9 +133,9 @@ def test_the_data_card_names_every_shard(whole):
     assert set(fields) == {*SCALARS, "index", "trial", "kind", "split"}
     with dataset.open(whole) as data:
         for path in fields.values():  # each leads somewhere in a frame's numbers
-            place = data[7].meta
+            value = data[7].meta
             for key in path.removeprefix("$.").split("."):
-                place = place[key]
+                value = value[key]
     assert "No effects are randomised." in card["description"]
     job = tiny_job(randomisation={"probability": 0.2, "without": ("specks",)})
     assert "in 20 % of the rigs: adhesion, ambient_light, " in _effects(job)
@@ -154,14 +154,14 @@ def test_croissants_own_library_reads_the_card(whole, tmp_path, monkeypatch):
     croissant = pytest.importorskip("mlcroissant", reason="mlcroissant is not among the project's dependencies")
     found = croissant.Dataset(jsonld=str(whole / "croissant.json"))
     assert not found.metadata.ctx.issues.errors
-    told = {r["frames/key"]: r["frames/numbers"] for r in found.records("frames")}
+    records = {r["frames/key"]: r["frames/numbers"] for r in found.records("frames")}
     shown = {r["images/key"]: r["images/frame"] for r in found.records("images")}
     with dataset.open(whole) as data:
         for sample in data:
             key = sample.key.encode()
-            assert json.loads(told.pop(key)) == sample.meta
+            assert json.loads(records.pop(key)) == sample.meta
             np.testing.assert_array_equal(np.asarray(shown.pop(key)), sample.frame)
-    assert not told
+    assert not records
     assert not shown
 
 
@@ -180,8 +180,8 @@ def test_card_and_page_tell_the_baselines_as_they_were_measured(whole):
             )
             assert row in page, (name, test)
     for name, by_test in run["worth"].items():
-        told = " | ".join(f"{found['mean']:.3f} ± {found['standard']:.3f}" for found in by_test.values())
-        assert told in page, name
+        row = " | ".join(f"{found['mean']:.3f} ± {found['standard']:.3f}" for found in by_test.values())
+        assert row in page, name
     assert f"{run['trials']} training trials" in card
 
 
@@ -276,12 +276,12 @@ def test_a_worker_with_other_versions_is_refused(tmp_path, monkeypatch):
     """Tasks of this cluster run in threads of their own, and there numpy seems to be another one."""
     record = provenance.record
 
-    def told(**given):
+    def other_versions(**given):
         there = threading.current_thread() is not threading.main_thread()
         found = dict(record(**given))
         return {**found, "packages": {**found["packages"], "numpy": "1.0"}} if there else found
 
-    monkeypatch.setattr(provenance, "record", told)
+    monkeypatch.setattr(provenance, "record", other_versions)
     with LocalCluster(
         n_workers=1, threads_per_worker=1, processes=False, protocol="tcp", dashboard_address=None,
         scheduler_kwargs={"dashboard_address": "127.0.0.1:0"}, silence_logs=logging.ERROR,
@@ -456,7 +456,7 @@ def test_a_part_without_any_frame_is_named_and_its_other_shards_finish(tmp_path,
 
 def test_only_deaths_in_a_row_at_one_frame_are_the_shards_own():
     deaths = Deaths()
-    assert [deaths.count(3, place) for place in ("", "", "000000008", "000000008", "", "000000008")] == [
+    assert [deaths.count(3, frame) for frame in ("", "", "000000008", "000000008", "", "000000008")] == [
         1,
         2,
         1,
@@ -552,7 +552,7 @@ def damaged(folder: Path, rng: np.random.Generator) -> str:
 
 
 def noticed(folder: Path) -> bool:
-    """Tell whether ``verify`` says that something is wrong."""
+    """Return whether ``verify`` reports a fault."""
     try:
         return not verify(folder, threads=1).good
     except InputError:
@@ -657,7 +657,7 @@ def refused(folder: Path, tmp_path: Path, frame: int | None = 0) -> None:
     ],
 )
 def test_a_hostile_archive_is_refused(whole, tmp_path, name, kind):
-    """A member is renamed or turned into a link, and all checksums are made to fit: nothing but the name tells."""
+    """A member is renamed or turned into a link, and all checksums are made to fit: only the name differs."""
     folder = copy(whole, tmp_path / "d")
     data = layout.shard_path(folder, 0).read_bytes()
     resealed(folder, 0, data)
@@ -856,20 +856,20 @@ def test_a_damaged_member_is_not_exported(whole, tmp_path):
 
 def test_commands_look_at_shards_without_following_links(whole, tmp_path, monkeypatch):
     """Rationale: a bar's total followed a link that points nowhere, and `resume` of a finished dataset asked for the
-    room that a guess of its size leaves over."""
+    space that an estimate of its size leaves over."""
     copy = tmp_path / "d"
     shutil.copytree(whole, copy)
     usage = shutil.disk_usage(tmp_path)._replace(free=0)
-    monkeypatch.setattr(shutil, "disk_usage", lambda place: usage)
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage)
     done = CliRunner().invoke(app, ["dataset", "resume", str(copy), "--workers", "0"])
     assert done.exit_code == 0, done.output + done.stderr
     shard = min((copy / "shards").glob("*.tar"))
     shard.unlink()
     shard.symlink_to(tmp_path / "nowhere")
-    told = CliRunner().invoke(app, ["dataset", "verify", str(copy)])
-    assert told.exit_code == 1
-    assert shard.name in told.output
-    assert isinstance(told.exception, SystemExit)
+    done = CliRunner().invoke(app, ["dataset", "verify", str(copy)])
+    assert done.exit_code == 1
+    assert shard.name in done.output
+    assert isinstance(done.exception, SystemExit)
 
 
 def test_an_unfinished_dataset_is_exported_only_on_demand(tmp_path):

@@ -122,8 +122,8 @@ LATE = ("black_level", "compression", "hot_pixels", "saturation", "tone_curve")
 """Effects that need no light fields of their own."""
 
 
-@pytest.mark.parametrize(("only", "least"), [(LATE, 1), pytest.param((), 4, marks=pytest.mark.slow)])
-def test_with_effects_members_do_not_depend_on_shards_and_order(tmp_path, only, least):
+@pytest.mark.parametrize(("only", "minimum"), [(LATE, 1), pytest.param((), 4, marks=pytest.mark.slow)])
+def test_with_effects_members_do_not_depend_on_shards_and_order(tmp_path, only, minimum):
     """Rigs with effects, some of which are drawn anew for each frame; the second time frames are made backwards, by a
     new producer for each trial, as if each had a worker of its own."""
     drawn = {"probability": 0.4, "only": only}
@@ -132,7 +132,7 @@ def test_with_effects_members_do_not_depend_on_shards_and_order(tmp_path, only, 
     with dataset.open(tmp_path / "d", check=True) as data:
         on = [set(data[i].meta["rig"]["effects"]) - set(data[i].meta["rig"]["left_out"]) for i in (0, 6)]
         assert on[0] != on[1]
-        assert min(map(len, on)) >= least
+        assert min(map(len, on)) >= minimum
         for trial in (1, 0):
             producer = Producer(job)
             for frame in reversed(job.frames_of(trial)):
@@ -430,8 +430,8 @@ def test_commands_from_make_to_export(asked, real, tmp_path):
     assert contents(target) == contents(real)
     assert runner.invoke(app, ["dataset", "verify", str(target)]).exit_code == 0
     assert runner.invoke(app, ["dataset", "resume", str(target), "--workers", "0"]).exit_code == 0
-    told = runner.invoke(app, ["dataset", "info", str(target), "--json", str(report)])
-    assert told.exit_code == 0
+    done = runner.invoke(app, ["dataset", "info", str(target), "--json", str(report)])
+    assert done.exit_code == 0
     assert json.loads(report.read_text())["frames"] == 24
     out = tmp_path / "p"
     assert runner.invoke(app, ["dataset", "export", str(target), "--to", "parquet", "--out", str(out)]).exit_code == 0
@@ -480,7 +480,7 @@ def test_bad_requests_end_in_one_line(asked, tmp_path, extra, says):
     "extra", [["--n", "1000000000"], ["--set", "camera.resolution_px=[40000,40000]"], ["--config", "wide.toml"]]
 )
 def test_absurd_requests_cost_less_than_a_second(tmp_path, extra):
-    """Of the whole command, Python's start included. Processor time in user mode: the clock tells of other programs."""
+    """Of the command with Python's start. Processor time in user mode: wall time depends on other programs."""
     (tmp_path / "wide.toml").write_text("[labels]\ngrid_samples = 8192\n")
     before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     command = [Path(sys.executable).with_name("evanesce"), "dataset", "make", "thesis", "--out", "x", *extra]

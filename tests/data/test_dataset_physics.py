@@ -41,7 +41,7 @@ A = float(hertz_radius(N, R, E))
 def test_full_sliding_torque_is_the_closed_form():
     # 2 pi mu integral of r^2 p dr over Hertz's ellipse: 3 pi mu N a/16
     assert sliding_torque(CONTACT, coulomb(MU)) == pytest.approx(3 * np.pi * MU * N * A / 16, rel=2e-6)
-    # an even strength: 2 pi tau a^3/3; the rings' last piece is cut as the root of the rim
+    # an even strength: 2 pi tau a^3/3; the outermost annulus contributes as the root of the rim
     assert sliding_torque(CONTACT, InterfaceFriction(0.05, 0.0)) == pytest.approx(2 * np.pi * 0.05 * A**3 / 3, rel=1e-4)
 
 
@@ -114,9 +114,9 @@ def test_ridges_carry_the_force_on_less_area():
     # crests lie where the row says, a pitch apart from the origin
     x, y = GRID.x[None, :] - 0.23, GRID.y[:, None] - 0.11
     distance = ROW.locate(x, y)[1]
-    touching = np.asarray(found.contact_mask) > 0.5
-    assert np.abs(distance[touching]).max() < 0.5 * ROW.pitch
-    assert np.abs(distance[touching]).mean() < np.abs(distance).mean() * 0.8
+    in_contact = np.asarray(found.contact_mask) > 0.5
+    assert np.abs(distance[in_contact]).max() < 0.5 * ROW.pitch
+    assert np.abs(distance[in_contact]).mean() < np.abs(distance).mean() * 0.8
 
 
 def test_ridges_move_with_the_skin_and_stay_where_it_sticks():
@@ -126,9 +126,9 @@ def test_ridges_move_with_the_skin_and_stay_where_it_sticks():
     along[0], along[1] = shift[0], shift[1]
     smooth, moved = ridged(slip=along)
     _, same = ridged(origin=(0.23 + shift[0], 0.11 + shift[1]), slip=np.zeros_like(along))
-    touched = np.asarray(smooth.contact_mask) > 0
+    in_contact = np.asarray(smooth.contact_mask) > 0
     np.testing.assert_allclose(moved.contact_mask, same.contact_mask, atol=1e-9)
-    np.testing.assert_allclose(moved.pressure[touched], same.pressure[touched], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(moved.pressure[in_contact], same.pressure[in_contact], rtol=1e-9, atol=1e-12)
     assert np.abs(np.asarray(moved.contact_mask) - np.asarray(rest.contact_mask)).max() > 0.9
     half = np.zeros_like(along)
     half[:, :, 160:] = along[:, :, 160:]
@@ -251,7 +251,7 @@ def test_labels_in_the_frame_are_those_of_the_truth_room():
     found = labeller.labels(truth, 0.5)
     geometry = view_geometry(Projection.of(scene.camera, scene.plate))
     exact = label(truth.state, geometry, supersample=labeller.supersample)
-    # OpenCV places a sample to 1/32 of a cell; rounded the other way it moves an edge by as much, in few of the samples
+    # OpenCV rounds a sample position to 1/32 of a cell; the other way it moves an edge by as much, in few samples
     np.testing.assert_allclose(found.whole("contact_mask"), exact.mask, atol=0.01)
     np.testing.assert_allclose(found.whole("pressure"), exact.pressure, atol=0.01 * exact.pressure.max())
     assert found.whole("contact_mask").sum() == pytest.approx(exact.mask.sum(), rel=1e-3)
@@ -287,7 +287,7 @@ def test_a_lifted_finger_has_no_labels():
     trial = trial_of("release")
     truth = trial.truth(len(trial) - 1)
     assert truth.state is None
-    # Nothing touches, so nothing slips: a detector must not learn a lifted finger as a slip.
+    # Without contact there is no slip: a detector must not learn a lifted finger as a slip.
     assert (truth.scalars["Fz_N"], truth.scalars["margin"], truth.scalars["stick_ratio"]) == (0.0, 0.0, 1.0)
     box = FrameLabeller(trial.scene, trial.grid).labels(truth, 0.5)
     assert box.channels["gap"].size == 0

@@ -1,4 +1,4 @@
-"""A system that refuses to write: full disks and I/O errors at every place, real ones where this machine lets us."""
+"""A system that refuses to write: full disks and I/O errors at every write, real ones where this machine allows."""
 
 from __future__ import annotations
 
@@ -44,18 +44,18 @@ def good(tmp_path_factory) -> dict[str, bytes]:
 @pytest.fixture
 def small_disk(tmp_path) -> Iterator[Path]:
     """A file system of its own in memory, to be made smaller and larger."""
-    place = tmp_path / "disk"
-    place.mkdir()
+    disk = tmp_path / "disk"
+    disk.mkdir()
     if shutil.which("mount") is None:
         pytest.skip("no `mount` here")
-    done = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1m", "evanesce", place], capture_output=True, text=True,
+    done = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1m", "evanesce", disk], capture_output=True, text=True,
                           check=False)  # fmt: skip
     if done.returncode:
         pytest.skip(f"a tmpfs cannot be mounted here: {done.stderr.strip()}")
     try:
-        yield place
+        yield disk
     finally:
-        subprocess.run(["umount", "-l", place], check=True)
+        subprocess.run(["umount", "-l", disk], check=True)
 
 
 @pytest.fixture
@@ -86,13 +86,13 @@ def nothing_half(folder: Path, good: dict[str, bytes]) -> None:
 
 
 def test_a_disk_that_is_full_at_any_place(small_disk, good):
-    """The disk has room for less and less of a dataset; each time there is one line and nothing half, and more room
+    """The disk holds less and less of a dataset; each time there is one line and nothing half-written, and more space
     lets `resume` end with the same bytes."""
     whole = sum(map(len, good.values())) // 1024
     refused = set()
-    for room in (0, 12, *range(32, 4 * whole, 36)):
-        folder = small_disk / str(room)
-        resize(small_disk, max(room, 4))
+    for space_kb in (0, 12, *range(32, 4 * whole, 36)):
+        folder = small_disk / str(space_kb)
+        resize(small_disk, max(space_kb, 4))
         try:
             assert make(folder, tiny_job(frames=FRAMES)).complete
         except WorkError as error:
@@ -110,7 +110,7 @@ def test_a_disk_that_is_full_at_any_place(small_disk, good):
             shutil.rmtree(folder)
             continue
         break
-    assert room > whole // 2
+    assert space_kb > whole // 2
     assert {"/dataset.json", "/shards/shard-000000.tar", "/shards/shard-000001.tar", "/manifest.sqlite"} <= refused
 
 
@@ -207,8 +207,8 @@ def test_the_kernel_refuses(tmp_path, good):
     """)
     given = {**os.environ, "PYTHONPATH": os.pathsep.join([str(TESTS), *(p for p in sys.path if p)])}
     seen = set()
-    for call, error, places in (("fsync,fdatasync", "EIO", range(1, 60, 3)), ("pwrite64", "ENOSPC", range(4, 90, 9))):
-        for when in places:
+    for call, error, counts in (("fsync,fdatasync", "EIO", range(1, 60, 3)), ("pwrite64", "ENOSPC", range(4, 90, 9))):
+        for when in counts:
             folder = tmp_path / f"{call[:6]}-{when}"
             strace = ["strace", "-f", "--seccomp-bpf", "-o", os.devnull, "-e", f"trace={call}", "-e",
                       f"inject={call}:error={error}:when={when}"]  # fmt: skip

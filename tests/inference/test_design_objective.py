@@ -1,4 +1,4 @@
-"""Predicted area error: draws, the lab's scale, percentiles, and the whole chain on a small rig."""
+"""Predicted area error: draws, the measuring's scale, percentiles, and the whole chain on a small rig."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scipy import stats
 from evanesce.chain.simulate import solve_contact
 from evanesce.core import rng
 from evanesce.core.errors import InputError
-from evanesce.design import objective
+from evanesce.design import measurement, objective
 from evanesce.design.evaluate import evaluate, plain_job, read_job
 from evanesce.design.objective import (
     CalibratedMeasurement,
@@ -50,7 +50,7 @@ def test_95_percent_and_its_error_for_normal_errors():
 
 
 def test_measurements_of_one_rig_are_not_independent():
-    """Each rig's error repeated four times tells no more than once."""
+    """Each rig's error repeated four times has no more information than once."""
     errors = np.random.default_rng(5).normal(size=(300, 1))
     one, four = (percentile_standard(e, np.random.default_rng(2)) for e in (errors, np.repeat(errors, 4, axis=1)))
     assert four == pytest.approx(one, rel=0.1)
@@ -128,19 +128,19 @@ def test_the_scale_is_that_of_the_card():
     drawn = Draw({}, CardErrors(square_scale=1.0017, height_mm=0.08), 0.3)
     # Lens to plate: focal length over pixel, over the scale. What the edge adds is taken to first order there.
     distance = 6.0 / 0.013 / 18.0
-    assert objective.reference_scale(nominal, drawn, distance) == pytest.approx(real.mm2_per_px, rel=1e-4)
+    assert measurement.reference_scale(nominal, drawn, distance) == pytest.approx(real.mm2_per_px, rel=1e-4)
 
 
 def test_a_perfect_frame_is_counted_right():
     """A disc of known area, drawn as a frame: it is counted to what whole pixels allow."""
     scene = camera_rig()
     wanted = question()
-    lab = CalibratedMeasurement.of(Design(scene=scene, threshold=0.5, min_blob_px=50), wanted, scene)
-    assert isinstance(lab.nominal, Calibration)
-    view = rectification(lab.nominal)
+    measuring = CalibratedMeasurement.of(Design(scene=scene, threshold=0.5, min_blob_px=50), wanted, scene)
+    assert isinstance(measuring.nominal, Calibration)
+    view = rectification(measuring.nominal)
     rows, cols = view.source_shape
     v, u = np.mgrid[:rows, :cols]
-    crop = lab.crop(scene)
+    crop = measuring.crop(scene)
     middle = ((crop.r0 + crop.r1 - 1) / 2 + view.origin[1], (crop.c0 + crop.c1 - 1) / 2 + view.origin[0])
     radius = 31.3
     disc = np.clip(radius + 0.5 - np.hypot(v - middle[0], u - middle[1]), 0, 1)
@@ -149,21 +149,21 @@ def test_a_perfect_frame_is_counted_right():
     frame = Frame(data=np.round(255 * disc).astype(np.uint8))
     true = np.pi * radius**2 / scene.camera.scale_px_per_mm**2
     # Gauss' circle problem: a disc of r pixels holds pi r^2 +- some 2 sqrt(r) of them; the glass bends by 0.1 %.
-    found = lab.area(frame, scene, PERFECT, rng.generator(1, "x"))
+    found = measuring.area(frame, scene, PERFECT, rng.generator(1, "x"))
     assert found == pytest.approx(true, rel=2 * np.sqrt(radius) / (np.pi * radius**2) + 2e-3)
     far = scene.model_copy(update={"finger": scene.finger.model_copy(update={"position_mm": (25.0, 0.0)})})
-    with pytest.raises(InputError, match="not in the picture"):
-        lab.crop(far)
+    with pytest.raises(InputError, match="not in the frame"):
+        measuring.crop(far)
 
 
-def test_a_true_outline_has_its_area_by_the_labs_own_scale():
+def test_a_true_outline_has_its_area_by_one_scale():
     """A circle on the plate, off the axis, carried into the view: pi r^2 to what one scale for the view allows."""
     scene = camera_rig().model_copy(update={"slide": None})
-    lab = CalibratedMeasurement.of(Design(scene=scene), question(), scene)
+    measuring = CalibratedMeasurement.of(Design(scene=scene), question(), scene)
     angle, radius = np.linspace(0, 2 * np.pi, 400, endpoint=False), 1.94
-    line = lab.to_view(scene, 4.1 + radius * np.cos(angle), -2.6 + radius * np.sin(angle))
+    line = measuring.to_view(scene, 4.1 + radius * np.cos(angle), -2.6 + radius * np.sin(angle))
     area = 0.5 * abs(np.sum(line[:, 0] * np.roll(line[:, 1], -1) - np.roll(line[:, 0], -1) * line[:, 1]))
-    assert area * lab.nominal.mm2_per_px == pytest.approx(np.pi * radius**2, rel=3e-3)
+    assert area * measuring.nominal.mm2_per_px == pytest.approx(np.pi * radius**2, rel=3e-3)
 
 
 @pytest.fixture(scope="module")
@@ -212,8 +212,8 @@ def test_a_trial_is_the_same_in_any_process(bench):
 def test_the_refined_estimator_measures_too(bench):
     scene, _, ready = bench
     wanted = question(estimator="refined")
-    lab = CalibratedMeasurement.of(Design(scene=scene), wanted, ready)
-    found, _ = measured(lab, ready, PERFECT, 0, wanted.cases[1])
+    measuring = CalibratedMeasurement.of(Design(scene=scene), wanted, ready)
+    found, _ = measured(measuring, ready, PERFECT, 0, wanted.cases[1])
     assert abs(found.error_percent) < 2.0  # 18 px/mm, a third of the thesis's
 
 

@@ -82,7 +82,7 @@ def test_area_of_a_blurred_unevenly_lit_ellipse(level):
 
 
 def test_holes_are_taken_off_and_specks_dropped():
-    """A ring and a speck: only the ring counts."""
+    """An annulus and a speck: only the annulus counts."""
     ring = ellipse(90.2, 80.4, (170.6, 160.2), 0.0) - ellipse(40.3, 31.1, (181.4, 150.7), 0.9)
     speck = ellipse(4.1, 3.7, (350.2, 300.9), 0.0)
     found = Estimator.of(uniform_calibration()).area(developed(sloping(ring + speck, 0.4, 0.01), 5))

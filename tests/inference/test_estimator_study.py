@@ -65,7 +65,7 @@ def test_command_refined_prints_the_interval(tmp_path):
     assert frame["area_low_mm2"] < true < frame["area_high_mm2"]
 
 
-def test_command_learns_the_edge_of_a_contact_and_keeps_it_in_the_record(tmp_path):
+def test_command_fits_the_edge_of_a_contact_and_keeps_it_in_the_record(tmp_path):
     """A calibration with a board's edge profile, clear silicone 1.5 to 4 times above full scale, light that rises in
     two steps at the edge: tuned on a press that does not saturate the command is right to 0.5 %, else it errs by over
     1 %. Rationale: the profile could not be written as JSON, and the command did not pass it on."""
@@ -142,9 +142,9 @@ def test_command_fits_the_scattering_length_to_an_unsaturated_frame(tmp_path):
     assert done.exit_code == 0, done.output
     assert blind["frames"][0]["area_mm2"] > 1.05 * true
     assert tuned["frames"][0]["area_mm2"] == pytest.approx(true, rel=0.01)
-    assert tuned["settings"]["teach"].endswith("teach.png")
+    assert tuned["settings"]["tune"].endswith("teach.png")
     assert tuned["settings"]["scattering"]["length_px"] > 5.0  # along a valley with its return, so no more is asked
-    assert blind["settings"]["teach"] is None
+    assert blind["settings"]["tune"] is None
     assert "blur_not_known" in [w["code"] for w in tuned["warnings"]]
     # the budget is in the file: its parts add in squares, and those of the conversion factor are some of them
     budget = tuned["budget"]

@@ -58,7 +58,7 @@ def test_a_force_beyond_the_curve_is_scaled_and_said():
 
 
 def test_the_thesis_map_puts_force_beside_the_contact():
-    """Glow under a dilated mask carries force: here a ring of known share."""
+    """Scattered light under a dilated mask carries force: here an annulus of known share."""
     level = np.zeros((50, 60))
     level[10:30, 10:40], level[30:36, 10:40] = 0.5, 0.1
     pressure = reference_map(level, level > 0, PIXEL_MM2, 2.0)

@@ -17,7 +17,7 @@ from evanesce.dataset.trial import SCALARS
 
 
 def exported_equal(source: Path, target: Path, to: str) -> bool:
-    """Export and tell whether every frame comes back equal."""
+    """Export and return whether every frame comes back equal."""
     export(source, target, to)
     with dataset.open(source, check=True) as data:
         return {"hdf5": _hdf5, "parquet": _parquet, "coco": _coco, "lerobot": _lerobot}[to](data, target)

@@ -129,7 +129,7 @@ def campaign(
         Between kills [s].
     seed : int
     pause_s : float
-        What a frame takes at least [s].
+        Minimum time of a frame [s].
     driver_share : float
         Of the kills; after one of the driver it is started again at once.
     poison : str

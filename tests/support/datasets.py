@@ -88,16 +88,16 @@ class PaperProducer:
 
 
 def paper_meta(job: Job, frame: int, trial: int) -> dict:
-    place = frame - trial * job.config.trial.frames
+    position = frame - trial * job.config.trial.frames
     scalars = {name: float(np.float32(0.37 * i + 0.01 * frame)) for i, name in enumerate(SCALARS)}
     return {
         "key": frame_key(frame),
         "index": frame,
         "trial": trial,
-        "frame_in_trial": place,
+        "frame_in_trial": position,
         "kind": "slide",
         "split": "test" if trial % 3 == 2 else "train",
-        "scalars": {**scalars, "time_s": place / 8.0},
+        "scalars": {**scalars, "time_s": position / 8.0},
         "onset_first_slip_s": None,
         "onset_gross_slip_s": 0.25,
         "finger": {"index": 1, "material": "silskin_0", "pattern": "", "ridge_pitch_um": 0.0},

@@ -14,7 +14,7 @@ from evanesce.measurement.reference.segment import Chain, Crop, segment
 from evanesce.rig import Scene, load_scene
 from evanesce.rig.coarser import coarser_camera
 
-# A third of the pixels of the thesis's camera along each side, binned; the place of test_fast.py's finger, whose unit
+# A third of the pixels of the thesis's camera along each side, binned; finger as in test_fast.py, whose unit
 # light is then computed once for both.
 RIG: dict[str, Any] = {
     "camera.resolution_px": [668, 500],

@@ -75,8 +75,8 @@ def test_pictures_several_after_one_option(app: typer.Typer, pictures: Path, tmp
     assert data["grid_rms_px"] < 0.1  # corners of a drawn board are good to some hundredths of a pixel
     world = np.array([(c["world_x_mm"], c["world_y_mm"]) for c in data["corners"]])
     for axis in (0, 1):  # the origin lies on the first line of at least half the usual length
-        places, counts = np.unique(world[:, axis], return_counts=True)
-        assert places[np.argmax(counts >= 0.5 * np.median(counts))] == 0.0
+        lines, counts = np.unique(world[:, axis], return_counts=True)
+        assert lines[np.argmax(counts >= 0.5 * np.median(counts))] == 0.0
     np.testing.assert_array_equal(np.mod(world, 2), 0)
     # 24 px over 2 mm at the middle, squashed by 0.97 in y; radius r in the picture stretches it by (1 + 0.1 r^2)^2
     assert data["scale_px_per_mm2"]["max"] == pytest.approx(144 / 0.97, rel=0.03)

@@ -14,7 +14,8 @@ from scipy.optimize import brentq
 from evanesce.core.errors import InputError
 from evanesce.design import secondary
 from evanesce.design.evaluate import contact_irradiance, evaluate, plain_job
-from evanesce.design.objective import CalibratedMeasurement, Prediction, measured, prepare_fields, prepared
+from evanesce.design.measurement import CalibratedMeasurement
+from evanesce.design.objective import Prediction, measured, prepare_fields, prepared
 from evanesce.design.question import Design
 from evanesce.design.secondary import figures, plate_deflection_um
 from evanesce.optics.projection import Projection
@@ -100,13 +101,13 @@ def test_deflection_is_the_thin_plates():
     assert plate_deflection_um(thin, question(positions_mm=((0.0, 0.0),))) == pytest.approx(8 * found, rel=1e-9)
 
 
-@pytest.mark.parametrize("place", [(30.9, -2.1), (3.3, 22.4), (-30.999999, 0.0)])
-def test_a_contact_over_the_plates_edge_is_a_reason(place):
-    """The tip is on the plate, a part of its contact is not: one line with the place, no error of a series."""
-    asked = question(positions_mm=(place,))
+@pytest.mark.parametrize("position", [(30.9, -2.1), (3.3, 22.4), (-30.999999, 0.0)])
+def test_a_contact_over_the_plates_edge_is_a_reason(position):
+    """The tip is on the plate, a part of its contact is not: one line with the position, no error of a series."""
+    asked = question(positions_mm=(position,))
     with pytest.raises(InputError, match="reaches over the plate's edge") as error:
         plate_deflection_um(camera_rig(), asked)
-    assert f"{place[0]:g}, {place[1]:g}" in str(error.value)
+    assert f"{position[0]:g}, {position[1]:g}" in str(error.value)
     assert "\n" not in str(error.value)
 
 
@@ -122,7 +123,7 @@ def test_a_plate_too_small_for_the_contact_is_no_rig():
 
 
 def lit(exposure_ms: float) -> tuple[Scene, CalibratedMeasurement]:
-    """Return a rig with a linear tone curve, its light known, and its lab."""
+    """Return a rig with a linear tone curve, its light known, and its measuring."""
     scene = camera_rig(camera__exposure_ms=exposure_ms, camera__tone_curve="linear")
     ready = prepared(scene, question())
     prepare_fields(ready, question())
@@ -138,8 +139,8 @@ def _forgotten():
 def test_saturation_is_what_a_shorter_exposure_foretells():
     """A linear sensor: the mean level of each pixel in a frame without saturation, times the factor, and shot noise."""
     case, short_ms = question().cases[1], 0.13
-    scene, lab = lit(short_ms)
-    dark, shot = measured(lab, scene, PERFECT, 0, case)
+    scene, measuring = lit(short_ms)
+    dark, shot = measured(measuring, scene, PERFECT, 0, case)
     level = shot.frame.data.astype(float)
     assert dark.saturated_share == 0.0
     inside = (level > 0.85 * level.max()).astype(float)
@@ -153,26 +154,26 @@ def test_saturation_is_what_a_shorter_exposure_foretells():
     noise = np.sqrt(255 / electrons)
     shares = []
     for factor in (1.30, 1.33, 1.36):
-        scene, lab = lit(factor * short_ms)
-        bright, _ = measured(lab, scene, PERFECT, 0, case)
+        scene, measuring = lit(factor * short_ms)
+        bright, _ = measured(measuring, scene, PERFECT, 0, case)
         pixels = bright.true_mm2 * 18.0**2
         likely = stats.norm.sf(254.5, factor * mean, noise)
         shares.append((float(likely.sum() / pixels), bright.saturated_share))
         # Binomial: sqrt(p (1 - p)/pixels) is below 0.006; a tenth of a DN in the mean turns 0.014.
         assert shares[-1][1] == pytest.approx(shares[-1][0], abs=0.04)
     assert shares[0][0] < 0.3 < 0.7 < shares[-1][0]
-    scene, lab = lit(20 * short_ms)
-    # All of the contact is full, and so is some of its rim: no more than the whole is told.
-    assert measured(lab, scene, PERFECT, 0, case)[0].saturated_share == 1.0
+    scene, measuring = lit(20 * short_ms)
+    # All of the contact is full, and so is some of its rim: no more than all of it is reported.
+    assert measured(measuring, scene, PERFECT, 0, case)[0].saturated_share == 1.0
 
 
 def test_light_per_watt_counts_photons_and_amperes():
     """Irradiance from the electrons of a frame, E = n_e h c/(lambda eta A t); power by Kirchhoff's law."""
     exposure_ms, case = 0.13, question().cases[0]
-    scene, lab = lit(exposure_ms)
+    scene, measuring = lit(exposure_ms)
     design = Design(scene=camera_rig(camera__exposure_ms=exposure_ms, camera__tone_curve="linear"))
     irradiance = contact_irradiance(design, question())
-    frame = measured(lab, scene, PERFECT, 0, case)[1].frame.data.astype(float)
+    frame = measured(measuring, scene, PERFECT, 0, case)[1].frame.data.astype(float)
     pixel = scene.camera.pixel
     # 8 bits of the 12 less the black level, at the sensor's own gain.
     electrons = frame * ((4095 - pixel.black_level_DN) / 255) * pixel.conversion_gain_e_per_DN

@@ -24,7 +24,7 @@ from evanesce.cli.app import app
 from evanesce.cli.design import _client
 from evanesce.core.errors import InputError, WorkError
 from evanesce.core.provenance import code_digest, digest_of_files
-from evanesce.design import assessment, evaluate, objective, search, sensitivity
+from evanesce.design import assessment, evaluate, measurement, objective, search, sensitivity
 from evanesce.design.plots import pareto_figure
 from evanesce.design.question import Design, Question
 from evanesce.design.question_file import read_question
@@ -108,7 +108,7 @@ def test_a_search_starts_at_the_scene_and_marks_what_cannot_be(synthetic_rig, tm
 
 
 def test_tpe_finds_what_a_formula_says(synthetic_rig, tmp_path):
-    """Of one objective, 10/t + (d - 5)^2 within 20 ms: least at 20 ms and 5 mm, 0.5."""
+    """Of one objective, 10/t + (d - 5)^2 within 20 ms: smallest at 20 ms and 5 mm, 0.5."""
     wanted = plan(objectives=("area_error",), trials=26)
     best = min(t.figures["area_error"] for t in run(wanted, tmp_path) if t.feasible)
     assert 0.5 <= best < 1.5
@@ -163,7 +163,7 @@ def test_a_full_disk_is_no_rig_that_cannot_be(monkeypatch):
 
     monkeypatch.setattr(evaluate, "contact_irradiance", lambda *given: 1.0)
     monkeypatch.setattr(objective, "prepare_fields", lambda *given: None)
-    monkeypatch.setattr(objective, "calibrated", full)
+    monkeypatch.setattr(measurement, "calibrated", full)
     values = {"plate.thickness_mm": 5.0, "camera.exposure_ms": 10.0}
     assert "cannot be calibrated: disk full" in evaluate.evaluate(job, values)["reason"]
     monkeypatch.setattr(evaluate, "samples", full)

@@ -1,4 +1,4 @@
-"""What is found out about a winner: errors on fresh draws, tolerances, the reference, and its page, on a small rig."""
+"""Assessment of a winner on a small rig: errors on rigs drawn anew, tolerances, path tracer, page."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from evanesce.cli.design import _write
 from evanesce.design import assessment, winner
 from evanesce.design.assessment import Chosen
 from evanesce.design.evaluate import plain_job
-from evanesce.design.objective import CalibratedMeasurement, measured, prepare_fields, prepared, samples
+from evanesce.design.measurement import CalibratedMeasurement
+from evanesce.design.objective import measured, prepare_fields, prepared, samples
 from evanesce.design.parts import cost, read_parts
 from evanesce.design.picture import shot
 from evanesce.design.question import Design, on_case
@@ -95,7 +96,7 @@ def test_rigs_drawn_anew_are_others_and_each_measures_every_case(job):
 
 
 def test_parameters_change_the_area_as_light_does(tolerances):
-    """At a fixed threshold less light is a smaller area: dead LEDs and darker glass take away, glow adds."""
+    """At a fixed threshold the area falls with dead LEDs and darker glass, and rises with scattering."""
     rows = {row["name"]: row for row in tolerances["rows"]}
     assert set(rows) == {
         "lateral_glow.length_mm", "led_bin.offset_V", "led_dead.loss", "led_droop.droop",
@@ -105,8 +106,8 @@ def test_parameters_change_the_area_as_light_does(tolerances):
     dead, dark = rows["led_dead.loss"], rows["glass_absorption.absorption_per_mm"]
     assert dead["high_percent"] < dead["low_percent"] <= 0
     assert dark["high_percent"] < dark["low_percent"] <= 0
-    glow = rows["lateral_glow.length_mm"]
-    assert 0 < glow["low_percent"] < glow["high_percent"]
+    scattering = rows["lateral_glow.length_mm"]
+    assert 0 < scattering["low_percent"] < scattering["high_percent"]
     # A higher forward voltage takes light away, a lower one adds.
     assert rows["led_bin.offset_V"]["high_percent"] < 0 < rows["led_bin.offset_V"]["low_percent"]
 
@@ -169,8 +170,8 @@ def test_a_removed_led_takes_area_away(job, name):
         scene = camera_rig(leds__edge={"top": {"offset_mm": 1.7, "voltage_V": 9.0}, name: {"relative_power": powers}})
         ready = prepared(scene, ASKED)
         prepare_fields(ready, ASKED)
-        lab = CalibratedMeasurement.of(Design(scene=scene, threshold=THRESHOLD, min_blob_px=20), ASKED, ready)
-        errors.append(measured(lab, ready, PERFECT, 0, case)[0].error_percent)
+        measuring = CalibratedMeasurement.of(Design(scene=scene, threshold=THRESHOLD, min_blob_px=20), ASKED, ready)
+        errors.append(measured(measuring, ready, PERFECT, 0, case)[0].error_percent)
     assert errors[1] < errors[0] - 0.05
 
 
@@ -187,10 +188,10 @@ def test_the_reference_agrees_with_the_fast_renderer(job):
     # Levels of the two agree to 0.2 %, which moves the rim of this patch by less than 0.05 % of the area.
     reach = stats.t.ppf(0.9995, 5) * standard + 0.05
     assert abs(found["fast_percent"] - errors.mean()) < reach
-    # The interval tells another threshold apart.
+    # Another threshold is outside the interval.
     scene = on_case(camera_rig(), ASKED.cases[1])
-    lab = CalibratedMeasurement.of(design(0.12), ASKED, scene)
-    low = measured(lab, scene, PERFECT, 0, ASKED.cases[1])[0].error_percent
+    measuring = CalibratedMeasurement.of(design(0.12), ASKED, scene)
+    low = measured(measuring, scene, PERFECT, 0, ASKED.cases[1])[0].error_percent
     assert abs(low - errors.mean()) > 2 * reach
 
 
@@ -273,7 +274,7 @@ def test_a_winners_page_holds_frame_errors_tolerances_and_parts(job, tolerances,
     assert page.count("<img src=") == 3
     overview = (out / "report.html").read_text()
     assert "no such &lt;glass&gt;" in overview
-    assert "One trajectory: each key was moved once" in overview
+    assert "One trajectory: each variable was changed once" in overview
     assert table_after(overview, "What limits the winner")[0][4:] == ["1.75", "–", "-1.75", "–"]
     assert "0.35 ± 0.05 of it, half or less" in overview  # 3.5/10; 0.5/3.5 and 0.5/10
     # The scene's file says what no scene has a key for, and is a scene.

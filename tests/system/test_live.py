@@ -134,7 +134,7 @@ def test_half_resolution_sees_the_same_field_and_keeps_a_grid_that_ridges_need()
 
 
 def test_truth_in_the_view_is_that_of_the_labels() -> None:
-    """The same samples, maps kept; OpenCV rounds places to 1/32 of a cell, and not alike for one channel and two."""
+    """The same samples by cached maps; OpenCV rounds positions to 1/32 cell, differently for one and two channels."""
     scene = scene_at_resolution(rig(), 2)
     perfect = PerfectView.of(scene)
     geometry = view_geometry(perfect.projection, perfect.view)
@@ -249,9 +249,9 @@ def test_histogram_counts_every_pixel_once() -> None:
     rng = np.random.default_rng(6)
     grey = rng.random((57, 83)).astype(np.float32)
     grey[0, :2] = 0.0, 1.0
-    touching = grey > 0.7
-    found = histogram_of(grey, touching)
-    assert found.inside.sum() == touching.sum()
+    in_contact = grey > 0.7
+    found = histogram_of(grey, in_contact)
+    assert found.inside.sum() == in_contact.sum()
     assert found.inside.sum() + found.outside.sum() == grey.size
     above = int(0.25 * found.inside.size)
     assert (found.inside + found.outside)[above:].sum() == np.count_nonzero(grey >= 0.25)
@@ -440,7 +440,7 @@ def test_server_takes_no_large_body_and_no_foreign_name() -> None:
     with TestClient(served, base_url="http://127.0.0.1") as client:
         assert client.post("/size", content=b"x" * limit).json() == limit
         assert client.post("/size", content=b"x" * (limit + 1)).status_code == 413
-        # Without a length that it tells beforehand, it is counted as it comes.
+        # Without a stated length, it is counted as it comes.
         assert client.post("/size", content=iter([b"x" * 50_000] * 3)).status_code == 413
         assert client.post("/size", content=iter([b"x" * 50_000] * 2)).json() == 100_000
         assert client.get(address).content == b"\xff\xd8"

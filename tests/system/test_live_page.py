@@ -186,7 +186,7 @@ def test_mouse_moves_sliders_of_the_rig(page: Any, name: str, share: float, key:
     assert library.area_mm2 != before
 
 
-def test_force_and_least_blob(page: Any) -> None:
+def test_force_and_minimum_blob_size(page: Any) -> None:
     slider(page, "force_N").focus()
     for _ in range(4):
         page.keyboard.press("ArrowLeft")
@@ -209,7 +209,7 @@ def test_ridge_height_changes_contact_and_area(page: Any) -> None:
     wait_for(page, "true_mm2", library.true_mm2)
     wait_for(page, "area_mm2", library.area_mm2)
     assert value_of(page, "ridge_height_um") == height
-    # Lower ridges: more of the skin between them touches.
+    # Lower ridges: more of the skin between them is in contact.
     assert library.true_mm2 > start().true_mm2
     assert page.locator('[data-knob="ridge_height_um"] input[type="number"]').input_value() == f"{height:.1f}"
 
@@ -218,11 +218,11 @@ def drawn_profile(page: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return distance from the tip [mm] and grey level of the drawn profile, read off by its own axes."""
     lines, labels, path = page.evaluate(
         """(() => {
-          const place = document.querySelector('#slot-profile');
-          const all = selector => [...place.querySelectorAll(selector)];
+          const slot = document.querySelector('#slot-profile');
+          const all = selector => [...slot.querySelectorAll(selector)];
           return [all('path.grid').map(e => e.getAttribute('d')),
                   all('text[text-anchor="middle"]:not(.title)').map(e => [e.textContent, e.getAttribute('x')]),
-                  place.querySelector('path.grey').getAttribute('d')];
+                  slot.querySelector('path.grey').getAttribute('d')];
         })()"""
     )
 
@@ -248,11 +248,11 @@ def test_the_profile_line_is_moved_and_read_where_it_lies(page: Any, along: str)
     for _ in range(21):
         page.keyboard.press("ArrowRight")
     wanted = grey[round(row + 1.05 / mm)] if along == "x" else grey[:, round(col + 1.05 / mm)]
-    place = (np.arange(wanted.size) - (col if along == "x" else row)) * mm
+    position = (np.arange(wanted.size) - (col if along == "x" else row)) * mm
     until = time.monotonic() + 60
     while True:
         at, level = drawn_profile(page)
-        off = np.abs(level - np.interp(at, place, wanted))
+        off = np.abs(level - np.interp(at, position, wanted))
         if off.max() < 0.02 or time.monotonic() > until:
             break
         time.sleep(0.1)
@@ -261,7 +261,7 @@ def test_the_profile_line_is_moved_and_read_where_it_lies(page: Any, along: str)
     assert off.max() < 0.02
     assert np.ptp(level) > 0.3
     neighbour = grey[round(row)] if along == "x" else grey[:, round(col)]
-    assert np.abs(level - np.interp(at, place, neighbour)).max() > 0.1
+    assert np.abs(level - np.interp(at, position, neighbour)).max() > 0.1
     assert f"{along} from the finger's tip" in page.text_content("#slot-profile")
     # The dashed line in the picture lies 21 steps from the tip as well; a threshold's change leaves it there.
     marks = page.locator("#picture-overlay .annotations line")
@@ -328,21 +328,21 @@ def test_an_impossible_setting_is_one_line_and_the_page_goes_on(page: Any) -> No
 def shot(page: Any, selector: str) -> tuple[np.ndarray, tuple[int, int, int, int]]:
     """Take what the screen shows of a picture, without the marks over it; and where in that the picture lies.
 
-    A picture need not begin at a whole pixel of the screen: it is taken with all pixels that it touches, and the
-    outermost show the page, too. The place is (left, top, width, height) [px].
+    A picture need not begin at a whole pixel of the screen: it is taken with all pixels that it covers, and the
+    outermost show the page, too. The box is (left, top, width, height) [px].
     """
-    place = page.locator(selector)
-    data = place.screenshot(style=".annotations { visibility: hidden }")
-    box = place.bounding_box()
+    element = page.locator(selector)
+    data = element.screenshot(style=".annotations { visibility: hidden }")
+    box = element.bounding_box()
     x0, y0 = round(box["x"]), round(box["y"])  # the browser draws pictures onto whole pixels
     x1, y1 = round(box["x"] + box["width"]), round(box["y"] + box["height"])
     where = x0 - math.floor(box["x"]), y0 - math.floor(box["y"]), x1 - x0, y1 - y0
     return np.asarray(PillowImage.open(io.BytesIO(data)).convert("RGB")), where
 
 
-def on_screen(image: np.ndarray, shape: tuple[int, ...], place: tuple[int, int, int, int]) -> np.ndarray:
+def on_screen(image: np.ndarray, shape: tuple[int, ...], box: tuple[int, int, int, int]) -> np.ndarray:
     """Draw an image where :func:`shot` found it; smoothed first where the screen has fewer pixels than it."""
-    left, top, width, height = place
+    left, top, width, height = box
     rows, cols = image.shape[:2]
     fewer = cols / width
     smooth = cv2.GaussianBlur(image, (0, 0), 0.5 * fewer) if fewer > 1.2 else image
@@ -361,8 +361,8 @@ def test_the_pictures_on_the_screen_are_the_rendered_ones(page: Any) -> None:
     library = start()
     wait_for(page, "area_mm2", library.area_mm2)
     page.wait_for_function("[...document.images].every(i => i.complete)")
-    seen, place = shot(page, "#picture-frame img")
-    wanted = on_screen(library.frame, seen.shape, place)
+    seen, box = shot(page, "#picture-frame img")
+    wanted = on_screen(library.frame, seen.shape, box)
     seen, wanted = seen.astype(float).mean(axis=2)[INSIDE], wanted[INSIDE]
     assert wanted.max() > 100
     lit = wanted > 40
@@ -374,10 +374,10 @@ def test_the_pictures_on_the_screen_are_the_rendered_ones(page: Any) -> None:
     perfect = PerfectView.of(coarser_camera(rig(), 2))
     window = window_around(perfect, library.true_mm2)
     laid = pictures.overlay(*(window.apply(a) for a in (library.view, library.mask, library.truth >= 0.5)))
-    seen, place = shot(page, "#picture-overlay img")
-    wanted = on_screen(laid, seen.shape, place)[INSIDE]
+    seen, box = shot(page, "#picture-overlay img")
+    wanted = on_screen(laid, seen.shape, box)[INSIDE]
     both = window.apply(library.mask & (library.truth >= 0.5)).astype(np.uint8)
-    core = cv2.erode((on_screen(both, seen.shape, place)[INSIDE] >= 0.5).astype(np.uint8), np.ones((9, 9))) > 0
+    core = cv2.erode((on_screen(both, seen.shape, box)[INSIDE] >= 0.5).astype(np.uint8), np.ones((9, 9))) > 0
     seen = seen.astype(float)[INSIDE]
     assert np.abs(seen - wanted)[core].mean() < 4
     assert np.abs(seen - wanted).mean() < 3
@@ -421,9 +421,9 @@ def test_tab_goes_through_everything_in_order_and_everything_has_a_name(page: An
         "x", "LED voltage [V]", "Force [N]", "Ridge height [µm]", "Defocus [µm]",
         "Material", "Resolution", "LED left 1, 100 %", "All on", "All off", "Open a frame …",
     ]  # fmt: skip
-    places = [next((i for i, name in enumerate(names) if name == w), None) for w in wanted]
-    assert None not in places, (names, [w for w, at in zip(wanted, places, strict=True) if at is None])
-    assert places == sorted(places), names
+    order = [next((i for i, name in enumerate(names) if name == w), None) for w in wanted]
+    assert None not in order, (names, [w for w, at in zip(wanted, order, strict=True) if at is None])
+    assert order == sorted(order), names
     # one stop for all LEDs
     assert sum(name.startswith("LED left") or name.startswith("LED top") for name in names) == 1
 

@@ -14,6 +14,7 @@ from evanesce.cli.app import app
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+PYTHON = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
 CONSOLE = [
     line.strip()
     for block in re.findall(r"```console\n(.*?)```", README, flags=re.DOTALL)
@@ -41,6 +42,20 @@ def test_readme_commands_run_one_after_the_other(tmp_path: Path) -> None:
         assert "Traceback" not in done.stderr
     made = {p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*") if p.is_file()}
     assert {"demo/report.html", "calibration.json", "measured/area.csv", "rendered/light_000000.exr"} <= made
+
+
+@pytest.mark.system
+def test_readme_python_runs_as_it_stands(capsys: pytest.CaptureFixture[str]) -> None:
+    (snippet,) = PYTHON
+    exec(compile(snippet, "README.md", "exec"), {})
+    areas, errors = capsys.readouterr().out.splitlines()
+    true, found = map(float, areas.split()[:2])
+    assert found == pytest.approx(true, rel=0.2)
+    assert float(errors.split()[0]) == pytest.approx(100 * (found / true - 1), abs=0.1)
+
+
+def test_readme_stays_short() -> None:
+    assert len(README.split()) <= 900
 
 
 def test_readme_make_targets_exist() -> None:

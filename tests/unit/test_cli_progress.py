@@ -107,6 +107,13 @@ def test_an_unknown_total_has_no_estimate():
     assert progress.state(progress.tasks[0]) == "2.00 frames/s, 7 s elapsed"
 
 
+def test_named_tasks_are_added_at_their_first_report():
+    progress, _ = logged()
+    for name, done in (("runs", 0), ("frames", 1), ("runs", 2)):
+        progress.report(name, done, 4)
+    assert [(t.description, t.completed, t.total) for t in progress.tasks] == [("runs", 2, 4), ("frames", 1, 4)]
+
+
 @pytest.mark.parametrize(("seconds", "words"), [(0.4, "0 s"), (119.0, "119 s"), (600.0, "10 min"), (9000.0, "2.5 h")])
 def test_durations_in_words(seconds, words):
     assert duration(seconds) == words

@@ -15,7 +15,7 @@ SCRIPT = Path(__file__).resolve().parents[2] / "benchmarks" / "design_gradient.p
 
 
 def test_the_gradient_is_that_of_finite_differences():
-    """Along random ways through powers, places and absorption, at a point where nothing is equal."""
+    """Along random directions of powers, positions and absorption, at a point where nothing is equal."""
     need("llvm")
     spec = importlib.util.spec_from_file_location("design_gradient", SCRIPT)
     benchmark = importlib.util.module_from_spec(spec)

@@ -10,7 +10,6 @@ import subprocess
 import sys
 
 import pytest
-from tests.rigs import need
 
 from evanesce.core.errors import InputError
 from evanesce.render import variant
@@ -26,6 +25,7 @@ from evanesce.render.variant import (
     probe,
     rank_llvm,
 )
+from support.rigs import need
 
 
 @pytest.fixture(autouse=True)

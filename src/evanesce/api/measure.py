@@ -84,7 +84,7 @@ class Pipeline:
     undistort : bool
         Reference only: False leaves the frame distorted although a calibration is given.
     min_blob_px : int
-        Reference only: smallest number of pixels of a dilated blob that is kept.
+        Reference only: minimum size of a dilated blob [px].
     blur_px : float
         Reference only: standard deviation of the Gaussian before the threshold [px].
     dilation_px : int

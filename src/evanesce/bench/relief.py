@@ -62,7 +62,8 @@ class RepeatedProfile:
 
 
 def height_map_of_scan(height: ArrayLike, pitch: float, form_degree: int = 1) -> HeightMap:
-    """Return a scanned map as a finger's height map: levelled (:func:`level`), gaps filled, mean crest at 0.
+    """Return a scanned map as a finger's height map: levelled (:func:`~evanesce.bench.profile.level`), gaps filled,
+    mean crest at 0.
 
     Parameters
     ----------
@@ -91,7 +92,7 @@ def repeated_profile(x: ArrayLike, z: ArrayLike, form_degree: int = 1) -> Repeat
     x, z : array_like (n,)
         Position and height [mm].
     form_degree : int
-        As :func:`analyse_profile`.
+        As :func:`.analyse_profile`.
 
     Returns
     -------

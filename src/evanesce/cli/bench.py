@@ -1,4 +1,4 @@
-"""``evanesce bench``: stiffness, DMA, friction and surface files of a lab -> figures, fits, plots."""
+"""``evanesce bench``: stiffness, DMA, friction and surface files to figures, fits and plots."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FileArgument = Annotated[Path, typer.Argument(help="CSV file with units in its h
 
 def register(app: typer.Typer) -> None:
     """Add the group ``bench``."""
-    bench = typer.Typer(help="Evaluate a lab's own bench tests.", no_args_is_help=True)
+    bench = typer.Typer(help="Evaluate bench tests: stiffness, DMA, friction, profile.", no_args_is_help=True)
     app.add_typer(bench, name="bench")
     bench.command()(handles_errors(stiffness))
     bench.command()(handles_errors(dma))
@@ -90,7 +90,10 @@ def profile(
     pitch: Annotated[float | None, typer.Option("--pitch-um", help="Sample distance of a height map.")] = None,
     unit: Annotated[str, typer.Option("--z-unit", help="Unit of a height map's figures.")] = "um",
     form: Annotated[
-        int, typer.Option("--form-degree", min=1, max=6, help="Taken off first: 2 flattens a round finger.")
+        int,
+        typer.Option(
+            "--form-degree", min=1, max=6, help="Degree of the form that is removed first; 2 for a round finger."
+        ),
     ] = 1,
     height: Annotated[float | None, typer.Option("--design-height-um")] = None,
     width: Annotated[float | None, typer.Option("--design-width-um")] = None,

@@ -1,4 +1,4 @@
-"""Tables, plots and files of ``evanesce bench``: one function a test, from a lab's file to its figures."""
+"""Tables, plots and files of ``evanesce bench``: one function a test, from a bench file to its figures."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def _table(title: str, rows: list[tuple[str, str]]) -> None:
 
 @contextmanager
 def _names_file(file: Path) -> Iterator[None]:
-    """Name the file in what an analysis says of its data: a lab's file that holds no such test is bad input."""
+    """Name the file in errors of an analysis: a file without such a test is bad input."""
     try:
         yield
     except WorkError as error:
@@ -189,7 +189,7 @@ def write_friction(files: list[Path], groups: list[str], smoothing: float | None
     from evanesce.bench import plots as bench_plots
 
     traces = [friction.read_trace(file) for file in files]
-    # two folders may hold files of one name
+    # files in two folders may have one name
     names = [file.stem for file in files]
     names = [str(file) if names.count(file.stem) > 1 else file.stem for file in files]
     if len(set(names)) < len(names):

@@ -14,7 +14,7 @@ from evanesce.cli.common import JsonOption, check_json_target, console, handles_
 
 def register(app: typer.Typer) -> None:
     """Add the group."""
-    group = typer.Typer(no_args_is_help=True, help="Measurement bundles: what a lab measured, in one folder.")
+    group = typer.Typer(no_args_is_help=True, help="Measurement bundles: the measurements of a rig in one folder.")
     app.add_typer(group, name="bundle")
 
     @group.callback()

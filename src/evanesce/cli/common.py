@@ -1,4 +1,4 @@
-"""What every command shares: console, exit codes, JSON and output folders that are never half-written."""
+"""Shared by all commands: console, exit codes, atomic output files and folders."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from evanesce.cli.progress import CommandProgress
 from evanesce.core.errors import EvanesceError, InputError
 from evanesce.core.files import write_bytes, write_text
 
-# Where output is not a terminal (a file, CI) tables would be squeezed into 80 columns.
+# Output to a file would be limited to 80 columns.
 console = Console() if sys.stdout.isatty() else Console(width=150)
 messages = Console(stderr=True)
 
@@ -31,7 +31,7 @@ OutOption = Annotated[Path | None, typer.Option("--out", help="Folder for everyt
 
 
 def handles_errors(command: Callable[P, R]) -> Callable[P, R]:
-    """Turn the errors a user can act on into one line and an exit code: 2 bad input, 1 the work failed."""
+    """Print errors as one line and set the exit code: 2 for bad input, 1 for failed work."""
 
     @functools.wraps(command)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -61,7 +61,7 @@ def named_options(options: Mapping[str, str]) -> Iterator[None]:
 
 
 def chosen_variant(variant: str) -> Any:
-    """Return the Mitsuba variant that works here; where it is a slower one than hoped for, say so and why."""
+    """Return the Mitsuba variant that works here; print a note where it is a slower one."""
     from evanesce.render.variant import select
 
     info = select(variant)
@@ -100,14 +100,14 @@ def check_json_target(path: Path | None) -> None:
 
 
 def write_figure(path: Path, figure: Any) -> None:
-    """Write a Matplotlib figure as PNG, whole or not at all."""
+    """Write a Matplotlib figure as PNG atomically."""
     from evanesce.report.html import figure_png
 
     write_bytes(path, figure_png(figure))
 
 
 def write_json(path: Path | None, value: Any) -> None:
-    """Write JSON whole or not at all; NaN becomes null."""
+    """Write JSON atomically; NaN becomes null."""
     if path is not None:
         write_text(path, json.dumps(_plain(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
 

@@ -1,4 +1,4 @@
-"""``evanesce compare``: measure rendered frames and hold the result against their truth."""
+"""``evanesce compare``: measure rendered frames and compare the result with their ground truth."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def register(app: typer.Typer) -> None:
             float | None, typer.Option("--mm2-per-px", help="Area of a pixel in mm², instead of the calibration's.")
         ] = None,
         threshold: Annotated[float, typer.Option("--threshold", help="Grey level, 0 to 1.")] = 0.15,
-        min_blob: Annotated[int, typer.Option("--min-blob", help="Least size of a dilated blob in px.")] = 2000,
+        min_blob: Annotated[int, typer.Option("--min-blob", help="Minimum size of a dilated blob in px.")] = 2000,
         blur: Annotated[float, typer.Option("--blur", help="Standard deviation of the Gaussian in px.")] = 1.0,
         parts: Annotated[bool, typer.Option("--split/--no-split", help="Split the error by source.")] = True,
         json_file: JsonOption = None,
@@ -67,7 +67,7 @@ def register(app: typer.Typer) -> None:
             raise InputError(f"{scale:g}", key="--mm2-per-px", allowed="1e-12 to 1e6 mm²")
         job = read_rendered(rendered)
         if parts and not job.has_light:
-            messages.print("note: the folder keeps no linear light (light_*.exr), so the error is not split")
+            messages.print("note: the folder has no linear light (light_*.exr), so that the error is not split")
             parts = False
         camera = Camera.of(job.true_scene(), loaded, scale)
         rows = []
@@ -85,7 +85,7 @@ def register(app: typer.Typer) -> None:
         console.print(comparison_table(rows, ("index", "force_N")))
 
 
-# Short enough that the whole table fits a terminal of 80 columns.
+# Short, so that the table fits a terminal of 80 columns.
 LEADING = {"index": "frame\n", "force_N": "force\n[N]", "finger": "finger\n"}
 PARTS = {
     "scale": "scale",
@@ -101,7 +101,7 @@ square card, lens distortion, blur, threshold, noise; rest: with all of them off
 
 
 def comparison_table(rows: list[dict[str, Any]], leading: tuple[str, ...]) -> Table:
-    """Return the table of compared frames; ``leading`` names the columns that tell frames apart."""
+    """Return the table of compared frames; ``leading`` names the columns that identify a frame."""
     parts = list(rows[0].get("split_percent", {}))
     table = Table(
         title="Contact area by the reference segmentation against the truth",

@@ -38,7 +38,7 @@ def register(app: typer.Typer) -> None:
         ] = None,
         seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws of noise.")] = 0,
     ) -> None:
-        """Find what the believed rig gets wrong about measured data: name it, extend the scene, measure the gain."""
+        """Find what a nominal model gets wrong about measured data: name causes, extend the scene, measure gain."""
         from evanesce.bundle import read_bundle
         from evanesce.criticism.critic import criticise as by_frames
         from evanesce.criticism.scalar_critic import criticise_series
@@ -121,5 +121,5 @@ def _show(result: dict[str, Any]) -> None:
     if gain is not None:
         value, low, high = gain["log_score"]
         console.print(
-            f"Log score gained on {gain['views']} locked views: {value:.1f} nats, 95 % {low:.1f} to {high:.1f}"
+            f"Log score gained on {gain['views']} held-out views: {value:.1f} nats, 95 % {low:.1f} to {high:.1f}"
         )

@@ -1,4 +1,4 @@
-"""``evanesce criticise-photo``: what the believed picture of a photographed checkerboard lacks."""
+"""``evanesce criticise-photo``: what the nominal model of a photographed checkerboard lacks."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ def register(app: typer.Typer) -> None:
             Path | None, typer.Option("--corners", help="Corners of a calibration's views (CSV): are they one picture?")
         ] = None,
         scene: Annotated[
-            str, typer.Option("--scene", help="Rig whose plate, focal length and readout are believed.")
+            str, typer.Option("--scene", help="Scene with the nominal plate, focal length and readout.")
         ] = "thesis",
-        curve: Annotated[str, typer.Option("--curve", help=f"Tone curve believed: {', '.join(CURVES)}.")] = "libcamera",
+        curve: Annotated[str, typer.Option("--curve", help=f"Nominal tone curve: {', '.join(CURVES)}.")] = "libcamera",
         seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of folds and bootstrap.")] = 0,
         json_file: JsonOption = None,
         report: Annotated[Path | None, typer.Option("--report", help="Write an HTML page to this file.")] = None,
     ) -> None:
-        """Find what the simulation lacks of one photographed board, by name, with half of its blocks locked."""
+        """Find what the simulation lacks of one photographed board, by name, with half of its blocks held out."""
         for target in (json_file, report):
             check_json_target(target)
         if curve not in CURVES:
@@ -69,7 +69,7 @@ def _show(answer: dict[str, Any]) -> None:
     from evanesce.criticism.photograph_page import lead, views_words
 
     console.print(escape(lead(answer)))
-    table = Table(title="Locked blocks: what each cause is worth, 95 % intervals", box=box.SIMPLE_HEAD)
+    table = Table(title="Held-out blocks: gain of each cause, 95 % intervals", box=box.SIMPLE_HEAD)
     for heading in ("without", "log score lost [nats]", "from", "to", "RMS [DN]"):
         table.add_column(heading, justify="left" if heading == "without" else "right")
     for name, one in answer["dropped"].items():

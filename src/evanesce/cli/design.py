@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -74,14 +75,9 @@ def _run(
 
     started = time.monotonic()
     with _client(workers, scheduler) as client, progress() as bar:
-
-        def reporter(text: str) -> Callable[[int, int], None]:
-            task = bar.add_task(text, total=None)
-            return lambda done, total: bar.update(task, completed=done, total=total)
-
-        trials = run(plan, folder, client, reporter("designs"))
+        trials = run(plan, folder, client, functools.partial(bar.report, "designs"))
         chosen = choose(plan, trials, assessment.designs)
-        found = study(plan, chosen, folder, assessment, client, reporter("winners"))
+        found = study(plan, chosen, folder, assessment, client, functools.partial(bar.report, "winners"))
     origin = dict(provenance.record(seed=plan.question.seed, config=plan.job))
     origin["search"] = {
         "trials": len(trials), "variables": [vars(v) for v in plan.variables], "sampler": plan.sampler,

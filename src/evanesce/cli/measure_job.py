@@ -40,8 +40,8 @@ VIEWING_RATE = 30.0
 """Frame rate of an overlay video whose source states none [Hz]; it is for the eye only."""
 
 
-MOST_SHOTS = 64
-"""Dark or flat shots that are averaged: more would take their noise below what 8 bits resolve."""
+MAX_DARK_FRAMES = 64
+"""Number of dark or flat frames that are averaged: with more their noise is below the resolution of 8 bits."""
 
 
 OPTIONS = {"calibration": "--calibration", "scale_mm2_per_px": "--mm2-per-px", "tune": "--tune"}
@@ -50,7 +50,7 @@ OPTIONS = {"calibration": "--calibration", "scale_mm2_per_px": "--mm2-per-px", "
 
 @dataclass(frozen=True)
 class Refined:
-    """Options of the refined estimator: where its dark and flat shots are, and the frame that tunes it."""
+    """Options of the refined estimator: dark and flat frames, finger, and the frame that it is tuned on."""
 
     dark: Path | None
     flat: Path | None
@@ -148,7 +148,7 @@ def prepare(
 
 
 def _shots(path: Path | None) -> list[NDArray[np.uint8]]:
-    return [frame.data for frame in islice(open_frames(path), MOST_SHOTS)] if path else []
+    return [frame.data for frame in islice(open_frames(path), MAX_DARK_FRAMES)] if path else []
 
 
 def run(job: Job) -> Result:
@@ -207,7 +207,7 @@ def record(job: Job, result: Result) -> dict[str, Any]:
     if pipeline.refined is not None:
         scattering, blur = pipeline.refined.settings.scattering, pipeline.refined.settings.blur
         settings |= {
-            "teach": str(job.tune) if job.tune else None,
+            "tune": str(job.tune) if job.tune else None,
             "scattering": asdict(scattering) if scattering else None,
             "camera_blur": blur.as_dict(),
         }

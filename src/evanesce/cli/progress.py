@@ -47,6 +47,7 @@ class CommandProgress(Progress):
         )
         self._line_s, self._clock = line_s, clock
         self._begun: dict[TaskID, tuple[float, float]] = {}
+        self._named: dict[str, TaskID] = {}
         self._logged: set[TaskID] = set()
         self._ended = threading.Event()
         self._logger: threading.Thread | None = None
@@ -78,6 +79,12 @@ class CommandProgress(Progress):
         """Estimate a task's rate without the first ``completed`` steps, which an earlier run made."""
         task = self._tasks[task_id]
         self._begun[task_id] = (self._clock() if completed else task.start_time or 0.0), completed
+
+    def report(self, name: str, done: int, total: int | None) -> None:
+        """Set how many steps of a named task are done; the first call adds the task."""
+        if name not in self._named:
+            self._named[name] = self.add_task(name, total=total)
+        self.update(self._named[name], completed=done, total=total)
 
     def seconds_left(self, task: Task) -> float | None:
         """Return the estimated time to the end of a task [s] by its mean rate so far; None while that is unknown."""

@@ -99,7 +99,7 @@ def render(
     if force:
         overrides["press"] = {"forces_N": list(force)}
     loaded = load_scene(scene, overrides)
-    active_effects(loaded, scene_path(scene))  # refused here, before anything is written
+    active_effects(loaded, scene_path(scene))  # refused before anything is written
     check_skin(loaded)
     if not 1 <= bands <= MAX_BANDS:
         raise InputError(f"{bands}", key="--bands", allowed=f"1 to {MAX_BANDS}")
@@ -156,7 +156,7 @@ def _run(
     from evanesce.sensor.codec import VideoWriter, write_png
 
     if not fast:
-        chosen_variant(variant)  # says why where it is slower than hoped for
+        chosen_variant(variant)  # prints a note where it is a slower one
     camera = Camera(scene, "fast" if fast else "reference", bands=bands, variant=variant, **options)
     origin = camera.provenance(seed=seed)
     programme = press_programme(scene)
@@ -171,7 +171,7 @@ def _run(
         for index, (time_s, force_N) in enumerate(programme):
             shot = camera.shoot(force_N, seed=seed, time_s=time_s, index=index)
             assert shot.contact is not None  # a programme always presses
-            # Each frame goes to disk at once: what a crash interrupts keeps all frames before it.
+            # Each frame is written at once, so that an interrupted run leaves all earlier frames.
             if exr:
                 write_light(folder / f"light_{index:06d}.exr", shot.scene, shot.plate_light, shot.contact, origin)
             write_png(folder / f"frame_{index:06d}.png", shot.frame)
@@ -186,7 +186,7 @@ def _run(
 
 
 def _row(shot: Shot, force_N: float) -> dict[str, Any]:
-    """Return what the table and ``result.json`` hold of one frame."""
+    """Return the row of one frame in the table and in ``result.json``."""
     from evanesce.render.reference.passes import relative_error
 
     assert shot.contact is not None
@@ -198,7 +198,7 @@ def _row(shot: Shot, force_N: float) -> dict[str, Any]:
 
 
 def chosen_renderer(fast: bool, variant: str) -> tuple[Any, dict[str, Any]]:
-    """Return the renderer and what provenance says of it."""
+    """Return the renderer, and its record for the provenance."""
     if fast:
         from evanesce.render.fast.transport import render_fast
 

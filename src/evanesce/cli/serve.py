@@ -22,14 +22,16 @@ def register(app: typer.Typer) -> None:
         scene: Annotated[str, typer.Argument(help="Scene file, or the name of a shipped scene.")],
         port: Annotated[int, typer.Option("--port", help="Port to listen on; 0: a free one.")] = 8080,
         host: Annotated[
-            str, typer.Option("--host", help="Address to listen on; others than 127.0.0.1 let others in.")
+            str, typer.Option("--host", help="Address to listen on; others than 127.0.0.1 are open to other machines.")
         ] = "127.0.0.1",
-        frame: Annotated[Path | None, typer.Option("--frame", help="A lab's own frame to show beside.")] = None,
+        frame: Annotated[
+            Path | None, typer.Option("--frame", help="Your own frame to show beside the simulation.")
+        ] = None,
         calibration: Annotated[
-            Path | None, typer.Option("--calibration", help="JSON of `evanesce calibrate`, for the lab's own frames.")
+            Path | None, typer.Option("--calibration", help="JSON of `evanesce calibrate`, for your own frames.")
         ] = None,
         mm2_per_px: Annotated[
-            float | None, typer.Option("--mm2-per-px", help="Area of a pixel of the lab's own frames in mm².")
+            float | None, typer.Option("--mm2-per-px", help="Area of a pixel of your own frames in mm².")
         ] = None,
         seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the noise, the same in every frame.")] = 0,
         settings: SetOption = None,

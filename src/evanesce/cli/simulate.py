@@ -1,4 +1,4 @@
-"""``evanesce simulate``: a scene to the measurement bundle that a lab with exactly that rig would have."""
+"""``evanesce simulate``: simulate the measurement bundle of a scene's rig."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def register(app: typer.Typer) -> None:
     @handles_errors
     def simulate(
         scene: Annotated[str, typer.Argument(help="Scene file, or the name of a shipped scene.")],
-        bundle: Annotated[Path, typer.Option("--bundle", help="Folder to make; must not hold anything.")],
+        bundle: Annotated[Path, typer.Option("--bundle", help="New or empty folder.")],
         seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of noise and patterns.")] = 0,
         fast: FastOption = True,
         coarser: Annotated[
@@ -28,9 +28,9 @@ def register(app: typer.Typer) -> None:
         spp: Annotated[int | None, typer.Option("--spp", min=1, help="Paths per pixel of the reference.")] = None,
         settings: SetOption = None,
     ) -> None:
-        """Simulate ramp, hold, voltage sweep, replicates, dark frames and cards, and write them as a bundle.
+        """Simulate ramp, hold, voltage sweep, replicates, dark frames and printed cards, and write them as a bundle.
 
-        Nothing is hidden: the bundle names the very scene that made it. See docs/reference/bundle.md.
+        The bundle includes the scene that made it. See docs/reference/bundle.md.
         """
         from evanesce.bundle.write import write_bundle
         from evanesce.core import provenance
@@ -53,7 +53,7 @@ def register(app: typer.Typer) -> None:
 
 
 def _renderers(fast: bool, variant: str, spp: int | None) -> tuple[Any, Any, dict[str, Any]]:
-    """Return the renderers of contacts and cards, and what provenance says of them."""
+    """Return the renderers of contacts and cards, and their record for the provenance."""
     if fast:
         return None, None, {"renderer": "transport"}
     import functools

@@ -19,6 +19,7 @@ from evanesce.cli.common import (
     handles_errors,
     out_dir,
     progress,
+    write_bytes,
     write_json,
 )
 from evanesce.cli.render import SetOption, parse_overrides
@@ -53,7 +54,7 @@ def register(group: typer.Typer) -> None:
     ) -> None:
         """Run every part of the measurement's study; one self-contained HTML report with a threshold slider.
 
-        An interrupted run goes on from the rows that its output folder keeps.
+        An interrupted run resumes from the rows in its output folder.
         """
         _run(scene, only, "all", quick, seed, settings, json_file, out)
 
@@ -95,26 +96,19 @@ def _run(
     parts: list[tuple[Study, Findings]] = []
     seconds: dict[str, float] = {}
     with progress() as bar:
-        whole = bar.add_task("parts", total=len(only or known) + (title == "all"))
-        tasks: dict[str, Any] = {}
-
-        def tick(what: str, done: int, total: int) -> None:
-            if what not in tasks:
-                tasks[what] = bar.add_task(what, total=total)
-            bar.update(tasks[what], completed=done, total=total)
-
+        all_parts = bar.add_task("parts", total=len(only or known) + (title == "all"))
         for study in known.values():
             if only is None or study.name in only:
                 started = time.monotonic()
-                parts.append((study, study.run(loaded, folder, tick, quick=quick, seed=seed)))
+                parts.append((study, study.run(loaded, folder, bar.report, quick=quick, seed=seed)))
                 seconds[study.name] = time.monotonic() - started
-                bar.advance(whole)
+                bar.advance(all_parts)
         widget = None
         if title == "all":
             started = time.monotonic()
             widget = slider(slider_frames(loaded, seed=seed))
             seconds["slider"] = time.monotonic() - started
-            bar.advance(whole)
+            bar.advance(all_parts)
     source = provenance.code_digest()
     origin = dict(
         provenance.record(seed=seed, config=loaded.as_dict(), quick=quick, seconds=seconds, source_sha256=source)
@@ -124,18 +118,12 @@ def _run(
     heading = "The measurement under test" if title == "all" else parts[0][0].title
     made = page(heading, parts, origin, widget, lead)
     for name, png in pictures(parts).items():
-        _replace(folder / f"{name}.png", png)
+        write_bytes(folder / f"{name}.png", png)
     report = write(folder / "report.html", made)
     write_json(folder / "result.json", result)
     write_json(json_file, result)
     _show(parts)
     console.print(f"{sum(seconds.values()):.0f} s. Report: {report}", highlight=False, soft_wrap=True)
-
-
-def _replace(path: Path, content: bytes) -> None:
-    temporary = path.with_name("." + path.name + ".part")
-    temporary.write_bytes(content)
-    temporary.replace(path)
 
 
 def _show(parts: list[tuple[Any, Any]]) -> None:

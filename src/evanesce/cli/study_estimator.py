@@ -41,7 +41,7 @@ def register(group: typer.Typer) -> None:
     ) -> None:
         """Area error of both estimators by voltage: smooth and ridged, clear and scattering, centre and corner.
 
-        An interrupted run goes on from the rows that its output folder keeps.
+        An interrupted run resumes from the rows in its output folder.
         """
         check_json_target(json_file)
         voltages, loads = parse_volts(volts), parse_forces(forces)
@@ -70,7 +70,7 @@ def register(group: typer.Typer) -> None:
 
 
 def parse_volts(text: str) -> tuple[float, ...]:
-    """Return voltages [V] of a list separated by commas."""
+    """Read voltages [V], separated by commas."""
     allowed = "1 to 50 different voltages from 5 to 24 V, e.g. 8,9,12"
     try:
         found = tuple(float(part) for part in text.split(","))
@@ -83,8 +83,8 @@ def parse_volts(text: str) -> tuple[float, ...]:
 
 def _show(found: EstimatorStudy) -> None:
     table = Table(title=f"Area error [%] over voltages and forces; threshold of the reference {found.threshold:g}")
-    for heading in ("finger", "place", "frames", "refined RMS", "refined worst", "reference RMS", "reference worst"):
-        table.add_column(heading, justify="left" if heading in ("finger", "place") else "right")
+    for heading in ("finger", "position", "frames", "refined RMS", "refined worst", "reference RMS", "reference worst"):
+        table.add_column(heading, justify="left" if heading in ("finger", "position") else "right")
     for w in found.worst():
         table.add_row(
             w["finger"], w["place"], str(w["frames"]), f"{w['refined_rms_percent']:.2f}",

@@ -15,6 +15,7 @@ from evanesce.cli.common import (
     handles_errors,
     messages,
     out_dir,
+    write_figure,
     write_json,
 )
 
@@ -25,11 +26,8 @@ def register(group: typer.Typer) -> None:
     @group.command()
     @handles_errors
     def mechanics(json_file: JsonOption = None, out: OutOption = None) -> None:
-        """Predict areas, ridges and sliding from the thesis's inputs alone; solved finite elements ship with it."""
-        import os
-
+        """Predict areas, ridges and sliding from the thesis's inputs alone, by stored finite-element solutions."""
         from evanesce.core import provenance
-        from evanesce.report.html import figure_png
         from evanesce.studies.mechanics.page import mechanics_figure
         from evanesce.studies.mechanics.study import as_json, predictions
 
@@ -39,14 +37,11 @@ def register(group: typer.Typer) -> None:
             found = predictions()
             result = as_json(found)
         result["provenance"] = dict(provenance.record())
-        picture = folder / "mechanics.png"
-        temporary = picture.with_name(".mechanics.tmp.png")
-        temporary.write_bytes(figure_png(mechanics_figure(result)))
-        os.replace(temporary, picture)
+        write_figure(folder / "mechanics.png", mechanics_figure(result))
         write_json(folder / "mechanics.json", result)
         write_json(json_file, result)
         _show(result)
-        console.print(f"each figure's basis is in the JSON; written to {folder}", highlight=False, soft_wrap=True)
+        console.print(f"the basis of each figure is in the JSON; written to {folder}", highlight=False, soft_wrap=True)
 
 
 def _show(result: dict[str, Any]) -> None:

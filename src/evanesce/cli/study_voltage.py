@@ -57,7 +57,7 @@ def parse_forces(text: str) -> tuple[float, ...]:
     Raises
     ------
     InputError
-        If one is no force above 0, or there are too many.
+        If one is not a force above 0, or there are too many.
     """
     allowed = f"1 to {MAX_FORCES} different forces above 0 in newtons, e.g. 1,5"
     try:
@@ -71,67 +71,62 @@ def parse_forces(text: str) -> tuple[float, ...]:
 
 def register(group: typer.Typer) -> None:
     """Add the command to the group of studies."""
+    group.command()(handles_errors(voltage))
 
-    @group.command()
-    @handles_errors
-    def voltage(
-        scene: Annotated[str, typer.Argument(help="Scene file or name of a shipped scene; the finger has ridges.")],
-        volts: Annotated[str, typer.Option("--volts", help="first:last:step [V].")] = "7:12:0.25",
-        forces: Annotated[str, typer.Option("--forces", help="Normal forces [N], separated by commas.")] = "1,5",
-        threshold: Annotated[float, typer.Option("--threshold", help="Grey level 0 to 1, fixed.")] = 0.15,
-        samples: Annotated[int, typer.Option("--samples", help="Base N of the sample of unknowns: 2, 4, 8, ...")] = 64,
-        fast: Annotated[
-            bool,
-            typer.Option(
-                "--fast/--reference",
-                help="Render the scene by fast transport, or by the path tracer, which has no lateral glow.",
-            ),
-        ] = True,
-        variant: VariantOption = "auto",
-        seed: Annotated[int, typer.Option("--seed", min=0)] = 1,
-        settings: SetOption = None,
-        json_file: JsonOption = None,
-        out: OutOption = None,
-    ) -> None:
-        """Area against voltage, parts of its excess, sensitivity to what is unpublished, and the best setting.
 
-        An interrupted run goes on from the samples that its output folder keeps.
-        """
-        check_json_target(json_file)
-        check_variant(variant)
-        voltages, loads = parse_volts(volts), parse_forces(forces)
-        if not 0 < threshold < 1:
-            raise InputError(f"{threshold:g}", key="--threshold", allowed="above 0, below 1")
-        if samples < 2 or samples > 4096 or samples & (samples - 1):
-            raise InputError(f"{samples}", key="--samples", allowed="a power of two, 2 to 4096")
-        require("design", "the study of voltage", "SALib")
-        from evanesce.report.html import write
-        from evanesce.rig import load_scene
-        from evanesce.studies.voltage.page import page
-        from evanesce.studies.voltage.study import run_study
+def voltage(
+    scene: Annotated[str, typer.Argument(help="Scene file or name of a shipped scene; the finger has ridges.")],
+    volts: Annotated[str, typer.Option("--volts", help="first:last:step [V].")] = "7:12:0.25",
+    forces: Annotated[str, typer.Option("--forces", help="Normal forces [N], separated by commas.")] = "1,5",
+    threshold: Annotated[float, typer.Option("--threshold", help="Grey level 0 to 1, fixed.")] = 0.15,
+    samples: Annotated[
+        int, typer.Option("--samples", help="Base N of the sample of unpublished values: 2, 4, 8, ...")
+    ] = 64,
+    fast: Annotated[
+        bool,
+        typer.Option(
+            "--fast/--reference",
+            help="Fast renderer, or path tracer, which has no subsurface scattering (lateral_glow).",
+        ),
+    ] = True,
+    variant: VariantOption = "auto",
+    seed: Annotated[int, typer.Option("--seed", min=0)] = 1,
+    settings: SetOption = None,
+    json_file: JsonOption = None,
+    out: OutOption = None,
+) -> None:
+    """Area against voltage, parts of its excess, sensitivity to unpublished values, and the best setting.
 
-        loaded = load_scene(scene, parse_overrides(settings))
-        render, record = chosen_renderer(fast, variant)
-        folder = out_dir(out, "study-voltage")
-        started = time.monotonic()
-        with progress() as bar:
-            tasks = {}
+    An interrupted run resumes from the samples in its output folder.
+    """
+    check_json_target(json_file)
+    check_variant(variant)
+    voltages, loads = parse_volts(volts), parse_forces(forces)
+    if not 0 < threshold < 1:
+        raise InputError(f"{threshold:g}", key="--threshold", allowed="above 0, below 1")
+    if samples < 2 or samples > 4096 or samples & (samples - 1):
+        raise InputError(f"{samples}", key="--samples", allowed="a power of two, 2 to 4096")
+    require("design", "the study of voltage", "SALib")
+    from evanesce.report.html import write
+    from evanesce.rig import load_scene
+    from evanesce.studies.voltage.page import page
+    from evanesce.studies.voltage.study import run_study
 
-            def tick(what: str, done: int, total: int) -> None:
-                if what not in tasks:
-                    tasks[what] = bar.add_task(what, total=total)
-                bar.update(tasks[what], completed=done)
-
-            found = run_study(
-                loaded, loads, voltages, threshold=threshold, base=samples, seed=seed,
-                keep=folder / "samples.npz", render=render, renderer=record, tick=tick,
-            )  # fmt: skip
-        result = found.as_dict() | {"seconds": time.monotonic() - started}
-        report = write(folder / "report.html", page(found))
-        write_json(folder / "result.json", result)
-        write_json(json_file, result)
-        _show(found)
-        console.print(f"{result['seconds']:.0f} s. Report: {report}", highlight=False, soft_wrap=True)
+    loaded = load_scene(scene, parse_overrides(settings))
+    render, record = chosen_renderer(fast, variant)
+    folder = out_dir(out, "study-voltage")
+    started = time.monotonic()
+    with progress() as bar:
+        found = run_study(
+            loaded, loads, voltages, threshold=threshold, base=samples, seed=seed,
+            keep=folder / "samples.npz", render=render, renderer=record, tick=bar.report,
+        )  # fmt: skip
+    result = found.as_dict() | {"seconds": time.monotonic() - started}
+    report = write(folder / "report.html", page(found))
+    write_json(folder / "result.json", result)
+    write_json(json_file, result)
+    _show(found)
+    console.print(f"{result['seconds']:.0f} s. Report: {report}", highlight=False, soft_wrap=True)
 
 
 def _show(found: VoltageStudy) -> None:
@@ -147,7 +142,7 @@ def _show(found: VoltageStudy) -> None:
             shown = (row.area_mm2, row.true_area_mm2, *parts, row.residual_mm2, row.interaction_mm2)
             table.add_row(f"{force:g}", f"{row.voltage_V:g}", *(f"{round(v, 2) + 0.0:.2f}" for v in shown))
     console.print(table)
-    held = Table(title="Share of possible rigs that show what the thesis saw [%]")
+    held = Table(title="Share of possible rigs that agree with the thesis's observations [%]")
     for heading in ("reading", "vanishes near 8 V", "rises", "converged by 9 V", "all three"):
         held.add_column(heading, justify="right")
     for name in found.readings:
@@ -155,7 +150,7 @@ def _show(found: VoltageStudy) -> None:
     console.print(held)
     best = found.best
     console.print(
-        f"Least error over the rigs: {best.voltage_V:g} V and threshold {best.threshold:g} (median "
+        f"Smallest error over the rigs: {best.voltage_V:g} V and threshold {best.threshold:g} (median "
         f"{100 * best.error:.0f} %); cut at {best.ratio:g} of the contact's own light: {100 * best.ratio_error:.1f} %.",
         highlight=False,
     )

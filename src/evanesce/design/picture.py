@@ -12,7 +12,8 @@ from skimage.measure import find_contours
 
 from evanesce.chain.simulate import simulate
 from evanesce.design.evaluate import read_job
-from evanesce.design.objective import CalibratedMeasurement, prepare_fields, prepared
+from evanesce.design.measurement import CalibratedMeasurement
+from evanesce.design.objective import prepare_fields, prepared
 from evanesce.design.question import on_case
 from evanesce.design.uncertainty import Draw
 from evanesce.design.variables import design_at

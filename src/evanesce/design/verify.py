@@ -13,7 +13,8 @@ import numpy as np
 from evanesce.core import rng
 from evanesce.core.states import ContactState, PlateLight
 from evanesce.design.evaluate import read_job
-from evanesce.design.objective import CalibratedMeasurement, measured
+from evanesce.design.measurement import CalibratedMeasurement
+from evanesce.design.objective import measured
 from evanesce.design.question import on_case
 from evanesce.design.uncertainty import Draw
 from evanesce.design.variables import design_at

@@ -11,7 +11,8 @@ from typing import Any
 
 from evanesce.core.errors import InputError
 from evanesce.design.evaluate import contact_irradiance, read_job
-from evanesce.design.objective import CalibratedMeasurement, measured, prepare_fields, prepared, samples, summary
+from evanesce.design.measurement import CalibratedMeasurement
+from evanesce.design.objective import measured, prepare_fields, prepared, samples, summary
 from evanesce.design.question import Case, Design, Question
 from evanesce.design.secondary import figures
 from evanesce.design.uncertainty import CARDS, Draw, UncertainParameter, effects_at, uncertainty_of

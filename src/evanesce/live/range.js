@@ -1,5 +1,5 @@
-// The browser's own slider: it has a role, takes focus, and knows arrows, Page, Home and End by itself. It holds its
-// value itself and tells each new one as "moved": a model would have the whole page rendered anew at every step.
+// The browser's own slider, with its role, focus, and arrow, Page, Home and End keys. It stores its value and emits
+// "moved" with each new one: a model would have the whole page rendered at every step.
 export default {
   template: `<input type="range" :min="min" :max="max" :step="step" :value="held" @input="moved" />`,
   props: { min: Number, max: Number, step: Number, start: Number },

@@ -79,7 +79,7 @@ def digest_of(file: str | Path) -> str:
 
 
 def relative(scene: Scene) -> Scene:
-    """Return a scene whose map is named as :func:`copy_beside` names the copy.
+    """Return a scene whose map is named as :func:`copy_height_map` names the copy.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ class RidgeRow:
         Direction along parallel ridges, of a whorl's segment, or into which a loop opens, from +x towards +y [rad].
     rounding : float or None
         Standard deviation of the Gaussian that rounds a flat-topped ridge [mm]; None: a ridge without flats,
-        |sin|^m of :mod:`ridge_profile`.
+        |sin|^m of :mod:`~evanesce.contact.ridges.profile`.
     core_length : float
         Length of a whorl's segment [mm].
     """

@@ -68,7 +68,7 @@ class Calibration:
 
 
 def load_calibration(path: str | Path) -> Calibration:
-    """Read a calibration that :func:`save_calibration` or ``evanesce calibrate --json`` wrote.
+    """Read a calibration that :meth:`Calibration.save` or ``evanesce calibrate --json`` wrote.
 
     Parameters
     ----------

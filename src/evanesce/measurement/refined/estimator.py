@@ -108,7 +108,7 @@ class RefinedArea:
     step : float
         Median light of contact over what is beside it, of full scale.
     spread_mm : float, optional
-        How much wider the edge is than at its median (:func:`~.refined_edge.edge_spread`); None where it is not the
+        How much wider the edge is than at its median (:func:`.edge_spread`); None where it is not the
         frame's own: saturated, or after scattering was inverted.
     unseen : {"", "top", "modelled"}
         What saturation hides of the edge: nothing; its top, so that its foot was read; more, under scattered light, so

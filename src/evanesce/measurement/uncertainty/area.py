@@ -43,7 +43,7 @@ def refined_uncertainty(
     video : bool
         Whether the frame went through a lossy codec.
     cards : sequence of Component, optional
-        What is known of the cards; :func:`card_components` by default.
+        What is known of the cards; :func:`.card_components` by default.
     finger : {"ridged", "smooth"}
 
     Returns

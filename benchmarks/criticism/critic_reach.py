@@ -5,7 +5,7 @@ the library 15. Its change is measured in the critic's metric, its nuisances tak
 effect of the same name, or of the one that takes most of it: what a score test could gain at most. No noise is drawn
 but that of one null, about which the critic stands.
 
-    python -m benchmarks.critic_reach
+    python -m benchmarks.criticism.critic_reach
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ class MemoryDataset(Sequence[Sample]):
     Notes
     -----
     A sample holds the bytes that stand in a shard and decodes them when they are asked for, so that it is equal to the
-    one that is read from disk. Take the frames in order: only the current trial is in memory, another one is solved anew.
+    one that is read from disk. Take the frames in order: only the current trial is cached, another one is solved anew.
     """
 
     def __init__(self, job: Job) -> None:

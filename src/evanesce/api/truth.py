@@ -113,7 +113,7 @@ class Truth:
 
 @lru_cache(maxsize=CACHED_GEOMETRIES)
 def _geometry(camera: str, plate: str, calibration: tuple[tuple[int, int], tuple[float, ...]] | None) -> ViewGeometry:
-    """Return the plate positions of the pixels of a frame or of its rectified view; takes a second for millions of them."""
+    """Return the plate positions of the pixels of a view; takes a second for millions of them."""
     projection = Projection.of(Camera.model_validate_json(camera), Plate.model_validate_json(plate))
     if calibration is None:
         return view_geometry(projection)

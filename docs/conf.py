@@ -54,7 +54,6 @@ autosummary_generate = True
 autodoc_mock_imports = [name for name in ("felupe", "pypardiso", "torch") if find_spec(name) is None]
 autodoc_typehints = "none"
 autodoc_member_order = "bysource"
-autodoc_docstring_signature = False
 numpydoc_show_class_members = False
 numpydoc_class_members_toctree = False
 
@@ -70,6 +69,7 @@ sphinx_gallery_conf = {
     "show_signature": False,
     "remove_config_comments": True,
     "min_reported_time": 0,
+    "thumbnail_size": (560, 360),
     "reference_url": {},
     "write_computation_times": False,
 }

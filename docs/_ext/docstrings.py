@@ -81,8 +81,8 @@ def _find(module: str, target: str) -> tuple[str, Any] | None:
 
 def skip_foreign_class(app: Sphinx, what: str, name: str, obj: Any, skip: bool, options: Any) -> bool | None:
     """Leave out a class that a module has from elsewhere, and an alias of a built-in one: they have no page here."""
-    foreign = isinstance(obj, GenericAlias) or not str(getattr(obj, "__module__", "")).startswith("evanesce")
-    return True if what == "module" and inspect.isclass(obj) and foreign else None
+    foreign = inspect.isclass(obj) and not str(obj.__module__).startswith("evanesce")
+    return True if what == "module" and (foreign or isinstance(obj, GenericAlias)) else None
 
 
 def drop_stale_pages(app: Sphinx, config: Any) -> None:

@@ -25,7 +25,6 @@ PICTURES = {
     "time-1": "study-time",
     "time-2": "study-time-area",
     "thesis-1": "study-area",
-    "thesis-2": "study-depth",
     "thesis-3": "study-slide",
 }
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")

@@ -163,6 +163,7 @@ def rig():
     return rig_of("dev", 0)
 
 
+@pytest.mark.whole_case
 @pytest.mark.parametrize("name", [*NAMED, *NOT_IN_LIBRARY])
 def test_nothing_is_changed_at_amplitude_zero(rig, name: str) -> None:
     some = replace(rig, views=tuple(rig.views[k] for k in (0, 12, 18, 20, 21)))
@@ -201,6 +202,7 @@ def test_strength_is_the_norm_that_noise_gives(name: str, strength: float) -> No
     assert np.std(outputs, ddof=1) < 2.2
 
 
+@pytest.mark.whole_case
 def test_nuisances_hide_what_they_can_absorb(rig) -> None:
     measure = ruler("dev", 0)
     brighter = make_cause("led_bin", rig, 1, 0)  # any cause: only its change is replaced
@@ -230,6 +232,7 @@ def _misfit(values: np.ndarray, model, start) -> float:
     return float(np.sqrt(np.mean(found.fun**2) / np.mean((values - values.mean()) ** 2)))
 
 
+@pytest.mark.whole_case
 def test_tone_table_is_no_gamma_and_contrast(rig) -> None:
     for seed in range(3):
         for form in (0, 1):
@@ -254,6 +257,7 @@ def test_knees_are_no_p_norm() -> None:
         assert left > 0.05
 
 
+@pytest.mark.whole_case
 def test_hidden_creep_is_no_logarithm(rig) -> None:
     """The library's grows with the logarithm of time since an onset: here both forms bend away from one."""
     held = np.linspace(0.0, 130.0, 200)
@@ -269,6 +273,7 @@ def test_hidden_creep_is_no_logarithm(rig) -> None:
         assert _misfit(grown, logarithm, [0.1, 0.5]) > 0.05
 
 
+@pytest.mark.whole_case
 def test_mask_is_no_parabola(rig) -> None:
     for form in (0, 1):
         cause = families_camera.Vignetting(np.random.default_rng(2), rig, form)
@@ -277,6 +282,7 @@ def test_mask_is_no_parabola(rig) -> None:
         assert _misfit(free.ravel()[::97], lambda k, r2=r2: 1 - k * r2, [0.1]) > 0.05
 
 
+@pytest.mark.whole_case
 def test_glow_is_two_gaussians_and_no_exponential(rig) -> None:
     cause = families_light.LateralGlow(np.random.default_rng(3), rig, 0)
     r = np.linspace(0, 60, 300)
@@ -577,6 +583,7 @@ def test_knowing_what_fitted_nuisances_take_gains_nothing_on_frames_held_back() 
     assert unseen > 10.0
 
 
+@pytest.mark.whole_case
 @pytest.mark.parametrize("form", [0, 1])
 def test_every_scratch_is_a_number_everywhere(rig, form: int) -> None:
     """Rationale: the ends of an arc, where rounding made a cosine negative, once made one in some of them NaN."""

@@ -17,7 +17,7 @@ class Criticism:
     Attributes
     ----------
     result : mapping
-        JSON-able; its keys stand in docs/criticism.md.
+        JSON-able; its keys stand in docs/criticism/index.md.
     evidence : object
         What the HTML report shows: residuals, tests, ranking of the candidates.
     """

@@ -45,7 +45,7 @@ def test_every_required_package_is_pinned():
 
 
 def test_contracts_name_every_package_but_the_one_that_may():
-    """The layers are exhaustive by themselves; the lists of what may not import a library have to be kept complete."""
+    """The layers are exhaustive by themselves; the lists of what may not import a library are kept complete here."""
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"][
         "contracts"
     ]

@@ -81,7 +81,7 @@ def make_dataset(
     seed : int
         The same scene, configuration and seed give the same samples.
     config : DatasetConfig, mapping, str or Path, optional
-        Declared distributions and options as docs/reference/dataset.md describes them, or their TOML file; the defaults else.
+        Declared distributions and options (docs/reference/dataset.md), or their TOML file; the defaults else.
     **changes
         Keys of the configuration to replace, with two underscores for each dot: ``trial__frames=20``,
         ``camera__scale=0.25``.

@@ -49,7 +49,7 @@ myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 suppress_warnings = ["config.cache"]
 
-# Python API: a page for every public name, a page for every module.
+# Python API: a page for every public name, a page for every module of the packages below the studies.
 autosummary_generate = True
 autodoc_mock_imports = [name for name in ("felupe", "pypardiso", "torch") if find_spec(name) is None]
 autodoc_typehints = "none"

@@ -19,8 +19,8 @@ scene = ev.load("thesis").with_(card__checkerboard_side_mm=2.5, card__checkerboa
 camera = ev.Camera(ev.coarser(scene, 4))
 
 # %%
-# The board is held at two tilts and lies flat once, with the LEDs off and under the light of the room. Tilts both ways
-# tell the focal length from the distance; the square lies flat on the glass.
+# The board is held at two tilts and lies flat once, with the LEDs off and under even illumination. Tilts both ways
+# separate the focal length from the distance; the square lies flat on the glass.
 
 poses = [
     ev.Pose(height=9.0, tilt_x_deg=16.0, tilt_y_deg=5.0, rotation_deg=4.0),

@@ -16,7 +16,7 @@ scene = ev.load("thesis").with_(card__checkerboard_side_mm=2.0, card__checkerboa
 camera = ev.Camera(ev.coarser(scene, 2))
 
 # %%
-# Calibrate with one flat board, whose corners do not tell the focal length: it is the one on the lens.
+# Calibrate with one flat board, whose corners do not determine the focal length: it is the one on the lens.
 
 focal_px = scene.camera.lens.focal_length_mm * 1e3 / camera.scene.camera.pixel.pitch_um
 board, square = camera.shoot_target("checkerboard"), camera.shoot_target("square")

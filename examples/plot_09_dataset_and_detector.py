@@ -3,7 +3,7 @@ A data set in memory and a small slip detector
 ==============================================
 
 Labelled trials of presses, slides and other movements are made in memory; a logistic regression on a few numbers of
-each pair of frames learns to tell whether slip has begun: whether more than a tenth of the contact slips. Trials with
+each pair of frames learns whether slip has begun: whether more than a tenth of the contact slips. Trials with
 other friction than those it has seen judge it.
 """
 

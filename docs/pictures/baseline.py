@@ -1,6 +1,6 @@
 """Picture of docs/reference/dataset.md: learning curves of the baselines and what randomised effects are worth.
 
-Run: python docs/pictures/baseline.py [JSON of benchmarks/baseline.py; the one the data card tells by default]
+Run: python docs/pictures/baseline.py [JSON of benchmarks/baseline.py; the one the data card reports by default]
 """
 
 from __future__ import annotations

@@ -133,7 +133,9 @@ def test_effects_are_drawn_within_bounds_and_accepted():
     for name, effect in all_effects().items():
         for k in range(4):
             table = draw_effect(effect, 1.0, np.random.default_rng([k, 77]))
-            active_effects(scene.model_copy(update={"effects": {name: table}}))
+            (found,) = active_effects(scene.model_copy(update={"effects": {name: table}}))
+            assert found.effect is effect
+            assert set(table) <= set(found.parameters.model_dump())
 
 
 def test_what_grows_with_time_has_been_at_work_for_a_while():

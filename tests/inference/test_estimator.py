@@ -169,7 +169,7 @@ def test_scattering_that_is_found_is_the_least_across_the_valley():
 
 
 def test_saturated_area_under_scattered_light_states_what_it_cannot_see():
-    """What saturation hides is told, and its interval is wider and holds the truth."""
+    """What saturation hides is reported, and its interval is wider and holds the truth."""
     share, scattering = ellipse(93.4, 81.7, (171.3, 158.8), 0.4), Scattering(6.2, 0.08)
     light = spread(share, scattering, BLUR_PX)
     estimator = Estimator.of(uniform_calibration(), scattering=scattering)

@@ -1,4 +1,4 @@
-"""The public API from a scene to a judged area: each step agrees with the functions beneath it and the command line."""
+"""The public API from a scene to its area: each step agrees with the functions beneath it and the command line."""
 
 from __future__ import annotations
 

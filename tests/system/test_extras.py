@@ -75,6 +75,7 @@ def test_the_error_is_bad_input_and_an_import_error_and_survives_a_process_bound
 
 def test_what_is_there_is_not_asked_for():
     require("dataset", "anything", "json", "pathlib")
+    assert missing(("json", "pathlib")) == ()
 
 
 def test_extras_are_those_of_the_project_file():

@@ -119,9 +119,9 @@ def test_no_old_name_outlives_the_version_that_was_promised_to_drop_it() -> None
 
 
 def test_a_renamed_function_is_found_by_its_old_name() -> None:
-    old = moved_names("somewhere", {"touch": Moved("evanesce.core.rng:generator", removal="9.0")})
-    with pytest.warns(DeprecationWarning, match=r"somewhere\.touch is now evanesce\.core\.rng\.generator"):
-        assert old("touch").__name__ == "generator"
+    old = moved_names("somewhere", {"old_name": Moved("evanesce.core.rng:generator", removal="9.0")})
+    with pytest.warns(DeprecationWarning, match=r"somewhere\.old_name is now evanesce\.core\.rng\.generator"):
+        assert old("old_name").__name__ == "generator"
     with warnings.catch_warnings(), pytest.raises(AttributeError, match="'somewhere' has no attribute 'other'"):
         old("other")
 
@@ -160,7 +160,7 @@ def test_a_value_is_taken_if_and_only_if_it_is_within_its_bounds(value: float) -
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "message"),
     [
         ({"leds__voltage": 9.5}, r"leds\.voltage: wrong unit: write voltage_V"),
         ({"led__voltage_V": 9.5}, r"led: unknown key; nearest key: leds"),
@@ -171,8 +171,8 @@ def test_a_value_is_taken_if_and_only_if_it_is_within_its_bounds(value: float) -
         ({"leds__edges": ("left", "up")}, r"leds\.edges\.1: 'up' is not known"),
     ],
 )
-def test_a_wrong_change_names_the_key_and_what_is_allowed(changes: dict[str, Any], told: str) -> None:
-    with pytest.raises(ev.InputError, match=rf"Scene\.with_: {told}"):
+def test_a_wrong_change_names_the_key_and_what_is_allowed(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ev.InputError, match=rf"Scene\.with_: {message}"):
         small_rig().with_(changes)
 
 
@@ -222,7 +222,7 @@ def test_a_scene_goes_to_no_folder_that_is_not_there(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "message"),
     [
         ({"renderer": "slow"}, r"renderer: 'slow'"),
         ({"renderer": "fast", "samples": 8}, r"samples: the fast renderer draws no paths"),
@@ -231,8 +231,8 @@ def test_a_scene_goes_to_no_folder_that_is_not_there(tmp_path: Path) -> None:
         ({"renderer": "reference", "until_error": 1.5}, r"until_error: 1\.5"),
     ],
 )
-def test_a_wrong_option_of_the_camera_is_refused_before_a_frame(options: dict[str, Any], told: str) -> None:
-    with pytest.raises(ev.InputError, match=told):
+def test_a_wrong_option_of_the_camera_is_refused_before_a_frame(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ev.InputError, match=message):
         ev.Camera(small_rig(), **options)
 
 
@@ -242,7 +242,7 @@ def test_an_unknown_effect_is_refused_before_a_frame() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "message"),
     [
         ({}, r"scale_mm2_per_px: no area per pixel was given and there is no calibration"),
         ({"scale_mm2_per_px": -1.0}, r"scale_mm2_per_px: -1\.0"),
@@ -256,8 +256,8 @@ def test_an_unknown_effect_is_refused_before_a_frame() -> None:
         ({"scale_mm2_per_px": 1.0, "crop": "1:2"}, r"is no crop"),
     ],
 )
-def test_a_wrong_option_of_a_pipeline_is_refused(options: dict[str, Any], told: str) -> None:
-    with pytest.raises(ev.InputError, match=told):
+def test_a_wrong_option_of_a_pipeline_is_refused(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ev.InputError, match=message):
         ev.Pipeline(**options)
 
 

@@ -42,3 +42,19 @@ def test_every_required_package_is_pinned():
     names = {re.split(r"[<>=;\[ ]", text, maxsplit=1)[0].lower() for text in wanted} - {"evanesce"}
     lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").lower().replace("_", "-").splitlines()
     assert names <= {line.partition("==")[0] for line in lines}
+
+
+def test_contracts_name_every_package_but_the_one_that_may():
+    """The layers are exhaustive by themselves; the lists of what may not import a library are kept complete here."""
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"][
+        "contracts"
+    ]
+    packages = {f"evanesce.{p.parent.name}" for p in (ROOT / "src" / "evanesce").glob("*/__init__.py")}
+    named = {c["name"]: {".".join(m.split(".")[:2]) for m in c.get("source_modules", ())} for c in contracts}
+    assert packages - named["Only render knows Mitsuba and Dr.Jit"] == {"evanesce.render"}
+    assert packages - named["Only finite elements need the finite-element extra"] == {"evanesce.contact"}
+    assert packages <= named["Only the adapters of the live page know the web framework"]
+    (layers,) = (c for c in contracts if c["type"] == "layers")
+    assert layers["exhaustive"]
+    inside = {f"evanesce.{part.strip()}" for layer in layers["layers"] for part in layer.split("|")}
+    assert inside == packages

@@ -17,7 +17,7 @@ class Criticism:
     Attributes
     ----------
     result : mapping
-        JSON-able; its keys stand in docs/criticism.md.
+        JSON-able; its keys stand in docs/criticism/index.md.
     evidence : object
         What the HTML report shows: residuals, tests, ranking of the candidates.
     """
@@ -46,7 +46,7 @@ class Criticism:
 
     @property
     def next_measurement(self) -> str | None:
-        """What to measure next to tell the candidates apart; None where nothing is left to tell."""
+        """What to measure next to separate the candidates; None where one remains."""
         found = self.result["next_measurement"]
         return None if found is None else str(found["what"])
 
@@ -77,7 +77,7 @@ def criticise(
     Raises
     ------
     InputError
-        If the bundle is broken, with the exact place.
+        If the bundle is broken, with the exact location.
 
     Examples
     --------

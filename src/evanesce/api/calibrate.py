@@ -79,7 +79,7 @@ def calibrate(
         Tone curve of the frames for the refined estimator: ``linear``, ``bt709``, ``srgb``, or 256 values of linear
         light; ``bt709`` where none is given.
     expect_focal_px, expect_distance_mm : float, optional
-        What the rig's drawing says, to compare with; the focal length is assumed where the boards do not tell it.
+        What the rig's drawing says, to compare with; the focal length is assumed where the boards do not determine it.
 
     Returns
     -------
@@ -113,8 +113,8 @@ def calibrate(
     if tone_curve is None:
         return fit.calibration
     tone_table(tone_curve)  # refuses what is none
-    kept = tone_curve if isinstance(tone_curve, str) else [float(value) for value in tone_curve]
-    return replace(fit.calibration, details={**fit.calibration.details, "tone_curve": kept})
+    curve = tone_curve if isinstance(tone_curve, str) else [float(value) for value in tone_curve]
+    return replace(fit.calibration, details={**fit.calibration.details, "tone_curve": curve})
 
 
 def fit_calibration(
@@ -125,7 +125,7 @@ def fit_calibration(
     square: Picture | None = None,
     square_side_mm: float = 15.0,
     square_colour: Colour = "white",
-    model: Model = "radial2",
+    model: str = "radial2",
     expect_focal_px: float | None = None,
     expect_distance_mm: float | None = None,
 ) -> CalibrationFit:

@@ -33,7 +33,7 @@ class Camera:
     renderer : {"fast", "reference"} or callable
         ``"fast"``: light transport in closed form and tables, about a second a frame, no noise of its own.
         ``"reference"``: the path tracer (Mitsuba 3), which the fast one is checked against. A callable
-        ``render(scene, state, *, seed, **options) -> PlateLight`` takes their place.
+        ``render(scene, state, *, seed, **options) -> PlateLight`` replaces both.
     samples : int, optional
         Reference only: paths per pixel around the contact; the scene's ``render.samples_per_pixel`` by default.
     passes : int, optional
@@ -175,7 +175,7 @@ class Camera:
         Parameters
         ----------
         state : ContactState or None
-            What touches, as it is: effects of load and contact are not applied to it. None: nothing.
+            The contact as it is: effects of load and contact are not applied to it. None: no contact.
         seed, index : int
             As for :meth:`shoot`.
         time_s : float, optional
@@ -201,7 +201,7 @@ class Camera:
         time_s: float = 0.0,
         index: int = 0,
     ) -> NDArray[np.uint8]:
-        """Take the frame of a printed calibration target on the glass, LEDs off, under the light of the room.
+        """Take the frame of a printed calibration target on the glass, LEDs off, under even illumination.
 
         Parameters
         ----------
@@ -302,7 +302,7 @@ class Shot:
 
     @property
     def contact(self) -> ContactState | None:
-        """What touched: pressure, gap, contact mask on the contact plane's grid; None where nothing did."""
+        """Pressure, gap and contact mask on the contact plane's grid; None without contact."""
         return self.simulated.state
 
     @property

@@ -101,7 +101,7 @@ def split_error(measurement: Measurement, shot: Shot) -> ErrorSplit:
     if pipeline.settings.crop != Crop():
         raise InputError(f"{pipeline.settings.crop}", key="crop", allowed="none: the whole view is exposed anew")
     if shot.contact is None:
-        raise InputError("nothing touches in this frame", key="shot", allowed="a shot with a contact")
+        raise InputError("no contact in this frame", key="shot", allowed="a shot with a contact")
     calibration = pipeline.calibration if pipeline.undistort else None
     viewed = Viewed.of(shot.scene, calibration, pipeline.scale_mm2_per_px)
     error = evaluate(shot.simulated, pipeline.settings, viewed, seed=shot.seed).error

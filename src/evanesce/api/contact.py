@@ -94,6 +94,6 @@ class _Programme(Sequence[ContactState]):
     def __getitem__(self, index: int | slice) -> ContactState | list[ContactState]:
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
-        place = range(len(self))[index]
-        time_s, force_N = self._steps[place]
-        return solve_contact(self._scene, force_N, seed=self._seed, time_s=time_s, index=place)
+        frame = range(len(self))[index]
+        time_s, force_N = self._steps[frame]
+        return solve_contact(self._scene, force_N, seed=self._seed, time_s=time_s, index=frame)

@@ -32,7 +32,7 @@ class MemoryDataset(Sequence[Sample]):
     Notes
     -----
     A sample holds the bytes that stand in a shard and decodes them when they are asked for, so that it is equal to the
-    one that is read from disk. Go through the frames in order: the trial at hand is kept, another one is solved anew.
+    one that is read from disk. Take the frames in order: only the current trial is cached, another one is solved anew.
     """
 
     def __init__(self, job: Job) -> None:
@@ -81,7 +81,7 @@ def make_dataset(
     seed : int
         The same scene, configuration and seed give the same samples.
     config : DatasetConfig, mapping, str or Path, optional
-        Declared distributions and options as docs/dataset.md describes them, or their TOML file; the defaults else.
+        Declared distributions and options (docs/reference/dataset.md), or their TOML file; the defaults else.
     **changes
         Keys of the configuration to replace, with two underscores for each dot: ``trial__frames=20``,
         ``camera__scale=0.25``.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -84,7 +84,7 @@ class Pipeline:
     undistort : bool
         Reference only: False leaves the frame distorted although a calibration is given.
     min_blob_px : int
-        Reference only: smallest number of pixels of a dilated blob that is kept.
+        Reference only: minimum size of a dilated blob [px].
     blur_px : float
         Reference only: standard deviation of the Gaussian before the threshold [px].
     dilation_px : int
@@ -162,13 +162,15 @@ class Pipeline:
             return f"Pipeline(refined, {view})"
         return f"Pipeline(reference, threshold {self.settings.threshold:g}, {view})"
 
-    def measure(self, frame: Picture | Frame) -> Measurement:
+    def measure(self, frame: Picture | Frame, *, lossy: bool | None = None) -> Measurement:
         """Measure one frame.
 
         Parameters
         ----------
         frame : ndarray of uint8 (rows, cols) or (rows, cols, 3), Frame, str or Path
             As taken [DN].
+        lossy : bool, optional
+            Whether this frame went through a lossy codec; as for the whole pipeline by default.
 
         Returns
         -------
@@ -181,11 +183,13 @@ class Pipeline:
         """
         if not isinstance(frame, Frame):
             frame = Frame(data=as_image(frame))
+        lossy = self.lossy if lossy is None else lossy
         if self.refined is None:
             measured = measure_frame(frame, self.settings, self.scale_mm2_per_px, self.rectified)
-            return Measurement(measured=measured, pipeline=self)
+            return Measurement(measured=measured, pipeline=self, lossy=lossy)
         found = self.refined.area(frame.data)
-        return Measurement(measured=refined_measured(frame, found, self.refined), pipeline=self, refined=found)
+        measured = refined_measured(frame, found, self.refined)
+        return Measurement(measured=measured, pipeline=self, lossy=lossy, refined=found)
 
     def measure_all(
         self, source: Iterable[Picture | Frame] | str | Path, *, frame_rate_hz: float | None = None
@@ -195,7 +199,7 @@ class Pipeline:
         Parameters
         ----------
         source : iterable of frames, str or Path
-            Frames, or a video or folder of images.
+            Frames, or a video or folder of images. Those of a video count as lossy.
         frame_rate_hz : float, optional
             Of a video or folder [Hz]; wins over the file's own. Frames that are given count from 0 s at this rate
             where they carry no time of their own.
@@ -212,7 +216,7 @@ class Pipeline:
         if isinstance(source, str | Path):
             stream = open_frames(source, frame_rate_hz)
             for frame in stream:
-                yield self.measure(frame)
+                yield self.measure(frame, lossy=self.lossy or stream.stated_rate is not None)
             stream.finish()
             return
         for index, given in enumerate(source):
@@ -236,7 +240,7 @@ class Pipeline:
             where = "the calibration holds none" if self.calibration else "there is no calibration"
             raise InputError(
                 f"no area per pixel was given and {where}", key="scale_mm2_per_px",
-                allowed="mm^2, or a calibration with a frame of the square",
+                allowed="mm^2, or a calibration with a square card",
             )  # fmt: skip
         return scale
 
@@ -244,7 +248,7 @@ class Pipeline:
         self, scale: float | None, dark: Sequence[Picture], flat: Sequence[Picture], tune: Picture | None
     ) -> Estimator:
         if self.calibration is None:
-            raise InputError("is needed by the refined estimator", key="calibration", allowed="a calibration")
+            raise InputError("is needed by the refined estimator", key="calibration", allowed="a calibration file")
         if scale is not None:
             raise InputError(
                 f"{scale:g}", key="scale_mm2_per_px",
@@ -260,7 +264,7 @@ class Pipeline:
         if found.unseen:
             raise InputError("the contact is at full scale", file=file, key="tune", allowed=allowed)
         if not found.contours:
-            raise InputError("no contact is found", file=file, key="tune", allowed=allowed)
+            raise InputError("no contact", file=file, key="tune", allowed=allowed)
         return estimator.tuned_on(image)
 
 
@@ -274,12 +278,15 @@ class Measurement:
         Estimate, segmentation and the view that was segmented.
     pipeline : Pipeline
         That measured it.
+    lossy : bool
+        Whether the frame went through a lossy codec.
     refined : RefinedArea or None
         What the refined estimator says; None of the reference segmentation.
     """
 
     measured: Measured
-    pipeline: Pipeline = field(repr=False)
+    pipeline: Pipeline
+    lossy: bool = False
     refined: RefinedArea | None = None
 
     def __repr__(self) -> str:
@@ -330,11 +337,9 @@ class Measurement:
         """The area's uncertainty: standard uncertainty [mm^2], intervals, and what each component contributes."""
         pipeline, draws = self.pipeline, rng.generator(0, "uncertainty", self.index)
         if self.refined is not None and pipeline.refined is not None:
-            return refined_uncertainty(
-                self.refined, pipeline.refined, draws, video=pipeline.lossy, finger=pipeline.finger
-            )
+            return refined_uncertainty(self.refined, pipeline.refined, draws, video=self.lossy, finger=pipeline.finger)
         return reference_uncertainty(
-            self.measured, pipeline.scale_mm2_per_px, pipeline.calibration, draws, video=pipeline.lossy
+            self.measured, pipeline.scale_mm2_per_px, pipeline.calibration, draws, video=self.lossy
         )
 
     @cached_property

@@ -17,8 +17,8 @@ from evanesce.rig import Scene
 from evanesce.rig.camera import Camera
 from evanesce.rig.plate import Plate
 
-GEOMETRIES_KEPT = 2
-"""Views whose pixels' places on the plate are kept; one of 2000 x 1500 pixels takes 72 MB."""
+CACHED_GEOMETRIES = 2
+"""Number of views whose pixel positions on the plate are cached; one of 2000 x 1500 pixels takes 72 MB."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -30,7 +30,7 @@ class Truth:
     scene : Scene
         The rig as it was.
     state : ContactState or None
-        None where nothing touched.
+        None without contact.
 
     Examples
     --------
@@ -51,7 +51,7 @@ class Truth:
 
     @property
     def area_mm2(self) -> float:
-        """Nominal contact area [mm^2], exact, also of what lies outside the frame; 0 where nothing touched."""
+        """Nominal contact area [mm^2], exact, also of what lies outside the frame; 0 without contact."""
         return 0.0 if self.state is None else self.state.nominal_contact_area
 
     @property
@@ -111,9 +111,9 @@ class Truth:
         return _geometry(camera.model_dump_json(), plate.model_dump_json(), key)
 
 
-@lru_cache(maxsize=GEOMETRIES_KEPT)
+@lru_cache(maxsize=CACHED_GEOMETRIES)
 def _geometry(camera: str, plate: str, calibration: tuple[tuple[int, int], tuple[float, ...]] | None) -> ViewGeometry:
-    """Return where the pixels of a frame or of its rectified view lie; takes a second for millions of them."""
+    """Return the plate positions of the pixels of a view; takes a second for millions of them."""
     projection = Projection.of(Camera.model_validate_json(camera), Plate.model_validate_json(plate))
     if calibration is None:
         return view_geometry(projection)

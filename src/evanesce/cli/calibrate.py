@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -16,6 +16,7 @@ from evanesce.cli.common import (
     console,
     handles_errors,
     messages,
+    named_options,
     out_dir,
     progress,
     write_json,
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from evanesce.measurement.calibration.board_images import BoardPictures
     from evanesce.measurement.calibration.fit import Calibrated
     from evanesce.measurement.calibration.model import Calibration
-    from evanesce.measurement.reference.area import SquareScale
 
 MAX_PICTURES = 1000
 
@@ -94,8 +94,7 @@ def calibrate(
     ):
         if value is not None and not 1e-6 < value < 1e6:
             raise InputError(f"{value:g}", key=key, allowed="a number from 1e-6 to 1e6")
-    from evanesce.measurement.calibration import fit as fits
-    from evanesce.measurement.calibration.model import save_calibration
+    from evanesce.api.calibrate import fit_calibration
     from evanesce.measurement.calibration.points import read_points
 
     pictures = _find(files, square_mm, size) if files else None
@@ -105,19 +104,20 @@ def calibrate(
         views = read_points(points)
     else:
         views, size = pictures.views, pictures.image_size
-    result = fits.calibrate(
-        views, size, model=model, expect_focal_px=expect_focal_px, expect_distance_mm=expect_distance_mm
-    )
-    card = None if square is None else _square(square, side_mm, square_colour, result.calibration)
-    calibration = _complete(result, pictures, card, side_mm)
+    with named_options({"square": "--square"}):
+        fit = fit_calibration(
+            views, size, pictures=pictures, square=square, square_side_mm=side_mm,
+            square_colour="white" if square_colour == "white" else "black", model=model,
+            expect_focal_px=expect_focal_px, expect_distance_mm=expect_distance_mm,
+        )  # fmt: skip
     folder = None if out is None else out_dir(out, "calibrate")
     if folder is not None:
-        _draw(folder, result, pictures)
-        save_calibration(folder / "calibration.json", calibration)
+        _draw(folder, fit.boards, pictures)
+        fit.calibration.save(folder / "calibration.json")
     from evanesce.measurement.calibration.model import as_plain
 
-    write_json(json_file, as_plain(calibration))
-    _show(calibration, saved_to=json_file or folder)
+    write_json(json_file, as_plain(fit.calibration))
+    _show(fit.calibration, saved_to=json_file or folder)
 
 
 def _checkerboards(given: list[Path], more: list[Path]) -> list[Path]:
@@ -179,54 +179,6 @@ def _find(files: list[Path], square_mm: float, size: tuple[int, int] | None) -> 
         )
         pictures.warnings.append(Warning("changed_resolution", text))
     return pictures
-
-
-def _square(path: Path, side_mm: float, colour: str, calibration: Calibration) -> SquareScale:
-    """Measure the square card through the reference segmentation, after undistortion."""
-    from evanesce.measurement.calibration.rectify import rectification, rectify
-    from evanesce.measurement.io.images import read_image
-    from evanesce.measurement.reference.area import square_scale
-
-    picture = read_image(path).data
-    if (picture.shape[1], picture.shape[0]) != calibration.image_size:
-        cols, rows = calibration.image_size
-        raise InputError(
-            f"changed resolution: {picture.shape[1]} x {picture.shape[0]} pixels",
-            file=path,
-            key="--square",
-            allowed=f"{cols} x {rows}, as the checkerboard's pictures are",
-        )
-    kind: Literal["white", "black"] = "white" if colour == "white" else "black"
-    return square_scale(rectify(picture, rectification(calibration)), side_mm, square=kind)
-
-
-def _complete(
-    result: Calibrated, pictures: BoardPictures | None, card: SquareScale | None, side_mm: float
-) -> Calibration:
-    """Return the calibration with the area of a pixel and everything reported beside it."""
-    from evanesce.measurement.calibration.fit import report
-    from evanesce.measurement.calibration.model import Calibration
-
-    details = report(result)
-    found = [*(pictures.warnings if pictures else []), *(card.warnings if card else [])]
-    details["warnings"] = [{"code": w.code, "text": w.text} for w in found] + details["warnings"]
-    if card is not None:
-        details["square"] = {
-            "pixels": card.pixels,
-            "sides_px": list(card.sides_px),
-            "rotation_deg": card.rotation_deg,
-            "threshold": card.threshold,
-        }
-    if pictures is not None:
-        details["blur_px"] = pictures.blurs
-    return Calibration(
-        image_size=result.calibration.image_size,
-        camera_matrix=result.fit.camera_matrix,
-        distortion=result.fit.distortion,
-        mm2_per_px=None if card is None else card.mm2_per_px,
-        square_side_mm=None if card is None else side_mm,
-        details=details,
-    )
 
 
 def _draw(folder: Path, result: Calibrated, pictures: BoardPictures | None) -> None:

@@ -7,8 +7,8 @@ import json
 import math
 import os
 import sys
-import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, ParamSpec, TypeVar
 
@@ -16,7 +16,8 @@ import typer
 from rich.console import Console
 
 from evanesce.cli.progress import CommandProgress
-from evanesce.core.errors import EvanesceError, InputError, WorkError
+from evanesce.core.errors import EvanesceError, InputError
+from evanesce.core.files import write_bytes, write_text
 
 # Output to a file would be limited to 80 columns.
 console = Console() if sys.stdout.isatty() else Console(width=150)
@@ -47,6 +48,16 @@ def handles_errors(command: Callable[P, R]) -> Callable[P, R]:
             raise typer.Exit(130) from None
 
     return wrapped
+
+
+@contextmanager
+def named_options(options: Mapping[str, str]) -> Iterator[None]:
+    """Let errors about parameters of the Python API name the options that set them, e.g. ``{"tune": "--tune"}``."""
+    try:
+        yield
+    except InputError as error:
+        key = options.get(error.key or "", error.key)
+        raise InputError(error.what, file=error.file, key=key, allowed=error.allowed) from None
 
 
 def chosen_variant(variant: str) -> Any:
@@ -88,36 +99,11 @@ def check_json_target(path: Path | None) -> None:
         raise InputError("its folder is not writable", file=path, key="--json")
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a text file atomically."""
-    write_bytes(path, text.encode("utf-8"))
-
-
 def write_figure(path: Path, figure: Any) -> None:
     """Write a Matplotlib figure as PNG atomically."""
     from evanesce.report.html import figure_png
 
     write_bytes(path, figure_png(figure))
-
-
-def write_bytes(path: Path, content: bytes) -> None:
-    """Write a file atomically."""
-    try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix="." + path.name)
-        try:
-            with os.fdopen(handle, "wb") as stream:
-                stream.write(content)
-                stream.flush()
-                os.fsync(stream.fileno())
-            umask = os.umask(0)
-            os.umask(umask)
-            os.chmod(name, 0o666 & ~umask)
-            os.replace(name, path)
-        except BaseException:
-            os.unlink(name)
-            raise
-    except OSError as error:
-        raise WorkError(f"{path}: cannot write: {error.strerror}") from None
 
 
 def write_json(path: Path | None, value: Any) -> None:

@@ -61,7 +61,7 @@ def design(
 
     plan, assessment = read_question(question, parse_overrides(settings))
     if assessment.trajectories:
-        require("design", "sensitivity of the best (assessment.trajectories above 0)", "SALib")
+        require("design", "sensitivity of the best (winners.trajectories above 0)", "SALib")
     folder = out_dir(out, f"design-{Path(question).stem}")
     _run(plan, assessment, folder, workers, scheduler, json_file)
 

@@ -9,17 +9,17 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from rich.markup import escape
 from rich.table import Table
 
-from evanesce.cli.common import console, messages, out_dir, progress, write_json, write_text
-from evanesce.core import provenance, rng
+from evanesce.api.measure import Measurement, Pipeline
+from evanesce.cli.common import console, messages, named_options, out_dir, progress, write_json, write_text
+from evanesce.core import provenance
 from evanesce.core.errors import InputError
-from evanesce.core.states import Frame
-from evanesce.measurement.calibration.model import Calibration, load_calibration
-from evanesce.measurement.calibration.rectify import Rectification, rectification
+from evanesce.measurement.calibration.model import load_calibration
 from evanesce.measurement.io.frames import FrameStream, open_frames
-from evanesce.measurement.io.images import read_image
 from evanesce.measurement.plots import (
     OverlayVideo,
     area_figure,
@@ -29,11 +29,8 @@ from evanesce.measurement.plots import (
     overlay_figure,
     save_figure,
 )
-from evanesce.measurement.reference.area import AreaRow, Measured, measure_frame, summary, to_csv, to_plain
+from evanesce.measurement.reference.area import AreaRow, Measured, summary, to_csv, to_plain
 from evanesce.measurement.reference.segment import Chain
-from evanesce.measurement.refined.estimator import Estimator, refined_measured
-from evanesce.measurement.refined.light import Radiometry
-from evanesce.measurement.uncertainty.area import reference_uncertainty, refined_uncertainty
 from evanesce.measurement.uncertainty.budget import Finger, Uncertain
 from evanesce.measurement.uncertainty.table import budget_table
 from evanesce.measurement.warnings import EdgeLog, FrameLog, Warning, scale_warning
@@ -45,6 +42,10 @@ VIEWING_RATE = 30.0
 
 MAX_DARK_FRAMES = 64
 """Number of dark or flat frames that are averaged: with more their noise is below the resolution of 8 bits."""
+
+
+OPTIONS = {"calibration": "--calibration", "scale_mm2_per_px": "--mm2-per-px", "tune": "--tune"}
+"""Parameters of :class:`evanesce.api.measure.Pipeline` by the options that set them."""
 
 
 @dataclass(frozen=True)
@@ -85,16 +86,11 @@ class Job:
     """What is to be done, checked."""
 
     path: Path
-    chain: Chain
-    mm2_per_px: float
-    rectified: Rectification | None
+    pipeline: Pipeline
     calibration: Path | None
     out: Path | None
     stream: FrameStream
     warnings: tuple[Warning, ...]
-    estimator: Estimator | None = None
-    stored: Calibration | None = None
-    finger: Finger = "ridged"
     tune: Path | None = None
 
 
@@ -129,70 +125,30 @@ def prepare(
     if out is not None and out.exists() and not out.is_dir():
         raise InputError("is a file", file=out, key="--out", allowed="a folder")
     stored = load_calibration(calibration) if calibration is not None else None
-    estimator = None if refined is None else _estimator(refined, stored, mm2_per_px, chain)
-    scale = _scale(mm2_per_px, stored) if estimator is None else estimator.plate.middle_area
+    shots = [_shots(path) for path in ((None, None) if refined is None else (refined.dark, refined.flat))]
+    with named_options(OPTIONS):
+        pipeline = Pipeline(
+            calibration=stored, scale_mm2_per_px=mm2_per_px, threshold=chain.threshold, undistort=undistort,
+            estimator="reference" if refined is None else "refined", min_blob_px=chain.min_blob, blur_px=chain.blur,
+            dilation_px=chain.radius, crop=chain.crop, dark=shots[0], flat=shots[1],
+            tune=None if refined is None else refined.tune, finger="ridged" if refined is None else refined.finger,
+        )  # fmt: skip
     if undistort and stored is None:
         raise InputError("is needed to undistort", key="--calibration", allowed="a calibration file, or --no-undistort")
     extra = scale_warning(stored.mm2_per_px if stored else None, mm2_per_px)
     return Job(
         path=path,
-        chain=chain,
-        mm2_per_px=scale,
-        stream=open_frames(path, fps),
-        rectified=rectification(stored) if estimator is None and undistort and stored is not None else None,
+        pipeline=pipeline,
         calibration=calibration,
         out=out,
+        stream=open_frames(path, fps),
         warnings=(extra,) if extra else (),
-        estimator=estimator,
-        stored=stored,
-        finger="ridged" if refined is None else refined.finger,
         tune=None if refined is None else refined.tune,
     )
 
 
-def _estimator(refined: Refined, stored: Calibration | None, mm2_per_px: float | None, chain: Chain) -> Estimator:
-    """Return the refined estimator of a calibration and the rig's own shots."""
-    if stored is None:
-        raise InputError("is needed by the refined estimator", key="--calibration", allowed="a calibration file")
-    if mm2_per_px is not None:
-        raise InputError(
-            f"{mm2_per_px:g}", key="--mm2-per-px", allowed="none: the refined estimator uses the local scale"
-        )
-    shots = ([frame.data for frame in islice(open_frames(p), MAX_DARK_FRAMES)] if p else [] for p in _paths(refined))
-    radiometry = Radiometry.of(stored.details, *shots)
-    estimator = Estimator.of(stored, radiometry, crop=chain.crop)
-    return estimator if refined.tune is None else _tuned(estimator, refined.tune)
-
-
-def _tuned(estimator: Estimator, path: Path) -> Estimator:
-    """Return the estimator with scattering and edge profile fitted to a frame of the same finger."""
-    image = read_image(path).data
-    found = estimator.area(image)
-    allowed = "a frame of a contact that does not saturate"
-    if found.unseen:
-        raise InputError("the contact is at full scale", file=path, key="--tune", allowed=allowed)
-    if not found.contours:
-        raise InputError("no contact", file=path, key="--tune", allowed=allowed)
-    return estimator.tuned_on(image)
-
-
-def _paths(refined: Refined) -> tuple[Path | None, Path | None]:
-    return refined.dark, refined.flat
-
-
-def _scale(given: float | None, stored: Calibration | None) -> float:
-    """Return the area of a pixel [mm^2], the user's before the calibration's."""
-    if given is not None and not 0 < given < math.inf:
-        raise InputError(f"{given}", key="--mm2-per-px", allowed="above 0 mm^2, finite")
-    scale = given if given is not None else (stored.mm2_per_px if stored else None)
-    if scale is None:
-        where = "the calibration holds none" if stored else "there is no calibration"
-        raise InputError(
-            f"no area per pixel was given and {where}",
-            key="--mm2-per-px",
-            allowed="mm^2, or a calibration with a square card",
-        )
-    return scale
+def _shots(path: Path | None) -> list[NDArray[np.uint8]]:
+    return [frame.data for frame in islice(open_frames(path), MAX_DARK_FRAMES)] if path else []
 
 
 def run(job: Job) -> Result:
@@ -205,66 +161,57 @@ def run(job: Job) -> Result:
     """
     stream = job.stream
     rows: list[AreaRow] = []
-    known = job.estimator is None or job.estimator.settings.blur.origin != "nominal"
-    log, edges = FrameLog(job.chain.threshold), EdgeLog(blur_known=known)
-    peak: tuple[Measured, Uncertain] | None = None
+    refined = job.pipeline.refined
+    known = refined is None or refined.settings.blur.origin != "nominal"
+    log, edges = FrameLog(job.pipeline.settings.threshold), EdgeLog(blur_known=known)
+    peak: Measurement | None = None
     with ExitStack() as stack:
         bar = stack.enter_context(progress())
         task = bar.add_task("measure", total=stream.count)
         video: OverlayVideo | None = None
         for frame in stream:
-            measured, budget = _measure(frame, job, edges)
+            found = job.pipeline.measure(frame, lossy=stream.stated_rate is not None)
             if job.out is not None and stream.count != 1:
                 if video is None:  # only now is it known that the input is good, so that a folder may be made
                     folder = out_dir(job.out, "measure")
                     rate = stream.given_rate or stream.stated_rate or VIEWING_RATE
                     video = stack.enter_context(OverlayVideo(folder / "overlay.mp4", rate))
-                video.add(overlay(measured.view, measured.segmentation.mask))
-            rows.append(AreaRow.of(measured, budget.interval_mm2))
-            log.add(measured.figures)
-            if peak is None or measured.estimate.pixels > peak[0].estimate.pixels:
-                peak = measured, budget
+                video.add(overlay(found.view, found.mask))
+            rows.append(AreaRow.of(found.measured, found.interval_mm2))
+            log.add(found.measured.figures)
+            if found.refined is not None:
+                edges.add(found.index, found.refined.unseen)
+            if peak is None or found.pixels > peak.pixels:
+                peak = found
             bar.advance(task)
     if peak is None:
         stream.finish()
         raise InputError("no readable frame", file=job.path)
     warnings = [*job.warnings, *stream.warnings, *log.warnings(), *edges.warnings(len(rows))]
-    return Result(rows, peak[0], warnings, peak[1])
-
-
-def _measure(frame: Frame, job: Job, edges: EdgeLog) -> tuple[Measured, Uncertain]:
-    """Return one frame measured, and its area with its uncertainty."""
-    draws = rng.generator(0, "uncertainty", frame.index)
-    video = job.stream.stated_rate is not None
-    if job.estimator is not None:
-        found = job.estimator.area(frame.data)
-        edges.add(frame.index, found.unseen)
-        budget = refined_uncertainty(found, job.estimator, draws, video=video, finger=job.finger)
-        return refined_measured(frame, found, job.estimator), budget
-    measured = measure_frame(frame, job.chain, job.mm2_per_px, job.rectified)
-    return measured, reference_uncertainty(measured, job.mm2_per_px, job.stored, draws, video=video)
+    return Result(rows, peak.measured, warnings, peak.uncertainty)
 
 
 def record(job: Job, result: Result) -> dict[str, Any]:
     """Return everything of a result as JSON-able data."""
+    pipeline, chain = job.pipeline, job.pipeline.settings
     settings = {
-        "threshold": job.chain.threshold,
-        "min_blob_px": job.chain.min_blob,
-        "blur_px": job.chain.blur,
-        "dilation_radius_px": job.chain.radius,
-        "crop": str(job.chain.crop),
-        "mm2_per_px": job.mm2_per_px,
-        "undistort": job.rectified is not None,
-        "estimator": "reference" if job.estimator is None else "refined",
+        "threshold": chain.threshold,
+        "min_blob_px": chain.min_blob,
+        "blur_px": chain.blur,
+        "dilation_radius_px": chain.radius,
+        "crop": str(chain.crop),
+        "mm2_per_px": pipeline.scale_mm2_per_px,
+        "undistort": pipeline.rectified is not None,
+        "estimator": pipeline.estimator,
     }
-    if job.estimator is not None:
-        scattering, blur = job.estimator.settings.scattering, job.estimator.settings.blur
+    if pipeline.refined is not None:
+        scattering, blur = pipeline.refined.settings.scattering, pipeline.refined.settings.blur
         settings |= {
             "tune": str(job.tune) if job.tune else None,
             "scattering": asdict(scattering) if scattering else None,
             "camera_blur": blur.as_dict(),
         }
-    view = job.rectified
+    view = pipeline.rectified
     return {
         "frames": to_plain(result.rows),
         "complete": job.stream.complete,
@@ -283,11 +230,12 @@ def write_files(job: Job, result: Result, data: dict[str, Any]) -> None:
     """Write table, record and pictures into the output folder."""
     folder = out_dir(job.out, "measure")
     index = f"{result.peak.estimate.index:06d}"
+    chain, scale = job.pipeline.settings, job.pipeline.scale_mm2_per_px
     write_text(folder / "area.csv", to_csv(result.rows))
     save_figure(area_figure(result.rows), folder / "area.png")
-    save_figure(overlay_figure(result.peak, job.mm2_per_px), folder / f"overlay_{index}.png")
-    save_figure(intensity_figure(result.peak, job.mm2_per_px), folder / f"intensity_{index}.png")
-    save_figure(histogram_figure(result.peak, job.chain.threshold, job.chain.blur), folder / f"histogram_{index}.png")
+    save_figure(overlay_figure(result.peak, scale), folder / f"overlay_{index}.png")
+    save_figure(intensity_figure(result.peak, scale), folder / f"intensity_{index}.png")
+    save_figure(histogram_figure(result.peak, chain.threshold, chain.blur), folder / f"histogram_{index}.png")
     write_json(folder / "result.json", data)
 
 

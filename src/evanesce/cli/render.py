@@ -25,7 +25,7 @@ from evanesce.cli.common import (
 from evanesce.core.errors import InputError
 
 if TYPE_CHECKING:
-    from evanesce.chain.simulate import SimulatedFrame
+    from evanesce.api.camera import Shot
 
 VariantOption = Annotated[str, typer.Option("--variant", help="Mitsuba variant: auto, llvm, scalar or cuda.")]
 MAX_BANDS = 14
@@ -122,7 +122,7 @@ def _sampling(fast: bool, spp: int | None, passes: int | None, until_error: floa
     if until_error is not None and not 0 < until_error < 1:
         raise InputError(f"{until_error:g}", key="--until-error", allowed="above 0, below 1")
     if not fast:
-        return {"samples_per_pixel": spp, "passes": passes, "until_error": until_error}
+        return {"samples": spp, "passes": passes, "until_error": until_error}
     for flag, given in (("--spp", spp), ("--passes", passes), ("--until-error", until_error)):
         if given is not None:
             raise InputError("the fast renderer samples no paths", key=flag, allowed="with --reference only")
@@ -150,18 +150,15 @@ def _run(
     exr: bool,
     video: Any,
 ) -> dict[str, Any]:
-    from evanesce.chain.simulate import simulate
+    from evanesce.api.camera import Camera
     from evanesce.contact.programme import press_programme
-    from evanesce.core import provenance
     from evanesce.render.exr import write_light
     from evanesce.sensor.codec import VideoWriter, write_png
 
-    renderer, record = chosen_renderer(fast, variant)
-    if bands > 1:
-        from evanesce.render.bands import banded
-
-        renderer, record = banded(renderer, bands), record | {"bands": bands}
-    origin = provenance.record(seed=seed, config=scene.as_dict(), **record)
+    if not fast:
+        chosen_variant(variant)  # prints a note where it is a slower one
+    camera = Camera(scene, "fast" if fast else "reference", bands=bands, variant=variant, **options)
+    origin = camera.provenance(seed=seed)
     programme = press_programme(scene)
     rows = []
     with ExitStack() as stack:
@@ -172,31 +169,30 @@ def _run(
             target = folder / ("frames.mp4" if video == "h264" else "frames.mkv")
             film = stack.enter_context(VideoWriter(target, codec=video, frame_rate_hz=scene.press.frame_rate_hz))
         for index, (time_s, force_N) in enumerate(programme):
-            shot = simulate(scene, force_N, seed=seed, time_s=time_s, index=index, render=renderer, **options)
-            assert shot.state is not None  # a programme always presses
-            assert shot.frame.raw is not None
+            shot = camera.shoot(force_N, seed=seed, time_s=time_s, index=index)
+            assert shot.contact is not None  # a programme always presses
             # Each frame is written at once, so that an interrupted run leaves all earlier frames.
             if exr:
-                write_light(folder / f"light_{index:06d}.exr", shot.scene, shot.plate_light, shot.state, origin)
-            write_png(folder / f"frame_{index:06d}.png", shot.frame.data)
-            write_png(folder / f"raw_{index:06d}.png", shot.frame.raw)
+                write_light(folder / f"light_{index:06d}.exr", shot.scene, shot.plate_light, shot.contact, origin)
+            write_png(folder / f"frame_{index:06d}.png", shot.frame)
+            write_png(folder / f"raw_{index:06d}.png", shot.raw)
             if film is not None:
-                film.add(shot.frame)
-            rows.append(_row(index, time_s, force_N, shot))
+                film.add(shot.as_frame())
+            rows.append(_row(shot, force_N))
             bar.advance(task)
     times = "".join(f"frame_{row['index']:06d}.png,{row['index']},{row['time_s']!r}\n" for row in rows)
     write_text(folder / "times.csv", "file,index,time_s\n" + times)
     return {"frames": rows, "provenance": origin}
 
 
-def _row(index: int, time_s: float, force_N: float, shot: SimulatedFrame) -> dict[str, Any]:
+def _row(shot: Shot, force_N: float) -> dict[str, Any]:
     """Return the row of one frame in the table and in ``result.json``."""
     from evanesce.render.reference.passes import relative_error
 
-    assert shot.state is not None
+    assert shot.contact is not None
     return {
-        "index": index, "time_s": time_s, "force_N": force_N, "true_area_mm2": shot.state.nominal_contact_area,
-        "law": shot.state.law, "brightest_DN": int(shot.frame.data.max()), "paths_per_px": shot.plate_light.samples,
+        "index": shot.index, "time_s": shot.time_s, "force_N": force_N, "true_area_mm2": shot.truth.area_mm2,
+        "law": shot.contact.law, "brightest_DN": int(shot.frame.max()), "paths_per_px": shot.plate_light.samples,
         "relative_error": relative_error(shot.plate_light),
     }  # fmt: skip
 

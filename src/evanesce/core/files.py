@@ -1,4 +1,4 @@
-"""Write a text file whole or not at all."""
+"""Write files whole or not at all."""
 
 from __future__ import annotations
 
@@ -10,14 +10,28 @@ from evanesce.core.errors import WorkError
 
 
 def write_text(path: Path, text: str) -> None:
+    """Write a text file as UTF-8; as :func:`write_bytes`.
+
+    Parameters
+    ----------
+    path : Path
+    text : str
+
+    Raises
+    ------
+    WorkError
+    """
+    write_bytes(path, text.encode("utf-8"))
+
+
+def write_bytes(path: Path, content: bytes) -> None:
     """Write a file so that a reader, or a crash, sees the old content or the new one.
 
     Parameters
     ----------
     path : Path
         Its folder exists.
-    text : str
-        Written as UTF-8.
+    content : bytes
 
     Raises
     ------
@@ -27,8 +41,8 @@ def write_text(path: Path, text: str) -> None:
     try:
         handle, name = tempfile.mkstemp(dir=path.parent, prefix="." + path.name)
         try:
-            with os.fdopen(handle, "w", encoding="utf-8") as stream:
-                stream.write(text)
+            with os.fdopen(handle, "wb") as stream:
+                stream.write(content)
                 stream.flush()
                 os.fsync(stream.fileno())
             umask = os.umask(0)

@@ -1,6 +1,6 @@
 """Question file of a design search: strict TOML, read into the search and into what is computed of its winners.
 
-``scenes/questions/same_cost.toml`` is a documented example; ``docs/design.md`` describes the keys.
+``scenes/questions/same_cost.toml`` is a documented example; ``docs/howto/design.md`` describes the keys.
 """
 
 from __future__ import annotations

@@ -46,9 +46,9 @@ def changed(scene: Scene, changes: Mapping[str, Any], *, file: str = "Scene.with
     paths = [_path(key) for key in changes]
     for name in ("sources", "assumptions"):
         if (name,) not in paths:
-            data[name] = {key: text for key, text in data[name].items() if not _touched(tuple(key.split(".")), paths)}
+            data[name] = {key: text for key, text in data[name].items() if not _affected(tuple(key.split(".")), paths)}
     found = validate(Scene, data, file)
-    return _with_map_located(found) if _touched(HEIGHT_MAP, paths) else found
+    return _with_map_located(found) if _affected(HEIGHT_MAP, paths) else found
 
 
 def merged(data: dict[str, Any], changes: Mapping[str, Any], file: str) -> dict[str, Any]:
@@ -97,8 +97,8 @@ def _plain(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
-def _touched(key: tuple[str, ...], paths: list[tuple[str, ...]]) -> bool:
-    """Tell whether one of the changed keys holds a key, is it, or lies within it."""
+def _affected(key: tuple[str, ...], paths: list[tuple[str, ...]]) -> bool:
+    """Return whether one of the changed keys contains a key, equals it, or lies within it."""
     return any(key[: len(path)] == path or path[: len(key)] == key for path in paths)
 
 

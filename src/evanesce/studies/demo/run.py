@@ -85,7 +85,7 @@ class DemoSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class CalibratedRig:
-    """What the cards told.
+    """Calibration found from the pictures of the printed targets.
 
     Attributes
     ----------

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 from scipy.spatial import KDTree
 
 from evanesce.measurement.calibration.saddle import SaddleFit, fit_saddles, quadrants
@@ -14,7 +15,9 @@ from evanesce.measurement.calibration.saddle import SaddleFit, fit_saddles, quad
 Array = NDArray[np.float64]
 
 MAX_SIDE = 512  # corners along one side of a board
-GROWTH_WINDOW_PX = 9.0  # windows while growing; the last fit of each corner takes a wider one
+# While the lattice grows, a position only has to predict its neighbours; the last fit of each corner is to the end.
+# Two of three places tried are no corners, whose fit never converges: few steps leave them early.
+GROWTH: dict[str, Any] = {"limit_px": 9.0, "tolerance_px": 0.02, "iterations": 8}
 _ORIGIN = MAX_SIDE
 _PADDED = 2 * MAX_SIDE + 1
 _REACH = 3  # squares over which the local lattice is fitted
@@ -135,7 +138,7 @@ class Lattice:
     def _grow_border(self) -> int:
         """Try every empty position beside the lattice; return how many corners were added."""
         known = self.known
-        beside = ndimage.binary_dilation(known, structure=np.ones((3, 3))) & ~known
+        beside = (cv2.dilate(known.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0) & ~known
         beside[:_REACH] = beside[-_REACH:] = False
         beside[:, :_REACH] = beside[:, -_REACH:] = False
         cells = np.argwhere(beside)
@@ -145,7 +148,7 @@ class Lattice:
         cells, position, lattice = cells[sure], position[sure], lattice[sure]
         if not len(cells):
             return 0
-        fit = fit_saddles(self.image, position, lattice, limit_px=GROWTH_WINDOW_PX)
+        fit = fit_saddles(self.image, position, lattice, **GROWTH)
         even = fit.contrast * _parity(cells)
         good = self._fits(cells, position, lattice, fit, even)
         self.position[tuple(cells[good].T)] = fit.position[good]

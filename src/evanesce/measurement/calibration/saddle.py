@@ -19,7 +19,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
-from scipy.special import erf
 
 Array = NDArray[np.float64]
 
@@ -67,7 +66,13 @@ class SaddleFit:
 
 
 def fit_saddles(
-    image: Array, centres: Array, lattice: Array, half_width: float = 0.42, limit_px: float = MAX_HALF_WIDTH_PX
+    image: Array,
+    centres: Array,
+    lattice: Array,
+    half_width: float = 0.42,
+    limit_px: float = MAX_HALF_WIDTH_PX,
+    tolerance_px: float = 5e-4,
+    iterations: int = ITERATIONS,
 ) -> SaddleFit:
     """Fit the corner model around approximate positions.
 
@@ -84,6 +89,10 @@ def fit_saddles(
         Half-width of the window in squares; below 0.5 the next corner stays outside.
     limit_px : float
         Half-width that is never exceeded [px]; the work grows as its square.
+    tolerance_px : float
+        A corner that moves by less in a step has converged [px].
+    iterations : int
+        Steps at the most.
 
     Returns
     -------
@@ -95,7 +104,10 @@ def fit_saddles(
     step = max(1, MAX_BATCH_SAMPLES // (2 * reach + 1) ** 2)
     starts = range(0, max(len(centres), 1), step)
     parts = [
-        _fit_batch(image, centres[k : k + step], lattice[k : k + step], widths[k : k + step], reach) for k in starts
+        _fit_batch(
+            image, centres[k : k + step], lattice[k : k + step], widths[k : k + step], reach, tolerance_px, iterations
+        )
+        for k in starts
     ]
     joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in SaddleFit.__dataclass_fields__}
     return SaddleFit(**joined)
@@ -132,7 +144,9 @@ def quadrants(image: Array, position: Array, lattice: Array) -> Array:
     return np.where(count >= u.size // 3, median, np.nan)
 
 
-def _fit_batch(image: Array, centres: Array, lattice: Array, widths: Array, reach: int) -> SaddleFit:
+def _fit_batch(
+    image: Array, centres: Array, lattice: Array, widths: Array, reach: int, tolerance_px: float, iterations: int
+) -> SaddleFit:
     base = np.rint(centres).astype(np.int64)
     dx, dy, values, inside = _windows(image, base, reach)
     start = centres - base
@@ -151,9 +165,9 @@ def _fit_batch(image: Array, centres: Array, lattice: Array, widths: Array, reac
     theta[:, ANGLE] = np.arctan2(inverse[:, :, 1], inverse[:, :, 0])
     theta[:, WIDTH] = np.log(np.maximum(0.08 * pitch, 0.5))[:, None]
     _start_levels(theta, dx, dy, values, mask)
-    theta, weights = _levenberg(theta, dx, dy, values, mask, pitch)
+    theta, weights = _levenberg(theta, dx, dy, values, mask, pitch, tolerance_px, iterations)
 
-    model, _ = _values(theta, dx, dy)
+    model, _ = _model(theta, dx, dy)
     total = np.maximum(weights.sum(axis=1), 1e-12)
     mean = (weights * values).sum(axis=1) / total
     spread = np.maximum((weights * (values - mean[:, None]) ** 2).sum(axis=1), 1e-12)
@@ -180,65 +194,57 @@ def _windows(image: Array, base: NDArray[np.int64], reach: int) -> tuple[Array, 
     return dx.astype(np.float64), dy.astype(np.float64), values, inside
 
 
-@dataclass(frozen=True)
-class _Terms:
-    """Terms of the model at some parameters: what its values and its derivatives share. Arrays (n, m), trig (n, 2)."""
-
-    x: Array
-    y: Array
-    cos: Array
-    sin: Array
-    scale: Array
-    d: list[Array]
-    edge: list[Array]
-    gauss: list[Array]
-    cross: Array
-    both: Array
-
-
-def _values(theta: Array, dx: Array, dy: Array) -> tuple[Array, _Terms]:
-    """Return the model's grey values (n, m) and their terms."""
+def _model(theta: Array, dx: Array, dy: Array) -> tuple[Array, Array]:
+    """Return the model (n, m) and its derivatives (n, 11, m) by the parameters."""
     x, y = dx - theta[:, X, None], dy - theta[:, Y, None]
     contrast, bump = theta[:, CONTRAST, None], theta[:, BUMP, None]
     cos, sin = np.cos(theta[:, ANGLE]), np.sin(theta[:, ANGLE])
     scale = 1 / (_SQRT2 * np.exp(theta[:, WIDTH]))
     d = [(x * cos[:, k, None] + y * sin[:, k, None]) * scale[:, k, None] for k in (0, 1)]
-    edge = [erf(dk) for dk in d]
     gauss = [np.exp(-dk * dk) for dk in d]
-    cross, both = edge[0] * edge[1], gauss[0] * gauss[1]
+    edge = [_erf(dk, g) for dk, g in zip(d, gauss, strict=True)]
+    jacobian = np.empty((len(theta), 11, x.shape[1]))
+    cross = np.multiply(edge[0], edge[1], out=jacobian[:, CONTRAST])
+    both = np.multiply(gauss[0], gauss[1], out=jacobian[:, BUMP])
+    jacobian[:, LEVEL], jacobian[:, SLOPE_X], jacobian[:, SLOPE_Y] = 1.0, x, y
     model = theta[:, LEVEL, None] + theta[:, SLOPE_X, None] * x + theta[:, SLOPE_Y, None] * y
-    model = model + contrast * cross + bump * both
-    return model, _Terms(x, y, cos, sin, scale, d, edge, gauss, cross, both)
-
-
-def _model(theta: Array, dx: Array, dy: Array) -> tuple[Array, Array]:
-    """Return the model (n, m) and its derivatives (n, m, 11) by the parameters."""
-    model, t = _values(theta, dx, dy)
-    x, y, cos, sin, scale, d = t.x, t.y, t.cos, t.sin, t.scale, t.d
-    contrast, bump = theta[:, CONTRAST, None], theta[:, BUMP, None]
-    jacobian = np.empty((*model.shape, 11))
-    by_d = [(2 / np.sqrt(np.pi)) * contrast * t.gauss[k] * t.edge[1 - k] - 2 * bump * d[k] * t.both for k in (0, 1)]
+    model += contrast * cross
+    model += bump * both
+    twice = 2 * bump * both
+    by_d = [(2 / np.sqrt(np.pi)) * contrast * gauss[k] * edge[1 - k] - twice * d[k] for k in (0, 1)]
     for column, trig, slope in ((X, cos, SLOPE_X), (Y, sin, SLOPE_Y)):
-        pull = sum(by_d[k] * (trig * scale)[:, k, None] for k in (0, 1))
-        jacobian[..., column] = -pull - theta[:, slope, None]
+        pull = by_d[0] * (trig * scale)[:, 0, None] + by_d[1] * (trig * scale)[:, 1, None]
+        np.subtract(-theta[:, slope, None], pull, out=jacobian[:, column])
     for k in (0, 1):
-        along = (-x * sin[:, k, None] + y * cos[:, k, None]) * scale[:, k, None]
-        jacobian[..., ANGLE.start + k] = by_d[k] * along
-        jacobian[..., WIDTH.start + k] = -by_d[k] * d[k]
-    jacobian[..., LEVEL] = 1.0
-    jacobian[..., SLOPE_X] = x
-    jacobian[..., SLOPE_Y] = y
-    jacobian[..., CONTRAST] = t.cross
-    jacobian[..., BUMP] = t.both
+        along = (y * cos[:, k, None] - x * sin[:, k, None]) * scale[:, k, None]
+        np.multiply(by_d[k], along, out=jacobian[:, ANGLE.start + k])
+        np.multiply(by_d[k], -d[k], out=jacobian[:, WIDTH.start + k])
     return model, jacobian
+
+
+def _erf(x: Array, gauss: Array) -> Array:
+    """Return erf(x) to 1.5e-7 with gauss = exp(-x^2) at hand (Abramowitz & Stegun 1964, 7.1.26).
+
+    The error is odd in x, as the function is, so that it does not move a corner.
+    """
+    t = np.abs(x)
+    t *= 0.3275911
+    t += 1.0
+    np.reciprocal(t, out=t)
+    total = 1.061405429 * t
+    for coefficient in (-1.453152027, 1.421413741, -0.284496736, 0.254829592):
+        total += coefficient
+        total *= t
+    total *= gauss
+    return np.copysign(1.0 - total, x)
 
 
 def _start_levels(theta: Array, dx: Array, dy: Array, values: Array, mask: Array) -> None:
     """Fill in the linear parameters (level, slopes, contrast) by least squares at the starting geometry."""
     _, jacobian = _model(theta, dx, dy)
-    linear = jacobian[..., LEVEL : CONTRAST + 1]
-    weighted = np.swapaxes(linear * mask[..., None], 1, 2)
-    solved = np.linalg.solve(weighted @ linear + 1e-9 * np.eye(4), weighted @ values[..., None])
+    linear = jacobian[:, LEVEL : CONTRAST + 1]
+    weighted = linear * mask[:, None]
+    solved = np.linalg.solve(weighted @ linear.swapaxes(1, 2) + 1e-9 * np.eye(4), weighted @ values[..., None])
     theta[:, LEVEL : CONTRAST + 1] = solved[..., 0]
 
 
@@ -252,7 +258,9 @@ def _cauchy(residual: Array, mask: Array) -> Array:
     return mask / (1 + (residual / (_CAUCHY * scale[:, None])) ** 2)
 
 
-def _levenberg(theta: Array, dx: Array, dy: Array, values: Array, mask: Array, pitch: Array) -> tuple[Array, Array]:
+def _levenberg(
+    theta: Array, dx: Array, dy: Array, values: Array, mask: Array, pitch: Array, tolerance_px: float, iterations: int
+) -> tuple[Array, Array]:
     """Return parameters and weights after iteratively reweighted Levenberg-Marquardt steps.
 
     Corners drop out of the batch as they converge.
@@ -262,15 +270,15 @@ def _levenberg(theta: Array, dx: Array, dy: Array, values: Array, mask: Array, p
     damping = np.full(len(theta), 1e-2)
     active = np.arange(len(theta))
     low, high = np.log(0.15), np.log(np.maximum(0.35 * pitch, 0.3))
-    for step in range(ITERATIONS + 1):
+    model, jacobian = _model(theta, dx, dy)
+    for step in range(iterations + 1):
         now, grey = theta[active], values[active]
-        model, jacobian = _model(now, dx, dy)
         residual = grey - model
         robust = weights[active] = _cauchy(residual, mask[active])
-        if step == ITERATIONS or not active.size:
+        if step == iterations or not active.size:
             break
-        weighted = np.swapaxes(jacobian * robust[..., None], 1, 2)
-        normal = weighted @ jacobian
+        weighted = jacobian * robust[:, None]
+        normal = weighted @ jacobian.swapaxes(1, 2)
         gradient = weighted @ residual[..., None]
         diagonal = np.einsum("kii->ki", normal)
         lifted = normal + np.eye(theta.shape[1]) * (damping[active, None] * diagonal + 1e-9)[:, None, :]
@@ -281,9 +289,12 @@ def _levenberg(theta: Array, dx: Array, dy: Array, values: Array, mask: Array, p
         tried[:, WIDTH] = np.clip(tried[:, WIDTH], low, high[active, None])
         limit = np.abs(tried[:, CONTRAST])
         tried[:, BUMP] = np.clip(tried[:, BUMP], -limit, limit)
-        better = (robust * (grey - _values(tried, dx, dy)[0]) ** 2).sum(1) <= (robust * residual**2).sum(1)
+        there, slope = _model(tried, dx, dy)
+        better = (robust * (grey - there) ** 2).sum(1) <= (robust * residual**2).sum(1)
         moved = np.abs(tried[:, :2] - now[:, :2]).max(axis=1)
         theta[active[better]] = tried[better]
+        there[~better], slope[~better] = model[~better], jacobian[~better]
         damping[active] = np.clip(damping[active] * np.where(better, 0.3, 8.0), 1e-6, 1e6)
-        active = active[~(better & (moved < 5e-4)) & (damping[active] < 1e5)]
+        more = ~(better & (moved < tolerance_px)) & (damping[active] < 1e5)
+        active, model, jacobian = active[more], there[more], slope[more]
     return theta, weights

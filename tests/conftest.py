@@ -8,6 +8,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 RIG_PHOTO = ROOT.parent / "shared" / "reference" / "rig_photo"
+CONTACT_FRAME = RIG_PHOTO.parent / "real_contact_frame"
 
 
 @pytest.fixture(scope="session")
@@ -16,3 +17,11 @@ def rig_photo() -> Path:
     if not (RIG_PHOTO / "checkerboard_1mm.png").is_file():
         pytest.skip(f"the real photograph is not here: {RIG_PHOTO} does not exist")
     return RIG_PHOTO
+
+
+@pytest.fixture(scope="session")
+def contact_frame() -> Path:
+    """Folder with the thumbnail of the one public contact frame."""
+    if not (CONTACT_FRAME / "frame_thumbnail.png").is_file():
+        pytest.skip(f"the real contact frame is not here: {CONTACT_FRAME} does not exist")
+    return CONTACT_FRAME

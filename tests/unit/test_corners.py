@@ -82,6 +82,41 @@ def test_partial_board_ends_where_the_squares_end() -> None:
     assert len(grid) == len(index), "corners found on the white paper"
 
 
+@pytest.mark.parametrize("surround", [200.0, 110.0, 30.0], ids=["white", "grey", "black"])
+@pytest.mark.parametrize(
+    ("turn", "shift"),
+    [
+        ((0.119, -0.182, -0.239), (-0.37, 0.92, 44.2)),
+        ((-0.219, -0.237, 0.034), (2.13, 1.96, 43.1)),
+        ((0.05, 0.21, 0.12), (-1.9, -0.6, 46.0)),
+        ((-0.16, -0.02, -0.21), (0.8, -1.4, 41.5)),
+    ],
+)
+def test_outer_corners_of_border_squares_are_no_corners(
+    turn: tuple[float, float, float], shift: tuple[float, float, float], surround: float
+) -> None:
+    # 17 x 13 squares of 2 mm have 16 x 12 corners; drawn here by itself: pinhole, supersampled, blurred, compressed.
+    side, focal, shape, fine = 2.0, 550.0, (480, 640), 4
+    rotation = cv2.Rodrigues(np.array(turn))[0]
+    plane = np.column_stack([rotation[:, 0], rotation[:, 1], np.array(shift)])
+    v, u = (np.indices((shape[0] * fine, shape[1] * fine)) + 0.5) / fine - 0.5
+    ray = np.stack([(u - shape[1] / 2) / focal, (v - shape[0] / 2) / focal, np.ones_like(u)])
+    point = np.tensordot(np.linalg.inv(plane), ray, 1)
+    x, y = point[0] / point[2] + 17.0, point[1] / point[2] + 13.0
+    dark = (np.floor(x / side) + np.floor(y / side)) % 2 == 0
+    board = (x > 0) & (x < 34) & (y > 0) & (y < 26)
+    light = np.where(board, np.where(dark, 30.0, 200.0), surround)
+    light = light.reshape(shape[0], fine, shape[1], fine).mean(axis=(1, 3))
+    noisy = cv2.GaussianBlur(light, (0, 0), 0.8) + np.random.default_rng(3).normal(0, 2, shape)
+    _, packed = cv2.imencode(".jpg", np.clip(noisy, 0, 255).astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, 90])
+    found = find_corners(cv2.imdecode(packed, cv2.IMREAD_GRAYSCALE)).fit.position
+    j, i = np.indices((12, 16)) + 1
+    q = plane @ np.stack([i.ravel() * side - 17.0, j.ravel() * side - 13.0, np.ones(192)])
+    true = np.stack([focal * q[0] / q[2] + shape[1] / 2, focal * q[1] / q[2] + shape[0] / 2], axis=1)
+    assert len(found) == 192
+    assert KDTree(true).query(found)[0].max() < 0.3
+
+
 def test_specks_blur_and_uneven_light() -> None:
     """400 single-pixel specks, blur from 1 to 4 px: the specks must not pull, the blur must not stop the growth."""
     shape = (420, 560)

@@ -131,6 +131,8 @@ class Lattice:
         fit = fit_saddles(self.image, self.position[self.known], lattice)
         even = fit.contrast * _parity(cells)
         good = (fit.explained > MIN_EXPLAINED) & (np.sign(even) == np.sign(np.median(even))) & (fit.support > 0.9)
+        # the outer corner of a border square is a saddle of the smoothed image, too: three of its quadrants are alike
+        good &= _alternation(self.image, fit, lattice) > MIN_ALTERNATION * np.abs(np.median(even))
         self.position[self.known] = fit.position
         self.contrast[tuple(cells.T)] = even
         return bool(good.all())

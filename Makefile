@@ -43,7 +43,7 @@ design-demo: dev
 test: dev
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow and not whole_case" \
 	  --durations 10 --cov --cov-report=
-	@$(BIN)/coverage report > .coverage.report && head -n 14 .coverage.report && tail -n 1 .coverage.report
+	@$(BIN)/coverage report > .coverage-report && head -n 14 .coverage-report && tail -n 1 .coverage-report
 
 test-all: dev
 	$(BIN)/python -m pytest

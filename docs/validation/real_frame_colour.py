@@ -125,7 +125,8 @@ def picture(found: dict[str, Any], path: Path) -> None:
     from matplotlib.colors import LogNorm
 
     best, _, expected = found["best"]
-    figure, axes = plt.subplots(1, 4, figsize=(13, 3.1), layout="constrained")
+    figure, grid = plt.subplots(2, 2, figsize=(9, 6.4), layout="constrained")
+    axes = grid.ravel()
     for axis, image, title in (
         (axes[0], found["frame"], "real frame (thumbnail)"),
         (axes[1], expected[best["best"]], "one level a pixel, red light"),
@@ -139,8 +140,7 @@ def picture(found: dict[str, Any], path: Path) -> None:
     axes[3].set_title("largest residual")
     figure.colorbar(shown, ax=axes[3], label="DN")
     for axis in axes:
-        axis.set_xlabel("x [thumbnail px]")
-    axes[0].set_ylabel("y [thumbnail px]")
+        axis.set(xlabel="x [thumbnail px]", ylabel="y [thumbnail px]")
     figure.savefig(path, dpi=100)
 
 

@@ -38,3 +38,12 @@ def test_a_cut_video_gives_its_readable_frames_and_fails(tmp_path) -> None:
     for f in frames:
         assert abs(f["pixels"] - 59 * (40 + 2 * f["index"])) <= 2 * 59 + 2 * 120
     assert len((out / "area.csv").read_text(encoding="utf-8").splitlines()) == len(frames) + 1
+
+
+def test_a_missing_file_is_named_before_any_option(tmp_path) -> None:
+    path = tmp_path / "nowhere.mp4"
+    done = CliRunner().invoke(app, ["measure", str(path)])
+    assert done.exit_code == 2
+    assert done.stderr.splitlines() == [
+        f"error: {path}: no such file or folder (allowed: a video, an image or a folder of images)"
+    ]

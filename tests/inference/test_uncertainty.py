@@ -156,12 +156,12 @@ def test_a_focal_length_that_a_flat_board_does_not_determine_is_not_accepted():
     for damaged in ([], {"fx": None}, {"fx": -1.0}, {"fx": 1e9}, None):
         odd = replace(plain, details={"focal_length_identified": True, "standard_errors": damaged})
         assert lens_distance(odd, side)[1] == nearness_component("drawing")
-    told = {
+    stated = {
         "found": {"focal_length_identified": True, "standard_errors": {"fx": 19.3548}},
         "label": {"focal_length_identified": False, "focal_length_given": True},
         "nothing": {},
     }
-    parts = {name: lens_distance(replace(plain, details=details), side)[1] for name, details in told.items()}
+    parts = {name: lens_distance(replace(plain, details=details), side)[1] for name, details in stated.items()}
     assert parts["found"].standard == pytest.approx(0.01, rel=1e-3)
     assert parts["label"].standard == pytest.approx(0.05 / math.sqrt(3))
     assert parts["nothing"] == lens_distance(None, side)[1] == nearness_component("assumed")

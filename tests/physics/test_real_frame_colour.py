@@ -49,7 +49,7 @@ def test_red_light_explains_the_real_frame_and_white_light_does_not(script: Modu
 
 
 @pytest.mark.parametrize("kind", ["red", "white"])
-def test_a_drawn_frame_is_told_by_its_light(script: ModuleType, tmp_path: Path, kind: str) -> None:
+def test_a_drawn_frame_is_explained_by_its_own_light(script: ModuleType, tmp_path: Path, kind: str) -> None:
     # Rings and a slope of known level, of an odd size, and noise of 2 DN.
     rows, cols = np.indices((37, 61))
     radius = np.hypot(rows - 15.0, cols - 33.0)
@@ -60,7 +60,7 @@ def test_a_drawn_frame_is_told_by_its_light(script: ModuleType, tmp_path: Path, 
     frame8 = np.clip(frame, 0, 255).astype(np.uint8)
     cv2.imwrite(str(tmp_path / "frame_thumbnail.png"), frame8[..., ::-1])
     if kind == "white":
-        # No region of pure red is there to be told.
+        # No region of pure red can be found by colour.
         script.regions = lambda image: {"contact": image[..., 1] > 200, "ring": level == 0.4, "ground": level < 0.1}
     found = script.analyse(tmp_path)
     held = {name: model["rms_DN"]["held"] for name, model in found["models"].items()}

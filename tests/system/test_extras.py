@@ -79,7 +79,7 @@ def test_what_is_there_is_not_asked_for():
 
 
 def test_extras_are_those_of_the_project_file():
-    """Every package of every extra is known to the helper, so that its absence can be told."""
+    """Every package of every extra is known to the helper, so that its absence can be reported."""
     data = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
     def names(requirements: list[str]) -> set[str]:

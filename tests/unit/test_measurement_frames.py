@@ -83,9 +83,9 @@ def test_folder_with_a_table_of_times(tmp_path):
     assert [f.time for f in stream] == [0.0, 0.75, 1.25]
     assert stream.stated_rate == pytest.approx(2 / 1.25)
     assert codes(stream) == []  # 0.75 s is 1.2 mean steps, not a gap
-    told = open_frames(tmp_path, 30)
-    assert [f.time for f in told] == [0, 1 / 30, 2 / 30]
-    assert codes(told) == ["frame_rate_at_odds"]
+    stated = open_frames(tmp_path, 30)
+    assert [f.time for f in stated] == [0, 1 / 30, 2 / 30]
+    assert codes(stated) == ["frame_rate_at_odds"]
 
 
 @pytest.mark.parametrize(
@@ -261,9 +261,9 @@ def test_a_bare_stream_has_no_time_stamps(tmp_path):
     silent = open_frames(path)
     assert all(math.isnan(f.time) for f in silent)
     assert codes(silent) == ["frame_rate_missing"]
-    told = open_frames(path, 30)
-    np.testing.assert_allclose([f.time for f in told], np.arange(6) / 30)
-    assert told.warnings == []
+    stated = open_frames(path, 30)
+    np.testing.assert_allclose([f.time for f in stated], np.arange(6) / 30)
+    assert stated.warnings == []
 
 
 @pytest.mark.parametrize("kind", ["ffv1.mkv", "libx264.mkv", "mjpeg.avi"])

@@ -248,7 +248,8 @@ def level_bounds(
     """Return the lowest and highest light level whose developed colour agrees with each pixel's.
 
     A clipped channel bounds the level from one side, a channel cut to 0 from the other; only the channels together
-    tell it. The answer is NaN where no level gives the colour: then response or processor are not those of the frame.
+    determine it. The answer is NaN where no level gives the colour: then response or processor are not
+    those of the frame.
 
     Parameters
     ----------

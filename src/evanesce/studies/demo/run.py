@@ -40,7 +40,7 @@ THRESHOLD = 0.15
 MARGIN_PX = 60
 """Surroundings of the contact that are shown [px]."""
 
-# Tilts both ways in x and y, so that the focal length can be told from the distance; the last lies on the glass.
+# Tilts both ways in x and y, so that the focal length can be separated from the distance; the last lies on the glass.
 POSES = (
     Pose(height=9.5, tilt_x_deg=16.0, tilt_y_deg=3.0, rotation_deg=4.0),
     Pose(height=9.0, tilt_x_deg=-15.0, tilt_y_deg=5.0, rotation_deg=-7.0, shift=(1.0, -0.6)),
@@ -245,7 +245,7 @@ def run_demo(
     record : dict, optional
         What provenance should say of the renderer.
     tick : callable
-        Told what is being done, how much of it is done, and of how much.
+        Called with what is being done, how much of it is done, and of how much.
     """
     smooth = load_scene("thesis")
     fingers = {"smooth": smooth, "ridged": load_scene("thesis_ridged")}

@@ -124,7 +124,8 @@ def prepare(
     """
     if out is not None and out.exists() and not out.is_dir():
         raise InputError("is a file", file=out, key="--out", allowed="a folder")
-    stream = open_frames(path, fps)  # before the options: a file that is not there is the first thing to say
+    if not path.exists():  # before the options: it is the first thing to say
+        open_frames(path, fps)
     stored = load_calibration(calibration) if calibration is not None else None
     shots = [_shots(path) for path in ((None, None) if refined is None else (refined.dark, refined.flat))]
     with named_options(OPTIONS):
@@ -142,7 +143,7 @@ def prepare(
         pipeline=pipeline,
         calibration=calibration,
         out=out,
-        stream=stream,
+        stream=open_frames(path, fps),
         warnings=(extra,) if extra else (),
         tune=None if refined is None else refined.tune,
     )

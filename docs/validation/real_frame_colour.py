@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from evanesce.measurement.io.images import read_image
-from evanesce.sensor.colour import ImageProcessor, colour_of_level
+from evanesce.sensor.colour import ImageProcessor, colour_of_level, level_bounds
 
 LUMA = np.array([0.2125, 0.7154, 0.0721])
 TEMPERATURES_K = (2360, 2500, 2700, 2850, 3250, 3580, 4000, 4559, 5200, 5881)
@@ -166,6 +166,12 @@ def main() -> None:
     print("level at which the grey image passes a threshold, over the contact's median level")
     for threshold, (best, low, high) in found["thresholds"].items():
         print(f"  {threshold:<8g} {best:8.4f} ({low:.4f} to {high:.4f})")
+    contact = found["frame"][regions(found["frame"])["contact"]]
+    print("share of the contact's pixels that one level explains to 12 DN in every channel")
+    for temperature, shares in itertools.product((2360, 2850, 3600), ((0.08, 0.03), (0.12, 0.04), (0.15, 0.06))):
+        processor = ImageProcessor.imx477(temperature)
+        low, _ = level_bounds(contact, (1.0, *shares), processor, tolerance_DN=12.0, levels=LEVELS)
+        print(f"  {temperature} K, green and blue share {shares}: {np.isfinite(low).mean():.2f}")
     if given.json:
         held = {name: model["rms_DN"]["held"] for name, model in found["models"].items()}
         kept = {"held_rms_DN": held, "best": found["best"][1], "possible": found["possible"]}

@@ -95,7 +95,7 @@ class ImageProcessor:
         ----------
         temperature_K : float
             At which white balance and matrix are taken; 2360 to 9505, the ends of the published curve [K]. Under light
-            of one narrow spectrum automatic white balance has no white to find; red light drives it to the low end.
+            of one narrow spectrum automatic white balance has no white to find: the temperature is then unknown.
         **other
             Further attributes.
 

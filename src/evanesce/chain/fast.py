@@ -38,6 +38,9 @@ from evanesce.render.fast.readout import ChargeBox
 from evanesce.render.fast.sampling import BLOCK, Maps, block_means, spread_blocks
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
+from evanesce.rig.colour import Mosaic
+from evanesce.sensor.automatic import is_automatic
+from evanesce.sensor.colour import ImageProcessor, finish_mosaic
 from evanesce.sensor.lens import form_image
 
 Array = NDArray[np.float64]
@@ -76,6 +79,9 @@ class FastCamera:
         self.backend: Backend = backend
         self._operators = operators(backend)
         self._readout = readout_of(scene)
+        colour = scene.camera.colour
+        self._processor = None if colour is None else ImageProcessor.of(scene.camera)
+        self._mosaic: Mosaic = "RGGB" if colour is None else colour.mosaic
         self._fields: Fields | None = None
         self._optics: tuple[PlateGrid, Optics] | None = None
         self._flank: dict[float, FlankView] = {}  # by approach: some thirty tenths of a millimetre at most
@@ -121,6 +127,8 @@ class FastCamera:
         else:
             lit = self.mean_charge(state, meanwhile=exposure.begin)
         data, raw = exposure.finish(lit)
+        if self._processor is not None:
+            data = finish_mosaic(data, self._processor, self._mosaic)
         return Frame(data=data, raw=raw, time=time_s, index=index)
 
     def press(self, force_N: float | None, *, seed: int, index: int = 0, time_s: float = 0.0) -> Frame:
@@ -308,6 +316,10 @@ def _why_general(scene: Scene, active: list[str]) -> str:
         return "camera.pixel: fixed pattern"
     if pixel.read_noise_e < LEAST_READ_NOISE_E:
         return f"camera.pixel.read_noise_e below {LEAST_READ_NOISE_E:g}"
+    if is_automatic(scene.camera):
+        return "camera: automatic exposure or white balance"
+    if scene.camera.colour is not None and scene.camera.colour.denoising > 0.0:
+        return "camera.colour.denoising"
     if lens.field_curvature_um != 0.0:
         return "camera.lens.field_curvature_um: blur that varies over the field"
     return ""

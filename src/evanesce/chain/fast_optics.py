@@ -19,8 +19,10 @@ from evanesce.render.fast.sampling import BLOCK, Maps, block_means, spread_block
 from evanesce.render.fast.transport import plate_maps
 from evanesce.rig import Scene
 from evanesce.sensor.blur import FieldBlur
+from evanesce.sensor.colour import CHANNELS, ImageProcessor, balance_table
 from evanesce.sensor.lens import lens_blur, prepared_lens
 from evanesce.sensor.pixel import photon_count
+from evanesce.sensor.response import led_response
 from evanesce.sensor.tone import develop
 
 Array = NDArray[np.float64]
@@ -186,15 +188,22 @@ def pixel_kernel(samples_per_px: float, sub_samples: int, averaged: int = 1) -> 
 
 
 def readout_of(scene: Scene) -> Readout:
-    """Return the camera of a scene from mean charge to 8 bits.
+    """Return the camera of a scene from mean charge to 8 bits, of a colour camera to the balanced mosaic.
 
     Parameters
     ----------
     scene : Scene
     """
     camera, pixel = scene.camera, scene.camera.pixel
-    every = np.arange(2**pixel.bits, dtype=np.uint16)
     cols, rows = camera.resolution_px
+    share: tuple[float, ...] = ()
+    if camera.colour is None:
+        every = np.arange(2**pixel.bits, dtype=np.uint16)
+        tone = develop(every, black_level_DN=pixel.black_level_DN, bits=pixel.bits, curve=camera.tone_curve)
+    else:
+        response, channels = led_response(scene), [CHANNELS.index(letter) for letter in camera.colour.mosaic]
+        tone = balance_table(ImageProcessor.of(camera), pixel.black_level_DN, pixel.bits)[channels]
+        share = tuple(response[channel] for channel in channels) if response else ()
     return Readout(
         shape=(rows, cols),
         dark_e=pixel.dark_current_e_per_s * camera.exposure_ms * 1e-3,
@@ -202,7 +211,8 @@ def readout_of(scene: Scene) -> Readout:
         read_noise_e=pixel.read_noise_e,
         gain=camera.analogue_gain / pixel.conversion_gain_e_per_DN,
         black_DN=pixel.black_level_DN,
-        tone=develop(every, black_level_DN=pixel.black_level_DN, bits=pixel.bits, curve=camera.tone_curve),
+        tone=tone,
+        share=share,
     )
 
 

@@ -14,9 +14,11 @@ from evanesce.effects import Context, Stage, active_effects, all_effects, apply_
 from evanesce.effects.protocol import ANY_SCENE
 from evanesce.rig import Scene
 from evanesce.rig.coarser import finer_pixels
+from evanesce.sensor.automatic import is_automatic, settle
 from evanesce.sensor.expose import charge_of, frame_of, signal_of
 from evanesce.sensor.lens import form_image
 from evanesce.sensor.pixel import fixed_pattern
+from evanesce.sensor.response import Response, card_response, led_response
 
 Omission = Literal["distortion", "blur", "noise"]
 """Parts of the camera that can be left out: lens distortion; defocus and diffraction; all noise and fixed pattern."""
@@ -170,7 +172,8 @@ def simulate_card(
     if render is None:
         render = partial(render_card, seed=rng.integer_seed(seed, "card", which, index))
     light = render(rig, card, real, **render_options)
-    return expose(rig, light, seed=seed, time_s=time_s, index=index, file=file)[1]
+    response = card_response(rig.camera)
+    return expose(rig, light, seed=seed, time_s=time_s, index=index, file=file, response=response)[1]
 
 
 def expose(
@@ -182,6 +185,7 @@ def expose(
     index: int = 0,
     without: Collection[Omission] = (),
     finer: int = 1,
+    response: Response | None = None,
     file: Path | str = ANY_SCENE,
 ) -> tuple[SensorLight, Frame]:
     """Expose a frame: the half of the chain behind the plate, so that one rendered light serves many cameras.
@@ -197,6 +201,8 @@ def expose(
         Parts of the camera that are left out (:data:`Omission`); quantisation and tone curve always stay.
     finer : int
         The light comes on the view of a camera with so many times finer pixels, averaged behind the lens.
+    response : tuple of float, optional
+        Of a colour camera's filters to the light (:mod:`evanesce.sensor.response`); by default to the LEDs'.
 
     Returns
     -------
@@ -224,13 +230,21 @@ def expose(
 
     pixel = camera.pixel
     pattern = fixed_pattern((rows, cols), pixel.prnu, pixel.dsnu_e, rng.generator(seed, "sensor")) if noisy else None
-    charge_e = charge_of(sensor_light, camera, pattern)
+    response = led_response(scene) if response is None else response
+    charge_e = charge_of(sensor_light, camera, pattern, response)
+    processor = None
+    if is_automatic(camera):
+        camera, processor = settle(charge_e, camera)
+        context = replace(context, scene=scene.model_copy(update={"camera": camera}))
+        charge_e = charge_of(sensor_light, camera, pattern, response)
     charge_e = apply_stage(Stage.CHARGE, charge_e, effects, context)
 
     signal_DN = signal_of(charge_e, camera, rng.generator(seed, "exposure", index) if noisy else None)
     signal_DN = apply_stage(Stage.READOUT, signal_DN, effects, context)
 
-    frame = frame_of(signal_DN, camera, time_s=time_s, index=index)
+    frame = frame_of(signal_DN, camera, time_s=time_s, index=index, processor=processor)
+    if scene.camera.auto_exposure is not None:
+        frame = replace(frame, exposure_ms=camera.exposure_ms, analogue_gain=camera.analogue_gain)
     return sensor_light, apply_stage(Stage.FRAME, frame, effects, context)
 
 

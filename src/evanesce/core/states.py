@@ -210,13 +210,17 @@ class Frame:
         Mid-exposure time since the first frame [s].
     index : int
     raw : ndarray of uint16 (rows, cols), optional
-        12-bit values before the tone curve [DN].
+        12-bit values before the tone curve [DN]; of a colour camera the mosaic.
+    exposure_ms, analogue_gain : float, optional
+        [ms], [1]; given where the camera chose them itself.
     """
 
     data: NDArray[np.uint8]
     time: float = 0.0
     index: int = 0
     raw: NDArray[np.uint16] | None = None
+    exposure_ms: float | None = None
+    analogue_gain: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,10 +1,11 @@
-"""The camera below the plate: geometry, lens, pixel and readout as data."""
+"""The camera below the plate: geometry, lens, pixel, readout and colour as data."""
 
 from __future__ import annotations
 
 from typing import Literal
 
 from evanesce.core.quantities import Strict, field
+from evanesce.rig.colour import AutoExposure, Colour
 
 
 class Distortion(Strict):
@@ -44,7 +45,9 @@ class Pixel(Strict):
     """One pixel's electronics (IMX477; 2 x 2 binned in the 2028 x 1520 mode)."""
 
     pitch_um: float = field(3.1, unit="um", bounds=(0.5, 50.0), doc="after binning")
-    quantum_efficiency: float = field(0.6, unit="1", bounds=(0.01, 1.0), doc="mean over the LED spectrum")
+    quantum_efficiency: float = field(
+        0.6, unit="1", bounds=(0.01, 1.0), doc="mean over the LED spectrum; in colour: peak"
+    )
     fill_factor: float = field(1.0, unit="1", bounds=(0.05, 1.0))
     full_well_capacity_e: float = field(8180.0, unit="e", bounds=(100.0, 1e7))
     conversion_gain_e_per_DN: float = field(2.13, unit="e_per_DN", bounds=(0.01, 1000.0), doc="at analogue gain 1")
@@ -79,3 +82,7 @@ class Camera(Strict):
     wavelength_nm: float = field(550.0, unit="nm", bounds=(300.0, 1100.0), doc="of the diffraction blur and photons")
     lens: Lens = Lens()
     pixel: Pixel = Pixel()
+    colour: Colour | None = None
+    """Filters and image processor; left out: a monochrome camera."""
+    auto_exposure: AutoExposure | None = None
+    """Left out: ``exposure_ms`` and ``analogue_gain`` hold for all frames."""

@@ -6,6 +6,7 @@ import numpy as np
 
 from evanesce.core.states import Frame, SensorLight
 from evanesce.rig import Camera
+from evanesce.sensor.colour import ImageProcessor, develop_colour, mosaic
 from evanesce.sensor.pixel import FixedPattern, collect, mean_charge, photon_count
 from evanesce.sensor.readout import amplify, quantise
 from evanesce.sensor.tone import develop
@@ -13,7 +14,12 @@ from evanesce.sensor.tone import develop
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 
 
-def charge_of(light: SensorLight, camera: Camera, pattern: FixedPattern | None = None) -> Array:
+def charge_of(
+    light: SensorLight,
+    camera: Camera,
+    pattern: FixedPattern | None = None,
+    response: tuple[float, float, float] | None = None,
+) -> Array:
     """Return the mean charge of each pixel before shot noise [e-].
 
     Parameters
@@ -22,6 +28,9 @@ def charge_of(light: SensorLight, camera: Camera, pattern: FixedPattern | None =
         Irradiance [W mm^-2].
     camera : Camera
     pattern : FixedPattern, optional
+    response : tuple of float, optional
+        Share of the quantum efficiency that red, green and blue pixels have for this light [1]
+        (:func:`evanesce.sensor.response.led_response`); a colour camera needs it.
 
     Returns
     -------
@@ -35,6 +44,10 @@ def charge_of(light: SensorLight, camera: Camera, pattern: FixedPattern | None =
         exposure_s=exposure_s,
         wavelength_nm=camera.wavelength_nm,
     )
+    if camera.colour is not None:
+        if response is None:
+            raise ValueError("a colour camera needs the response of its filters")
+        photons = mosaic(photons, response, camera.colour.mosaic)
     return mean_charge(
         photons,
         quantum_efficiency=pixel.quantum_efficiency,
@@ -70,8 +83,15 @@ def signal_of(mean_e: Array, camera: Camera, rng: np.random.Generator | None) ->
     )
 
 
-def frame_of(signal_DN: Array, camera: Camera, *, time_s: float = 0.0, index: int = 0) -> Frame:
-    """Return the frame of a signal [DN]: quantised raw, and 8 bits through the camera's tone curve.
+def frame_of(
+    signal_DN: Array,
+    camera: Camera,
+    *,
+    time_s: float = 0.0,
+    index: int = 0,
+    processor: ImageProcessor | None = None,
+) -> Frame:
+    """Return the frame of a signal [DN]: quantised raw, and 8 bits through tone curve or colour processor.
 
     Parameters
     ----------
@@ -80,10 +100,18 @@ def frame_of(signal_DN: Array, camera: Camera, *, time_s: float = 0.0, index: in
     time_s : float
         Mid-exposure time [s].
     index : int
+    processor : ImageProcessor, optional
+        Of a colour camera; by default its own with fixed white balance.
     """
     pixel = camera.pixel
     raw = quantise(signal_DN, pixel.bits)
-    data = develop(raw, black_level_DN=pixel.black_level_DN, bits=pixel.bits, curve=camera.tone_curve)
+    if camera.colour is None:
+        data = develop(raw, black_level_DN=pixel.black_level_DN, bits=pixel.bits, curve=camera.tone_curve)
+    else:
+        processor = processor or ImageProcessor.of(camera)
+        data = develop_colour(
+            raw, processor, pattern=camera.colour.mosaic, black_level_DN=pixel.black_level_DN, bits=pixel.bits
+        )
     return Frame(data=data, raw=raw, time=time_s, index=index)
 
 
@@ -93,10 +121,11 @@ def expose(
     *,
     rng: np.random.Generator | None,
     pattern: FixedPattern | None = None,
+    response: tuple[float, float, float] | None = None,
     time_s: float = 0.0,
     index: int = 0,
 ) -> Frame:
-    """Expose one frame.
+    """Expose one frame, exposure and white balance as they are set.
 
     Parameters
     ----------
@@ -107,8 +136,12 @@ def expose(
         Stream of this frame; None gives the frame without temporal noise.
     pattern : FixedPattern, optional
         Of this sensor (:func:`evanesce.sensor.pixel.fixed_pattern`).
+    response : tuple of float, optional
+        As for :func:`charge_of`.
     time_s : float
         Mid-exposure time [s].
     index : int
     """
-    return frame_of(signal_of(charge_of(light, camera, pattern), camera, rng), camera, time_s=time_s, index=index)
+    return frame_of(
+        signal_of(charge_of(light, camera, pattern, response), camera, rng), camera, time_s=time_s, index=index
+    )

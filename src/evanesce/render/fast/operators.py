@@ -48,8 +48,8 @@ class Exposure:
         if self.backend == "llvm" and not self.with_raw:
             self._begun = begin_dark(self.readout, self.keys)
 
-    def finish(self, lit: ChargeBox) -> tuple[NDArray[np.uint8], NDArray[np.uint16] | None]:
-        """Return 8-bit frame and, if asked for, raw numbers."""
+    def finish(self, lit: ChargeBox) -> tuple[NDArray[Any], NDArray[np.uint16] | None]:
+        """Return 8-bit frame, of a colour camera the balanced mosaic, and, if asked for, raw numbers."""
         if self.backend == "llvm":
             return expose_llvm(lit, self.readout, self.keys, with_raw=self.with_raw, begun=self._begun)
         return expose_numpy(lit, self.readout, self.keys, with_raw=self.with_raw)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.render.fast.readout import NORMALS, ChargeBox, DarkSteps, Readout, dark_steps, normal_table
+from evanesce.render.fast.threads import in_threads
 
 Image = NDArray[np.float32]
 
@@ -52,24 +53,43 @@ def _random_bits(index: Any, keys: Any) -> Any:
     return mix(mix(index + keys[0]) ^ keys[1])
 
 
+def _row_of(i: Any, width: Any, per_width: Any) -> Any:
+    """Return the row of element ``i`` of an array: by a product with 1/width, which is one off at most."""
+    import drjit as dr
+    from drjit.llvm import Float, UInt32
+
+    y = UInt32(Float(i) * per_width)
+    y = dr.select(y * width > i, y - 1, y)
+    return dr.select(i - y * width >= width, y + 1, y)
+
+
 @functools.lru_cache(maxsize=8)
-def _dark_kernel(pixels: int, steps: DarkSteps) -> Any:
-    """Return the kernel of a frame without light."""
+def _dark_kernel(shape: tuple[int, int], steps: DarkSteps, values: int) -> Any:
+    """Return the kernel of a frame without light; ``values`` for each place of a mosaic, 0 without one."""
     import drjit as dr
     from drjit.llvm import UInt8, UInt32
 
-    def dark(keys: Any) -> Any:
-        high = _random_bits(dr.arange(UInt32, pixels), keys) >> 16
+    rows, cols = shape
+
+    def dark(keys: Any, tone: Any) -> Any:
+        i = dr.arange(UInt32, rows * cols)
+        high = _random_bits(i, keys) >> 16
         value = UInt32(steps.base)
         for position, rise in steps.rises:
             value += dr.select(high >= position, UInt32(rise), UInt32(0))
-        return UInt8(value)
+        if values == 0:
+            return UInt8(value)
+        y = _row_of(i, cols, 1.0 / cols)
+        place = ((y & 1) << 1) | ((i - y * cols) & 1)
+        return dr.gather(UInt32, tone, place * values + value)
 
     return dr.freeze(dark)
 
 
 @functools.lru_cache(maxsize=8)
-def _exposure_kernel(cols: int, camera: tuple[float, float, float, float, float], top: int) -> Any:
+def _exposure_kernel(
+    cols: int, camera: tuple[float, float, float, float, float], top: int, share: tuple[float, ...]
+) -> Any:
     """Return the kernel of a box of charge; the camera's constants are compiled into it."""
     import drjit as dr
     from drjit.llvm import Float, UInt8, UInt32
@@ -78,28 +98,36 @@ def _exposure_kernel(cols: int, camera: tuple[float, float, float, float, float]
 
     def expose(charge: Any, box: Any, per_width: Any, normals: Any, tone: Any, keys: Any) -> Any:
         i = dr.arange(UInt32, dr.width(charge))
-        first, width = box
-        # Row by a product with 1/width, which is one off at most.
-        y = UInt32(Float(i) * per_width)
-        y = dr.select(y * width > i, y - 1, y)
-        y = dr.select(i - y * width >= width, y + 1, y)
-        bits = _random_bits(first + y * cols + (i - y * width), keys)
+        row, col, width = box
+        y = _row_of(i, width, per_width)
+        x = i - y * width + col
+        y = y + row
+        bits = _random_bits(y * cols + x, keys)
+        place: Any = UInt32(0)
+        if share:
+            odd_row, odd_col = (y & 1) == 1, (x & 1) == 1
+            upper = dr.select(odd_col, Float(share[1]), Float(share[0]))
+            charge = charge * dr.select(odd_row, dr.select(odd_col, Float(share[3]), Float(share[2])), upper)
+            place = ((y & 1) << 1) | (x & 1)
         mean: Any = dr.maximum(charge + dark, 0.0)
         z = dr.gather(Float, normals, bits & (NORMALS - 1))
         collected = mean + dr.sqrt(mean) * z + (z * z - 1.0) * dr.minimum(mean, 1.0) * (1.0 / 6.0)
         collected = dr.minimum(collected, well)
         signal = dr.gather(Float, normals, bits >> 16) * noise + collected
         number = UInt32(dr.clip(signal * gain + black, 0.0, float(top)))
+        if share:
+            return dr.gather(UInt32, tone, place * (top + 1) + number), number
         return dr.gather(UInt8, tone, number), number
 
     return dr.freeze(expose)
 
 
 @functools.lru_cache(maxsize=4)
-def _device_tone(tone: bytes) -> Any:
-    from drjit.llvm import UInt8
+def _device_tone(tone: bytes, wide: bool) -> Any:
+    from drjit.llvm import UInt8, UInt32
 
-    return UInt8(np.frombuffer(tone, np.uint8))
+    # Dr.Jit has no integers of 16 bits.
+    return UInt32(np.frombuffer(tone, np.uint16).astype(np.uint32)) if wide else UInt8(np.frombuffer(tone, np.uint8))
 
 
 @functools.cache
@@ -109,25 +137,39 @@ def _device_normals() -> Any:
     return Float(normal_table())
 
 
-def _expose_box(lit: ChargeBox, readout: Readout, keys: Any) -> tuple[NDArray[np.uint8], NDArray[np.uint32]]:
-    """Return 8-bit values and raw numbers of a box of charge."""
+def _expose_box(lit: ChargeBox, readout: Readout, keys: Any) -> tuple[NDArray[Any], NDArray[np.uint32]]:
+    """Return what the raw numbers of a box of charge stand for, and the numbers."""
     import drjit as dr
     from drjit.llvm import Float, UInt32
 
     rows, cols = lit.charge.shape
     scalars = (readout.dark_e, readout.full_well_e, readout.read_noise_e, readout.gain, readout.black_DN + 0.5)
-    found = _exposure_kernel(readout.shape[1], scalars, readout.tone.size - 1)(
+    found = _exposure_kernel(readout.shape[1], scalars, readout.top, readout.share)(
         Float(np.ascontiguousarray(lit.charge, np.float32).ravel()),
-        tuple(dr.opaque(UInt32, n) for n in (lit.row * readout.shape[1] + lit.col, cols)),
+        tuple(dr.opaque(UInt32, n) for n in (lit.row, lit.col, cols)),
         dr.opaque(Float, 1.0 / cols),
         _device_normals(),
-        _device_tone(readout.tone.tobytes()),
+        _device_tone(readout.tone.tobytes(), bool(readout.share)),
         keys,
     )
     dr.eval(found)
     dr.sync_thread()
     data, raw = (np.asarray(np.array(f, copy=False)).reshape(rows, cols) for f in found)
     return data, raw
+
+
+def _narrow(data: NDArray[Any], readout: Readout) -> NDArray[Any]:
+    """Return values in the type of the camera's table."""
+    kind = readout.tone.dtype
+    if data.dtype == kind or data.size == 1:
+        return data.astype(kind, copy=False)
+    flat, found = data.reshape(readout.shape), np.empty(readout.shape, kind)
+
+    def work(rows: range) -> None:
+        found[rows.start : rows.stop] = flat[rows.start : rows.stop]
+
+    in_threads(work, readout.shape[0], 64)
+    return found
 
 
 def _llvm_keys(keys: tuple[int, int]) -> Any:
@@ -148,21 +190,23 @@ def begin_dark(readout: Readout, keys: tuple[int, int]) -> Any:
 
     Returns
     -------
-    drjit.llvm.UInt8 or None
+    drjit.llvm.UInt8 or UInt32, or None
     """
     import drjit as dr
 
     steps = dark_steps(readout)
     if steps is None:
         return None
-    found = _dark_kernel(readout.shape[0] * readout.shape[1], steps)(_llvm_keys(keys))
+    values = readout.top + 1 if readout.share else 0
+    tone = _device_tone(readout.tone.tobytes(), bool(readout.share))
+    found = _dark_kernel(readout.shape, steps, values)(_llvm_keys(keys), tone)
     dr.eval(found)
     return found
 
 
 def expose_llvm(
     lit: ChargeBox, readout: Readout, keys: tuple[int, int], *, with_raw: bool = False, begun: Any = None
-) -> tuple[NDArray[np.uint8], NDArray[np.uint16] | None]:
+) -> tuple[NDArray[Any], NDArray[np.uint16] | None]:
     """Return what :func:`~evanesce.render.fast.operators_numpy.expose_numpy` does.
 
     By two kernels: all pixels as if dark, then those of the box.
@@ -173,7 +217,7 @@ def expose_llvm(
     ----------
     lit, readout, keys, with_raw
         As for :func:`~evanesce.render.fast.operators_numpy.expose_numpy`.
-    begun : drjit.llvm.UInt8, optional
+    begun : drjit.llvm.UInt8 or UInt32, optional
         Of :func:`begin_dark`, where it runs already.
     """
     words = _llvm_keys(keys)
@@ -186,12 +230,12 @@ def expose_llvm(
             import drjit as dr
 
             dr.sync_thread()
-        data = np.asarray(np.array(begun, copy=False))
+        data = _narrow(np.asarray(np.array(begun, copy=False)), readout)
         # Where read noise is so low that all dark pixels read alike, there is one number for them.
-        data = np.full(readout.shape, data.ravel()[0], np.uint8) if data.size == 1 else data.reshape(readout.shape)
+        data = np.full(readout.shape, data.ravel()[0], data.dtype) if data.size == 1 else data.reshape(readout.shape)
     else:
         data, raw = _expose_box(ChargeBox(0, 0, np.zeros(readout.shape, np.float32)), readout, words)
-        raw = raw.astype(np.uint16)
+        data, raw = _narrow(data, readout), raw.astype(np.uint16)
     if box is not None:
         here = np.s_[lit.row : lit.row + lit.charge.shape[0], lit.col : lit.col + lit.charge.shape[1]]
         data[here] = box[0]

@@ -48,13 +48,15 @@ def pixel_bits(first: int, count: int, keys: tuple[int, int]) -> NDArray[np.uint
 
 
 def _expose_rows(
-    out: NDArray[np.uint8], raw: NDArray[np.uint16] | None, rows: range, lit: ChargeBox, readout: Readout, keys: Any
+    out: NDArray[Any], raw: NDArray[np.uint16] | None, rows: range, lit: ChargeBox, readout: Readout, keys: Any
 ) -> None:
     """Expose some rows: every pixel as if dark, then those of the box of charge."""
     cols = readout.shape[1]
     bits = pixel_bits(rows.start * cols, len(rows) * cols, keys).reshape(len(rows), cols)
     here = slice(rows.start, rows.stop)
     steps = dark_steps(readout)
+    if readout.share:
+        steps = None  # its values differ from place to place
     if steps is not None and raw is None:
         high = (bits >> np.uint32(16)).astype(np.uint16)
         out[here] = steps.base
@@ -62,17 +64,41 @@ def _expose_rows(
             out[here] += (high >= np.uint16(position)).view(np.uint8) * np.uint8(rise)
     else:
         values = _quantised(np.full(bits.shape, readout.dark_e, np.float32), bits, readout)
-        readout.tone.take(values, out=out[here])
+        _look_up(values, (rows.start, 0), readout, out[here])
         if raw is not None:
             raw[here] = values
     r0, r1 = max(rows.start, lit.row), min(rows.stop, lit.row + lit.charge.shape[0])
     if r1 > r0:
         columns = slice(lit.col, lit.col + lit.charge.shape[1])
-        charge = lit.charge[r0 - lit.row : r1 - lit.row] + np.float32(readout.dark_e)
+        charge = _filtered(lit.charge[r0 - lit.row : r1 - lit.row], (r0, lit.col), readout) + np.float32(readout.dark_e)
         values = _quantised(charge, bits[r0 - rows.start : r1 - rows.start, columns], readout)
-        out[r0:r1, columns] = readout.tone.take(values)
+        _look_up(values, (r0, lit.col), readout, out[r0:r1, columns])
         if raw is not None:
             raw[r0:r1, columns] = values
+
+
+def _places(first: tuple[int, int]) -> list[tuple[int, tuple[slice, slice]]]:
+    """Return each of a mosaic's places and its pixels in an array that begins at pixel ``first``."""
+    return [(p, np.s_[(p // 2 - first[0]) % 2 :: 2, (p % 2 - first[1]) % 2 :: 2]) for p in range(4)]
+
+
+def _filtered(charge: Image, first: tuple[int, int], readout: Readout) -> Image:
+    """Return the charge behind the filters of a colour camera."""
+    if not readout.share:
+        return charge
+    found = np.empty_like(charge)
+    for place, here in _places(first):
+        np.multiply(charge[here], np.float32(readout.share[place]), out=found[here])
+    return found
+
+
+def _look_up(values: NDArray[np.uint16], first: tuple[int, int], readout: Readout, out: NDArray[Any]) -> None:
+    """Write what the raw numbers of an array that begins at pixel ``first`` stand for."""
+    if not readout.share:
+        out[...] = readout.tone.take(values)
+        return
+    for place, here in _places(first):
+        out[here] = readout.tone[place].take(values[here])
 
 
 def _quantised(charge: Image, bits: NDArray[np.uint32], readout: Readout) -> NDArray[np.uint16]:
@@ -88,8 +114,8 @@ def _quantised(charge: Image, bits: NDArray[np.uint32], readout: Readout) -> NDA
 
 def expose_numpy(
     lit: ChargeBox, readout: Readout, keys: tuple[int, int], *, with_raw: bool = False
-) -> tuple[NDArray[np.uint8], NDArray[np.uint16] | None]:
-    """Return 8-bit frame and, if asked for, raw numbers.
+) -> tuple[NDArray[Any], NDArray[np.uint16] | None]:
+    """Return 8-bit frame, of a colour camera the balanced mosaic, and, if asked for, raw numbers.
 
     Parameters
     ----------
@@ -101,11 +127,11 @@ def expose_numpy(
 
     Returns
     -------
-    data : ndarray of uint8 (rows, cols)
+    data : ndarray of uint8, of a colour camera uint16, (rows, cols)
     raw : ndarray of uint16 (rows, cols) or None
         [DN].
     """
-    out = np.empty(readout.shape, np.uint8)
+    out = np.empty(readout.shape, readout.tone.dtype)
     raw = np.empty(readout.shape, np.uint16) if with_raw else None
     in_threads(lambda rows: _expose_rows(out, raw, rows, lit, readout, keys), readout.shape[0], _ROWS)
     return out, raw

@@ -1,4 +1,7 @@
-"""A camera from mean charge to 8 bits, as the fast exposure takes it, and the table of normals of its noise."""
+"""A camera from mean charge to 8 bits, as the fast exposure takes it, and the table of normals of its noise.
+
+A colour camera is taken to its balanced mosaic on 16 bits; what follows looks at neighbours.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ from scipy.special import ndtri
 Image = NDArray[np.float32]
 
 NORMALS = 1 << 16
-MOST_STEPS = 12
+MOST_STEPS = 24
 """Steps of the staircase of a dark pixel up to which it is used."""
 
 
@@ -28,7 +31,9 @@ def normal_table() -> Image:
 
 @dataclass(frozen=True)
 class Readout:
-    """A camera from mean charge to 8 bits.
+    """A camera from mean charge to what is looked up by raw number.
+
+    Pixels repeat in 2 x 2 places on a colour camera, row by row; on a monochrome one all are of one kind.
 
     Attributes
     ----------
@@ -42,8 +47,10 @@ class Readout:
         [DN/e-].
     black_DN : float
         [DN].
-    tone : ndarray of uint8 (2^bits,)
-        8-bit value of each raw number.
+    tone : ndarray of uint8 (2^bits,), or of uint16 (4, 2^bits)
+        8-bit value of each raw number; of a colour camera the balanced value by place.
+    share : tuple of float
+        Share of the charge that a place collects, on a colour camera [1].
     """
 
     shape: tuple[int, int]
@@ -52,7 +59,13 @@ class Readout:
     read_noise_e: float
     gain: float
     black_DN: float
-    tone: NDArray[np.uint8]
+    tone: NDArray[Any]
+    share: tuple[float, ...] = ()
+
+    @property
+    def top(self) -> int:
+        """Highest raw number [DN]."""
+        return int(self.tone.shape[-1]) - 1
 
 
 @dataclass(frozen=True)
@@ -82,12 +95,14 @@ def raw_numbers(charge: NDArray[Any], z: Image, readout: Readout) -> NDArray[np.
     """
     signal = z * np.float32(readout.read_noise_e) + charge
     signal = signal * np.float32(readout.gain) + np.float32(readout.black_DN + 0.5)
-    return np.clip(signal, np.float32(0), np.float32(readout.tone.size - 1)).astype(np.uint16)
+    return np.clip(signal, np.float32(0), np.float32(readout.top)).astype(np.uint16)
 
 
 @dataclass(frozen=True)
 class DarkSteps:
     """The 8-bit value of a pixel without charge, as a staircase over the upper 16 bits of its random word.
+
+    Of a colour camera the raw number.
 
     Attributes
     ----------
@@ -110,14 +125,15 @@ def dark_steps(readout: Readout) -> DarkSteps | None:
     """
     if readout.dark_e != 0.0:
         return None
+    values = readout.tone if not readout.share else np.arange(readout.top + 1, dtype=np.uint16)
     return _dark_steps(
-        readout.full_well_e, readout.read_noise_e, readout.gain, readout.black_DN, readout.tone.tobytes()
+        readout.full_well_e, readout.read_noise_e, readout.gain, readout.black_DN, values.tobytes(), values.dtype.char
     )  # fmt: skip
 
 
 @functools.lru_cache(maxsize=4)
-def _dark_steps(full_well: float, noise: float, gain: float, black: float, tone: bytes) -> DarkSteps | None:
-    values = np.frombuffer(tone, np.uint8)
+def _dark_steps(full_well: float, noise: float, gain: float, black: float, tone: bytes, kind: str) -> DarkSteps | None:
+    values = np.frombuffer(tone, kind)
     readout = Readout((1, 1), 0.0, full_well, noise, gain, black, values)
     staircase = values[raw_numbers(np.zeros(NORMALS, np.float32), normal_table(), readout)].astype(int)
     rise = np.diff(staircase)

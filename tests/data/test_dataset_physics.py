@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from evanesce.chain.simulate import expose
+from evanesce.chain.simulate import expose, expose_light
 from evanesce.contact.analytic.hertz import hertz_contact, hertz_radius
 from evanesce.contact.patch import axisymmetric_state
 from evanesce.contact.ridges.heightmap import RidgeRow
@@ -19,10 +19,9 @@ from evanesce.core.states import PlateGrid, PlateLight, SurfaceState
 from evanesce.dataset.config import KINDS
 from evanesce.dataset.design import trial_plan
 from evanesce.dataset.labels import CHANNELS, FrameLabeller, plate_labels
-from evanesce.dataset.rigs import RigCamera, expose_light, plate_grid, rig_scene, rig_with_effects
+from evanesce.dataset.rigs import RigCamera, plate_grid, rig_scene, rig_with_effects
 from evanesce.dataset.slip_scores import Series, alarms, choose_threshold, score
 from evanesce.dataset.trial import Trial
-from evanesce.effects import active_effects
 from evanesce.evaluation.labels import label, view_geometry
 from evanesce.materials.friction import InterfaceFriction, coulomb
 from evanesce.optics.projection import Projection
@@ -326,7 +325,7 @@ def test_behind_the_lens_is_the_general_chain():
     )  # fmt: skip
     _, exact = expose(scene, light, seed=9, time_s=0.4, index=37)
     seen = form_image(light, scene.camera, scene.plate)
-    found = expose_light(scene, seen, active_effects(scene), seed=9, time_s=0.4, index=37)
+    found = expose_light(scene, seen, seed=9, time_s=0.4, index=37)
     np.testing.assert_array_equal(found.raw, exact.raw)
     np.testing.assert_array_equal(found.data, exact.data)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -197,6 +198,7 @@ def readout_of(scene: Scene) -> Readout:
     camera, pixel = scene.camera, scene.camera.pixel
     cols, rows = camera.resolution_px
     share: tuple[float, ...] = ()
+    tone: NDArray[Any]
     if camera.colour is None:
         every = np.arange(2**pixel.bits, dtype=np.uint16)
         tone = develop(every, black_level_DN=pixel.black_level_DN, bits=pixel.bits, curve=camera.tone_curve)

@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 
 from evanesce.core import rng
 from evanesce.core.states import ContactState, Frame, PlateLight, SensorLight
-from evanesce.effects import Context, Stage, active_effects, all_effects, apply_stage
+from evanesce.effects import Active, Context, Stage, active_effects, all_effects, apply_stage
 from evanesce.effects.protocol import ANY_SCENE
 from evanesce.rig import Scene
 from evanesce.rig.coarser import finer_pixels
@@ -217,35 +217,71 @@ def expose(
     if unknown := set(without) - set(get_args(Omission)):
         raise ValueError(f"a camera cannot leave out {sorted(unknown)}; known: {get_args(Omission)}")
     effects, context = active_effects(scene, file), Context(scene, seed, time_s, index)
-    camera, noisy = scene.camera, "noise" not in without
-    cols, rows = camera.resolution_px
-
     fine = finer_pixels(scene, finer)
     plate_light = apply_stage(Stage.PLATE_LIGHT, plate_light, effects, replace(context, scene=fine))
 
     lens = {"distortion": "distortion" not in without, "blurred": "blur" not in without}
-    sensor_light = form_image(plate_light, fine.camera, scene.plate, **lens)
-    sensor_light = _averaged(sensor_light, finer)
+    sensor_light = _averaged(form_image(plate_light, fine.camera, scene.plate, **lens), finer)
     sensor_light = apply_stage(Stage.SENSOR_LIGHT, sensor_light, effects, context)
+    return sensor_light, _read_out(sensor_light, effects, context, response=response, noisy="noise" not in without)
 
-    pixel = camera.pixel
+
+def expose_light(
+    scene: Scene,
+    light: SensorLight,
+    *,
+    seed: int,
+    time_s: float = 0.0,
+    index: int = 0,
+    file: Path | str = ANY_SCENE,
+) -> Frame:
+    """Expose a frame of the LEDs' light behind the lens.
+
+    Parameters
+    ----------
+    scene : Scene
+        After effects of the stage ``rig``.
+    light : SensorLight
+        Before effects.
+    seed, time_s, index, file
+        As for :func:`simulate`.
+
+    Returns
+    -------
+    Frame
+    """
+    effects, context = active_effects(scene, file), Context(scene, seed, time_s, index)
+    return _read_out(apply_stage(Stage.SENSOR_LIGHT, light, effects, context), effects, context)
+
+
+def _read_out(
+    light: SensorLight,
+    effects: tuple[Active, ...],
+    context: Context,
+    *,
+    response: Response | None = None,
+    noisy: bool = True,
+) -> Frame:
+    """Return the frame of an irradiance: charge, exposure control, readout, development, each with its effects."""
+    scene, seed, index = context.scene, context.seed, context.index
+    camera, pixel, (cols, rows) = scene.camera, scene.camera.pixel, scene.camera.resolution_px
     pattern = fixed_pattern((rows, cols), pixel.prnu, pixel.dsnu_e, rng.generator(seed, "sensor")) if noisy else None
     response = led_response(scene) if response is None else response
-    charge_e = charge_of(sensor_light, camera, pattern, response)
-    processor = None
+    charge_e, processor = charge_of(light, camera, pattern, response), None
     if is_automatic(camera):
         camera, processor = settle(charge_e, camera)
         context = replace(context, scene=scene.model_copy(update={"camera": camera}))
-        charge_e = charge_of(sensor_light, camera, pattern, response)
+        charge_e = charge_of(light, camera, pattern, response)
     charge_e = apply_stage(Stage.CHARGE, charge_e, effects, context)
 
     signal_DN = signal_of(charge_e, camera, rng.generator(seed, "exposure", index) if noisy else None)
     signal_DN = apply_stage(Stage.READOUT, signal_DN, effects, context)
 
-    frame = frame_of(signal_DN, camera, time_s=time_s, index=index, processor=processor)
+    frame = frame_of(signal_DN, camera, time_s=context.time_s, index=index, processor=processor)
     if scene.camera.auto_exposure is not None:
         frame = replace(frame, exposure_ms=camera.exposure_ms, analogue_gain=camera.analogue_gain)
-    return sensor_light, apply_stage(Stage.FRAME, frame, effects, context)
+    developed: Frame = apply_stage(Stage.FRAME, frame, effects, context)
+    return developed
 
 
 def _averaged(light: SensorLight, finer: int) -> SensorLight:

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from evanesce.chain.fast import FastCamera
-from evanesce.chain.simulate import expose
-from evanesce.core import rng
+from evanesce.chain.simulate import expose, expose_light
 from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState, Frame, PlateGrid, SensorLight
 from evanesce.dataset.config import DatasetConfig
@@ -20,8 +19,7 @@ from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
 from evanesce.rig.finger import Finger
 from evanesce.rig.load import validate
-from evanesce.sensor.expose import charge_of, frame_of, signal_of
-from evanesce.sensor.pixel import fixed_pattern
+from evanesce.sensor.expose import charge_of
 
 LATE = (Stage.PLATE_LIGHT, Stage.SENSOR_LIGHT, Stage.CHARGE, Stage.READOUT, Stage.FRAME)
 
@@ -224,7 +222,7 @@ class RigCamera:
             light = render_fast(self.scene, state)
             return expose(self.scene, light, seed=self.seed, time_s=time_s, index=index)[1]
         lit = None if state is None else self._fast.mean_charge(state)
-        return expose_light(self.scene, self._light(lit), self._effects, seed=self.seed, time_s=time_s, index=index)
+        return expose_light(self.scene, self._light(lit), seed=self.seed, time_s=time_s, index=index)
 
     def _context(self, index: int, time_s: float) -> Context:
         return Context(self.scene, self.seed, time_s, index)
@@ -246,23 +244,6 @@ def _needs_field_blur(camera: FastCamera) -> bool:
 
 
 def _charge_per_irradiance(scene: Scene) -> float:
-    dark, lit = (float(charge_of(SensorLight(irradiance=np.full((1, 1), v)), scene.camera)[0, 0]) for v in (0.0, 1e-6))
+    unfiltered = scene.camera.model_copy(update={"colour": None})
+    dark, lit = (float(charge_of(SensorLight(irradiance=np.full((1, 1), v)), unfiltered)[0, 0]) for v in (0.0, 1e-6))
     return (lit - dark) * 1e6
-
-
-def expose_light(
-    scene: Scene, light: SensorLight, effects: tuple[Active, ...], *, seed: int, time_s: float, index: int
-) -> Frame:
-    """Return the frame of an irradiance: the part of :func:`evanesce.chain.simulate.expose` after the lens."""
-    context = Context(scene, seed, time_s, index)
-    light = apply_stage(Stage.SENSOR_LIGHT, light, effects, context)
-    pixel, (cols, rows) = scene.camera.pixel, scene.camera.resolution_px
-    pattern = fixed_pattern((rows, cols), pixel.prnu, pixel.dsnu_e, rng.generator(seed, "sensor"))
-    charge = apply_stage(Stage.CHARGE, charge_of(light, scene.camera, pattern), effects, context)
-    signal = apply_stage(
-        Stage.READOUT, signal_of(charge, scene.camera, rng.generator(seed, "exposure", index)), effects, context
-    )
-    frame: Frame = apply_stage(
-        Stage.FRAME, frame_of(signal, scene.camera, time_s=time_s, index=index), effects, context
-    )
-    return frame

@@ -96,7 +96,7 @@ def settle(charge_e: Array, camera: Camera) -> tuple[Camera, ImageProcessor | No
             camera = _exposed(planes, camera, gains)
         if balancing and processor is not None:
             raw = _raw(planes, camera, camera.exposure_ms, camera.analogue_gain)
-            processor = replace(processor, **_balanced(raw, processor))
+            processor = _balanced(raw, processor)
     return camera.model_copy(update={"auto_exposure": None}), processor
 
 
@@ -161,7 +161,7 @@ def _planes(charge_e: Array, camera: Camera) -> Array:
     step = max(1, int(np.sqrt(rows * cols / 4 / _MOST_PIXELS)))
     block = {(i, j): charge_e[i:rows:2, j:cols:2][::step, ::step] for i in (0, 1) for j in (0, 1)}
     if camera.colour is None:
-        return np.repeat((sum(block.values()) / 4.0)[None], 3, axis=0)
+        return np.repeat(np.mean(list(block.values()), axis=0)[None], 3, axis=0)
     letters = camera.colour.mosaic
     return np.array(
         [
@@ -208,27 +208,22 @@ def _exposed(planes: Array, camera: Camera, gains: Array) -> Camera:
     return camera.model_copy(update={"exposure_ms": exposure, "analogue_gain": gain})
 
 
-def _balanced(raw: Array, processor: ImageProcessor) -> dict[str, object]:
-    """Return gains and matrix of the colour temperature at which the zones are nearest to grey."""
+def _balanced(raw: Array, processor: ImageProcessor) -> ImageProcessor:
+    """Return the processor with gains and matrix of the colour temperature at which the zones are nearest to grey."""
     zones = np.array([_zone_means(plane, *WHITE_ZONES).ravel() for plane in raw])
     zones = zones[:, zones[1] >= LEAST_GREEN]
     if zones.shape[1] <= LEAST_ZONES:
-        return {}
+        return processor
     red, blue = SENSITIVITY * zones[0] / zones[1], SENSITIVITY * zones[2] / zones[1]
-    tried = np.minimum(
-        WARMEST_K * (1 + STEP) ** np.arange(np.log(COOLEST_K / WARMEST_K) / np.log1p(STEP) + 1), COOLEST_K
-    )
+    steps = np.arange(np.ceil(np.log(COOLEST_K / WARMEST_K) / np.log1p(STEP)) + 1)
+    tried = np.minimum(WARMEST_K * (1 + STEP) ** steps, COOLEST_K)
     white = white_imx477(tried)
     departure = (red / white[0][:, None] - 1.0) ** 2 + (blue / white[1][:, None] - 1.0) ** 2
     share = zones.shape[1] / (WHITE_ZONES[0] * WHITE_ZONES[1])
     cost = np.minimum(departure, DELTA_LIMIT).sum(axis=1) - share * np.interp(tried, *DIM_PRIOR)
-    temperature = _vertex(tried, cost)
-    found = ImageProcessor.imx477(temperature)
-    return {
-        "red_gain": found.red_gain * SENSITIVITY,
-        "blue_gain": found.blue_gain * SENSITIVITY,
-        "matrix": found.matrix,
-    }
+    found = ImageProcessor.imx477(_vertex(tried, cost))
+    red_gain, blue_gain = found.red_gain * SENSITIVITY, found.blue_gain * SENSITIVITY
+    return replace(processor, red_gain=red_gain, blue_gain=blue_gain, matrix=found.matrix)
 
 
 def _vertex(x: Array, y: Array) -> float:

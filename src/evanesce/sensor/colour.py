@@ -216,7 +216,7 @@ def white_imx477(temperature_K: ArrayLike) -> Array:
     temperature = np.asarray(temperature_K, np.float64)
     low, high = _WHITE_IMX477[0, 0], _WHITE_IMX477[-1, 0]
     if not np.all((low <= temperature) & (temperature <= high)):
-        raise ValueError(f"colour temperature {temperature_K} K; must be from {low:g} to {high:g} K")
+        raise ValueError(f"colour temperature {temperature!s} K; must be from {low:g} to {high:g} K")
     return np.array([np.interp(temperature, _WHITE_IMX477[:, 0], _WHITE_IMX477[:, k]) for k in (1, 2)])
 
 

@@ -54,10 +54,9 @@ def denoised(raw: NDArray[np.uint16], strength: float, *, black_level_DN: float,
     ndarray of uint16 (rows, cols)
         [DN].
     """
-    light = relative_light(raw, black_level_DN=black_level_DN, bits=bits).astype(np.float32)
-    reach = (2.0 * strength * NOISE_SLOPE / 256.0) * np.sqrt(np.maximum(light, 1e-4))
-    value = raw.astype(np.float32)
-    reach = reach.astype(np.float32) * np.float32(2**bits - 1 - black_level_DN)
+    light = relative_light(raw, black_level_DN=black_level_DN, bits=bits)
+    relative = (2.0 * strength * NOISE_SLOPE / 256.0) * np.sqrt(np.maximum(light, 1e-4))
+    reach, value = (relative * (2**bits - 1 - black_level_DN)).astype(np.float32), raw.astype(np.float32)
     padded = np.pad(value, 2, mode="reflect")
     total, count = value.copy(), np.ones_like(value)
     rows, cols = raw.shape

@@ -1,0 +1,99 @@
+"""The colour camera in the whole chain: photon transfer per channel, the fast renderer, cards, files, errors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from evanesce.chain.fast import FastCamera
+from evanesce.chain.simulate import expose_light, simulate
+from evanesce.core.states import SensorLight
+from evanesce.render.fast.transport import render_fast
+from evanesce.rig import Scene, load_scene
+from evanesce.sensor.colour import ImageProcessor, channel_map, develop_colour
+
+RESPONSE = [0.9, 0.12, 0.04]
+SMALL = {"camera.resolution_px": [240, 180], "camera.scale_px_per_mm": 11.0, "grid.samples": 256}
+
+
+def red(**changes: object) -> Scene:
+    table = {"camera.colour": {"response": RESPONSE, "temperature_K": 3250.0, "mosaic": "GRBG"}}
+    return load_scene("thesis_ridged", SMALL | {"camera.tone_curve": "libcamera"} | table | changes)
+
+
+@pytest.mark.parametrize("channel", [0, 1, 2])
+def test_photon_transfer_of_each_channel(channel: int) -> None:
+    """EMVA 1288: variance over mean of the raw values, dark level off, is the conversion gain, whatever the filter."""
+    scene = red()
+    camera, pixel = scene.camera, scene.camera.pixel
+    here = channel_map((180, 240), "GRBG") == channel
+    # even light that fills two thirds of a channel of response 1 without clipping
+    full_e = (4095 - pixel.black_level_DN) * pixel.conversion_gain_e_per_DN
+    photon_J = 6.62607015e-34 * 299792458.0 / (camera.wavelength_nm * 1e-9)
+    area = (pixel.pitch_um * 1e-3) ** 2
+    photons = 0.6 * full_e / (pixel.quantum_efficiency * RESPONSE[0])
+    irradiance = photons * photon_J / (area * camera.exposure_ms * 1e-3)
+    light = SensorLight(irradiance=np.full((180, 240), irradiance))
+    a, b = (expose_light(scene, light, seed=3, index=i).raw[here].astype(float) for i in (0, 1))
+    signal = (a + b).mean() / 2 - pixel.black_level_DN
+    mean_e = photons * pixel.quantum_efficiency * RESPONSE[channel]
+    assert signal == pytest.approx(mean_e / pixel.conversion_gain_e_per_DN, abs=4 * np.sqrt(mean_e / 2.0 / here.sum()))
+    variance = ((a - b) ** 2).mean() / 2
+    expected = (mean_e + pixel.read_noise_e**2) / pixel.conversion_gain_e_per_DN**2 + 1 / 12
+    assert variance == pytest.approx(expected, rel=5 * np.sqrt(2 / here.sum()))
+
+
+def test_fast_frames_are_those_of_the_chain() -> None:
+    scene = red(**{"camera.exposure_ms": 120.0})
+    fast = FastCamera(scene)
+    assert fast.falls_back == ""
+    general = simulate(scene, 5.0, seed=2, render=render_fast)
+    found = fast.frame(general.state, seed=2, with_raw=True)
+    assert found.data.shape == (180, 240, 3)
+    # Noise is drawn otherwise, and the fast flank's rim is rounded to a tenth of a millimetre: compare means of regions.
+    rows, cols = np.indices((180, 240))
+    radius_mm = np.hypot(rows - 89.5, cols - 119.5) / 11.0
+    channels = channel_map((180, 240), "GRBG")
+    for region, tolerance in ((radius_mm < 2.5, 0.005), ((radius_mm > 4.0) & (radius_mm < 6.5), 0.02)):
+        for channel in range(3):
+            here = region & (channels == channel)
+            a, b = (f.raw[here].astype(float) - 256.0 for f in (found, general.frame))
+            assert a.mean() == pytest.approx(b.mean(), rel=tolerance, abs=4 * np.sqrt(2 * b.var() / here.sum()))
+    processor = ImageProcessor.of(scene.camera)
+    developed = develop_colour(found.raw, processor, pattern="GRBG", black_level_DN=256.0, bits=12)
+    np.testing.assert_array_equal(developed, found.data)
+    np.testing.assert_array_equal(fast.frame(general.state, seed=2).data, found.data)
+
+
+def test_both_backends_give_the_same_colour_frame() -> None:
+    scene = red(**{"camera.exposure_ms": 60.0})
+    contact = simulate(scene, 2.0, seed=1, render=render_fast).state
+    llvm = FastCamera(scene)
+    if llvm.backend != "llvm":
+        pytest.skip("Dr.Jit's LLVM backend does not work here")
+    one, other = (camera.frame(contact, seed=4).data.astype(int) for camera in (llvm, FastCamera(scene, "numpy")))
+    assert np.mean(one != other) < 1e-3 and np.abs(one - other).max() <= 2
+
+
+def test_contact_is_white_and_flank_red_where_the_exposure_is_long() -> None:
+    frame = FastCamera(red(**{"camera.exposure_ms": 150.0})).press(5.0, seed=1).data
+    assert frame[85:95, 115:125].min() > 250
+    ring = frame[90, 120 + 60]  # 5.5 mm from the axis: flank
+    assert ring[0] > 60 and ring[1] == 0 and ring[2] < 40
+    assert frame[5, 5].max() < 20
+
+
+def test_automatic_exposure_reaches_the_frame_and_goes_through_the_general_chain() -> None:
+    scene = red(**{"camera.auto_exposure": {"metering": "spot"}})
+    camera = FastCamera(scene)
+    assert "automatic" in camera.falls_back
+    frame = camera.press(5.0, seed=1)
+    assert frame.exposure_ms is not None and frame.analogue_gain is not None
+    total = frame.exposure_ms * frame.analogue_gain
+    fixed = red(**{"camera.exposure_ms": frame.exposure_ms, "camera.analogue_gain": frame.analogue_gain})
+    np.testing.assert_array_equal(simulate(fixed, 5.0, seed=1, render=render_fast).frame.data, frame.data)
+    brighter = FastCamera(red(**{"camera.auto_exposure": {"metering": "spot"}, "leds.voltage_V": 12.0})).press(
+        5.0, seed=1
+    )
+    assert brighter.exposure_ms is not None and brighter.analogue_gain is not None
+    assert brighter.exposure_ms * brighter.analogue_gain < total

@@ -50,7 +50,7 @@ def test_fast_frames_are_those_of_the_chain() -> None:
     general = simulate(scene, 5.0, seed=2, render=render_fast)
     found = fast.frame(general.state, seed=2, with_raw=True)
     assert found.data.shape == (180, 240, 3)
-    # Noise is drawn otherwise, and the fast flank's rim is rounded to a tenth of a millimetre: compare means of regions.
+    # Noise is drawn otherwise, and the fast flank's rim is rounded to a tenth of a millimetre: means of regions.
     rows, cols = np.indices((180, 240))
     radius_mm = np.hypot(rows - 89.5, cols - 119.5) / 11.0
     channels = channel_map((180, 240), "GRBG")
@@ -72,14 +72,17 @@ def test_both_backends_give_the_same_colour_frame() -> None:
     if llvm.backend != "llvm":
         pytest.skip("Dr.Jit's LLVM backend does not work here")
     one, other = (camera.frame(contact, seed=4).data.astype(int) for camera in (llvm, FastCamera(scene, "numpy")))
-    assert np.mean(one != other) < 1e-3 and np.abs(one - other).max() <= 2
+    assert np.mean(one != other) < 1e-3
+    assert np.abs(one - other).max() <= 2
 
 
 def test_contact_is_white_and_flank_red_where_the_exposure_is_long() -> None:
     frame = FastCamera(red(**{"camera.exposure_ms": 150.0})).press(5.0, seed=1).data
     assert frame[85:95, 115:125].min() > 250
     ring = frame[90, 120 + 60]  # 5.5 mm from the axis: flank
-    assert ring[0] > 60 and ring[1] == 0 and ring[2] < 40
+    assert ring[0] > 60
+    assert ring[1] == 0
+    assert ring[2] < 40
     assert frame[5, 5].max() < 20
 
 
@@ -88,12 +91,35 @@ def test_automatic_exposure_reaches_the_frame_and_goes_through_the_general_chain
     camera = FastCamera(scene)
     assert "automatic" in camera.falls_back
     frame = camera.press(5.0, seed=1)
-    assert frame.exposure_ms is not None and frame.analogue_gain is not None
+    assert frame.exposure_ms is not None
+    assert frame.analogue_gain is not None
     total = frame.exposure_ms * frame.analogue_gain
     fixed = red(**{"camera.exposure_ms": frame.exposure_ms, "camera.analogue_gain": frame.analogue_gain})
     np.testing.assert_array_equal(simulate(fixed, 5.0, seed=1, render=render_fast).frame.data, frame.data)
     brighter = FastCamera(red(**{"camera.auto_exposure": {"metering": "spot"}, "leds.voltage_V": 12.0})).press(
         5.0, seed=1
     )
-    assert brighter.exposure_ms is not None and brighter.analogue_gain is not None
+    assert brighter.exposure_ms is not None
+    assert brighter.analogue_gain is not None
     assert brighter.exposure_ms * brighter.analogue_gain < total
+
+
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [
+        ("tone_curve", {"gamma": 1.2}),
+        ("compression", {"step_DN": 8.0}),
+        ("black_level", {"offset_DN": 20.0}),
+        ("saturation", {"well_loss": 0.5}),
+        ("hot_pixels", {"fraction": 0.01}),
+        ("vignetting", {"k": 0.4}),
+        ("ambient_light", {"radiance_W_per_mm2_sr": 1e-8}),
+    ],
+)
+def test_effects_act_on_colour_frames(effect: str, values: dict[str, float]) -> None:
+    bright = {"camera.exposure_ms": 20.0}
+    plain = simulate(red(**bright), 3.0, seed=1, render=render_fast).frame.data.astype(int)
+    found = simulate(red(**bright, effects={effect: values}), 3.0, seed=1, render=render_fast).frame.data
+    assert found.shape == plain.shape
+    assert found.dtype == np.uint8
+    assert np.abs(found - plain).max() > 3

@@ -1,4 +1,4 @@
-"""Automatic exposure and balance against scenes whose answer is a line of arithmetic; denoising, contrast, sharpening."""
+"""Automatic exposure and balance where the answer is a line of arithmetic; denoising, contrast and sharpening."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ def flat(share: float) -> np.ndarray:
 def test_an_even_grey_frame_settles_on_the_bright_target(share: float) -> None:
     # Both targets look at the same level: the higher decides.
     found, processor = settle(flat(share), camera())
-    assert processor is None and found.auto_exposure is None
+    assert processor is None
+    assert found.auto_exposure is None
     assert share * found.exposure_ms * found.analogue_gain / 10.0 == pytest.approx(
         max(BRIGHT_TARGET, MEAN_TARGET), rel=2e-3
     )
@@ -88,7 +89,8 @@ def test_metering_is_symmetric_and_heaviest_in_the_middle() -> None:
         np.testing.assert_array_equal(weights, weights[::-1])
         np.testing.assert_array_equal(weights, weights[:, ::-1])
         assert weights.max() == weights[7, 7]
-    assert metering_weights("centre-weighted").sum() == 374 and metering_weights("spot").sum() == 19
+    assert metering_weights("centre-weighted").sum() == 374
+    assert metering_weights("spot").sum() == 19
 
 
 @pytest.mark.parametrize("temperature", [2700.0, 3250.0, 4660.0, 6125.0])
@@ -127,7 +129,8 @@ def test_denoising_smooths_noise_keeps_edges_and_is_absent_at_zero() -> None:
     found = denoised(raw, 1.5, black_level_DN=256.0, bits=12).astype(float)
     left, right = found[4:-4, 4:44], found[4:-4, 56:-4]
     assert left.std() < 0.5 * raw[4:-4, 4:44].std()
-    assert left.mean() == pytest.approx(1500.0, abs=3.0) and right.mean() == pytest.approx(3000.0, abs=3.0)
+    assert left.mean() == pytest.approx(1500.0, abs=3.0)
+    assert right.mean() == pytest.approx(3000.0, abs=3.0)
     assert abs(found[10:-10, 49].mean() - 1500.0) < 10.0, "nothing crosses the edge"
     np.testing.assert_array_equal(denoised(raw, 0.0, black_level_DN=256.0, bits=12), raw)
 
@@ -141,7 +144,8 @@ def test_contrast_moves_the_ends_and_keeps_the_median() -> None:
     # the 1 % point (5550) lies beyond what may move: 1483 goes to 983, the 95 % point's 60260 to 62259
     level = np.interp(ramp, [0, 983.04 + 500, 32500, 60260, 65535], [0, 983.04, 32500, 62259.2, 65535])
     np.testing.assert_allclose(found[0, :, 0], 255 * CURVES["bt709"](level / 65535), atol=1.0)
-    assert found[0, 0, 0] < plain[0, 0, 0] and found[0, -1, 0] > plain[0, -1, 0]
+    assert found[0, 0, 0] < plain[0, 0, 0]
+    assert found[0, -1, 0] > plain[0, -1, 0]
     assert (np.diff(found[0, :, 0]) >= 0).all()
 
 
@@ -152,5 +156,6 @@ def test_sharpening_leaves_even_light_and_faint_noise_and_steepens_an_edge() -> 
     noisy = (frame + rng.integers(-1, 2, frame.shape[:2])[..., None]).astype(np.uint8)
     np.testing.assert_array_equal(sharpened(noisy, 1.0)[:, :30], noisy[:, :30])
     found = sharpened(frame, 1.0).astype(int)
-    assert found[30, 39, 1] < 90 and found[30, 40, 1] > 160
+    assert found[30, 39, 1] < 90
+    assert found[30, 40, 1] > 160
     np.testing.assert_array_equal(found[..., 0], found[..., 2])

@@ -181,3 +181,21 @@ def test_a_full_disk_is_reported_and_leaves_nothing(tmp_path: Path, kind: str) -
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("WorkError")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_h264_keeps_even_colours_and_halves_the_resolution_of_colour_alone(tmp_path: Path) -> None:
+    # Colours of the published contact frame: contact, ring and ground. The edges lie within a cell of chroma.
+    image = np.zeros((64, 96, 3), np.uint8)
+    image[:] = (254, 0, 20)
+    image[:, 33:63] = (254, 254, 200)
+    image[:, 81:] = (90, 0, 0)
+    path = tmp_path / "film.mp4"
+    write_video(path, [Frame(data=image, time=i / 30, index=i) for i in range(3)], quality=0)
+    container = av.open(str(path))
+    found = [picture.to_ndarray(format="rgb24") for picture in container.decode(video=0)][-1].astype(int)
+    for columns in (slice(0, 30), slice(36, 60), slice(66, 78), slice(84, 96)):
+        np.testing.assert_allclose(found[:, columns], image[:, columns], atol=3)
+    luma, expected = (a @ np.array([0.299, 0.587, 0.114]) for a in (found, image.astype(float)))
+    # The cell that the edge crosses shares one colour; its luma stays sharp but for what leaves 0 to 255.
+    assert np.abs(found[:, 32:34, 1] - image[:, 32:34, 1]).max() > 40
+    assert np.abs(luma - expected)[:, [31, 34]].max() < 4

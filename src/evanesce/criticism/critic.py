@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.bundle.bundle import Bundle
+from evanesce.core.errors import InputError
 from evanesce.criticism.answer import Findings, answer, verdict
 from evanesce.criticism.battery_data import Residuals
 from evanesce.criticism.case import Case, prepare
@@ -55,6 +56,7 @@ def criticise(
     evidence : Evidence
         What a report shows of it.
     """
+    require_monochrome(bundle)
     tick("frames and noise")
     case = prepare(observe(bundle), seed, exclude)
     tick("signatures of all candidates")
@@ -75,6 +77,20 @@ def criticise(
     tick("locked part")
     findings.gain = locked_gain(case.observation, case.problem, case.base, findings.best, confirmed_term(findings))
     return answer(case, signatures, findings)
+
+
+def require_monochrome(bundle: Bundle) -> None:
+    """Refuse the frames of a colour camera, which this critic has no model of.
+
+    Raises
+    ------
+    InputError
+    """
+    if bundle.scene.camera.colour is not None:
+        raise InputError(
+            "frames of a colour camera cannot be criticised yet", file=bundle.path / "scene.toml", key="camera.colour",
+            allowed="a scene without this table, for a monochrome camera",
+        )  # fmt: skip
 
 
 def confirmed_term(findings: Findings) -> Flexible | None:

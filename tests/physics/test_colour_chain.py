@@ -110,7 +110,7 @@ def test_automatic_exposure_reaches_the_frame_and_goes_through_the_general_chain
         ("tone_curve", {"gamma": 1.2}),
         ("compression", {"step_DN": 8.0}),
         ("black_level", {"offset_DN": 20.0}),
-        ("saturation", {"well_loss": 0.5}),
+        ("saturation", {"well_loss": 0.8}),
         ("hot_pixels", {"fraction": 0.01}),
         ("vignetting", {"k": 0.4}),
         ("ambient_light", {"radiance_W_per_mm2_sr": 1e-8}),

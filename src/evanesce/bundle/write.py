@@ -35,7 +35,7 @@ from evanesce.effects import Context, Stage, active_effects, all_effects, apply_
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.render.cards import Card, Pose, checkerboard_of, pose_of, square_of
 from evanesce.render.fast.transport import render_fast
-from evanesce.rig import Scene, copy_height_map, dump_scene
+from evanesce.rig import Scene, copy_scene_files, dump_scene
 from evanesce.rig.coarser import finer_pixels
 
 Grey = NDArray[np.uint8]
@@ -263,7 +263,7 @@ def write_bundle(
 
     nominal = nominal or scene
     with new_folder(folder) as part:
-        copy_height_map(nominal, part)
+        copy_scene_files(nominal, part)
         (part / "scene.toml").write_text(dump_scene(nominal), encoding="utf-8")
         frames, depths = _press(part, rig, protocol, written)
         areas = _replicates(part, rig, protocol, nominal, depths[-1] if depths else float("nan"), written)

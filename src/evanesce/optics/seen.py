@@ -1,4 +1,4 @@
-"""A scene as light of one wavelength sees it: indices, absorption, scattering, photons and diffraction at its wavelength.
+"""A scene as light of one wavelength sees it: indices, absorption, scattering, photons and diffraction.
 
 A scene states its figures where they are published: indices at the sodium line, the glass's absorption at 550 nm, the
 silicone's scattering at ``camera.wavelength_nm``, and the camera's scale in white light. White light is seen by these
@@ -172,7 +172,7 @@ def _unmoved(camera: Camera, plate: Plate, seen: Plate) -> Camera:
     focal_px = camera.lens.focal_length_mm * 1e3 / camera.pixel.pitch_um
     # Depth of the contact plane as it appears moves by t (1/n' - 1/n) along z; the axis meets it farther on.
     nearer = plate.thickness_mm * (1.0 / seen.refractive_index - 1.0 / plate.refractive_index)
-    along = nearer / axis[2]
+    along = nearer / float(axis[2])
     x, y = camera.centre_mm
     return camera.model_copy(
         update={

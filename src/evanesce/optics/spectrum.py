@@ -130,7 +130,7 @@ class Line:
 LINES: Mapping[str, Line] = MappingProxyType({"red": Line(634.0, 19.0, 0.14), "infrared": Line(850.0, 40.0, 0.26)})
 
 _LINE_STEP_NM = 0.5
-_HALF_HEIGHT = 0.46085
+_HALF_HEIGHT = 0.46091
 """Distance at which :func:`led_line` has fallen to half, over its parameter: g + 2 g^5 = 3/2."""
 
 
@@ -257,9 +257,8 @@ def spectrum_of(leds: Leds) -> Spectrum:
 def _line_spectrum(line: Line, warming: float) -> Spectrum:
     peak = line.peak_nm + line.shift_nm_per_K * warming
     # symmetric about the peak, so that the mean is the peak
-    w = peak + np.arange(-round(2.5 * line.width_nm / _LINE_STEP_NM), round(2.5 * line.width_nm / _LINE_STEP_NM) + 1) * (
-        _LINE_STEP_NM
-    )
+    reach = round(2.5 * line.width_nm / _LINE_STEP_NM)
+    w: Array = peak + _LINE_STEP_NM * np.arange(-reach, reach + 1, dtype=np.float64)
     return Spectrum(w, led_line(w, peak, line.width_nm))
 
 

@@ -62,11 +62,11 @@ def bands_of(scene: Scene, count: int) -> tuple[Band, ...]:
 
 
 def banded(render: Render, count: int) -> Render:
-    """Return a renderer of the LEDs' light in ``count`` bands; with 1 it is ``render`` itself, at the scene's wavelength.
+    """Return a renderer of the LEDs' light in ``count`` bands; with 1 it is ``render`` itself.
 
-    Radiance and variance are sums over the bands with their weights in a frame (white light: LED power by band times the
-    luma's sensitivity), which add up to 1: where nothing disperses the light is that of one wavelength. The result is seen on
-    the pixels of one view, so that lateral colour of the plate's window is in it; the lens's is not.
+    Radiance and variance are sums over the bands with their weights in a frame (white light: LED power by band times
+    the luma's sensitivity), which add up to 1: where nothing disperses the light is that of one wavelength. The result
+    is seen on the pixels of one view, so that lateral colour of the plate's window is in it; the lens's is not.
 
     Parameters
     ----------

@@ -59,8 +59,8 @@ class LedCircuit(Strict):
 
 # What a key of the circuit is, where the scene does not give it and the LEDs are not white.
 #
-# Red, AlGaInP: OSRAM LR T67F (data sheet 1.2, 2019): 2.05 V at 20 mA; its older version names 65 lm/W, which over the
-# luminous efficacy of its spectrum (optics/spectrum.py) is 0.7 W/A; assumed to hold for a strip. Kingbright
+# Red, AlGaInP: OSRAM LR T67F (data sheet 1.2, 2019): 2.05 V at 20 mA; an older version names 65 lm/W, which over the
+# 160 lm/W of its spectrum (optics/spectrum.py) is 0.8 W/A; assumed to hold for a strip. Kingbright
 # WP710A10SEC/E (2018): -1.9 mV/K at 20 mA. Carriers leak over AlGaInP's low barriers as the junction warms, while Auger
 # recombination matters little (E. F. Schubert, Light-Emitting Diodes, Cambridge 2006): no droop by current, and a loss
 # per K that is assumed to be two and a half times a white LED's. Five in series: assumed, as many as leave to the
@@ -74,7 +74,7 @@ CIRCUITS: Mapping[str, Mapping[str, float | int]] = MappingProxyType(
             {
                 "leds_per_segment": 5,
                 "forward_voltage_V": 2.05,
-                "efficacy_W_per_A": 0.7,
+                "efficacy_W_per_A": 0.8,
                 "droop": 0.0,
                 "forward_voltage_drop_V_per_K": 0.0019,
                 "efficacy_loss_per_K": 0.005,

@@ -140,24 +140,29 @@ def read_spectrum(file: str, sha256: str | None) -> tuple[Array, Array]:
         if len(row) != 2:
             raise InputError(f"row {i + 2} has {len(row)} columns", file=path, allowed="2 columns")
         table[i] = [number(cell, path, i + 2, name) for cell, name in zip(row, HEADINGS, strict=True)]
+    _check(table, path)
     wavelength, power = np.ascontiguousarray(table.T)
-    low, high = RANGE_NM
-    if len(body) < 2 or not power.any():
-        raise InputError("holds no spectrum", file=path, allowed="2 rows or more, one of them with power")
-    outside = (wavelength < low) | (wavelength > high)
-    falling = np.append(False, np.diff(wavelength) <= 0.0)
-    for wrong, heading, allowed in (
-        (outside, HEADINGS[0], f"{low:g} to {high:g} nm"),
-        (falling, HEADINGS[0], "rising wavelengths"),
-        (power < 0.0, HEADINGS[1], "at least 0"),
-    ):
-        if wrong.any():
-            row = int(np.argmax(wrong))
-            value = table[row, HEADINGS.index(heading)]
-            raise InputError(f"row {row + 2}: {value:g}", file=path, key=heading, allowed=allowed)
     wavelength.setflags(write=False)
     power.setflags(write=False)
     return wavelength, power
+
+
+def _check(table: Array, path: Path) -> None:
+    """Refuse a table (rows, 2) of wavelength and power that is no spectrum."""
+    wavelength, power = table.T
+    low, high = RANGE_NM
+    if len(table) < 2 or not power.any():
+        raise InputError("holds no spectrum", file=path, allowed="2 rows or more, one of them with power")
+    outside = (wavelength < low) | (wavelength > high)
+    falling = np.append(False, np.diff(wavelength) <= 0.0)
+    for wrong, column, allowed in (
+        (outside, 0, f"{low:g} to {high:g} nm"),
+        (falling, 0, "rising wavelengths"),
+        (power < 0.0, 1, "at least 0"),
+    ):
+        if wrong.any():
+            at = int(np.argmax(wrong))
+            raise InputError(f"row {at + 2}: {table[at, column]:g}", file=path, key=HEADINGS[column], allowed=allowed)
 
 
 def _with_file(scene: Scene, file: str, sha256: str | None) -> Scene:

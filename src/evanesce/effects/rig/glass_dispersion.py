@@ -19,8 +19,8 @@ class Parameters(Strict):
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     """Add strength times (n averaged over the white LED's bands, by luminous weight, minus n at 589 nm).
 
-    LEDs of another spectrum: n averaged over its photons. Such light sees the dispersion of clear soda-lime glass anyway
-    (:func:`~evanesce.optics.seen.seen_at`): there strength is what the plate has beyond it.
+    LEDs of another spectrum: n averaged over its photons. Such light sees the dispersion of clear soda-lime glass
+    anyway (:func:`~evanesce.optics.seen.seen_at`): there strength is what the plate has beyond it.
 
     Parameters
     ----------

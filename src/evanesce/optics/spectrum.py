@@ -257,7 +257,7 @@ def spectrum_of(leds: Leds) -> Spectrum:
 def _line_spectrum(line: Line, warming: float) -> Spectrum:
     peak = line.peak_nm + line.shift_nm_per_K * warming
     # symmetric about the peak, so that the mean is the peak
-    reach = round(2.5 * line.width_nm / _LINE_STEP_NM)
+    reach = round(4.0 * line.width_nm / _LINE_STEP_NM)
     w: Array = peak + _LINE_STEP_NM * np.arange(-reach, reach + 1, dtype=np.float64)
     return Spectrum(w, led_line(w, peak, line.width_nm))
 

@@ -38,11 +38,18 @@ def spectrum(kind: str, warming: float = 0.0) -> Spectrum:
     return spectrum_of(Leds(**strip, spectrum=kind, circuit={"warming_K": warming}))  # type: ignore[arg-type]
 
 
-def white_points() -> np.ndarray:
-    """Return temperature, red and blue over green of a white card by the curves, and by libcamera's tuning."""
+def white_points(power: bool = False) -> np.ndarray:
+    """Return temperature, red and blue over green of a white card by the curves, and by libcamera's tuning.
+
+    ``power`` reads the curves as responses to equal power, not to equal photons: light of less energetic photons has
+    more of them.
+    """
     rows = []
     for kelvin, red, blue in _WHITE_IMX477:
-        r, g, b = filter_response(daylight(kelvin) if kelvin > 4000 else black_body(kelvin))
+        card = daylight(kelvin) if kelvin > 4000 else black_body(kelvin)
+        if power:
+            card = Spectrum(card.wavelength_nm, card.power / card.wavelength_nm)
+        r, g, b = filter_response(card)
         rows.append((kelvin, r / g, b / g, red, blue))
     return np.array(rows)
 
@@ -68,7 +75,9 @@ def show_light() -> None:
     off = points[:, 1:3] / points[:, 3:] - 1
     for row, (red, blue) in zip(points, 100 * off, strict=True):
         print(f"{row[0]:.0f} K: red/green {row[1]:.3f} ({red:+.1f} %), blue/green {row[2]:.3f} ({blue:+.1f} %)")
-    print(f"largest difference: red {100 * np.abs(off[:, 0]).max():.1f} %, blue {100 * np.abs(off[:, 1]).max():.1f} %")
+    for name, rows in (("quantum efficiencies", points), ("responses to power", white_points(power=True))):
+        red, blue = 100 * np.abs(rows[:, 1:3] / rows[:, 3:] - 1).max(axis=0)
+        print(f"largest difference, curves read as {name}: red {red:.1f} %, blue {blue:.1f} %")
 
 
 def show_press() -> None:

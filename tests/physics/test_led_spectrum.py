@@ -433,7 +433,7 @@ def test_path_tracer_and_fast_renderer_agree_on_a_red_scene() -> None:
     need("llvm")
     red = seen_at(small_rig(leds__spectrum="red", leds__voltage_V=12.0, leds__edge={"top": {"offset_mm": 1.7}}))
     assert red.plate.absorption_coefficient_per_mm > 0.005
-    check(differences(red, hard_contact(), samples=40))
+    check(differences(red, hard_contact(), samples=64))
 
 
 def test_the_path_tracer_takes_figures_of_the_chain() -> None:

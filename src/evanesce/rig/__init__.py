@@ -9,6 +9,7 @@ from evanesce.rig.load import dump_scene, load_scene, scene_path
 from evanesce.rig.plate import Plate
 from evanesce.rig.programme import Press, Ramp, Slide
 from evanesce.rig.scene import Scene
+from evanesce.rig.spectrum_file import copy_scene_files
 
 __all__ = [
     "Camera",
@@ -26,6 +27,7 @@ __all__ = [
     "Scene",
     "Slide",
     "copy_height_map",
+    "copy_scene_files",
     "dump_scene",
     "load_scene",
     "scene_path",

@@ -30,7 +30,8 @@ from evanesce.effects import active_effects
 from evanesce.optics.projection import Projection
 from evanesce.render.fast.feedback import coarse_mean, feedback
 from evanesce.render.fast.fields import Fields, fields_of
-from evanesce.render.fast.flank import FlankView, rounded_approach
+from evanesce.render.fast.flank import FlankView
+from evanesce.render.fast.flank_table import rounded_approach
 from evanesce.render.fast.operators import Backend, operators
 from evanesce.render.fast.operators_llvm import llvm_works
 from evanesce.render.fast.patch import InterfaceBox
@@ -304,6 +305,8 @@ def _why_general(scene: Scene, active: list[str]) -> str:
     pixel, lens = scene.camera.pixel, scene.camera.lens
     if active:
         return f"effects: {', '.join(active)}"
+    if scene.surroundings is not None and scene.surroundings.lights_empty_plate:
+        return "surroundings: light beside the finger"
     if pixel.prnu > 0 or pixel.dsnu_e > 0:
         return "camera.pixel: fixed pattern"
     if pixel.read_noise_e < LEAST_READ_NOISE_E:
@@ -328,4 +331,4 @@ def _lasting(scene: Scene) -> dict[str, Any]:
     lens.pop("defocus_um")
     for key in ("material", "ridges", "modulus_factor"):
         finger.pop(key, None)
-    return {key: data[key] for key in ("plate", "leds", "finger", "camera", "grid")}
+    return {key: data.get(key) for key in ("plate", "leds", "finger", "camera", "grid", "surroundings")}

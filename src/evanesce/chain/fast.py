@@ -305,8 +305,8 @@ def _why_general(scene: Scene, active: list[str]) -> str:
     pixel, lens = scene.camera.pixel, scene.camera.lens
     if active:
         return f"effects: {', '.join(active)}"
-    if scene.surroundings is not None and scene.surroundings.lights_empty_plate:
-        return "surroundings: light beside the finger"
+    if scene.surroundings is not None:
+        return "surroundings: light beside the contact"
     if pixel.prnu > 0 or pixel.dsnu_e > 0:
         return "camera.pixel: fixed pattern"
     if pixel.read_noise_e < LEAST_READ_NOISE_E:
@@ -331,4 +331,4 @@ def _lasting(scene: Scene) -> dict[str, Any]:
     lens.pop("defocus_um")
     for key in ("material", "ridges", "modulus_factor"):
         finger.pop(key, None)
-    return {key: data.get(key) for key in ("plate", "leds", "finger", "camera", "grid", "surroundings")}
+    return {key: data[key] for key in ("plate", "leds", "finger", "camera", "grid")}

@@ -202,7 +202,7 @@ class RigCamera:
         self.scene = optical_scene(rig.scene)
         self._fast = FastCamera(self.scene.model_copy(update={"effects": {}}), backend)  # type: ignore[arg-type]
         self.method = method_of(self._effects)
-        if _needs_field_blur(self._fast) or _lit_beside_finger(self.scene):
+        if _needs_field_blur(self._fast) or self.scene.surroundings is not None:
             self.method = "general"
         elif self.method == "fast" and self._fast.falls_back:
             self.method = "charge"
@@ -243,10 +243,6 @@ class RigCamera:
 
 def _needs_field_blur(camera: FastCamera) -> bool:
     return camera.scene.camera.lens.field_curvature_um != 0.0
-
-
-def _lit_beside_finger(scene: Scene) -> bool:
-    return scene.surroundings is not None and scene.surroundings.lights_empty_plate
 
 
 def _charge_per_irradiance(scene: Scene) -> float:

@@ -21,7 +21,6 @@ from evanesce.render.fast.flank_table import tabulated_approaches
 from evanesce.render.fast.rig_fields import RigFields, node_axes, rig_digest, rig_fields
 from evanesce.render.fast.rig_optics import edge_light, interface_of
 from evanesce.render.fast.subsurface import Subsurface, subsurface_of
-from evanesce.render.fast.surroundings import flank_digest, flank_surroundings
 from evanesce.render.kept import kept
 from evanesce.render.reference.bsdf import NEAR_WAVELENGTHS
 from evanesce.rig import Scene
@@ -110,7 +109,7 @@ def fields_of(scene: Scene) -> Fields:
     radiances = stacked_radiances(edge_light(scene))
     tables, grid = _tables_digest(scene), scene.as_dict()["grid"]
     scattering = scene.finger.scattering_length_mm, scene.finger.scattering_share
-    key = digest([rig_digest(scene), tables, radiances.tolist(), scattering, grid, flank_digest(scene)])
+    key = digest([rig_digest(scene), tables, radiances.tolist(), scattering, grid])
     return kept("fields", key, lambda: _assemble(scene, radiances, tables))
 
 
@@ -120,9 +119,6 @@ def _assemble(scene: Scene, radiances: Array, tables_key: str) -> Fields:
     x, y = node_axes(scene)
     modes, coupling = _modes(np.tensordot(radiances, rig.led, 1), tables.transmitted)
     bare = 1.0 - float(window_transmittance(tables.view, interface.n_glass)) * interface.n_glass**2
-    on_flank = np.tensordot(radiances, rig.flank, 1)
-    if scene.surroundings is not None:
-        on_flank = on_flank + flank_surroundings(scene, radiances)
     return Fields(
         x=x,
         y=y,
@@ -133,7 +129,7 @@ def _assemble(scene: Scene, radiances: Array, tables_key: str) -> Fields:
         ghost=bare * bare,
         flank=FlankLight(
             approaches=tabulated_approaches(scene),
-            irradiance=on_flank,
+            irradiance=np.tensordot(radiances, rig.flank, 1),
             per_taken=rig.flank_contact,
             response=interface.body_reflectance / np.pi * (1.0 - bare) * interface.n_glass**2 * tables.window,
         ),

@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 
 from evanesce.core.provenance import digest
+from evanesce.core.states import ContactState
 from evanesce.optics.edge_rays import stacked_radiances
 from evanesce.optics.flank.irradiance import flank_irradiance, mirrored_exchange
+from evanesce.optics.flank.pressed import PressedFinger
 from evanesce.optics.guided_field import EdgeExchange, edge_response
 from evanesce.optics.haze import FACES, clouds, haze_radiance, hazy_floor
 from evanesce.optics.interface import fresnel_reflectance
@@ -24,9 +26,9 @@ from evanesce.optics.patch_light import external_diffuse_reflectance
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.optics.spill import spilled_irradiance
 from evanesce.render.fast.defects import guided_irradiance
-from evanesce.render.fast.flank_table import table_points, tabulated_approaches
+from evanesce.render.fast.flank_table import AZIMUTHS, STATIONS, positions
 from evanesce.render.fast.rig_fields import PER_EDGE, unit_digest, unit_light
-from evanesce.render.fast.rig_optics import edge_light, geometry_digest
+from evanesce.render.fast.rig_optics import edge_light, finger_surface, geometry_digest
 from evanesce.render.fast.sampling import enlarged, view_rays
 from evanesce.render.kept import kept
 from evanesce.rig import Scene
@@ -46,81 +48,92 @@ the plate's top face, which is smooth."""
 # --- the finger's flank ----------------------------------------------------------------------------------------------
 
 
-def flank_surroundings(scene: Scene, radiances: Array) -> Array:
-    """Return the irradiance that spill and haze add on the flank, reflections between it and the plate included.
+def surroundings_on_flank(scene: Scene, state: ContactState, view: IdealView) -> Image:
+    """Return the radiance towards the lens of the flank in the light of spill and haze [W mm^-2 sr^-1], (rows, cols).
+
+    Seen through bare glass, diffuse; its own light that the plate mirrors back to it included. Tables by ring and
+    azimuth are kept for approaches a tenth of a millimetre apart, between which it is linear.
 
     Parameters
     ----------
     scene : Scene
+    state : ContactState
+    view : IdealView
+    """
+    light = edge_light(scene)
+    coarse: Any = 0.0
+    for depth, weight, (column, row, seen) in positions(scene, state, view, STEP):
+        finger = pressed_finger(scene, depth)
+        table = flank_irradiance_around(scene, finger, stacked_radiances(light)).astype(np.float32)
+        table = np.concatenate([table, table[:, :1]], axis=1)
+        station = np.interp(row, np.arange(STATIONS.size), STATIONS)
+        ring = np.interp(station, finger.stations(), np.arange(len(table))).astype(np.float32)
+        coarse = coarse + weight * (cv2.remap(table, column, ring, cv2.INTER_LINEAR) * seen)
+    through = _window(scene, view) * (scene.finger.diffuse_reflectance / np.pi)
+    return enlarged(np.asarray(coarse * through, np.float32), STEP, view.shape)
+
+
+def pressed_finger(scene: Scene, depth: float) -> PressedFinger:
+    """Return the finger's surface at an approach [mm].
+
+    Parameters
+    ----------
+    scene : Scene
+    depth : float
+    """
+    own = finger_surface(scene)
+    return PressedFinger(own.centre, own.tip_radius, own.half_width, own.length, depth)
+
+
+def flank_irradiance_around(scene: Scene, finger: PressedFinger, radiances: Array) -> Array:
+    """Return the irradiance on the flank by spill and haze, (rings, azimuths) [W mm^-2].
+
+    Parameters
+    ----------
+    scene : Scene
+    finger : PressedFinger
     radiances : ndarray (leds,)
         Of the LEDs [W mm^-2 sr^-1].
-
-    Returns
-    -------
-    ndarray (approaches, stations, azimuths)
-        [W mm^-2].
     """
     spill, haze = _of(scene).spill, _of(scene).haze
-    total = np.zeros(table_points(scene)[0].shape[:-1])
+    total: Any = np.zeros((len(finger.rings()[0]), AZIMUTHS))
+    where = digest([unit_digest(scene), scene.finger.diffuse_reflectance, repr(finger)])
     if spill.share > 0:
-        total += spill.share * np.tensordot(radiances, _spill_table(scene), 1)
+        height = spill.height_mm
+        table = kept("flank surroundings", f"spill {height} {where}", lambda: _spill_table(scene, finger, height))
+        total = total + spill.share * np.tensordot(radiances, table, 1)
     if haze.top_share > 0 or haze.bottom_share > 0:
         here = float(guided_irradiance(scene, *scene.finger.position_mm))
         n = scene.plate.refractive_index
         through = (1.0 - external_diffuse_reflectance(n)) / n**2
         upwards = haze_radiance(haze.top_share, here) + haze_radiance(haze.bottom_share, here) * through
-        total += np.pi * upwards * _haze_table(scene)
-    return total
+        table = kept("flank surroundings", f"haze {where}", lambda: _haze_table(scene, finger))
+        total = total + np.pi * float(upwards) * table
+    return np.asarray(total)
 
 
-def flank_digest(scene: Scene) -> str:
-    """Return the digest of all that :func:`flank_surroundings` depends on beside rig and powers; empty for none.
-
-    Parameters
-    ----------
-    scene : Scene
-    """
-    return "" if scene.surroundings is None else repr(scene.surroundings)
+def _spill_table(scene: Scene, finger: PressedFinger, height: float) -> Array:
+    """Return irradiance per radiance of each LED, all its power spilled, (leds, rings, azimuths) [sr]."""
+    points, normals = finger.points(_azimuths())
+    found = spilled_irradiance(edge_light(scene), points.reshape(-1, 3), normals.reshape(-1, 3), height)
+    return _with_reflections(scene, finger, found.reshape(-1, *points.shape[:-1]))
 
 
-def _spill_table(scene: Scene) -> Array:
-    """Return irradiance on the flank per radiance of each LED, all its power spilled (leds, approaches, ...) [sr]."""
-    height, reflectance = _of(scene).spill.height_mm, scene.finger.diffuse_reflectance
-
-    def make() -> Array:
-        points, normals = table_points(scene)
-        found = spilled_irradiance(edge_light(scene), points.reshape(-1, 3), normals.reshape(-1, 3), height)
-        return _with_reflections(scene, found.reshape(-1, *points.shape[:-1]))
-
-    return kept("flank surroundings", digest(["spill", unit_digest(scene), height, reflectance]), make)
+def _haze_table(scene: Scene, finger: PressedFinger) -> Array:
+    """Return irradiance over pi times the even radiance of the plate around the contact, (rings, azimuths) [1]."""
+    found = hazy_floor(*finger.rings(), finger.contact_radius)
+    return _with_reflections(scene, finger, np.repeat(found[None, :, None], AZIMUTHS, axis=2))[0]
 
 
-def _haze_table(scene: Scene) -> Array:
-    """Return irradiance on the flank over pi times the even radiance of the plate around the contact [1]."""
-
-    def make() -> Array:
-        points, normals = table_points(scene)
-        first = points[:, :, 0], normals[:, :, 0]
-        axis = np.array(scene.finger.position_mm)
-        found = np.zeros(points.shape[:-1])
-        for k, depth in enumerate(tabulated_approaches(scene)):
-            hole = float(np.sqrt(max(2 * scene.finger.tip_radius_mm * depth - depth**2, 0.0)))
-            distance = np.hypot(*(first[0][k, :, :2] - axis).T)
-            polar = np.arccos(np.clip(-first[1][k, :, 2], -1.0, 1.0))
-            found[k] = hazy_floor(distance, first[0][k, :, 2], polar, hole)[:, None]
-        return _with_reflections(scene, found[None])[0]
-
-    return kept("flank surroundings", digest(["haze", unit_digest(scene), scene.finger.diffuse_reflectance]), make)
+def _with_reflections(scene: Scene, finger: PressedFinger, irradiance: Array) -> Array:
+    """Return irradiance (sources, rings, azimuths) with the flank's own light, mirrored by the plate."""
+    points, normals = finger.points(_azimuths())
+    own = mirrored_exchange(points, normals, scene.finger.diffuse_reflectance, scene.plate.refractive_index)
+    return np.asarray((irradiance.reshape(len(irradiance), -1) @ own.T).reshape(irradiance.shape))
 
 
-def _with_reflections(scene: Scene, irradiance: Array) -> Array:
-    """Return irradiance (sources, approaches, stations, azimuths) with the flank's own light, mirrored by the plate."""
-    points, normals = table_points(scene)
-    found = np.empty(irradiance.shape)
-    for k in range(points.shape[0]):
-        own = mirrored_exchange(points[k], normals[k], scene.finger.diffuse_reflectance, scene.plate.refractive_index)
-        found[:, k] = (irradiance[:, k].reshape(len(irradiance), -1) @ own.T).reshape(irradiance[:, k].shape)
-    return found
+def _azimuths() -> Array:
+    return np.asarray(np.arange(AZIMUTHS) * 2 * np.pi / AZIMUTHS)
 
 
 # --- images ----------------------------------------------------------------------------------------------------------
@@ -201,19 +214,28 @@ def _haze_image(scene: Scene, view: IdealView, face: str) -> Image:
 
 def _backdrop_image(scene: Scene, view: IdealView, finger: bool, shares: Array) -> Image:
     """Return the radiance of the backdrop through both faces, per mean radiance of the LEDs."""
-    backdrop, plate = _of(scene).backdrop, scene.plate
+    backdrop = _of(scene).backdrop
     if backdrop.reflectance == 0.0:
         return np.zeros(view.shape, np.float32)
     projection, (tan_x, tan_y) = _rays(scene, view)
-    bend, cos_air = projection.bend(tan_x, tan_y), 1.0 / np.sqrt(1.0 + tan_x**2 + tan_y**2)
-    reach = projection.clearance + projection.thickness * bend + backdrop.distance_mm
+    reach = projection.clearance + projection.thickness * projection.bend(tan_x, tan_y) + backdrop.distance_mm
     x, y = projection.pinhole[0] + reach * tan_x, projection.pinhole[1] + reach * tan_y
     irradiance = backdrop_irradiance(scene, x, y, shares, finger=finger)
-    cos_glass = 1.0 / np.sqrt(1.0 + (tan_x**2 + tan_y**2) * bend**2)
-    through = (1.0 - fresnel_reflectance(cos_air, 1.0, plate.refractive_index)) ** 2
-    through = through * np.exp(-plate.absorption_coefficient_per_mm * plate.thickness_mm / cos_glass)
-    radiance = backdrop.reflectance / np.pi * irradiance * through
+    radiance = backdrop.reflectance / np.pi * irradiance * _window(scene, view)
     return enlarged(radiance.astype(np.float32), STEP, view.shape)
+
+
+def _window(scene: Scene, view: IdealView) -> Array:
+    """Return the share of light from above that the bare plate lets through to the lens, every STEP-th pixel [1].
+
+    Without what goes round between the faces once more: R^2, a fifth of a per cent.
+    """
+    plate = scene.plate
+    projection, (tan_x, tan_y) = _rays(scene, view)
+    tan2 = tan_x**2 + tan_y**2
+    reflected = fresnel_reflectance(1.0 / np.sqrt(1.0 + tan2), 1.0, plate.refractive_index)
+    path = plate.thickness_mm * np.sqrt(1.0 + tan2 * projection.bend(tan_x, tan_y) ** 2)
+    return np.asarray((1.0 - reflected) ** 2 * np.exp(-plate.absorption_coefficient_per_mm * path))
 
 
 def backdrop_irradiance(scene: Scene, x: Array, y: Array, radiances: Array, *, finger: bool) -> Array:

@@ -24,7 +24,7 @@ from evanesce.render.fast.flank_table import flank_cover
 from evanesce.render.fast.patch import PatchLight, patch_light, refinement
 from evanesce.render.fast.rig_optics import geometry_digest
 from evanesce.render.fast.sampling import Maps, view_rays
-from evanesce.render.fast.surroundings import surroundings_view
+from evanesce.render.fast.surroundings import surroundings_on_flank, surroundings_view
 from evanesce.render.kept import kept
 from evanesce.rig import Scene
 
@@ -71,10 +71,12 @@ def render_fast(
         seen = direct(patch.radiance, 1)
         ghost = np.float32(fields.ghost) * reflected(patch.radiance, 1)
         seen += bare * (ghost + flank_image(scene, fields.flank, state, patch.taken, view))
-    if scene.surroundings is not None and scene.surroundings.lights_empty_plate:
+    if scene.surroundings is not None:
         beside = surroundings_view(scene, view, finger=state is not None)
-        free = np.float32(1.0) if state is None else 1.0 - flank_cover(scene, state, view)
-        seen += bare * (beside.top + free * beside.backdrop) + beside.bottom
+        behind = beside.backdrop
+        if state is not None:
+            behind = (1.0 - flank_cover(scene, state, view)) * behind + surroundings_on_flank(scene, state, view)
+        seen += bare * (beside.top + behind) + beside.bottom
     return PlateLight(
         radiance=seen,
         variance=np.zeros_like(seen),

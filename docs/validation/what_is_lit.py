@@ -115,9 +115,39 @@ def ring_circle(red: np.ndarray, start: tuple[float, float]) -> tuple[np.ndarray
     return np.array([cx, cy]), radius
 
 
-def like_the_frame(scale: dict[str, Any]) -> dict[str, Any]:
-    """Return changes of the thesis scene that put the finger 15 mm from the right edge, as the bright band suggests."""
-    return {"finger.position_mm": [45.0, 0.0], "camera.centre_mm": [45.0, 0.0], **scale}
+def near_the_edge(distance_mm: float) -> Scene:
+    """Return the thesis scene with the finger so far from the right edge; inf leaves it in the middle."""
+    x = 0.0 if np.isinf(distance_mm) else 60.0 - distance_mm
+    changes = {"finger.position_mm": [x, 0.0], "camera.centre_mm": [x, 0.0], "effects": {"plate_haze": HAZE}}
+    return coarser_camera(load_scene("thesis", changes), 4, key="factor")
+
+
+def by_side(light: PlateLight, rig: Scene) -> tuple[np.ndarray, float]:
+    """Return mean light (sides, radii) [W mm^-2 sr^-1] and the contact's median."""
+    r, azimuth = polar(light, rig)
+    sectors = [(azimuth - low) % 360 < high - low for low, high in SIDES.values()]
+    found = [[light.radiance[sector & (np.abs(r - q) < 0.02)].mean() for q in RADII] for sector in sectors]
+    return np.array(found), float(np.median(light.radiance[r < 0.4]))
+
+
+def fits(real: dict[str, list[tuple[float, float, float]]]) -> list[tuple[float, float, float, float, np.ndarray]]:
+    """Return RMS of ln(model/frame), distance [mm], scattering length [mm], spill share and profiles, best first."""
+    frame = np.array([[best for best, _, _ in real[side]] for side in SIDES])
+    known = np.ones(frame.shape, bool)
+    known[:, 0] = False  # the thumbnail's pixels there reach into the contact
+    tried = []
+    for distance in DISTANCES_MM:
+        scene = near_the_edge(distance)
+        for length in LENGTHS_MM:
+            glow = {"lateral_glow": {"length_mm": length}} if length else {}
+            dark, contact = by_side(*lit(scene.model_copy(update={"effects": scene.effects | glow})))
+            spill = {"led_spill": {"share": 1.0}}
+            full, _ = by_side(*lit(scene.model_copy(update={"effects": scene.effects | glow | spill})))
+            for share in SHARES:
+                model = (dark + share * (full - dark)) / contact
+                rms = float(np.sqrt((np.log(model / frame)[known] ** 2).mean()))
+                tried.append((rms, distance, length, share, model))
+    return sorted(tried, key=lambda one: one[0])
 
 
 def main() -> None:
@@ -131,7 +161,7 @@ def main() -> None:
     rows = {}
     print(f"thesis scene, {FORCE_N} N; light over the contact's at r over the silhouette's radius {RADII}")
     for name, (effects, unit) in CASES.items():
-        rings, ground, contact = profile(*lit(base.model_copy(update={"effects": effects})))
+        rings, ground, _ = profile(*lit(base.model_copy(update={"effects": effects})))
         rows[name] = rings
         line = f"  {name}: " + " ".join(f"{v:.4f}" for v in rings) + f"; ground {ground:.5f}"
         if unit:
@@ -146,31 +176,43 @@ def main() -> None:
     real = real_profile(given.folder) if given.folder else {}
     for side, values in real.items():
         print(f"  real frame, {side}: " + " ".join(f"{b:.3f} ({lo:.3f}-{hi:.3f})" for b, lo, hi in values))
-    near = coarser_camera(load_scene("thesis", like_the_frame({})), 4, key="factor")
-    effects = {"led_spill": {"share": SHARE_NEAR}, "lateral_glow": {"length_mm": GLOW_MM},
-               "plate_haze": {"top_share": 0.0025, "bottom_share": 0.0005}, "backdrop": {"reflectance": 0.03},
-               "led_edge_reflections": {"relative_radiance": 0.06, "sides": [0.0, 1.0, 0.0, 1.0], "along_mm": 0.7,
-                                        "decay_mm": 4.0, "slant_deg": -24.0}}  # fmt: skip
-    sides: dict[str, dict[str, np.ndarray]] = {}
-    for name, some in (("spill alone", ("led_spill",)), ("scattering alone", ("lateral_glow",)),
-                       ("both", ("led_spill", "lateral_glow"))):  # fmt: skip
-        light, rig = lit(near.model_copy(update={"effects": {k: effects[k] for k in some}}))
-        r, azimuth = polar(light, rig)
-        contact = float(np.median(light.radiance[r < 0.4]))
-        sides[name] = {}
-        for side, (low, high) in SIDES.items():
-            sector = (azimuth - low) % 360 < high - low
-            sides[name][side] = np.array([light.radiance[sector & (np.abs(r - q) < 0.02)].mean() for q in RADII])
-            sides[name][side] /= contact
-            print(f"  15 mm from the right edge, {name}, {side}: " + " ".join(f"{v:.4f}" for v in sides[name][side]))
+    if not real:
+        return
+    tried = fits(real)
+    print("RMS of ln(model/frame), distance from the right edge [mm], scattering length [mm], spill share")
+    for rms, distance, length, share, _ in tried[:5]:
+        print(f"  best: {rms:.2f} {distance:g} {length:g} {share:g}")
+    for name, wanted in RIVALS.items():
+        rms, distance, length, share, model = next(one for one in tried if wanted(one))
+        print(f"  {name}: {rms:.2f}, {distance:g} mm, {length:g} mm, {share:g}")
+        for side, values in zip(SIDES, model, strict=True):
+            print(f"    {side}: " + " ".join(f"{v:.3f}" for v in values))
     if given.picture:
-        whole = near.model_copy(update={"effects": effects})
-        picture(rows, real, sides, lit(whole), given.picture)
+        _, distance, length, share, model = tried[0]
+        effects = near_the_edge(distance).effects | BORDER
+        effects |= {"led_spill": {"share": share}} if share else {}
+        effects |= {"lateral_glow": {"length_mm": length}} if length else {}
+        effects |= {"plate_haze": {**HAZE, "contrast": 0.4}, "backdrop": {"reflectance": 0.03}}
+        simulated = lit(near_the_edge(distance).model_copy(update={"effects": effects}))
+        picture(rows, real, dict(zip(SIDES, model, strict=True)), simulated, given.picture)
 
 
-SHARE_NEAR = 0.1
-"""Spill with which the right side has the frame's level."""
-GLOW_MM = 0.7
+HAZE = {"top_share": 0.0047, "contrast": 0.0}
+"""The frame's ground over its contact, 0.0046."""
+DISTANCES_MM = (12.0, 15.0, 20.0, 30.0, np.inf)
+LENGTHS_MM = (0.0, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0)
+SHARES = (0.0, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5)
+RIVALS = {
+    "no spill, no scattering in the silicone": lambda one: one[2] == 0 and one[3] == 0,
+    "no spill": lambda one: one[3] == 0,
+    "no scattering in the silicone": lambda one: one[2] == 0,
+    "finger in the middle": lambda one: np.isinf(one[1]),
+}
+BORDER = {
+    "led_edge_reflections": {
+        "relative_radiance": 0.3, "sides": [0.0, 1.0, 0.0, 1.0], "along_mm": 0.5, "decay_mm": 3.0, "slant_deg": 24.0,
+    }
+}  # fmt: skip
 
 
 def picture(rows: Any, real: Any, sides: Any, simulated: tuple[PlateLight, Scene], path: Path) -> None:
@@ -193,8 +235,8 @@ def picture(rows: Any, real: Any, sides: Any, simulated: tuple[PlateLight, Scene
         shift = np.array(RADII) + 0.004 * (k - 1.5)
         middle.errorbar(shift, best, [best - low, high - best], fmt="o", ms=3, color=f"C{k}", label=f"frame, {side}")
     for k, side in enumerate(SIDES):
-        middle.semilogy(RADII, sides["both"][side], color=f"C{k}")
-    middle.set(title="real frame (points), spill and scattering (lines)", ylim=(1e-3, 3))
+        middle.semilogy(RADII, sides[side], color=f"C{k}")
+    middle.set(title="real frame (points), best combination (lines)", ylim=(1e-3, 3))
     middle.legend(fontsize=7)
     for axis in (left, middle):
         axis.set_xlabel("r over the silhouette's radius")

@@ -260,23 +260,18 @@ class Predictor:
         """Return a key of the light that leaves the plate up to the LEDs' level, that level, and what makes it."""
         sight = _sight(rig)
         if view.is_card:
-            key: Any = (
-                "card",
-                view.kind,
-                sight,
-                repr(rig.card),
-                repr(rig.plate),
-                nuisances.shift_mm,
-                nuisances.turn_deg,
-            )
+            posed = (nuisances.shift_mm, nuisances.turn_deg)
+            key: Any = ("card", view.kind, sight, repr(rig.card), repr(rig.plate), *posed)
             return key, 1.0, lambda: self._lights.get(key, lambda: self._card(rig, view, nuisances))
         pattern, level = _led_pattern(rig)
-        glass = (
-            repr(rig.plate), rig.leds.emitting_width_mm, rig.leds.emitting_height_mm, rig.leds.air_gap_share,
-            repr(rig.surroundings),
-        )  # fmt: skip
+        leds = rig.leds
+        glass = repr((rig.plate, rig.surroundings, leds.emitting_width_mm, leds.emitting_height_mm, leds.air_gap_share))
         if view.force_N is None:
-            return self._empty(rig, ("empty", sight, glass, pattern), level)
+            if rig.surroundings is None or level == 0.0:
+                return ("dark", sight), 1.0, lambda: _dark(rig)
+            key = ("empty", sight, glass, pattern, level)
+            ideal = finer_view(rig, self.finer)
+            return key, 1.0, lambda: self._lights.get(key, lambda: render_fast(rig, None, view=ideal))
         force = float(self._apply(Stage.LOAD, view.force_N * float(np.exp(nuisances.log_force)), effects, context))
         touching = [e for e in effects if e.effect.stage is Stage.CONTACT]
         moment = (view.time_s,) if rig.slide is not None else self._moment(touching, context)
@@ -301,17 +296,6 @@ class Predictor:
 
         # No light at all is nothing that others could be scaled from.
         return (key if level > 0.0 else (*key, "off")), level, light
-
-    def _empty(self, rig: Scene, key: Any, level: float) -> tuple[Any, float, Callable[[], PlateLight]]:
-        """Return :meth:`_light` of the plate without finger: dark but for what surrounds it."""
-        if rig.surroundings is None or not rig.surroundings.lights_empty_plate or level == 0.0:
-            return ("dark", _sight(rig)), 1.0, lambda: _dark(rig)
-
-        def light() -> PlateLight:
-            made, at = self._lights.get(key, lambda: (render_fast(rig, None, view=finer_view(rig, self.finer)), level))
-            return made if at == level else replace(made, radiance=made.radiance * (level / at))
-
-        return key, level, light
 
     def _card(self, rig: Scene, view: View, nuisances: Nuisances) -> PlateLight:
         """Return the light of a card that lies flat; where the pixels meet its plane is kept."""

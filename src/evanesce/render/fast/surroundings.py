@@ -179,8 +179,8 @@ def surroundings_view(scene: Scene, view: IdealView, *, finger: bool) -> Surroun
     key = digest([geometry_digest(scene), repr(view), *parts])
 
     def make() -> SurroundingsView:
-        haze = [_haze_image(scene, view, face) / np.float32(level) for face in FACES]
-        return SurroundingsView(*haze, _backdrop_image(scene, view, finger, shares))
+        top, bottom = (_haze_image(scene, view, face) / np.float32(level) for face in FACES)
+        return SurroundingsView(top, bottom, _backdrop_image(scene, view, finger, shares))
 
     unit = kept("surroundings", key, make)
     return SurroundingsView(*(image * np.float32(level) for image in (unit.top, unit.bottom, unit.backdrop)))

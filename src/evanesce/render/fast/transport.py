@@ -61,7 +61,7 @@ def render_fast(
     """
     projection = Projection.of(scene.camera, scene.plate)
     view = projection.ideal_view() if view is None else view
-    seen, bare = np.zeros(view.shape, np.float32), np.float32(1.0)
+    seen, bare = np.zeros(view.shape, np.float32), np.ones((), np.float32)
     if state is not None:
         fields = fields_of(scene) if fields is None else fields
         pixel_mm = projection.focal_px / (scene.camera.scale_px_per_mm * view.focal_px)

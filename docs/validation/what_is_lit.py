@@ -115,10 +115,11 @@ def ring_circle(red: np.ndarray, start: tuple[float, float]) -> tuple[np.ndarray
     return np.array([cx, cy]), radius
 
 
-def near_the_edge(distance_mm: float) -> Scene:
-    """Return the thesis scene with the finger so far from the right edge; inf leaves it in the middle."""
-    x = 0.0 if np.isinf(distance_mm) else 60.0 - distance_mm
-    changes = {"finger.position_mm": [x, 0.0], "camera.centre_mm": [x, 0.0], "effects": {"plate_haze": HAZE}}
+def near_the_edge(place_mm: tuple[float, float]) -> Scene:
+    """Return the thesis scene with the finger so far from the right and the top edge; inf leaves it midway."""
+    right, top = place_mm
+    place = [0.0 if np.isinf(right) else 60.0 - right, 0.0 if np.isinf(top) else top - 40.0]
+    changes = {"finger.position_mm": place, "camera.centre_mm": place, "effects": {"plate_haze": HAZE}}
     return coarser_camera(load_scene("thesis", changes), 4, key="factor")
 
 
@@ -130,14 +131,16 @@ def by_side(light: PlateLight, rig: Scene) -> tuple[np.ndarray, float]:
     return np.array(found), float(np.median(light.radiance[r < 0.4]))
 
 
-def fits(real: dict[str, list[tuple[float, float, float]]]) -> list[tuple[float, float, float, float, np.ndarray]]:
-    """Return RMS of ln(model/frame), distance [mm], scattering length [mm], spill share and profiles, best first."""
+def fits(
+    real: dict[str, list[tuple[float, float, float]]],
+) -> list[tuple[float, tuple[float, float], float, float, np.ndarray]]:
+    """Return RMS of ln(model/frame), place [mm], scattering length [mm], spill share and profiles, best first."""
     frame = np.array([[best for best, _, _ in real[side]] for side in SIDES])
     known = np.ones(frame.shape, bool)
     known[:, 0] = False  # the thumbnail's pixels there reach into the contact
     tried = []
-    for distance in DISTANCES_MM:
-        scene = near_the_edge(distance)
+    for place in PLACES_MM:
+        scene = near_the_edge(place)
         for length in LENGTHS_MM:
             glow = {"lateral_glow": {"length_mm": length}} if length else {}
             dark, contact = by_side(*lit(scene.model_copy(update={"effects": scene.effects | glow})))
@@ -146,7 +149,7 @@ def fits(real: dict[str, list[tuple[float, float, float]]]) -> list[tuple[float,
             for share in SHARES:
                 model = (dark + share * (full - dark)) / contact
                 rms = float(np.sqrt((np.log(model / frame)[known] ** 2).mean()))
-                tried.append((rms, distance, length, share, model))
+                tried.append((rms, place, length, share, model))
     return sorted(tried, key=lambda one: one[0])
 
 
@@ -179,34 +182,35 @@ def main() -> None:
     if not real:
         return
     tried = fits(real)
-    print("RMS of ln(model/frame), distance from the right edge [mm], scattering length [mm], spill share")
-    for rms, distance, length, share, _ in tried[:5]:
-        print(f"  best: {rms:.2f} {distance:g} {length:g} {share:g}")
+    print("RMS of ln(model/frame), distance from right and top edge [mm], scattering length [mm], spill share")
+    for rms, place, length, share, _ in tried[:5]:
+        print(f"  best: {rms:.2f} {place} {length:g} {share:g}")
     for name, wanted in RIVALS.items():
-        rms, distance, length, share, model = next(one for one in tried if wanted(one))
-        print(f"  {name}: {rms:.2f}, {distance:g} mm, {length:g} mm, {share:g}")
+        rms, place, length, share, model = next(one for one in tried if wanted(one))
+        print(f"  {name}: {rms:.2f}, {place} mm, {length:g} mm, {share:g}")
         for side, values in zip(SIDES, model, strict=True):
             print(f"    {side}: " + " ".join(f"{v:.3f}" for v in values))
     if given.picture:
-        _, distance, length, share, model = tried[0]
-        effects = near_the_edge(distance).effects | BORDER
+        _, place, length, share, model = tried[0]
+        effects = near_the_edge(place).effects | BORDER
         effects |= {"led_spill": {"share": share}} if share else {}
         effects |= {"lateral_glow": {"length_mm": length}} if length else {}
         effects |= {"plate_haze": {**HAZE, "contrast": 0.4}, "backdrop": {"reflectance": 0.03}}
-        simulated = lit(near_the_edge(distance).model_copy(update={"effects": effects}))
+        simulated = lit(near_the_edge(place).model_copy(update={"effects": effects}))
         picture(rows, real, dict(zip(SIDES, model, strict=True)), simulated, given.picture)
 
 
 HAZE = {"top_share": 0.0047, "contrast": 0.0}
 """The frame's ground over its contact, 0.0046."""
-DISTANCES_MM = (12.0, 15.0, 20.0, 30.0, np.inf)
-LENGTHS_MM = (0.0, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0)
+MIDWAY = np.inf
+PLACES_MM = ((15.0, MIDWAY), (20.0, MIDWAY), (12.0, 12.0), (15.0, 15.0), (20.0, 20.0), (25.0, 25.0), (MIDWAY, MIDWAY))
+LENGTHS_MM = (0.0, 0.1, 0.2, 0.35, 0.6)
 SHARES = (0.0, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5)
 RIVALS = {
     "no spill, no scattering in the silicone": lambda one: one[2] == 0 and one[3] == 0,
     "no spill": lambda one: one[3] == 0,
     "no scattering in the silicone": lambda one: one[2] == 0,
-    "finger in the middle": lambda one: np.isinf(one[1]),
+    "finger in the middle": lambda one: one[1] == (MIDWAY, MIDWAY),
 }
 BORDER = {
     "led_edge_reflections": {

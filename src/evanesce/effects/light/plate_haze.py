@@ -20,8 +20,7 @@ class Parameters(Strict):
         0.4,
         unit="1",
         bounds=(0.0, 3.0),
-        source="real contact frame: 0.37, ground of its thumbnail (what_is_lit.py)",
-        doc="standard deviation of the haze over its mean: how cloudy it is",
+        doc="standard deviation of the haze over its mean: how cloudy it is; assumed",
     )
     correlation_mm: float = field(
         2.5, unit="mm", bounds=(0.2, 100.0), doc="distance over which its correlation falls to exp(-1/2)"

@@ -214,9 +214,10 @@ RIVALS = {
 }
 BORDER = {
     "led_edge_reflections": {
-        "relative_radiance": 0.3, "sides": [0.0, 1.0, 0.0, 1.0], "along_mm": 0.5, "decay_mm": 3.0, "slant_deg": 24.0,
+        "relative_radiance": 0.03, "sides": [0.0, 0.0, 0.0, 1.0], "along_mm": 0.5, "decay_mm": 5.0, "slant_deg": -24.0,
     }
 }  # fmt: skip
+"""Streaks from the LEDs of the lower edge."""
 
 
 def picture(rows: Any, real: Any, sides: Any, simulated: tuple[PlateLight, Scene], path: Path) -> None:
@@ -227,20 +228,20 @@ def picture(rows: Any, real: Any, sides: Any, simulated: tuple[PlateLight, Scene
     import matplotlib.pyplot as plt
     from matplotlib.colors import LogNorm
 
-    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(14.5, 4.6), layout="constrained")
+    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(14.5, 5.6), layout="constrained")
     for (name, values), style in zip(rows.items(), ("k:", "C0", "C0--", "C1", "C1--", "C2:", "C2--", "C2", "C3:", "C3"),
                                      strict=True):  # fmt: skip
         left.semilogy(RADII, np.maximum(values, 1e-5), style, label=name)
     left.axhspan(RING[1], RING[2], color="0.9", zorder=0)
-    left.set(title="each cause, thesis scene", ylim=(1e-3, 3), ylabel="light over the contact's")
-    left.legend(fontsize=6.5, loc="upper center")
+    left.set(title="each cause, thesis scene", ylim=(1e-3, 1), ylabel="light over the contact's")
+    left.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.16))
     for k, (side, values) in enumerate(real.items()):
         best, low, high = np.array(values).T
         shift = np.array(RADII) + 0.004 * (k - 1.5)
         middle.errorbar(shift, best, [best - low, high - best], fmt="o", ms=3, color=f"C{k}", label=f"frame, {side}")
     for k, side in enumerate(SIDES):
         middle.semilogy(RADII, sides[side], color=f"C{k}")
-    middle.set(title="real frame (points), best combination (lines)", ylim=(1e-3, 3))
+    middle.set(title="real frame (points), best combination (lines)", ylim=(1e-3, 1))
     middle.legend(fontsize=7)
     for axis in (left, middle):
         axis.set_xlabel("r over the silhouette's radius")

@@ -12,7 +12,7 @@ from evanesce.core.states import ContactState, PlateGrid, PlateLight
 from evanesce.effects import Context, all_effects
 from evanesce.optics.led import led_positions, scale_leds
 from evanesce.optics.projection import Projection
-from evanesce.render.fast.defects import contact_radiance, pixel_area
+from evanesce.render.fast.defects import contact_radiance, pixel_area, plate_points
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene, load_scene
 
@@ -193,3 +193,19 @@ def test_defaults_are_those_of_the_photograph(rig_photo: Path) -> None:
     assert defaults.log_spread == pytest.approx(found["log_sd"], abs=3 * found["log_sd"] / np.sqrt(n))
     assert found["log_likelihood"] > found["power_log_likelihood"] + 10  # the power law is the worse one
     assert defaults.diameter_mm < np.sqrt(found["extent_px_centre"]) * found["mm_per_px"]
+
+
+def test_slanted_reflections_are_oblique_streaks(rig: Scene) -> None:
+    """Every row of the plate has its streak as far aside as the tangent says; without slant nothing changes."""
+    values = {"relative_radiance": 0.2, "sides": (0.0, 0.0, 0.0, 1.0), "along_mm": 0.6, "decay_mm": 6.0}
+    straight, slanted = (added(rig, "led_edge_reflections", slant_deg=s, **values) for s in (0.0, 24.0))
+    np.testing.assert_array_equal(straight, added(rig, "led_edge_reflections", **values))
+    x, y = plate_points(rig, dark(rig))
+    led = 16.67 / 2 * np.sign(np.median(x))
+    border = y.max()
+    aside = []
+    for depth in (4.0, 9.0):
+        there = (np.abs(border - y - depth) < 0.05) & (np.abs(x - led) < 7.5)
+        middles = [float((image[there] * x[there]).sum() / image[there].sum()) for image in (straight, slanted)]
+        aside.append(middles[1] - middles[0])
+    assert aside[1] - aside[0] == pytest.approx(5.0 * np.tan(np.deg2rad(24.0)), rel=0.06)

@@ -262,18 +262,18 @@ class Predictor:
         """Return a key of the light that leaves the plate up to the LEDs' level, that level, and what makes it."""
         sight = _sight(rig)
         if view.is_card:
-            key: Any = (
-                "card",
-                view.kind,
-                sight,
-                repr(rig.card),
-                repr(rig.plate),
-                nuisances.shift_mm,
-                nuisances.turn_deg,
-            )
+            posed = (nuisances.shift_mm, nuisances.turn_deg)
+            key: Any = ("card", view.kind, sight, repr(rig.card), repr(rig.plate), *posed)
             return key, 1.0, lambda: self._lights.get(key, lambda: self._card(rig, view, nuisances))
+        pattern, level = _led_pattern(rig)
+        leds = rig.leds
+        glass = repr((rig.plate, rig.surroundings, leds.emitting_width_mm, leds.emitting_height_mm, leds.air_gap_share))
         if view.force_N is None:
-            return ("dark", sight), 1.0, lambda: _dark(rig)
+            if rig.surroundings is None or level == 0.0:
+                return ("dark", sight), 1.0, lambda: _dark(rig)
+            key = ("empty", sight, glass, pattern, level)
+            ideal = finer_view(rig, self.finer)
+            return key, 1.0, lambda: self._lights.get(key, lambda: render_fast(rig, None, view=ideal))
         force = float(self._apply(Stage.LOAD, view.force_N * float(np.exp(nuisances.log_force)), effects, context))
         touching = [e for e in effects if e.effect.stage is Stage.CONTACT]
         moment = (view.time_s,) if rig.slide is not None else self._moment(touching, context)
@@ -283,8 +283,6 @@ class Predictor:
             made = contact_state(rig, force, time_s=view.time_s if rig.slide is not None else 0.0)
             return self._apply(Stage.CONTACT, made, effects, context)
 
-        pattern, level = _led_pattern(rig)
-        glass = (repr(rig.plate), rig.leds.emitting_width_mm, rig.leds.emitting_height_mm, rig.leds.air_gap_share)
         key = (contact_key, nuisances.shift_mm, sight, glass, pattern)
 
         def light() -> PlateLight:

@@ -10,13 +10,16 @@ from evanesce.rig.plate import Plate
 from evanesce.rig.programme import Press, Ramp, Slide
 from evanesce.rig.scene import Scene
 from evanesce.rig.spectrum_file import copy_scene_files
+from evanesce.rig.surroundings import Backdrop, Haze, Spill, Surroundings
 
 __all__ = [
+    "Backdrop",
     "Camera",
     "Cards",
     "Contact",
     "Distortion",
     "Finger",
+    "Haze",
     "LedCircuit",
     "Leds",
     "Plate",
@@ -26,6 +29,8 @@ __all__ = [
     "ScannedSkin",
     "Scene",
     "Slide",
+    "Spill",
+    "Surroundings",
     "copy_height_map",
     "copy_scene_files",
     "dump_scene",

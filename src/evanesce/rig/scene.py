@@ -16,6 +16,7 @@ from evanesce.rig.finger import Contact, Finger, HertzLaw
 from evanesce.rig.leds import Leds
 from evanesce.rig.plate import Plate
 from evanesce.rig.programme import Press, Slide
+from evanesce.rig.surroundings import Surroundings
 
 MAX_PIXELS = 100_000_000
 
@@ -68,6 +69,7 @@ class Scene(Strict):
         bounds=(300.0, 1100.0),
         doc="indices, absorption, scattering and camera hold at this wavelength; none: as published, in white light",
     )
+    surroundings: Surroundings | None = None
     effects: dict[str, dict[str, float | int | bool | str | list[float]]] = Field(default_factory=dict)
     assumptions: dict[str, str] = Field(default_factory=dict)
     sources: dict[str, str] = Field(default_factory=dict)

@@ -43,6 +43,12 @@ class Parameters(Strict):
     along_mm: float = field(
         3.0, unit="mm", bounds=(0.05, 500.0), doc="width (standard deviation) of one LED's veil along its side"
     )
+    slant_deg: float = field(
+        0.0,
+        unit="deg",
+        bounds=(-80.0, 80.0),
+        doc="of the veils from straight inwards, towards +x or +y: narrow and long ones are oblique streaks",
+    )
 
 
 def apply(light: PlateLight, parameters: Parameters, context: Context) -> PlateLight:
@@ -75,6 +81,7 @@ def apply(light: PlateLight, parameters: Parameters, context: Context) -> PlateL
         fading = np.exp(-np.maximum(inwards[side], 0.0) / parameters.decay_mm)
         coordinate = y if side in ("left", "right") else x
         along = np.linspace(float(coordinate.min()), float(coordinate.max()), 512)
+        coordinate = coordinate - inwards[side] * math.tan(math.radians(parameters.slant_deg))
         comb = led_comb(along, positions[side], radiances[side] / mean, scene.leds.pitch_mm, parameters.along_mm)
         added += share * fading * np.interp(coordinate, along, comb)
     middle = float(contact_radiance(scene, *(np.array(c) for c in scene.camera.centre_mm)))

@@ -181,7 +181,7 @@ def medium_scene(body: Body, silicone: Silicone, boundary: Boundary) -> Any:
     """
     import mitsuba as mi
 
-    from evanesce.render.reference.scene import _mesh
+    from evanesce.render.reference.scene import make_mesh
 
     inside = mi.load_dict(
         {
@@ -197,14 +197,14 @@ def medium_scene(body: Body, silicone: Silicone, boundary: Boundary) -> Any:
     if len(lit):
         # Turned inside out, so that they shine into the body and are dark from below.
         emitter = {"type": "area", "radiance": {"type": "uniform", "value": 1.0 / np.pi}}
-        shapes["touching"] = _mesh(
+        shapes["touching"] = make_mesh(
             "touching", vertices, lit[:, ::-1], {"type": "null"}, emitter=emitter, exterior=inside
         )
     surface: dict[str, Any] = {"type": "null"}
     if boundary == "air":
         surface = {"type": "dielectric", "int_ior": silicone.refractive_index, "ext_ior": 1.0}
     if len(dark):
-        shapes["open"] = _mesh("open", vertices, dark, surface, interior=inside)
+        shapes["open"] = make_mesh("open", vertices, dark, surface, interior=inside)
     return mi.load_dict(shapes, parallel=False)
 
 

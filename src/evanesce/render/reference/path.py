@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from evanesce.optics.projection import IdealView, Projection
 from evanesce.render.reference.led_groups import LedChoice, LedGroups, Powers, in_units, lit_powers
 from evanesce.render.reference.passes import Until, Welford, channel_levels, pass_samples, trace
 from evanesce.render.reference.scene import PlateModel, camera_dict, plate_scene
+from evanesce.render.reference.surroundings import backdrop_shape, render_spill
 from evanesce.render.reference.views import (
     FOCUS_MARGIN_MM,
     SamplingRun,
@@ -101,6 +102,10 @@ def require_traceable(scene: Scene, jit: bool = True) -> None:
             key="finger.scattering_length_mm",
             allowed="0, or the fast renderer",
         )
+    if scene.surroundings is not None and (scene.surroundings.haze.top_share or scene.surroundings.haze.bottom_share):
+        raise InputError(
+            "the path tracer does not model it", key="surroundings.haze", allowed="none, or the fast renderer"
+        )
     own = {"plate.edge_polish": scene.plate.edge_polish, "leds.air_gap_share": scene.leds.air_gap_share}
     for key, value in own.items():
         if value != 0.0 and not jit:
@@ -166,9 +171,17 @@ def render(
     InputError
         If the variant does not work here, or the sampling is out of range.
     """
-    job = _Job.of(scene, state, variant, lit_powers(scene, leds) if powers is None else powers, view, None, connect)
+    powers = lit_powers(scene, leds) if powers is None else powers
+    job = _Job.of(scene, state, variant, powers, view, None, connect)
     sampling = _sampling(scene, samples_per_pixel, passes, until_error, max_passes, seed)
-    return job.run(sampling, focus, progress)[0]
+    light = job.run(sampling, focus, progress)[0]
+    if scene.surroundings is None or scene.surroundings.spill.share == 0:
+        return light
+    spill = render_spill(
+        scene, state, powers, job.view, variant=variant, samples_per_pixel=sampling.per_pass * sampling.until.passes,
+        passes=sampling.until.passes, seed=sampling.seed,
+    )  # fmt: skip
+    return replace(light, radiance=light.radiance + spill.radiance, variance=light.variance + spill.variance)
 
 
 def render_groups(
@@ -213,6 +226,8 @@ def render_groups(
     InputError
         As :func:`render`.
     """
+    if scene.surroundings is not None and scene.surroundings.spill.share > 0:
+        raise InputError("spill is not traced by groups", key="surroundings.spill", allowed="none, or render")
     groups = LedGroups.of(scene) if groups is None else groups
     lit = lit_powers(scene, "all") if powers is None else powers
     sampling = _sampling(scene, samples_per_pixel, passes, until_error, max_passes, seed)
@@ -278,6 +293,7 @@ class _Job:
         info = select(variant)
         require_traceable(scene, info.is_jit)
         model = plate_scene(scene, state, lit, info.is_jit, groups.numbers if groups else None)
+        model.shapes.update(backdrop_shape(scene))
         integrator = integrator_for(scene, info, model, lit, connect=connect, groups=groups)
         return cls(scene, state, projection, view, model, integrator, unit)
 

@@ -90,7 +90,7 @@ def _bitmap(data: NDArray[np.float32]) -> dict[str, Any]:
     return {"type": "bitmap", "bitmap": mi.Bitmap(tensor), "raw": True, "filter_type": "bilinear", "wrap_mode": "clamp"}
 
 
-def _mesh(name: str, vertices: Any, faces: Any, bsdf: Any, uv: Any = None, **children: Any) -> Any:
+def make_mesh(name: str, vertices: Any, faces: Any, bsdf: Any, uv: Any = None, **children: Any) -> Any:
     """Return a mitsuba.Mesh; ``children`` are further plugins (emitter, media) as dictionaries or objects."""
     import mitsuba as mi
 
@@ -207,7 +207,7 @@ class _Plate:
         shapes = {"bottom": _horizontal([whole], -self.scene.plate.thickness_mm, up=False)}
         if top:
             shapes["top"] = _horizontal(top, 0.0, up=True)
-        return {k: _mesh(k, *_quads(q), self.glass, interior=self.medium) for k, q in shapes.items()}
+        return {k: make_mesh(k, *_quads(q), self.glass, interior=self.medium) for k, q in shapes.items()}
 
     def edges(
         self, powers: Mapping[str, ArrayLike], groups: Mapping[str, ArrayLike]
@@ -243,7 +243,7 @@ class _Plate:
                     radiance = {"type": "uniform", "value": emitter_radiance(leds, float(level))}
                     emitter = {"type": "area", "radiance": radiance}
                     name = f"leds_{edge}_{number}_{k}"
-                    shapes[name] = _mesh(name, *_quads(same), ground, emitter=emitter, exterior=self.medium)
+                    shapes[name] = make_mesh(name, *_quads(same), ground, emitter=emitter, exterior=self.medium)
                     numbers[name] = int(number)
         finish: Any = ground
         if plate.edge_polish > 0:
@@ -251,7 +251,7 @@ class _Plate:
         for name, quads, bsdf in (("edges", rest, finish), ("leds_off", unlit, ground)):
             bare = np.concatenate(quads)
             if len(bare):
-                shapes[name] = _mesh(name, *_quads(bare), bsdf, exterior=self.medium)
+                shapes[name] = make_mesh(name, *_quads(bare), bsdf, exterior=self.medium)
         return shapes, numbers
 
 
@@ -342,7 +342,7 @@ def _patch(scene: Scene, state: ContactState, jit: bool, medium: Any) -> tuple[A
     vertices, faces = _quads(_horizontal([(x0, x1, y0, y1)], 0.0, up=False))
     u = (vertices[:, 0] - extent[0]) / (extent[1] - extent[0])
     v = (vertices[:, 1] - extent[2]) / (extent[3] - extent[2])
-    mesh = _mesh("patch", vertices, faces, bsdf, uv=np.stack([u, v], axis=1), exterior=medium)
+    mesh = make_mesh("patch", vertices, faces, bsdf, uv=np.stack([u, v], axis=1), exterior=medium)
     return mesh, Patch((x0, x1, y0, y1), reflectance)
 
 
@@ -381,7 +381,7 @@ def plate_scene(
         shapes["patch"], patch = _patch(scene, state, jit, medium)
         mesh = finger_mesh(scene.finger, approach(state, scene.finger))
         body = {"type": "diffuse", "reflectance": {"type": "uniform", "value": scene.finger.diffuse_reflectance}}
-        shapes["finger"] = _mesh("finger", mesh.vertices, mesh.faces, {"type": "twosided", "bsdf": body})
+        shapes["finger"] = make_mesh("finger", mesh.vertices, mesh.faces, {"type": "twosided", "bsdf": body})
     edges, group_of = plate.edges(powers, groups or {})
     shapes |= plate.faces(patch.extent if patch else None) | edges
     return PlateModel(shapes, patch, group_of)
@@ -397,4 +397,4 @@ def card_mesh(
     flat = _horizontal(tiles, 0.0, up=False)
     placed = to_plate(flat.reshape(-1, 3)[:, :2]).reshape(flat.shape)
     bsdf = {"type": "diffuse", "reflectance": {"type": "uniform", "value": reflectance}}
-    return _mesh(name, *_quads(placed), {"type": "twosided", "bsdf": bsdf})
+    return make_mesh(name, *_quads(placed), {"type": "twosided", "bsdf": bsdf})

@@ -30,7 +30,8 @@ from evanesce.effects import active_effects
 from evanesce.optics.projection import Projection
 from evanesce.render.fast.feedback import coarse_mean, feedback
 from evanesce.render.fast.fields import Fields, fields_of
-from evanesce.render.fast.flank import FlankView, rounded_approach
+from evanesce.render.fast.flank import FlankView
+from evanesce.render.fast.flank_table import rounded_approach
 from evanesce.render.fast.operators import Backend, operators
 from evanesce.render.fast.operators_llvm import llvm_works
 from evanesce.render.fast.patch import InterfaceBox
@@ -312,6 +313,8 @@ def _why_general(scene: Scene, active: list[str]) -> str:
     pixel, lens = scene.camera.pixel, scene.camera.lens
     if active:
         return f"effects: {', '.join(active)}"
+    if scene.surroundings is not None:
+        return "surroundings: light beside the contact"
     if pixel.prnu > 0 or pixel.dsnu_e > 0:
         return "camera.pixel: fixed pattern"
     if pixel.read_noise_e < LEAST_READ_NOISE_E:

@@ -13,7 +13,7 @@ from evanesce.core.states import PlateGrid
 from evanesce.optics.projection import Projection
 from evanesce.render.fast.feedback import CoarseGrid
 from evanesce.render.fast.fields import Fields, fields_of
-from evanesce.render.fast.flank import VIEW_STEP
+from evanesce.render.fast.flank_table import VIEW_STEP
 from evanesce.render.fast.patch import field_image, refinement
 from evanesce.render.fast.readout import Readout
 from evanesce.render.fast.sampling import BLOCK, Maps, block_means, spread_blocks

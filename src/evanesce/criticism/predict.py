@@ -270,8 +270,13 @@ class Predictor:
                 nuisances.turn_deg,
             )
             return key, 1.0, lambda: self._lights.get(key, lambda: self._card(rig, view, nuisances))
+        pattern, level = _led_pattern(rig)
+        glass = (
+            repr(rig.plate), rig.leds.emitting_width_mm, rig.leds.emitting_height_mm, rig.leds.air_gap_share,
+            repr(rig.surroundings),
+        )  # fmt: skip
         if view.force_N is None:
-            return ("dark", sight), 1.0, lambda: _dark(rig)
+            return self._empty(rig, ("empty", sight, glass, pattern), level)
         force = float(self._apply(Stage.LOAD, view.force_N * float(np.exp(nuisances.log_force)), effects, context))
         touching = [e for e in effects if e.effect.stage is Stage.CONTACT]
         moment = (view.time_s,) if rig.slide is not None else self._moment(touching, context)
@@ -281,8 +286,6 @@ class Predictor:
             made = contact_state(rig, force, time_s=view.time_s if rig.slide is not None else 0.0)
             return self._apply(Stage.CONTACT, made, effects, context)
 
-        pattern, level = _led_pattern(rig)
-        glass = (repr(rig.plate), rig.leds.emitting_width_mm, rig.leds.emitting_height_mm, rig.leds.air_gap_share)
         key = (contact_key, nuisances.shift_mm, sight, glass, pattern)
 
         def light() -> PlateLight:
@@ -298,6 +301,17 @@ class Predictor:
 
         # No light at all is nothing that others could be scaled from.
         return (key if level > 0.0 else (*key, "off")), level, light
+
+    def _empty(self, rig: Scene, key: Any, level: float) -> tuple[Any, float, Callable[[], PlateLight]]:
+        """Return :meth:`_light` of the plate without finger: dark but for what surrounds it."""
+        if rig.surroundings is None or not rig.surroundings.lights_empty_plate or level == 0.0:
+            return ("dark", _sight(rig)), 1.0, lambda: _dark(rig)
+
+        def light() -> PlateLight:
+            made, at = self._lights.get(key, lambda: (render_fast(rig, None, view=finer_view(rig, self.finer)), level))
+            return made if at == level else replace(made, radiance=made.radiance * (level / at))
+
+        return key, level, light
 
     def _card(self, rig: Scene, view: View, nuisances: Nuisances) -> PlateLight:
         """Return the light of a card that lies flat; where the pixels meet its plane is kept."""

@@ -200,7 +200,7 @@ class RigCamera:
         self.scene = optical_scene(rig.scene)
         self._fast = FastCamera(self.scene.model_copy(update={"effects": {}}), backend)  # type: ignore[arg-type]
         self.method = method_of(self._effects)
-        if _needs_field_blur(self._fast):
+        if _needs_field_blur(self._fast) or self.scene.surroundings is not None:
             self.method = "general"
         elif self.method == "fast" and self._fast.falls_back:
             self.method = "charge"

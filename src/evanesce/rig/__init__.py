@@ -9,13 +9,16 @@ from evanesce.rig.load import dump_scene, load_scene, scene_path
 from evanesce.rig.plate import Plate
 from evanesce.rig.programme import Press, Ramp, Slide
 from evanesce.rig.scene import Scene
+from evanesce.rig.surroundings import Backdrop, Haze, Spill, Surroundings
 
 __all__ = [
+    "Backdrop",
     "Camera",
     "Cards",
     "Contact",
     "Distortion",
     "Finger",
+    "Haze",
     "LedCircuit",
     "Leds",
     "Plate",
@@ -25,6 +28,8 @@ __all__ = [
     "ScannedSkin",
     "Scene",
     "Slide",
+    "Spill",
+    "Surroundings",
     "copy_height_map",
     "dump_scene",
     "load_scene",

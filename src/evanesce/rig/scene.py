@@ -16,6 +16,7 @@ from evanesce.rig.finger import Contact, Finger, HertzLaw
 from evanesce.rig.leds import Leds
 from evanesce.rig.plate import Plate
 from evanesce.rig.programme import Press, Slide
+from evanesce.rig.surroundings import Surroundings
 
 MAX_PIXELS = 100_000_000
 
@@ -62,6 +63,7 @@ class Scene(Strict):
     slide: Slide | None = None
     grid: ContactGrid = ContactGrid()
     render: RenderSettings = RenderSettings()
+    surroundings: Surroundings | None = None
     effects: dict[str, dict[str, float | int | bool | str | list[float]]] = Field(default_factory=dict)
     assumptions: dict[str, str] = Field(default_factory=dict)
     sources: dict[str, str] = Field(default_factory=dict)

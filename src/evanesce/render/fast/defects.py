@@ -7,7 +7,9 @@ contact there. So it follows voltage, dead LEDs and absorption, and no absolute 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -52,31 +54,73 @@ def contact_radiance(scene: Scene, x: ArrayLike, y: ArrayLike) -> Array:
     ndarray
         [W mm^-2 sr^-1].
     """
+    return _over_plate(scene, x, y, _field_of)
+
+
+def guided_irradiance(scene: Scene, x: ArrayLike, y: ArrayLike) -> Array:
+    """Return the irradiance of guided light on a face of the empty plate at points of it; 0 off the plate.
+
+    Guided light meets both faces alike. It is that beyond the critical angle to air, up to grazing incidence.
+
+    Parameters
+    ----------
+    scene : Scene
+    x, y : array_like
+        Points [mm], of one shape.
+
+    Returns
+    -------
+    ndarray
+        [W mm^-2].
+    """
+    return _over_plate(scene, x, y, _guided_field_of)
+
+
+def _over_plate(scene: Scene, x: ArrayLike, y: ArrayLike, field_of: Callable[..., RectBivariateSpline]) -> Array:
+    """Return a field at plate points; 0 off the plate."""
     x, y = np.asarray(x, float), np.asarray(y, float)
     half_x, half_y = scene.plate.size_mm[0] / 2 - EDGE_MARGIN, scene.plate.size_mm[1] / 2 - EDGE_MARGIN
     # In proportion to the LEDs' power: one field serves all voltages while their shares stay.
     level = float(np.mean(np.concatenate(list(led_radiances(scene.plate, scene.leds).values()))))
     if level == 0.0:
         return np.zeros(np.broadcast_shapes(x.shape, y.shape))
-    field = _field_of(scene, level)
+    field = field_of(scene, level)
     found = level * field.ev(np.clip(y, -half_y, half_y), np.clip(x, -half_x, half_x))
     on_plate = (np.abs(x) <= half_x + EDGE_MARGIN) & (np.abs(y) <= half_y + EDGE_MARGIN)
     return np.asarray(np.where(on_plate, np.maximum(found, 0.0), 0.0))
 
 
 def _field_of(scene: Scene, level: float) -> RectBivariateSpline:
-    """Return contact radiance over the plate per mean radiance of the LEDs, from this process, from disk, or made."""
+    """Return contact radiance over the plate per mean radiance of the LEDs."""
+    data = scene.as_dict()
+    optical = [data["finger"]["refractive_index"], data["finger"]["diffuse_reflectance"], scene.camera.wavelength_nm]
+    return _kept_field(
+        ["contact radiance 2", *_light_parts(scene, level), optical], lambda: _contact_field(scene, level)
+    )
+
+
+def _guided_field_of(scene: Scene, level: float) -> RectBivariateSpline:
+    """Return guided irradiance over the plate per mean radiance of the LEDs."""
+    return _kept_field(["guided irradiance 1", *_light_parts(scene, level)], lambda: _guided_field(scene, level))
+
+
+def _light_parts(scene: Scene, level: float) -> list[Any]:
+    """Return all that the guided field depends on, up to the LEDs' level."""
     data = scene.as_dict()
     shares = {e: np.round(r / level, 9).tolist() for e, r in led_radiances(scene.plate, scene.leds).items()}
     positions = {e: p.tolist() for e, p in led_positions(scene.plate, scene.leds).items()}
     faces = [data["leds"][key] for key in ("emitting_width_mm", "emitting_height_mm", "air_gap_share")]
-    optical = [data["finger"]["refractive_index"], data["finger"]["diffuse_reflectance"], scene.camera.wavelength_nm]
-    key = digest(["contact radiance 2", data["plate"], faces, shares, positions, optical])
+    return [data["plate"], faces, shares, positions]
+
+
+def _kept_field(parts: list[Any], compute: Callable[[], tuple[Array, Array, Array]]) -> RectBivariateSpline:
+    """Return a field over the plate from this process, from disk, or computed."""
+    key = digest(parts)
 
     def make() -> RectBivariateSpline:
         found = _read(key)
         if found is None:
-            found = _contact_field(scene, level)
+            found = compute()
             write_arrays(key, dict(zip(("y", "x", "values"), found, strict=True)))
         y, x, values = found
         return RectBivariateSpline(y, x, values)
@@ -95,11 +139,28 @@ def _read(key: str) -> tuple[Array, Array, Array] | None:
 
 def _contact_field(scene: Scene, level: float) -> tuple[Array, Array, Array]:
     """Return nodes y, x and contact radiance (y, x) per mean radiance of the LEDs, over the plate."""
-    light, interface = edge_light(scene), interface_of(scene)
+    interface = interface_of(scene)
     bins = AngleBins.of(interface.n_glass, interface.n_silicone)
+    y, x, irradiance = _irradiance_by_bin(scene, bins)
     entering = frustrated_transmittance(
         bins.cosines, 0.0, interface.wavelength, interface.n_glass, interface.n_silicone
     ).mean(axis=1)
+    seen = float(returned_radiance(0.0, 0.0, interface) * window_transmittance(0.0, interface.n_glass))
+    seen *= math.exp(-scene.plate.absorption_coefficient_per_mm * scene.plate.thickness_mm)
+    return y, x, (irradiance @ entering * seen).reshape(y.size, x.size) / level
+
+
+def _guided_field(scene: Scene, level: float) -> tuple[Array, Array, Array]:
+    """Return nodes y, x and guided irradiance (y, x) per mean radiance of the LEDs, over the plate."""
+    n = scene.plate.refractive_index
+    bins = AngleBins.of(n, n)  # up to grazing incidence
+    y, x, irradiance = _irradiance_by_bin(scene, bins)
+    return y, x, irradiance[:, bins.critical :].sum(axis=1).reshape(y.size, x.size) / level
+
+
+def _irradiance_by_bin(scene: Scene, bins: AngleBins) -> tuple[Array, Array, Array]:
+    """Return nodes y, x and the irradiance (y * x, bins) on the top face from the glass, over the plate."""
+    light = edge_light(scene)
     axes = []
     for size in scene.plate.size_mm:
         half = size / 2 - EDGE_MARGIN
@@ -112,14 +173,10 @@ def _contact_field(scene: Scene, level: float) -> tuple[Array, Array, Array]:
     positions = {edge: own.tolist() for edge, own in light.positions.items()}
     unit = kept(
         "plate unit light",
-        digest([plate, leds, positions, interface.n_silicone]),
+        digest([plate, leds, positions, bins.borders.tolist()]),
         lambda: unit_fields(light, points, bins, rays=RAYS),
     )
-    irradiance = unit.irradiance(stacked_radiances(light), light.edge_reflectance) @ entering
-    seen = float(returned_radiance(0.0, 0.0, interface) * window_transmittance(0.0, interface.n_glass))
-    seen *= math.exp(-scene.plate.absorption_coefficient_per_mm * scene.plate.thickness_mm)
-    grid = (irradiance * seen).reshape(axes[1].size, axes[0].size)
-    return axes[1], axes[0], grid / level
+    return axes[1], axes[0], unit.irradiance(stacked_radiances(light), light.edge_reflectance)
 
 
 def view_position(scene: Scene, light: PlateLight, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:

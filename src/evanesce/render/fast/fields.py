@@ -16,7 +16,8 @@ from evanesce.optics.interface import frustrated_transmittance
 from evanesce.optics.patch_light import Interface, returned_radiance, window_transmittance
 from evanesce.optics.plate_field import AngleBins
 from evanesce.optics.projection import Projection
-from evanesce.render.fast.flank import FlankLight, tabulated_approaches
+from evanesce.render.fast.flank import FlankLight
+from evanesce.render.fast.flank_table import tabulated_approaches
 from evanesce.render.fast.rig_fields import RigFields, node_axes, rig_digest, rig_fields
 from evanesce.render.fast.rig_optics import edge_light, interface_of
 from evanesce.render.fast.subsurface import Subsurface, subsurface_of

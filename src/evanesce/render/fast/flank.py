@@ -1,4 +1,4 @@
-"""The finger's flank in the fast renderer: its light in tables, the position in them that a ray meets, its image.
+"""The finger's flank in the fast renderer: its light in tables, and its image.
 
 Beside the contact the lens sees the flank through bare glass, lit by what leaves the plate near its edges and by what
 the contact itself sends there over the bottom face. Both are smooth: irradiance is tabulated by the finger's approach,
@@ -9,7 +9,6 @@ between. The closed forms are in :mod:`evanesce.optics.flank`.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import cv2
@@ -19,57 +18,26 @@ from numpy.typing import NDArray
 from evanesce.core.states import ContactState
 from evanesce.optics.edge_rays import EdgeLight
 from evanesce.optics.flank.irradiance import contact_on_flank, flank_irradiance, mirrored_exchange
-from evanesce.optics.flank.surface import EPSILON
 from evanesce.optics.patch_light import Interface
-from evanesce.optics.projection import IdealView, Projection
-from evanesce.render.fast.rig_optics import finger_surface, geometry_digest
-from evanesce.render.fast.sampling import BLOCK, enlarged, spread_blocks, view_rays
-from evanesce.render.kept import kept
-from evanesce.render.reference.scene import approach
+from evanesce.optics.projection import IdealView
+from evanesce.render.fast.flank_table import (
+    APPROACHES,
+    VIEW_STEP,
+    positions,
+    table_points,
+    table_position,
+)
+from evanesce.render.fast.sampling import BLOCK, enlarged, spread_blocks
 from evanesce.rig import Scene
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
-APPROACHES = np.array([0.0, 0.08, 0.2, 0.45, 0.85])
-"""Approaches of the tables over the tip's radius [1]."""
-
-STATIONS = np.array(
-    [-1, -0.5, -EPSILON, 0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1, 1.25, 1.6, 2]
-)
-AZIMUTHS = 16
-
 AZIMUTH_STEP = 2
 """In a coarse table every so many azimuths are computed; between them it is interpolated."""
 
-APPROACH_STEP_MM = 0.1
-"""Step of the approaches for which positions in the table are kept."""
-
-VIEW_STEP = 4
-"""Every so many pixels of a view, or blocks of so many of a frame, share one position in the table [px]."""
-
-OUTLINE_PARTS = 8
-"""Rays along each side of a cell of the flank's outline."""
-
 
 # --- irradiance in tables --------------------------------------------------------------------------------------------
-
-
-def tabulated_approaches(scene: Scene) -> Array:
-    """Return the approaches of a scene's tables [mm].
-
-    Parameters
-    ----------
-    scene : Scene
-    """
-    return APPROACHES * scene.finger.tip_radius_mm
-
-
-def _table_points(scene: Scene) -> tuple[Array, Array]:
-    """Return points [mm] and outward normals of the tables, each (approaches, stations, azimuths, 3)."""
-    azimuths = np.arange(AZIMUTHS) * 2 * np.pi / AZIMUTHS
-    depth, station, azimuth = np.meshgrid(tabulated_approaches(scene), STATIONS, azimuths, indexing="ij")
-    return finger_surface(scene).points(station, azimuth, depth)
 
 
 def unit_tables(scene: Scene, light: EdgeLight, per_edge: int) -> tuple[Array, Array]:
@@ -91,7 +59,7 @@ def unit_tables(scene: Scene, light: EdgeLight, per_edge: int) -> tuple[Array, A
     edge : ndarray (segments, approaches * stations * azimuths)
         Per diffuse radiance of each segment [sr].
     """
-    points, normals = _table_points(scene)
+    points, normals = table_points(scene)
     return flank_irradiance(light, points.reshape(-1, 3), normals.reshape(-1, 3), per_edge=per_edge)
 
 
@@ -131,7 +99,7 @@ def coarse_unit_tables(scene: Scene, light: EdgeLight, per_edge: int, some: NDAr
     led, edge : ndarray
         As of :func:`unit_tables`.
     """
-    points, normals = (a[some][:, :, ::AZIMUTH_STEP] for a in _table_points(scene))
+    points, normals = (a[some][:, :, ::AZIMUTH_STEP] for a in table_points(scene))
     coarse = flank_irradiance(light, points.reshape(-1, 3), normals.reshape(-1, 3), per_edge=per_edge)
     led, edge = (_filled(table.reshape(-1, *points.shape[:-1]), some) for table in coarse)
     return led, edge
@@ -170,7 +138,7 @@ def rig_tables(
     contact : ndarray (approaches, stations, azimuths, points)
         Per power that a contact at each node takes in [1/mm^2].
     """
-    points, normals = _table_points(scene)
+    points, normals = table_points(scene)
     shape = points.shape[:-1]
     led = direct.reshape(-1, *shape)
     contact = contact_on_flank(
@@ -225,76 +193,6 @@ def _closed_table(table: Array) -> Image:
     return np.concatenate([table, table[:, :1]], axis=1).astype(np.float32)
 
 
-# --- positions in the table -------------------------------------------------------------------------------------------
-
-
-def _clipped_approach(scene: Scene, state: ContactState) -> float:
-    """Return a state's approach, within those of the tables [mm]."""
-    tabulated = tabulated_approaches(scene)
-    return float(np.clip(approach(state, scene.finger), tabulated[0], tabulated[-1]))
-
-
-def rounded_approach(scene: Scene, state: ContactState) -> float:
-    """Return a state's approach to a tenth of a millimetre: a single frame shows no difference [mm]."""
-    return round(_clipped_approach(scene, state), 1)
-
-
-def table_position(scene: Scene, u: Array, v: Array, approach_mm: float) -> tuple[Image, Image, Image]:
-    """Return column and row in the flank's table that directions (u, v, 1) see, and the share that see the flank.
-
-    Directions are those of a grid (rows, cols); at the flank's outline each stands for its cell, so that the outline
-    moves with a camera that moves, and does not jump from cell to cell.
-
-    Parameters
-    ----------
-    scene : Scene
-    u, v : ndarray (rows, cols)
-        [1].
-    approach_mm : float
-        [mm].
-
-    Returns
-    -------
-    column, row, share : ndarray of float32 (rows, cols)
-        [1].
-    """
-    station, azimuth = _intersection(scene, u, v, approach_mm)
-    met = np.isfinite(station)
-    share = met.astype(float)
-    edge = _outline(met)
-    if edge.any():
-        part = (np.arange(OUTLINE_PARTS) + 0.5) / OUTLINE_PARTS - 0.5
-        du, dv = np.gradient(u, axis=1)[edge], np.gradient(v, axis=0)[edge]
-        across, down = (part[None, None, :] * du[:, None, None], part[None, :, None] * dv[:, None, None])
-        uu, vv = np.broadcast_arrays(u[edge][:, None, None] + across, v[edge][:, None, None] + down)
-        stations, azimuths = _intersection(scene, uu, vv, approach_mm)
-        hit = np.isfinite(stations)
-        count = np.maximum(hit.sum(axis=(1, 2)), 1)
-        share[edge] = hit.mean(axis=(1, 2))
-        station[edge] = np.where(hit, stations, 0.0).sum(axis=(1, 2)) / count
-        sine, cosine = (np.where(hit, turn(azimuths), 0.0).sum(axis=(1, 2)) for turn in (np.sin, np.cos))
-        azimuth[edge] = np.arctan2(sine, cosine)
-    station, azimuth = np.where(share > 0, station, 0.0), np.where(share > 0, azimuth, 0.0)
-    row = np.interp(station, STATIONS, np.arange(STATIONS.size))
-    column = np.mod(azimuth, 2 * np.pi) * (AZIMUTHS / (2 * np.pi))
-    return column.astype(np.float32), row.astype(np.float32), share.astype(np.float32)
-
-
-def _outline(met: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return where a neighbour differs."""
-    kind, around = met.astype(np.uint8), np.ones((3, 3), np.uint8)
-    return np.asarray(cv2.dilate(kind, around) != cv2.erode(kind, around))
-
-
-def _intersection(scene: Scene, u: Array, v: Array, approach_mm: float) -> tuple[Array, Array]:
-    """Return station and azimuth on the flank where directions (u, v, 1) meet it; NaN where they miss."""
-    projection = Projection.of(scene.camera, scene.plate)
-    x, y = projection.ray_to_plate(u, v)
-    # Above the glass a ray is as steep as below it.
-    station, azimuth = finger_surface(scene).intersect(x, y, *projection.tangents(u, v), approach_mm)
-    return np.array(station), np.array(azimuth)
-
-
 # --- images ----------------------------------------------------------------------------------------------------------
 
 
@@ -318,18 +216,10 @@ def flank_image(
     ndarray of float32 (rows, cols)
         [W mm^-2 sr^-1]; 0 where the view sees no flank.
     """
-    rays = view_rays(view, step)
-    between = _clipped_approach(scene, state)
-    low = int(np.floor(between / APPROACH_STEP_MM))
     coarse: Any = 0.0
-    # Between two approaches that are kept: one rounded approach would jump where a force grows.
-    for number, share in ((low, 1 - (between / APPROACH_STEP_MM - low)), (low + 1, between / APPROACH_STEP_MM - low)):
-        if share > 0:
-            depth = round(min(number * APPROACH_STEP_MM, float(tabulated_approaches(scene)[-1])), 3)
-            key = f"{geometry_digest(scene)}{view}{step}{depth:.3f}"
-            column, row, seen = kept("flank", key, partial(table_position, scene, *rays, depth))
-            lit = cv2.remap(light.radiance(depth, taken), column, row, cv2.INTER_LINEAR)
-            coarse = coarse + np.float32(share) * (lit * seen)
+    for depth, share, (column, row, seen) in positions(scene, state, view, step):
+        lit = cv2.remap(light.radiance(depth, taken), column, row, cv2.INTER_LINEAR)
+        coarse = coarse + share * (lit * seen)
     return enlarged(np.asarray(coarse, np.float32), step, view.shape)
 
 

@@ -18,7 +18,7 @@ from evanesce.optics.interface import frustrated_transmittance
 from evanesce.optics.led import led_positions
 from evanesce.optics.patch_light import Interface, feedback, returned_radiance
 from evanesce.optics.plate_field import AngleBins, segment_areas, unit_fields
-from evanesce.render.fast import flank
+from evanesce.render.fast import flank, flank_table
 from evanesce.render.fast.field_files import read_arrays, write_arrays
 from evanesce.render.fast.rig_optics import edge_light, interface_of
 from evanesce.render.kept import kept
@@ -286,7 +286,7 @@ def keep_coarse_fields(scene: Scene, approaches_mm: tuple[float, ...]) -> RigFie
 def _shapes(scene: Scene) -> dict[str, tuple[int, ...]]:
     leds = sum(own.size for own in led_positions(scene.plate, scene.leds).values())
     nodes, bins, segments = _nodes(scene).shape[0], _bins(scene).count, 4 * PER_EDGE
-    on_flank = flank.APPROACHES.size * flank.STATIONS.size * flank.AZIMUTHS
+    on_flank = flank_table.APPROACHES.size * flank_table.STATIONS.size * flank_table.AZIMUTHS
     return {
         "led": (leds, nodes, bins),
         "edge": (segments, nodes, bins),

@@ -20,9 +20,11 @@ from evanesce.core.states import ContactState, PlateLight
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.render.fast.fields import Fields, fields_of
 from evanesce.render.fast.flank import flank_image
+from evanesce.render.fast.flank_table import flank_cover
 from evanesce.render.fast.patch import PatchLight, patch_light, refinement
 from evanesce.render.fast.rig_optics import geometry_digest
 from evanesce.render.fast.sampling import Maps, view_rays
+from evanesce.render.fast.surroundings import surroundings_on_flank, surroundings_view
 from evanesce.render.kept import kept
 from evanesce.rig import Scene
 
@@ -44,7 +46,7 @@ def render_fast(
     ----------
     scene : Scene
     state : ContactState or None
-        None leaves the plate empty, and dark.
+        None leaves the plate empty, and dark but for what the scene's surroundings show of it.
     seed : int
         Not used: nothing is random. Accepted so that both renderers have one signature.
     view : IdealView, optional
@@ -59,7 +61,7 @@ def render_fast(
     """
     projection = Projection.of(scene.camera, scene.plate)
     view = projection.ideal_view() if view is None else view
-    seen = np.zeros(view.shape, np.float32)
+    seen, bare = np.zeros(view.shape, np.float32), np.float32(1.0)
     if state is not None:
         fields = fields_of(scene) if fields is None else fields
         pixel_mm = projection.focal_px / (scene.camera.scale_px_per_mm * view.focal_px)
@@ -69,6 +71,12 @@ def render_fast(
         seen = direct(patch.radiance, 1)
         ghost = np.float32(fields.ghost) * reflected(patch.radiance, 1)
         seen += bare * (ghost + flank_image(scene, fields.flank, state, patch.taken, view))
+    if scene.surroundings is not None:
+        beside = surroundings_view(scene, view, finger=state is not None)
+        behind = beside.backdrop
+        if state is not None:
+            behind = (1.0 - flank_cover(scene, state, view)) * behind + surroundings_on_flank(scene, state, view)
+        seen += bare * (beside.top + behind) + beside.bottom
     return PlateLight(
         radiance=seen,
         variance=np.zeros_like(seen),

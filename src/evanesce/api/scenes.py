@@ -7,7 +7,7 @@ from pathlib import Path
 from evanesce.core.errors import InputError
 from evanesce.core.files import write_text
 from evanesce.core.resources import resource
-from evanesce.rig import Scene, copy_height_map, dump_scene, load_scene
+from evanesce.rig import Scene, copy_scene_files, dump_scene, load_scene
 from evanesce.rig.coarser import coarser_camera
 
 
@@ -58,7 +58,7 @@ def shipped_scenes() -> tuple[str, ...]:
 def save_scene(scene: Scene, path: str | Path) -> None:
     """Write a scene as TOML that :func:`load` reads back equal.
 
-    A scanned finger's height map is copied beside it.
+    A scanned finger's height map and a measured spectrum are copied beside it.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def save_scene(scene: Scene, path: str | Path) -> None:
     path = Path(path)
     if not path.parent.is_dir():
         raise InputError("its folder does not exist", file=path, allowed="a file in an existing folder")
-    copy_height_map(scene, path.parent)
+    copy_scene_files(scene, path.parent)
     write_text(path, dump_scene(scene))
 
 

@@ -33,9 +33,10 @@ from evanesce.core import rng
 from evanesce.core.states import ContactState, PlateLight
 from evanesce.effects import Context, Stage, active_effects, all_effects, apply_stage
 from evanesce.optics.projection import IdealView, Projection
+from evanesce.optics.seen import under_lamp
 from evanesce.render.cards import Card, Pose, checkerboard_of, pose_of, square_of
 from evanesce.render.fast.transport import render_fast
-from evanesce.rig import Scene, copy_height_map, dump_scene
+from evanesce.rig import Scene, copy_scene_files, dump_scene
 from evanesce.rig.coarser import finer_pixels
 
 Grey = NDArray[np.uint8]
@@ -157,8 +158,8 @@ class Rig:
         -------
         ndarray of uint8 (rows, cols)
         """
-        context = Context(self.scene, self.seed, 0.0, index)
-        scene = apply_stage(Stage.RIG, self.scene, active_effects(self.scene), context)
+        lit = under_lamp(self.scene)
+        scene = apply_stage(Stage.RIG, lit, active_effects(lit), Context(lit, self.seed, 0.0, index))
         card = checkerboard_of(scene.card) if kind == "checkerboard" else square_of(scene.card)
         light = self._card(finer_pixels(scene, self.finer), card, pose_of(scene.card))
         return self._expose(scene, light, 0.0, index)
@@ -263,7 +264,7 @@ def write_bundle(
 
     nominal = nominal or scene
     with new_folder(folder) as part:
-        copy_height_map(nominal, part)
+        copy_scene_files(nominal, part)
         (part / "scene.toml").write_text(dump_scene(nominal), encoding="utf-8")
         frames, depths = _press(part, rig, protocol, written)
         areas = _replicates(part, rig, protocol, nominal, depths[-1] if depths else float("nan"), written)

@@ -28,6 +28,7 @@ from evanesce.core import rng
 from evanesce.core.states import ContactState, Frame, PlateGrid
 from evanesce.effects import active_effects
 from evanesce.optics.projection import Projection
+from evanesce.optics.seen import seen_at
 from evanesce.render.fast.feedback import coarse_mean, feedback
 from evanesce.render.fast.fields import Fields, fields_of
 from evanesce.render.fast.flank import FlankView
@@ -62,6 +63,8 @@ class FastCamera:
 
     Attributes
     ----------
+    scene : Scene
+        As its LEDs' light sees it (:func:`~evanesce.optics.seen.seen_at`); as given where ``falls_back``.
     backend : str
         ``llvm`` or ``numpy``.
     falls_back : str
@@ -69,10 +72,12 @@ class FastCamera:
     """
 
     def __init__(self, scene: Scene, backend: Literal["auto", "llvm", "numpy"] = "auto") -> None:
-        self.scene = scene
         self.falls_back = _why_general(
             scene, [e.effect.id for e in active_effects(scene) if not e.effect.is_null(e.parameters)]
         )
+        # The general chain sees the scene itself, after effects that may change its light.
+        scene = scene if self.falls_back else seen_at(scene)
+        self.scene = scene
         if backend == "auto":
             backend = "llvm" if llvm_works() else "numpy"
         elif backend == "llvm" and not llvm_works():
@@ -93,6 +98,7 @@ class FastCamera:
         Its frames are those of a camera made for it, a fifth of a second sooner.
         """
         other = FastCamera(scene, self.backend)
+        scene = other.scene
         if self._optics is None or self.falls_back or other.falls_back or _lasting(scene) != _lasting(self.scene):
             return other
         relit = scene.leds != self.scene.leds

@@ -12,6 +12,7 @@ from evanesce.core import rng
 from evanesce.core.states import ContactState, Frame, PlateLight, SensorLight
 from evanesce.effects import Active, Context, Stage, active_effects, all_effects, apply_stage
 from evanesce.effects.protocol import ANY_SCENE
+from evanesce.optics.seen import seen_at, under_lamp
 from evanesce.rig import Scene
 from evanesce.rig.coarser import finer_pixels
 from evanesce.sensor.automatic import is_automatic, settle
@@ -34,7 +35,7 @@ class SimulatedFrame:
     Attributes
     ----------
     scene : Scene
-        The rig after effects of the stage ``rig``.
+        The rig after effects of the stage ``rig``, as its LEDs' light sees it (:func:`~evanesce.optics.seen.seen_at`).
     state : ContactState or None
         Truth; None where the finger is away.
     plate_light : PlateLight
@@ -115,12 +116,13 @@ def solve_contact(
     Returns
     -------
     scene : Scene
-        The rig after effects of the stage ``rig``, at that time.
+        The rig after effects of the stage ``rig``, at that time, as its LEDs' light sees it
+        (:func:`~evanesce.optics.seen.seen_at`).
     state : ContactState or None
         The contact; None where the finger is away.
     """
     effects = active_effects(scene, file)
-    scene = apply_stage(Stage.RIG, scene, effects, Context(scene, seed, time_s, index))
+    scene = seen_at(apply_stage(Stage.RIG, scene, effects, Context(scene, seed, time_s, index)))
     if force_N is None:
         return scene, None
     context = Context(scene, seed, time_s, index)
@@ -141,7 +143,7 @@ def simulate_card(
     file: Path | str = ANY_SCENE,
     **render_options: Any,
 ) -> Frame:
-    """Simulate a frame of a calibration target, a printed card, LEDs off.
+    """Simulate a frame of a calibration target, a printed card, under a white lamp, LEDs off.
 
     Parameters
     ----------
@@ -160,6 +162,7 @@ def simulate_card(
     """
     from evanesce.render.cards import checkerboard_of, pose_of, render_card, require_above_glass, square_of
 
+    scene = under_lamp(scene)
     # Effects that modulate the LEDs' light have none to modulate.
     modulating = {name for name in scene.effects if all_effects()[name].bands}
     scene = scene.model_copy(
@@ -216,6 +219,7 @@ def expose(
     """
     if unknown := set(without) - set(get_args(Omission)):
         raise ValueError(f"a camera cannot leave out {sorted(unknown)}; known: {get_args(Omission)}")
+    scene = seen_at(scene)
     effects, context = active_effects(scene, file), Context(scene, seed, time_s, index)
     fine = finer_pixels(scene, finer)
     plate_light = apply_stage(Stage.PLATE_LIGHT, plate_light, effects, replace(context, scene=fine))

@@ -89,7 +89,7 @@ def render(
     """Render a scene's loading programme: frames, raw, OpenEXR with radiance, variance, gap, pressure and mask."""
     from evanesce.contact.solve import check_skin
     from evanesce.effects import active_effects
-    from evanesce.rig import copy_height_map, dump_scene, load_scene, scene_path
+    from evanesce.rig import copy_scene_files, dump_scene, load_scene, scene_path
 
     check_json_target(json_file)
     check_variant(variant)
@@ -109,7 +109,7 @@ def render(
         loaded, folder, seed=loaded.render.seed if seed is None else seed, fast=fast, variant=variant, bands=bands,
         options=options, exr=exr, video=video,
     )  # fmt: skip
-    copy_height_map(loaded, folder)
+    copy_scene_files(loaded, folder)
     write_text(folder / "scene.toml", dump_scene(loaded))
     write_text(folder / "README.txt", _README)
     write_json(folder / "result.json", result)
@@ -133,7 +133,7 @@ _README = """frame_NNNNNN.png   8-bit frame, as the measurement pipeline reads i
 raw_NNNNNN.png     12-bit raw numbers in a 16-bit PNG [DN]
 light_NNNNNN.exr   radiance, its variance, gap [mm], pressure [MPa], contact mask on the distortion-free pinhole view
 times.csv          time stamps of the frames [s]
-scene.toml         the scene as rendered; height_map.* beside it if it has a scanned finger
+scene.toml         the scene as rendered; height_map.* and spectrum.csv beside it if it has them
 result.json        true areas [mm^2], provenance
 """
 

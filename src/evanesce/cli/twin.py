@@ -73,7 +73,7 @@ def _write(folder: Path, made: Twin, residuals: TwinResiduals, name: str, origin
     import numpy as np
 
     from evanesce.report import html
-    from evanesce.rig import copy_height_map, dump_scene
+    from evanesce.rig import copy_scene_files, dump_scene
     from evanesce.sensor.codec import replacing, write_png
     from evanesce.studies.twin import page as twin_page
 
@@ -81,7 +81,7 @@ def _write(folder: Path, made: Twin, residuals: TwinResiduals, name: str, origin
     write_png(folder / "twin.png", made.simulated)
     with replacing(folder / "difference.png") as path:
         path.write_bytes(twin_page.difference_png(made))
-    copy_height_map(made.scene, folder)
+    copy_scene_files(made.scene, folder)
     write_text(folder / "twin_scene.toml", dump_scene(made.scene))
     html.write(folder / "report.html", twin_page.page(made, residuals, name, origin))
 

@@ -25,6 +25,7 @@ from evanesce.criticism.views import View, binned
 from evanesce.effects import Active, Context, Stage, active_effects, all_effects
 from evanesce.optics.led import led_positions, led_radiances
 from evanesce.optics.projection import IdealView, Projection
+from evanesce.optics.seen import seen_at, under_lamp
 from evanesce.render.cards import Pose, checkerboard_of, pose_of, square_of
 from evanesce.render.fast.fields import fields_of
 from evanesce.render.fast.transport import render_fast
@@ -228,9 +229,10 @@ class Predictor:
     def picture(self, scene: Scene, view: View, nuisances: Nuisances) -> Array:
         """Return the mean frame of a view of a scene, effects in it [DN]."""
         lit = scene.model_copy(update={"leds": scene.leds.model_copy(update={"voltage_V": view.voltage_V})})
+        lit = under_lamp(lit) if view.is_card else lit
         effects = tuple(e for e in active_effects(lit) if not e.effect.is_null(e.parameters) and _shows(e, view))
         context = Context(lit, SEED, view.time_s, view.index)
-        rig = self._apply(Stage.RIG, lit, effects, context)
+        rig = seen_at(self._apply(Stage.RIG, lit, effects, context))
         context = Context(rig, SEED, view.time_s, view.index)
         if view.kind == "lens_cap":
             cols, rows = rig.camera.resolution_px

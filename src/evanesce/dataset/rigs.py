@@ -14,6 +14,7 @@ from evanesce.core.states import ContactState, Frame, PlateGrid, SensorLight
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.design import FingerPlan, RigPlan
 from evanesce.effects import Active, Context, Stage, active_effects, apply_stage
+from evanesce.optics.seen import seen_at
 from evanesce.render.fast.readout import ChargeBox
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
@@ -189,7 +190,7 @@ class RigCamera:
     Attributes
     ----------
     scene : Scene
-        The rig with its effects, by :func:`optical_scene`.
+        The rig with its effects, by :func:`optical_scene`, as its LEDs' light sees it.
     method : {"fast", "charge", "general"}
         ``fast``: the fast camera. ``charge``: the fast camera up to the mean charge, then the general chain.
         ``general``: the general chain, where an effect changes the light before the lens, or the contact's grid.
@@ -197,7 +198,7 @@ class RigCamera:
 
     def __init__(self, rig: RigWithEffects, seed: int, backend: str = "numpy") -> None:
         self._effects, self.seed = rig.effects, seed
-        self.scene = optical_scene(rig.scene)
+        self.scene = seen_at(optical_scene(rig.scene))
         self._fast = FastCamera(self.scene.model_copy(update={"effects": {}}), backend)  # type: ignore[arg-type]
         self.method = method_of(self._effects)
         if _needs_field_blur(self._fast) or self.scene.surroundings is not None:

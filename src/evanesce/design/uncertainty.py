@@ -23,6 +23,7 @@ from evanesce.effects import Candidate, Context, Effect, Stage, active_effects, 
 from evanesce.effects.inference_hints import Observable
 from evanesce.evaluation.calibrated_rig import SQUARE_EDGE_PX, CardErrors
 from evanesce.measurement.uncertainty.components import CARD_HEIGHT_MM, PRINT_TOLERANCE
+from evanesce.optics.seen import seen_at
 from evanesce.render.fast.rig_fields import unit_digest
 from evanesce.rig import Scene
 
@@ -185,7 +186,7 @@ def _acts(scene: Scene, effect: Effect, wanted: tuple[Candidate, ...]) -> str:
         real = apply_stage(Stage.RIG, tried, active_effects(tried), Context(tried, 0))
     except InputError as error:
         return error.what
-    return "light" if unit_digest(real) != unit_digest(scene) else ""
+    return "light" if unit_digest(seen_at(real)) != unit_digest(seen_at(scene)) else ""
 
 
 def sobol_points(uncertainty: Uncertainty, count: int, seed: int) -> Array:

@@ -15,6 +15,7 @@ from evanesce.contact.solve import contact_state
 from evanesce.core.states import ContactState, PlateLight
 from evanesce.measurement.reference.segment import Chain, segment
 from evanesce.optics.projection import Projection
+from evanesce.optics.seen import seen_at
 from evanesce.rig import Scene, load_scene
 from evanesce.sensor.expose import charge_of, frame_of, signal_of
 from evanesce.sensor.lens import form_image
@@ -88,7 +89,7 @@ def _case(
     name: str, scene: str, force_N: float, changes: dict[str, Any], make: Callable[..., ContactState] = contact_state
 ) -> Case:
     loaded = load_scene(scene, changes)
-    return Case(name, loaded, make(loaded, force_N))
+    return Case(name, seen_at(loaded), make(loaded, force_N))
 
 
 def cases(camera: dict[str, Any]) -> list[Case]:

@@ -21,6 +21,7 @@ from evanesce.live.figures import Figures, Histogram, Profile, figures_of, histo
 from evanesce.live.truth_view import ContactShare
 from evanesce.measurement.reference.segment import Crop, segment
 from evanesce.optics.projection import Projection
+from evanesce.optics.seen import seen_at
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
 
@@ -146,9 +147,10 @@ class Engine:
         controls = controls_of(self.base, coarser=coarser)
         scene = self._scene(controls)
         report("light of each LED in the empty plate (seconds for a new rig, then cached on disk)")
-        unit_light(scene)
+        seen = seen_at(scene)
+        unit_light(seen)
         report("fields of the rig and tables by gap")
-        fields_of(scene)
+        fields_of(seen)
         report("maps of the camera, first frame")
         return self.show(controls)
 
@@ -222,7 +224,7 @@ class Engine:
         frame = camera.frame(state, seed=self.seed).data
         self._cameras[controls.coarser] = camera
         clock.lap("frame")
-        return frame, state, scene, f"slower: {camera.falls_back}" if camera.falls_back else ""
+        return frame, state, seen_at(scene), f"slower: {camera.falls_back}" if camera.falls_back else ""
 
     def _press(self, scene: Scene, force_N: float) -> ContactState:
         _, state = solve_contact(scene, force_N, seed=self.seed, file="page")

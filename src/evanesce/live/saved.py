@@ -10,7 +10,8 @@ from evanesce.rig.load import dump_scene
 def scene_text(base: Scene, controls: Controls) -> str:
     """Return the scene of a setting at full resolution as text that :func:`evanesce.rig.load_scene` reads back equal.
 
-    A scanned finger is named as :func:`evanesce.rig.copy_height_map` names its copy, which belongs beside the text.
+    Height map and spectrum are named as :func:`evanesce.rig.copy_scene_files` names their copies, which belong beside
+    the text.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""White light: a scene rendered band by band, each with its own wavelength and indices, summed as a frame does."""
+"""Light in bands: a scene rendered band by band, each with its own wavelength and indices, summed as a frame does."""
 
 from __future__ import annotations
 
@@ -9,69 +9,64 @@ from typing import Any
 import numpy as np
 
 from evanesce.core.states import ContactState, PlateLight
-from evanesce.optics.spectrum import SODIUM_NM, Band, pdms_index, soda_lime_index, white_bands
-from evanesce.optics.subsurface import absorption_coefficient, half_space_reflectance
+from evanesce.optics.seen import at_wavelength, dispersed_plate, seen_finger
+from evanesce.optics.spectrum import Band, spectrum_of, white_bands
 from evanesce.rig import Scene
-from evanesce.rig.finger import Finger
 
 MAX_BANDS = 14
-LONGEST_MM = 5.0
-"""Bound of ``finger.scattering_length_mm``: beyond, light is scattered farther than the finger is thick."""
 Render = Callable[..., PlateLight]
 
 
 def in_band(scene: Scene, band: Band) -> Scene:
     """Return a scene at the wavelength of one band.
 
-    The scene's indices are those at 589 nm; glass and silicone are shifted as soda-lime and PDMS disperse. Silicone's
-    scattering and absorption are those at the scene's wavelength and follow the finger's powers of wavelength; the
-    glass's absorption stays, which for the rig's glass is not known by wavelength.
+    Light of another spectrum than white: :func:`~evanesce.optics.seen.at_wavelength`. Of white light, indices,
+    scattering and photons are as there; the glass's absorption stays, since the scene's figure is that in white light,
+    and the scale on the axis stays, which the lens's own lateral colour would change as much.
 
     Parameters
     ----------
     scene : Scene
     band : Band
+
+    Returns
+    -------
+    Scene
     """
-
-    def shift(index: Callable[[float], Any]) -> float:
-        return float(index(band.wavelength)) - float(index(SODIUM_NM))
-
-    plate, finger = scene.plate, scene.finger
-    glass = plate.refractive_index + shift(soda_lime_index)
-    silicone = finger.refractive_index + shift(pdms_index)
+    if scene.leds.spectrum != "white":
+        return at_wavelength(scene, band.wavelength)
     return scene.model_copy(
         update={
-            "plate": plate.model_copy(update={"refractive_index": glass}),
-            "finger": _silicone(finger, band.wavelength / scene.camera.wavelength_nm).model_copy(
-                update={"refractive_index": silicone}
-            ),
+            "plate": dispersed_plate(scene.plate, band.wavelength, scene.figures_at_nm),
+            "finger": seen_finger(scene, band.wavelength),
             "camera": scene.camera.model_copy(update={"wavelength_nm": band.wavelength}),
         }
     )
 
 
-def _silicone(finger: Finger, ratio: float) -> Finger:
-    """Return the finger whose sigma_s' and sigma_a are those at ``ratio`` times the scene's wavelength."""
-    if finger.scattering_power == finger.absorption_power == 0.0:
-        return finger
-    # Without a length light leaves where it entered, and reflectance depends on the ratio of the coefficients alone.
-    length = finger.scattering_length_mm or 1.0
-    absorption = absorption_coefficient(finger.diffuse_reflectance, length)
-    scattering = (1.0 / length - absorption) * ratio**-finger.scattering_power
-    total = scattering + absorption * ratio**-finger.absorption_power
-    update = {
-        "diffuse_reflectance": float(half_space_reflectance(scattering / total)),
-        "scattering_length_mm": min(1.0 / total, LONGEST_MM) if finger.scattering_length_mm else 0.0,
-    }
-    return finger.model_copy(update=update)
+def bands_of(scene: Scene, count: int) -> tuple[Band, ...]:
+    """Return the light of a scene's LEDs in ``count`` bands.
+
+    Parameters
+    ----------
+    scene : Scene
+    count : int
+        1 to :data:`MAX_BANDS`.
+
+    Returns
+    -------
+    tuple of Band
+        White light: of equal weight in a grey frame. Another spectrum: of equal numbers of photons.
+    """
+    return white_bands(count) if scene.leds.spectrum == "white" else spectrum_of(scene.leds).bands(count)
 
 
 def banded(render: Render, count: int) -> Render:
-    """Return a renderer of white light in ``count`` bands; with 1 it is ``render`` itself, at the scene's wavelength.
+    """Return a renderer of the LEDs' light in ``count`` bands; with 1 it is ``render`` itself.
 
-    Radiance and variance are sums over the bands with their weights in a grey frame (LED power by band times the luma's
-    sensitivity), which add up to 1: where nothing disperses the light is that of one wavelength. The result is seen on
-    the pixels of one view, so that lateral colour of the plate's window is in it; the lens's is not.
+    Radiance and variance are sums over the bands with their weights in a frame (white light: LED power by band times
+    the luma's sensitivity), which add up to 1: where nothing disperses the light is that of one wavelength. The result
+    is seen on the pixels of one view, so that lateral colour of the plate's window is in it; the lens's is not.
 
     Parameters
     ----------
@@ -82,14 +77,13 @@ def banded(render: Render, count: int) -> Render:
     """
     if count == 1:
         return render
-    bands = white_bands(count)
 
-    def white(scene: Scene, state: ContactState | None, *, seed: int = 0, **options: Any) -> PlateLight:
+    def summed(scene: Scene, state: ContactState | None, *, seed: int = 0, **options: Any) -> PlateLight:
         from evanesce.optics.projection import Projection
 
         options = {"view": Projection.of(scene.camera, scene.plate).ideal_view()} | options
         total: PlateLight | None = None
-        for k, band in enumerate(bands):
+        for k, band in enumerate(bands_of(scene, count)):
             # A seed of its own for each band, or their noise would not average out.
             light = render(in_band(scene, band), state, seed=seed + k, **options)
             radiance = band.weight * np.asarray(light.radiance, float)
@@ -100,4 +94,4 @@ def banded(render: Render, count: int) -> Render:
         assert total is not None
         return total
 
-    return white
+    return summed

@@ -10,6 +10,7 @@ from evanesce.rig.plate import Plate
 from evanesce.rig.programme import Press, Ramp, Slide
 from evanesce.rig.scene import Scene
 from evanesce.rig.surroundings import Backdrop, Haze, Spill, Surroundings
+from evanesce.rig.spectrum_file import copy_scene_files
 
 __all__ = [
     "Backdrop",
@@ -31,6 +32,7 @@ __all__ = [
     "Spill",
     "Surroundings",
     "copy_height_map",
+    "copy_scene_files",
     "dump_scene",
     "load_scene",
     "scene_path",

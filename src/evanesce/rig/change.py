@@ -10,7 +10,8 @@ import numpy as np
 
 from evanesce.core.errors import InputError
 from evanesce.core.quantities import Strict
-from evanesce.rig import height_map
+from evanesce.rig import height_map, spectrum_file
+from evanesce.rig.leds import SPECTRA, circuit_defaults
 from evanesce.rig.load import validate
 from evanesce.rig.scene import Scene
 
@@ -18,6 +19,7 @@ SEPARATOR = "__"
 """Stands for the dot of a key where a Python name is needed: ``leds__voltage_V`` is ``leds.voltage_V``."""
 
 HEIGHT_MAP = ("finger", "height_map")
+SPECTRUM = ("leds", "spectrum")
 
 
 def changed(scene: Scene, changes: Mapping[str, Any], *, file: str = "Scene.with_") -> Scene:
@@ -42,12 +44,17 @@ def changed(scene: Scene, changes: Mapping[str, Any], *, file: str = "Scene.with
     InputError
         For an unknown key, naming the nearest, or a value of the wrong type or out of bounds.
     """
-    data = merged(scene.as_dict(), changes, file)
     paths = [_path(key) for key in changes]
+    data = scene.as_dict()
+    if SPECTRUM in paths:
+        paths += [("leds", "circuit", name) for name in _forget_type(data["leds"])]
+    data = merged(data, changes, file)
     for name in ("sources", "assumptions"):
         if (name,) not in paths:
             data[name] = {key: text for key, text in data[name].items() if not _affected(tuple(key.split(".")), paths)}
     found = validate(Scene, data, file)
+    if _affected(SPECTRUM, paths):
+        found = _with_spectrum_located(found)
     return _with_map_located(found) if _affected(HEIGHT_MAP, paths) else found
 
 
@@ -100,6 +107,26 @@ def _plain(value: Any) -> Any:
 def _affected(key: tuple[str, ...], paths: list[tuple[str, ...]]) -> bool:
     """Return whether one of the changed keys contains a key, equals it, or lies within it."""
     return any(key[: len(path)] == path or path[: len(key)] == key for path in paths)
+
+
+def _forget_type(leds: dict[str, Any]) -> list[str]:
+    """Take out of the strips' table, and name, what their LED type brought with it: another type brings its own."""
+    figures = circuit_defaults(leds["spectrum"])
+    forgotten = [name for name, value in leds["circuit"].items() if value == figures[name]]
+    for name in forgotten:
+        del leds["circuit"][name]
+    leds.pop("spectrum_sha256", None)
+    return forgotten
+
+
+def _with_spectrum_located(scene: Scene) -> Scene:
+    """Return the scene with its spectrum file's digest; a relative name counts from the working folder."""
+    leds = scene.leds
+    if leds.spectrum in SPECTRA:
+        return scene
+    file = Path(leds.spectrum).absolute()
+    named = scene.model_copy(update={"leds": leds.model_copy(update={"spectrum": file.name})})
+    return spectrum_file.located(named, file.parent / "scene")
 
 
 def _with_map_located(scene: Scene) -> Scene:

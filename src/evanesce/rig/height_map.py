@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
-import shutil
 from pathlib import Path
 
-from evanesce.core.errors import InputError, WorkError
+from evanesce.rig.beside import copy_beside, digest_of, file_beside
 from evanesce.rig.scene import Scene
 
 KEY = "finger.height_map"
 SUFFIXES = (".npz", ".csv", ".tif", ".tiff", ".exr")
 MAX_BYTES = 1_000_000_000
+
+__all__ = ["KEY", "MAX_BYTES", "SUFFIXES", "copy_height_map", "digest_of", "located", "relative"]
 
 
 def located(scene: Scene, path: Path) -> Scene:
@@ -36,46 +36,11 @@ def located(scene: Scene, path: Path) -> Scene:
     skin = scene.finger.height_map
     if skin is None:
         return scene
-    folder, key = path.resolve().parent, f"{KEY}.file"
-    inside = "a file in the folder of the scene's file or below it, named relative to it"
-    try:
-        # Symbolic links are followed first: a bundle from elsewhere must not read what it does not contain.
-        file = (folder / skin.file).resolve()
-        if Path(skin.file).is_absolute() or not file.is_relative_to(folder):
-            raise InputError(f"{skin.file!r} leaves the scene's folder", file=path, key=key, allowed=inside)
-        if file.suffix.lower() not in SUFFIXES:
-            raise InputError(f"{skin.file!r}", file=path, key=key, allowed="a file ending in " + ", ".join(SUFFIXES))
-        if not file.is_file():
-            raise InputError(f"no such file {skin.file!r}", file=path, key=key, allowed=inside)
-        if not 0 < file.stat().st_size <= MAX_BYTES:
-            size = file.stat().st_size
-            raise InputError(f"{skin.file!r} has {size} bytes", file=path, key=key, allowed=f"1 to {MAX_BYTES} bytes")
-        digest = digest_of(file)
-    except (OSError, ValueError, RuntimeError) as error:  # a NUL in the name, a loop of links, no right to read
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{skin.file!r} cannot be read: {error}", file=path, key=key, allowed=inside) from None
-    if skin.sha256 not in (None, digest):
-        raise InputError(
-            f"{skin.file!r} is not the map that the scene was made with", file=path, key=f"{KEY}.sha256",
-            allowed=f"{digest}, or none",
-        )  # fmt: skip
-    return _with_file(scene, str(file), digest)
-
-
-def digest_of(file: str | Path) -> str:
-    """Return the SHA-256 of a file as hexadecimal digits.
-
-    Parameters
-    ----------
-    file : str or Path
-
-    Returns
-    -------
-    str
-    """
-    with Path(file).open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+    file, digest = file_beside(
+        skin.file, path, key=f"{KEY}.file", suffixes=SUFFIXES, max_bytes=MAX_BYTES, sha256=skin.sha256,
+        sha256_key=f"{KEY}.sha256",
+    )  # fmt: skip
+    return _with_file(scene, file, digest)
 
 
 def relative(scene: Scene) -> Scene:
@@ -107,18 +72,8 @@ def copy_height_map(scene: Scene, folder: Path) -> None:
         If it cannot be read or written.
     """
     skin = scene.finger.height_map
-    if skin is None:
-        return
-    target = folder / _name(skin.file)
-    if target.exists() and target.samefile(skin.file):
-        return
-    part = target.with_name(f".{target.name}.part")
-    try:
-        shutil.copyfile(skin.file, part)
-        part.replace(target)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise WorkError(f"the height map cannot be copied: {error}") from None
+    if skin is not None:
+        copy_beside(skin.file, folder / _name(skin.file), "the height map")
 
 
 def _name(file: str) -> str:

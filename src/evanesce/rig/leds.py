@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator, model_validator
 
 from evanesce.core.quantities import Strict, field
 
 Edge = Literal["left", "right", "top", "bottom"]
+
+SPECTRA = ("white", "red", "infrared")
+"""Known LED types; any other spectrum is a CSV file."""
 
 
 class LedCircuit(Strict):
@@ -52,6 +57,61 @@ class LedCircuit(Strict):
     )
 
 
+# What a key of the circuit is, where the scene does not give it and the LEDs are not white.
+#
+# Red, AlGaInP: OSRAM LR T67F (data sheet 1.2, 2019): 2.05 V at 20 mA; an older version names 65 lm/W, which over the
+# 160 lm/W of its spectrum (optics/spectrum.py) is 0.8 W/A; assumed to hold for a strip. Kingbright
+# WP710A10SEC/E (2018): -1.9 mV/K at 20 mA. Carriers leak over AlGaInP's low barriers as the junction warms, while Auger
+# recombination matters little (E. F. Schubert, Light-Emitting Diodes, Cambridge 2006): no droop by current, and a loss
+# per K that is assumed to be two and a half times a white LED's. Five in series: assumed, as many as leave to the
+# resistor what a white segment leaves it of 12 V; three-colour strips have three.
+#
+# Infrared, GaAlAs: Vishay VSMY1850 (data sheet 83397, 2016): 1.65 V at 0.1 A and 2.9 V at 1 A, hence 1.3 ohm and
+# 1.46 V at 20 mA; -1.18 mV/K at 10 mA; 50 mW at 100 mA; -0.35 %/K. Six in series: assumed, as above.
+CIRCUITS: Mapping[str, Mapping[str, float | int]] = MappingProxyType(
+    {
+        "red": MappingProxyType(
+            {
+                "leds_per_segment": 5,
+                "forward_voltage_V": 2.05,
+                "efficacy_W_per_A": 0.8,
+                "droop": 0.0,
+                "forward_voltage_drop_V_per_K": 0.0019,
+                "efficacy_loss_per_K": 0.005,
+            }
+        ),
+        "infrared": MappingProxyType(
+            {
+                "leds_per_segment": 6,
+                "forward_voltage_V": 1.46,
+                "led_resistance_ohm": 1.3,
+                "efficacy_W_per_A": 0.5,
+                "droop": 0.0,
+                "forward_voltage_drop_V_per_K": 0.0012,
+                "efficacy_loss_per_K": 0.0035,
+            }
+        ),
+    }
+)
+
+
+def circuit_defaults(spectrum: str) -> dict[str, Any]:
+    """Return what each key of a circuit is where a scene does not give it.
+
+    Parameters
+    ----------
+    spectrum : str
+        Of the LEDs; a CSV file leaves the figures of white ones.
+
+    Returns
+    -------
+    dict
+        Of the fields of :class:`LedCircuit`, with their sources in this module.
+    """
+    own = {name: info.default for name, info in LedCircuit.model_fields.items()}
+    return {**own, **CIRCUITS.get(spectrum, {})}
+
+
 class StripEdge(Strict):
     """Settings of one edge's strip that differ from the others'."""
 
@@ -72,9 +132,19 @@ class StripEdge(Strict):
 class Leds(Strict):
     """Identical strips on the named edges, emitting into the glass through the polished edge.
 
-    Edges as the camera sees them: ``left`` is -x, ``right`` +x, ``top`` -y, ``bottom`` +y.
+    Edges as the camera sees them: ``left`` is -x, ``right`` +x, ``top`` -y, ``bottom`` +y. Keys of the circuit that are
+    not given take the figures of the LED type (:func:`circuit_defaults`).
     """
 
+    spectrum: str = Field(
+        "white",
+        min_length=1,
+        max_length=4096,
+        description="white, red (AlGaInP), infrared (850 nm), or a CSV file beside the scene: wavelength_nm,power",
+    )
+    spectrum_sha256: str | None = Field(
+        None, pattern="^[0-9a-f]{64}$", description="of the CSV file; filled in on reading, checked where it is given"
+    )
     edges: tuple[Edge, ...] = Field(("left", "right", "top", "bottom"), min_length=1)
     pitch_mm: float = field(unit="mm", bounds=(0.5, 500.0), doc="distance of neighbouring LEDs; not published")
     emitting_width_mm: float = field(unit="mm", bounds=(0.05, 100.0), doc="emitting size along the edge")
@@ -88,3 +158,23 @@ class Leds(Strict):
     )
     circuit: LedCircuit = LedCircuit()
     edge: dict[Edge, StripEdge] = Field(default_factory=dict)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _circuit_of_the_type(cls, data: Any) -> Any:
+        """Give keys of the circuit that are not given the figures of the LED type."""
+        if not isinstance(data, dict) or not isinstance(data.get("spectrum"), str):
+            return data
+        figures, given = CIRCUITS.get(data["spectrum"]), data.get("circuit", {})
+        if isinstance(given, LedCircuit):
+            given = {name: getattr(given, name) for name in given.model_fields_set}
+        if figures is None or not isinstance(given, dict):
+            return data
+        return {**data, "circuit": {**figures, **given}}
+
+    @field_validator("spectrum")
+    @classmethod
+    def _known_or_a_file(cls, value: str) -> str:
+        if value not in SPECTRA and not value.lower().endswith(".csv"):
+            raise ValueError(f"{value!r} is not a spectrum (allowed: {', '.join(SPECTRA)}, or a file ending in .csv)")
+        return value

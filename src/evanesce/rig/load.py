@@ -15,7 +15,7 @@ from pydantic import BaseModel, ValidationError
 from evanesce.core.errors import InputError
 from evanesce.core.quantities import UNIT_SUFFIXES, Quantity, Strict, quantity_of
 from evanesce.core.resources import resource
-from evanesce.rig import height_map
+from evanesce.rig import height_map, spectrum_file
 from evanesce.rig.finger import Contact
 from evanesce.rig.scene import Scene
 
@@ -78,7 +78,7 @@ def load_scene(name: str | Path, overrides: dict[str, Any] | None = None) -> Sce
         raise InputError(f"not valid TOML: {error}", file=path) from None
     for dotted, value in (overrides or {}).items():
         _set(data, dotted, value, path)
-    return height_map.located(validate(Scene, data, path), path)
+    return spectrum_file.located(height_map.located(validate(Scene, data, path), path), path)
 
 
 def _set(data: dict[str, Any], dotted: str, value: Any, path: Path) -> None:
@@ -270,7 +270,8 @@ def _plain(value: Any) -> Any:
 def dump_scene(scene: Scene) -> str:
     """Return a scene as TOML text that :func:`load_scene` reads back equal.
 
-    A height map is named as :func:`~evanesce.rig.copy_height_map` names its copy, which belongs beside the text.
+    Height map and spectrum are named as :func:`~evanesce.rig.copy_scene_files` names their copies, which belong beside
+    the text.
 
     Parameters
     ----------
@@ -281,4 +282,4 @@ def dump_scene(scene: Scene) -> str:
     str
         TOML.
     """
-    return tomli_w.dumps(height_map.relative(scene).as_dict())
+    return tomli_w.dumps(spectrum_file.relative(height_map.relative(scene)).as_dict())

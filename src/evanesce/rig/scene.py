@@ -64,6 +64,12 @@ class Scene(Strict):
     grid: ContactGrid = ContactGrid()
     render: RenderSettings = RenderSettings()
     surroundings: Surroundings | None = None
+    figures_at_nm: float | None = field(
+        None,
+        unit="nm",
+        bounds=(300.0, 1100.0),
+        doc="indices, absorption, scattering and camera hold at this wavelength; none: as published, in white light",
+    )
     effects: dict[str, dict[str, float | int | bool | str | list[float]]] = Field(default_factory=dict)
     assumptions: dict[str, str] = Field(default_factory=dict)
     sources: dict[str, str] = Field(default_factory=dict)

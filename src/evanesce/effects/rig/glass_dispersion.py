@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from evanesce.core.quantities import Strict, field
 from evanesce.effects.protocol import Context, Effect, Stage
-from evanesce.optics.spectrum import SODIUM_NM, mean_over_bands, soda_lime_index
+from evanesce.optics.spectrum import SODIUM_NM, mean_over_bands, soda_lime_index, spectrum_of
 from evanesce.rig import Scene
 
 
@@ -19,6 +19,9 @@ class Parameters(Strict):
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     """Add strength times (n averaged over the white LED's bands, by luminous weight, minus n at 589 nm).
 
+    LEDs of another spectrum: n averaged over its photons. Such light sees the dispersion of clear soda-lime glass
+    anyway (:func:`~evanesce.optics.seen.seen_at`): there strength is what the plate has beyond it.
+
     Parameters
     ----------
     scene : Scene
@@ -31,7 +34,9 @@ def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     """
     if parameters.strength == 0.0:
         return scene
-    shift = mean_over_bands(soda_lime_index) - float(soda_lime_index(SODIUM_NM))
+    white = scene.leds.spectrum == "white"
+    mean = mean_over_bands(soda_lime_index) if white else spectrum_of(scene.leds).photon_mean(soda_lime_index)
+    shift = mean - float(soda_lime_index(SODIUM_NM))
     index = scene.plate.refractive_index + parameters.strength * shift
     return scene.model_copy(update={"plate": scene.plate.model_copy(update={"refractive_index": index})})
 

@@ -291,7 +291,8 @@ def both_renderers(finger: str, scene: Scene, force_N: float, traced: dict[str, 
     """
     shots = [simulate(scene, force_N, seed=seed, **options) for options in ({"render": render_fast}, traced)]
     fast, reference = (expose(s.scene, s.plate_light, seed=seed, without={"noise"})[1].data for s in shots)
-    projection = Projection.of(scene.camera, scene.plate)
+    rig = shots[0].scene
+    projection = Projection.of(rig.camera, rig.plate)
     state = shots[0].state
     assert state is not None  # a force was given
     mask = label(state, view_geometry(projection, None)).mask > 0.5

@@ -19,6 +19,7 @@ from evanesce.measurement.calibration.rectify import Rectification, rectificatio
 from evanesce.measurement.reference.area import measure_frame
 from evanesce.measurement.reference.segment import Chain
 from evanesce.measurement.refined.estimator import Estimator
+from evanesce.optics.seen import seen_at
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
 from evanesce.sensor.expose import charge_of, frame_of, signal_of
@@ -150,7 +151,7 @@ class LitPress:
         rig, state = solve_contact(scene, force, seed=seed)
         assert state is not None  # a force was given
         image = form_image(render_fast(rig, state), rig.camera, rig.plate)
-        return cls(scene, np.asarray(image.irradiance, np.float32), state.nominal_contact_area)
+        return cls(seen_at(scene), np.asarray(image.irradiance, np.float32), state.nominal_contact_area)
 
     def frame(self, voltage: float, seed: int) -> Frame:
         """Expose at a voltage.

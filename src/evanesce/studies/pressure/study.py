@@ -187,7 +187,7 @@ def _press(
 ) -> dict[str, Any]:  # fmt: skip
     """Return the rows of one press as plain data."""
     press, state = LitPress.of(rig, force, seed), contact_state(rig, force)
-    truth = label(state, view_geometry(Projection.of(rig.camera, rig.plate)), supersample=2)
+    truth = label(state, view_geometry(Projection.of(press.scene.camera, press.scene.plate)), supersample=2)
     curve = roughness_curve(float(state.parameters["reduced_modulus_MPa"]), slope, 4.0 * float(state.pressure.max()))
     rows = []
     for voltage in voltages:

@@ -22,6 +22,7 @@ from evanesce.measurement.calibration.corners import CornerGrid, find_corners, g
 from evanesce.measurement.calibration.points import BoardView
 from evanesce.measurement.calibration.saddle import SaddleFit, fit_saddles
 from evanesce.optics.projection import Projection
+from evanesce.optics.seen import under_lamp
 from evanesce.rig import Scene
 from evanesce.sensor.expose import charge_of
 from evanesce.sensor.lens import form_image
@@ -197,7 +198,7 @@ def make_twin(picture: NDArray[np.uint8], base: Scene, *, seed: int, curve: Curv
             "assumptions": {},
         }
     )
-    _, frame = expose(scene, studio.radiance(light, rig.board), seed=seed)
+    _, frame = expose(under_lamp(scene), studio.radiance(light, rig.board), seed=seed)
     mean = 255.0 * CURVES[curve](np.clip(studio.relative_light(light, rig), 0.0, 1.0))
     own = fit_saddles(frame.data.astype(np.float64), grid.fit.position, grid.lattice)
     held_out = block_mask(grid, photo.shape, held_out=True)

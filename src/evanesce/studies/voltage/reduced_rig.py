@@ -14,6 +14,7 @@ from evanesce.contact.solve import contact_state
 from evanesce.core.errors import InputError
 from evanesce.core.states import SensorLight
 from evanesce.optics.led_circuit import radiant_power
+from evanesce.optics.seen import seen_at
 from evanesce.optics.subsurface import profile_kernel
 from evanesce.render.fast.fields import Fields, fields_of
 from evanesce.render.fast.patch import patch_radiance
@@ -46,6 +47,7 @@ class ReducedRig:
             raise InputError("the finger has no ridges", key="finger.ridges", allowed="a ridged finger")
         if scene.leds.edge or scene.leds.strip_resistance_ohm_per_mm:
             raise InputError("strips of their own voltage", key="leds.edge", allowed="one supply for all LEDs, no sag")
+        scene = seen_at(scene)
         grid = scene.grid.model_copy(update={"size_mm": GRID_MM, "samples": GRID_SAMPLES})
         finger = scene.finger.model_copy(update={"scattering_length_mm": 1.0})
         # Light per watt of an LED: a supply at which every bin is lit.

@@ -28,6 +28,8 @@ class Colour(Strict):
         doc="share of the quantum efficiency that red, green and blue pixels have for the LEDs' light;"
         " left out: from the sensor's curves and the LEDs' spectrum",
     )
+    infrared_cut: bool = True
+    """Whether the sensor stands behind the camera's infrared cut filter; a NoIR camera has none."""
     white_balance: Literal["fixed", "automatic"] = "fixed"
     temperature_K: float = field(
         2850.0,

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from evanesce.optics.spectrum import spectrum_of
 from evanesce.rig import Camera, Scene
 from evanesce.sensor.colour import white_imx477
+from evanesce.sensor.filters import filter_response
 
 Response = tuple[float, float, float]
 
@@ -30,7 +32,7 @@ def led_response(scene: Scene) -> Response | None:
         return None
     if colour.response is not None:
         return colour.response
-    raise NotImplementedError
+    return filter_response(spectrum_of(scene.leds), infrared_cut=colour.infrared_cut)
 
 
 def card_response(camera: Camera) -> Response | None:

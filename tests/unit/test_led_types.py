@@ -75,6 +75,7 @@ def test_round_trips_are_exact(tmp_path: Path) -> None:
     for spectrum in ("red", "infrared", "led.csv"):
         scene = load_scene(scene_file(tmp_path, spectrum=spectrum))
         assert Scene.from_dict(scene.as_dict()) == scene
+        assert Scene.model_validate_json(scene.model_dump_json()) == scene
         other = tmp_path / f"of {spectrum}"
         other.mkdir()
         save_scene(scene, other / "scene.toml")

@@ -41,7 +41,7 @@ class Camera:
     until_error : float, optional
         Reference only: passes are added until this relative standard error [1].
     bands : int
-        White light in so many bands of wavelength; 1: the scene's one wavelength.
+        The LEDs' light in so many bands of wavelength; 1: one wavelength.
     variant : {"auto", "llvm", "scalar", "cuda"}
         Reference only: Mitsuba's variant.
 

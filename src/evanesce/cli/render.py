@@ -70,7 +70,7 @@ def render(
     ] = None,
     fast: FastOption = False,
     bands: Annotated[
-        int, typer.Option("--bands", help="Number of wavelength bands of white light; 1: the scene's wavelength.")
+        int, typer.Option("--bands", help="Number of wavelength bands of the LEDs' light; 1: one wavelength.")
     ] = 1,
     variant: VariantOption = "auto",
     spp: Annotated[int | None, typer.Option("--spp", min=1, help="Paths per pixel around the contact.")] = None,

@@ -14,6 +14,7 @@ from evanesce.measurement.calibration.model import Calibration
 from evanesce.measurement.calibration.rectify import Rectification, rectification, rectify
 from evanesce.measurement.reference.segment import Crop
 from evanesce.optics.projection import Projection
+from evanesce.optics.seen import seen_at
 from evanesce.rig import Scene
 
 
@@ -42,6 +43,7 @@ class PerfectView:
     Attributes
     ----------
     scene : Scene
+        As its LEDs' light sees it (:func:`~evanesce.optics.seen.seen_at`).
     rectified : Rectification
     view : RectifiedView
         The same for the truth.
@@ -71,7 +73,7 @@ class PerfectView:
             camera_matrix_new=rectified.camera_matrix_new,
             shape=rectified.shape,
         )
-        return cls(scene, rectified, view)
+        return cls(seen_at(scene), rectified, view)
 
     @cached_property
     def projection(self) -> Projection:

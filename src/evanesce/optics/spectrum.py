@@ -56,13 +56,17 @@ def white_led_power() -> Array:
 
     Two lines, chip and phosphor; the chip's by Ohno's form (g + 2 g^5)/3, g a Gaussian.
     """
+    return np.asarray(_white_density()[1].reshape(BAND_NM.size, -1).sum(axis=1))
+
+
+def _white_density() -> tuple[Array, Array]:
+    """Return the middles of steps of 1 nm, and the share of a white LED's radiant power in each."""
     edges = np.append(BAND_NM - 10.0, BAND_NM[-1] + 10.0)
     fine = np.arange(edges[0] + 0.5, edges[-1], 1.0)
     g = np.exp(-(((fine - BLUE_PEAK_NM) / BLUE_WIDTH_NM) ** 2))
     chip = (g + 2.0 * g**5) / 3.0
     phosphor = np.exp(-4.0 * np.log(2.0) * ((fine - PHOSPHOR_PEAK_NM) / PHOSPHOR_WIDTH_NM) ** 2)
-    density = (1.0 - PHOSPHOR_SHARE) * chip / chip.sum() + PHOSPHOR_SHARE * phosphor / phosphor.sum()
-    return np.asarray(density.reshape(BAND_NM.size, -1).sum(axis=1))
+    return fine, (1.0 - PHOSPHOR_SHARE) * chip / chip.sum() + PHOSPHOR_SHARE * phosphor / phosphor.sum()
 
 
 def luminous_efficiency(wavelength: ArrayLike) -> Array:
@@ -264,9 +268,7 @@ def _line_spectrum(line: Line, warming: float) -> Spectrum:
 
 @lru_cache(maxsize=1)
 def _white_spectrum() -> Spectrum:
-    """Return the white LED at the centres of its bands, dark half a band outside them."""
-    w = np.concatenate([[BAND_NM[0] - 20.0], BAND_NM, [BAND_NM[-1] + 20.0]])
-    return Spectrum(w, np.concatenate([[0.0], white_led_power(), [0.0]]))
+    return Spectrum(*_white_density())
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -159,22 +159,19 @@ class Leds(Strict):
     circuit: LedCircuit = LedCircuit()
     edge: dict[Edge, StripEdge] = Field(default_factory=dict)
 
-    @model_validator(mode="before")
-    @classmethod
-    def _circuit_of_the_type(cls, data: Any) -> Any:
-        """Give keys of the circuit that are not given the figures of the LED type."""
-        if not isinstance(data, dict) or not isinstance(data.get("spectrum"), str):
-            return data
-        figures, given = CIRCUITS.get(data["spectrum"]), data.get("circuit", {})
-        if isinstance(given, LedCircuit):
-            given = {name: getattr(given, name) for name in given.model_fields_set}
-        if figures is None or not isinstance(given, dict):
-            return data
-        return {**data, "circuit": {**figures, **given}}
-
     @field_validator("spectrum")
     @classmethod
     def _known_or_a_file(cls, value: str) -> str:
         if value not in SPECTRA and not value.lower().endswith(".csv"):
             raise ValueError(f"{value!r} is not a spectrum (allowed: {', '.join(SPECTRA)}, or a file ending in .csv)")
         return value
+
+    @model_validator(mode="after")
+    def _circuit_of_the_type(self) -> Self:
+        """Give keys of the circuit that are not given the figures of the LED type."""
+        figures = CIRCUITS.get(self.spectrum)
+        if figures is not None:
+            given = {name: getattr(self.circuit, name) for name in self.circuit.model_fields_set}
+            # frozen for users; a validator that ran before the fields would make them strict about JSON's lists
+            self.__dict__["circuit"] = LedCircuit.model_validate({**figures, **given})
+        return self

@@ -4,7 +4,7 @@ IMX477, 400 to 700 nm: the curves of Sony's data sheet, digitised by cpixip, who
 of the HQ camera's infrared cut filter, a Hoya CM500 (github.com/raspberrypi/picamera2, issue 462, 2023;
 numbers as in github.com/cgobat/astro-instruments, AstroHQ/spectral_response.npy, commit 1bb41182). Read as quantum
 efficiencies they give the white points of libcamera's tuning of that camera within 6 % in red and 14 % in blue; read as
-responses to equal power, within 14 and 27 % (docs/validation/led-spectrum.md).
+responses to equal power, within 13 and 26 % (docs/validation/led-spectrum.md).
 
 Beyond 700 nm nothing is published as numbers. Sensitivity: the estimate for the IMX219, of the same maker and kind, by
 comparison with similar sensors (github.com/bluegreen-labs/raspberry_pi_camera_responses, commit cb6d4e51), times what

@@ -9,8 +9,8 @@ from evanesce.rig.load import dump_scene, load_scene, scene_path
 from evanesce.rig.plate import Plate
 from evanesce.rig.programme import Press, Ramp, Slide
 from evanesce.rig.scene import Scene
-from evanesce.rig.surroundings import Backdrop, Haze, Spill, Surroundings
 from evanesce.rig.spectrum_file import copy_scene_files
+from evanesce.rig.surroundings import Backdrop, Haze, Spill, Surroundings
 
 __all__ = [
     "Backdrop",

@@ -19,11 +19,11 @@ Array = NDArray[np.float64]
 ROBUST_DN = 12.0
 """Residuals beyond this count less: a few pixels of what is not modelled must not decide."""
 TAIL = 4.0
-"""Degrees of freedom of the residuals' distribution in the score: heavier tails than normal, a variance all the same."""
+"""Degrees of freedom of the residuals' distribution in the score: heavier tails than normal, finite variance."""
 LEAST_DN = 1.0
 """No channel is predicted better than a picture of whole numbers allows."""
 PRIOR_SD = {"green": 0.35, "blue": 0.5, "temperature": 0.3, "cloud": 0.5, "_right": 0.7, "_down": 0.7}
-"""Standard deviations of weak priors about the value without the cause: what is not determined by the frame stays near what is published."""
+"""Standard deviations of weak priors about what is published: what the frame does not determine stays near that."""
 MOST_EVALUATIONS = 60
 STREAK_PX, LEAST_STREAK_PX = 1.5, 8
 """Half width of the band in which a streak is looked for, and how many pixels it needs there [px]."""
@@ -86,7 +86,7 @@ def fit(model: Model, causes: Collection[str], starts: Sequence[Mapping[str, flo
 
 def _fit(model: Model, causes: Collection[str], given: Mapping[str, float]) -> Fit:
     table = model.table
-    free = tuple(name for name, p in table.items() if p.cause in causes and p.cause != "response")
+    free = tuple(name for name, p in table.items() if p.acts(causes) and p.cause != "response")
     scale = np.array([table[n].scale for n in free])
     begin = np.array([np.clip(given.get(n, table[n].start), table[n].low, table[n].high) for n in free])
     seen = ~model.picture.held_out
@@ -139,8 +139,10 @@ def _covariance(jacobian: Array, residual: Array, blocks: NDArray[np.int64]) -> 
     gradients = np.zeros((int(numbers.max()) + 1, jacobian.shape[1]))
     np.add.at(gradients, numbers, jacobian * residual[:, None])
     clustered = inverse @ (gradients.T @ gradients) @ inverse
-    ratio = np.sqrt(np.maximum(np.diag(plain) / np.maximum(np.diag(clustered), 1e-300), 1.0))
-    return np.asarray(clustered * np.outer(ratio, ratio))
+    ratio = np.sqrt(np.maximum(np.abs(np.diag(plain)) / np.maximum(np.diag(clustered), 1e-300), 1.0))
+    wide = clustered * np.outer(ratio, ratio)
+    np.fill_diagonal(wide, np.maximum(np.diag(wide), np.abs(np.diag(plain))))
+    return np.asarray(wide)
 
 
 def _is(name: str, ending: str) -> bool:
@@ -232,6 +234,10 @@ def streak_start(model: Model, found: Fit) -> dict[str, float]:
             here = (along > 0) & (np.abs(away) < STREAK_PX)
             if here.sum() >= LEAST_STREAK_PX:
                 gain = float(left[y[here], x[here]].mean() * np.sqrt(here.sum()))
-                start = {"streak_x": float(foot[0]), "streak_y": float(foot[1]), "streak_angle": float(angle % (2 * np.pi))}
+                start = {
+                    "streak_x": float(foot[0]),
+                    "streak_y": float(foot[1]),
+                    "streak_angle": float(angle % (2 * np.pi)),
+                }
                 best = max(best, (gain, start), key=lambda one: one[0])
     return best[1] | {"streak_level": -1.5, "streak_width": STREAK_PX / 2}

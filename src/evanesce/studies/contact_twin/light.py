@@ -121,7 +121,9 @@ class _Key:
         side = round(WIDE * scene.finger.diameter_mm * PX_PER_MM)
         camera = {"resolution_px": (side, side), "scale_px_per_mm": PX_PER_MM, "centre_mm": scene.finger.position_mm}
         plain = scene.camera.model_copy(update=camera)
-        plain = plain.model_copy(update={"lens": plain.lens.model_copy(update={"distortion": type(plain.lens.distortion)()})})
+        plain = plain.model_copy(
+            update={"lens": plain.lens.model_copy(update={"distortion": type(plain.lens.distortion)()})}
+        )
         level = {"tilt_x_deg": 0.0, "tilt_y_deg": 0.0, "roll_deg": 0.0, "principal_point_offset_px": (0.0, 0.0)}
         plain = plain.model_copy(update={**level, "colour": None, "auto_exposure": None})
         self.scene = seen_at(scene.model_copy(update={"camera": plain, "effects": {}, "surroundings": None}))

@@ -23,7 +23,7 @@ LEVELS = np.concatenate([[0.0], np.geomspace(1e-4, 1e4, 4000)])
 KELVIN = float(np.log(2360.0) + 1e-9), float(np.log(9505.0) - 1e-9)
 """Ends of the tuning's curve of white points, as logarithms [K]."""
 CLOUD_MODES = 5
-"""Cosines along a side of the frame that make haze uneven: finer than the blocks that are held out nothing is judged."""
+"""Cosines along a side of the frame that make haze uneven: nothing finer than the held-out blocks is judged."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,8 @@ class Parameter:
     low, high : float
         Bounds.
     doc : str
+    also : str
+        Another cause without which it does nothing.
     """
 
     cause: str
@@ -54,6 +56,11 @@ class Parameter:
     low: float
     high: float
     doc: str
+    also: str = ""
+
+    def acts(self, causes: Collection[str]) -> bool:
+        """Return whether it is free where these causes act."""
+        return self.cause in causes and (not self.also or self.also in causes)
 
 
 CAUSES: dict[str, str] = {
@@ -66,7 +73,8 @@ CAUSES: dict[str, str] = {
     "backdrop": "something dark above the plate, lit by the strips",
     "led_imbalance": "light that differs from side to side",
     "clouds": "haze that is uneven",
-    "led_edge_reflections": "LEDs reflected at the frame's border",
+    "led_edge_reflections": "LEDs reflected along the frame's left and right border",
+    "streak": "an LED reflected as a streak away from the finger",
 }
 """What may light the frame or shape it, in the order in which it is tried."""
 
@@ -114,7 +122,9 @@ def parameters(outline: Outline, shape: tuple[int, int], believed: Believed) -> 
         "x": Parameter("place", x, x, 0.1, "px", x - wide, x + wide, "of the finger's axis"),
         "y": Parameter("place", y, y, 0.1, "px", y - wide, y + wide, "of the finger's axis"),
         "finger_px": Parameter("place", wide, wide, 0.1, "px", 0.8 * wide, 1.25 * wide, "radius of the finger"),
-        "contact_size": Parameter("place", 0.0, 0.0, 0.01, "1", -0.3, 0.3, "logarithm of the contact's radius over the press's"),
+        "contact_size": Parameter(
+            "place", 0.0, 0.0, 0.01, "1", -0.3, 0.3, "logarithm of the contact's radius over the press's"
+        ),
         "contact_x": Parameter("place", 0.0, 0.0, 0.1, "px", -0.3 * wide, 0.3 * wide, "of the contact from the axis"),
         "contact_y": Parameter("place", 0.0, 0.0, 0.1, "px", -0.3 * wide, 0.3 * wide, "of the contact from the axis"),
         "blur": Parameter("place", 0.5, 0.5, 0.05, "px", 0.05, 4.0, "standard deviation of the frame's blur"),
@@ -127,8 +137,8 @@ def parameters(outline: Outline, shape: tuple[int, int], believed: Believed) -> 
         "backdrop": Parameter("backdrop", -12.0, -2.0, 0.05, "1", -12.0, 5.0, "logarithm of backdrop over one of 5 %"),
         "contact_right": _tilt("of contact and haze towards the right edge"),
         "contact_down": _tilt("of contact and haze towards the lower edge"),
-        "spill_right": _tilt("of spill towards the right edge"),
-        "spill_down": _tilt("of spill towards the lower edge"),
+        "spill_right": _tilt("of spill towards the right edge", "led_spill"),
+        "spill_down": _tilt("of spill towards the lower edge", "led_spill"),
     }
     for side, at in (("left", 0.0), ("right", cols - 1.0)):
         found |= {
@@ -138,16 +148,18 @@ def parameters(outline: Outline, shape: tuple[int, int], believed: Believed) -> 
         }
     below = y + 1.2 * wide
     found |= {
-        "streak_level": Parameter("led_edge_reflections", -12.0, -3.0, 0.1, "1", -12.0, 4.0, "logarithm of light"),
-        "streak_x": Parameter("led_edge_reflections", x, x + 0.6 * wide, 0.2, "px", -cols, 2 * cols, "at its foot"),
-        "streak_y": Parameter("led_edge_reflections", below, below, 0.2, "px", 0.0, 1.5 * rows, "of its foot"),
-        "streak_angle": Parameter("led_edge_reflections", 1.2, 1.1, 0.03, "rad", -0.1, 6.3832, "from the rows"),
-        "streak_width": Parameter("led_edge_reflections", 0.8, 0.8, 0.05, "px", 0.2, 6.0, "standard deviation"),
+        "streak_level": Parameter("streak", -12.0, -3.0, 0.1, "1", -12.0, 4.0, "logarithm of light"),
+        "streak_x": Parameter("streak", x, x + 0.6 * wide, 0.2, "px", -cols, 2 * cols, "at its foot"),
+        "streak_y": Parameter("streak", below, below, 0.2, "px", 0.0, 1.5 * rows, "of its foot"),
+        "streak_angle": Parameter("streak", 1.2, 1.1, 0.03, "rad", -0.1, 6.3832, "from the rows"),
+        "streak_width": Parameter("streak", 0.8, 0.8, 0.05, "px", 0.2, 6.0, "standard deviation"),
     }
     for i in range(CLOUD_MODES):
         for j in range(CLOUD_MODES):
             if i or j:
-                found[f"cloud_{i}_{j}"] = Parameter("clouds", 0.0, 0.0, 0.05, "1", -3.0, 3.0, "cosine of haze's logarithm")
+                found[f"cloud_{i}_{j}"] = Parameter(
+                    "clouds", 0.0, 0.0, 0.05, "1", -3.0, 3.0, "cosine of haze's logarithm", "plate_haze"
+                )
     return found
 
 
@@ -156,8 +168,8 @@ def _share(name: str, at: float) -> Parameter:
     return Parameter("response", at, at, 0.05, "1", low, high, f"logarithm of the {name} filter's share over the red's")
 
 
-def _tilt(doc: str) -> Parameter:
-    return Parameter("led_imbalance", 0.0, 0.0, 0.03, "1", -2.0, 2.0, f"logarithm of light {doc}")
+def _tilt(doc: str, also: str = "") -> Parameter:
+    return Parameter("led_imbalance", 0.0, 0.0, 0.03, "1", -2.0, 2.0, f"logarithm of light {doc}", also)
 
 
 class Model:
@@ -213,7 +225,9 @@ class Model:
         if "backdrop" in causes:
             total += part("backdrop") * np.exp(value["backdrop"])
         if "led_edge_reflections" in causes:
-            total += self._reflections(value)
+            total += self._bands(value)
+        if "streak" in causes:
+            total += self._streak(value)
         return total * (self.believed.level * np.exp(value["exposure"]))
 
     def predict(self, value: Mapping[str, float], causes: Collection[str]) -> Array:
@@ -244,16 +258,19 @@ class Model:
         down, across = self._modes
         return np.asarray(down @ weights @ across.T)
 
-    def _reflections(self, value: Mapping[str, float]) -> Array:
+    def _bands(self, value: Mapping[str, float]) -> Array:
         total = np.zeros(self._x.shape)
         for side in ("left", "right"):
             away = (self._x - value[f"{side}_at"]) / value[f"{side}_width"]
             total += np.exp(value[f"{side}_level"] - 0.5 * away**2)
+        return total
+
+    def _streak(self, value: Mapping[str, float]) -> Array:
         across = np.array([np.sin(value["streak_angle"]), -np.cos(value["streak_angle"])])
         dx, dy = self._x - value["streak_x"], self._y - value["streak_y"]
         away = (dx * across[0] + dy * across[1]) / value["streak_width"]
         along = dx * np.cos(value["streak_angle"]) + dy * np.sin(value["streak_angle"])
-        return np.asarray(total + np.exp(value["streak_level"] - 0.5 * away**2) / (1 + np.exp(-2.0 * along)))
+        return np.asarray(np.exp(value["streak_level"] - 0.5 * away**2) / (1 + np.exp(-2.0 * along)))
 
 
 def developed(level: Array, response: tuple[float, float, float], processor: ImageProcessor) -> Array:

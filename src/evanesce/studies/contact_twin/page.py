@@ -59,7 +59,11 @@ def side_by_side(twin: ContactTwin) -> Canvas:
     canvas = Canvas(figsize=(11.0, 6.4), layout="constrained")
     FigureCanvasAgg(canvas)
     axes = canvas.subplots(2, 3)
-    shown = [(_eight(data), "frame"), (_eight(simulated), "simulated"), (_eight(twin.added[0].fit.predicted), "as believed")]
+    shown = [
+        (_eight(data), "frame"),
+        (_eight(simulated), "simulated"),
+        (_eight(twin.added[0].fit.predicted), "as believed"),
+    ]
     for axis, (image, title) in zip(axes[0], shown, strict=True):
         axis.imshow(image, interpolation="nearest")
         axis.set_title(title)
@@ -144,7 +148,7 @@ def _figures(twin: ContactTwin) -> Section:
     return Section(
         "What the frame gives",
         paragraphs=[
-            f"A contact of this size on this finger takes {twin.force_N:.2g} N by the scene's contact law. The scale is "
+            f"A contact of this size on this finger takes {twin.force_N:.2g} N by the scene's contact law. Scale is "
             "a hypothesis: it holds if the lit disc is the whole finger. Medians are those of held-out blocks, frame / "
             "simulated."
         ],
@@ -157,7 +161,7 @@ def _histogram(twin: ContactTwin) -> Section:
     canvas = Canvas(figsize=(8.0, 3.4), layout="constrained")
     FigureCanvasAgg(canvas)
     axis = canvas.subplots()
-    bins = np.arange(0.0, 1.02, 0.01)
+    bins = np.arange(0.0, 1.02, 0.01).tolist()
     axis.hist(twin.picture.grey.ravel(), bins=bins, color="0.7", label="frame")
     axis.hist(simulated.ravel(), bins=bins, histtype="step", color="tab:red", label="simulated")
     axis.set(xlabel="grey of the published chain [1]", ylabel="pixels", yscale="log")

@@ -79,7 +79,9 @@ def picture_of(frame: NDArray[np.uint8], name: str = "frame") -> Picture:
     if frame.ndim != 3 or frame.shape[2] != 3:
         raise InputError("a grey picture", file=name, allowed="red, green and blue: the frame of a colour camera")
     if min(frame.shape[:2]) < LEAST_SIDE:
-        raise InputError(f"{frame.shape[1]} x {frame.shape[0]} pixels", file=name, allowed=f"sides from {LEAST_SIDE} px")
+        raise InputError(
+            f"{frame.shape[1]} x {frame.shape[0]} pixels", file=name, allowed=f"sides from {LEAST_SIDE} px"
+        )
     step = max(1, -(-frame.shape[1] // MOST_COLUMNS))
     rows, cols = (n // step for n in frame.shape[:2])
     cut = frame[: rows * step, : cols * step].astype(np.float64)

@@ -138,8 +138,11 @@ def contact_twin(
         without.append(_step(model, cause, _without(model, full.fit, cause), full))
     needed = ("place", *(s.cause for s in without if s.gain < -NEEDED_SD * s.gain_error))
     tick("with what is needed", steps - 1, steps)
-    needed = tuple(c for c in needed if c != "clouds" or "plate_haze" in needed)
-    last = full if set(needed) == set(full.fit.causes) else _step(model, "", fit(model, needed, [full.fit.value]), added[0])
+    last = (
+        full
+        if set(needed) == set(full.fit.causes)
+        else _step(model, "", fit(model, needed, [full.fit.value]), added[0])
+    )
     final = _step(model, "", last.fit, added[0])
     tick("done", steps, steps)
     return ContactTwin(picture, outline, scene, force, light, model, tuple(added), tuple(without), final)
@@ -152,9 +155,9 @@ def _starts(model: Model, cause: str, before: Fit) -> list[dict[str, float]]:
     starts = [held, {}]
     if cause == "response":
         return [{**held, **response_of(model)}]
-    if cause == "led_edge_reflections":
-        return [{**held, **streak_start(model, before)}, held]
-    if cause == "clouds":
+    if cause == "streak":
+        return [{**held, **streak_start(model, before)}]
+    if cause in ("clouds", "led_edge_reflections"):
         return [held]
     if "response" in before.causes:
         starts = [held, {name: held[name] for name in ("temperature", "green", "blue")}]

@@ -46,23 +46,22 @@ def figures(twin: ContactTwin) -> list[Figure]:
     """
     fit, believed = twin.final.fit, twin.model.believed
     error = dict(zip(fit.free, np.sqrt(np.diag(fit.covariance)).tolist(), strict=True))
-    radius_mm, bin_px = twin.light.finger_radius_mm, twin.picture.bin_px
+    rim_mm, contact_mm, bin_px = twin.light.rim_mm, twin.light.contact_mm, twin.picture.bin_px
+    diameter = twin.scene.finger.diameter_mm
 
     def of(name: str, unit: str, parameter: str, change: Callable[[float], float], doc: str) -> Figure:
         value, wide = fit.value[parameter], NINETY * error.get(parameter, float("nan"))
         ends = sorted((change(value - wide), change(value + wide)))
         return Figure(name, unit, change(value), ends[0], ends[1], doc)
 
-    contact = radius_mm * twin.light.radius_ratio
-
     def area(log_size: float) -> float:
-        return float(np.pi * (contact * np.exp(log_size)) ** 2)
+        return float(np.pi * (contact_mm * np.exp(log_size)) ** 2)
 
     found = [
         of("contact level", "1", "exposure", lambda v: believed.level * float(np.exp(v)), "1 fills the raw red value"),
         of(
-            "scale", "px/mm", "finger_px", lambda v: v * bin_px / radius_mm,
-            f"if the finger is {2 * radius_mm:g} mm wide; pixels of the frame as given",
+            "scale", "px/mm", "rim_px", lambda v: v * bin_px / rim_mm,
+            f"on the plate, if the finger is {diameter:g} mm wide and seems {2 * rim_mm:.1f} mm; pixels as given",
         ),
         of("contact area", "mm²", "contact_size", area, "at that scale"),
         of("blur", "px", "blur", lambda v: v * bin_px, "standard deviation, pixels of the frame as given"),

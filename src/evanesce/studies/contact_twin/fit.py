@@ -224,7 +224,7 @@ def streak_start(model: Model, found: Fit) -> dict[str, float]:
     """
     left = (model.picture.data - found.predicted).mean(axis=-1)
     y, x = np.nonzero(~model.picture.held_out)
-    value, radius = found.value, found.value["finger_px"]
+    value, radius = found.value, found.value["rim_px"]
     best: tuple[float, dict[str, float]] = (-np.inf, {})
     for around in np.arange(0.0, 2 * np.pi, np.pi / 36):
         foot = np.array([value["x"] + radius * np.cos(around), value["y"] + radius * np.sin(around)])

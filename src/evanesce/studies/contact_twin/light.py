@@ -16,7 +16,7 @@ from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState
 from evanesce.optics.seen import seen_at
 from evanesce.render.fast.transport import render_fast
-from evanesce.rig import Backdrop, Haze, Scene, Spill, Surroundings
+from evanesce.rig import Backdrop, Distortion, Haze, Scene, Spill, Surroundings
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -46,22 +46,31 @@ class PressLight:
         hundredth of the guided light at the top face. ``backdrop``: a dark plane above, lit by the same spill [1].
     px_per_mm : float
     state : ContactState
-    finger_radius_mm : float
     """
 
     parts: dict[str, Image]
     px_per_mm: float
     state: ContactState
-    finger_radius_mm: float
 
     @property
-    def radius_ratio(self) -> float:
-        """Radius of the contact's area over the finger's [1]."""
-        return float(np.sqrt(self.state.nominal_contact_area / np.pi) / self.finger_radius_mm)
+    def contact_mm(self) -> float:
+        """Radius of a disc of the contact's area [mm]."""
+        return float(np.sqrt(self.state.nominal_contact_area / np.pi))
+
+    @property
+    def rim_mm(self) -> float:
+        """Where the finger seems to end, on the plate [mm]: its flank lies above, farther from the camera."""
+        spill = self.parts["spill"]
+        rows, cols = np.indices(spill.shape) - (np.array(spill.shape) - 1)[:, None, None] / 2
+        radius = np.hypot(rows, cols)
+        rings = np.arange(1, spill.shape[0] // 2)
+        mean = np.array([spill[np.abs(radius - r) <= 0.5].mean() for r in rings])
+        outer = np.flatnonzero(mean > 0.5 * mean.max())
+        return float(rings[outer[-1]] + 0.5) / self.px_per_mm if outer.size else float("nan")
 
 
-def press_for(scene: Scene, ratio: float, name: str = "scene") -> float:
-    """Return the force [N] under which the contact's radius is ``ratio`` of the finger's.
+def press_of(scene: Scene, ratio: float, name: str = "scene") -> tuple[float, PressLight]:
+    """Return the force [N] under which the contact's radius is ``ratio`` of the finger's as it is seen, and its light.
 
     Parameters
     ----------
@@ -73,17 +82,28 @@ def press_for(scene: Scene, ratio: float, name: str = "scene") -> float:
 
     Returns
     -------
-    float
+    force_N : float
+    light : PressLight
 
     Raises
     ------
     InputError
         If no force from 0.05 to 200 N does.
     """
-    wanted = np.pi * (ratio * scene.finger.diameter_mm / 2) ** 2
+    rim = 0.85 * scene.finger.diameter_mm / 2
+    # The rim moves little with the force: twice is enough.
+    for _ in range(2):
+        force = _force_for(scene, float(np.pi * (ratio * rim) ** 2), name)
+        light = press_light(scene, force)
+        rim = light.rim_mm
+    return force, light
+
+
+def _force_for(scene: Scene, area: float, name: str) -> float:
+    """Return the force [N] that makes a contact of an area [mm^2]."""
 
     def excess(log_force: float) -> float:
-        return contact_state(scene, float(np.exp(log_force))).nominal_contact_area - wanted
+        return contact_state(scene, float(np.exp(log_force))).nominal_contact_area - area
 
     low = float(np.log(FORCES_N[0]))
     while low < np.log(FORCES_N[1]):
@@ -92,7 +112,7 @@ def press_for(scene: Scene, ratio: float, name: str = "scene") -> float:
             return float(np.exp(brentq(excess, low, low + _STEP, xtol=1e-3)))
         low += _STEP
     raise InputError(
-        f"no force gives a contact of {wanted:.1f} mm^2 on this finger", file=name, key="finger",
+        f"no force gives a contact of {area:.1f} mm^2 on this finger", file=name, key="finger",
         allowed=f"a contact that {FORCES_N[0]:g} to {FORCES_N[1]:g} N make",
     )  # fmt: skip
 
@@ -103,7 +123,8 @@ def press_light(scene: Scene, force_N: float) -> PressLight:
     Parameters
     ----------
     scene : Scene
-        Its camera, surroundings and effects are left out: the view is straight down, without a lens.
+        Its surroundings and effects are left out, and of its camera all but its distance: the view is straight down,
+        without a lens.
     force_N : float
         [N].
 
@@ -118,14 +139,14 @@ class _Key:
     """A scene by what the light depends on."""
 
     def __init__(self, scene: Scene) -> None:
-        side = round(WIDE * scene.finger.diameter_mm * PX_PER_MM)
-        camera = {"resolution_px": (side, side), "scale_px_per_mm": PX_PER_MM, "centre_mm": scene.finger.position_mm}
-        plain = scene.camera.model_copy(update=camera)
-        plain = plain.model_copy(
-            update={"lens": plain.lens.model_copy(update={"distortion": type(plain.lens.distortion)()})}
-        )
+        side, camera = round(WIDE * scene.finger.diameter_mm * PX_PER_MM), scene.camera
+        # Pixels that are larger by as much as the scale is smaller: the camera stays where it is.
+        pixel = camera.pixel.model_copy(update={"pitch_um": camera.pixel.pitch_um * camera.scale_px_per_mm / PX_PER_MM})
+        lens = camera.lens.model_copy(update={"distortion": Distortion()})
+        view = {"resolution_px": (side, side), "scale_px_per_mm": PX_PER_MM, "centre_mm": scene.finger.position_mm}
         level = {"tilt_x_deg": 0.0, "tilt_y_deg": 0.0, "roll_deg": 0.0, "principal_point_offset_px": (0.0, 0.0)}
-        plain = plain.model_copy(update={**level, "colour": None, "auto_exposure": None})
+        other = {"pixel": pixel, "lens": lens, "colour": None, "auto_exposure": None}
+        plain = camera.model_copy(update={**view, **level, **other})
         self.scene = seen_at(scene.model_copy(update={"camera": plain, "effects": {}, "surroundings": None}))
         self._text = repr(self.scene.as_dict())
 
@@ -155,7 +176,7 @@ def _press_light(key: _Key, force_N: float) -> PressLight:
     parts = {"contact": plain * (touching > 0.5), "flank": plain * (touching <= 0.5), **lit}
     level = float(plain[touching > 0.99].mean())
     images = {name: np.maximum(parts[name] / level, 0.0).astype(np.float32) for name in PARTS}
-    return PressLight(images, PX_PER_MM, state, scene.finger.diameter_mm / 2)
+    return PressLight(images, PX_PER_MM, state)
 
 
 def _radiance(scene: Scene, state: ContactState) -> Array:

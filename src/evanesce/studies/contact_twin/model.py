@@ -121,7 +121,7 @@ def parameters(outline: Outline, shape: tuple[int, int], believed: Believed) -> 
     found = {
         "x": Parameter("place", x, x, 0.1, "px", x - wide, x + wide, "of the finger's axis"),
         "y": Parameter("place", y, y, 0.1, "px", y - wide, y + wide, "of the finger's axis"),
-        "finger_px": Parameter("place", wide, wide, 0.1, "px", 0.8 * wide, 1.25 * wide, "radius of the finger"),
+        "rim_px": Parameter("place", wide, wide, 0.1, "px", 0.8 * wide, 1.25 * wide, "radius at which the finger ends"),
         "contact_size": Parameter(
             "place", 0.0, 0.0, 0.01, "1", -0.3, 0.3, "logarithm of the contact's radius over the press's"
         ),
@@ -189,6 +189,7 @@ class Model:
         rows, cols = picture.shape
         fine = [(np.arange(n * FINER) + 0.5) / FINER - 0.5 for n in (cols, rows)]
         self._x, self._y = (a.astype(np.float32) for a in np.meshgrid(*fine))
+        self._rim_mm = light.rim_mm
         self._modes = [_cosines(n * FINER) for n in (rows, cols)]
 
     def values(self, given: Mapping[str, float], causes: Collection[str]) -> dict[str, float]:
@@ -199,7 +200,7 @@ class Model:
 
     def level(self, value: Mapping[str, float], causes: Collection[str]) -> Array:
         """Return the light's level on the finer grid: 1 fills the raw red value [1]."""
-        scale = self.light.finger_radius_mm / value["finger_px"] * self.light.px_per_mm
+        scale = self._rim_mm / value["rim_px"] * self.light.px_per_mm
         middle = (self.light.parts["contact"].shape[0] - 1) / 2
         x, y = self._x - np.float32(value["x"]), self._y - np.float32(value["y"])
 

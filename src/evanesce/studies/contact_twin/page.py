@@ -167,15 +167,15 @@ def _histogram(twin: ContactTwin) -> Section:
     axis.set(xlabel="grey of the published chain [1]", ylabel="pixels", yscale="log")
     axis.legend()
     inside = within_contact(twin)
-    quantiles = ", ".join(f"{q:.3f}" for q in inside["quantiles"])
+    quantiles = ", ".join(f"{v:.3f} ({a:.3f} to {b:.3f})" for v, a, b in inside["quantiles"].values())
     shares = ", ".join(f"{c} {100 * s:.0f} %" for c, s in zip(CHANNELS, inside["variance_share"], strict=True))
     pairs = zip(peaks(twin.picture.grey), peaks(simulated), strict=False)
     return Section(
         "Grey",
         paragraphs=[
             "Peaks, frame / simulated: " + ", ".join(f"{a:.3f} / {b:.3f}" for a, b in pairs) + ".",
-            f"Within the contact the twin has grey of {quantiles} at 5, 25, 50, 75 and 95 %; its variance comes from "
-            f"{shares}.",
+            f"Within the contact, its rim left out, the twin has grey of {quantiles} at 5, 25, 50, 75 and 95 %; its "
+            f"variance comes from {shares}.",
         ],
         pictures=[Picture(figure_png(canvas), "Histograms of the grey image.")],
     )

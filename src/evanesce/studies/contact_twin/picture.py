@@ -134,6 +134,9 @@ def outline_of(picture: Picture, name: str = "frame") -> Outline:
         contact = _largest(picture.grey > 0.5 * picture.grey.max())
     if contact.sum() < LEAST_PIXELS:
         raise InputError("no contact that is brighter than its surroundings", file=name)
+    # By half of its own level, so that pixels on the edge count by what they hold.
+    level = green if green[contact].mean() > DARK_DN else picture.grey
+    contact = _largest(level > 0.5 * np.median(level[contact]))
     rows, cols = np.nonzero(contact)
     centre = float(cols.mean()), float(rows.mean())
     radius = float(np.sqrt(contact.sum() / np.pi))

@@ -112,7 +112,7 @@ def test_force_and_light_of_a_press() -> None:
     assert spill[(radius > 4.5) & (radius < light.rim_mm - 0.3)].mean() > 0.1
     assert spill[radius > light.rim_mm + 0.5].max() < 0.01
     assert haze[radius > 12].mean() > 0.0
-    with pytest.raises(InputError, match="no force"):
+    with pytest.raises(InputError, match="contact"):
         press_of(SCENE, 1.6)
 
 

@@ -106,6 +106,7 @@ def _contact(photo: Path, scene: str, seed: int, json_file: Path | None, out: Pa
     html.write(folder / "report.html", contact_page.page(made, photo.name, origin))
     write_text(folder / "twin_scene.toml", dump_scene(calibrated_scene(made)))
     found = record(made)
+    write_json(folder / "twin.json", {**found, "provenance": origin})
     write_json(json_file, {**found, "provenance": origin})
     _show_contact(found, folder)
 

@@ -51,6 +51,8 @@ def record(twin: ContactTwin) -> dict[str, Any]:
         "medians_DN": {name: {"frame": a.tolist(), "simulated": b.tolist()} for name, (a, b) in medians(twin).items()},
         "grey_peaks": {"frame": peaks(twin.picture.grey), "simulated": peaks(simulated @ LUMA / 255.0)},
         "grey_within_contact": within_contact(twin),
+        "place_px": {name: (twin.final.fit.value[name] + 0.5) * twin.picture.bin_px - 0.5 for name in ("x", "y")},
+        "simulated": simulated.round(2).tolist(),
         "notes": notes(twin),
     }
 

@@ -1,4 +1,4 @@
-"""``evanesce twin``: simulate a photographed checkerboard and put both side by side."""
+"""``evanesce twin``: simulate a photographed checkerboard, or a contact frame, and put both side by side."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from evanesce.cli.common import (
     handles_errors,
     messages,
     out_dir,
+    progress,
     write_json,
     write_text,
 )
@@ -34,10 +35,17 @@ def register(app: typer.Typer) -> None:
     @app.command()
     @handles_errors
     def twin(
-        photo: Annotated[Path, typer.Argument(metavar="PHOTO", help="Photograph of a checkerboard of 1 mm squares.")],
+        photo: Annotated[
+            Path,
+            typer.Argument(metavar="PICTURE", help="Photograph of a checkerboard of 1 mm squares, or a contact frame."),
+        ],
         scene: Annotated[
-            str, typer.Option("--scene", help="Rig whose plate, focal length and readout hold.")
-        ] = "thesis",
+            str | None,
+            typer.Option("--scene", help="Rig as believed (default: thesis; thesis_ridged_red for a contact frame)."),
+        ] = None,
+        contact: Annotated[
+            bool, typer.Option("--contact", help="The picture is a colour frame of a finger on the plate.")
+        ] = False,
         curve: Annotated[str, typer.Option("--curve", help=f"Tone curve of the photograph: {', '.join(CURVES)}.")] = (
             "libcamera"
         ),
@@ -45,11 +53,15 @@ def register(app: typer.Typer) -> None:
         json_file: JsonOption = None,
         out: OutOption = None,
     ) -> None:
-        """Fit the simulation to half of a photograph of a checkerboard, evaluate it on the other half, write a report.
+        """Fit the simulation to half of a picture, evaluate it on the other half, write a report.
 
-        Needs a board that fills most of the frame, lying on the glass. About a minute for a megapixel.
+        A board has to fill most of the frame, lying on the glass: about a minute for a megapixel. A contact frame has
+        to be in colour, with one contact and the lit finger around it: some two minutes, at any size.
         """
         check_json_target(json_file)
+        if contact:
+            _contact(photo, scene or "thesis_ridged_red", seed, json_file, out)
+            return
         if curve not in CURVES:
             raise InputError(f"'{curve}'", key="--curve", allowed=", ".join(CURVES))
         from evanesce.core import provenance
@@ -58,7 +70,7 @@ def register(app: typer.Typer) -> None:
         from evanesce.studies.twin.residuals import twin_residuals
         from evanesce.studies.twin.study import make_twin
 
-        loaded, base = read_image(photo), load_scene(scene)
+        loaded, base = read_image(photo), load_scene(scene or "thesis")
         folder = out_dir(out, "twin")
         with messages.status("corners, geometry, light and blur: about a minute for a megapixel"):
             made = make_twin(loaded.data, base, seed=seed, curve=curve)  # type: ignore[arg-type]
@@ -67,6 +79,62 @@ def register(app: typer.Typer) -> None:
         _write(folder, made, residuals, photo.name, origin)
         write_json(json_file, {**_record(made, residuals), "provenance": origin})
         _show(residuals, folder)
+
+
+def _contact(photo: Path, scene: str, seed: int, json_file: Path | None, out: Path | None) -> None:
+    """Run the twin of a contact frame."""
+    from evanesce.core import provenance
+    from evanesce.measurement.io.images import read_image
+    from evanesce.report import html
+    from evanesce.rig import dump_scene, load_scene
+    from evanesce.sensor.codec import replacing
+    from evanesce.studies.contact_twin import page as contact_page
+    from evanesce.studies.contact_twin.record import calibrated_scene, record
+    from evanesce.studies.contact_twin.study import contact_twin
+
+    loaded, base = read_image(photo), load_scene(scene)
+    folder = out_dir(out, "twin")
+    with progress() as bar:
+        task = bar.add_task("fits", total=None)
+        made = contact_twin(
+            loaded.data, base, str(photo),
+            lambda step, done, of: bar.update(task, description=step, completed=done, total=of),
+        )  # fmt: skip
+    origin = provenance.record(seed=seed, config=base.as_dict(), frame=photo.name)
+    with replacing(folder / "side_by_side.png") as path:
+        path.write_bytes(html.figure_png(contact_page.side_by_side(made)))
+    html.write(folder / "report.html", contact_page.page(made, photo.name, origin))
+    write_text(folder / "twin_scene.toml", dump_scene(calibrated_scene(made)))
+    found = record(made)
+    write_json(folder / "twin.json", {**found, "provenance": origin})
+    write_json(json_file, {**found, "provenance": origin})
+    _show_contact(found, folder)
+
+
+def _show_contact(found: dict[str, Any], folder: Path) -> None:
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title="Residual on blocks that no fit has seen")
+    for column in ("model", "red [DN]", "green [DN]", "blue [DN]", "gain [nat]"):
+        table.add_column(Text(column), justify="left" if column == "model" else "right")
+    rows = [("believed rig", found["added"][0])]
+    rows += [(f"without {row['cause']}", row) for row in found["without"]]
+    rows.append(("final", found["final"]))
+    for name, row in rows:
+        rms = [f"{value:.1f}" for value in row["rms_DN"]]
+        table.add_row(name, *rms, f"{row['gain_nat']:+.0f} ± {row['gain_error_nat']:.0f}")
+    console.print(table)
+    figures = Table(title="What the frame gives (90 %)")
+    for column in ("figure", "estimate", "interval", "unit", "meaning"):
+        figures.add_column(Text(column))
+    for one in found["figures"]:
+        ends = "held" if one["low"] is None else f"{one['low']:.3g} to {one['high']:.3g}"
+        figures.add_row(one["name"], f"{one['value']:.3g}", ends, one["unit"], one["meaning"])
+    console.print(figures)
+    for note in found["notes"]:
+        messages.print(f"note: {note}", soft_wrap=True, highlight=False, markup=False)
+    console.print(f"report: {folder / 'report.html'}", soft_wrap=True, highlight=False, markup=False)
 
 
 def _write(folder: Path, made: Twin, residuals: TwinResiduals, name: str, origin: Any) -> None:

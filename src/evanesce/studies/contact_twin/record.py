@@ -1,0 +1,134 @@
+"""The twin of a contact frame as plain data, and as a scene to simulate with."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from evanesce.rig import Backdrop, Haze, Scene, Spill, Surroundings
+from evanesce.studies.contact_twin.figures import figures
+from evanesce.studies.contact_twin.light import BACKDROP, HAZE_SHARE, SPILL_HEIGHT_MM
+from evanesce.studies.contact_twin.picture import LUMA
+from evanesce.studies.contact_twin.study import ContactTwin, Step, medians, peaks, within_contact
+
+LARGE_DN = 20.0
+"""A residual above this in any channel is named in a note: the twin is then a sketch of the frame."""
+
+
+def record(twin: ContactTwin) -> dict[str, Any]:
+    """Return the twin as JSON-able data.
+
+    Parameters
+    ----------
+    twin : ContactTwin
+
+    Returns
+    -------
+    dict
+        Models with residuals and gains, figures with 90 % intervals, medians of the regions, peaks of the grey
+        histogram, grey within the contact, and notes on what the twin does not do.
+    """
+    simulated = twin.final.fit.predicted
+    return {
+        "bin_px": twin.picture.bin_px,
+        "force_N": twin.force_N,
+        "added": [_model(step) for step in twin.added],
+        "without": [_model(step) for step in twin.without],
+        "final": {**_model(twin.final), "causes": list(twin.final.fit.causes)},
+        "figures": [
+            {
+                "name": f.name,
+                "unit": f.unit,
+                "value": f.value,
+                "low": _number(f.low),
+                "high": _number(f.high),
+                "meaning": f.doc,
+            }
+            for f in figures(twin)
+        ],
+        "medians_DN": {name: {"frame": a.tolist(), "simulated": b.tolist()} for name, (a, b) in medians(twin).items()},
+        "grey_peaks": {"frame": peaks(twin.picture.grey), "simulated": peaks(simulated @ LUMA / 255.0)},
+        "grey_within_contact": within_contact(twin),
+        "place_px": {name: (twin.final.fit.value[name] + 0.5) * twin.picture.bin_px - 0.5 for name in ("x", "y")},
+        "simulated": simulated.round(2).tolist(),
+        "notes": notes(twin),
+    }
+
+
+def notes(twin: ContactTwin) -> list[str]:
+    """Return what a reader must know before the figures are used.
+
+    Parameters
+    ----------
+    twin : ContactTwin
+
+    Returns
+    -------
+    list of str
+    """
+    found = []
+    large = {c: v for c, v in zip(("red", "green", "blue"), twin.final.rms_DN.tolist(), strict=True) if v > LARGE_DN}
+    if large:
+        found.append("the twin misses held-out blocks by " + ", ".join(f"{v:.0f} DN in {c}" for c, v in large.items()))
+    for one in figures(twin):
+        if not math.isnan(one.low) and one.low <= 0.2 * one.value and one.high >= 5 * one.value:
+            found.append(f"{one.name} is not determined by this frame")
+    if twin.final.gain < 2 * twin.final.gain_error:
+        found.append("no cause makes the frame better predicted than the believed rig does")
+    return found
+
+
+def calibrated_scene(twin: ContactTwin) -> Scene:
+    """Return the believed scene with what the frame gives: press, light beside the contact, filters, place and scale.
+
+    Exposure is set by the analogue gain, within what it may be.
+
+    Parameters
+    ----------
+    twin : ContactTwin
+
+    Returns
+    -------
+    Scene
+    """
+    fit, scene = twin.final.fit, twin.scene
+    spill = float(np.exp(fit.value["spill"])) if "led_spill" in fit.causes else 0.0
+    haze = HAZE_SHARE * float(np.exp(fit.value["haze"])) if "plate_haze" in fit.causes else 0.0
+    cloth = BACKDROP.reflectance * float(np.exp(fit.value["backdrop"])) if "backdrop" in fit.causes else 0.0
+    surroundings = Surroundings(
+        spill=Spill(share=min(spill, 10.0), height_mm=SPILL_HEIGHT_MM),
+        haze=Haze(top_share=min(haze, 0.5)),
+        backdrop=Backdrop(reflectance=min(cloth / spill, 1.0) if spill > 0 else 0.0, distance_mm=BACKDROP.distance_mm),
+    )
+    camera = scene.camera
+    if camera.colour is not None and "response" in fit.causes:
+        response, kelvin = twin.model.settings(fit.value)
+        top = max(twin.model.believed.response)
+        shares = tuple(min(1.0, share * top) for share in response)
+        colour = camera.colour.model_copy(update={"response": shares, "temperature_K": kelvin})
+        camera = camera.model_copy(update={"colour": colour})
+    press = scene.press.model_copy(update={"forces_N": (round(twin.force_N, 3),), "ramp": None})
+    kept = {key: text for key, text in scene.sources.items() if not key.startswith(("camera.colour", "press"))}
+    assumed = {key: text for key, text in scene.assumptions.items() if not key.startswith(("camera.colour", "press"))}
+    return scene.model_copy(
+        update={
+            "surroundings": surroundings, "camera": camera, "press": press, "sources": kept, "assumptions": assumed,
+            "title": f"{scene.title}, as a contact frame gives it",
+        }
+    )  # fmt: skip
+
+
+def _model(step: Step) -> dict[str, Any]:
+    return {
+        "cause": step.cause,
+        "rms_DN": step.rms_DN.tolist(),
+        "log_score_nat": step.score,
+        "gain_nat": step.gain,
+        "gain_error_nat": step.gain_error,
+    }
+
+
+def _number(value: float) -> float | None:
+    return None if math.isnan(value) else value

@@ -109,11 +109,15 @@ def measure_rates(quick: bool) -> dict[str, Any]:
         "precompute_s": time.perf_counter() - start,
         "precompute_cpu_s": time.process_time() - cpu,
         "rates": {name: frame_rate(name, 40 if quick else 150) for name in ("llvm", "numpy")},
+        "colour_rates": {
+            name: frame_rate(name, 40 if quick else 150, "thesis_ridged_red") for name in ("llvm", "numpy")
+        },
         "peak_memory_MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         "load": os.getloadavg()[0],
     }
-    for name, rate in found["rates"].items():
-        print(name, ", ".join(f"{key} {value:.1f}" for key, value in rate.items()), "a frame")
+    for kind, rates in (("grey", found["rates"]), ("colour", found["colour_rates"])):
+        for name, rate in rates.items():
+            print(kind, name, ", ".join(f"{key} {value:.1f}" for key, value in rate.items()), "a frame")
     return found
 
 

@@ -174,7 +174,11 @@ class Lattice:
 
     def _fit_patch(self) -> bool:
         _, lattice, _ = self._predict(self.cells)
-        fit = fit_saddles(self.image, self._at(self.cells), lattice)
+        places = self._at(self.cells)
+        height = alternation(self.image, places, lattice, _parity(self.cells))
+        if not ((height > 0).all() or (alternation(self.image, places, lattice, -_parity(self.cells)) > 0).all()):
+            return False
+        fit = fit_saddles(self.image, places, lattice, **GROWTH)
         even = fit.contrast * _parity(self.cells)
         good = (fit.explained > MIN_EXPLAINED) & (np.sign(even) == np.sign(np.median(even))) & (fit.support > 0.9)
         # the outer corner of a border square is a saddle of the smoothed image, too: three of its quadrants are alike

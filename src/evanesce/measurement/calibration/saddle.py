@@ -21,13 +21,14 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 Array = NDArray[np.float64]
+Single = NDArray[np.float32]
 
 ITERATIONS = 25
 MAX_HALF_WIDTH_PX = 13.0
 MAX_BATCH_SAMPLES = 40_000  # the derivatives of a batch (3.5 MB) stay in the cache
 MEDIAN_OF = 4  # every fourth sample of a window, whose side is odd, gives the scale of its residuals
 _CAUCHY = 2.385  # 95 % efficiency on Gaussian noise (Holland & Welsch 1977)
-_SQRT2 = np.sqrt(2.0)
+_SAME = 1 + 1e-6  # sums of squares that differ by less are equal in single precision
 # the columns of the parameters
 X, Y, LEVEL, SLOPE_X, SLOPE_Y, CONTRAST, BUMP = 0, 1, 6, 7, 8, 9, 10
 ANGLE, WIDTH = slice(2, 4), slice(4, 6)
@@ -162,12 +163,13 @@ def _fit_batch(
     dx, dy, values, inside = _windows(image, base, reach)
     start = centres - base
     inverse = np.linalg.inv(lattice)
-    in_squares = np.zeros(values.shape)
+    in_squares = np.zeros(values.shape, dtype=np.float32)
     for k in (0, 1):  # u, v of each sample
-        offset = inverse[:, k, :1] * (dx - start[:, :1]) + inverse[:, k, 1:] * (dy - start[:, 1:])
+        across, along = inverse[:, k, :1].astype(np.float32), inverse[:, k, 1:].astype(np.float32)
+        offset = across * dx + along * dy - (inverse[:, k] * start).sum(axis=1, keepdims=True).astype(np.float32)
         np.maximum(in_squares, np.abs(offset), out=in_squares)
     window = in_squares <= widths[:, None]
-    mask = (window & inside).astype(np.float64)
+    mask = (window & inside).astype(np.float32)
 
     pitch = np.sqrt(np.abs(np.linalg.det(lattice)))
     theta = np.zeros((len(centres), 11))
@@ -197,7 +199,7 @@ def _fit_batch(
     )
 
 
-def _windows(image: Array, base: NDArray[np.int64], reach: int) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+def _windows(image: Array, base: NDArray[np.int64], reach: int) -> tuple[Single, Single, Single, NDArray[np.bool_]]:
     """Return offsets dx, dy (m,), grey values (n, m) and which of them lie inside the image."""
     offsets = np.arange(-reach, reach + 1)
     dx, dy = (g.ravel() for g in np.meshgrid(offsets, offsets))
@@ -205,19 +207,20 @@ def _windows(image: Array, base: NDArray[np.int64], reach: int) -> tuple[Array, 
     x, y = base[:, :1] + dx, base[:, 1:] + dy
     inside = (x >= 0) & (x < cols) & (y >= 0) & (y < rows)
     values = image[np.clip(y, 0, rows - 1), np.clip(x, 0, cols - 1)]
-    return dx.astype(np.float64), dy.astype(np.float64), values, inside
+    return dx.astype(np.float32), dy.astype(np.float32), values.astype(np.float32), inside
 
 
-def _model(theta: Array, dx: Array, dy: Array) -> tuple[Array, Array]:
-    """Return the model (n, m) and its derivatives (n, 11, m) by the parameters."""
+def _model(values: Array, dx: Single, dy: Single) -> tuple[Single, Single]:
+    """Return the model (n, m) and its derivatives (n, 11, m) by the parameters, in single precision: it is fast."""
+    theta = values.astype(np.float32)
     x, y = dx - theta[:, X, None], dy - theta[:, Y, None]
     contrast, bump = theta[:, CONTRAST, None], theta[:, BUMP, None]
     cos, sin = np.cos(theta[:, ANGLE]), np.sin(theta[:, ANGLE])
-    scale = 1 / (_SQRT2 * np.exp(theta[:, WIDTH]))
+    scale = np.float32(np.sqrt(0.5)) * np.exp(-theta[:, WIDTH])
     d = [(x * cos[:, k, None] + y * sin[:, k, None]) * scale[:, k, None] for k in (0, 1)]
     gauss = [np.exp(-dk * dk) for dk in d]
     edge = [_erf(dk, g) for dk, g in zip(d, gauss, strict=True)]
-    jacobian = np.empty((len(theta), 11, x.shape[1]))
+    jacobian = np.empty((len(theta), 11, x.shape[1]), dtype=np.float32)
     cross = np.multiply(edge[0], edge[1], out=jacobian[:, CONTRAST])
     both = np.multiply(gauss[0], gauss[1], out=jacobian[:, BUMP])
     jacobian[:, LEVEL], jacobian[:, SLOPE_X], jacobian[:, SLOPE_Y] = 1.0, x, y
@@ -225,7 +228,7 @@ def _model(theta: Array, dx: Array, dy: Array) -> tuple[Array, Array]:
     model += contrast * cross
     model += bump * both
     twice = 2 * bump * both
-    by_d = [(2 / np.sqrt(np.pi)) * contrast * gauss[k] * edge[1 - k] - twice * d[k] for k in (0, 1)]
+    by_d = [np.float32(2 / np.sqrt(np.pi)) * contrast * gauss[k] * edge[1 - k] - twice * d[k] for k in (0, 1)]
     for column, trig, slope in ((X, cos, SLOPE_X), (Y, sin, SLOPE_Y)):
         pull = by_d[0] * (trig * scale)[:, 0, None] + by_d[1] * (trig * scale)[:, 1, None]
         np.subtract(-theta[:, slope, None], pull, out=jacobian[:, column])
@@ -236,7 +239,7 @@ def _model(theta: Array, dx: Array, dy: Array) -> tuple[Array, Array]:
     return model, jacobian
 
 
-def _erf(x: Array, gauss: Array) -> Array:
+def _erf(x: Single, gauss: Single) -> Single:
     """Return erf(x) to 1.5e-7 with gauss = exp(-x^2) at hand (Abramowitz & Stegun 1964, 7.1.26).
 
     The error is odd in x, as the function is, so that it does not move a corner.
@@ -253,29 +256,37 @@ def _erf(x: Array, gauss: Array) -> Array:
     return np.copysign(1.0 - total, x)
 
 
-def _start_levels(theta: Array, dx: Array, dy: Array, values: Array, mask: Array) -> None:
+def _start_levels(theta: Array, dx: Single, dy: Single, values: Single, mask: Single) -> None:
     """Fill in the linear parameters (level, slopes, contrast) by least squares at the starting geometry."""
     _, jacobian = _model(theta, dx, dy)
     linear = jacobian[:, LEVEL : CONTRAST + 1]
     weighted = linear * mask[:, None]
-    solved = np.linalg.solve(weighted @ linear.swapaxes(1, 2) + 1e-9 * np.eye(4), weighted @ values[..., None])
+    normal, right = (weighted @ linear.swapaxes(1, 2)).astype(np.float64), weighted @ values[..., None]
+    solved = np.linalg.solve(normal + 1e-9 * np.eye(4), right.astype(np.float64))
     theta[:, LEVEL : CONTRAST + 1] = solved[..., 0]
 
 
-def _cauchy(residual: Array, mask: Array) -> Array:
+def _cauchy(residual: Single, mask: Single) -> Single:
     """Return robust weights; the scale is the window's own median absolute residual, at least half a grey level."""
     some = slice(None, None, MEDIAN_OF if residual.shape[1] >= 64 * MEDIAN_OF else 1)
     inside = mask[:, some] > 0
-    ordered = np.sort(np.where(inside, np.abs(residual[:, some]), np.inf), axis=1)
+    ordered = np.sort(np.where(inside, np.abs(residual[:, some]), np.float32(np.inf)), axis=1)
     middle = np.maximum(inside.sum(axis=1) - 1, 0) // 2
     median = ordered[np.arange(len(ordered)), middle]
-    scale = np.maximum(1.4826 * np.where(np.isfinite(median), median, 0.0), 0.5)
-    return mask / (1 + (residual / (_CAUCHY * scale[:, None])) ** 2)
+    scale = np.maximum(1.4826 * np.where(np.isfinite(median), median, 0.0), 0.5).astype(np.float32)
+    return np.asarray(mask / (1 + (residual / (np.float32(_CAUCHY) * scale[:, None])) ** 2))
 
 
 def _levenberg(
-    theta: Array, dx: Array, dy: Array, values: Array, mask: Array, pitch: Array, tolerance_px: float, iterations: int
-) -> tuple[Array, Array]:
+    theta: Array,
+    dx: Single,
+    dy: Single,
+    values: Single,
+    mask: Single,
+    pitch: Array,
+    tolerance_px: float,
+    iterations: int,
+) -> tuple[Array, Single]:
     """Return parameters and weights after iteratively reweighted Levenberg-Marquardt steps.
 
     Corners drop out of the batch as they converge.
@@ -293,8 +304,8 @@ def _levenberg(
         if step == iterations or not active.size:
             break
         weighted = jacobian * robust[:, None]
-        normal = weighted @ jacobian.swapaxes(1, 2)
-        gradient = weighted @ residual[..., None]
+        normal = (weighted @ jacobian.swapaxes(1, 2)).astype(np.float64)
+        gradient = (weighted @ residual[..., None]).astype(np.float64)
         diagonal = np.einsum("kii->ki", normal)
         lifted = normal + np.eye(theta.shape[1]) * (damping[active, None] * diagonal + 1e-9)[:, None, :]
         tried = now + np.linalg.solve(lifted, gradient)[..., 0]
@@ -305,7 +316,7 @@ def _levenberg(
         limit = np.abs(tried[:, CONTRAST])
         tried[:, BUMP] = np.clip(tried[:, BUMP], -limit, limit)
         there, slope = _model(tried, dx, dy)
-        better = (robust * (grey - there) ** 2).sum(1) <= (robust * residual**2).sum(1)
+        better = (robust * (grey - there) ** 2).sum(1) <= _SAME * (robust * residual**2).sum(1)
         moved = np.abs(tried[:, :2] - now[:, :2]).max(axis=1)
         theta[active[better]] = tried[better]
         there[~better], slope[~better] = model[~better], jacobian[~better]

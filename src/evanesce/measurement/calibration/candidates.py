@@ -61,16 +61,18 @@ def candidates_of(image: Array, sigma: float) -> Candidates:
     taps = _gaussian_taps(sigma)
     hxx, hyy, hxy = (_separable(small, taps[kx], taps[ky]) for kx, ky in ((2, 0), (0, 2), (1, 1)))
     # eigenvalues of the Hessian: mean +- root; a saddle has one of each sign
-    mean, root = (hxx + hyy) / 2, np.hypot((hxx - hyy) / 2, hxy)
+    mean, root = (hxx + hyy) / 2, np.asarray(cv2.magnitude((hxx - hyy) / 2, hxy))
     strength = np.maximum(root - np.abs(mean), 0.0) * np.float32(sigma**2)
-    smooth = _widely_smoothed(small, 6 * sigma)
-    local = np.sqrt(np.maximum(_widely_smoothed((small - smooth) ** 2, 6 * sigma), 0.0))
     floor = max(1e-3 * float(np.ptp(image)), 1e-12)
     # a sharp corner of contrast a has strength 2 a/pi and local deviation a
     side = 2 * int(np.ceil(1.5 * sigma)) + 1
     peaks = cv2.dilate(strength, np.ones((side, side), np.uint8), borderType=cv2.BORDER_REPLICATE)
-    down, along_x = np.nonzero((strength == peaks) & (strength > 0.15 * local) & (local > floor))
-    order = np.argsort(-(strength / np.maximum(local, floor))[down, along_x], kind="stable")
+    down, along_x = np.nonzero((strength == peaks) & (strength > 0.15 * floor))
+    deviation = _local_deviation(small, 6 * sigma)
+    local = deviation[down * deviation.shape[0] // small.shape[0], along_x * deviation.shape[1] // small.shape[1]]
+    ratio = strength[down, along_x] / np.maximum(local, floor)
+    order = np.argsort(-ratio, kind="stable")
+    order = order[(ratio > 0.15)[order] & (local > floor)[order]]
     down, along_x = down[order], along_x[order]
     xx, yy, xy = hxx[down, along_x], hyy[down, along_x], hxy[down, along_x]
     angle = 0.5 * np.arctan2(2 * xy, xx - yy)  # of the eigenvector with the larger eigenvalue
@@ -97,15 +99,22 @@ def _separable(image: Single, along_x: Array, along_y: Array) -> Single:
     return np.asarray(cv2.sepFilter2D(image, cv2.CV_32F, along_x, along_y, borderType=cv2.BORDER_REPLICATE))
 
 
-def _widely_smoothed(image: Single, sigma: float) -> Single:
-    """Smooth by a wide Gaussian, on an image reduced so far that its standard deviation is 3 px there."""
+def _local_deviation(image: Single, sigma: float) -> Single:
+    """Return the standard deviation within a wide Gaussian, on an image so small that the Gaussian's is 3 px there."""
     rows, cols = image.shape
     factor = max(1.0, sigma / 3.0)
     size = max(1, round(cols / factor)), max(1, round(rows / factor))
-    small = cv2.GaussianBlur(
-        cv2.resize(image, size, interpolation=cv2.INTER_AREA), (0, 0), sigma / factor, borderType=cv2.BORDER_REPLICATE
+    centred = image - np.float32(image.mean())
+    first, second = (
+        cv2.GaussianBlur(
+            cv2.resize(part, size, interpolation=cv2.INTER_AREA),
+            (0, 0),
+            sigma / factor,
+            borderType=cv2.BORDER_REPLICATE,
+        )
+        for part in (centred, centred * centred)
     )
-    return np.asarray(cv2.resize(small, (cols, rows), interpolation=cv2.INTER_LINEAR))
+    return np.asarray(np.sqrt(np.maximum(second - first * first, 0)), dtype=np.float32)
 
 
 def seeds(candidates: Candidates, taken: NDArray[np.bool_]) -> Iterator[tuple[list[int], Array]]:
@@ -164,7 +173,7 @@ def _neighbours(candidates: Candidates, tree: KDTree, centres: Indices) -> tuple
     length = np.linalg.norm(offset, axis=-1)
     edges = candidates.edges[centres]
     along = np.stack([edges[:, 0], -edges[:, 0], edges[:, 1], -edges[:, 1]], axis=1)
-    ahead = np.einsum("mka,mda->mdk", offset, along) >= np.cos(np.deg2rad(15.0)) * length[:, None]
+    ahead = along @ offset.swapaxes(1, 2) >= np.cos(np.deg2rad(15.0)) * length[:, None]
     opposite = np.abs((bright[near] * bright[centres, None]).sum(axis=-1)) < 0.6
     fits = ahead & opposite[:, None]
     return np.take_along_axis(near, fits.argmax(axis=2), axis=1), fits.any(axis=2).all(axis=1)

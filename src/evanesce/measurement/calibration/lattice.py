@@ -270,7 +270,7 @@ class Lattice:
         middle = (places * there[..., None]).sum(axis=1) / np.maximum(count, 1)[:, None]
         weight = there * _NEARNESS
         normal = (weight @ _PRODUCTS).reshape(-1, 6, 6)
-        right = np.einsum("nm,ma,nmk->nak", weight, _BASIS, places - middle[:, None])
+        right = _BASIS.T @ (weight[..., None] * (places - middle[:, None]))
         grid = there.reshape(-1, 2 * _REACH + 1, 2 * _REACH + 1)
         lines = np.minimum(grid.any(axis=1).sum(axis=1), grid.any(axis=2).sum(axis=1))
         quadratic = (count >= 10) & (lines >= 3)

@@ -28,6 +28,7 @@ CONTRAST_RANGE = (0.25, 3.0)
 MAX_TURN = np.deg2rad(20.0)
 MIN_SUPPORT = 0.5
 MIN_ALTERNATION = 0.5
+NEAR_PART = (0.06, 0.18)  # squares from a corner, seen of a square that the frame cuts
 HINT_ALTERNATION = 0.1  # at the predicted place, up to MAX_SHIFT off, before a fit is tried
 FRAME_MARGIN = 0.25  # squares from the frame's border within which a corner may be missed
 MIN_EIGENVALUE = 1e-10  # of the largest, below which the corners around determine no local lattice
@@ -304,9 +305,10 @@ def _chosen(fit: SaddleFit, which: NDArray[Any]) -> SaddleFit:
 
 
 def alternation(image: Array, position: Array, lattice: Array, contrast: Array) -> Array:
-    """Return by how much the darkest bright square around a corner exceeds the brightest dark one (NaN: unknown).
+    """Return by how much the darkest bright square around a corner exceeds the brightest dark one.
 
-    At the outer border of a board, where a corner model can still be fitted, it is about zero.
+    At the outer border of a board, where a corner model can still be fitted, it is about zero. All four squares count:
+    where the frame cuts one off, its part next to the corner; NaN, which passes no limit, where that is out of sight.
 
     Parameters
     ----------
@@ -323,9 +325,14 @@ def alternation(image: Array, position: Array, lattice: Array, contrast: Array) 
     ndarray (n,)
         [the image's unit]
     """
-    signed = quadrants(image, position, lattice) * np.sign(contrast)[:, None]
+    squares = quadrants(image, position, lattice)
+    cut = np.isnan(squares).any(axis=1)
+    if cut.any():
+        near = quadrants(image, position[cut], lattice[cut], NEAR_PART)
+        squares[cut] = np.where(np.isnan(squares[cut]), near, squares[cut])
+    signed = squares * np.sign(contrast)[:, None]
     bright, dark = signed[:, 0::2], signed[:, 1::2]
-    return np.asarray(np.fmin(bright[:, 0], bright[:, 1]) - np.fmax(dark[:, 0], dark[:, 1]))
+    return np.asarray(bright.min(axis=1) - dark.max(axis=1))
 
 
 def _parity(cells: NDArray[np.int64]) -> Array:

@@ -118,7 +118,7 @@ def fit_saddles(
     return SaddleFit(**joined)
 
 
-def quadrants(image: Array, position: Array, lattice: Array) -> Array:
+def quadrants(image: Array, position: Array, lattice: Array, part: tuple[float, float] = (0.18, 0.45)) -> Array:
     """Return the median grey value of the four squares that meet at each corner, the middle part of their near halves.
 
     Parameters
@@ -128,13 +128,15 @@ def quadrants(image: Array, position: Array, lattice: Array) -> Array:
         (x, y) [px].
     lattice : ndarray (n, 2, 2)
         As for :func:`fit_saddles`.
+    part : tuple of float
+        Between these distances from both edges [squares].
 
     Returns
     -------
     ndarray (n, 4)
         In the order (+u +v), (-u +v), (-u -v), (+u -v); NaN where most of a square lies outside the image.
     """
-    inner = np.linspace(0.18, 0.45, 5)
+    inner = np.linspace(*part, 5)
     u, v = (g.ravel() for g in np.meshgrid(inner, inner))
     signs = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)], dtype=np.float64)
     offsets = signs[:, None, :] * np.stack([u, v], axis=-1)

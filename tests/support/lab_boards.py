@@ -6,6 +6,7 @@ Integer coordinates are pixel centres. Nothing of the package is used.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import cv2
@@ -114,25 +115,46 @@ def pose_of(rng: np.random.Generator, lens: Lens, board: Board, tilt: float = 0.
 
 
 def draw(lens: Lens, board: Board, pose: Pose, look: Look, rng: np.random.Generator) -> NDArray[np.uint8]:
-    """The 8-bit picture."""
+    """The 8-bit picture of a board."""
+
+    def paint(x: Array, y: Array) -> Array:
+        i, j = x / board.side + board.nx / 2, y / board.side + board.ny / 2
+        inside = (i > 0) & (i < board.nx) & (j > 0) & (j < board.ny)
+        square = np.where((np.floor(i) + np.floor(j)) % 2 == 0, look.dark, look.bright)
+        return np.where(inside, square, look.surround)
+
+    tip = board.side * np.array([[0.8 - board.nx / 2, 0.8 - board.ny / 2]])
+    return _picture(lens, pose, paint, look, rng, lens.project(pose.place(tip))[0])
+
+
+def draw_card(lens: Lens, side: float, pose: Pose, look: Look, rng: np.random.Generator) -> NDArray[np.uint8]:
+    """The 8-bit picture of a white square of that side [mm] on black."""
+
+    def paint(x: Array, y: Array) -> Array:
+        return np.where((np.abs(x) < side / 2) & (np.abs(y) < side / 2), look.bright, look.dark)
+
+    return _picture(lens, pose, paint, look, rng, None)
+
+
+def _picture(
+    lens: Lens, pose: Pose, paint: Callable[[Array, Array], Array], look: Look, rng: np.random.Generator,
+    tip: Array | None,
+) -> NDArray[np.uint8]:  # fmt: skip
     x, y = lens.rays()
     plane = np.column_stack([pose.rotation[:, 0], pose.rotation[:, 1], pose.shift])
     mapped = np.tensordot(np.linalg.inv(plane), np.stack([x, y, np.ones_like(x)]), 1)
-    bx, by = mapped[0] / mapped[2] / board.side, mapped[1] / mapped[2] / board.side
+    bx, by = mapped[0] / mapped[2], mapped[1] / mapped[2]
     (bx_v, bx_u), (by_v, by_u) = np.gradient(bx), np.gradient(by)
     light, ways = np.zeros(x.shape), 5
     fine = (np.arange(ways) + 0.5) / ways - 0.5
-    for dv in fine:
-        for du in fine:
-            i, j = bx + bx_u * du + bx_v * dv + board.nx / 2, by + by_u * du + by_v * dv + board.ny / 2
-            inside = (i > 0) & (i < board.nx) & (j > 0) & (j < board.ny)
-            square = np.where((np.floor(i) + np.floor(j)) % 2 == 0, look.dark, look.bright)
-            light += np.where(inside, square, look.surround) / ways**2
+    for a in range(ways):  # sheared, so that an edge along the pixels meets 25 places, not 5
+        for b in range(ways):
+            du, dv = fine[a] + fine[b] / ways, fine[b] + fine[a] / ways
+            light += paint(bx + bx_u * du + bx_v * dv, by + by_u * du + by_v * dv) / ways**2
     rows, cols = light.shape
     v, u = np.indices(light.shape)
     light = light * (1 + 0.15 * (u / cols - 0.5) - 0.1 * (v / rows - 0.5))
-    if look.finger:
-        tip = lens.project(pose.place(board.side * np.array([[0.8 - board.nx / 2, 0.8 - board.ny / 2]])))[0]
+    if look.finger and tip is not None:
         near = np.hypot((u - tip[0]) / (0.16 * cols), (v - tip[1]) / (0.13 * rows))
         light = np.where(near < 1, 120 + 25 * np.cos(3 * near), light)
     light = cv2.GaussianBlur(light, (0, 0), look.blur)
@@ -144,6 +166,11 @@ def draw(lens: Lens, board: Board, pose: Pose, look: Look, rng: np.random.Genera
         return picture
     _, packed = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, look.jpeg])
     return np.asarray(cv2.imdecode(packed, cv2.IMREAD_GRAYSCALE))
+
+
+def flat(distance: float, x: float = 0.0, y: float = 0.0, turn: float = 0.04) -> Pose:
+    """Parallel to the sensor at that distance [mm]."""
+    return Pose(cv2.Rodrigues(np.array([0.0, 0.0, turn]))[0], np.array([x, y, distance]))
 
 
 def look_of(rng: np.random.Generator, **given: float) -> Look:

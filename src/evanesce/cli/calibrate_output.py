@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from evanesce.api.calibrate import CalibrationFit
     from evanesce.measurement.calibration.model import Calibration
 
-VIEW_COLUMNS = ("view", "corners", "lines", "left out", "RMS [px]")
+VIEW_COLUMNS = ("view", "corners", "lines", "left out", "RMS px")
 
 
 def draw(folder: Path, fit: CalibrationFit) -> None:
@@ -108,15 +108,16 @@ def figures_of(calibration: Calibration) -> list[tuple[str, str]]:
         assumed = " (assumed)" if name in ("fx", "fy") and error is None else ""
         return f"{number:.{digits}f}" + (assumed if error is None else f" ± {error:.{digits}f}")
 
+    first = details["distinct_views"][0]
     rows = [
         ("views, of which distinct", f"{len(details['views'])}, {len(details['distinct_views'])}"),
         ("corners", f"{len(details['corners'])}"),
-        ("fx, fy [px]", f"{value(matrix[0, 0], 'fx', 1)}, {value(matrix[1, 1], 'fy', 1)}"),
-        ("cx, cy [px]", f"{value(matrix[0, 2], 'cx', 1)}, {value(matrix[1, 2], 'cy', 1)}"),
+        ("fx, fy [px]", f"{value(matrix[0, 0], 'fx', 2)}, {value(matrix[1, 1], 'fy', 2)}"),
+        ("cx, cy [px]", f"{value(matrix[0, 2], 'cx', 2)}, {value(matrix[1, 2], 'cy', 2)}"),
         *((n, value(k[i], n, 4)) for i, n in enumerate(("k1", "k2", "p1", "p2", "k3")) if n in errors),
         ("grid RMS on corners left out [px]", f"{details['grid_rms_px']:.3f}"),
         ("the same after undistortion [px]", f"{details['grid_rms_undistorted_px']:.3f}"),
-        ("local scale, median (min to max) [px/mm²]", _range(details["scale_px_per_mm2"])),
+        (f"local scale of view {first}, median (min to max) [px/mm²]", _range(details["scale_px_per_mm2"])),
         ("the same after undistortion [px/mm²]", _range(details["scale_undistorted_px_per_mm2"])),
     ]
     if calibration.mm2_per_px is not None:

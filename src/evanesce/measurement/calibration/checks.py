@@ -27,7 +27,7 @@ MAX_RMS_PX = 0.1
 FAR_ABOVE = 3.0
 """Times the median view's RMS, above which a view is named."""
 
-FAR_ABOVE_PX = 0.04
+FAR_ABOVE_PX = 0.05
 """RMS below which no view is named, however good the others are [px]."""
 
 
@@ -51,7 +51,7 @@ def view_warnings(
     image_size: tuple[int, int],
     views: Sequence[BoardView],
     rms_px: Sequence[float],
-    strays: Sequence[int],
+    strays: Sequence[NDArray[np.bool_]],
 ) -> list[Warning]:
     """Warn of views that miss the fit, that hold stray corners, or that show unlike boards.
 
@@ -64,8 +64,8 @@ def view_warnings(
         The distinct ones, with all their corners.
     rms_px : sequence of float
         Of each view's left-out corners [px].
-    strays : sequence of int
-        Corners of each view that the fit leaves out.
+    strays : sequence of ndarray of bool (n,)
+        Which corners of each view the fit leaves out; those that miss by less than ``MAX_RMS_PX`` are not worth a word.
 
     Returns
     -------
@@ -88,11 +88,15 @@ def view_warnings(
         named = ", ".join(f"{views[k].name} ({rms_px[k]:.3f} px)" for k in far)
         text = f"RMS far above that of the other views ({usual:.3f} px): {named}; look at these pictures"
         found.append(Warning("view_rms_high", text))
-    if any(strays):
-        named = ", ".join(f"{n} in {view.name}" for n, view in zip(strays, views, strict=True) if n)
+    gross = [
+        int(np.count_nonzero(np.linalg.norm((view.image - fit.predict(k, view.world))[out], axis=1) > MAX_RMS_PX))
+        for k, (view, out) in enumerate(zip(views, strays, strict=True))
+    ]
+    if any(gross):
+        named = ", ".join(f"{n} in {view.name}" for n, view in zip(gross, views, strict=True) if n)
         text = (
-            f"{sum(strays)} corners lie more than 6 standard deviations of their view off the fit and are left out of "
-            f"it: {named} (a finger's edge, glare or a speck)"
+            f"{sum(gross)} corners miss the fit by more than {MAX_RMS_PX} px and 6 standard deviations of their view, "
+            f"and are left out of it: {named} (a finger's edge, glare or a speck)"
         )
         found.append(Warning("stray_corners", text))
     return found + _unlike_counts(fit, image_size, views)

@@ -167,10 +167,8 @@ def calibrate(
         text = f"{min(map(len, distinct))} corners in a view are too few to leave half out: residuals are the fit's own"
         warnings.append(Warning("few_corners", text))
     warnings += [*deviations(fit, expect_focal_px, expect_distance_mm), *anisotropy(fit, distinct[0])]
-    strays = [view.image[~which] for view, which in zip(given, kept, strict=True)]
-    warnings += view_warnings(
-        fit, image_size, given, [rms(residual) for residual in residuals[0]], [len(s) for s in strays]
-    )
+    left_out = [~which for which in kept]
+    warnings += view_warnings(fit, image_size, given, [rms(residual) for residual in residuals[0]], left_out)
     straight = BoardView(distinct[0].name, distinct[0].world, fit.undistort(distinct[0].image))
     return Calibrated(
         calibration=Calibration(image_size=image_size, camera_matrix=fit.camera_matrix, distortion=fit.distortion),
@@ -178,7 +176,7 @@ def calibrate(
         views=views,
         distinct=distinct,
         numbers=numbers,
-        strays=strays,
+        strays=[view.image[out] for view, out in zip(given, left_out, strict=True)],
         held_out=residuals[0],
         held_out_straight=residuals[1],
         scale=local_scale(distinct[0]),

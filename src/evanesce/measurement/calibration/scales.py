@@ -3,7 +3,7 @@
 The card lies on the glass; a board may have been held in the air, where its scale is another. Which view lay on the
 glass is known if it is stated, or if there is only one. Else the one whose scale changes least across it counts, as
 for :meth:`evanesce.measurement.refined.plate.PlateMap.of`, which takes every area from it; a difference is then a
-warning, as it may be the board's height. Only one that no height explains, in every view, is an error then as well.
+warning, as it may be the board's height, and an error only where no height explains it.
 """
 
 from __future__ import annotations
@@ -83,20 +83,17 @@ def compare_scales(
     Raises
     ------
     InputError
-        If the two contradict by more than 2 % and it is known that the board lay on the glass, or if no height of the
-        board explains the difference.
+        If the two contradict by more than 2 % in length and it is known that the board lay on the glass, or if no
+        height of the board explains the difference.
     """
     if on_glass == 0:
         return {}, []
-    ratios = [
-        float(np.sqrt(abs(np.linalg.det(jacobian(result.fit, k))) * mm2_per_px)) for k in range(len(result.distinct))
-    ]
-    alone = len(result.distinct) == 1
     if on_glass is None:
         one = int(np.argmin([depth_spread(result.fit, k, view) for k, view in enumerate(result.distinct)]))
     else:
         one = _distinct_number(result, on_glass - 1)
-    view, ratio = result.distinct[one], ratios[one]
+    view = result.distinct[one]
+    ratio = float(np.sqrt(abs(np.linalg.det(jacobian(result.fit, one))) * mm2_per_px))
     figures = {"view": view.name, "length_ratio": ratio}
     off = abs(np.log(ratio))
     if off <= np.log1p(NOTED_LENGTH):
@@ -105,16 +102,15 @@ def compare_scales(
     card = 1 / np.sqrt(mm2_per_px)
     text = (
         f"the board of view {view.name} has {ratio * card:.4g} px/mm, the {side_mm:g} mm card {card:.4g} px/mm "
-        f"({100 * (ratio - 1):+.1f} %): likely squares of {_neat(board_mm * ratio)} mm, not {board_mm:g} mm "
-        f"(or a card of {_neat(side_mm / ratio)} mm)"
+        f"({100 * (ratio - 1):+.1f} %): likely --square-mm {_neat(board_mm * ratio)}, not {board_mm:g} "
+        f"(or --side-mm {_neat(side_mm / ratio)}, not {side_mm:g})"
     )
-    known = on_glass is not None or alone
-    far = all(abs(np.log(value)) > np.log(MAX_HELD) for value in ratios)
-    if off > np.log1p(MAX_LENGTH) and (known or far):
-        allowed = f"within {100 * MAX_LENGTH:g} % of the card; state on-glass none if no board lay on the glass"
+    known = on_glass is not None or len(result.distinct) == 1
+    if off > np.log1p(MAX_LENGTH) and (known or off > np.log(MAX_HELD)):
+        allowed = f"within {100 * MAX_LENGTH:g} % of the card; --on-glass none if no board lay on the glass"
         raise InputError(text, key="checker_side_mm", allowed=allowed)
     if not known:
-        text += "; or this board was held off the glass: state which view lay on it (on-glass)"
+        text += "; or no board lay on the glass (--on-glass none) or another one (--on-glass NAME)"
     return figures, [Warning("board_and_card_at_odds", text)]
 
 

@@ -95,7 +95,7 @@ def test_errors_hold_where_corners_of_a_view_err_together() -> None:
     # fx and fy, k1 and k2 move together, so that the share of 6 x 60 pulls has the scatter of about 4 x 60.
     share = np.mean(np.abs(found) < 2)
     assert share > 0.954 - 3 * np.sqrt(0.954 * 0.046 / (4 * sets))
-    assert np.abs(found).max() < 5  # eight views know their scatter to 27 %: Student's law of 7, 1e-3 beyond 5
+    assert np.abs(found).max() < 5  # beyond 5 times 1.21 lies 5e-4 of Student's law of 7 degrees of freedom
 
 
 def test_errors_hold_where_corners_err_alone() -> None:
@@ -104,7 +104,7 @@ def test_errors_hold_where_corners_err_alone() -> None:
     found = np.array([pulls(fit_pinhole(seen_views(rng, 0.0, 0.05), LENS.size), LENS) for _ in range(sets)])
     assert np.mean(np.abs(found) < 2) > 0.954 - 3 * np.sqrt(0.954 * 0.046 / (4 * sets))
     # the greater of two estimates is larger than either, but not by much: pulls keep a scatter of order one
-    assert 0.6 < np.sqrt((found**2).mean()) < 1.15
+    assert 0.55 < np.sqrt((found**2).mean()) < 1.1
 
 
 def test_a_handful_of_wrong_corners_does_not_move_the_fit() -> None:

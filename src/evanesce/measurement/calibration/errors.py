@@ -3,8 +3,8 @@
 Least squares' own standard errors count every corner as one more independent observation. Corners of one picture are
 not: blur, glare, the card's bow and a lens that two radial terms do not quite describe push them together. Views are
 independent of one another, so that what the estimate loses with each view left out says how it would scatter (the
-jackknife, or CR3 estimator of clustered errors) [1]_. Few views make that estimate itself uncertain, downwards as
-well; the greater of the two is stated.
+jackknife, or CR3 estimator of clustered errors), with one degree of freedom less than there are views [1]_: it is
+widened by Student's factor, so that twice the error covers 95 % as for a Gaussian. The greater of the two is stated.
 
 .. [1] Bell & McCaffrey, Bias reduction in standard errors for linear regression with multi-stage samples, Survey
    Methodology 28 (2002) 169.
@@ -16,8 +16,12 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri, stdtrit
 
 Array = NDArray[np.float64]
+
+COVERED = 0.975
+"""Upper limit of the interval, of 95 %, that twice the error is to cover."""
 
 MIN_VIEWS = 3
 """Views below which leaving one out says nothing."""
@@ -57,5 +61,6 @@ def shared_errors(shared: Sequence[Array], own: Sequence[Array], residuals: Sequ
     moves = np.array([
         np.linalg.pinv(total - square) @ ((a / unit).T @ r) for square, (a, r) in zip(squares, parts, strict=True)
     ])  # fmt: skip
-    clustered = np.sqrt((len(parts) - 1) / len(parts) * (moves**2).sum(axis=0))
+    student = stdtrit(len(parts) - 1, COVERED) / ndtri(COVERED)
+    clustered = student * np.sqrt((len(parts) - 1) / len(parts) * (moves**2).sum(axis=0))
     return np.asarray(np.maximum(plain, clustered) / unit)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +14,7 @@ from evanesce.cli.common import (
     OutOption,
     check_json_target,
     handles_errors,
+    messages,
     named_options,
     out_dir,
     progress,
@@ -170,9 +172,11 @@ def _find(files: list[Path], square_mm: float, size: tuple[int, int] | None) -> 
     from evanesce.measurement.calibration.board_images import find_boards
     from evanesce.measurement.warnings import Warning
 
+    begun = time.monotonic()
     with progress() as bar:
         task = bar.add_task("corners", total=len(files))
         pictures = find_boards(files, square_mm, done=lambda: bar.advance(task))
+    messages.print(f"corners of {len(files)} pictures found in {time.monotonic() - begun:.1f} s", highlight=False)
     if size is not None and size != pictures.image_size:
         text = (
             f"--image-size says {size[0]} x {size[1]}, the pictures are {pictures.image_size[0]} x "

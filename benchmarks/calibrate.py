@@ -1,9 +1,9 @@
 """Time of the corner search beside OpenCV's sector finder (`findChessboardCornersSB`), on the same drawn boards.
 
 Ten pictures a case, drawn here with NumPy: pinhole, k1 = -0.18, tilted boards, blur of 1 px, noise, JPEG. Both run on a
-single thread, in turn, so that whatever else the machine does falls on both; the best of the repeats counts, the median over
-the pictures is printed, in processor time. OpenCV's finder has to be told how many corners there are; ours finds out.
-Found within 0.5 px of the true place counts as found; the RMS is that of these corners.
+single thread, in turn, so that whatever else the machine does falls on both; the best of the repeats counts, the median
+over the pictures is printed, in processor time. OpenCV's finder has to be told how many corners there are; ours finds
+out. Found within 0.5 px of the true place counts as found; the RMS is that of these corners.
 
     python benchmarks/calibrate.py [--quick] [--json FILE]
 """

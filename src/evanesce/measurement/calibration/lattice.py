@@ -17,6 +17,7 @@ MAX_SIDE = 512  # corners along one side of a board
 # While the lattice grows, a position only has to predict its neighbours; the last fit of each corner is to the end.
 # Two of three places tried are no corners, whose fit never converges: few steps leave them early.
 GROWTH: dict[str, Any] = {"limit_px": 9.0, "tolerance_px": 0.02, "iterations": 8}
+LAST_PX = 1e-3  # step at which the last fit of a corner has converged: a tenth of what noise moves it at best
 _ORIGIN = MAX_SIDE
 _PADDED = 2 * MAX_SIDE + 1
 _REACH = 3  # squares over which the local lattice is fitted
@@ -147,7 +148,9 @@ class Lattice:
         """Fit each corner to the end; those that no longer alternate, or belong to no complete cell, are dropped."""
         _, lattice, _ = self._predict(self.cells)
         shape = self.shape[tuple(self.cells.T)]
-        fit = fit_saddles(self.image, self._at(self.cells), lattice, start=(shape[..., :2], shape[..., 2]))
+        fit = fit_saddles(
+            self.image, self._at(self.cells), lattice, tolerance_px=LAST_PX, start=(shape[..., :2], shape[..., 2])
+        )
         even = fit.contrast * _parity(self.cells)
         self._keep(self.cells, fit, even)
         position, lattice, sure = self._predict(self.cells, leave_out=True)
@@ -206,13 +209,22 @@ class Lattice:
         cells, position, lattice = cells[likely], position[likely], lattice[likely]
         if not len(cells):
             return 0
-        fit = fit_saddles(self.image, position, lattice, **GROWTH)
+        fit = fit_saddles(self.image, position, lattice, start=self._shape_beside(cells, lattice), **GROWTH)
         even = fit.contrast * _parity(cells)
         good = self._fits(cells, position, lattice, fit, even)
         self._keep(cells[good], _chosen(fit, good), even[good])
         self.known[tuple(cells[good].T)] = True
         self.cells = np.concatenate([self.cells, cells[good]])
         return int(good.sum())
+
+    def _shape_beside(self, cells: NDArray[np.int64], lattice: Array) -> tuple[Array, Array]:
+        """Return normals by the lattice, and the blur of a known corner beside each cell."""
+        beside = cells[:, None] + _AROUND
+        first = self.known[beside[..., 0], beside[..., 1]].argmax(axis=1)
+        near = beside[np.arange(len(cells)), first]
+        inverse = np.linalg.inv(lattice)
+        normals = inverse / np.linalg.norm(inverse, axis=2, keepdims=True)
+        return normals, self.shape[near[:, 0], near[:, 1], :, 2]
 
     def _contrast_around(self, cells: NDArray[np.int64]) -> Array:
         """Return the median contrast of the known corners near each cell, of which there is at least one."""

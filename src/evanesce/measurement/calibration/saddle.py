@@ -171,7 +171,8 @@ def _fit_batch(
         offset = across * dx + along * dy - (inverse[:, k] * start).sum(axis=1, keepdims=True).astype(np.float32)
         np.maximum(in_squares, np.abs(offset), out=in_squares)
     window = in_squares <= widths[:, None]
-    mask = (window & inside).astype(np.float32)
+    support = (window & inside).sum(axis=1) / np.maximum(window.sum(axis=1), 1)
+    dx, dy, values, mask = _packed(dx, dy, values, window & inside)
 
     pitch = np.sqrt(np.abs(np.linalg.det(lattice)))
     theta = np.zeros((len(centres), 11))
@@ -197,7 +198,7 @@ def _fit_batch(
         bump=theta[:, BUMP],
         normals=np.stack([np.cos(theta[:, ANGLE]), np.sin(theta[:, ANGLE])], axis=-1),
         explained=1.0 - (weights * (values - model) ** 2).sum(axis=1) / spread,
-        support=mask.sum(axis=1) / np.maximum(window.sum(axis=1), 1),
+        support=support,
     )
 
 
@@ -210,6 +211,14 @@ def _windows(image: Array, base: NDArray[np.int64], reach: int) -> tuple[Single,
     inside = (x >= 0) & (x < cols) & (y >= 0) & (y < rows)
     values = image[np.clip(y, 0, rows - 1), np.clip(x, 0, cols - 1)]
     return dx.astype(np.float32), dy.astype(np.float32), values.astype(np.float32), inside
+
+
+def _packed(dx: Single, dy: Single, values: Single, mask: NDArray[np.bool_]) -> tuple[Single, Single, Single, Single]:
+    """Leave out samples beside the windows, which lie askew in their squares: (n, most samples of any window) each."""
+    most = int(mask.sum(axis=1).max(initial=1))
+    order = np.argsort(~mask, axis=1, kind="stable")[:, :most]
+    kept, weight = np.take_along_axis(values, order, axis=1), np.take_along_axis(mask, order, axis=1)
+    return dx[order], dy[order], kept, weight.astype(np.float32)
 
 
 def _model(values: Array, dx: Single, dy: Single) -> tuple[Single, Single]:
@@ -317,7 +326,7 @@ def _levenberg(
         tried[:, WIDTH] = np.clip(tried[:, WIDTH], low, high[active, None])
         limit = np.abs(tried[:, CONTRAST])
         tried[:, BUMP] = np.clip(tried[:, BUMP], -limit, limit)
-        there, slope = _model(tried, dx, dy)
+        there, slope = _model(tried, dx[active], dy[active])
         better = (robust * (grey - there) ** 2).sum(1) <= _SAME * (robust * residual**2).sum(1)
         moved = np.abs(tried[:, :2] - now[:, :2]).max(axis=1)
         theta[active[better]] = tried[better]

@@ -246,7 +246,7 @@ def test_the_rigs_corner_list(rig_photo: Path) -> None:
     """Twelve views that are one; straight to 0.75 px on corners left out of the fit; the scale the README gives."""
     result = calibrate(read_points(rig_photo / "corners.csv"), (1024, 768))
     figures = report(result)
-    assert codes(result) == {"identical_views", "views_too_alike", "grid_rms_high", "stray_corners"}
+    assert codes(result) == {"identical_views", "views_too_alike", "grid_rms_high", "outlying_corners"}
     assert figures["grid_rms_px"] <= 0.75
     assert len(figures["corners"]) == 12 * 1139
     # normalised to the half-diagonal of 640 px the README's k1 = -0.166, k2 = +0.024, to half a unit of the last digit

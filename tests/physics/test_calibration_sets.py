@@ -15,9 +15,9 @@ from scipy.spatial import KDTree
 
 from evanesce.measurement.calibration.corners import find_corners
 from evanesce.measurement.calibration.fit import calibrate
+from evanesce.measurement.calibration.outliers import without_outliers
 from evanesce.measurement.calibration.pinhole import PinholeFit, fit_pinhole
 from evanesce.measurement.calibration.points import BoardView
-from evanesce.measurement.calibration.strays import without_strays
 from support.lab_boards import Board, Lens, draw, lens_of, look_of, pose_of, view_look
 
 Array = NDArray[np.float64]
@@ -116,7 +116,7 @@ def test_a_handful_of_wrong_corners_does_not_move_the_fit() -> None:
         damaged[view].image[corner] += rng.uniform(1, 4) * np.array([np.cos(corner), np.sin(corner)])
     plain = fit_pinhole(damaged, LENS.size)
     assert abs(plain.distortion[1] - LENS.k2) > 3 * fit_pinhole(views, LENS.size).standard_errors["k2"], "they do pull"
-    fit, kept = without_strays(damaged, lambda some: fit_pinhole(some, LENS.size))
+    fit, kept = without_outliers(damaged, lambda some: fit_pinhole(some, LENS.size))
     for view, corner in wrong:
         assert not kept[view][corner]
     assert sum(int((~one).sum()) for one in kept) == len(wrong), "no good corner is lost"
@@ -128,7 +128,7 @@ def test_a_view_that_does_not_fit_is_not_thinned_out() -> None:
     bad = views[3].image.copy()
     bad[::3] += np.random.default_rng(1).normal(0, 3, bad[::3].shape)
     views[3] = BoardView("3", views[3].world, bad)
-    _, kept = without_strays(views, lambda some: fit_pinhole(some, LENS.size))
+    _, kept = without_outliers(views, lambda some: fit_pinhole(some, LENS.size))
     assert kept[3].all()
     codes = {w.code: w.text for w in calibrate(views, LENS.size).warnings}
     assert "3 (" in codes["view_rms_high"]

@@ -51,9 +51,9 @@ def view_warnings(
     image_size: tuple[int, int],
     views: Sequence[BoardView],
     rms_px: Sequence[float],
-    strays: Sequence[NDArray[np.bool_]],
+    outliers: Sequence[NDArray[np.bool_]],
 ) -> list[Warning]:
-    """Warn of views that miss the fit, that hold stray corners, or that show unlike boards.
+    """Warn of views that miss the fit, that hold outliers, or that show unlike boards.
 
     Parameters
     ----------
@@ -64,8 +64,8 @@ def view_warnings(
         The distinct ones, with all their corners.
     rms_px : sequence of float
         Of each view's left-out corners [px].
-    strays : sequence of ndarray of bool (n,)
-        Which corners of each view the fit leaves out; those that miss by less than ``MAX_RMS_PX`` are not worth a word.
+    outliers : sequence of ndarray of bool (n,)
+        Which corners of each view the fit leaves out; those that miss by less than ``MAX_RMS_PX`` are not reported.
 
     Returns
     -------
@@ -90,7 +90,7 @@ def view_warnings(
         found.append(Warning("view_rms_high", text))
     gross = [
         int(np.count_nonzero(np.linalg.norm((view.image - fit.predict(k, view.world))[out], axis=1) > MAX_RMS_PX))
-        for k, (view, out) in enumerate(zip(views, strays, strict=True))
+        for k, (view, out) in enumerate(zip(views, outliers, strict=True))
     ]
     if any(gross):
         named = ", ".join(f"{n} in {view.name}" for n, view in zip(gross, views, strict=True) if n)
@@ -98,7 +98,7 @@ def view_warnings(
             f"{sum(gross)} corners miss the fit by more than {MAX_RMS_PX} px and 6 standard deviations of their view, "
             f"and are left out of it: {named} (a finger's edge, glare or a speck)"
         )
-        found.append(Warning("stray_corners", text))
+        found.append(Warning("outlying_corners", text))
     return found + _unlike_counts(fit, image_size, views)
 
 

@@ -19,10 +19,10 @@ from evanesce.measurement.calibration.checks import anisotropy, deviations, line
 from evanesce.measurement.calibration.distinct import distinct_views
 from evanesce.measurement.calibration.local_scale import ScaleMap, local_scale
 from evanesce.measurement.calibration.model import Calibration
+from evanesce.measurement.calibration.outliers import chosen, without_outliers
 from evanesce.measurement.calibration.pinhole import PinholeFit, fit_pinhole
 from evanesce.measurement.calibration.planar import MODELS, BoardFit, fit_planar
 from evanesce.measurement.calibration.points import BoardView
-from evanesce.measurement.calibration.strays import chosen, without_strays
 from evanesce.measurement.warnings import Warning
 
 Array = NDArray[np.float64]
@@ -50,11 +50,11 @@ class Calibrated:
     views : list of BoardView
         As given.
     distinct : list of BoardView
-        Those that were used: one of each set of identical views, without stray corners.
+        Those that were used: one of each set of identical views, without outliers.
     numbers : list of int
         Of each distinct view, its number in ``views`` from 0.
-    strays : list of ndarray (n, 2)
-        Of each distinct view: (x, y) of the corners left out [px]; see :mod:`.strays`.
+    outliers : list of ndarray (n, 2)
+        Of each distinct view: (x, y) of the corners left out [px]; see :mod:`.outliers`.
     held_out : list of ndarray (n, 2)
         Of each distinct view: corner found minus corner predicted by a fit without it [px of the picture].
     held_out_straight : list of ndarray (n, 2)
@@ -71,7 +71,7 @@ class Calibrated:
     views: list[BoardView]
     distinct: list[BoardView]
     numbers: list[int]
-    strays: list[Array]
+    outliers: list[Array]
     held_out: list[Array]
     held_out_straight: list[Array]
     scale: ScaleMap
@@ -176,7 +176,7 @@ def calibrate(
         views=views,
         distinct=distinct,
         numbers=numbers,
-        strays=[view.image[out] for view, out in zip(given, left_out, strict=True)],
+        outliers=[view.image[out] for view, out in zip(given, left_out, strict=True)],
         held_out=residuals[0],
         held_out_straight=residuals[1],
         scale=local_scale(distinct[0]),
@@ -211,7 +211,7 @@ def _fit(
         reason = "1 distinct view of a flat board"
     else:
         try:
-            full, kept = without_strays(views, lambda some: fit_pinhole(some, image_size, model))
+            full, kept = without_outliers(views, lambda some: fit_pinhole(some, image_size, model))
         except WorkError as error:
             reason = f"{len(views)} distinct views ({error})"
         else:
@@ -226,7 +226,7 @@ def _fit(
         f"{reason}: focal length, distance and tilt cannot be identified; the distortion is fitted with an assumed "
         f"focal length of {assumed:g} px, on which the undistorted picture does not depend"
     )
-    planar, kept = without_strays(views, lambda some: fit_planar(some, image_size, assumed, model))
+    planar, kept = without_outliers(views, lambda some: fit_planar(some, image_size, assumed, model))
     return planar, kept, [Warning("views_too_alike", text)]
 
 
@@ -308,7 +308,7 @@ def _view_rows(result: Calibrated) -> list[dict[str, Any]]:
         row: dict[str, Any] = {"view": number + 1, "name": view.name, "corners": len(view), "lines": list(lines(view))}
         if number in result.numbers:
             k = result.numbers.index(number)
-            row |= {"repeated": False, "left_out": len(result.strays[k]), "rms_px": rms(result.held_out[k])}
+            row |= {"repeated": False, "left_out": len(result.outliers[k]), "rms_px": rms(result.held_out[k])}
         else:
             row |= {"repeated": True, "left_out": None, "rms_px": None}
         rows.append(row)

@@ -37,9 +37,9 @@ def _worst_axes(result: Calibrated, title: str, picture: NDArray[np.uint8] | Non
         axes.imshow(picture, cmap="gray" if picture.ndim == 2 else None, vmin=0, vmax=255)
         axes.set_xlim(-0.5, result.calibration.image_size[0] - 0.5)
         axes.set_ylim(result.calibration.image_size[1] - 0.5, -0.5)
-    strays = result.strays[result.worst]
-    if len(strays):
-        axes.plot(*strays.T, "x", color="#d55e00", markersize=7, markeredgewidth=1.6, label="left out of the fit")
+    outliers = result.outliers[result.worst]
+    if len(outliers):
+        axes.plot(*outliers.T, "x", color="#d55e00", markersize=7, markeredgewidth=1.6, label="left out of the fit")
         axes.legend(loc="upper right", fontsize=8)
     return figure, axes
 

@@ -1,7 +1,7 @@
 """Corners that no lens explains: found where a finger's edge, glare or a speck drew another corner.
 
 Least squares lets a handful of such corners pull a coefficient by standard errors. They are left out by a rule: a
-corner that misses the fit by more than ``STRAY_DEVIATIONS`` of its own view's robust standard deviation. Among
+corner that misses the fit by more than ``OUTLIER_DEVIATIONS`` of its own view's robust standard deviation. Among
 corners with Gaussian errors in x and y one in 65 million lies so far off (exp(-6^2 / 2)), so that what the rule takes
 is none of them. The fit is repeated without them until their number no longer changes: a gross miss bends the first
 fit, and hides smaller ones.
@@ -21,7 +21,7 @@ from evanesce.measurement.calibration.points import BoardView
 Array = NDArray[np.float64]
 Fit = TypeVar("Fit", bound=BoardFit)
 
-STRAY_DEVIATIONS = 6.0
+OUTLIER_DEVIATIONS = 6.0
 """Robust standard deviations of its view beyond which a corner is left out."""
 
 MAX_SHARE = 0.2
@@ -35,7 +35,7 @@ SMALLEST_PX = 5e-4
 """Standard deviation [px] below which misses are rounding errors, of single precision at 2000 px for instance."""
 
 
-def without_strays(
+def without_outliers(
     views: Sequence[BoardView], refit: Callable[[list[BoardView]], Fit]
 ) -> tuple[Fit, list[NDArray[np.bool_]]]:
     """Fit, leave out the corners that the fit does not explain, and fit again until nothing changes.
@@ -82,5 +82,5 @@ def chosen(view: BoardView, which: NDArray[np.bool_]) -> BoardView:
 def _within(view: BoardView, fit: BoardFit, number: int, old: NDArray[np.bool_]) -> NDArray[np.bool_]:
     miss = np.linalg.norm(view.image - fit.predict(number, view.world), axis=1)
     deviation = max(float(np.median(miss[old])) / RAYLEIGH_MEDIAN, SMALLEST_PX)
-    inside = miss <= STRAY_DEVIATIONS * deviation
+    inside = miss <= OUTLIER_DEVIATIONS * deviation
     return inside if inside.mean() >= 1 - MAX_SHARE else np.ones(len(view), dtype=bool)

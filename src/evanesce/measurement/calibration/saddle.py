@@ -25,6 +25,7 @@ Single = NDArray[np.float32]
 
 ITERATIONS = 25
 MAX_HALF_WIDTH_PX = 13.0
+START_BLUR = 0.2  # of the window's half-width, where no earlier fit gives the blur
 MAX_BATCH_SAMPLES = 40_000  # the derivatives of a batch (3.5 MB) stay in the cache
 MEDIAN_OF = 4  # every fourth sample of a window, whose side is odd, gives the scale of its residuals
 _CAUCHY = 2.385  # 95 % efficiency on Gaussian noise (Holland & Welsch 1977)
@@ -97,7 +98,8 @@ def fit_saddles(
     iterations : int
         Steps at the most.
     start : tuple of ndarray, optional
-        Normals (n, 2, 2) and blur (n, 2) [px] of an earlier fit to start from; the lattice and 8 % of a square else.
+        Normals (n, 2, 2) and blur (n, 2) [px] of an earlier fit to start from; else those of the lattice, and a fifth
+        of the window's half-width.
 
     Returns
     -------
@@ -179,7 +181,7 @@ def _fit_batch(
     theta[:, X : Y + 1] = start
     # rows of the inverse lattice are the gradients of u and v: the normals of the edges that u and v cross
     theta[:, ANGLE] = np.arctan2(inverse[:, :, 1], inverse[:, :, 0])
-    theta[:, WIDTH] = np.log(np.maximum(0.08 * pitch, 0.5))[:, None]
+    theta[:, WIDTH] = np.log(np.maximum(START_BLUR * widths * pitch, 0.5))[:, None]
     if begin is not None:
         theta[:, ANGLE] = np.arctan2(begin[0][..., 1], begin[0][..., 0])
         theta[:, WIDTH] = np.log(begin[1])

@@ -156,16 +156,8 @@ def calibrate(
     fit, kept, found = _fit(given, image_size, model, assumed)
     distinct = [chosen(view, which) for view, which in zip(given, kept, strict=True)]
     warnings += found
-    full = isinstance(fit, PinholeFit)
-
-    def refit(half: list[BoardView]) -> BoardFit:
-        return fit_pinhole(half, image_size, model) if full else fit_planar(half, image_size, assumed, model)
-
-    residuals = _held_out(distinct, refit)
-    if residuals is None:
-        residuals = _residuals(distinct, fit)
-        text = f"{min(map(len, distinct))} corners in a view are too few to leave half out: residuals are the fit's own"
-        warnings.append(Warning("few_corners", text))
+    residuals, found = _left_out(distinct, fit, image_size, model, assumed)
+    warnings += found
     warnings += [*deviations(fit, expect_focal_px, expect_distance_mm), *anisotropy(fit, distinct[0])]
     left_out = [~which for which in kept]
     warnings += view_warnings(fit, image_size, given, [rms(residual) for residual in residuals[0]], left_out)
@@ -234,6 +226,22 @@ def _residuals(views: list[BoardView], fit: BoardFit) -> tuple[list[Array], list
     """Return found minus predicted corners of each view, in the picture and in the undistorted one [px]."""
     raw = [v.image - fit.predict(k, v.world) for k, v in enumerate(views)]
     return raw, [fit.undistort(v.image) - fit.straight(k, v.world) for k, v in enumerate(views)]
+
+
+def _left_out(
+    views: list[BoardView], fit: BoardFit, image_size: tuple[int, int], model: str, assumed: float
+) -> tuple[tuple[list[Array], list[Array]], list[Warning]]:
+    """Return the residuals of corners left out of a fit, or the fit's own where there are too few, with a warning."""
+
+    def refit(half: list[BoardView]) -> BoardFit:
+        full = isinstance(fit, PinholeFit)
+        return fit_pinhole(half, image_size, model) if full else fit_planar(half, image_size, assumed, model)
+
+    residuals = _held_out(views, refit)
+    if residuals is not None:
+        return residuals, []
+    text = f"{min(map(len, views))} corners in a view are too few to leave half out: residuals are the fit's own"
+    return _residuals(views, fit), [Warning("few_corners", text)]
 
 
 def _held_out(

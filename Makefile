@@ -68,6 +68,7 @@ pictures: dev
 benchmarks: dev
 	$(BIN)/python benchmarks/render.py
 	$(BIN)/python benchmarks/measure.py
+	$(BIN)/python benchmarks/calibrate.py
 
 # Two slip detectors trained on a small generated set and scored on unseen friction and ridges.
 baseline: dev

@@ -91,7 +91,14 @@ def test_option_repeated_square_card_and_pictures(app: typer.Typer, pictures: Pa
     args = ["--checkerboard", pictures / "a.png", "--checkerboard", pictures / "b.png", "--square-mm", 2]
     result = run(app, *args, "--square", pictures / "square.png", "--side-mm", 12, "--out", folder)
     assert result.exit_code == 0, result.output
-    names = {"calibration.json", "corners.png", "residuals.png", "scale.png", "scale_undistorted.png"}
+    names = {
+        "calibration.html",
+        "calibration.json",
+        "corners.png",
+        "residuals.png",
+        "scale.png",
+        "scale_undistorted.png",
+    }
     assert {p.name for p in folder.iterdir()} == names
     stored = load_calibration(folder / "calibration.json")
     assert stored.square_side_mm == 12.0

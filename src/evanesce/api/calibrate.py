@@ -17,6 +17,7 @@ from evanesce.measurement.calibration.fit import calibrate as fit_boards
 from evanesce.measurement.calibration.model import Calibration
 from evanesce.measurement.calibration.points import BoardView
 from evanesce.measurement.calibration.rectify import rectification, rectify
+from evanesce.measurement.calibration.scales import compare_scales, stated_view
 from evanesce.measurement.io.images import Loaded, read_image
 from evanesce.measurement.reference.area import SquareScale, square_scale
 from evanesce.measurement.refined.light import tone_table
@@ -57,6 +58,7 @@ def calibrate(
     tone_curve: str | Sequence[float] | None = None,
     expect_focal_px: float | None = None,
     expect_distance_mm: float | None = None,
+    on_glass: str | None = None,
 ) -> Calibration:
     """Calibrate a camera from frames of a checkerboard and of a square.
 
@@ -80,6 +82,9 @@ def calibrate(
         light; ``bt709`` where none is given.
     expect_focal_px, expect_distance_mm : float, optional
         What the rig's drawing says, to compare with; the focal length is assumed where the boards do not determine it.
+    on_glass : str, optional
+        Name of the picture whose board lay on the glass ("picture 1" for an array), or "none"; the only one, or the
+        one least tilted, if nothing is said.
 
     Returns
     -------
@@ -90,7 +95,8 @@ def calibrate(
     Raises
     ------
     InputError
-        If a picture cannot be read, a size is out of range, or the square is not found.
+        If a picture cannot be read, a size is out of range, the square is not found, or its scale and that of the
+        board on the glass contradict by more than 2 %.
     WorkError
         If there is no checkerboard in any picture.
 
@@ -108,7 +114,7 @@ def calibrate(
     fit = fit_calibration(
         pictures.views, pictures.image_size, pictures=pictures, square=square, square_side_mm=square_side_mm,
         square_colour=square_colour, model=model, expect_focal_px=expect_focal_px,
-        expect_distance_mm=expect_distance_mm,
+        expect_distance_mm=expect_distance_mm, on_glass=on_glass,
     )  # fmt: skip
     if tone_curve is None:
         return fit.calibration
@@ -128,6 +134,7 @@ def fit_calibration(
     model: str = "radial2",
     expect_focal_px: float | None = None,
     expect_distance_mm: float | None = None,
+    on_glass: str | None = None,
 ) -> CalibrationFit:
     """Calibrate a camera from corners of a checkerboard that have been found, and from a frame of the square.
 
@@ -139,7 +146,7 @@ def fit_calibration(
         (cols, rows) [px].
     pictures : BoardPictures, optional
         The pictures in which they were found: their blur and warnings go into the calibration.
-    square, square_side_mm, square_colour, model, expect_focal_px, expect_distance_mm
+    square, square_side_mm, square_colour, model, expect_focal_px, expect_distance_mm, on_glass
         As for :func:`calibrate`.
 
     Returns
@@ -149,7 +156,7 @@ def fit_calibration(
     Raises
     ------
     InputError
-        If the square is not found, or is of another size than the pictures of the board.
+        If the square is not found, is of another size than the pictures of the board, or contradicts their scale.
     """
     for key, value in (("square_side_mm", square_side_mm), ("expect_focal_px", expect_focal_px),
                        ("expect_distance_mm", expect_distance_mm)):  # fmt: skip
@@ -158,10 +165,10 @@ def fit_calibration(
     boards = fit_boards(
         views, image_size, model=model, expect_focal_px=expect_focal_px, expect_distance_mm=expect_distance_mm
     )
+    flat = stated_view(boards, on_glass)
     card = None if square is None else _square(square, square_side_mm, square_colour, boards.calibration)
-    return CalibrationFit(
-        calibration=_complete(boards, pictures, card, square_side_mm), boards=boards, pictures=pictures, square=card
-    )
+    calibration = _complete(boards, pictures, card, square_side_mm, flat)
+    return CalibrationFit(calibration=calibration, boards=boards, pictures=pictures, square=card)
 
 
 def _named(number: int, picture: Picture) -> tuple[str, Loaded]:
@@ -212,11 +219,16 @@ def _square(picture: Picture, side_mm: float, colour: Colour, calibration: Calib
 
 
 def _complete(
-    boards: Calibrated, pictures: BoardPictures | None, square: SquareScale | None, side_mm: float
+    boards: Calibrated, pictures: BoardPictures | None, square: SquareScale | None, side_mm: float, flat: int | None
 ) -> Calibration:
     """Return the calibration with the area of a pixel and everything reported beside it."""
     details = report(boards)
     found = [*(pictures.warnings if pictures else []), *(square.warnings if square else [])]
+    if square is not None:
+        details["board_and_card"], odds = compare_scales(boards, square.mm2_per_px, side_mm, flat)
+        found += odds
+    if flat is not None:
+        details["on_glass_view"] = flat
     details["warnings"] = [{"code": w.code, "text": w.text} for w in found] + details["warnings"]
     if square is not None:
         details["square"] = {

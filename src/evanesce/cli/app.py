@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import warnings
 from typing import Annotated
 
 import typer
@@ -63,4 +64,6 @@ for _name in COMMANDS:
 def main() -> None:
     """Entry point of the console script."""
     os.environ.setdefault("MPLBACKEND", "Agg")
+    # a division inside a library tells its user nothing; what is wrong with a result is a warning of ours
+    warnings.simplefilter("ignore", RuntimeWarning)
     app()

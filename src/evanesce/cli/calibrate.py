@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import re
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,7 +13,6 @@ from evanesce.cli.common import (
     JsonOption,
     OutOption,
     check_json_target,
-    console,
     handles_errors,
     messages,
     named_options,
@@ -25,8 +24,6 @@ from evanesce.core.errors import InputError
 
 if TYPE_CHECKING:
     from evanesce.measurement.calibration.board_images import BoardPictures
-    from evanesce.measurement.calibration.fit import Calibrated
-    from evanesce.measurement.calibration.model import Calibration
 
 MAX_PICTURES = 1000
 
@@ -56,6 +53,10 @@ FocalOption = Annotated[
 DistanceOption = Annotated[
     float | None, typer.Option("--expect-distance-mm", help="Distance of the board by the drawing, in mm.")
 ]
+OnGlassOption = Annotated[
+    str | None,
+    typer.Option("--on-glass", metavar="NAME", help="Picture whose board lay on the glass, by its file name, or none."),
+]
 
 
 def register(app: typer.Typer) -> None:
@@ -75,12 +76,13 @@ def calibrate(
     model: ModelOption = "radial2",
     expect_focal_px: FocalOption = None,
     expect_distance_mm: DistanceOption = None,
+    on_glass: OnGlassOption = None,
     json_file: JsonOption = None,
     out: OutOption = None,
 ) -> None:
     """Calibrate the camera from pictures of a checkerboard, or from corners found elsewhere.
 
-    --json saves the calibration for `evanesce measure`; --out adds pictures of corners, residuals and scale.
+    --json saves the calibration for `evanesce measure`; --out adds a page with the views, corners, residuals and scale.
     """
     check_json_target(json_file)
     files = _checkerboards(checkerboard or [], more or [])
@@ -95,6 +97,7 @@ def calibrate(
         if value is not None and not 1e-6 < value < 1e6:
             raise InputError(f"{value:g}", key=key, allowed="a number from 1e-6 to 1e6")
     from evanesce.api.calibrate import fit_calibration
+    from evanesce.cli.calibrate_output import draw, show
     from evanesce.measurement.calibration.points import read_points
 
     pictures = _find(files, square_mm, size) if files else None
@@ -104,20 +107,20 @@ def calibrate(
         views = read_points(points)
     else:
         views, size = pictures.views, pictures.image_size
-    with named_options({"square": "--square"}):
+    with named_options({"square": "--square", "checker_side_mm": "--square-mm", "on_glass": "--on-glass"}):
         fit = fit_calibration(
             views, size, pictures=pictures, square=square, square_side_mm=side_mm,
             square_colour="white" if square_colour == "white" else "black", model=model,
-            expect_focal_px=expect_focal_px, expect_distance_mm=expect_distance_mm,
+            expect_focal_px=expect_focal_px, expect_distance_mm=expect_distance_mm, on_glass=on_glass,
         )  # fmt: skip
     folder = None if out is None else out_dir(out, "calibrate")
     if folder is not None:
-        _draw(folder, fit.boards, pictures)
+        draw(folder, fit)
         fit.calibration.save(folder / "calibration.json")
     from evanesce.measurement.calibration.model import as_plain
 
     write_json(json_file, as_plain(fit.calibration))
-    _show(fit.calibration, saved_to=json_file or folder)
+    show(fit.calibration, saved_to=json_file or folder)
 
 
 def _checkerboards(given: list[Path], more: list[Path]) -> list[Path]:
@@ -169,9 +172,11 @@ def _find(files: list[Path], square_mm: float, size: tuple[int, int] | None) -> 
     from evanesce.measurement.calibration.board_images import find_boards
     from evanesce.measurement.warnings import Warning
 
+    begun = time.monotonic()
     with progress() as bar:
         task = bar.add_task("corners", total=len(files))
         pictures = find_boards(files, square_mm, done=lambda: bar.advance(task))
+    messages.print(f"corners of {len(files)} pictures found in {time.monotonic() - begun:.1f} s", highlight=False)
     if size is not None and size != pictures.image_size:
         text = (
             f"--image-size says {size[0]} x {size[1]}, the pictures are {pictures.image_size[0]} x "
@@ -179,57 +184,3 @@ def _find(files: list[Path], square_mm: float, size: tuple[int, int] | None) -> 
         )
         pictures.warnings.append(Warning("changed_resolution", text))
     return pictures
-
-
-def _draw(folder: Path, result: Calibrated, pictures: BoardPictures | None) -> None:
-    from evanesce.measurement.calibration import plots
-    from evanesce.measurement.plots import save_figure
-
-    picture = pictures.first if pictures is not None and result.distinct[0].name == pictures.first_name else None
-    save_figure(plots.corners_figure(result, picture), folder / "corners.png")
-    save_figure(plots.residual_figure(result), folder / "residuals.png")
-    save_figure(plots.scale_figure(result.scale, result, "local scale of the picture"), folder / "scale.png")
-    undistorted = plots.scale_figure(result.scale_undistorted, result, "local scale after undistortion")
-    save_figure(undistorted, folder / "scale_undistorted.png")
-
-
-def _show(calibration: Calibration, saved_to: Path | None) -> None:
-    from rich.table import Table
-    from rich.text import Text
-
-    details, matrix, k = calibration.details, calibration.camera_matrix, calibration.distortion
-    errors = details["standard_errors"]
-
-    def value(number: float, name: str, digits: int) -> str:
-        error = errors.get(name)
-        assumed = " (assumed)" if name in ("fx", "fy") and error is None else ""
-        return f"{number:.{digits}f}" + (assumed if error is None else f" ± {error:.{digits}f}")
-
-    raw, straight = details["scale_px_per_mm2"], details["scale_undistorted_px_per_mm2"]
-    table = Table(title="Calibration", show_header=False)
-    rows = [
-        ("views, of which distinct", f"{len(details['views'])}, {len(details['distinct_views'])}"),
-        ("corners", f"{len(details['corners'])}"),
-        ("fx, fy [px]", f"{value(matrix[0, 0], 'fx', 1)}, {value(matrix[1, 1], 'fy', 1)}"),
-        ("cx, cy [px]", f"{value(matrix[0, 2], 'cx', 1)}, {value(matrix[1, 2], 'cy', 1)}"),
-        *((n, value(k[i], n, 4)) for i, n in enumerate(("k1", "k2", "p1", "p2", "k3")) if n in errors),
-        ("grid RMS on corners left out [px]", f"{details['grid_rms_px']:.3f}"),
-        ("the same after undistortion [px]", f"{details['grid_rms_undistorted_px']:.3f}"),
-        ("local scale, median (min to max) [px/mm²]", _range(raw)),
-        ("the same after undistortion [px/mm²]", _range(straight)),
-    ]
-    if calibration.mm2_per_px is not None:
-        rows.append(("area of a pixel [mm²]", f"{calibration.mm2_per_px:.7f}"))
-    for row in rows:
-        table.add_row(*map(Text, row))
-    console.print(table)
-    for warning in details["warnings"]:
-        messages.print(f"warning: {warning['code']}: {warning['text']}", highlight=False, markup=False, soft_wrap=True)
-    if saved_to is None:
-        messages.print("not saved: give --json FILE or --out DIR to save the calibration", soft_wrap=True)
-
-
-def _range(scale: dict[str, float]) -> str:
-    if math.isnan(scale["median"]):
-        return "no complete cell"
-    return f"{scale['median']:.1f} ({scale['min']:.1f} to {scale['max']:.1f})"

@@ -17,8 +17,11 @@ from evanesce.core.errors import WorkError
 from evanesce.measurement.calibration.corners import CornerGrid, find_corners
 from evanesce.measurement.calibration.points import BoardView
 from evanesce.measurement.io.images import Loaded, read_image
-from evanesce.measurement.refined.blur import blur_of_board
+from evanesce.measurement.refined.blur import NOMINAL_LIMITS_PX, NOMINAL_PX, blur_of_board
 from evanesce.measurement.warnings import SATURATED_SHARE, Warning
+
+BLURRED = 2.0
+"""Times the median blur of all pictures above which one is named."""
 
 
 @dataclass(frozen=True)
@@ -33,18 +36,15 @@ class BoardPictures:
         Of :func:`~evanesce.measurement.refined.blur.blur_of_board`, in the same order.
     image_size : tuple of int
         (cols, rows) [px].
-    first : ndarray (rows, cols[, 3])
-        The first picture, to draw on.
-    first_name : str
-        Its file's name.
+    frames : list of ndarray (rows, cols[, 3])
+        The picture of each view, to draw on.
     warnings : list of Warning
     """
 
     views: list[BoardView]
     blurs: list[dict[str, Any]]
     image_size: tuple[int, int]
-    first: NDArray[np.uint8]
-    first_name: str
+    frames: list[NDArray[np.uint8]]
     warnings: list[Warning]
 
 
@@ -101,6 +101,7 @@ def boards_of(
     views: list[BoardView] = []
     warnings: list[Warning] = []
     blurs: list[dict[str, Any]] = []
+    frames: list[NDArray[np.uint8]] = []
     reason = ""
     # NumPy and SciPy release the interpreter's lock, so that threads share the work over the cores.
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
@@ -124,10 +125,12 @@ def boards_of(
                 else:
                     views.append(grid.view(name, square_mm))
                     blurs.append(blur)
+                    frames.append(one.data)
             done()
     if first is None or not views:
         raise WorkError(reason or "no picture of a board")
-    return BoardPictures(views, blurs, (first.shape[1], first.shape[0]), first, first_name, warnings)
+    warnings += out_of_focus([view.name for view in views], [blur["median"] for blur in blurs])
+    return BoardPictures(views, blurs, (first.shape[1], first.shape[0]), frames, warnings)
 
 
 def _searched(picture: NDArray[np.uint8]) -> tuple[CornerGrid, dict[str, Any]]:
@@ -156,6 +159,31 @@ def saturation(picture: NDArray[np.uint8], name: str) -> list[Warning]:
         return []
     text = f"{100 * full.mean():.1f} % of the pixels of {name} are saturated (limit {100 * SATURATED_SHARE:g} %)"
     return [Warning("saturation", text)]
+
+
+def out_of_focus(names: Sequence[str], blurs_px: Sequence[float]) -> list[Warning]:
+    """Warn of pictures whose edges are blurred beyond what a focused camera leaves, or far beyond the others'.
+
+    Parameters
+    ----------
+    names : sequence of str
+    blurs_px : sequence of float
+        Standard deviation of each picture's blur [px].
+
+    Returns
+    -------
+    list of Warning
+        Empty or one.
+    """
+    usual = float(np.median(blurs_px))
+    limit = min(NOMINAL_LIMITS_PX[1], max(BLURRED * usual, NOMINAL_PX))  # a picture as sharp as usual is never named
+    named = [f"{name} ({px:.1f} px)" for name, px in zip(names, blurs_px, strict=True) if px > limit]
+    if not named:
+        return []
+    text = (
+        f"out of focus, edges blurred by more than {limit:.2g} px (median of all: {usual:.2g} px): {', '.join(named)}"
+    )
+    return [Warning("out_of_focus", text)]
 
 
 def _size(picture: NDArray[np.uint8]) -> str:

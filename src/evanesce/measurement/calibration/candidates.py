@@ -11,8 +11,12 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+Indices = NDArray[np.int64]
 
 SEEDS_PER_SCALE = 400
+NEAREST = 24  # candidates among which a neighbour is sought
+FINEST_PX = 1.25  # smoothing that the reduced image keeps, in its own pixels
 
 
 @dataclass(frozen=True)
@@ -48,29 +52,38 @@ def candidates_of(image: Array, sigma: float) -> Candidates:
     -------
     Candidates
     """
+    # wide smoothing needs no fine pixels: on an image reduced by `factor` it costs factor^2 less
+    factor = max(1, int(sigma / FINEST_PX))
+    (rows, cols), full = image.shape, image.astype(np.float32)
+    size = max(1, cols // factor), max(1, rows // factor)
+    small = cv2.resize(full, size, interpolation=cv2.INTER_AREA) if factor > 1 else full
+    sigma, step = sigma / factor, np.array([cols / size[0], rows / size[1]])
     taps = _gaussian_taps(sigma)
-    hxx, hyy, hxy = (_separable(image, taps[kx], taps[ky]) for kx, ky in ((2, 0), (0, 2), (1, 1)))
+    hxx, hyy, hxy = (_separable(small, taps[kx], taps[ky]) for kx, ky in ((2, 0), (0, 2), (1, 1)))
     # eigenvalues of the Hessian: mean +- root; a saddle has one of each sign
-    mean, root = (hxx + hyy) / 2, np.hypot((hxx - hyy) / 2, hxy)
-    strength = np.maximum(root - np.abs(mean), 0.0) * sigma**2
-    smooth = _widely_smoothed(image, 6 * sigma)
-    local = np.sqrt(np.maximum(_widely_smoothed((image - smooth) ** 2, 6 * sigma), 0.0))
+    mean, root = (hxx + hyy) / 2, np.asarray(cv2.magnitude((hxx - hyy) / 2, hxy))
+    strength = np.maximum(root - np.abs(mean), 0.0) * np.float32(sigma**2)
     floor = max(1e-3 * float(np.ptp(image)), 1e-12)
     # a sharp corner of contrast a has strength 2 a/pi and local deviation a
     side = 2 * int(np.ceil(1.5 * sigma)) + 1
     peaks = cv2.dilate(strength, np.ones((side, side), np.uint8), borderType=cv2.BORDER_REPLICATE)
-    rows, cols = np.nonzero((strength == peaks) & (strength > 0.15 * local) & (local > floor))
-    order = np.argsort(-(strength / np.maximum(local, floor))[rows, cols], kind="stable")
-    rows, cols = rows[order], cols[order]
-    xx, yy, xy = hxx[rows, cols], hyy[rows, cols], hxy[rows, cols]
+    down, along_x = np.nonzero((strength == peaks) & (strength > 0.15 * floor))
+    deviation = _local_deviation(small, 6 * sigma)
+    local = deviation[down * deviation.shape[0] // small.shape[0], along_x * deviation.shape[1] // small.shape[1]]
+    ratio = strength[down, along_x] / np.maximum(local, floor)
+    order = np.argsort(-ratio, kind="stable")
+    order = order[(ratio > 0.15)[order] & (local > floor)[order]]
+    down, along_x = down[order], along_x[order]
+    xx, yy, xy = hxx[down, along_x], hyy[down, along_x], hxy[down, along_x]
     angle = 0.5 * np.arctan2(2 * xy, xx - yy)  # of the eigenvector with the larger eigenvalue
     bright = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     dark = np.stack([-bright[:, 1], bright[:, 0]], axis=-1)
-    high, low = mean[rows, cols] + root[rows, cols], mean[rows, cols] - root[rows, cols]
+    high, low = mean[down, along_x] + root[down, along_x], mean[down, along_x] - root[down, along_x]
     along, across = np.sqrt(-low)[:, None] * bright, np.sqrt(high)[:, None] * dark  # directions of zero curvature
     edges = np.stack([along + across, along - across], axis=1)
     edges /= np.linalg.norm(edges, axis=-1, keepdims=True)
-    return Candidates(np.stack([cols, rows], axis=-1).astype(np.float64), edges, bright)
+    position = (np.stack([along_x, down], axis=-1) + 0.5) * step - 0.5
+    return Candidates(position, edges.astype(np.float64), bright.astype(np.float64))
 
 
 def _gaussian_taps(sigma: float) -> tuple[Array, Array, Array]:
@@ -81,20 +94,27 @@ def _gaussian_taps(sigma: float) -> tuple[Array, Array, Array]:
     return gauss, x / sigma**2 * gauss, (x**2 / sigma**2 - 1) / sigma**2 * gauss
 
 
-def _separable(image: Array, along_x: Array, along_y: Array) -> Array:
+def _separable(image: Single, along_x: Array, along_y: Array) -> Single:
     """Correlate with a separable kernel, the border repeated."""
-    return np.asarray(cv2.sepFilter2D(image, cv2.CV_64F, along_x, along_y, borderType=cv2.BORDER_REPLICATE))
+    return np.asarray(cv2.sepFilter2D(image, cv2.CV_32F, along_x, along_y, borderType=cv2.BORDER_REPLICATE))
 
 
-def _widely_smoothed(image: Array, sigma: float) -> Array:
-    """Smooth by a wide Gaussian, on an image reduced so far that its standard deviation is 3 px there."""
+def _local_deviation(image: Single, sigma: float) -> Single:
+    """Return the standard deviation within a wide Gaussian, on an image so small that the Gaussian's is 3 px there."""
     rows, cols = image.shape
     factor = max(1.0, sigma / 3.0)
     size = max(1, round(cols / factor)), max(1, round(rows / factor))
-    small = cv2.GaussianBlur(
-        cv2.resize(image, size, interpolation=cv2.INTER_AREA), (0, 0), sigma / factor, borderType=cv2.BORDER_REPLICATE
+    centred = image - np.float32(image.mean())
+    first, second = (
+        cv2.GaussianBlur(
+            cv2.resize(part, size, interpolation=cv2.INTER_AREA),
+            (0, 0),
+            sigma / factor,
+            borderType=cv2.BORDER_REPLICATE,
+        )
+        for part in (centred, centred * centred)
     )
-    return np.asarray(cv2.resize(small, (cols, rows), interpolation=cv2.INTER_LINEAR))
+    return np.asarray(np.sqrt(np.maximum(second - first * first, 0)), dtype=np.float32)
 
 
 def seeds(candidates: Candidates, taken: NDArray[np.bool_]) -> Iterator[tuple[list[int], Array]]:
@@ -116,53 +136,44 @@ def seeds(candidates: Candidates, taken: NDArray[np.bool_]) -> Iterator[tuple[li
     if len(candidates.position) < 9:
         return
     tree = KDTree(candidates.position)
-    tried = 0
-    for k in range(len(candidates.position)):
-        if taken[k]:
-            continue
-        if tried == SEEDS_PER_SCALE:
-            return
-        tried += 1
-        members = _patch(candidates, tree, k)
-        if members is not None:
-            yield members, candidates.position[members].reshape(3, 3, 2)
+    centres = np.flatnonzero(~taken)[:SEEDS_PER_SCALE]
+    members, fits = _patches(candidates, tree, centres)
+    for k, patch in zip(centres[fits], members[fits], strict=True):
+        if not taken[k]:
+            yield patch.tolist(), candidates.position[patch].reshape(3, 3, 2)
 
 
-def _patch(candidates: Candidates, tree: KDTree, centre: int) -> list[int] | None:
-    """Return the 3 x 3 patch around a candidate, [i, j] flattened, or None if its neighbours do not fit."""
-    position = candidates.position
-    steps, found = [], {(0, 0): centre}
-    for axis, unit in enumerate(((1, 0), (0, 1))):
-        for sign in (1, -1):
-            other = _neighbour(candidates, tree, centre, sign * candidates.edges[centre, axis])
-            if other is None:
-                return None
-            found[sign * unit[0], sign * unit[1]] = other
-            steps.append(sign * (position[other] - position[centre]))
+def _patches(candidates: Candidates, tree: KDTree, centres: Indices) -> tuple[Indices, NDArray[np.bool_]]:
+    """Return the 3 x 3 patch around each centre, [i, j] flattened (m, 9), and whether its neighbours fit."""
+    position, bright = candidates.position, candidates.bright
+    beside, good = _neighbours(candidates, tree, centres)  # +i, -i, +j, -j
+    steps = position[beside] - position[centres, None]
     lengths = np.linalg.norm(steps, axis=-1)
-    if np.linalg.norm(steps[0] - steps[1]) > 0.35 * lengths[:2].min():
-        return None
-    if np.linalg.norm(steps[2] - steps[3]) > 0.35 * lengths[2:].min():
-        return None
-    for i in (-1, 1):
-        for j in (-1, 1):
-            expected = position[found[i, 0]] + position[found[0, j]] - position[centre]
-            distance, near = tree.query(expected)
-            same = abs(candidates.bright[near] @ candidates.bright[centre]) > 0.8
-            if distance > 0.25 * lengths.min() or not same:
-                return None
-            found[i, j] = int(near)
-    members = [found[i, j] for i in (-1, 0, 1) for j in (-1, 0, 1)]
-    return members if len(set(members)) == 9 else None
+    for one, other in ((0, 1), (2, 3)):
+        unlike = np.linalg.norm(steps[:, one] + steps[:, other], axis=-1)
+        good &= unlike <= 0.35 * lengths[:, [one, other]].min(axis=1)
+    diagonal = [(1, 3), (1, 2), (0, 3), (0, 2)]  # (-i, -j), (-i, +j), (+i, -j), (+i, +j)
+    expected = position[centres, None] + np.stack([steps[:, i] + steps[:, j] for i, j in diagonal], axis=1)
+    distance, corner = tree.query(expected)
+    good &= (distance <= 0.25 * lengths.min(axis=1, keepdims=True)).all(axis=1)
+    good &= (np.abs((bright[corner] * bright[centres, None]).sum(axis=-1)) > 0.8).all(axis=1)
+    columns = [corner[:, 0], beside[:, 1], corner[:, 1], beside[:, 3], centres, beside[:, 2], corner[:, 2],
+               beside[:, 0], corner[:, 3]]  # fmt: skip
+    members = np.stack(columns, axis=-1).astype(np.int64)
+    good &= (np.diff(np.sort(members, axis=1), axis=1) > 0).all(axis=1)
+    return members, good
 
 
-def _neighbour(candidates: Candidates, tree: KDTree, centre: int, direction: Array) -> int | None:
-    """Return the nearest candidate of opposite polarity along an edge, within 15 degrees of it."""
-    _, near = tree.query(candidates.position[centre], k=min(25, len(candidates.position)))
-    for other in near[1:]:
-        offset = candidates.position[other] - candidates.position[centre]
-        if offset @ direction < np.cos(np.deg2rad(15.0)) * np.linalg.norm(offset):
-            continue
-        if abs(candidates.bright[other] @ candidates.bright[centre]) < 0.6:
-            return int(other)
-    return None
+def _neighbours(candidates: Candidates, tree: KDTree, centres: Indices) -> tuple[Indices, NDArray[np.bool_]]:
+    """Return the nearest candidate of opposite polarity along +-i and +-j (m, 4), within 15 degrees, and if all are."""
+    position, bright = candidates.position, candidates.bright
+    _, near = tree.query(position[centres], k=min(NEAREST + 1, len(position)))
+    near = near[:, 1:]
+    offset = position[near] - position[centres, None]
+    length = np.linalg.norm(offset, axis=-1)
+    edges = candidates.edges[centres]
+    along = np.stack([edges[:, 0], -edges[:, 0], edges[:, 1], -edges[:, 1]], axis=1)
+    ahead = along @ offset.swapaxes(1, 2) >= np.cos(np.deg2rad(15.0)) * length[:, None]
+    opposite = np.abs((bright[near] * bright[centres, None]).sum(axis=-1)) < 0.6
+    fits = ahead & opposite[:, None]
+    return np.take_along_axis(near, fits.argmax(axis=2), axis=1), fits.any(axis=2).all(axis=1)

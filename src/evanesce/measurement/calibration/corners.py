@@ -126,10 +126,11 @@ def find_corners(image: NDArray[np.generic]) -> CornerGrid:
                 best = growth
         if best is not None and best.count * (COARSER * best.pitch) ** 2 > values.size:
             break  # a board of the next scale's larger squares has no room for as many corners
-    if best is None or best.count < MIN_CORNERS:
-        found = 0 if best is None else best.count
+    grid = None if best is None or best.count < MIN_CORNERS else CornerGrid(*best.result())
+    if grid is None or len(grid) < MIN_CORNERS:
+        found = len(grid) if grid is not None else 0 if best is None else best.count
         raise WorkError(f"no checkerboard found: {found} corners that fit one grid (needed: at least {MIN_CORNERS})")
-    return CornerGrid(*best.result())
+    return grid
 
 
 def _first_filled(line: NDArray[np.int64]) -> int:

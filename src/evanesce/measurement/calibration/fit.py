@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 
 from evanesce.core import rng
 from evanesce.core.errors import InputError, WorkError
+from evanesce.measurement.calibration.checks import anisotropy, deviations, lines, view_warnings
 from evanesce.measurement.calibration.distinct import distinct_views
 from evanesce.measurement.calibration.local_scale import ScaleMap, local_scale
 from evanesce.measurement.calibration.model import Calibration
+from evanesce.measurement.calibration.outliers import chosen, without_outliers
 from evanesce.measurement.calibration.pinhole import PinholeFit, fit_pinhole
 from evanesce.measurement.calibration.planar import MODELS, BoardFit, fit_planar
 from evanesce.measurement.calibration.points import BoardView
@@ -30,12 +32,6 @@ MIN_TILT_DEG = 5.0
 
 MAX_FOCAL_ERROR = 0.05
 """Relative standard error of the focal length above which it is not accepted."""
-
-MAX_DEVIATION = 0.05
-"""Relative deviation of focal length or distance from the rig's drawing above which a warning says so."""
-
-ANISOTROPY = 0.01
-"""Relative difference of the scales along two directions above which an area or a length is wrong by that much."""
 
 MIN_CORNERS = 16
 MIN_HELD_OUT = 24
@@ -54,7 +50,11 @@ class Calibrated:
     views : list of BoardView
         As given.
     distinct : list of BoardView
-        Those that were used: one of each set of identical views.
+        Those that were used: one of each set of identical views, without outliers.
+    numbers : list of int
+        Of each distinct view, its number in ``views`` from 0.
+    outliers : list of ndarray (n, 2)
+        Of each distinct view: (x, y) of the corners left out [px]; see :mod:`.outliers`.
     held_out : list of ndarray (n, 2)
         Of each distinct view: corner found minus corner predicted by a fit without it [px of the picture].
     held_out_straight : list of ndarray (n, 2)
@@ -70,6 +70,8 @@ class Calibrated:
     fit: BoardFit
     views: list[BoardView]
     distinct: list[BoardView]
+    numbers: list[int]
+    outliers: list[Array]
     held_out: list[Array]
     held_out_straight: list[Array]
     scale: ScaleMap
@@ -86,6 +88,16 @@ class Calibrated:
     def straight_rms_px(self) -> float:
         """RMS distance of left-out corners from a straight, even grid [px of the undistorted picture]."""
         return rms(np.concatenate(self.held_out_straight))
+
+    @property
+    def view_rms_px(self) -> list[float]:
+        """RMS distance of left-out corners from the fitted grid, of each distinct view [px of the picture]."""
+        return [rms(residual) for residual in self.held_out]
+
+    @property
+    def worst(self) -> int:
+        """Number of the distinct view with the greatest RMS, from 0."""
+        return int(np.argmax(self.view_rms_px))
 
 
 def rms(residual: Array) -> float:
@@ -139,25 +151,24 @@ def calibrate(
     _check(views, image_size)
     assumed = expect_focal_px if expect_focal_px is not None else float(max(image_size))
     distinct, warnings = distinct_views(views)
-    fit, found = _fit(distinct, image_size, model, assumed)
+    numbers = [next(k for k, view in enumerate(views) if view is one) for one in distinct]
+    given = distinct
+    fit, kept, found = _fit(given, image_size, model, assumed)
+    distinct = [chosen(view, which) for view, which in zip(given, kept, strict=True)]
     warnings += found
-    full = isinstance(fit, PinholeFit)
-
-    def refit(half: list[BoardView]) -> BoardFit:
-        return fit_pinhole(half, image_size, model) if full else fit_planar(half, image_size, assumed, model)
-
-    residuals = _held_out(distinct, refit)
-    if residuals is None:
-        residuals = _residuals(distinct, fit)
-        text = f"{min(map(len, distinct))} corners in a view are too few to leave half out: residuals are the fit's own"
-        warnings.append(Warning("few_corners", text))
-    warnings += [*_deviations(fit, expect_focal_px, expect_distance_mm), *_anisotropy(fit, distinct[0])]
+    residuals, found = _left_out(distinct, fit, image_size, model, assumed)
+    warnings += found
+    warnings += [*deviations(fit, expect_focal_px, expect_distance_mm), *anisotropy(fit, distinct[0])]
+    left_out = [~which for which in kept]
+    warnings += view_warnings(fit, image_size, given, [rms(residual) for residual in residuals[0]], left_out)
     straight = BoardView(distinct[0].name, distinct[0].world, fit.undistort(distinct[0].image))
     return Calibrated(
         calibration=Calibration(image_size=image_size, camera_matrix=fit.camera_matrix, distortion=fit.distortion),
         fit=fit,
         views=views,
         distinct=distinct,
+        numbers=numbers,
+        outliers=[view.image[out] for view, out in zip(given, left_out, strict=True)],
         held_out=residuals[0],
         held_out_straight=residuals[1],
         scale=local_scale(distinct[0]),
@@ -186,18 +197,18 @@ def _check(views: list[BoardView], image_size: tuple[int, int]) -> None:
 
 def _fit(
     views: list[BoardView], image_size: tuple[int, int], model: str, assumed: float
-) -> tuple[BoardFit, list[Warning]]:
-    """Return the full fit if the views identify the focal length, else the planar one and the reason."""
+) -> tuple[BoardFit, list[NDArray[np.bool_]], list[Warning]]:
+    """Return the full fit if the views identify the focal length, else the planar one and why; which corners count."""
     if len(views) == 1:
         reason = "1 distinct view of a flat board"
     else:
         try:
-            full = fit_pinhole(views, image_size, model)
+            full, kept = without_outliers(views, lambda some: fit_pinhole(some, image_size, model))
         except WorkError as error:
             reason = f"{len(views)} distinct views ({error})"
         else:
             if full.tilt_spread_deg >= MIN_TILT_DEG and full.focal_error <= MAX_FOCAL_ERROR:
-                return full, []
+                return full, kept, []
             reason = (
                 f"{len(views)} distinct views whose boards are tilted by at most {full.tilt_spread_deg:.2g} deg "
                 f"against one another (needed: {MIN_TILT_DEG:g} deg), with a standard error of "
@@ -207,13 +218,30 @@ def _fit(
         f"{reason}: focal length, distance and tilt cannot be identified; the distortion is fitted with an assumed "
         f"focal length of {assumed:g} px, on which the undistorted picture does not depend"
     )
-    return fit_planar(views, image_size, assumed, model), [Warning("views_too_alike", text)]
+    planar, kept = without_outliers(views, lambda some: fit_planar(some, image_size, assumed, model))
+    return planar, kept, [Warning("views_too_alike", text)]
 
 
 def _residuals(views: list[BoardView], fit: BoardFit) -> tuple[list[Array], list[Array]]:
     """Return found minus predicted corners of each view, in the picture and in the undistorted one [px]."""
     raw = [v.image - fit.predict(k, v.world) for k, v in enumerate(views)]
     return raw, [fit.undistort(v.image) - fit.straight(k, v.world) for k, v in enumerate(views)]
+
+
+def _left_out(
+    views: list[BoardView], fit: BoardFit, image_size: tuple[int, int], model: str, assumed: float
+) -> tuple[tuple[list[Array], list[Array]], list[Warning]]:
+    """Return the residuals of corners left out of a fit, or the fit's own where there are too few, with a warning."""
+
+    def refit(half: list[BoardView]) -> BoardFit:
+        full = isinstance(fit, PinholeFit)
+        return fit_pinhole(half, image_size, model) if full else fit_planar(half, image_size, assumed, model)
+
+    residuals = _held_out(views, refit)
+    if residuals is not None:
+        return residuals, []
+    text = f"{min(map(len, views))} corners in a view are too few to leave half out: residuals are the fit's own"
+    return _residuals(views, fit), [Warning("few_corners", text)]
 
 
 def _held_out(
@@ -228,84 +256,13 @@ def _held_out(
     for part in (0, 1):
         kept, left = ([(h == part) == used for h in halves] for used in (True, False))
         try:
-            fit = refit([_some(v, k) for v, k in zip(views, kept, strict=True)])
+            fit = refit([chosen(v, k) for v, k in zip(views, kept, strict=True)])
         except WorkError:
             return None
-        own_raw, own_straight = _residuals([_some(v, k) for v, k in zip(views, left, strict=True)], fit)
+        own_raw, own_straight = _residuals([chosen(v, k) for v, k in zip(views, left, strict=True)], fit)
         for k, out in enumerate(left):
             raw[k][out], straight[k][out] = own_raw[k], own_straight[k]
     return raw, straight
-
-
-def _some(view: BoardView, which: NDArray[np.bool_]) -> BoardView:
-    return BoardView(view.name, view.world[which], view.image[which])
-
-
-def _deviations(fit: BoardFit, focal_px: float | None, distance_mm: float | None) -> list[Warning]:
-    """Compare focal length and distance with the rig's drawing."""
-    found = []
-    if not isinstance(fit, PinholeFit):
-        if distance_mm is not None:
-            scale = np.sqrt(abs(np.linalg.det(_jacobian(fit, 0))))
-            implied = fit.camera_matrix[0, 0] / scale
-            if abs(implied / distance_mm - 1) > MAX_DEVIATION:
-                text = (
-                    f"with the assumed focal length of {fit.camera_matrix[0, 0]:g} px the scale of {scale:.4g} px/mm "
-                    f"puts the board at {implied:.4g} mm, the rig says {distance_mm:g} mm"
-                )
-                found.append(Warning("distance_at_odds", text))
-        return found
-    for name, i in (("fx", 0), ("fy", 1)):
-        value, error = fit.camera_matrix[i, i], fit.standard_errors[name]
-        if focal_px is not None and abs(value / focal_px - 1) > MAX_DEVIATION:
-            text = (
-                f"{name} = {value:.1f} +- {error:.1f} px, the rig says {focal_px:g} px "
-                f"({100 * (value / focal_px - 1):+.1f} %)"
-            )
-            found.append(Warning("focal_length_at_odds", text))
-            break
-    far = float(np.median(fit.distances))
-    if distance_mm is not None and abs(far / distance_mm - 1) > MAX_DEVIATION:
-        text = (
-            f"the boards lie at a median distance of {far:.4g} mm, the rig says {distance_mm:g} mm "
-            f"({100 * (far / distance_mm - 1):+.1f} %)"
-        )
-        found.append(Warning("distance_at_odds", text))
-    return found
-
-
-def _jacobian(fit: BoardFit, view: int) -> Array:
-    """Return d(undistorted px)/d(mm) of a view at the principal point, (2, 2)."""
-    homography = fit.homographies[view]
-    at = np.linalg.solve(homography, [*fit.camera_matrix[:2, 2], 1.0])
-    at = at[:2] / at[2]
-    w = homography[2, :2] @ at + homography[2, 2]
-    position = (homography[:2, :2] @ at + homography[:2, 2]) / w
-    return np.asarray((homography[:2, :2] - np.outer(position, homography[2, :2])) / w)
-
-
-def _anisotropy(fit: BoardFit, view: BoardView) -> list[Warning]:
-    """Warn where a millimetre is longer in one direction than in another, at the middle of the undistorted picture."""
-    found = []
-    fx, fy = fit.camera_matrix[0, 0], fit.camera_matrix[1, 1]
-    if abs(fx / fy - 1) > ANISOTROPY:
-        found.append(
-            Warning(
-                "anisotropic_scale", f"fx = {fx:.1f} px and fy = {fy:.1f} px differ by {100 * (fx / fy - 1):+.2f} %"
-            )
-        )
-    if isinstance(fit, PinholeFit):
-        return found  # a calibration board may be tilted by any angle
-    high, low = np.linalg.svd(_jacobian(fit, 0), compute_uv=False)
-    if high / low - 1 > ANISOTROPY:
-        along = np.linalg.norm(_jacobian(fit, 0), axis=0)
-        text = (
-            f"view {view.name}: {high:.3f} px/mm along one direction, {low:.3f} px/mm across it "
-            f"({100 * (high / low - 1):.2f} % apart; {along[0]:.3f} and {along[1]:.3f} px/mm along the board's axes): "
-            "the camera is tilted, the print is stretched or pixels are not square"
-        )
-        found.append(Warning("anisotropic_scale", text))
-    return found
 
 
 def report(result: Calibrated) -> dict[str, Any]:
@@ -345,14 +302,25 @@ def report(result: Calibrated) -> dict[str, Any]:
         "scale_px_per_mm2": result.scale.summary(),
         "scale_undistorted_px_per_mm2": straight,
         "scale_spread_undistorted": (straight["max"] - straight["min"]) / (2 * straight["median"]),
-        "views": [
-            {"view": number, "name": view.name, "corners": len(view)}
-            for number, view in enumerate(result.views, start=1)
-        ],
+        "views": _view_rows(result),
         "distinct_views": [view.name for view in result.distinct],
         "warnings": [{"code": w.code, "text": w.text} for w in result.warnings],
         "corners": corners,
     }
+
+
+def _view_rows(result: Calibrated) -> list[dict[str, Any]]:
+    """Return name, count, lines, corners left out and RMS [px] of each view; a repeated view has no RMS of its own."""
+    rows: list[dict[str, Any]] = []
+    for number, view in enumerate(result.views):
+        row: dict[str, Any] = {"view": number + 1, "name": view.name, "corners": len(view), "lines": list(lines(view))}
+        if number in result.numbers:
+            k = result.numbers.index(number)
+            row |= {"repeated": False, "left_out": len(result.outliers[k]), "rms_px": rms(result.held_out[k])}
+        else:
+            row |= {"repeated": True, "left_out": None, "rms_px": None}
+        rows.append(row)
+    return rows
 
 
 def _free(fit: BoardFit) -> set[str]:

@@ -1,4 +1,4 @@
-"""Full camera calibration from several tilted boards, by OpenCV's bundle adjustment with standard errors."""
+"""Full camera calibration from several tilted boards, by OpenCV's bundle adjustment."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.errors import WorkError
+from evanesce.measurement.calibration.errors import shared_errors
 from evanesce.measurement.calibration.planar import COEFFICIENTS, MODELS, BoardFit
 from evanesce.measurement.calibration.points import BoardView
 
@@ -78,13 +79,13 @@ def fit_pinhole(views: Sequence[BoardView], image_size: tuple[int, int], model: 
     image = [v.image.astype(np.float32)[:, None, :] for v in views]
     criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-12)
     try:
-        _, matrix, k, rvecs, tvecs, errors, _, _ = cv2.calibrateCameraExtended(
+        _, matrix, k, rvecs, tvecs = cv2.calibrateCamera(
             world, image, image_size, None, None, flags=_FLAGS[model], criteria=criteria
         )
     except cv2.error as error:
         raise WorkError(f"camera calibration failed: {str(error).splitlines()[0]}") from None
-    k, errors = np.ravel(k)[:5], np.ravel(errors)
-    if not (np.isfinite(matrix).all() and np.isfinite(k).all() and np.isfinite(errors).all() and matrix[0, 0] > 0):
+    k = np.ravel(k)[:5]
+    if not (np.isfinite(matrix).all() and np.isfinite(k).all() and matrix[0, 0] > 0):
         raise WorkError("camera calibration did not converge to finite values")
     rotations = np.array([cv2.Rodrigues(r)[0] for r in rvecs])
     shifts = np.array([np.ravel(t) for t in tvecs])
@@ -92,12 +93,20 @@ def fit_pinhole(views: Sequence[BoardView], image_size: tuple[int, int], model: 
     middles = np.array([np.append(v.world.mean(axis=0), 0.0) for v in views])
     centres = np.einsum("kab,kb->ka", rotations, middles) + shifts
     names = ("fx", "fy", "cx", "cy", *COEFFICIENTS)
-    kept = {"fx", "fy", "cx", "cy", *MODELS[model]}
+    free = [i for i, name in enumerate(names) if name in {"fx", "fy", "cx", "cy", *MODELS[model]}]
+    shared, own, residuals = [], [], []
+    for view, r, t in zip(views, rvecs, tvecs, strict=True):
+        flat = np.column_stack([view.world, np.zeros(len(view))])
+        predicted, slopes = cv2.projectPoints(flat, r, t, matrix, k)
+        own.append(slopes[:, :6])
+        shared.append(slopes[:, 6:15][:, free])
+        residuals.append((view.image - predicted[:, 0]).ravel())
+    errors = shared_errors(shared, own, residuals)
     return PinholeFit(
         camera_matrix=np.asarray(matrix, dtype=np.float64),
         distortion=np.asarray(k, dtype=np.float64),
         homographies=homographies,
-        standard_errors={name: float(e) for name, e in zip(names, errors, strict=False) if name in kept},
+        standard_errors={names[i]: float(e) for i, e in zip(free, errors, strict=True)},
         normals=rotations[:, :, 2],
         distances=np.linalg.norm(centres, axis=1),
     )

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from evanesce.core.errors import WorkError
+from evanesce.measurement.calibration.errors import shared_errors
 from evanesce.measurement.calibration.points import BoardView
 from evanesce.measurement.calibration.rectify import distort_normalized, undistort_points
 
@@ -43,7 +44,7 @@ class BoardFit:
     homographies : ndarray (views, 3, 3)
         Board [mm] to undistorted pixels.
     standard_errors : dict
-        Of what was fitted, from the residuals' own scatter: fx, fy, cx, cy [px] and the free coefficients.
+        Of what was fitted, see :mod:`.errors`: fx, fy, cx, cy [px] and the free coefficients.
     """
 
     camera_matrix: Array
@@ -180,7 +181,8 @@ def fit_planar(
     solved = least_squares(residuals, start, jac=jacobian, method="lm", x_scale="jac", max_nfev=500)
     if solved.status <= 0 or not np.isfinite(solved.x).all():
         raise WorkError(f"the planar fit did not converge: {solved.message}")
-    return _planar_fit(solved.x, solved.fun, jacobian(solved.x), free, middle, focal_px, boards)
+    sizes = [2 * len(w) for w in world]
+    return _planar_fit(solved.x, solved.fun, jacobian(solved.x), sizes, free, middle, focal_px, boards)
 
 
 def _start(world: list[Array], image: list[Array], coefficients: int, views: Sequence[BoardView]) -> Array:
@@ -208,6 +210,7 @@ def _planar_fit(
     theta: Array,
     residual: Array,
     jacobian: Array,
+    sizes: list[int],
     free: list[int],
     middle: Array,
     focal_px: float,
@@ -215,8 +218,13 @@ def _planar_fit(
 ) -> BoardFit:
     """Turn the fit's own units into pixels and millimetres."""
     shared = 2 + len(free)
-    variance = residual @ residual / (len(residual) - len(theta))
-    errors = np.sqrt(np.maximum(variance * np.diag(np.linalg.pinv(jacobian.T @ jacobian)), 0.0))
+    ends = np.cumsum(sizes)
+    rows = [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)]
+    errors = shared_errors(
+        [jacobian[r, :shared] for r in rows],
+        [jacobian[r, shared + 8 * v : shared + 8 * v + 8] for v, r in enumerate(rows)],
+        [residual[r] for r in rows],
+    )
     names = [COEFFICIENTS[i] for i in free]
     standard_errors = {"cx": float(errors[0] * focal_px), "cy": float(errors[1] * focal_px)}
     standard_errors |= {name: float(errors[2 + i]) for i, name in enumerate(names)}

@@ -28,8 +28,24 @@ def _frame_axes(result: Calibrated, title: str) -> tuple[Figure, Any]:
     return figure, axes
 
 
+def _worst_axes(result: Calibrated, title: str, picture: NDArray[np.uint8] | None) -> tuple[Figure, Any]:
+    """Return axes over the picture of the view with the greatest RMS."""
+    view, count = result.distinct[result.worst], len(result.distinct)
+    which = f"view {view.name}" if count == 1 else f"view {view.name}, the worst of {count}"
+    figure, axes = _frame_axes(result, f"{title}; {which}")
+    if picture is not None:
+        axes.imshow(picture, cmap="gray" if picture.ndim == 2 else None, vmin=0, vmax=255)
+        axes.set_xlim(-0.5, result.calibration.image_size[0] - 0.5)
+        axes.set_ylim(result.calibration.image_size[1] - 0.5, -0.5)
+    outliers = result.outliers[result.worst]
+    if len(outliers):
+        axes.plot(*outliers.T, "x", color="#d55e00", markersize=7, markeredgewidth=1.6, label="left out of the fit")
+        axes.legend(loc="upper right", fontsize=8)
+    return figure, axes
+
+
 def corners_figure(result: Calibrated, picture: NDArray[np.uint8] | None = None) -> Figure:
-    """Return the corners of the first distinct view, coloured by the parity of their index, on its picture if given.
+    """Return the corners of the view with the greatest RMS, coloured by the parity of their index.
 
     Parameters
     ----------
@@ -41,38 +57,38 @@ def corners_figure(result: Calibrated, picture: NDArray[np.uint8] | None = None)
     -------
     Figure
     """
-    view = result.distinct[0]
-    figure, axes = _frame_axes(result, f"{len(view)} corners of view {view.name}")
-    if picture is not None:
-        axes.imshow(picture, cmap="gray" if picture.ndim == 2 else None, vmin=0, vmax=255)
+    view = result.distinct[result.worst]
+    figure, axes = _worst_axes(result, f"{len(view)} corners", picture)
     ranks = [np.unique(view.world[:, k], return_inverse=True)[1] for k in (0, 1)]
     parity = (ranks[0] + ranks[1]) % 2
     for value, colour in ((0, "#00d5ff"), (1, "#ff3df2")):
         axes.plot(*view.image[parity == value].T, ".", color=colour, markersize=3.5)
-    axes.set_xlim(-0.5, result.calibration.image_size[0] - 0.5)
-    axes.set_ylim(result.calibration.image_size[1] - 0.5, -0.5)
     return figure
 
 
-def residual_figure(result: Calibrated, times: float = 25.0) -> Figure:
-    """Return the misses of left-out corners of the first distinct view as arrows, drawn larger by ``times``.
+def residual_figure(result: Calibrated, picture: NDArray[np.uint8] | None = None) -> Figure:
+    """Return the misses of left-out corners of the view with the greatest RMS as arrows, enlarged.
 
     Parameters
     ----------
     result : Calibrated
-    times : float
-        Magnification of the arrows [1].
+    picture : ndarray of uint8, optional
+        Of that view.
 
     Returns
     -------
     Figure
     """
-    view, miss = result.distinct[0], result.held_out[0]
-    title = f"corner found minus predicted without it, {times:g} times; RMS {rms(miss):.3f} px, view {view.name}"
-    figure, axes = _frame_axes(result, title)
+    view, miss = result.distinct[result.worst], result.held_out[result.worst]
     length = np.linalg.norm(miss, axis=1)
+    # nine in ten arrows shorter than a fortieth of the frame, enlarged by 1, 2 or 5 times a power of ten
+    wanted = result.calibration.image_size[0] / 40 / max(float(np.percentile(length, 90)), 1e-6)
+    power = 10 ** np.floor(np.log10(wanted))
+    times = float(power * max(step for step in (1, 2, 5) if step * power <= wanted))
+    title = f"corner found minus predicted without it, {times:g} times; RMS {rms(miss):.3f} px"
+    figure, axes = _worst_axes(result, title, picture)
     arrows = axes.quiver(
-        *view.image.T, *(times * miss).T, length, angles="xy", scale_units="xy", scale=1, width=0.0016, cmap="viridis"
+        *view.image.T, *(times * miss).T, length, angles="xy", scale_units="xy", scale=1, width=0.0022, cmap="plasma"
     )
     figure.colorbar(arrows, ax=axes, label="miss [px]", shrink=0.8)
     return figure

@@ -21,12 +21,15 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 Array = NDArray[np.float64]
+Single = NDArray[np.float32]
 
 ITERATIONS = 25
 MAX_HALF_WIDTH_PX = 13.0
+START_BLUR = 0.2  # of the window's half-width, where no earlier fit gives the blur
 MAX_BATCH_SAMPLES = 40_000  # the derivatives of a batch (3.5 MB) stay in the cache
+MEDIAN_OF = 4  # every fourth sample of a window, whose side is odd, gives the scale of its residuals
 _CAUCHY = 2.385  # 95 % efficiency on Gaussian noise (Holland & Welsch 1977)
-_SQRT2 = np.sqrt(2.0)
+_SAME = 1 + 1e-6  # sums of squares that differ by less are equal in single precision
 # the columns of the parameters
 X, Y, LEVEL, SLOPE_X, SLOPE_Y, CONTRAST, BUMP = 0, 1, 6, 7, 8, 9, 10
 ANGLE, WIDTH = slice(2, 4), slice(4, 6)
@@ -73,6 +76,7 @@ def fit_saddles(
     limit_px: float = MAX_HALF_WIDTH_PX,
     tolerance_px: float = 5e-4,
     iterations: int = ITERATIONS,
+    start: tuple[Array, Array] | None = None,
 ) -> SaddleFit:
     """Fit the corner model around approximate positions.
 
@@ -93,6 +97,9 @@ def fit_saddles(
         A corner that moves by less in a step has converged [px].
     iterations : int
         Steps at the most.
+    start : tuple of ndarray, optional
+        Normals (n, 2, 2) and blur (n, 2) [px] of an earlier fit to start from; else those of the lattice, and a fifth
+        of the window's half-width.
 
     Returns
     -------
@@ -103,17 +110,17 @@ def fit_saddles(
     reach = int(np.ceil((widths[:, None] * np.abs(lattice).sum(axis=2)).max(initial=1.0))) + 1
     step = max(1, MAX_BATCH_SAMPLES // (2 * reach + 1) ** 2)
     starts = range(0, max(len(centres), 1), step)
-    parts = [
-        _fit_batch(
-            image, centres[k : k + step], lattice[k : k + step], widths[k : k + step], reach, tolerance_px, iterations
-        )
-        for k in starts
-    ]
+    parts = []
+    for k in starts:
+        some = slice(k, k + step)
+        begin = None if start is None else (start[0][some], start[1][some])
+        found = _fit_batch(image, centres[some], lattice[some], widths[some], reach, tolerance_px, iterations, begin)
+        parts.append(found)
     joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in SaddleFit.__dataclass_fields__}
     return SaddleFit(**joined)
 
 
-def quadrants(image: Array, position: Array, lattice: Array) -> Array:
+def quadrants(image: Array, position: Array, lattice: Array, part: tuple[float, float] = (0.18, 0.45)) -> Array:
     """Return the median grey value of the four squares that meet at each corner, the middle part of their near halves.
 
     Parameters
@@ -123,13 +130,15 @@ def quadrants(image: Array, position: Array, lattice: Array) -> Array:
         (x, y) [px].
     lattice : ndarray (n, 2, 2)
         As for :func:`fit_saddles`.
+    part : tuple of float
+        Between these distances from both edges [squares].
 
     Returns
     -------
     ndarray (n, 4)
         In the order (+u +v), (-u +v), (-u -v), (+u -v); NaN where most of a square lies outside the image.
     """
-    inner = np.linspace(0.18, 0.45, 5)
+    inner = np.linspace(*part, 5)
     u, v = (g.ravel() for g in np.meshgrid(inner, inner))
     signs = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)], dtype=np.float64)
     offsets = signs[:, None, :] * np.stack([u, v], axis=-1)
@@ -145,25 +154,37 @@ def quadrants(image: Array, position: Array, lattice: Array) -> Array:
 
 
 def _fit_batch(
-    image: Array, centres: Array, lattice: Array, widths: Array, reach: int, tolerance_px: float, iterations: int
+    image: Array,
+    centres: Array,
+    lattice: Array,
+    widths: Array,
+    reach: int,
+    tolerance_px: float,
+    iterations: int,
+    begin: tuple[Array, Array] | None,
 ) -> SaddleFit:
     base = np.rint(centres).astype(np.int64)
     dx, dy, values, inside = _windows(image, base, reach)
     start = centres - base
     inverse = np.linalg.inv(lattice)
-    in_squares = np.zeros(values.shape)
+    in_squares = np.zeros(values.shape, dtype=np.float32)
     for k in (0, 1):  # u, v of each sample
-        offset = inverse[:, k, :1] * (dx - start[:, :1]) + inverse[:, k, 1:] * (dy - start[:, 1:])
+        across, along = inverse[:, k, :1].astype(np.float32), inverse[:, k, 1:].astype(np.float32)
+        offset = across * dx + along * dy - (inverse[:, k] * start).sum(axis=1, keepdims=True).astype(np.float32)
         np.maximum(in_squares, np.abs(offset), out=in_squares)
     window = in_squares <= widths[:, None]
-    mask = (window & inside).astype(np.float64)
+    support = (window & inside).sum(axis=1) / np.maximum(window.sum(axis=1), 1)
+    dx, dy, values, mask = _packed(dx, dy, values, window & inside)
 
     pitch = np.sqrt(np.abs(np.linalg.det(lattice)))
     theta = np.zeros((len(centres), 11))
     theta[:, X : Y + 1] = start
     # rows of the inverse lattice are the gradients of u and v: the normals of the edges that u and v cross
     theta[:, ANGLE] = np.arctan2(inverse[:, :, 1], inverse[:, :, 0])
-    theta[:, WIDTH] = np.log(np.maximum(0.08 * pitch, 0.5))[:, None]
+    theta[:, WIDTH] = np.log(np.maximum(START_BLUR * widths * pitch, 0.5))[:, None]
+    if begin is not None:
+        theta[:, ANGLE] = np.arctan2(begin[0][..., 1], begin[0][..., 0])
+        theta[:, WIDTH] = np.log(begin[1])
     _start_levels(theta, dx, dy, values, mask)
     theta, weights = _levenberg(theta, dx, dy, values, mask, pitch, tolerance_px, iterations)
 
@@ -179,11 +200,11 @@ def _fit_batch(
         bump=theta[:, BUMP],
         normals=np.stack([np.cos(theta[:, ANGLE]), np.sin(theta[:, ANGLE])], axis=-1),
         explained=1.0 - (weights * (values - model) ** 2).sum(axis=1) / spread,
-        support=mask.sum(axis=1) / np.maximum(window.sum(axis=1), 1),
+        support=support,
     )
 
 
-def _windows(image: Array, base: NDArray[np.int64], reach: int) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+def _windows(image: Array, base: NDArray[np.int64], reach: int) -> tuple[Single, Single, Single, NDArray[np.bool_]]:
     """Return offsets dx, dy (m,), grey values (n, m) and which of them lie inside the image."""
     offsets = np.arange(-reach, reach + 1)
     dx, dy = (g.ravel() for g in np.meshgrid(offsets, offsets))
@@ -191,19 +212,28 @@ def _windows(image: Array, base: NDArray[np.int64], reach: int) -> tuple[Array, 
     x, y = base[:, :1] + dx, base[:, 1:] + dy
     inside = (x >= 0) & (x < cols) & (y >= 0) & (y < rows)
     values = image[np.clip(y, 0, rows - 1), np.clip(x, 0, cols - 1)]
-    return dx.astype(np.float64), dy.astype(np.float64), values, inside
+    return dx.astype(np.float32), dy.astype(np.float32), values.astype(np.float32), inside
 
 
-def _model(theta: Array, dx: Array, dy: Array) -> tuple[Array, Array]:
-    """Return the model (n, m) and its derivatives (n, 11, m) by the parameters."""
+def _packed(dx: Single, dy: Single, values: Single, mask: NDArray[np.bool_]) -> tuple[Single, Single, Single, Single]:
+    """Leave out samples beside the windows, which lie askew in their squares: (n, most samples of any window) each."""
+    most = int(mask.sum(axis=1).max(initial=1))
+    order = np.argsort(~mask, axis=1, kind="stable")[:, :most]
+    kept, weight = np.take_along_axis(values, order, axis=1), np.take_along_axis(mask, order, axis=1)
+    return dx[order], dy[order], kept, weight.astype(np.float32)
+
+
+def _model(values: Array, dx: Single, dy: Single) -> tuple[Single, Single]:
+    """Return the model (n, m) and its derivatives (n, 11, m) by the parameters, in single precision: it is fast."""
+    theta = values.astype(np.float32)
     x, y = dx - theta[:, X, None], dy - theta[:, Y, None]
     contrast, bump = theta[:, CONTRAST, None], theta[:, BUMP, None]
     cos, sin = np.cos(theta[:, ANGLE]), np.sin(theta[:, ANGLE])
-    scale = 1 / (_SQRT2 * np.exp(theta[:, WIDTH]))
+    scale = np.float32(np.sqrt(0.5)) * np.exp(-theta[:, WIDTH])
     d = [(x * cos[:, k, None] + y * sin[:, k, None]) * scale[:, k, None] for k in (0, 1)]
     gauss = [np.exp(-dk * dk) for dk in d]
     edge = [_erf(dk, g) for dk, g in zip(d, gauss, strict=True)]
-    jacobian = np.empty((len(theta), 11, x.shape[1]))
+    jacobian = np.empty((len(theta), 11, x.shape[1]), dtype=np.float32)
     cross = np.multiply(edge[0], edge[1], out=jacobian[:, CONTRAST])
     both = np.multiply(gauss[0], gauss[1], out=jacobian[:, BUMP])
     jacobian[:, LEVEL], jacobian[:, SLOPE_X], jacobian[:, SLOPE_Y] = 1.0, x, y
@@ -211,7 +241,7 @@ def _model(theta: Array, dx: Array, dy: Array) -> tuple[Array, Array]:
     model += contrast * cross
     model += bump * both
     twice = 2 * bump * both
-    by_d = [(2 / np.sqrt(np.pi)) * contrast * gauss[k] * edge[1 - k] - twice * d[k] for k in (0, 1)]
+    by_d = [np.float32(2 / np.sqrt(np.pi)) * contrast * gauss[k] * edge[1 - k] - twice * d[k] for k in (0, 1)]
     for column, trig, slope in ((X, cos, SLOPE_X), (Y, sin, SLOPE_Y)):
         pull = by_d[0] * (trig * scale)[:, 0, None] + by_d[1] * (trig * scale)[:, 1, None]
         np.subtract(-theta[:, slope, None], pull, out=jacobian[:, column])
@@ -222,7 +252,7 @@ def _model(theta: Array, dx: Array, dy: Array) -> tuple[Array, Array]:
     return model, jacobian
 
 
-def _erf(x: Array, gauss: Array) -> Array:
+def _erf(x: Single, gauss: Single) -> Single:
     """Return erf(x) to 1.5e-7 with gauss = exp(-x^2) at hand (Abramowitz & Stegun 1964, 7.1.26).
 
     The error is odd in x, as the function is, so that it does not move a corner.
@@ -239,28 +269,37 @@ def _erf(x: Array, gauss: Array) -> Array:
     return np.copysign(1.0 - total, x)
 
 
-def _start_levels(theta: Array, dx: Array, dy: Array, values: Array, mask: Array) -> None:
+def _start_levels(theta: Array, dx: Single, dy: Single, values: Single, mask: Single) -> None:
     """Fill in the linear parameters (level, slopes, contrast) by least squares at the starting geometry."""
     _, jacobian = _model(theta, dx, dy)
     linear = jacobian[:, LEVEL : CONTRAST + 1]
     weighted = linear * mask[:, None]
-    solved = np.linalg.solve(weighted @ linear.swapaxes(1, 2) + 1e-9 * np.eye(4), weighted @ values[..., None])
+    normal, right = (weighted @ linear.swapaxes(1, 2)).astype(np.float64), weighted @ values[..., None]
+    solved = np.linalg.solve(normal + 1e-9 * np.eye(4), right.astype(np.float64))
     theta[:, LEVEL : CONTRAST + 1] = solved[..., 0]
 
 
-def _cauchy(residual: Array, mask: Array) -> Array:
+def _cauchy(residual: Single, mask: Single) -> Single:
     """Return robust weights; the scale is the window's own median absolute residual, at least half a grey level."""
-    inside = mask > 0
-    ordered = np.sort(np.where(inside, np.abs(residual), np.inf), axis=1)
+    some = slice(None, None, MEDIAN_OF if residual.shape[1] >= 64 * MEDIAN_OF else 1)
+    inside = mask[:, some] > 0
+    ordered = np.sort(np.where(inside, np.abs(residual[:, some]), np.float32(np.inf)), axis=1)
     middle = np.maximum(inside.sum(axis=1) - 1, 0) // 2
     median = ordered[np.arange(len(ordered)), middle]
-    scale = np.maximum(1.4826 * np.where(np.isfinite(median), median, 0.0), 0.5)
-    return mask / (1 + (residual / (_CAUCHY * scale[:, None])) ** 2)
+    scale = np.maximum(1.4826 * np.where(np.isfinite(median), median, 0.0), 0.5).astype(np.float32)
+    return np.asarray(mask / (1 + (residual / (np.float32(_CAUCHY) * scale[:, None])) ** 2))
 
 
 def _levenberg(
-    theta: Array, dx: Array, dy: Array, values: Array, mask: Array, pitch: Array, tolerance_px: float, iterations: int
-) -> tuple[Array, Array]:
+    theta: Array,
+    dx: Single,
+    dy: Single,
+    values: Single,
+    mask: Single,
+    pitch: Array,
+    tolerance_px: float,
+    iterations: int,
+) -> tuple[Array, Single]:
     """Return parameters and weights after iteratively reweighted Levenberg-Marquardt steps.
 
     Corners drop out of the batch as they converge.
@@ -278,8 +317,8 @@ def _levenberg(
         if step == iterations or not active.size:
             break
         weighted = jacobian * robust[:, None]
-        normal = weighted @ jacobian.swapaxes(1, 2)
-        gradient = weighted @ residual[..., None]
+        normal = (weighted @ jacobian.swapaxes(1, 2)).astype(np.float64)
+        gradient = (weighted @ residual[..., None]).astype(np.float64)
         diagonal = np.einsum("kii->ki", normal)
         lifted = normal + np.eye(theta.shape[1]) * (damping[active, None] * diagonal + 1e-9)[:, None, :]
         tried = now + np.linalg.solve(lifted, gradient)[..., 0]
@@ -289,8 +328,8 @@ def _levenberg(
         tried[:, WIDTH] = np.clip(tried[:, WIDTH], low, high[active, None])
         limit = np.abs(tried[:, CONTRAST])
         tried[:, BUMP] = np.clip(tried[:, BUMP], -limit, limit)
-        there, slope = _model(tried, dx, dy)
-        better = (robust * (grey - there) ** 2).sum(1) <= (robust * residual**2).sum(1)
+        there, slope = _model(tried, dx[active], dy[active])
+        better = (robust * (grey - there) ** 2).sum(1) <= _SAME * (robust * residual**2).sum(1)
         moved = np.abs(tried[:, :2] - now[:, :2]).max(axis=1)
         theta[active[better]] = tried[better]
         there[~better], slope[~better] = model[~better], jacobian[~better]

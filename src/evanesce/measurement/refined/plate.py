@@ -59,7 +59,8 @@ class PlateMap:
     def of(cls, calibration: Calibration) -> PlateMap:
         """Fit the corners that a calibration keeps; without corners, its one area per pixel.
 
-        Of several views the one least tilted to the camera counts: it lay on the glass.
+        Of several views the one that is stated to have lain on the glass counts, else the one least tilted to the
+        camera.
 
         Parameters
         ----------
@@ -198,10 +199,16 @@ def _terms(points: Floats, powers: NDArray[np.int64]) -> Floats:
 
 
 def _flattest(calibration: Calibration) -> tuple[int, Floats, Floats] | None:
-    """Return number, board [mm] and straight picture [px] of the view whose scale changes least across it, if any."""
+    """Return number, board [mm] and straight picture [px] of the view on the glass, if any.
+
+    That is the calibration's ``on_glass_view`` (0: none), else the view whose scale changes least across it.
+    """
+    stated = calibration.details.get("on_glass_view")
     best: tuple[int, Floats, Floats] | None = None
     smallest = math.inf
     for number, world, image in _views(calibration.details):
+        if isinstance(stated, int) and number != stated:
+            continue
         straight = undistort_points(image, calibration.camera_matrix, calibration.distortion)
         homography, _ = cv2.findHomography(world, straight)
         if homography is None:

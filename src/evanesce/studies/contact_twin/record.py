@@ -7,12 +7,20 @@ from typing import Any
 
 import numpy as np
 
+from evanesce.chain.fast_optics import charge_per_irradiance
+from evanesce.chain.simulate import solve_contact
+from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Backdrop, Haze, Scene, Spill, Surroundings
+from evanesce.sensor.lens import form_image
+from evanesce.sensor.response import led_response
 from evanesce.studies.contact_twin.figures import figures
 from evanesce.studies.contact_twin.light import BACKDROP, HAZE_SHARE, SPILL_HEIGHT_MM
 from evanesce.studies.contact_twin.picture import LUMA
 from evanesce.studies.contact_twin.study import ContactTwin, Step, medians, peaks, within_contact
 
+WINDOW_PX = 128
+"""Side of the middle of a contact whose level is taken [px]."""
+EXPOSURE_MS = 0.001, 10000.0
 LARGE_DN = 20.0
 """A residual above this in any channel is named in a note: the twin is then a sketch of the frame."""
 
@@ -83,7 +91,7 @@ def notes(twin: ContactTwin) -> list[str]:
 def calibrated_scene(twin: ContactTwin) -> Scene:
     """Return the believed scene with what the frame gives: press, light beside the contact, filters, place and scale.
 
-    Exposure is set by the analogue gain, within what it may be.
+    The exposure is set so that the contact has the level that was found; force and contact law stay as believed.
 
     Parameters
     ----------
@@ -112,12 +120,41 @@ def calibrated_scene(twin: ContactTwin) -> Scene:
     press = scene.press.model_copy(update={"forces_N": (round(twin.force_N, 3),), "ramp": None})
     kept = {key: text for key, text in scene.sources.items() if not key.startswith(("camera.colour", "press"))}
     assumed = {key: text for key, text in scene.assumptions.items() if not key.startswith(("camera.colour", "press"))}
-    return scene.model_copy(
+    found = scene.model_copy(
         update={
             "surroundings": surroundings, "camera": camera, "press": press, "sources": kept, "assumptions": assumed,
             "title": f"{scene.title}, as a contact frame gives it",
         }
     )  # fmt: skip
+    wanted = twin.model.believed.level * float(np.exp(fit.value["exposure"]))
+    exposure = float(np.clip(found.camera.exposure_ms * wanted / contact_level(found, twin.force_N), *EXPOSURE_MS))
+    return found.model_copy(update={"camera": found.camera.model_copy(update={"exposure_ms": exposure})})
+
+
+def contact_level(scene: Scene, force_N: float) -> float:
+    """Return the level of a contact in a scene: 1 fills the raw value of a pixel of the most sensitive filter.
+
+    Parameters
+    ----------
+    scene : Scene
+        With a colour camera.
+    force_N : float
+        [N].
+
+    Returns
+    -------
+    float
+        Median over the contact [1].
+    """
+    view = {"resolution_px": (WINDOW_PX, WINDOW_PX), "centre_mm": scene.finger.position_mm}
+    near = scene.model_copy(update={"camera": scene.camera.model_copy(update=view)})
+    rig, state = solve_contact(near, force_N, seed=0)
+    irradiance = form_image(render_fast(rig, state), rig.camera, rig.plate).irradiance
+    bright = irradiance[irradiance > 0.5 * irradiance.max()]
+    camera, pixel = rig.camera, rig.camera.pixel
+    charge = float(np.median(bright)) * charge_per_irradiance(rig) * max(led_response(rig) or (1.0,))
+    top = 2**pixel.bits - 1 - pixel.black_level_DN
+    return charge * camera.analogue_gain / pixel.conversion_gain_e_per_DN / top
 
 
 def _model(step: Step) -> dict[str, Any]:

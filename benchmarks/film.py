@@ -81,7 +81,8 @@ def pressed(scene: Scene, force: float, voltage: float, calibration: Calibration
     """Solve the contact, expose and measure."""
     press = LitPress.of(scene, force, 1)
     found = Estimator.of(calibration).area(press.frame(voltage, rng.integer_seed(1, "f", f"{force}")).data)
-    assert found.spread_mm is not None and found.sharp_spread_mm is not None
+    assert found.spread_mm is not None
+    assert found.sharp_spread_mm is not None
     assert scene.contact.reduced_modulus_MPa is not None
     return Press(
         scene.finger.ridges is None, force, voltage, scene.contact.reduced_modulus_MPa, press.true_mm2,

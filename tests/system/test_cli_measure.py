@@ -107,7 +107,7 @@ def test_output_folder(folder, tmp_path, run):
     assert result.exit_code == 0, result.output
     assert sorted(p.name for p in out.iterdir()) == [
         "area.csv", "area.png", "histogram_000003.png", "intensity_000003.png", "overlay.mp4", "overlay_000003.png",
-        "result.json",
+        "result.json", "threshold.png",
     ]  # fmt: skip
     data = json.loads((out / "result.json").read_text())
     with (out / "area.csv").open() as stream:

@@ -51,7 +51,7 @@ class FilmLaw:
         return self.per_spread * spread_mm + self.offset_mm
 
 
-FILM = FilmLaw(per_spread=1.73, offset_mm=0.00033, standard_mm=0.00046)
+FILM = FilmLaw(per_spread=1.72, offset_mm=0.00035, standard_mm=0.00047)
 """Fitted to presses on other rigs: stiffness, ridges, positions, forces and voltages vary (benchmarks/film.py)."""
 
 FILM_LIMITS_MM = {"smooth": (0.0, 0.002), "ridged": (-0.003, 0.007)}
@@ -131,7 +131,8 @@ def nearness_component(known: Literal["found", "drawing", "assumed"], found_erro
 
 def refined_components(
     pixel_mm: float, scale_standard: float, *, video: bool = False, finger: Finger = "ridged",
-    spread_mm: float | None = None, shape_mm: float = 0.0, narrow: float = 0.0, unseen: str = "", scattering: bool = False, blur_uncertainty_px: float = 0.0,
+    spread_mm: float | None = None, shape_mm: float = 0.0, narrow: float = 0.0, unseen: str = "",
+    scattering: bool = False, blur_uncertainty_px: float = 0.0,
 ) -> list[Component]:  # fmt: skip
     """Return the budget of the refined estimator beyond the card.
 

@@ -50,6 +50,13 @@ TuneOption = Annotated[
         " the edge profile of its contact.",
     ),
 ]
+ForceOption = Annotated[
+    Path | None, typer.Option("--force", metavar="CSV", help="Load cell: columns time_s and force_N, at its own rate.")
+]
+OffsetOption = Annotated[
+    str,
+    typer.Option("--offset-s", help="Added to a frame's time to get the load cell's [s]; auto: by the loading."),
+]
 FingerOption = Annotated[str, typer.Option("--finger", help="refined: ridged or smooth; smooth narrows the interval.")]
 
 
@@ -80,6 +87,8 @@ def measure(
     flat: FlatOption = None,
     tune: TuneOption = None,
     finger: FingerOption = "ridged",
+    force: ForceOption = None,
+    offset_s: OffsetOption = "auto",
     json_file: JsonOption = None,
     out: OutOption = None,
 ) -> None:
@@ -89,7 +98,7 @@ def measure(
 
     Prints a table; --json writes it as JSON, --out adds CSV, overlays, intensity map and plots.
     """
-    from evanesce.cli import measure_job, measure_output
+    from evanesce.cli import measure_force, measure_job, measure_output
     from evanesce.core.errors import InputError
     from evanesce.measurement.reference.segment import Chain, Crop
 
@@ -100,6 +109,7 @@ def measure(
     except ValueError:
         raise InputError(f"'{threshold}'", key="--threshold", allowed="0 to 1, or auto") from None
     chain = Chain(threshold=level, min_blob=min_blob, blur=blur, radius=radius, crop=Crop.parse(crop))
+    log, offset = measure_force.read(force, offset_s)
     job = measure_job.prepare(
         path, chain, calibration=calibration, fps=fps, mm2_per_px=mm2_per_px, undistort=undistort, out=out,
         refined=measure_job.refined_options(
@@ -108,9 +118,12 @@ def measure(
         auto_threshold=automatic,
     )  # fmt: skip
     result = measure_job.run(job)
-    data = measure_output.record(job, result)
+    joined = None if log is None else measure_force.join(result.rows, log, offset)
+    data = measure_output.record(job, result) | ({} if joined is None else {"area_force": joined.as_dict()})
     if out is not None:
         measure_output.write_files(job, result, data)
+        measure_force.write_files(out, job, joined)
     write_json(json_file, data)
     measure_output.show(job, result)
+    measure_force.show(joined, log)
     job.stream.finish()

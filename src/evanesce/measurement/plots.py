@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from evanesce.core.errors import WorkError
+from evanesce.measurement.force import AreaForce
 from evanesce.measurement.reference.area import AreaRow, Measured
 from evanesce.measurement.reference.segment import blurred_grey, grey
 
@@ -201,6 +202,35 @@ def threshold_figure(curve: Sequence[dict[str, float]], used: float, half: float
     axes.axvline(used, color="tab:red", label=f"threshold {used:.3g}")
     axes.axvline(half, color="0.4", linestyle="--", label=f"half-way {half:.3f}")
     axes.set_xlabel("threshold, grey level [1]")
+    axes.set_ylabel("contact area [mm²]")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8)
+    return figure
+
+
+def force_figure(joined: AreaForce, estimator: str) -> Figure:
+    """Return area against force with intervals and both fitted laws.
+
+    Parameters
+    ----------
+    joined : AreaForce
+    estimator : str
+        Name of the one that made the areas.
+
+    Returns
+    -------
+    Figure
+    """
+    figure, axes = _axes(f"contact area by the {estimator} against force", (7.0, 4.5))
+    area = np.array([row.area_mm2 for row in joined.rows])
+    low, high = (np.array([getattr(row, name) for row in joined.rows]) for name in ("area_low_mm2", "area_high_mm2"))
+    bars = np.clip(np.nan_to_num(np.stack([area - low, high - area])), 0.0, None)
+    axes.errorbar(joined.force_N, area, yerr=bars, fmt=".", color="0.3", elinewidth=0.6, label="frames, 95 % interval")
+    force = np.linspace(0.0, max(max(joined.force_N), 1e-9), 200)
+    for fit, name, style in ((joined.hertz, "Hertz", "-"), (joined.power, "power law", "--")):
+        text = f"{name}: {fit.factor:.3g} F^{fit.exponent:.3f}"
+        axes.plot(force, fit.factor * force**fit.exponent, style, label=text)
+    axes.set_xlabel("force [N]")
     axes.set_ylabel("contact area [mm²]")
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8)

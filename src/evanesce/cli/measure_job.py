@@ -147,7 +147,6 @@ def prepare(
     scene: Scene | None = None
     free: tuple[int, ...] | None = None
     notes: list[str] = []
-    own = refined is not None and (dark is None or str(dark) == "auto") and _several(path, fps)
     if undistort and stored is None:
         raise InputError("is needed to undistort", key="--calibration", allowed="a calibration file, or --no-undistort")
 
@@ -165,6 +164,7 @@ def prepare(
     beside = None
     if refined is not None and not refined.alone and pipeline.calibration and pipeline.calibration.mm2_per_px:
         beside = made("reference", chain)
+    own = refined is not None and (dark is None or str(dark) == "auto") and _several(path, fps)
     if own or auto_threshold:
         scene = _looked_through(path, fps, pipeline, chain)
     if scene is not None and own:

@@ -21,8 +21,9 @@ from evanesce.measurement.calibration.rectify import Rectification, rectificatio
 from evanesce.measurement.io.frames import open_frames
 from evanesce.measurement.reference.area import Measured, measure_frame
 from evanesce.measurement.reference.segment import Chain, Crop
-from evanesce.measurement.refined.estimator import Estimator, RefinedArea, refined_measured
+from evanesce.measurement.refined.estimator import Estimator, refined_measured
 from evanesce.measurement.refined.light import Radiometry
+from evanesce.measurement.refined.result import RefinedArea
 from evanesce.measurement.uncertainty.area import reference_uncertainty, refined_uncertainty
 from evanesce.measurement.uncertainty.budget import Finger, Uncertain
 from evanesce.measurement.warnings import EdgeLog, FrameLog, Warning

@@ -183,7 +183,7 @@ class EdgeLog:
     first: int = -1
 
     def add(self, index: int, unseen: str) -> None:
-        """Add one frame; see :class:`~evanesce.measurement.refined.estimator.RefinedArea` for ``unseen``.
+        """Add one frame; see :class:`~evanesce.measurement.refined.result.RefinedArea` for ``unseen``.
 
         Parameters
         ----------

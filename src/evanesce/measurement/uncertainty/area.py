@@ -12,8 +12,9 @@ from skimage.measure import perimeter_crofton
 from evanesce.measurement.calibration.model import Calibration
 from evanesce.measurement.reference.area import Measured
 from evanesce.measurement.reference.segment import grey
-from evanesce.measurement.refined.estimator import Estimator, RefinedArea
+from evanesce.measurement.refined.estimator import Estimator
 from evanesce.measurement.refined.light import tone_table
+from evanesce.measurement.refined.result import RefinedArea
 from evanesce.measurement.uncertainty.budget import Component, Finger, Reading, Uncertain, propagate
 from evanesce.measurement.uncertainty.components import (
     card_components,

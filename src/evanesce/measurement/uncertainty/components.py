@@ -149,7 +149,7 @@ def refined_components(
     spread_mm : float, optional
         Widening of the edge beyond that of a sharp contact of the same shape [mm].
     unseen, blur_uncertainty_px : str, float, optional
-        Of :class:`~evanesce.measurement.refined.estimator.RefinedArea`.
+        Of :class:`~evanesce.measurement.refined.result.RefinedArea`.
     shape_mm : float
         How far outside a sharp contact of this shape the boundary runs, on average; the area is corrected for it [mm].
     narrow : float

@@ -35,6 +35,8 @@ class Press:
     true_mm2, found_mm2, perimeter_mm : float
     spread_mm : float
         Of the edge (:func:`evanesce.measurement.refined.edge.edge_spread`).
+    sharp_spread_mm, shape_gain : float
+        Of a sharp contact of the same shape (:mod:`evanesce.measurement.refined.replica`).
     """
 
     smooth: bool
@@ -45,11 +47,13 @@ class Press:
     found_mm2: float
     perimeter_mm: float
     spread_mm: float
+    sharp_spread_mm: float
+    shape_gain: float
 
     @property
     def way_mm(self) -> float:
-        """How far outside the contact the boundary runs, on average."""
-        return (self.found_mm2 - self.true_mm2) / self.perimeter_mm
+        """How far outside the contact the boundary runs on average, after what the search does to a sharp contact."""
+        return (self.found_mm2 / (1 + self.shape_gain) - self.true_mm2) / self.perimeter_mm
 
 
 def drawn(draw: np.random.Generator, number: int) -> tuple[Scene, float, float]:
@@ -78,10 +82,11 @@ def pressed(scene: Scene, force: float, voltage: float, calibration: Calibration
     press = LitPress.of(scene, force, 1)
     found = Estimator.of(calibration).area(press.frame(voltage, rng.integer_seed(1, "f", f"{force}")).data)
     assert found.spread_mm is not None
+    assert found.sharp_spread_mm is not None
     assert scene.contact.reduced_modulus_MPa is not None
     return Press(
         scene.finger.ridges is None, force, voltage, scene.contact.reduced_modulus_MPa, press.true_mm2,
-        found.area_mm2, found.perimeter_mm, found.spread_mm,
+        found.area_mm2, found.perimeter_mm, found.spread_mm, found.sharp_spread_mm, found.shape_gain,
     )  # fmt: skip
 
 
@@ -107,13 +112,14 @@ def main() -> None:
         p = presses[-1]
         print(
             f"{'smooth' if p.smooth else 'ridged'} {p.modulus_MPa:.2f} MPa {force:.2f} N {voltage:.1f} V: area"
-            f" {p.true_mm2:.3f} mm2, {1e3 * p.way_mm:+.2f} um outside, edge {1e3 * p.spread_mm:.2f} um wider;"
+            f" {p.true_mm2:.3f} mm2, {1e3 * p.way_mm:+.2f} um outside, edge {1e3 * p.spread_mm:.2f} um wider,"
+            f" {1e3 * p.sharp_spread_mm:.2f} um if sharp, gain {100 * p.shape_gain:+.2f} %;"
             f" {time.perf_counter() - start:.0f} s", flush=True,
         )  # fmt: skip
         if given.keep:
             with given.keep.open("a", encoding="utf-8") as stream:
                 stream.write(json.dumps(asdict(p)) + "\n")
-    way, spread = np.array([p.way_mm for p in presses]), np.array([p.spread_mm for p in presses])
+    way, spread = np.array([p.way_mm for p in presses]), np.array([p.spread_mm - p.sharp_spread_mm for p in presses])
     terms = np.stack([spread, np.ones_like(spread)], axis=1)
     law, *_ = np.linalg.lstsq(terms, way, rcond=None)
     left = way - terms @ law
@@ -121,7 +127,7 @@ def main() -> None:
     standard = float(np.sqrt((left**2).sum() / (len(left) - 2) * (1 + 2 / len(left))))
     percent = 100 * np.array([p.perimeter_mm / p.true_mm2 for p in presses])
     print(
-        f"way = {law[0]:.3f} spread {1e3 * law[1]:+.3f} um; left {1e3 * standard:.3f} um, worst"
+        f"way = {law[0]:.3f} excess {1e3 * law[1]:+.3f} um; left {1e3 * standard:.3f} um, worst"
         f" {1e3 * np.abs(left).max():.2f} um; of the area {np.std(percent * left):.3f} % left of"
         f" {np.sqrt(np.mean((percent * way) ** 2)):.3f} % (RMS)"
     )

@@ -277,6 +277,7 @@ def test_a_codec_moves_the_boundary_by_less_than_the_budget_allows(quality, tmp_
     calibration = replace(uniform_calibration(), image_size=shape[::-1])
     estimator = Estimator.of(calibration)
     found = [[estimator.area(image) for image in images] for images in (frames, decoded)]
-    before, after = (np.mean([f.area_mm2 for f in some]) for some in found)
+    # the boundary's own area: what the search loses of a sharp contact is corrected afterwards
+    before, after = (np.mean([f.area_mm2 * (1 + f.shape_gain) for f in some]) for some in found)
     perimeter = np.mean([f.perimeter_mm for f in found[0]])
     assert abs(after - before) / perimeter * SCALE_PX_PER_MM < 0.1

@@ -80,18 +80,20 @@ def test_scatter_of_the_corners_carried_to_an_area():
 
 
 def test_width_of_the_edge_tells_where_the_boundary_runs():
-    """A wider edge moves the expected area inwards by the law times the boundary's length; what the law leaves, not the
-    width, is what is uncertain. Without the width the limits are those of any film: many times as wide."""
+    """A widening that a sharp contact does not show moves the expected area inwards by half the law times the
+    boundary's length, since it need not be a film's, and widens a rectangle whose limits are no film and the law's.
+    Without the width the limits are those of any film: wider than those of a sharp edge."""
     results = []
     for spread in (0.0006, 0.0046):
         parts = refined_components(1 / 58.37, 0.0, spread_mm=spread)
         results.append(propagate(READING, parts, np.random.default_rng(4)))
     sharp, wide = results
-    assert sharp.corrected_mm2 - wide.corrected_mm2 == pytest.approx(12.9 * FILM.per_spread * 0.004, rel=1e-9)
-    assert sharp.standard_mm2 == pytest.approx(12.9 * FILM.standard_mm, rel=1e-6)
-    assert sharp.standard_mm2 == pytest.approx(wide.standard_mm2, rel=1e-9)
+    assert sharp.corrected_mm2 - wide.corrected_mm2 == pytest.approx(12.9 * FILM.per_spread * 0.002, rel=1e-9)
+    for found, spread in ((sharp, 0.0006), (wide, 0.0046)):
+        width = FILM.per_spread * spread + FILM.offset_mm + 4 * FILM.standard_mm
+        assert found.standard_mm2 == pytest.approx(12.9 * width / math.sqrt(12), rel=1e-6)
     blind = propagate(READING, refined_components(1 / 58.37, 0.0), np.random.default_rng(4))
-    assert blind.standard_mm2 > 5 * sharp.standard_mm2
+    assert blind.standard_mm2 > 3 * sharp.standard_mm2
 
 
 def test_card_errors_act_as_the_model_says():

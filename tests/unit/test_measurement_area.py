@@ -84,7 +84,10 @@ ROWS[1] = dataclasses.replace(ROWS[1], area_low_mm2=2.9, area_high_mm2=3.01)
 
 def test_table_reads_back_to_the_last_bit():
     read = list(csv.DictReader(io.StringIO(to_csv(ROWS))))
-    assert list(read[0]) == ["index", "time_s", "pixels_px", "area_mm2", "blobs", "area_low_mm2", "area_high_mm2"]
+    assert list(read[0]) == [
+        "index", "time_s", "pixels_px", "area_mm2", "blobs", "area_low_mm2", "area_high_mm2", "corrected_mm2",
+        "reference_mm2",
+    ]  # fmt: skip
     for line, row in zip(read, ROWS, strict=True):
         assert (int(line["index"]), int(line["pixels_px"]), int(line["blobs"])) == (row.index, row.pixels, row.blobs)
         assert float(line["area_mm2"]) == row.area_mm2

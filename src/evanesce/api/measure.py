@@ -21,8 +21,9 @@ from evanesce.measurement.calibration.rectify import Rectification, rectificatio
 from evanesce.measurement.io.frames import open_frames
 from evanesce.measurement.reference.area import Measured, measure_frame
 from evanesce.measurement.reference.segment import Chain, Crop
-from evanesce.measurement.refined.estimator import Estimator, RefinedArea, refined_measured
+from evanesce.measurement.refined.estimator import Estimator, refined_measured
 from evanesce.measurement.refined.light import Radiometry
+from evanesce.measurement.refined.result import RefinedArea
 from evanesce.measurement.uncertainty.area import reference_uncertainty, refined_uncertainty
 from evanesce.measurement.uncertainty.budget import Finger, Uncertain
 from evanesce.measurement.warnings import EdgeLog, FrameLog, Warning
@@ -83,8 +84,9 @@ class Pipeline:
         on its two sides, to a fraction of a pixel; the latter needs a calibration.
     undistort : bool
         Reference only: False leaves the frame distorted although a calibration is given.
-    min_blob_px : int
-        Reference only: minimum size of a dilated blob [px].
+    min_blob_px : int, optional
+        Minimum size of a dilated blob [px]; by default 2000 of the reference segmentation, as the thesis has it, and
+        none of the refined estimator, which drops islands below 0.1 mm^2.
     blur_px : float
         Reference only: standard deviation of the Gaussian before the threshold [px].
     dilation_px : int
@@ -124,7 +126,7 @@ class Pipeline:
         threshold: float = 0.15,
         estimator: EstimatorName = "reference",
         undistort: bool = True,
-        min_blob_px: int = 2000,
+        min_blob_px: int | None = None,
         blur_px: float = 1.0,
         dilation_px: int = 10,
         crop: Crop | str | tuple[slice, slice] | None = None,
@@ -136,7 +138,11 @@ class Pipeline:
     ) -> None:
         self.calibration = load_calibration(calibration) if isinstance(calibration, str | Path) else calibration
         self.settings = Chain(
-            threshold=threshold, min_blob=min_blob_px, blur=blur_px, radius=dilation_px, crop=_crop(crop)
+            threshold=threshold,
+            min_blob=2000 if min_blob_px is None else min_blob_px,
+            blur=blur_px,
+            radius=dilation_px,
+            crop=_crop(crop),
         )
         if finger not in ("ridged", "smooth"):
             raise InputError(f"{finger!r}", key="finger", allowed="'ridged', 'smooth'")
@@ -144,7 +150,7 @@ class Pipeline:
         self.undistort = undistort and self.calibration is not None
         self.refined: Estimator | None = None
         if estimator == "refined":
-            self.refined = self._refined(scale_mm2_per_px, dark, flat, tune)
+            self.refined = self._refined(scale_mm2_per_px, dark, flat, tune, min_blob_px or 0)
             self.scale_mm2_per_px = self.refined.plate.middle_area
         elif estimator == "reference":
             for key, given in (("dark", len(dark) > 0), ("flat", len(flat) > 0), ("tune", tune is not None)):
@@ -245,7 +251,12 @@ class Pipeline:
         return scale
 
     def _refined(
-        self, scale: float | None, dark: Sequence[Picture], flat: Sequence[Picture], tune: Picture | None
+        self,
+        scale: float | None,
+        dark: Sequence[Picture],
+        flat: Sequence[Picture],
+        tune: Picture | None,
+        min_blob_px: int,
     ) -> Estimator:
         if self.calibration is None:
             raise InputError("is needed by the refined estimator", key="calibration", allowed="a calibration file")
@@ -256,7 +267,10 @@ class Pipeline:
             )  # fmt: skip
         shots = ([as_image(shot) for shot in given] for given in (dark, flat))
         radiometry = Radiometry.of(self.calibration.details, *shots)
-        estimator = Estimator.of(self.calibration, radiometry, crop=self.settings.crop)
+        estimator = Estimator.of(
+            self.calibration, radiometry, crop=self.settings.crop, min_blob_px=min_blob_px,
+            dilation_px=self.settings.radius,
+        )  # fmt: skip
         if tune is None:
             return estimator
         image, file = as_image(tune), tune if isinstance(tune, str | Path) else None

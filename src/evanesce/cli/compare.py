@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich import box
@@ -21,6 +21,9 @@ from evanesce.cli.common import (
     write_json,
 )
 from evanesce.core.errors import InputError
+
+if TYPE_CHECKING:
+    from evanesce.evaluation.evaluate import Evaluation
 
 
 def register(app: typer.Typer) -> None:
@@ -76,6 +79,7 @@ def register(app: typer.Typer) -> None:
             for entry, shot in zip(job.frames, job.shots(), strict=True):
                 found = evaluate(shot, chain, camera, seed=job.seed, parts=parts)
                 row: dict[str, Any] = {"index": entry.index, "time_s": entry.time_s, "force_N": entry.force_N}
+                row |= spoilt(found, camera.mm2_per_px)
                 rows.append(row | found.row())
                 bar.advance(task)
         result = {"frames": rows, "settings": {"threshold": threshold, "min_blob": min_blob, "mm2_per_px": scale}}
@@ -83,6 +87,63 @@ def register(app: typer.Typer) -> None:
             write_json(out_dir(out, "compare") / "result.json", result)
         write_json(json_file, result)
         console.print(comparison_table(rows, ("index", "force_N")))
+        for text in causes(rows, threshold):
+            messages.print(text, style="yellow", markup=False, highlight=False, soft_wrap=True)
+
+
+MOST_ERROR_PERCENT = 5.0
+"""Error from which its cause is named."""
+
+
+def spoilt(found: Evaluation, mm2_per_px: float) -> dict[str, float]:
+    """Return what may spoil an area: counted pixels at full scale, light at the flank, and their distance.
+
+    Parameters
+    ----------
+    found : Evaluation
+    mm2_per_px : float
+        [mm^2].
+
+    Returns
+    -------
+    dict
+        ``saturated_percent`` of the counted pixels; ``flank_percent``: area counted farther than ``FLANK_PX`` outside
+        the true contact, in percent of the true area.
+    """
+    import cv2
+    import numpy as np
+
+    mask, true = found.measured.estimate.mask, found.labels.mask > 0.5
+    out = cv2.distanceTransform((~true).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    flank = np.count_nonzero(mask & (out > FLANK_PX)) * mm2_per_px
+    return {
+        "saturated_percent": 100.0 * found.measured.figures.saturated_pixels / max(found.measured.estimate.pixels, 1),
+        "flank_percent": 100.0 * float(flank) / found.comparison.true_area_mm2,
+    }
+
+
+FLANK_PX = 4.0
+"""Beyond this distance from the contact blur leaves nothing: what is counted there is light on the finger's flank."""
+
+
+def causes(rows: list[dict[str, Any]], threshold: float) -> list[str]:
+    """Return a line for each frame whose large error saturation or light on the flank causes."""
+    found = []
+    for row in rows:
+        if abs(row["error_percent"]) < MOST_ERROR_PERCENT:
+            continue
+        parts = []
+        if row["flank_percent"] > 0.5 * abs(row["error_percent"]):
+            parts.append(
+                f"light on the finger's flank above the threshold {threshold:g}, more than {FLANK_PX:g} px outside the "
+                f"contact, counts {row['flank_percent']:+.1f} %"
+            )
+        if row["saturated_percent"] > 1.0:
+            parts.append(f"{row['saturated_percent']:.1f} % of the counted pixels are at full scale (saturation)")
+        if parts:
+            cure = "lower the LEDs' voltage or expose less, or raise the threshold"
+            found.append(f"frame {row['index']}: {row['error_percent']:+.1f} %: {'; '.join(parts)}; {cure}")
+    return found
 
 
 # Short, so that the table fits a terminal of 80 columns.

@@ -1,4 +1,4 @@
-"""``evanesce measure``: contact area of a video or a folder of images by the reference segmentation."""
+"""``evanesce measure``: contact area of a video or a folder of images."""
 
 from __future__ import annotations
 
@@ -26,12 +26,17 @@ EstimatorOption = Annotated[
     str,
     typer.Option(
         "--estimator",
-        help="reference: segmentation by threshold; refined: sub-pixel boundary, needs --calibration.",
+        help="auto: refined, the reference segmentation beside it, where there is a --calibration; reference:"
+        " the thesis's segmentation alone; refined: sub-pixel boundary alone.",
     ),
 ]
 DarkOption = Annotated[
     Path | None,
-    typer.Option("--dark", help="refined: video, image or folder with LEDs on and no contact."),
+    typer.Option(
+        "--dark",
+        help="refined: video, image or folder with LEDs on and no contact; auto: the recording's own frames without"
+        " a finger (default); none.",
+    ),
 ]
 FlatOption = Annotated[
     Path | None, typer.Option("--flat", help="refined: video, image or folder of an evenly lit target.")
@@ -45,6 +50,13 @@ TuneOption = Annotated[
         " the edge profile of its contact.",
     ),
 ]
+ForceOption = Annotated[
+    Path | None, typer.Option("--force", metavar="CSV", help="Load cell: columns time_s and force_N, at its own rate.")
+]
+OffsetOption = Annotated[
+    str,
+    typer.Option("--offset-s", help="Added to a frame's time to get the load cell's [s]; auto: by the loading."),
+]
 FingerOption = Annotated[str, typer.Option("--finger", help="refined: ridged or smooth; smooth narrows the interval.")]
 
 
@@ -57,8 +69,12 @@ def measure(
     path: Annotated[Path, typer.Argument(metavar="VIDEO_OR_FOLDER", help="Video, image or folder of images.")],
     calibration: CalibrationOption = None,
     threshold: Annotated[
-        float, typer.Option("--threshold", help="Grey level 0 to 1; brighter is contact. Look at the histogram.")
-    ] = 0.15,
+        str,
+        typer.Option(
+            "--threshold",
+            help="Grey level 0 to 1; brighter is contact. auto: half-way in linear light between ground and contact.",
+        ),
+    ] = "0.15",
     min_blob: Annotated[int, typer.Option("--min-blob", help="Minimum size of a dilated blob, in px.")] = 2000,
     crop: CropOption = ":,:",
     fps: FpsOption = None,
@@ -66,31 +82,48 @@ def measure(
     undistort: UndistortOption = True,
     blur: Annotated[float, typer.Option("--blur", help="Standard deviation of the Gaussian, in px.")] = 1.0,
     radius: Annotated[int, typer.Option("--radius", help="Radius of the dilating disk, in px.")] = 10,
-    estimator: EstimatorOption = "reference",
+    estimator: EstimatorOption = "auto",
     dark: DarkOption = None,
     flat: FlatOption = None,
     tune: TuneOption = None,
     finger: FingerOption = "ridged",
+    force: ForceOption = None,
+    offset_s: OffsetOption = "auto",
     json_file: JsonOption = None,
     out: OutOption = None,
 ) -> None:
-    """Measure contact area against time, by the reference segmentation or by the refined estimator.
+    """Measure contact area against time: by the refined estimator, with the reference segmentation beside it.
+
+    Without a calibration the reference segmentation alone measures, with --mm2-per-px and --no-undistort.
 
     Prints a table; --json writes it as JSON, --out adds CSV, overlays, intensity map and plots.
     """
-    from evanesce.cli import measure_job
+    from evanesce.cli import measure_force, measure_job, measure_output
+    from evanesce.core.errors import InputError
     from evanesce.measurement.reference.segment import Chain, Crop
 
     check_json_target(json_file)
-    chain = Chain(threshold=threshold, min_blob=min_blob, blur=blur, radius=radius, crop=Crop.parse(crop))
+    automatic = threshold.strip().lower() == "auto"
+    try:
+        level = 0.15 if automatic else float(threshold)
+    except ValueError:
+        raise InputError(f"'{threshold}'", key="--threshold", allowed="0 to 1, or auto") from None
+    chain = Chain(threshold=level, min_blob=min_blob, blur=blur, radius=radius, crop=Crop.parse(crop))
+    log, offset = measure_force.read(force, offset_s)
     job = measure_job.prepare(
         path, chain, calibration=calibration, fps=fps, mm2_per_px=mm2_per_px, undistort=undistort, out=out,
-        refined=measure_job.refined_options(estimator, dark, flat, finger, tune),
+        refined=measure_job.refined_options(
+            estimator, dark, flat, finger, tune, possible=calibration is not None and mm2_per_px is None
+        ),
+        auto_threshold=automatic,
     )  # fmt: skip
     result = measure_job.run(job)
-    data = measure_job.record(job, result)
+    joined = None if log is None else measure_force.join(result.rows, log, offset)
+    data = measure_output.record(job, result) | ({} if joined is None else {"area_force": joined.as_dict()})
     if out is not None:
-        measure_job.write_files(job, result, data)
+        measure_output.write_files(job, result, data)
+        measure_force.write_files(out, job, joined)
     write_json(json_file, data)
-    measure_job.show(result)
+    measure_output.show(job, result)
+    measure_force.show(joined, log)
     job.stream.finish()

@@ -2,40 +2,31 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.markup import escape
-from rich.table import Table
 
-from evanesce.api.measure import Measurement, Pipeline
-from evanesce.cli.common import console, messages, named_options, out_dir, progress, write_json, write_text
-from evanesce.core import provenance
+from evanesce.api.measure import EstimatorName, Measurement, Pipeline
+from evanesce.cli.common import named_options, out_dir, progress
 from evanesce.core.errors import InputError
+from evanesce.core.states import Frame
+from evanesce.measurement.apart import Apart, apart
 from evanesce.measurement.calibration.model import load_calibration
 from evanesce.measurement.io.frames import FrameStream, open_frames
-from evanesce.measurement.plots import (
-    OverlayVideo,
-    area_figure,
-    histogram_figure,
-    intensity_figure,
-    overlay,
-    overlay_figure,
-    save_figure,
-)
-from evanesce.measurement.reference.area import AreaRow, Measured, summary, to_csv, to_plain
-from evanesce.measurement.reference.segment import Chain
+from evanesce.measurement.levels import EdgeLevels, edge_levels, threshold_curve, threshold_warning
+from evanesce.measurement.plots import OverlayVideo, overlay
+from evanesce.measurement.reference.area import AreaRow, Measured
+from evanesce.measurement.reference.segment import Chain, Crop
+from evanesce.measurement.refined.light import tone_table
+from evanesce.measurement.survey import Scene, look_through
 from evanesce.measurement.uncertainty.budget import Finger, Uncertain
-from evanesce.measurement.uncertainty.table import budget_table
 from evanesce.measurement.warnings import EdgeLog, FrameLog, Warning, scale_warning
 
-TABLE_ROWS = 24
 VIEWING_RATE = 30.0
 """Frame rate of an overlay video whose source states none [Hz]; it is for the eye only."""
 
@@ -44,39 +35,53 @@ MAX_DARK_FRAMES = 64
 """Number of dark or flat frames that are averaged: with more their noise is below the resolution of 8 bits."""
 
 
+DARK_WORDS = ("auto", "none")
+"""Values of ``--dark`` that are no path: the recording's own frames without a finger, the default; none."""
+
+
 OPTIONS = {"calibration": "--calibration", "scale_mm2_per_px": "--mm2-per-px", "tune": "--tune"}
 """Parameters of :class:`evanesce.api.measure.Pipeline` by the options that set them."""
 
 
 @dataclass(frozen=True)
 class Refined:
-    """Options of the refined estimator: dark and flat frames, finger, and the frame that it is tuned on."""
+    """Options of the refined estimator: dark and flat frames, finger, the frame that it is tuned on, and whether it
+    stands alone or with the reference segmentation beside it."""
 
     dark: Path | None
     flat: Path | None
     finger: Finger
     tune: Path | None = None
+    alone: bool = True
 
 
 def refined_options(
-    estimator: str, dark: Path | None, flat: Path | None, finger: str, tune: Path | None = None
+    estimator: str,
+    dark: Path | None,
+    flat: Path | None,
+    finger: str,
+    tune: Path | None = None,
+    *,
+    possible: bool = True,
 ) -> Refined | None:
     """Check the choice of an estimator; None is the reference segmentation.
+
+    ``possible`` says whether ``auto`` may lead with the refined estimator: it has a calibration and no area per pixel.
 
     Raises
     ------
     InputError
         If the name is not known, or shots are given that the reference segmentation does not use.
     """
-    if estimator not in ("reference", "refined"):
-        raise InputError(f"'{estimator}'", key="--estimator", allowed="reference, refined")
-    if estimator == "refined":
+    if estimator not in ("auto", "reference", "refined"):
+        raise InputError(f"'{estimator}'", key="--estimator", allowed="auto, reference, refined")
+    if estimator == "refined" or (estimator == "auto" and possible):
         kinds: dict[str, Finger] = {"ridged": "ridged", "smooth": "smooth"}
         if finger in kinds:
-            return Refined(dark, flat, kinds[finger], tune)
+            return Refined(dark, flat, kinds[finger], tune, alone=estimator == "refined")
         raise InputError(f"'{finger}'", key="--finger", allowed="ridged, smooth")
     for key, path in (("--dark", dark), ("--flat", flat), ("--tune", tune)):
-        if path is not None:
+        if path is not None and not (key == "--dark" and str(path) in DARK_WORDS):
             raise InputError("the reference segmentation does not use it", key=key, allowed="with --estimator refined")
     return None
 
@@ -92,6 +97,9 @@ class Job:
     stream: FrameStream
     warnings: tuple[Warning, ...]
     tune: Path | None = None
+    beside: Pipeline | None = None
+    free: tuple[int, ...] | None = None
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -102,6 +110,9 @@ class Result:
     peak: Measured
     warnings: list[Warning]
     budget: Uncertain
+    levels: EdgeLevels | None = None
+    curve: tuple[dict[str, float], ...] = ()
+    apart: Apart | None = None
 
 
 def prepare(
@@ -114,6 +125,7 @@ def prepare(
     undistort: bool,
     out: Path | None,
     refined: Refined | None = None,
+    auto_threshold: bool = False,
 ) -> Job:
     """Check everything that can be checked before a frame is read.
 
@@ -127,16 +139,41 @@ def prepare(
     if not path.exists():  # before the options: it is the first thing to say
         open_frames(path, fps)
     stored = load_calibration(calibration) if calibration is not None else None
-    shots = [_shots(path) for path in ((None, None) if refined is None else (refined.dark, refined.flat))]
-    with named_options(OPTIONS):
-        pipeline = Pipeline(
-            calibration=stored, scale_mm2_per_px=mm2_per_px, threshold=chain.threshold, undistort=undistort,
-            estimator="reference" if refined is None else "refined", min_blob_px=chain.min_blob, blur_px=chain.blur,
-            dilation_px=chain.radius, crop=chain.crop, dark=shots[0], flat=shots[1],
-            tune=None if refined is None else refined.tune, finger="ridged" if refined is None else refined.finger,
-        )  # fmt: skip
+    dark = None if refined is None else refined.dark
+    shots = [
+        _shots(None if dark is None or str(dark) in DARK_WORDS else dark),
+        _shots(refined.flat if refined else None),
+    ]
+    scene: Scene | None = None
+    free: tuple[int, ...] | None = None
+    notes: list[str] = []
     if undistort and stored is None:
         raise InputError("is needed to undistort", key="--calibration", allowed="a calibration file, or --no-undistort")
+
+    def made(estimator: EstimatorName, chain: Chain) -> Pipeline:
+        fine = estimator == "refined"
+        with named_options(OPTIONS):
+            return Pipeline(
+                calibration=stored, scale_mm2_per_px=mm2_per_px, threshold=chain.threshold, undistort=undistort,
+                estimator=estimator, min_blob_px=chain.min_blob, blur_px=chain.blur, dilation_px=chain.radius,
+                crop=chain.crop, dark=shots[0] if fine else (), flat=shots[1] if fine else (),
+                tune=refined.tune if fine and refined else None, finger=refined.finger if refined else "ridged",
+            )  # fmt: skip
+
+    pipeline = made("reference" if refined is None else "refined", chain)
+    beside = None
+    if refined is not None and not refined.alone and pipeline.calibration and pipeline.calibration.mm2_per_px:
+        beside = made("reference", chain)
+    own = refined is not None and (dark is None or str(dark) == "auto") and _several(path, fps)
+    if own or auto_threshold:
+        scene = _looked_through(path, fps, pipeline, chain)
+    if scene is not None and own:
+        free, shots[0] = scene.free, scene.dark
+    if scene is not None and auto_threshold:
+        chain = replace(chain, threshold=_half_way(scene.brightest, beside or pipeline, notes))
+    if beside is not None:
+        beside = made("reference", chain)
+    pipeline = made(pipeline.estimator, _in_frame(chain, pipeline, beside))
     extra = scale_warning(stored.mm2_per_px if stored else None, mm2_per_px)
     return Job(
         path=path,
@@ -146,7 +183,55 @@ def prepare(
         stream=open_frames(path, fps),
         warnings=(extra,) if extra else (),
         tune=None if refined is None else refined.tune,
+        beside=beside,
+        free=free,
+        notes=tuple(notes),
     )
+
+
+def _several(path: Path, fps: float | None) -> bool:
+    """Return whether a source may hold frames without a finger beside others: more than a single image."""
+    return open_frames(path, fps).count != 1
+
+
+def _looked_through(path: Path, fps: float | None, pipeline: Pipeline, chain: Chain) -> Scene | None:
+    details = pipeline.calibration.details if pipeline.calibration else {}
+    stream = open_frames(path, fps)
+    with progress() as bar:
+        task = bar.add_task("look through", total=stream.count)
+
+        def frames() -> Iterator[Frame]:
+            return iter(open_frames(path, fps))
+
+        return look_through(
+            frames, tone_table(details.get("tone_curve", "bt709")), count=stream.count, radius=chain.radius,
+            min_blob=chain.min_blob, tick=lambda: bar.advance(task),
+        )  # fmt: skip
+
+
+def _half_way(frame: Frame, pipeline: Pipeline, notes: list[str]) -> float:
+    """Return the threshold half-way between ground and contact in the frame of the largest contact."""
+    details = pipeline.calibration.details if pipeline.calibration else {}
+    levels = edge_levels(pipeline.measure(frame).view, details.get("tone_curve", "bt709"))
+    if levels is None:
+        raise InputError("no contact shows in any frame", key="--threshold", allowed="a grey level, 0 to 1")
+    notes.append(
+        f"threshold {levels.half:.4f}: half-way in linear light between ground ({levels.grey(levels.ground):.3f}) and"
+        f" contact ({levels.grey(levels.contact):.3f}) along the edge in frame {frame.index}"
+    )
+    return levels.half
+
+
+def _in_frame(chain: Chain, pipeline: Pipeline, beside: Pipeline | None) -> Chain:
+    """Return the chain whose crop of the undistorted view is one of the frame as taken: the rectangle around it."""
+    view = None if beside is None else beside.rectified
+    if view is None or chain.crop == Crop():
+        return chain
+    x, y = chain.crop.apply(view.map_x), chain.crop.apply(view.map_y)
+    rows, cols = view.source_shape
+    r0, r1 = max(int(y.min()), 0), min(int(y.max()) + 2, rows)
+    c0, c1 = max(int(x.min()), 0), min(int(x.max()) + 2, cols)
+    return replace(chain, crop=Crop(r0, r1, c0, c1))
 
 
 def _shots(path: Path | None) -> list[NDArray[np.uint8]]:
@@ -165,8 +250,9 @@ def run(job: Job) -> Result:
     rows: list[AreaRow] = []
     refined = job.pipeline.refined
     known = refined is None or refined.settings.blur.origin != "nominal"
-    log, edges = FrameLog(job.pipeline.settings.threshold), EdgeLog(blur_known=known)
+    log, edges = FrameLog(None if refined else job.pipeline.settings.threshold), EdgeLog(blur_known=known)
     peak: Measurement | None = None
+    beside_peak: Measured | None = None
     with ExitStack() as stack:
         bar = stack.enter_context(progress())
         task = bar.add_task("measure", total=stream.count)
@@ -179,99 +265,38 @@ def run(job: Job) -> Result:
                     rate = stream.given_rate or stream.stated_rate or VIEWING_RATE
                     video = stack.enter_context(OverlayVideo(folder / "overlay.mp4", rate))
                 video.add(overlay(found.view, found.mask))
-            rows.append(AreaRow.of(found.measured, found.interval_mm2))
+            row = replace(AreaRow.of(found.measured, found.interval_mm2), corrected_mm2=found.uncertainty.corrected_mm2)
+            other = None if job.beside is None else job.beside.measure(frame).measured
+            rows.append(row if other is None else replace(row, reference_mm2=other.estimate.area))
             log.add(found.measured.figures)
             if found.refined is not None:
                 edges.add(found.index, found.refined.unseen)
             if peak is None or found.pixels > peak.pixels:
-                peak = found
+                peak, beside_peak = found, other
             bar.advance(task)
     if peak is None:
         stream.finish()
         raise InputError("no readable frame", file=job.path)
     warnings = [*job.warnings, *stream.warnings, *log.warnings(), *edges.warnings(len(rows))]
-    return Result(rows, peak.measured, warnings, peak.uncertainty)
+    result = Result(rows, peak.measured, warnings, peak.uncertainty)
+    counted = beside_peak if job.pipeline.refined is not None else peak.measured
+    return result if counted is None else _explained(job, result, counted)
 
 
-def record(job: Job, result: Result) -> dict[str, Any]:
-    """Return everything of a result as JSON-able data."""
-    pipeline, chain = job.pipeline, job.pipeline.settings
-    settings = {
-        "threshold": chain.threshold,
-        "min_blob_px": chain.min_blob,
-        "blur_px": chain.blur,
-        "dilation_radius_px": chain.radius,
-        "crop": str(chain.crop),
-        "mm2_per_px": pipeline.scale_mm2_per_px,
-        "undistort": pipeline.rectified is not None,
-        "estimator": pipeline.estimator,
-    }
-    if pipeline.refined is not None:
-        scattering, blur = pipeline.refined.settings.scattering, pipeline.refined.settings.blur
-        settings |= {
-            "tune": str(job.tune) if job.tune else None,
-            "scattering": asdict(scattering) if scattering else None,
-            "camera_blur": blur.as_dict(),
-        }
-    view = pipeline.rectified
-    return {
-        "frames": to_plain(result.rows),
-        "complete": job.stream.complete,
-        "summary": summary(result.rows),
-        "budget": {"frame": result.peak.estimate.index, **budget_table(result.budget)},
-        "warnings": [{"code": w.code, "text": w.text} for w in result.warnings],
-        "settings": settings,
-        "input": str(job.path),
-        "calibration": str(job.calibration) if job.calibration else None,
-        "view": {"origin_px": list(view.origin), "shape_px": list(view.shape)} if view else None,
-        "provenance": dict(provenance.record(config=settings)),
-    }
-
-
-def write_files(job: Job, result: Result, data: dict[str, Any]) -> None:
-    """Write table, record and pictures into the output folder."""
-    folder = out_dir(job.out, "measure")
-    index = f"{result.peak.estimate.index:06d}"
-    chain, scale = job.pipeline.settings, job.pipeline.scale_mm2_per_px
-    write_text(folder / "area.csv", to_csv(result.rows))
-    save_figure(area_figure(result.rows), folder / "area.png")
-    save_figure(overlay_figure(result.peak, scale), folder / f"overlay_{index}.png")
-    save_figure(intensity_figure(result.peak, scale), folder / f"intensity_{index}.png")
-    save_figure(histogram_figure(result.peak, chain.threshold, chain.blur), folder / f"histogram_{index}.png")
-    write_json(folder / "result.json", data)
-
-
-def show(result: Result) -> None:
-    """Print the table, thinned if it is long, and the warnings."""
-    table = Table(title="contact area", title_justify="left")
-    for name in ("frame", "time [s]", "pixels", "area [mm²]", "95 % interval [mm²]", "blobs"):
-        table.add_column(escape(name), justify="right")  # "[s]" would be read as a style
-    step = max(1, math.ceil(len(result.rows) / TABLE_ROWS))
-    for row in result.rows[::step]:
-        time = "" if math.isnan(row.time_s) else f"{row.time_s:.3f}"
-        between = f"{row.area_low_mm2:.3f} to {row.area_high_mm2:.3f}"
-        table.add_row(str(row.index), time, str(row.pixels), f"{row.area_mm2:.3f}", between, str(row.blobs))
-    console.print(table)
-    total = summary(result.rows)
-    thinned = f" (every {step}th shown)" if step > 1 else ""
-    console.print(
-        f"{total['frames']} frames{thinned}, area {total['area_min_mm2']:.3f} to {total['area_max_mm2']:.3f} mm², "
-        f"greatest in frame {total['area_max_index']}"
+def _explained(job: Job, result: Result, counted: Measured) -> Result:
+    """Add what the threshold does in the frame of the largest area."""
+    pipeline = job.beside or job.pipeline
+    details = pipeline.calibration.details if pipeline.calibration else {}
+    levels = edge_levels(counted.view, details.get("tone_curve", "bt709"))
+    if levels is None:
+        return result
+    chain, scale = pipeline.settings, pipeline.scale_mm2_per_px
+    far = threshold_warning(chain.threshold, levels, counted.estimate.index)
+    refined = result.peak.estimate.area
+    return replace(
+        result,
+        levels=levels,
+        curve=tuple(threshold_curve(counted.view, chain, scale, levels)),
+        apart=apart(counted, chain, scale, refined, levels) if job.beside is not None else None,
+        warnings=[*result.warnings, *([far] if far is not None else [])],
     )
-    if result.budget.area_mm2 > 0:
-        _show_budget(result)
-    for warning in result.warnings:
-        line = f"warning: {warning.code}: {warning.text}"
-        messages.print(line, style="yellow", markup=False, highlight=False, soft_wrap=True)
-
-
-def _show_budget(result: Result) -> None:
-    plain = budget_table(result.budget)
-    title = f"standard uncertainty of the area in frame {result.peak.estimate.index}, and of the conversion factor"
-    table = Table(title=title, title_justify="left")
-    for name in ("component", "area [%]", "conversion factor [%]"):
-        table.add_column(escape(name), justify="left" if name == "component" else "right")
-    for row in [*plain["components"], {"name": "together", **plain["together"]}]:
-        factor = row["factor_percent"]
-        table.add_row(row["name"], f"{row['area_percent']:.3f}", "" if factor is None else f"{factor:.3f}")
-    console.print(table)

@@ -17,6 +17,7 @@ from evanesce.cli.common import (
     chosen_variant,
     console,
     handles_errors,
+    messages,
     out_dir,
     progress,
     write_json,
@@ -129,6 +130,9 @@ def _sampling(fast: bool, spp: int | None, passes: int | None, until_error: floa
     return {}
 
 
+MOST_FULL_SCALE = 0.001
+"""Share of a frame's pixels at full scale that noise and single glints may make."""
+
 _README = """frame_NNNNNN.png   8-bit frame, as the measurement pipeline reads it
 raw_NNNNNN.png     12-bit raw numbers in a 16-bit PNG [DN]
 light_NNNNNN.exr   radiance, its variance, gap [mm], pressure [MPa], contact mask on the distortion-free pinhole view
@@ -192,9 +196,16 @@ def _row(shot: Shot, force_N: float) -> dict[str, Any]:
     assert shot.contact is not None
     return {
         "index": shot.index, "time_s": shot.time_s, "force_N": force_N, "true_area_mm2": shot.truth.area_mm2,
-        "law": shot.contact.law, "brightest_DN": int(shot.frame.max()), "paths_per_px": shot.plate_light.samples,
+        "law": shot.contact.law, "brightest_DN": int(shot.frame.max()),
+        "full_scale_share": full_scale_share(shot.frame), "paths_per_px": shot.plate_light.samples,
         "relative_error": relative_error(shot.plate_light),
     }  # fmt: skip
+
+
+def full_scale_share(frame: Any) -> float:
+    """Return the share of a frame's pixels of which a channel is at full scale, 255."""
+    levels = frame if frame.ndim == 2 else frame.max(axis=2)
+    return float((levels == 255).mean())
 
 
 def chosen_renderer(fast: bool, variant: str) -> tuple[Any, dict[str, Any]]:
@@ -226,3 +237,12 @@ def _show(result: dict[str, Any], folder: Path) -> None:
             f"{100 * row['relative_error']:.2f}",
         )
     console.print(table)
+    full = [row for row in result["frames"] if row["full_scale_share"] > MOST_FULL_SCALE]
+    if full:
+        worst = max(full, key=lambda row: row["full_scale_share"])
+        text = (
+            f"warning: saturation: over {100 * MOST_FULL_SCALE:g} % of the pixels at full scale (255) in {len(full)}"
+            f" of {len(result['frames'])} frame(s), {100 * worst['full_scale_share']:.1f} % in frame {worst['index']}:"
+            " lower leds.voltage_V or expose less"
+        )
+        messages.print(text, style="yellow", markup=False, highlight=False, soft_wrap=True)

@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from evanesce.core.errors import WorkError
+from evanesce.measurement.force import AreaForce
 from evanesce.measurement.reference.area import AreaRow, Measured
 from evanesce.measurement.reference.segment import blurred_grey, grey
 
@@ -149,25 +150,90 @@ def histogram_figure(measured: Measured, threshold: float, blur: float) -> Figur
     return figure
 
 
-def area_figure(rows: Sequence[AreaRow]) -> Figure:
-    """Return area against time, or against the frame's index where times are unknown.
+def area_figure(rows: Sequence[AreaRow], estimator: str = "reference segmentation") -> Figure:
+    """Return area against time with its interval, or against the frame's index where times are unknown.
 
     Parameters
     ----------
     rows : sequence of AreaRow
+    estimator : str
+        Name of the one that made the areas.
 
     Returns
     -------
     Figure
     """
-    figure, axes = _axes("contact area by the reference segmentation", (7.0, 4.0))
+    figure, axes = _axes(f"contact area by the {estimator}", (7.0, 4.0))
     timed = not any(math.isnan(row.time_s) for row in rows)
     x = [row.time_s if timed else row.index for row in rows]
-    axes.plot(x, [row.area_mm2 for row in rows], "o-", markersize=3, linewidth=1)
+    axes.plot(x, [row.area_mm2 for row in rows], "o-", markersize=3, linewidth=1, label=estimator)
+    low, high = ([getattr(row, name) for row in rows] for name in ("area_low_mm2", "area_high_mm2"))
+    if not all(math.isnan(value) for value in low):
+        axes.fill_between(x, low, high, alpha=0.25, linewidth=0, label="95 % interval of the contact's area")
+    beside = [row.reference_mm2 for row in rows]
+    if not all(math.isnan(value) for value in beside):
+        axes.plot(x, beside, ":", color="0.4", linewidth=1.2, label="reference segmentation")
     axes.set_xlabel("time [s]" if timed else "frame index (frame rate unknown)")
     axes.set_ylabel("contact area [mm²]")
     axes.set_ylim(bottom=0)
     axes.grid(alpha=0.3)
+    axes.legend(fontsize=8)
+    return figure
+
+
+def threshold_figure(curve: Sequence[dict[str, float]], used: float, half: float, index: int) -> Figure:
+    """Return the area that the reference segmentation counts against its threshold, in one frame.
+
+    Parameters
+    ----------
+    curve : sequence of dict
+        Of :func:`~evanesce.measurement.levels.threshold_curve`.
+    used, half : float
+        Threshold that was used and the one half-way between ground and contact [1].
+    index : int
+        Of the frame.
+
+    Returns
+    -------
+    Figure
+    """
+    figure, axes = _axes(f"area by the reference segmentation, frame {index}", (7.0, 4.0))
+    axes.plot([point["threshold"] for point in curve], [point["area_mm2"] for point in curve], "o-", markersize=3)
+    axes.axvline(used, color="tab:red", label=f"threshold {used:.3g}")
+    axes.axvline(half, color="0.4", linestyle="--", label=f"half-way {half:.3f}")
+    axes.set_xlabel("threshold, grey level [1]")
+    axes.set_ylabel("contact area [mm²]")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8)
+    return figure
+
+
+def force_figure(joined: AreaForce, estimator: str) -> Figure:
+    """Return area against force with intervals and both fitted laws.
+
+    Parameters
+    ----------
+    joined : AreaForce
+    estimator : str
+        Name of the one that made the areas.
+
+    Returns
+    -------
+    Figure
+    """
+    figure, axes = _axes(f"contact area by the {estimator} against force", (7.0, 4.5))
+    area = np.array([row.area_mm2 for row in joined.rows])
+    low, high = (np.array([getattr(row, name) for row in joined.rows]) for name in ("area_low_mm2", "area_high_mm2"))
+    bars = np.clip(np.nan_to_num(np.stack([area - low, high - area])), 0.0, None)
+    axes.errorbar(joined.force_N, area, yerr=bars, fmt=".", color="0.3", elinewidth=0.6, label="frames, 95 % interval")
+    force = np.linspace(0.0, max(max(joined.force_N), 1e-9), 200)
+    for fit, name, style in ((joined.hertz, "Hertz", "-"), (joined.power, "power law", "--")):
+        text = f"{name}: {fit.factor:.3g} F^{fit.exponent:.3f}"
+        axes.plot(force, fit.factor * force**fit.exponent, style, label=text)
+    axes.set_xlabel("force [N]")
+    axes.set_ylabel("contact area [mm²]")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8)
     return figure
 
 

@@ -82,11 +82,11 @@ class FrameLog:
 
     Parameters
     ----------
-    threshold : float
-        The grey level that was used, 0 to 1.
+    threshold : float or None
+        The grey level that was used, 0 to 1; None of an estimator that uses none.
     """
 
-    threshold: float
+    threshold: float | None
     frames: int = 0
     _saturated: _Worst = field(default_factory=_Worst)
     _border: _Worst = field(default_factory=_Worst)
@@ -126,11 +126,12 @@ class FrameLog:
             return []
         found = [*self._threshold_warning()]
         if self._empty.count:
+            at = "" if self.threshold is None else f" at threshold {self.threshold:g}"
             small = f"; {self._dropped} blob(s) were too small to count" if self._dropped else ""
             found.append(
                 Warning(
                     "nothing_segmented",
-                    f"no contact in {self._of_frames(self._empty)} at threshold {self.threshold:g}{small}",
+                    f"no contact in {self._of_frames(self._empty)}{at}{small}",
                 )
             )
         if self._saturated.count:
@@ -156,7 +157,7 @@ class FrameLog:
         return f"{worst.count} of {self.frames} frame(s), first {worst.first}"
 
     def _threshold_warning(self) -> Iterable[Warning]:
-        if self._smallest < self.threshold < self._greatest:
+        if self.threshold is None or self._smallest < self.threshold < self._greatest:
             return
         if self.threshold >= self._greatest:
             where = "no pixel is brighter"
@@ -182,7 +183,7 @@ class EdgeLog:
     first: int = -1
 
     def add(self, index: int, unseen: str) -> None:
-        """Add one frame; see :class:`~evanesce.measurement.refined.estimator.RefinedArea` for ``unseen``.
+        """Add one frame; see :class:`~evanesce.measurement.refined.result.RefinedArea` for ``unseen``.
 
         Parameters
         ----------

@@ -105,6 +105,10 @@ class AreaRow:
         Dilated blobs that survived.
     area_low_mm2, area_high_mm2 : float
         95 % interval; NaN where none was asked for.
+    corrected_mm2 : float
+        Area less the known deviations of the budget, to which the interval belongs; NaN where none was asked for.
+    reference_mm2 : float
+        Area that the reference segmentation counts beside the refined estimator; NaN without it.
     """
 
     index: int
@@ -114,6 +118,13 @@ class AreaRow:
     blobs: int
     area_low_mm2: float = math.nan
     area_high_mm2: float = math.nan
+    corrected_mm2: float = math.nan
+    reference_mm2: float = math.nan
+
+    @property
+    def outside(self) -> bool:
+        """Whether the area lies outside the interval, which belongs to the corrected area."""
+        return not math.isnan(self.area_low_mm2) and not self.area_low_mm2 <= self.area_mm2 <= self.area_high_mm2
 
     @classmethod
     def of(cls, measured: Measured, interval: tuple[float, float] = (math.nan, math.nan)) -> AreaRow:
@@ -133,7 +144,7 @@ class AreaRow:
         return cls(e.index, e.time, e.pixels, e.area, measured.segmentation.blobs, *interval)
 
 
-CSV_HEADER = "index,time_s,pixels_px,area_mm2,blobs,area_low_mm2,area_high_mm2"
+CSV_HEADER = "index,time_s,pixels_px,area_mm2,blobs,area_low_mm2,area_high_mm2,corrected_mm2,reference_mm2"
 
 
 def to_csv(rows: Sequence[AreaRow]) -> str:
@@ -150,11 +161,12 @@ def to_csv(rows: Sequence[AreaRow]) -> str:
     """
     lines = [CSV_HEADER]
     for row in rows:
-        time, low, high = (
+        time, low, high, corrected, beside = (
             "" if math.isnan(value) else repr(float(value))
-            for value in (row.time_s, row.area_low_mm2, row.area_high_mm2)
+            for value in (row.time_s, row.area_low_mm2, row.area_high_mm2, row.corrected_mm2, row.reference_mm2)
         )
-        lines.append(f"{row.index},{time},{row.pixels},{float(row.area_mm2)!r},{row.blobs},{low},{high}")
+        counted = f"{row.pixels},{float(row.area_mm2)!r},{row.blobs}"
+        lines.append(f"{row.index},{time},{counted},{low},{high},{corrected},{beside}")
     return "\n".join(lines) + "\n"
 
 
@@ -168,7 +180,8 @@ def to_plain(rows: Sequence[AreaRow]) -> list[dict[str, Any]]:
     Returns
     -------
     list of dict
-        index, time_s, pixels, area_mm2, blobs, area_low_mm2, area_high_mm2.
+        index, time_s, pixels, area_mm2, blobs, area_low_mm2, area_high_mm2, and where they are known corrected_mm2
+        and reference_mm2.
     """
     return [
         {
@@ -179,6 +192,11 @@ def to_plain(rows: Sequence[AreaRow]) -> list[dict[str, Any]]:
             "blobs": r.blobs,
             "area_low_mm2": r.area_low_mm2,
             "area_high_mm2": r.area_high_mm2,
+        }
+        | {
+            name: value
+            for name, value in (("corrected_mm2", r.corrected_mm2), ("reference_mm2", r.reference_mm2))
+            if not math.isnan(value)
         }
         for r in rows
     ]

@@ -19,6 +19,9 @@ from skimage.measure import find_contours
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+CLEAR_SHARE = 0.01
+"""Share of the pixels around a place that must lie beyond the blur's reach for an envelope there."""
+
 FLATTEST = 0.02
 """Slope [1/px] below which an edge is no edge."""
 
@@ -176,17 +179,62 @@ def edge_spread(boundary: Boundary) -> float:
     float
         [px].
     """
+    width, length = _widths(boundary)
+    if not len(width):
+        return 0.0
+    return float(((width - np.median(width)) * length).sum() / length.sum())
+
+
+def edge_width(boundary: Boundary) -> float:
+    """Return the median width of the edge along its curves: one over the slope of its level [px].
+
+    Parameters
+    ----------
+    boundary : Boundary
+
+    Returns
+    -------
+    float
+        [px]; 0 without a curve.
+    """
+    width, _ = _widths(boundary)
+    return float(np.median(width)) if len(width) else 0.0
+
+
+def _widths(boundary: Boundary) -> tuple[Floats, Floats]:
+    """Return width of the edge and length of each piece of its curves [px]."""
     slope = np.hypot(*np.gradient(boundary.level))
-    widths, lengths = [], []
+    widths, lengths = [np.zeros(0)], [np.zeros(0)]
     for curve in boundary.contours:
         middle = 0.5 * (curve[1:] + curve[:-1])
         found = ndimage.map_coordinates(slope, [middle[:, 1], middle[:, 0]], order=1)
         widths.append(1.0 / np.maximum(found, FLATTEST))
         lengths.append(np.linalg.norm(np.diff(curve, axis=0), axis=1))
-    if not widths:
-        return 0.0
-    width, length = np.concatenate(widths), np.concatenate(lengths)
-    return float(((width - np.median(width)) * length).sum() / length.sum())
+    return np.concatenate(widths), np.concatenate(lengths)
+
+
+def narrow_share(boundary: Boundary, settings: EdgeSettings) -> float:
+    """Return the share of a boundary that has no pixel beyond the blur's reach on one of its sides.
+
+    Parameters
+    ----------
+    boundary : Boundary
+    settings : EdgeSettings
+        By which it was found.
+
+    Returns
+    -------
+    float
+        0 to 1.
+    """
+    inside = boundary.level > 0.5
+    seen, near = np.ones(inside.shape, np.bool_), np.zeros(inside.shape, np.bool_)
+    for side in (inside, ~inside):
+        distance = _distance(side)
+        clear = ((distance >= settings.near_px) & (distance <= settings.far_px)).astype(np.float32)
+        seen &= cv2.GaussianBlur(clear, (0, 0), settings.window_px) > CLEAR_SHARE
+        near |= (distance > 0) & (distance < 1)
+    return float((near & ~seen).sum() / max(int(near.sum()), 1))
 
 
 def half_contours(level: Floats) -> list[Floats]:

@@ -10,7 +10,7 @@ Steps: grey level to linear light (:mod:`~evanesce.measurement.refined.light`); 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any
 
 import cv2
 import numpy as np
@@ -21,6 +21,7 @@ from evanesce.core.errors import InputError
 from evanesce.core.states import Estimate, Frame
 from evanesce.measurement.calibration.model import Calibration
 from evanesce.measurement.reference.area import Measured
+from evanesce.measurement.reference.blobs import large_blobs
 from evanesce.measurement.reference.segment import Crop, Segmentation
 from evanesce.measurement.refined.blur import Blur
 from evanesce.measurement.refined.edge import (
@@ -30,9 +31,12 @@ from evanesce.measurement.refined.edge import (
     edge_spread,
     find_boundary,
     half_contours,
+    narrow_share,
 )
 from evanesce.measurement.refined.light import Radiometry
 from evanesce.measurement.refined.plate import PlateMap
+from evanesce.measurement.refined.replica import replica
+from evanesce.measurement.refined.result import RefinedArea, Unseen
 from evanesce.measurement.refined.saturation import (
     contact_edge,
     contact_within,
@@ -45,7 +49,6 @@ from evanesce.measurement.refined.subsurface import Scattering, entered, find_sc
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Unseen = Literal["", "top", "modelled"]
 
 PLAIN_MARGIN_PX = 60
 SCATTERING_MARGIN_PX = 260
@@ -57,6 +60,12 @@ BLURS_TRIED = 7
 
 SATURATED_SHARE = 0.02
 """Of the contact's pixels: up to here noise saturates single pixels, which are read as they are."""
+
+GROUND_PERCENTILE = 5.0
+"""Of the light of a frame without a dark frame: what is taken for the light without contact."""
+
+SPECK_RIM_PX = 5
+"""Reach of the blur around a speck that is left out [px]."""
 
 SATURATED_LEVEL = 0.8
 """Light at which the edge of a saturated contact is read: the highest that noise does not saturate."""
@@ -74,9 +83,13 @@ class Settings:
     min_step : float
         Light of contact over the background, of full scale, below which there is no contact.
     min_area_mm2 : float
-        Smaller islands are specks.
+        Smaller islands are specks, where there is no minimum size of a blob.
     scattering : Scattering, optional
         Of this finger's silicone; fitted to each frame that does not saturate if not given.
+    min_blob_px : int
+        Minimum size of an island after dilation by a disk, as the reference segmentation has it [px]; 0 for none.
+    dilation_px : int
+        Radius of that disk [px].
     crop : Crop
         In the frame as taken.
     """
@@ -86,49 +99,9 @@ class Settings:
     min_step: float = 0.01
     min_area_mm2: float = 0.1
     scattering: Scattering | None = None
+    min_blob_px: int = 0
+    dilation_px: int = 10
     crop: Crop = field(default_factory=Crop)
-
-
-@dataclass(frozen=True, kw_only=True)
-class RefinedArea:
-    """Refined area of one frame.
-
-    Attributes
-    ----------
-    area_mm2, perimeter_mm : float
-        Of the contact and of its boundary.
-    contours : list of ndarray (n, 2)
-        (x, y) in the frame as taken [px]; holes run the other way round.
-    mask : ndarray of bool (rows, cols)
-        Of the crop.
-    scattering : Scattering
-    saturated_pixels : int
-    islands, dropped : int
-        Parts of the contact, and those too small to be it.
-    step : float
-        Median light of contact over what is beside it, of full scale.
-    spread_mm : float, optional
-        How much wider the edge is than at its median (:func:`.edge_spread`); None where it is not the
-        frame's own: saturated, or after scattering was inverted.
-    unseen : {"", "top", "modelled"}
-        What saturation hides of the edge: nothing; its top, so that its foot was read; more, under scattered light, so
-        that the saturated part comes from a model.
-    blur_uncertainty_px : float
-        How far the boundary moves between the limits of the camera's blur [px]; 0 where the edge does not depend on it.
-    """
-
-    area_mm2: float
-    perimeter_mm: float
-    contours: list[Floats]
-    mask: Mask
-    scattering: Scattering
-    saturated_pixels: int
-    islands: int
-    dropped: int
-    step: float
-    spread_mm: float | None = None
-    unseen: Unseen = ""
-    blur_uncertainty_px: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -229,12 +202,17 @@ class Estimator:
         light, full = self.radiometry.light(image)
         crop = self.settings.crop
         light, full = crop.apply(light), crop.apply(full)
+        if not isinstance(self.radiometry.dark, np.ndarray):  # else the scattered light would seem to have no end
+            light = light - np.percentile(light, GROUND_PERCENTILE)
         coarse = coarse_mask(light, self.settings.min_step)
         if coarse is None:
             return self._nothing(light.shape, full)
-        coarse, dropped = self._without_specks(coarse, (crop.r0, crop.c0))
+        bright = coarse
+        coarse, dropped = self._without_specks(bright, (crop.r0, crop.c0))
         if not coarse.any():
             return replace(self._nothing(light.shape, full), dropped=dropped)
+        if dropped:
+            light = _filled(light, bright & ~coarse)
         return replace(self._contact(light, full, coarse), dropped=dropped)
 
     def _nothing(self, shape: tuple[int, ...], full: Mask) -> RefinedArea:
@@ -245,7 +223,10 @@ class Estimator:
         )  # fmt: skip
 
     def _without_specks(self, mask: Mask, origin: tuple[int, int]) -> tuple[Mask, int]:
-        """Drop islands below the minimum area; return the rest and the number dropped."""
+        """Drop islands below the minimum area or size; return the rest and the number dropped."""
+        if self.settings.min_blob_px:
+            blobs = large_blobs(mask, self.settings.dilation_px, self.settings.min_blob_px)
+            return mask & blobs.dilated, blobs.dropped
         labels, count = ndimage.label(mask, np.ones((3, 3)))
         if not count:
             return mask, 0
@@ -282,7 +263,16 @@ class Estimator:
         if scattering.length_px or saturated or not found.contours:
             return found
         side = np.sqrt(self.plate.pixel_area(np.concatenate(found.contours)).mean())
-        return replace(found, spread_mm=edge_spread(boundary) * float(side))
+        again = replica(local, boundary, settings.edge)
+        gain = 0.0 if again is None else again.gain
+        return replace(
+            found,
+            area_mm2=found.area_mm2 / (1.0 + gain),
+            spread_mm=edge_spread(boundary) * float(side),
+            sharp_spread_mm=None if again is None else again.spread_px * float(side),
+            shape_gain=gain,
+            narrow_share=narrow_share(boundary, settings.edge),
+        )
 
     def _find_scattering(self, light: Floats, mask: Mask) -> Scattering:
         """Fit the scattering twice: the first contact is too large where light is scattered into grooves."""
@@ -351,6 +341,15 @@ class Estimator:
             saturated_pixels=int((full & mask).sum()), islands=islands, dropped=0,
             step=float(np.median(boundary.step[inside])) if inside.any() else 0.0,
         )  # fmt: skip
+
+
+def _filled(light: Floats, specks: Mask) -> Floats:
+    """Return light whose specks, each with the reach of its blur, hold what is around them."""
+    size = 2 * SPECK_RIM_PX + 1
+    bad = cv2.dilate(specks.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
+    weight = cv2.GaussianBlur((~bad).astype(np.float64), (0, 0), 2.0 * SPECK_RIM_PX)
+    around = cv2.GaussianBlur(np.where(bad, 0.0, light), (0, 0), 2.0 * SPECK_RIM_PX) / np.maximum(weight, 1e-6)
+    return np.where(bad & (weight > 1e-3), around, light)
 
 
 def _window(mask: Mask, margin: int) -> tuple[slice, slice]:

@@ -12,8 +12,9 @@ from skimage.measure import perimeter_crofton
 from evanesce.measurement.calibration.model import Calibration
 from evanesce.measurement.reference.area import Measured
 from evanesce.measurement.reference.segment import grey
-from evanesce.measurement.refined.estimator import Estimator, RefinedArea
+from evanesce.measurement.refined.estimator import Estimator
 from evanesce.measurement.refined.light import tone_table
+from evanesce.measurement.refined.result import RefinedArea
 from evanesce.measurement.uncertainty.budget import Component, Finger, Reading, Uncertain, propagate
 from evanesce.measurement.uncertainty.components import (
     card_components,
@@ -52,13 +53,15 @@ def refined_uncertainty(
     """
     side = math.sqrt(estimator.plate.middle_area)
     spread = estimator.plate.area_standard(found.contours) / found.area_mm2 if found.area_mm2 > 0 else 0.0
+    shape = found.shape_gain * found.area_mm2 / found.perimeter_mm if found.perimeter_mm > 0 else 0.0
     distance, nearness = lens_distance(estimator.plate.calibration, side)
     reading = Reading(area_mm2=found.area_mm2, perimeter_mm=found.perimeter_mm, distance_mm=distance)
     parts = [
         *(card_components() if cards is None else cards),
         nearness,
         *refined_components(
-            side, spread, video=video, finger=finger, spread_mm=None if video else found.spread_mm,
+            side, spread, video=video, finger=finger, spread_mm=None if video else found.excess_mm,
+            shape_mm=shape, narrow=found.narrow_share,
             unseen=found.unseen, scattering=found.scattering.length_px > 0,
             blur_uncertainty_px=found.blur_uncertainty_px,
         ),

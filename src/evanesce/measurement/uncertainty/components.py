@@ -26,7 +26,7 @@ class FilmLaw:
     per_spread : float
         [1].
     offset_mm : float
-        At an edge that noise alone widens.
+        At an edge that is no wider than a sharp contact's.
     standard_mm : float
         Standard deviation of the residual, rig to rig included.
     """
@@ -41,7 +41,7 @@ class FilmLaw:
         Parameters
         ----------
         spread_mm : float
-            Widening of the edge [mm].
+            Widening of the edge beyond that of a sharp contact of the same shape [mm].
 
         Returns
         -------
@@ -51,7 +51,7 @@ class FilmLaw:
         return self.per_spread * spread_mm + self.offset_mm
 
 
-FILM = FilmLaw(per_spread=1.84, offset_mm=-0.00076, standard_mm=0.0004)
+FILM = FilmLaw(per_spread=1.72, offset_mm=0.00035, standard_mm=0.00047)
 """Fitted to presses on other rigs: stiffness, ridges, positions, forces and voltages vary (benchmarks/film.py)."""
 
 FILM_LIMITS_MM = {"smooth": (0.0, 0.002), "ridged": (-0.003, 0.007)}
@@ -61,6 +61,10 @@ FILM_LIMITS_MM = {"smooth": (0.0, 0.002), "ridged": (-0.003, 0.007)}
 UNSEEN_PX = {"top": 0.4, "modelled": 1.2}
 """Limits of the displacement of an edge that saturation hides [px], by what it hides: the estimator study's greatest
 errors, rounded up; on another rig they may be larger."""
+
+NARROW_PX = 0.2
+"""The same of an edge between ridges or grooves that are narrower than the reach of the blur on either side: on drawn
+ridges 5 and 7 px wide, blurred by 1.2 px, the boundary ran 0.06 to 0.11 px too far inside (tests/system)."""
 
 INVERSION_PX = 0.5
 """The same of an edge that was found after inversion of subsurface scattering."""
@@ -127,7 +131,8 @@ def nearness_component(known: Literal["found", "drawing", "assumed"], found_erro
 
 def refined_components(
     pixel_mm: float, scale_standard: float, *, video: bool = False, finger: Finger = "ridged",
-    spread_mm: float | None = None, unseen: str = "", scattering: bool = False, blur_uncertainty_px: float = 0.0,
+    spread_mm: float | None = None, shape_mm: float = 0.0, narrow: float = 0.0, unseen: str = "",
+    scattering: bool = False, blur_uncertainty_px: float = 0.0,
 ) -> list[Component]:  # fmt: skip
     """Return the budget of the refined estimator beyond the card.
 
@@ -141,8 +146,14 @@ def refined_components(
         Whether frames went through a lossy codec.
     finger : {"ridged", "smooth"}
         Counts where the edge's own width is not known.
-    spread_mm, unseen, blur_uncertainty_px : float, str, float, optional
-        Of :class:`~evanesce.measurement.refined.estimator.RefinedArea`.
+    spread_mm : float, optional
+        Widening of the edge beyond that of a sharp contact of the same shape [mm].
+    unseen, blur_uncertainty_px : str, float, optional
+        Of :class:`~evanesce.measurement.refined.result.RefinedArea`.
+    shape_mm : float
+        How far outside a sharp contact of this shape the boundary runs, on average; the area is corrected for it [mm].
+    narrow : float
+        Share of the boundary at which ridge or groove is too narrow for an envelope [1].
     scattering : bool
         Whether subsurface scattering was inverted.
 
@@ -157,6 +168,14 @@ def refined_components(
         ),
         *_film_components(pixel_mm, spread_mm, finger),
     ]  # fmt: skip
+    if shape_mm:
+        origin = (
+            "corners and narrow ridges that blur rounds: half of what is corrected for a sharp contact of this shape"
+        )
+        found.append(_boundary("shape", 0.5 * abs(shape_mm), origin))
+    if narrow > 0:
+        origin = "ridges or grooves too narrow to show their own light beyond the blur"
+        found.append(_boundary("narrow parts", NARROW_PX * narrow * pixel_mm, origin))
     if scattering:
         origin = "inversion of subsurface scattering, whose length is fitted to the frame"
         found.append(_boundary("subsurface scattering", INVERSION_PX * pixel_mm, origin))
@@ -175,14 +194,18 @@ def _boundary(name: str, half_mm: float, origin: str) -> Component:
 
 
 def _film_components(pixel_mm: float, spread_mm: float | None, finger: Finger) -> list[Component]:
-    """Return the components of the film of air beside the contact and of the edge model."""
+    """Return the components of the film of air beside the contact and of the edge model.
+
+    Whether what a sharp contact of the same shape does not show is a film's or another light's beside the contact is
+    not known: the limits hold no film and the law's, each with two standard deviations of the law's residual.
+    """
     if spread_mm is not None:
-        middle, half = FILM.at(spread_mm), FILM.standard_mm
+        law = FILM.at(spread_mm)
         return [
             Component(
-                name="film of air, edge", role="boundary", low=middle - half, high=middle + half, shape="normal",
-                origin="light that still couples beside the contact, by the width of the edge; the law's residual on"
-                " other rigs, which holds envelopes and sampling of the curve",
+                name="film of air, edge", role="boundary", low=min(0.0, law) - 2 * FILM.standard_mm,
+                high=max(0.0, law) + 2 * FILM.standard_mm, shape="rectangular", origin="light that still couples beside"
+                " the contact, none or by the width of the edge beyond that of a sharp contact of the same shape",
             )
         ]  # fmt: skip
     low, high = FILM_LIMITS_MM[finger]

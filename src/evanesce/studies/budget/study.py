@@ -20,7 +20,8 @@ from evanesce.measurement.calibration.model import Calibration
 from evanesce.measurement.calibration.rectify import rectification
 from evanesce.measurement.reference.area import measure_frame
 from evanesce.measurement.reference.segment import Chain
-from evanesce.measurement.refined.estimator import Estimator, RefinedArea, Unseen
+from evanesce.measurement.refined.estimator import Estimator
+from evanesce.measurement.refined.result import RefinedArea, Unseen
 from evanesce.measurement.refined.subsurface import Scattering
 from evanesce.measurement.uncertainty.area import lens_distance, reference_boundary, refined_uncertainty
 from evanesce.measurement.uncertainty.budget import Finger, Reading, propagate

@@ -1,0 +1,214 @@
+"""Contact area against force: offset of the two clocks, and Hertz's and a power law fitted.
+
+A finger's area depends on force alone while it loads, so that of all offsets the right one makes area a smooth rising
+function of force, and area and force begin together. The offset is the one that leaves least of a power law
+``A = c F^p`` over the frames of loading, unloaded frames included.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares, minimize_scalar
+from scipy.stats import t as student
+
+from evanesce.core.errors import InputError
+from evanesce.measurement.io.force import ForceLog
+from evanesce.measurement.reference.area import AreaRow
+
+Floats = NDArray[np.float64]
+
+HERTZ = 2.0 / 3.0
+"""Exponent of area against force of a sphere on a plane (H. Hertz, J. reine angew. Math. 92, 156-171, 1882)."""
+
+STEPS = 401
+LEAST_POINTS = 6
+NORMAL_95 = 1.959963984540054
+MOST_MOVED_S = 1.0
+"""Offset's standard uncertainty up to which it is carried into the fits [s]: beyond it is not determined at all."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit:
+    """``A = factor F^exponent`` [mm^2, N], with 95 % intervals from the scatter of the frames.
+
+    Attributes
+    ----------
+    factor, exponent : float
+    factor_low, factor_high, exponent_low, exponent_high : float
+    rms_mm2 : float
+        Of what the fit leaves.
+    """
+
+    factor: float
+    factor_low: float
+    factor_high: float
+    exponent: float
+    exponent_low: float
+    exponent_high: float
+    rms_mm2: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class AreaForce:
+    """Areas with their forces.
+
+    Attributes
+    ----------
+    offset_s, offset_standard_s : float
+        What is added to a frame's time to get the load cell's, and its standard uncertainty (0 of a given one) [s].
+    rows : tuple of AreaRow
+        Frames within the log.
+    force_N : tuple of float
+        Of those frames.
+    hertz, power : Fit
+        With the exponent 2/3, and with it free.
+    """
+
+    offset_s: float
+    offset_standard_s: float
+    rows: tuple[AreaRow, ...]
+    force_N: tuple[float, ...]
+    hertz: Fit
+    power: Fit
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain data, units in the keys."""
+        frames = [
+            {"index": r.index, "time_s": r.time_s, "force_N": f, "area_mm2": r.area_mm2,
+             "area_low_mm2": r.area_low_mm2, "area_high_mm2": r.area_high_mm2}
+            for r, f in zip(self.rows, self.force_N, strict=True)
+        ]  # fmt: skip
+        return {
+            "offset_s": self.offset_s, "offset_standard_s": self.offset_standard_s, "frames": frames,
+            "hertz": asdict(self.hertz), "power_law": asdict(self.power),
+        }  # fmt: skip
+
+
+def area_force(rows: Sequence[AreaRow], log: ForceLog, offset_s: float | None = None) -> AreaForce:
+    """Join areas and forces and fit both laws.
+
+    Parameters
+    ----------
+    rows : sequence of AreaRow
+        With times.
+    log : ForceLog
+    offset_s : float, optional
+        Added to a frame's time to get the load cell's [s]; found if not given.
+
+    Returns
+    -------
+    AreaForce
+
+    Raises
+    ------
+    InputError
+        If frames have no times, or fewer than six with contact lie within the log.
+    """
+    time, area = np.array([r.time_s for r in rows]), np.array([r.area_mm2 for r in rows])
+    if not np.isfinite(time).all():
+        raise InputError("the frames have no times", key="--force", allowed="a video with time stamps, or --fps")
+    standard = 0.0
+    if offset_s is None:
+        offset_s, standard = _offset(time, area, log)
+    force = log.at(time + offset_s)
+    known = np.isfinite(force)
+    good = known & (force > 0) & (area > 0)
+    if good.sum() < LEAST_POINTS:
+        raise InputError(
+            f"{int(good.sum())} frame(s) with contact and force at an offset of {offset_s:.3f} s", key="--offset-s",
+            allowed=f"one at which at least {LEAST_POINTS} have both, or auto",
+        )  # fmt: skip
+    fitted = []
+    for exponent in (HERTZ, None):
+        moved = []
+        for sign in (-1.0, 1.0):
+            other = log.at(time + offset_s + sign * min(standard, MOST_MOVED_S))
+            both = good & np.isfinite(other) & (other > 0)
+            moved.append(_fit(other[both], area[both], exponent) if both.sum() >= LEAST_POINTS else None)
+        fitted.append(_widened(_fit(force[good], area[good], exponent), moved))
+    return AreaForce(
+        offset_s=offset_s, offset_standard_s=standard,
+        rows=tuple(row for row, k in zip(rows, known, strict=True) if k), force_N=tuple(map(float, force[known])),
+        hertz=fitted[0], power=fitted[1],
+    )  # fmt: skip
+
+
+def _widened(fit: Fit, moved: Sequence[Fit | None]) -> Fit:
+    """Return a fit whose intervals hold the offset's standard uncertainty as well, by fits at one either side of it."""
+    if any(other is None for other in moved):
+        return fit
+    low, high = (other for other in moved if other is not None)
+    factor = 0.5 * NORMAL_95 * abs(float(np.log(high.factor / low.factor)))
+    power = 0.5 * NORMAL_95 * abs(high.exponent - low.exponent)
+    half = float(np.hypot(np.log(fit.factor_high / fit.factor), factor))
+    wide = float(np.hypot(fit.exponent_high - fit.exponent, power))
+    return replace(
+        fit, factor_low=fit.factor * float(np.exp(-half)), factor_high=fit.factor * float(np.exp(half)),
+        exponent_low=fit.exponent - wide, exponent_high=fit.exponent + wide,
+    )  # fmt: skip
+
+
+def _left(time: Floats, area: Floats, log: ForceLog, offset: float) -> tuple[float, int]:
+    """Return the mean square that a power law leaves at an offset [mm^4], and the number of frames."""
+    force = log.at(time + offset)
+    known = np.isfinite(force)
+    if known.sum() < max(LEAST_POINTS, 0.5 * len(time)) or not (area[known] > 0).any():
+        return float("inf"), 0
+    pressed = np.clip(force[known], 0.0, None)
+    if not pressed.max() > 0:
+        return float("inf"), 0
+
+    def misfit(power: float) -> float:
+        shape = pressed**power
+        factor = float((shape @ area[known]) / (shape @ shape))
+        return float(np.mean((area[known] - factor * shape) ** 2))
+
+    best = minimize_scalar(misfit, bounds=(0.2, 1.5), method="bounded", options={"xatol": 1e-3})
+    return float(best.fun), int(known.sum())
+
+
+def _offset(time: Floats, area: Floats, log: ForceLog) -> tuple[float, float]:
+    """Return the offset that leaves least, and its standard uncertainty from the curvature there [s]."""
+    low, high = float(log.time_s[0] - time[-1]), float(log.time_s[-1] - time[0])
+    tried = np.linspace(low, high, STEPS)
+    left = np.array([_left(time, area, log, offset)[0] for offset in tried])
+    if not np.isfinite(left).any():
+        raise InputError("no offset brings areas and forces together", key="--offset-s", allowed="a number of seconds")
+    middle, step = float(tried[int(left.argmin())]), float(tried[1] - tried[0])
+    best = minimize_scalar(
+        lambda offset: _left(time, area, log, offset)[0] if np.isfinite(_left(time, area, log, offset)[0]) else 1e12,
+        bounds=(middle - 1.5 * step, middle + 1.5 * step), method="bounded", options={"xatol": 1e-4},
+    )  # fmt: skip
+    offset = float(best.x)
+    least, count = _left(time, area, log, offset)
+    width = max(float(np.median(np.diff(time))), 1e-3)
+    beside = [_left(time, area, log, offset + sign * width)[0] - least for sign in (-1, 1)]
+    curvature = float(np.mean([b for b in beside if np.isfinite(b)] or [0.0])) * 2 / width**2
+    if not curvature > 0:
+        return offset, float("inf")
+    return offset, float(np.sqrt(2 * least / (curvature * max(count - 3, 1))))
+
+
+def _fit(force: Floats, area: Floats, exponent: float | None) -> Fit:
+    """Fit a power law in area, by least squares, with Student's intervals of its linearised scatter."""
+
+    def residual(x: Floats) -> Floats:
+        return np.asarray(np.exp(x[0]) * force ** (x[1] if exponent is None else exponent) - area)
+
+    start = [float(np.log(np.median(area / force**HERTZ)))] + ([HERTZ] if exponent is None else [])
+    solved = least_squares(residual, start)
+    free = max(len(area) - len(start), 1)
+    variance = float((solved.fun**2).sum() / free)
+    wide = float(student.ppf(0.975, free)) * np.sqrt(np.diag(np.linalg.inv(solved.jac.T @ solved.jac)) * variance)
+    power = exponent if exponent is not None else float(solved.x[1])
+    half = float(wide[1]) if exponent is None else 0.0
+    return Fit(
+        factor=float(np.exp(solved.x[0])), factor_low=float(np.exp(solved.x[0] - wide[0])),
+        factor_high=float(np.exp(solved.x[0] + wide[0])), exponent=power, exponent_low=power - half,
+        exponent_high=power + half, rms_mm2=float(np.sqrt(np.mean(solved.fun**2))),
+    )  # fmt: skip

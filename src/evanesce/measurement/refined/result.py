@@ -1,0 +1,73 @@
+"""Result of the refined area estimator on one frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.measurement.refined.subsurface import Scattering
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Unseen = Literal["", "top", "modelled"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RefinedArea:
+    """Refined area of one frame.
+
+    Attributes
+    ----------
+    area_mm2, perimeter_mm : float
+        Of the contact and of its boundary.
+    contours : list of ndarray (n, 2)
+        (x, y) in the frame as taken [px]; holes run the other way round.
+    mask : ndarray of bool (rows, cols)
+        Of the crop.
+    scattering : Scattering
+    saturated_pixels : int
+    islands, dropped : int
+        Parts of the contact, and those too small to be it.
+    step : float
+        Median light of contact over what is beside it, of full scale.
+    spread_mm : float, optional
+        How much wider the edge is than at its median (:func:`.edge_spread`); None where it is not the
+        frame's own: saturated, or after scattering was inverted.
+    sharp_spread_mm : float, optional
+        The same of a sharp contact of this shape under this blur and noise (:mod:`.replica`).
+    shape_gain : float
+        Relative error of the area of such a contact, which is divided out of ``area_mm2`` [1].
+    narrow_share : float
+        Share of the boundary beside ridges or grooves too narrow for an envelope (:func:`.narrow_share`) [1].
+    unseen : {"", "top", "modelled"}
+        What saturation hides of the edge: nothing; its top, so that its foot was read; more, under scattered light, so
+        that the saturated part comes from a model.
+    blur_uncertainty_px : float
+        How far the boundary moves between the limits of the camera's blur [px]; 0 where the edge does not depend on it.
+    """
+
+    area_mm2: float
+    perimeter_mm: float
+    contours: list[Floats]
+    mask: Mask
+    scattering: Scattering
+    saturated_pixels: int
+    islands: int
+    dropped: int
+    step: float
+    spread_mm: float | None = None
+    sharp_spread_mm: float | None = None
+    shape_gain: float = 0.0
+    narrow_share: float = 0.0
+    unseen: Unseen = ""
+    blur_uncertainty_px: float = 0.0
+
+    @property
+    def excess_mm(self) -> float | None:
+        """How much wider the edge is than that of a sharp contact of the same shape [mm]; None where not known."""
+        if self.spread_mm is None or self.sharp_spread_mm is None:
+            return None
+        return self.spread_mm - self.sharp_spread_mm

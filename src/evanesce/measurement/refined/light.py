@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from evanesce.core.errors import InputError
 from evanesce.measurement.reference.segment import LUMA
+from evanesce.measurement.refined.colour import CameraModel
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -74,11 +75,14 @@ class Radiometry:
         Linear light without contact: black level, ambient light, specks.
     flat : ndarray (rows, cols) or float
         Relative light of an even target, mean 1.
+    camera : CameraModel, optional
+        By which colour frames are read, one level a pixel; without it they are grey by the luma weights.
     """
 
     tone: Floats
     dark: Floats | float = 0.0
     flat: Floats | float = 1.0
+    camera: CameraModel | None = None
 
     @classmethod
     def of(cls, details: Mapping[str, Any], dark: Iterable[Image] = (), flat: Iterable[Image] = ()) -> Radiometry:
@@ -126,6 +130,9 @@ class Radiometry:
         for name, part in (("dark", self.dark), ("flat", self.flat)):
             if isinstance(part, np.ndarray) and part.shape != image.shape[:2]:
                 raise InputError(f"shot of {part.shape}", key=name, allowed=f"the frames' size {image.shape[:2]}")
+        if self.camera is not None and image.ndim == 3:
+            level, _, full = self.camera.read(image)
+            return (level / self.camera.top - self.dark) / self.flat, full
         full = (image if image.ndim == 2 else image.max(axis=2)) >= FULL_SCALE
         return (_linear(image, self.tone) - self.dark) / self.flat, full
 

@@ -2,52 +2,127 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from evanesce.core.errors import InputError
 from evanesce.measurement.refined.colour import CameraModel
 from evanesce.rig import Scene
+from evanesce.sensor.automatic import is_automatic
 from evanesce.sensor.colour import ImageProcessor
+from evanesce.sensor.pixel import photon_count
 from evanesce.sensor.response import led_response
-from evanesce.sensor.tone import CURVES
+from evanesce.sensor.tone import CURVES, Curve
 
 Floats = NDArray[np.float64]
 
 HIGHEST = 100.0
-LEVELS = 4000
+"""Highest level of the table; blue of the weakest share that the real frame allows is full there [raw red full]."""
+
+LEVELS = 2000
 
 
-def tone_values(curve: str) -> Floats:
-    """Return the linear light of each 8-bit value (256,), 0 to 1, by inverting a camera's curve."""
+def tone_values(curve: Curve) -> Floats:
+    """Return the linear light of each 8-bit value, by inverting a camera's curve.
+
+    Parameters
+    ----------
+    curve : {"linear", "bt709", "srgb", "libcamera"}
+
+    Returns
+    -------
+    ndarray (256,)
+        0 to 1.
+    """
     light = np.linspace(0.0, 1.0, 65536)
     return np.interp(np.arange(256) / 255.0, CURVES[curve](light), light)
 
 
+def red_level(scene: Scene, irradiance_W_per_mm2: float) -> float:
+    """Return the light's level of an irradiance: 1 fills the raw value of a pixel whose filter has response 1.
+
+    Parameters
+    ----------
+    scene : Scene
+    irradiance_W_per_mm2 : float
+        On the sensor, of the LEDs' light.
+
+    Returns
+    -------
+    float
+    """
+    camera, pixel = scene.camera, scene.camera.pixel
+    photons = photon_count(
+        np.array([irradiance_W_per_mm2]), pitch_um=pixel.pitch_um, fill_factor=pixel.fill_factor,
+        exposure_s=camera.exposure_ms * 1e-3, wavelength_nm=camera.wavelength_nm,
+    )  # fmt: skip
+    return float(photons[0]) * pixel.quantum_efficiency / _full_e(scene)
+
+
 def camera_model(scene: Scene) -> CameraModel:
-    camera = scene.camera
-    response = np.asarray(led_response(scene))
-    processor = ImageProcessor.of(camera)
-    pixel = camera.pixel
-    full_e = (2**pixel.bits - 1 - pixel.black_level_DN) * pixel.conversion_gain_e_per_DN / camera.analogue_gain
+    """Return what a scene's colour camera makes of its LEDs' light, level by level.
+
+    Parameters
+    ----------
+    scene : Scene
+        With a table ``camera.colour``; white balance fixed, no contrast enhancement.
+
+    Returns
+    -------
+    CameraModel
+        Level 1 fills the raw value of a pixel whose filter has response 1. Noise is shot and read noise of one pixel,
+        clipped where the mosaic clips, through white balance and colour matrix.
+
+    Raises
+    ------
+    InputError
+        If the camera is monochrome, or its colours depend on the whole frame.
+    """
+    camera, response = scene.camera, led_response(scene)
+    if camera.colour is None or response is None:
+        raise InputError("is a monochrome camera", key="camera.colour", allowed="a scene with a table [camera.colour]")
+    if is_automatic(camera) or camera.colour.contrast_enhancement:
+        raise InputError(
+            "depends on the whole frame", key="camera.colour",
+            allowed="fixed exposure and white balance, contrast_enhancement = false",
+        )  # fmt: skip
+    processor, full_e = ImageProcessor.of(camera), _full_e(scene)
     levels = np.concatenate([[0.0], np.geomspace(1e-4, HIGHEST, LEVELS)])
-    mean = levels[:, None] * response
-    deviation = np.sqrt(mean * full_e + pixel.read_noise_e**2) / full_e
-    end = 1.0 / np.maximum(processor.gains, 1.0)
-    clipped, spread = clipped_normal(mean, deviation, end)
-    balanced, noise = clipped * processor.gains, spread * processor.gains
+    mean = levels[:, None] * np.asarray(response)
+    deviation = np.sqrt(mean * full_e + camera.pixel.read_noise_e**2 + 1e-12) / full_e
+    value, spread = clipped_normal(mean, deviation, 1.0 / np.maximum(processor.gains, 1.0))
     matrix = np.array(processor.matrix)
     return CameraModel(
-        levels=levels, output=balanced @ matrix.T, noise=np.sqrt(noise**2 @ (matrix**2).T),
-        tone=tone_values(camera.tone_curve),
-    )
+        levels=levels, output=(value * processor.gains) @ matrix.T,
+        noise=np.sqrt((spread * processor.gains) ** 2 @ (matrix**2).T), tone=tone_values(camera.tone_curve),
+    )  # fmt: skip
 
 
-def clipped_normal(mean, deviation, end):
-    """Mean and standard deviation of min(X, end), X normal."""
+def clipped_normal(mean: Floats, deviation: Floats, end: Floats | float) -> tuple[Floats, Floats]:
+    """Return mean and standard deviation of min(X, end) of normal X, in closed form.
+
+    Parameters
+    ----------
+    mean, deviation : ndarray
+        Of X.
+    end : ndarray or float
+
+    Returns
+    -------
+    mean, deviation : ndarray
+    """
     z = (end - mean) / deviation
-    below, density = norm.cdf(z), norm.pdf(z)
-    m = mean * below - deviation * density + end * (1 - below)
-    s = (mean**2 + deviation**2) * below - deviation * (mean + end) * density + end**2 * (1 - below)
-    return m, np.sqrt(np.maximum(s - m**2, 0))
+    below, density = ndtr(z), np.exp(-0.5 * z**2) / math.sqrt(2 * math.pi)
+    first = mean * below - deviation * density + end * (1 - below)
+    second = (mean**2 + deviation**2) * below - deviation * (mean + end) * density + end**2 * (1 - below)
+    return first, np.sqrt(np.maximum(second - first**2, 0.0))
+
+
+def _full_e(scene: Scene) -> float:
+    """Return the charge that fills the raw range [e-]."""
+    pixel = scene.camera.pixel
+    span_DN = 2**pixel.bits - 1 - pixel.black_level_DN
+    return span_DN * pixel.conversion_gain_e_per_DN / scene.camera.analogue_gain

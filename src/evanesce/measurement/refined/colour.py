@@ -34,6 +34,14 @@ MODEL_DN = 1.0
 CLIPPED_DN = 254
 """Value from which a channel is at most known to be clipped: a codec leaves a clipped one at 254."""
 
+BLIND = 0.2
+"""Relative standard deviation of one pixel's level from which its colour is not taken for a measurement."""
+
+BLIND_STEPS = 200
+
+BRIGHTEST = 1000
+"""Contact covers at least so many pixels."""
+
 BLOCK = 2048
 """Colours whose posterior is summed at a time: 16 MB."""
 
@@ -72,6 +80,29 @@ class CameraModel:
         rising = (low > 0) & (low < clipped) & (high > low)
         share = ((clipped - low[rising]) / (high - low)[rising]).max() if rising.any() else 1.0
         return float(self.levels[last] + min(share, 1.0) * (self.levels[last + 1] - self.levels[last]))
+
+    @cached_property
+    def first(self) -> float:
+        """Level at which the first channel is full."""
+        clipped = self.tone[CLIPPED_DN]
+        reached = [np.interp(clipped, self.output[: k.argmax() + 1, c], self.levels[: k.argmax() + 1])
+                   for c, k in enumerate((self.output >= clipped).T) if k.any()]  # fmt: skip
+        return float(min(reached, default=self.top))
+
+    @cached_property
+    def blind(self) -> tuple[float, float]:
+        """Levels between which a pixel's colour hardly changes: one channel is full, the next still cut."""
+        levels = np.geomspace(self.first, self.top, BLIND_STEPS)
+        output = np.stack([np.interp(levels, self.levels, self.output[:, c]) for c in range(3)], axis=1)
+        colours = np.interp(np.clip(output, 0.0, 1.0), self.tone, np.arange(256.0))
+        _, deviation, _ = self.read(np.rint(colours).astype(np.uint8)[None])
+        unsure = np.flatnonzero(deviation[0] > BLIND * levels)
+        # the part from the first full channel on; near the top all pixels are unsure
+        ends = np.flatnonzero(deviation[0] <= BLIND * levels)
+        if not unsure.size or not ends.size or unsure[0] > ends[0] + BLIND_STEPS // 10:
+            return self.first, self.first
+        after = ends[ends > unsure[0]]
+        return float(levels[unsure[0]]), float(levels[after[0] if after.size else -1])
 
     @cached_property
     def _grid(self) -> Floats:
@@ -123,6 +154,31 @@ class CameraModel:
         level, deviation, share = found[:, place[packed]]
         above = share > 0.5
         return np.where(above, self.top, np.minimum(level, self.top)), deviation, above
+
+    def light(self, image: NDArray[np.uint8]) -> tuple[Floats, Mask]:
+        """Return light relative to the highest level that shows in a frame, and where it is at least that.
+
+        Where half of the contact's light lies between the first channel's end and the next one's beginning, colour does
+        not show where it is passed: the first channel's end is then full scale.
+
+        Parameters
+        ----------
+        image : ndarray of uint8 (rows, cols, 3)
+            Red, green, blue [DN].
+
+        Returns
+        -------
+        light : ndarray (rows, cols)
+            0 to 1.
+        full : ndarray of bool (rows, cols)
+        """
+        level, _, above = self.read(image)
+        count = min(BRIGHTEST, level.size)
+        bright = float(np.partition(level, level.size - count, axis=None)[level.size - count])
+        half = 0.5 * float(np.median(level[level >= 0.5 * bright]))
+        if self.blind[0] < half < self.blind[1]:
+            return np.minimum(level / self.blind[0], 1.0), level >= self.blind[0]
+        return level / self.top, above
 
     def _posterior(self, colours: NDArray[np.intp]) -> Floats:
         """Return mean, standard deviation and share above the top of packed colours (3, n)."""

@@ -175,7 +175,9 @@ class Estimator:
         if "blur_px" in settings:
             settings["blur"] = Blur.stated(settings.pop("blur_px"))
         elif "blur" not in settings:
-            settings["blur"] = Blur.of(calibration.details, radiometry.tone, plate.view)
+            settings["blur"] = Blur.of(
+                calibration.details, radiometry.tone, plate.view, colour=radiometry.camera is not None
+            )
         return cls(plate=plate, radiometry=radiometry, settings=Settings(**settings))
 
     def tuned_on(self, image: NDArray[np.uint8]) -> Estimator:

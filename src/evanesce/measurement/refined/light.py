@@ -131,8 +131,8 @@ class Radiometry:
             if isinstance(part, np.ndarray) and part.shape != image.shape[:2]:
                 raise InputError(f"shot of {part.shape}", key=name, allowed=f"the frames' size {image.shape[:2]}")
         if self.camera is not None and image.ndim == 3:
-            level, _, full = self.camera.read(image)
-            return (level / self.camera.top - self.dark) / self.flat, full
+            light, full = self.camera.light(image)
+            return (light - self.dark) / self.flat, full
         full = (image if image.ndim == 2 else image.max(axis=2)) >= FULL_SCALE
         return (_linear(image, self.tone) - self.dark) / self.flat, full
 

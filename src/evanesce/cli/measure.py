@@ -45,6 +45,15 @@ TuneOption = Annotated[
         " the edge profile of its contact.",
     ),
 ]
+CameraModelOption = Annotated[
+    str | None,
+    typer.Option(
+        "--camera-model",
+        metavar="SCENE_OR_CSV",
+        help="refined, colour frames: scene whose camera took them, or a CSV level,red,green,blue; reads the light"
+        " where red is clipped.",
+    ),
+]
 FingerOption = Annotated[str, typer.Option("--finger", help="refined: ridged or smooth; smooth narrows the interval.")]
 
 
@@ -71,6 +80,7 @@ def measure(
     flat: FlatOption = None,
     tune: TuneOption = None,
     finger: FingerOption = "ridged",
+    camera_model: CameraModelOption = None,
     json_file: JsonOption = None,
     out: OutOption = None,
 ) -> None:
@@ -85,7 +95,7 @@ def measure(
     chain = Chain(threshold=threshold, min_blob=min_blob, blur=blur, radius=radius, crop=Crop.parse(crop))
     job = measure_job.prepare(
         path, chain, calibration=calibration, fps=fps, mm2_per_px=mm2_per_px, undistort=undistort, out=out,
-        refined=measure_job.refined_options(estimator, dark, flat, finger, tune),
+        refined=measure_job.refined_options(estimator, dark, flat, finger, tune, camera_model),
     )  # fmt: skip
     result = measure_job.run(job)
     data = measure_job.record(job, result)

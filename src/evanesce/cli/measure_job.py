@@ -44,7 +44,8 @@ MAX_DARK_FRAMES = 64
 """Number of dark or flat frames that are averaged: with more their noise is below the resolution of 8 bits."""
 
 
-OPTIONS = {"calibration": "--calibration", "scale_mm2_per_px": "--mm2-per-px", "tune": "--tune"}
+OPTIONS = {"calibration": "--calibration", "scale_mm2_per_px": "--mm2-per-px", "tune": "--tune",
+           "camera_model": "--camera-model"}  # fmt: skip
 """Parameters of :class:`evanesce.api.measure.Pipeline` by the options that set them."""
 
 
@@ -56,11 +57,13 @@ class Refined:
     flat: Path | None
     finger: Finger
     tune: Path | None = None
+    camera_model: str | None = None
 
 
 def refined_options(
-    estimator: str, dark: Path | None, flat: Path | None, finger: str, tune: Path | None = None
-) -> Refined | None:
+    estimator: str, dark: Path | None, flat: Path | None, finger: str, tune: Path | None = None,
+    camera_model: str | None = None,
+) -> Refined | None:  # fmt: skip
     """Check the choice of an estimator; None is the reference segmentation.
 
     Raises
@@ -73,9 +76,9 @@ def refined_options(
     if estimator == "refined":
         kinds: dict[str, Finger] = {"ridged": "ridged", "smooth": "smooth"}
         if finger in kinds:
-            return Refined(dark, flat, kinds[finger], tune)
+            return Refined(dark, flat, kinds[finger], tune, camera_model)
         raise InputError(f"'{finger}'", key="--finger", allowed="ridged, smooth")
-    for key, path in (("--dark", dark), ("--flat", flat), ("--tune", tune)):
+    for key, path in (("--dark", dark), ("--flat", flat), ("--tune", tune), ("--camera-model", camera_model)):
         if path is not None:
             raise InputError("the reference segmentation does not use it", key=key, allowed="with --estimator refined")
     return None
@@ -134,6 +137,7 @@ def prepare(
             estimator="reference" if refined is None else "refined", min_blob_px=chain.min_blob, blur_px=chain.blur,
             dilation_px=chain.radius, crop=chain.crop, dark=shots[0], flat=shots[1],
             tune=None if refined is None else refined.tune, finger="ridged" if refined is None else refined.finger,
+            camera_model=None if refined is None else refined.camera_model,
         )  # fmt: skip
     if undistort and stored is None:
         raise InputError("is needed to undistort", key="--calibration", allowed="a calibration file, or --no-undistort")
@@ -182,7 +186,7 @@ def run(job: Job) -> Result:
             rows.append(AreaRow.of(found.measured, found.interval_mm2))
             log.add(found.measured.figures)
             if found.refined is not None:
-                edges.add(found.index, found.refined.unseen)
+                edges.add(found.index, found.refined.unseen, found.refined.colour_unread)
             if peak is None or found.pixels > peak.pixels:
                 peak = found
             bar.advance(task)

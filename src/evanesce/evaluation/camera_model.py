@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from scipy.special import ndtr
 
 from evanesce.core.errors import InputError
 from evanesce.measurement.refined.colour import CameraModel
-from evanesce.rig import Scene
+from evanesce.rig import Scene, load_scene
 from evanesce.sensor.automatic import is_automatic
 from evanesce.sensor.colour import ImageProcessor
 from evanesce.sensor.pixel import photon_count
@@ -23,6 +24,9 @@ HIGHEST = 100.0
 """Highest level of the table; blue of the weakest share that the real frame allows is full there [raw red full]."""
 
 LEVELS = 2000
+
+TABLE_NOISE_DN = 2.0
+"""Standard deviation assumed of a pixel where a table states none [DN]."""
 
 
 def tone_values(curve: Curve) -> Floats:
@@ -98,6 +102,47 @@ def camera_model(scene: Scene) -> CameraModel:
     return CameraModel(
         levels=levels, output=(value * processor.gains) @ matrix.T,
         noise=np.sqrt((spread * processor.gains) ** 2 @ (matrix**2).T), tone=tone_values(camera.tone_curve),
+    )  # fmt: skip
+
+
+def read_camera_model(source: Scene | str | Path) -> CameraModel:
+    """Return the camera model of a scene, or of a measured table.
+
+    Parameters
+    ----------
+    source : Scene, str or Path
+        A scene, its name or TOML file; or a CSV with columns level, red, green, blue: 8-bit means of an even patch [DN]
+        by the light's level, for instance by exposure time. Levels rise from 0, in any unit.
+
+    Returns
+    -------
+    CameraModel
+
+    Raises
+    ------
+    InputError
+        If the file is not readable, a value is out of range, or the scene's camera is not in colour.
+    """
+    if isinstance(source, Scene):
+        return camera_model(source)
+    path = Path(source)
+    if path.suffix.lower() != ".csv":
+        return camera_model(load_scene(source))
+    allowed = "columns level,red,green,blue: at least 3 rows, levels rising from 0, colours from 0 to 255 DN"
+    try:
+        lines = path.read_text(encoding="utf-8").split()
+        table = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot be read: {error}", file=path, allowed=allowed) from None
+    shaped = table.ndim == 2 and table.shape[1] == 4 and len(table) >= 3 and lines[0] == "level,red,green,blue"
+    if not shaped or not np.isfinite(table).all():
+        raise InputError("is no such table", file=path, allowed=allowed)
+    levels, colours = table[:, 0], table[:, 1:]
+    if levels[0] != 0 or (np.diff(levels) <= 0).any() or colours.min() < 0 or colours.max() > 255:
+        raise InputError("has values out of range", file=path, allowed=allowed)
+    return CameraModel(
+        levels=levels, output=colours / 255.0, noise=np.full(colours.shape, TABLE_NOISE_DN / 255.0),
+        tone=np.arange(256) / 255.0,
     )  # fmt: skip
 
 

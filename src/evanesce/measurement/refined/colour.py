@@ -158,8 +158,8 @@ class CameraModel:
     def light(self, image: NDArray[np.uint8]) -> tuple[Floats, Mask]:
         """Return light relative to the highest level that shows in a frame, and where it is at least that.
 
-        Where half of the contact's light lies between the first channel's end and the next one's beginning, colour does
-        not show where it is passed: the first channel's end is then full scale.
+        Where the contact's light lies between the first channel's end and the next one's beginning, colour does not
+        show where half of it is passed: the first channel's end is then full scale.
 
         Parameters
         ----------
@@ -175,8 +175,8 @@ class CameraModel:
         level, _, above = self.read(image)
         count = min(BRIGHTEST, level.size)
         bright = float(np.partition(level, level.size - count, axis=None)[level.size - count])
-        half = 0.5 * float(np.median(level[level >= 0.5 * bright]))
-        if self.blind[0] < half < self.blind[1]:
+        contact = float(np.median(level[level >= 0.5 * bright]))
+        if self.blind[0] < contact < self.blind[1]:
             return np.minimum(level / self.blind[0], 1.0), level >= self.blind[0]
         return level / self.top, above
 

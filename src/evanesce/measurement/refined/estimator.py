@@ -115,6 +115,8 @@ class RefinedArea:
         that the saturated part comes from a model.
     blur_uncertainty_px : float
         How far the boundary moves between the limits of the camera's blur [px]; 0 where the edge does not depend on it.
+    colour_unread : bool
+        Whether one channel of a colour frame is clipped and no camera model says what the others show.
     """
 
     area_mm2: float
@@ -129,6 +131,7 @@ class RefinedArea:
     spread_mm: float | None = None
     unseen: Unseen = ""
     blur_uncertainty_px: float = 0.0
+    colour_unread: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -228,10 +231,13 @@ class Estimator:
                 key="--calibration",
                 allowed="frames of the size that was calibrated",
             )
+        return replace(self._area(image), colour_unread=self.radiometry.leaves_colour(image))
+
+    def _area(self, image: NDArray[np.uint8]) -> RefinedArea:
         light, full = self.radiometry.light(image)
         crop = self.settings.crop
         light, full = crop.apply(light), crop.apply(full)
-        coarse = coarse_mask(light, self.settings.min_step)
+        coarse = coarse_mask(light, self.settings.min_step * self.radiometry.first_full(image))
         if coarse is None:
             return self._nothing(light.shape, full)
         coarse, dropped = self._without_specks(coarse, (crop.r0, crop.c0))

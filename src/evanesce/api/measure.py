@@ -264,9 +264,9 @@ class Pipeline:
                 f"{scale:g}", key="scale_mm2_per_px",
                 allowed="none: the refined estimator takes the local scale from the calibration",
             )  # fmt: skip
-        shots = ([as_image(shot) for shot in given] for given in (dark, flat))
+        dark_shots, flat_shots = ([as_image(shot) for shot in given] for given in (dark, flat))
         model = camera if camera is None or isinstance(camera, CameraModel) else read_camera_model(camera)
-        radiometry = Radiometry.of(self.calibration.details, *shots, camera=model)
+        radiometry = Radiometry.of(self.calibration.details, dark_shots, flat_shots, model)
         estimator = Estimator.of(self.calibration, radiometry, crop=self.settings.crop)
         if tune is None:
             return estimator

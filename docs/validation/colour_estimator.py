@@ -72,7 +72,9 @@ def main() -> None:
     parser.add_argument("--wrong", action="store_true", help="measure by the other settings' models, too")
     parser.add_argument("--json")
     options = parser.parse_args()
-    tools = {setting: estimators(setting, list(SETTINGS) if options.wrong else []) for setting in options.settings.split(",")}
+    tools = {
+        setting: estimators(setting, list(SETTINGS) if options.wrong else []) for setting in options.settings.split(",")
+    }
     rows = []
     for finger in options.fingers.split(","):
         for force in map(float, options.forces.split(",")):

@@ -115,8 +115,9 @@ class RefinedArea:
         that the saturated part comes from a model.
     blur_uncertainty_px : float
         How far the boundary moves between the limits of the camera's blur [px]; 0 where the edge does not depend on it.
-    colour_unread : bool
-        Whether one channel of a colour frame is clipped and no camera model says what the others show.
+    colour_unread, colour_uncertainty_px : bool, float
+        Whether one channel of a colour frame is clipped and no camera model says what the others show; how far levels
+        that colours leave open may move the boundary [px].
     """
 
     area_mm2: float
@@ -132,6 +133,7 @@ class RefinedArea:
     unseen: Unseen = ""
     blur_uncertainty_px: float = 0.0
     colour_unread: bool = False
+    colour_uncertainty_px: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -231,7 +233,12 @@ class Estimator:
                 key="--calibration",
                 allowed="frames of the size that was calibrated",
             )
-        return replace(self._area(image), colour_unread=self.radiometry.leaves_colour(image))
+        found, camera = self._area(image), self.radiometry.camera
+        if camera is None or image.ndim == 2 or not found.contours:
+            return replace(found, colour_unread=self.radiometry.leaves_colour(image))
+        view, blur = self.settings.crop.apply(image), self.settings.blur.px
+        unsure = camera.edge_uncertainty(view, found.mask, blur, seen=not found.unseen)
+        return replace(found, colour_uncertainty_px=unsure)
 
     def _area(self, image: NDArray[np.uint8]) -> RefinedArea:
         light, full = self.radiometry.light(image)
@@ -348,12 +355,11 @@ class Estimator:
         contours = [c for c, p in zip(contours, on_plate, strict=True) if len(p) > 3]
         perimeter = sum(float(np.linalg.norm(np.diff(p, axis=0), axis=1).sum()) for p in on_plate)
         area = self.plate.area(contours)
-        if (
-            inward_px and contours
-        ):  # to first order a curve displaced along its normal changes area by length times displacement
+        # to first order a curve displaced along its normal changes area by length times displacement
+        if inward_px and contours:
             side = np.sqrt(self.plate.pixel_area(np.concatenate(contours)).mean())
             area -= perimeter * inward_px * float(side)
-        inside = boundary.level > 0.5
+        inside = mask[window]
         return RefinedArea(
             area_mm2=max(area, 0.0), perimeter_mm=perimeter, contours=contours, mask=mask, scattering=scattering,
             saturated_pixels=int((full & mask).sum()), islands=islands, dropped=0,

@@ -60,7 +60,7 @@ def refined_uncertainty(
         *refined_components(
             side, spread, video=video, finger=finger, spread_mm=None if video else found.spread_mm,
             unseen=found.unseen, scattering=found.scattering.length_px > 0,
-            blur_uncertainty_px=found.blur_uncertainty_px,
+            blur_uncertainty_px=found.blur_uncertainty_px, colour_uncertainty_px=found.colour_uncertainty_px,
         ),
     ]  # fmt: skip
     return propagate(reading, parts, rng)

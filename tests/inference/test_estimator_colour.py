@@ -46,7 +46,7 @@ def own_model() -> CameraModel:
 
 
 def photograph(level: np.ndarray, seed: int) -> np.ndarray:
-    """Return the frame of a light level: mosaic, shot noise, bilinear demosaicing, matrix, curve; NumPy and a kernel."""
+    """Return the frame of a light level: mosaic, shot noise, bilinear demosaicing, matrix, curve."""
     rows, cols = np.indices(level.shape)
     channel = np.where((rows % 2 == 0) & (cols % 2 == 0), 0, np.where((rows % 2) & (cols % 2), 2, 1))
     charge = np.random.default_rng(seed).poisson(level * RESPONSE[channel] * FULL_E)

@@ -153,9 +153,7 @@ class Estimator:
 
     @classmethod
     def of(cls, calibration: Calibration, radiometry: Radiometry | None = None, **settings: Any) -> Estimator:
-        """Return the estimator of a calibration; keywords go to :class:`Settings`.
-
-        ``blur_px`` states the camera's blur; without it (or ``blur``) it is what the calibration's board shows.
+        """Return the estimator of a calibration; keywords go to :class:`Settings`, ``blur_px`` states the camera's blur.
 
         Parameters
         ----------
@@ -163,7 +161,7 @@ class Estimator:
         radiometry : Radiometry, optional
             From the calibration's tone curve by default.
         **settings
-            Of :class:`Settings`, and ``blur_px``.
+            Of :class:`Settings`; ``blur_px`` [px], by default what the calibration's board shows.
 
         Returns
         -------
@@ -236,8 +234,8 @@ class Estimator:
         found, camera = self._area(image), self.radiometry.camera
         if camera is None or image.ndim == 2 or not found.contours:
             return replace(found, colour_unread=self.radiometry.leaves_colour(image))
-        view, blur = self.settings.crop.apply(image), self.settings.blur.px
-        unsure = camera.edge_uncertainty(view, found.mask, blur, seen=not found.unseen)
+        view = self.settings.crop.apply(image)
+        unsure = camera.edge_uncertainty(view, found.mask, self.settings.blur.px, seen=not found.unseen)
         return replace(found, colour_uncertainty_px=unsure)
 
     def _area(self, image: NDArray[np.uint8]) -> RefinedArea:

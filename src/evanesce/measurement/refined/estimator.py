@@ -153,7 +153,7 @@ class Estimator:
 
     @classmethod
     def of(cls, calibration: Calibration, radiometry: Radiometry | None = None, **settings: Any) -> Estimator:
-        """Return the estimator of a calibration; keywords go to :class:`Settings`, ``blur_px`` states the camera's blur.
+        """Return the estimator of a calibration; keywords go to :class:`Settings`, ``blur_px`` is the camera's blur.
 
         Parameters
         ----------

@@ -54,12 +54,13 @@ def refined_uncertainty(
     spread = estimator.plate.area_standard(found.contours) / found.area_mm2 if found.area_mm2 > 0 else 0.0
     distance, nearness = lens_distance(estimator.plate.calibration, side)
     reading = Reading(area_mm2=found.area_mm2, perimeter_mm=found.perimeter_mm, distance_mm=distance)
-    # the law that takes the film's part from the edge's width holds for edges that no demosaicing widened
+    # the law that takes the film's part from the edge's width holds for edges that neither codec nor demosaicing widened
+    spread_mm = None if video or found.colour_uncertainty_px else found.spread_mm
     parts = [
         *(card_components() if cards is None else cards),
         nearness,
         *refined_components(
-            side, spread, video=video, finger=finger, spread_mm=None if video or found.colour_uncertainty_px else found.spread_mm,
+            side, spread, video=video, finger=finger, spread_mm=spread_mm,
             unseen=found.unseen, scattering=found.scattering.length_px > 0,
             blur_uncertainty_px=found.blur_uncertainty_px, colour_uncertainty_px=found.colour_uncertainty_px,
         ),

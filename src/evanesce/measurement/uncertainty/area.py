@@ -54,7 +54,7 @@ def refined_uncertainty(
     spread = estimator.plate.area_standard(found.contours) / found.area_mm2 if found.area_mm2 > 0 else 0.0
     distance, nearness = lens_distance(estimator.plate.calibration, side)
     reading = Reading(area_mm2=found.area_mm2, perimeter_mm=found.perimeter_mm, distance_mm=distance)
-    # the law that takes the film's part from the edge's width holds for edges that neither codec nor demosaicing widened
+    # the law of the film by the edge's width holds for edges that neither codec nor demosaicing widened
     spread_mm = None if video or found.colour_uncertainty_px else found.spread_mm
     parts = [
         *(card_components() if cards is None else cards),

@@ -16,17 +16,20 @@ from evanesce.api.calibrate import Picture, as_image
 from evanesce.core import rng
 from evanesce.core.errors import InputError
 from evanesce.core.states import Frame
+from evanesce.evaluation.camera_model import read_camera_model
 from evanesce.measurement.calibration.model import Calibration, load_calibration
 from evanesce.measurement.calibration.rectify import Rectification, rectification
 from evanesce.measurement.io.frames import open_frames
 from evanesce.measurement.reference.area import Measured, measure_frame
 from evanesce.measurement.reference.segment import Chain, Crop
+from evanesce.measurement.refined.colour import CameraModel
 from evanesce.measurement.refined.estimator import Estimator, refined_measured
 from evanesce.measurement.refined.light import Radiometry
 from evanesce.measurement.refined.result import RefinedArea
 from evanesce.measurement.uncertainty.area import reference_uncertainty, refined_uncertainty
 from evanesce.measurement.uncertainty.budget import Finger, Uncertain
 from evanesce.measurement.warnings import EdgeLog, FrameLog, Warning
+from evanesce.rig import Scene
 
 EstimatorName = Literal["reference", "refined"]
 
@@ -103,6 +106,10 @@ class Pipeline:
         Refined only: the budget of a smooth finger is narrower.
     lossy : bool
         Whether the frames went through a lossy codec, which widens the interval.
+    camera_model : CameraModel, Scene, str or Path, optional
+        Refined, colour frames: what the camera makes of the LEDs' light; a scene, its name or file, or a CSV with
+        columns level, red, green, blue (:func:`~evanesce.evaluation.camera_model.read_camera_model`). Light is then
+        read from the channels that are not clipped.
 
     Raises
     ------
@@ -135,6 +142,7 @@ class Pipeline:
         tune: Picture | None = None,
         finger: Finger = "ridged",
         lossy: bool = False,
+        camera_model: CameraModel | Scene | str | Path | None = None,
     ) -> None:
         self.calibration = load_calibration(calibration) if isinstance(calibration, str | Path) else calibration
         self.settings = Chain(
@@ -150,10 +158,11 @@ class Pipeline:
         self.undistort = undistort and self.calibration is not None
         self.refined: Estimator | None = None
         if estimator == "refined":
-            self.refined = self._refined(scale_mm2_per_px, dark, flat, tune, min_blob_px or 0)
+            self.refined = self._refined(scale_mm2_per_px, dark, flat, tune, min_blob_px or 0, camera_model)
             self.scale_mm2_per_px = self.refined.plate.middle_area
         elif estimator == "reference":
-            for key, given in (("dark", len(dark) > 0), ("flat", len(flat) > 0), ("tune", tune is not None)):
+            for key, given in (("dark", len(dark) > 0), ("flat", len(flat) > 0), ("tune", tune is not None),
+                               ("camera_model", camera_model is not None)):  # fmt: skip
                 if given:
                     raise InputError("the reference segmentation does not use it", key=key,
                                      allowed="with estimator='refined'")  # fmt: skip
@@ -251,13 +260,9 @@ class Pipeline:
         return scale
 
     def _refined(
-        self,
-        scale: float | None,
-        dark: Sequence[Picture],
-        flat: Sequence[Picture],
-        tune: Picture | None,
-        min_blob_px: int,
-    ) -> Estimator:
+        self, scale: float | None, dark: Sequence[Picture], flat: Sequence[Picture], tune: Picture | None,
+        min_blob_px: int, camera: CameraModel | Scene | str | Path | None,
+    ) -> Estimator:  # fmt: skip
         if self.calibration is None:
             raise InputError("is needed by the refined estimator", key="calibration", allowed="a calibration file")
         if scale is not None:
@@ -265,8 +270,9 @@ class Pipeline:
                 f"{scale:g}", key="scale_mm2_per_px",
                 allowed="none: the refined estimator takes the local scale from the calibration",
             )  # fmt: skip
-        shots = ([as_image(shot) for shot in given] for given in (dark, flat))
-        radiometry = Radiometry.of(self.calibration.details, *shots)
+        dark_shots, flat_shots = ([as_image(shot) for shot in given] for given in (dark, flat))
+        model = camera if camera is None or isinstance(camera, CameraModel) else read_camera_model(camera)
+        radiometry = Radiometry.of(self.calibration.details, dark_shots, flat_shots, model)
         estimator = Estimator.of(
             self.calibration, radiometry, crop=self.settings.crop, min_blob_px=min_blob_px,
             dilation_px=self.settings.radius,
@@ -365,7 +371,7 @@ class Measurement:
             return tuple(log.warnings())
         assert self.pipeline.refined is not None  # it measured this frame
         edges = EdgeLog(blur_known=self.pipeline.refined.settings.blur.origin != "nominal")
-        edges.add(self.index, self.refined.unseen)
+        edges.add(self.index, self.refined.unseen, self.refined.colour_unread)
         return tuple(edges.warnings(1))
 
 

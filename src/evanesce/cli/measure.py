@@ -57,6 +57,15 @@ OffsetOption = Annotated[
     str,
     typer.Option("--offset-s", help="Added to a frame's time to get the load cell's [s]; auto: by the loading."),
 ]
+CameraModelOption = Annotated[
+    str | None,
+    typer.Option(
+        "--camera-model",
+        metavar="SCENE_OR_CSV",
+        help="refined, colour frames: scene whose camera took them, or a CSV level,red,green,blue; reads the light"
+        " where red is clipped.",
+    ),
+]
 FingerOption = Annotated[str, typer.Option("--finger", help="refined: ridged or smooth; smooth narrows the interval.")]
 
 
@@ -89,6 +98,7 @@ def measure(
     finger: FingerOption = "ridged",
     force: ForceOption = None,
     offset_s: OffsetOption = "auto",
+    camera_model: CameraModelOption = None,
     json_file: JsonOption = None,
     out: OutOption = None,
 ) -> None:
@@ -113,7 +123,7 @@ def measure(
     job = measure_job.prepare(
         path, chain, calibration=calibration, fps=fps, mm2_per_px=mm2_per_px, undistort=undistort, out=out,
         refined=measure_job.refined_options(
-            estimator, dark, flat, finger, tune, possible=calibration is not None and mm2_per_px is None
+            estimator, dark, flat, finger, tune, camera_model, possible=calibration is not None and mm2_per_px is None
         ),
         auto_threshold=automatic,
     )  # fmt: skip

@@ -39,7 +39,8 @@ DARK_WORDS = ("auto", "none")
 """Values of ``--dark`` that are no path: the recording's own frames without a finger, the default; none."""
 
 
-OPTIONS = {"calibration": "--calibration", "scale_mm2_per_px": "--mm2-per-px", "tune": "--tune"}
+OPTIONS = {"calibration": "--calibration", "scale_mm2_per_px": "--mm2-per-px", "tune": "--tune",
+           "camera_model": "--camera-model"}  # fmt: skip
 """Parameters of :class:`evanesce.api.measure.Pipeline` by the options that set them."""
 
 
@@ -52,6 +53,7 @@ class Refined:
     flat: Path | None
     finger: Finger
     tune: Path | None = None
+    camera_model: str | None = None
     alone: bool = True
 
 
@@ -61,6 +63,7 @@ def refined_options(
     flat: Path | None,
     finger: str,
     tune: Path | None = None,
+    camera_model: str | None = None,
     *,
     possible: bool = True,
 ) -> Refined | None:
@@ -78,9 +81,9 @@ def refined_options(
     if estimator == "refined" or (estimator == "auto" and possible):
         kinds: dict[str, Finger] = {"ridged": "ridged", "smooth": "smooth"}
         if finger in kinds:
-            return Refined(dark, flat, kinds[finger], tune, alone=estimator == "refined")
+            return Refined(dark, flat, kinds[finger], tune, camera_model, alone=estimator == "refined")
         raise InputError(f"'{finger}'", key="--finger", allowed="ridged, smooth")
-    for key, path in (("--dark", dark), ("--flat", flat), ("--tune", tune)):
+    for key, path in (("--dark", dark), ("--flat", flat), ("--tune", tune), ("--camera-model", camera_model)):
         if path is not None and not (key == "--dark" and str(path) in DARK_WORDS):
             raise InputError("the reference segmentation does not use it", key=key, allowed="with --estimator refined")
     return None
@@ -158,6 +161,7 @@ def prepare(
                 estimator=estimator, min_blob_px=chain.min_blob, blur_px=chain.blur, dilation_px=chain.radius,
                 crop=chain.crop, dark=shots[0] if fine else (), flat=shots[1] if fine else (),
                 tune=refined.tune if fine and refined else None, finger=refined.finger if refined else "ridged",
+                camera_model=refined.camera_model if fine and refined else None,
             )  # fmt: skip
 
     pipeline = made("reference" if refined is None else "refined", chain)
@@ -270,7 +274,7 @@ def run(job: Job) -> Result:
             rows.append(row if other is None else replace(row, reference_mm2=other.estimate.area))
             log.add(found.measured.figures)
             if found.refined is not None:
-                edges.add(found.index, found.refined.unseen)
+                edges.add(found.index, found.refined.unseen, found.refined.colour_unread)
             if peak is None or found.pixels > peak.pixels:
                 peak, beside_peak = found, other
             bar.advance(task)

@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.bundle.write import Rig
+from evanesce.evaluation.camera_model import tone_values
 from evanesce.measurement.calibration.corners import find_corners
 from evanesce.measurement.calibration.fit import calibrate, report
 from evanesce.measurement.calibration.model import Calibration
 from evanesce.measurement.calibration.points import BoardView
 from evanesce.measurement.calibration.rectify import undistort_points
 from evanesce.measurement.refined.blur import blur_of_board
+from evanesce.measurement.refined.light import CURVES as NAMED_CURVES
 from evanesce.measurement.refined.plate import shoelace
 from evanesce.optics.projection import Projection
 from evanesce.rig import Scene
@@ -91,8 +93,14 @@ def calibrated(
         distortion=found.calibration.distortion,
         mm2_per_px=stated**2 / float(pixels),
         square_side_mm=stated,
-        details=report(found) | {"tone_curve": scene.camera.tone_curve},
+        details=report(found) | {"tone_curve": _stated_curve(scene)},
     )
+
+
+def _stated_curve(scene: Scene) -> str | list[float]:
+    """Return the name of the tone curve, or its values where the measurement does not know it by name."""
+    curve = scene.camera.tone_curve
+    return tone_values(curve).tolist() if curve not in NAMED_CURVES else curve
 
 
 def with_board_blur(calibration: Calibration, scene: Scene, seed: int) -> Calibration:

@@ -181,8 +181,9 @@ class EdgeLog:
     count: int = 0
     modelled: int = 0
     first: int = -1
+    coloured: int = 0
 
-    def add(self, index: int, unseen: str) -> None:
+    def add(self, index: int, unseen: str, colour_unread: bool = False) -> None:
         """Add one frame; see :class:`~evanesce.measurement.refined.result.RefinedArea` for ``unseen``.
 
         Parameters
@@ -190,7 +191,9 @@ class EdgeLog:
         index : int
             Number of the frame.
         unseen : str
+        colour_unread : bool
         """
+        self.coloured += colour_unread
         if not unseen:
             return
         if self.count == 0:
@@ -209,8 +212,15 @@ class EdgeLog:
         -------
         list of Warning
         """
+        found = []
+        if self.coloured:
+            text = (
+                f"one channel is clipped and others are not in {self.coloured} of {frames} frame(s), and nothing says "
+                "what the others show: give --camera-model SCENE.toml or a CSV level,red,green,blue"
+            )
+            found.append(Warning("camera_model_missing", text))
         if not self.count:
-            return []
+            return found
         scattered = (
             f", in {self.modelled} of them under scattered light as well, where a model fills it in"
             if self.modelled
@@ -220,7 +230,7 @@ class EdgeLog:
             f"the contact's edge is at full scale in {self.count} of {frames} frame(s), first {self.first}{scattered}: "
             f"its interval is wider; expose less"
         )
-        found = [Warning("saturated_edge", text)]
+        found.append(Warning("saturated_edge", text))
         if not self.blur_known:
             found.append(
                 Warning(

@@ -31,6 +31,13 @@ NOMINAL_LIMITS_PX = (0.6, 3.0)
 MIN_HALF_WIDTH = 0.05
 """Relative half-width of a measured blur: removing the tone curve leaves an error of up to 3 %, at 1 to 3 px."""
 
+MOSAIC_PX2 = (0.25, 0.5)
+"""Variance that bilinear demosaicing adds to a blur [px^2]: of green, which is most of a board's grey; of red and blue.
+Of blue pixels a quarter are exact, the rest are means of two or four neighbours at one pixel's distance."""
+
+BOARD_FULL_DN = 250.0
+"""Level of a board's bright squares from which they are clipped, so that its edges say little about the blur [DN]."""
+
 UNKNOWN_LEVELS = (0.88, 1.0)
 """Linear over grey-level width of an edge, where a calibration does not keep its board's levels."""
 
@@ -93,6 +100,20 @@ class Blur:
         positions, shares = self.response
         return np.asarray(np.interp(-np.asarray(distance) * self.px / width, positions, shares))
 
+    def of_mosaic(self) -> Blur:
+        """Return the blur of red and blue channels behind a filter mosaic, demosaiced bilinearly.
+
+        Returns
+        -------
+        Blur
+            Gaussian; a stated one unchanged, since it is stated for the frames that are measured.
+        """
+        if self.origin == "stated":
+            return self
+        own = MOSAIC_PX2[1] - (MOSAIC_PX2[0] if self.origin == "board" else 0.0)
+        px, low, high = (math.sqrt(width**2 + own) for width in (self.px, self.low_px, self.high_px))
+        return Blur(px=px, low_px=low, high_px=high, origin=self.origin)
+
     @classmethod
     def stated(cls, px: float) -> Blur:
         """Return a blur that is known to 5 %.
@@ -109,7 +130,7 @@ class Blur:
         return cls(px=px, low_px=px * (1 - MIN_HALF_WIDTH), high_px=px * (1 + MIN_HALF_WIDTH), origin="stated")
 
     @classmethod
-    def of(cls, details: Mapping[str, Any], tone: Floats, view: int | None = None) -> Blur:
+    def of(cls, details: Mapping[str, Any], tone: Floats, view: int | None = None, *, colour: bool = False) -> Blur:
         """Return the blur that a calibration measured, else the nominal one.
 
         Parameters
@@ -122,6 +143,8 @@ class Blur:
         view : int, optional
             Number of the picture, from 1, whose board lay on the glass: a tilted one is out of focus somewhere. Without
             it the sharpest counts.
+        colour : bool
+            For colour frames that are read by a camera model (:meth:`of_mosaic`).
 
         Returns
         -------
@@ -134,7 +157,7 @@ class Blur:
         """
         found = details.get("blur_px")
         if found is None or (isinstance(found, list) and not found):
-            return cls()
+            return cls().of_mosaic() if colour else cls()
         if not isinstance(found, list):
             return cls.stated(_positive(found))
         entries = [entry if isinstance(entry, Mapping) else {} for entry in found]
@@ -143,15 +166,18 @@ class Blur:
         entry, median = entries[one], medians[one]
         spread = sorted((_positive(entry.get("p05", median)), median, _positive(entry.get("p95", median))))
         if "dark_DN" in entry and "bright_DN" in entry:
+            if colour and _level(entry["bright_DN"]) >= BOARD_FULL_DN:
+                return cls().of_mosaic()
             low = high = 1.0 / widened(_level(entry["dark_DN"]), _level(entry["bright_DN"]), tone)
         else:
             low, high = UNKNOWN_LEVELS
         middle = 0.5 * (low + high)
-        return cls(
+        blur = cls(
             px=median * middle, origin="board", response=_response(entry.get("edge"), tone),
             low_px=min(spread[0] * low, median * middle * (1 - MIN_HALF_WIDTH)),
             high_px=max(spread[2] * high, median * middle * (1 + MIN_HALF_WIDTH)),
         )  # fmt: skip
+        return blur.of_mosaic() if colour else blur
 
 
 def edge_response(distance: Floats, blur_px: float) -> Floats:

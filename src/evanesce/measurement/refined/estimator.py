@@ -121,9 +121,7 @@ class Estimator:
 
     @classmethod
     def of(cls, calibration: Calibration, radiometry: Radiometry | None = None, **settings: Any) -> Estimator:
-        """Return the estimator of a calibration; keywords go to :class:`Settings`.
-
-        ``blur_px`` states the camera's blur; without it (or ``blur``) it is what the calibration's board shows.
+        """Return the estimator of a calibration; keywords go to :class:`Settings`, ``blur_px`` is the camera's blur.
 
         Parameters
         ----------
@@ -131,7 +129,7 @@ class Estimator:
         radiometry : Radiometry, optional
             From the calibration's tone curve by default.
         **settings
-            Of :class:`Settings`, and ``blur_px``.
+            Of :class:`Settings`; ``blur_px`` [px], by default what the calibration's board shows.
 
         Returns
         -------
@@ -148,7 +146,9 @@ class Estimator:
         if "blur_px" in settings:
             settings["blur"] = Blur.stated(settings.pop("blur_px"))
         elif "blur" not in settings:
-            settings["blur"] = Blur.of(calibration.details, radiometry.tone, plate.view)
+            settings["blur"] = Blur.of(
+                calibration.details, radiometry.tone, plate.view, colour=radiometry.camera is not None
+            )
         return cls(plate=plate, radiometry=radiometry, settings=Settings(**settings))
 
     def tuned_on(self, image: NDArray[np.uint8]) -> Estimator:
@@ -199,12 +199,20 @@ class Estimator:
                 key="--calibration",
                 allowed="frames of the size that was calibrated",
             )
+        found, camera = self._area(image), self.radiometry.camera
+        if camera is None or image.ndim == 2 or not found.contours:
+            return replace(found, colour_unread=self.radiometry.leaves_colour(image))
+        view = self.settings.crop.apply(image)
+        unsure = camera.edge_uncertainty(view, found.mask, self.settings.blur.px, seen=not found.unseen)
+        return replace(found, colour_uncertainty_px=unsure)
+
+    def _area(self, image: NDArray[np.uint8]) -> RefinedArea:
         light, full = self.radiometry.light(image)
         crop = self.settings.crop
         light, full = crop.apply(light), crop.apply(full)
         if not isinstance(self.radiometry.dark, np.ndarray):  # else the scattered light would seem to have no end
             light = light - np.percentile(light, GROUND_PERCENTILE)
-        coarse = coarse_mask(light, self.settings.min_step)
+        coarse = coarse_mask(light, self.settings.min_step * self.radiometry.first_full(image))
         if coarse is None:
             return self._nothing(light.shape, full)
         bright = coarse
@@ -330,12 +338,11 @@ class Estimator:
         contours = [c for c, p in zip(contours, on_plate, strict=True) if len(p) > 3]
         perimeter = sum(float(np.linalg.norm(np.diff(p, axis=0), axis=1).sum()) for p in on_plate)
         area = self.plate.area(contours)
-        if (
-            inward_px and contours
-        ):  # to first order a curve displaced along its normal changes area by length times displacement
+        # to first order a curve displaced along its normal changes area by length times displacement
+        if inward_px and contours:
             side = np.sqrt(self.plate.pixel_area(np.concatenate(contours)).mean())
             area -= perimeter * inward_px * float(side)
-        inside = boundary.level > 0.5
+        inside = mask[window]
         return RefinedArea(
             area_mm2=max(area, 0.0), perimeter_mm=perimeter, contours=contours, mask=mask, scattering=scattering,
             saturated_pixels=int((full & mask).sum()), islands=islands, dropped=0,

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from evanesce.core.errors import InputError
 from evanesce.measurement.reference.segment import LUMA
+from evanesce.measurement.refined.colour import CameraModel
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -22,6 +23,12 @@ Image = NDArray[np.uint8]
 LEVELS = 256
 FULL_SCALE = 254
 """Grey level [DN] from which a pixel counts as saturated: rounding and chroma may leave a full pixel one below 255."""
+
+GREY_DN = 16
+"""Greatest difference of a grey pixel's channels [DN]: what a lossy codec leaves."""
+
+COLOURED_PIXELS = 100
+"""Clipped coloured pixels up to which a frame counts as grey: specks."""
 
 CURVES = ("linear", "bt709", "srgb")
 
@@ -74,14 +81,23 @@ class Radiometry:
         Linear light without contact: black level, ambient light, specks.
     flat : ndarray (rows, cols) or float
         Relative light of an even target, mean 1.
+    camera : CameraModel, optional
+        By which colour frames are read, one level a pixel; without it they are grey by the luma weights.
     """
 
     tone: Floats
     dark: Floats | float = 0.0
     flat: Floats | float = 1.0
+    camera: CameraModel | None = None
 
     @classmethod
-    def of(cls, details: Mapping[str, Any], dark: Iterable[Image] = (), flat: Iterable[Image] = ()) -> Radiometry:
+    def of(
+        cls,
+        details: Mapping[str, Any],
+        dark: Iterable[Image] = (),
+        flat: Iterable[Image] = (),
+        camera: CameraModel | None = None,
+    ) -> Radiometry:
         """Combine a calibration's ``tone_curve`` (bt709 if it has none) with the rig's own dark and flat shots.
 
         Parameters
@@ -90,6 +106,8 @@ class Radiometry:
             Of a calibration; ``tone_curve`` is read.
         dark, flat : iterable of ndarray of uint8
             Frames without contact, and of a uniform target [DN].
+        camera : CameraModel, optional
+            Of a colour camera.
 
         Returns
         -------
@@ -101,10 +119,14 @@ class Radiometry:
             If the curve is not valid, shots differ in size, or a flat shot is dark somewhere.
         """
         tone = tone_table(details.get("tone_curve", "bt709"))
+        if camera is not None and (list(dark) or list(flat)):
+            raise InputError(
+                "dark and flat shots hold for grey frames", key="camera_model", allowed="without dark and flat shots"
+            )
         black = _mean_light(dark, tone, "dark")
         even = _mean_light(flat, tone, "flat")
         if even is None:
-            return cls(tone, 0.0 if black is None else black)
+            return cls(tone, 0.0 if black is None else black, camera=camera)
         even = even - (0.0 if black is None else black)
         if not (even > 0).all():
             raise InputError("has pixels without light", key="flat", allowed="an evenly lit shot, nowhere dark")
@@ -126,8 +148,44 @@ class Radiometry:
         for name, part in (("dark", self.dark), ("flat", self.flat)):
             if isinstance(part, np.ndarray) and part.shape != image.shape[:2]:
                 raise InputError(f"shot of {part.shape}", key=name, allowed=f"the frames' size {image.shape[:2]}")
+        if self.camera is not None and image.ndim == 3:
+            light, full = self.camera.light(image)
+            return (light - self.dark) / self.flat, full
         full = (image if image.ndim == 2 else image.max(axis=2)) >= FULL_SCALE
         return (_linear(image, self.tone) - self.dark) / self.flat, full
+
+    def first_full(self, image: Image) -> float:
+        """Return the light at which the first channel of a frame is full, of full scale.
+
+        Parameters
+        ----------
+        image : ndarray of uint8, (rows, cols) or (rows, cols, 3)
+
+        Returns
+        -------
+        float
+        """
+        if self.camera is None or image.ndim == 2:
+            return 1.0
+        return min(1.0, self.camera.first / self.camera.top)
+
+    def leaves_colour(self, image: Image) -> bool:
+        """Return whether a frame has clipped coloured pixels and there is no camera model to read them by.
+
+        Parameters
+        ----------
+        image : ndarray of uint8, (rows, cols) or (rows, cols, 3)
+            [DN].
+
+        Returns
+        -------
+        bool
+        """
+        if self.camera is not None or image.ndim == 2:
+            return False
+        brightest = image.max(axis=2)
+        clipped = brightest >= FULL_SCALE
+        return int((brightest[clipped] - image.min(axis=2)[clipped] > GREY_DN).sum()) > COLOURED_PIXELS
 
 
 def _linear(image: Image, tone: Floats) -> Floats:

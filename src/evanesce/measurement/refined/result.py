@@ -47,6 +47,9 @@ class RefinedArea:
         that the saturated part comes from a model.
     blur_uncertainty_px : float
         How far the boundary moves between the limits of the camera's blur [px]; 0 where the edge does not depend on it.
+    colour_unread, colour_uncertainty_px : bool, float
+        Whether one channel of a colour frame is clipped and no camera model says what the others show; how far levels
+        that colours leave open may move the boundary [px].
     """
 
     area_mm2: float
@@ -64,6 +67,8 @@ class RefinedArea:
     narrow_share: float = 0.0
     unseen: Unseen = ""
     blur_uncertainty_px: float = 0.0
+    colour_unread: bool = False
+    colour_uncertainty_px: float = 0.0
 
     @property
     def excess_mm(self) -> float | None:

@@ -56,14 +56,16 @@ def refined_uncertainty(
     shape = found.shape_gain * found.area_mm2 / found.perimeter_mm if found.perimeter_mm > 0 else 0.0
     distance, nearness = lens_distance(estimator.plate.calibration, side)
     reading = Reading(area_mm2=found.area_mm2, perimeter_mm=found.perimeter_mm, distance_mm=distance)
+    # the law of the film by the edge's width holds for edges that neither codec nor demosaicing widened
+    spread_mm = None if video or found.colour_uncertainty_px else found.excess_mm
     parts = [
         *(card_components() if cards is None else cards),
         nearness,
         *refined_components(
-            side, spread, video=video, finger=finger, spread_mm=None if video else found.excess_mm,
+            side, spread, video=video, finger=finger, spread_mm=spread_mm,
             shape_mm=shape, narrow=found.narrow_share,
             unseen=found.unseen, scattering=found.scattering.length_px > 0,
-            blur_uncertainty_px=found.blur_uncertainty_px,
+            blur_uncertainty_px=found.blur_uncertainty_px, colour_uncertainty_px=found.colour_uncertainty_px,
         ),
     ]  # fmt: skip
     return propagate(reading, parts, rng)

@@ -132,7 +132,7 @@ def nearness_component(known: Literal["found", "drawing", "assumed"], found_erro
 def refined_components(
     pixel_mm: float, scale_standard: float, *, video: bool = False, finger: Finger = "ridged",
     spread_mm: float | None = None, shape_mm: float = 0.0, narrow: float = 0.0, unseen: str = "",
-    scattering: bool = False, blur_uncertainty_px: float = 0.0,
+    scattering: bool = False, blur_uncertainty_px: float = 0.0, colour_uncertainty_px: float = 0.0,
 ) -> list[Component]:  # fmt: skip
     """Return the budget of the refined estimator beyond the card.
 
@@ -148,7 +148,7 @@ def refined_components(
         Counts where the edge's own width is not known.
     spread_mm : float, optional
         Widening of the edge beyond that of a sharp contact of the same shape [mm].
-    unseen, blur_uncertainty_px : str, float, optional
+    unseen, blur_uncertainty_px, colour_uncertainty_px : str, float, float, optional
         Of :class:`~evanesce.measurement.refined.result.RefinedArea`.
     shape_mm : float
         How far outside a sharp contact of this shape the boundary runs, on average; the area is corrected for it [mm].
@@ -185,6 +185,9 @@ def refined_components(
     if blur_uncertainty_px > 0:
         origin = "displacement of a saturated edge by the limits of the blur: the board's, or those of any camera"
         found.append(_boundary("camera's blur", blur_uncertainty_px * pixel_mm, origin))
+    if colour_uncertainty_px > 0:
+        origin = "demosaicing; levels between the end of one channel's range and the beginning of the next one's"
+        found.append(_boundary("colour", colour_uncertainty_px * pixel_mm, origin))
     return [*found, *_codec(pixel_mm, video)]
 
 

@@ -12,7 +12,17 @@ from numpy.typing import NDArray
 
 from evanesce.core import rng
 from evanesce.core.extras import require
-from evanesce.studies.voltage.unknowns import FLAT, GRID_MM, RATIOS, SEEN, THRESHOLDS, UNKNOWNS, Samples, Unknown, problem
+from evanesce.studies.voltage.unknowns import (
+    FLAT,
+    GRID_MM,
+    RATIOS,
+    SEEN,
+    THRESHOLDS,
+    UNKNOWNS,
+    Samples,
+    Unknown,
+    problem,
+)
 
 Array = NDArray[np.float64]
 

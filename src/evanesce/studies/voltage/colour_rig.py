@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -26,7 +27,7 @@ from evanesce.sensor.response import led_response
 from evanesce.studies.voltage.colour_unknowns import SETTINGS, THREE_RED, longest_exposure
 from evanesce.studies.voltage.grey import GreyTable
 from evanesce.studies.voltage.reduced_rig import LitPresses, ReducedRig, grey_levels
-from evanesce.studies.voltage.unknowns import GRID_MM, SHAPING, Plan
+from evanesce.studies.voltage.unknowns import GRID_MM, RATIOS, SHAPING, THRESHOLD, THRESHOLDS, Plan
 
 Array = NDArray[np.float64]
 
@@ -279,6 +280,40 @@ class ColourRig(ReducedRig):
                 areas[i, j] = known[dose]
         return areas, contact
 
+    def areas(self, lit: LitPresses, values: Array) -> Array:
+        """Return areas as :meth:`ReducedRig.areas`, in colour, exposed as the values have it.
+
+        Parameters
+        ----------
+        lit : LitPresses
+        values : ndarray (unknowns,)
+
+        Returns
+        -------
+        ndarray (forces, voltages, thresholds + 1)
+        """
+        return self.read(self.lights(lit), values, SAMPLED, (*THRESHOLDS, float(values[THRESHOLD])))[0]
+
+    def by_ratio(self, lights: Sequence[Lights], values: Array) -> Array:
+        """Return the area brighter than shares of the contact's mean light, as raw red pixels below full scale see it.
+
+        Parameters
+        ----------
+        lights : sequence of Lights
+        values : ndarray (unknowns,)
+
+        Returns
+        -------
+        ndarray (forces, RATIOS)
+            [mm^2].
+        """
+        flank, ground = (float(v) for v in values[FLANK])
+        rows = []
+        for own in lights:
+            image = own.with_flank(flank) / np.float32(own.contact)
+            rows.append(self._areas(image, np.array([flank, ground], np.float32), np.array(RATIOS)))
+        return np.array(rows)
+
     def _areas(self, levels: NDArray[np.float32], beside: NDArray[np.float32], cuts: Array) -> Array:
         """Return the area above each threshold: on the grid, and of flank and ground beyond it [mm^2]."""
         levels = cv2.GaussianBlur(levels, (0, 0), self.chain_sigma, borderType=cv2.BORDER_REPLICATE)
@@ -286,9 +321,11 @@ class ColourRig(ReducedRig):
         beyond = np.where(beside[0] > cuts, self.outer_mm2, 0.0) + np.where(beside[1] > cuts, self.ground_mm2, 0.0)
         return np.asarray(found + beyond)
 
-    def _plain_grey(self, level: Array) -> NDArray[np.float32]:
+    def _plain_grey(self, level: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
         """Return the grey of a monochrome sensor; the light holds the gain already."""
-        return grey_levels(level * self.full_scale_e, self.scene.camera.model_copy(update={"analogue_gain": 1.0}))
+        return grey_levels(
+            np.asarray(level * self.full_scale_e), self.scene.camera.model_copy(update={"analogue_gain": 1.0})
+        )
 
     def _table(self, setting: int) -> GreyTable:
         if setting not in self._tables:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -102,13 +101,12 @@ class ReducedRig:
             opened.append(middle_open(share, pitch / self.pitch))
         return LitPresses(images, shares, np.array(areas), np.array(ratios, float), np.array(opened))
 
-    def areas(self, images: Sequence[Array], values: Array) -> Array:
+    def areas(self, lit: LitPresses, values: Array) -> Array:
         """Return areas (forces, voltages, thresholds + 1) [mm^2]; the last threshold is the sample's own.
 
         Parameters
         ----------
-        images : sequence of ndarray (rows, cols)
-            Of :class:`LitPresses`, one per force.
+        lit : LitPresses
         values : ndarray (unknowns,)
 
         Returns
@@ -119,8 +117,8 @@ class ReducedRig:
         circuit = self.scene.leds.circuit.model_copy(update={"forward_voltage_V": forward})
         powers = radiant_power(circuit, np.array(self.plan.voltages))
         cuts = (*THRESHOLDS, threshold)
-        found = np.zeros((len(images), powers.size, len(cuts)))
-        for i, image in enumerate(images):
+        found = np.zeros((len(lit.images), powers.size, len(cuts)))
+        for i, image in enumerate(lit.images):
             for j, power in enumerate(powers):
                 levels = grey_levels(image * (exposure * power), self.scene.camera)
                 levels = cv2.GaussianBlur(levels, (0, 0), self.sigma, borderType=cv2.BORDER_REPLICATE)

@@ -78,7 +78,7 @@ def run_samples(
             _in_colour(rig, lit, values, members, independent, found)
         else:
             for row in members:
-                found["areas"][row] = rig.areas(lit.images, values[row])
+                found["areas"][row] = rig.areas(lit, values[row])
         done[members] = True
         tick(int(done.sum()), total)
         if keep is not None and number % 16 == 15:
@@ -102,6 +102,7 @@ def _in_colour(
     for row in members:
         own = float(values[row, THRESHOLD])
         found["areas"][row], found["contact"][row] = rig.read(lights, values[row], SAMPLED, (*THRESHOLDS, own))
+        found["by_ratio"][row] = rig.by_ratio(lights, values[row])
         if int(row) in independent:
             for k, reading in enumerate(OTHERS):
                 found["other"][k, row] = rig.read(lights, values[row], reading, (own,))[0][..., 0]

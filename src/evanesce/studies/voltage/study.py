@@ -281,7 +281,7 @@ def run_study(
     by_threshold = rig.areas(lit, own)
     full = np.array([[row.area_mm2 for row in curves[f]] for f in loads])
     samples = run_samples(scene, plan, keep=keep, tick=lambda d, n: tick("samples", d, n))
-    readings, colour = _readings(samples), None
+    readings, colour = readings_of(samples), None
     if scene.camera.colour is not None:
         colour = in_colour(samples, readings, agreement(by_threshold[..., :-1], areas, lit.true_area, volts))
     plain = next(iter(readings.values()))
@@ -316,7 +316,7 @@ def _curves(
     return {force: voltage_curve(scene, force, volts, chain, seed=seed, render=render, tick=step) for force in loads}
 
 
-def _readings(samples: Samples) -> dict[str, Claims]:
+def readings_of(samples: Samples) -> dict[str, Claims]:
     """Return the claims by reading; the first is that of the samples themselves."""
     if samples.contact is None:
         return {

@@ -16,7 +16,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from evanesce.rig import load_scene
-from evanesce.sensor.colour import ImageProcessor
+from evanesce.sensor.colour import ImageProcessor, mosaic
 from evanesce.studies.mosaic import as_red, edge_transfer, narrowest_groove, pixel_transfer, red_transfer, sampled
 from evanesce.studies.voltage.colour_rig import FILTERS, FLANK, ColourRig, Reading
 from evanesce.studies.voltage.colour_unknowns import SETTINGS, colour_unknowns
@@ -29,6 +29,8 @@ from evanesce.studies.voltage.unknowns import THRESHOLDS, Plan
 HERE = Path(__file__).resolve().parent
 FLANK_LIGHT, GROUND_LIGHT, CONTACT_LEVEL = 0.072, 0.0046, 7.63
 """Of the real frame by its best setting (docs/validation/sensor-colour.md)."""
+LEAST_RIGS = 10
+"""Shares of fewer are not drawn."""
 CUTS = (0.0375, 0.15, 0.35, 0.6)
 
 
@@ -79,9 +81,11 @@ def settings_table() -> None:
         found = np.array(areas)
         for k, cut in enumerate(CUTS):
             low, middle, high = np.percentile(found[:, :, k], (5, 50, 95), axis=0)
-            print(f"  {'automatic' if control else 'fixed'} exposure, threshold {cut}: area over truth at 1 and 5 N,"
-                  f" 5 / 50 / 95 % of {len(SETTINGS)} settings: "
-                  + "; ".join(f"{a:.2f} / {b:.2f} / {c:.2f}" for a, b, c in zip(low, middle, high, strict=True)))
+            print(
+                f"  {'automatic' if control else 'fixed'} exposure, threshold {cut}: area over truth at 1 and 5 N,"
+                f" 5 / 50 / 95 % of {len(SETTINGS)} settings: "
+                + "; ".join(f"{a:.2f} / {b:.2f} / {c:.2f}" for a, b, c in zip(low, middle, high, strict=True))
+            )
     print("finite differences of the area at 1 N, contact at", CONTACT_LEVEL, "[% of the area]")
     base = {"T": 3250.0, "g": 0.15, "b": 0.05, "matrix T": 3250.0}
     steps = {"T": 100.0, "g": 0.015, "b": 0.005, "matrix T": 100.0}
@@ -103,8 +107,12 @@ def settings_table() -> None:
                 table = GreyTable((1.0, v["g"], v["b"]), processor)
                 ends.append(float(np.count_nonzero(table(image * (CONTACT_LEVEL / contact)) > cut)))
             row.append(100 * (ends[1] - ends[0]) / (ends[1] + ends[0]))
-        what = {"T": "white balance, 100 K", "g": "green response, 10 %", "b": "blue response, 10 %",
-                "matrix T": "matrix, 100 K"}[name]
+        what = {
+            "T": "white balance, 100 K",
+            "g": "green response, 10 %",
+            "b": "blue response, 10 %",
+            "matrix T": "matrix, 100 K",
+        }[name]
         print(f"  {what:24s}", *(f"{value:+.2f}" for value in row), "at 0.35 and 0.6")
 
 
@@ -124,16 +132,12 @@ def resolution_picture() -> None:
     blur = float(np.sqrt((blur_mm(scene.camera) * scale) ** 2 - 1.0))  # without the chain's 1 px
     table = GreyTable((1.0, 0.15, 0.05), ImageProcessor.imx477(3250.0))
     widths = np.arange(0.1, 12.0, 0.1)
-    response = np.array([1.0, 0.15, 0.05])
+    response = (1.0, 0.15, 0.05)
 
     def clipped(light: np.ndarray) -> np.ndarray:
-        mosaic = sum(np.where(np.indices(light.shape).sum(axis=0) % 2 == 1, light * response[1] * CONTACT_LEVEL, 0.0)
-                     for _ in range(1))
-        rows, cols = np.indices(light.shape) % 2
-        mosaic = np.where((rows == 0) & (cols == 0), light * CONTACT_LEVEL, mosaic)
-        mosaic = np.where((rows == 1) & (cols == 1), light * response[2] * CONTACT_LEVEL, mosaic)
+        filtered = mosaic(light * CONTACT_LEVEL, response, "RGGB")
         processor = ImageProcessor.imx477(3250.0)
-        balanced = bilinear(np.minimum(mosaic, 1.0), "RGGB") * processor.gains
+        balanced = bilinear(np.minimum(filtered, 1.0), "RGGB") * processor.gains
         return processor.finished(np.minimum(balanced, 1.0)) @ GREY / 255.0
 
     rows = [
@@ -143,9 +147,11 @@ def resolution_picture() -> None:
         ("clipped colour frame, 0.35", narrowest_groove(clipped, 0.35, blur, widths)),
         ("clipped colour frame, 0.15", narrowest_groove(clipped, 0.15, blur, widths)),
     ]
-    print(f"lens blur {blur:.2f} px; Nyquist {scale / 2:.1f} and {scale / 4:.1f} /mm; transfer there"
-          f" {float(pixel_transfer(0.5)):.2f} and {float(red_transfer(0.25)):.2f}; light over contact at 0.35 and 0.6:"
-          f" {table.crosses(0.35) / CONTACT_LEVEL:.2f}, {table.crosses(0.6) / CONTACT_LEVEL:.2f}")
+    print(
+        f"lens blur {blur:.2f} px; Nyquist {scale / 2:.1f} and {scale / 4:.1f} /mm; transfer there"
+        f" {float(pixel_transfer(0.5)):.2f} and {float(red_transfer(0.25)):.2f}; light over contact at 0.35 and 0.6:"
+        f" {table.crosses(0.35) / CONTACT_LEVEL:.2f}, {table.crosses(0.6) / CONTACT_LEVEL:.2f}"
+    )
     for name, width in rows:
         print(f"  {name:42s} {width:.1f} px = {1e3 * width / scale:.0f} um")
     x = np.arange(32) - 16
@@ -154,7 +160,7 @@ def resolution_picture() -> None:
     axes[1].plot(x, as_red(groove)[16], "tab:red", label="raw red, bilinear")
     axes[1].plot(x, clipped(groove)[16], "tab:orange", label="grey of a clipped colour frame")
     axes[1].set(xlabel="x [px]", ylabel="value over the contact's", title="groove of 3 px", xlim=(-8, 8))
-    axes[1].legend(fontsize=8)
+    axes[1].legend(fontsize=8, loc="lower left")
     figure.savefig(HERE / "red-light-resolution.png", dpi=100)
     disc_areas(blur)
 
@@ -180,7 +186,7 @@ def disc_areas(blur: float) -> None:
 
 def voltage_pictures(folder: Path) -> None:
     """Draw shares of rigs by reading and states by voltage."""
-    from evanesce.studies.voltage.in_colour import in_colour
+    from evanesce.studies.voltage.in_colour import Share, in_colour
     from evanesce.studies.voltage.samples import run_samples
     from evanesce.studies.voltage.study import readings_of
 
@@ -192,17 +198,24 @@ def voltage_pictures(folder: Path) -> None:
     names = list(found.shares)[1:]
     for k, (key, colour) in enumerate((("all", "tab:blue"), ("all, usable", "tab:orange"))):
         shares = [found.shares[n][key] for n in names]
-        middle = [100 * s.hits / max(s.rigs, 1) for s in shares]
-        span = [[m - 100 * s.low for m, s in zip(middle, shares, strict=True)],
-                [100 * s.high - m for m, s in zip(middle, shares, strict=True)]]
+        shares = [s if s.rigs >= LEAST_RIGS else Share.of(np.zeros(0, bool)) for s in shares]
+        middle = [100 * s.hits / s.rigs if s.rigs else float("nan") for s in shares]
+        span = [
+            [m - 100 * s.low for m, s in zip(middle, shares, strict=True)],
+            [100 * s.high - m for m, s in zip(middle, shares, strict=True)],
+        ]
         label = "of all rigs" if key == "all" else "of those usable at 9 V"
         axes[0].barh(np.arange(len(names)) + 0.2 - 0.4 * k, middle, 0.38, xerr=span, color=colour, label=label)
     axes[0].set_yticks(range(len(names)), [n.replace(", ", ",\n", 1) for n in names], fontsize=7)
     axes[0].invert_yaxis()
     axes[0].set(xlabel="rigs that show all three observations [%]")
     axes[0].legend(fontsize=8)
-    keys = {"red_not_full": "red not full", "red_full": "red full, no green", "green_appears": "some green",
-            "green_full": "green full"}
+    keys = {
+        "red_not_full": "red not full",
+        "red_full": "red full, no green",
+        "green_appears": "some green",
+        "green_full": "green full",
+    }
     mine = [r for r in found.states if r["exposure"] == "automatic"]
     base, place = np.zeros(len(mine)), np.arange(len(mine))
     for (key, label), colour in zip(keys.items(), ("#4a0000", "#e00000", "#e0a000", "#f0f060"), strict=True):
@@ -211,7 +224,7 @@ def voltage_pictures(folder: Path) -> None:
         base += part
     axes[1].set_xticks(place, [f"{r['voltage_V']:g}" for r in mine])
     axes[1].set(xlabel="LED voltage [V]", ylabel="rigs [%]", title="contact, automatic exposure, 1 N")
-    axes[1].legend(fontsize=8)
+    axes[1].legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncol=4)
     figure.savefig(HERE / "red-light-voltage.png", dpi=100)
 
 

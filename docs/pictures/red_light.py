@@ -15,12 +15,14 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
+from evanesce.measurement.reference.segment import Chain
 from evanesce.rig import load_scene
 from evanesce.sensor.colour import ImageProcessor, mosaic
 from evanesce.studies.mosaic import as_red, edge_transfer, narrowest_groove, pixel_transfer, red_transfer, sampled
 from evanesce.studies.voltage.colour_rig import FILTERS, FLANK, ColourRig, Reading
 from evanesce.studies.voltage.colour_unknowns import SETTINGS, colour_unknowns
 from evanesce.studies.voltage.grey import GREY, GreyTable, bilinear
+from evanesce.studies.voltage.press import Press
 from evanesce.studies.voltage.reduced_rig import blur_mm
 from evanesce.studies.voltage.sources import study_scene
 from evanesce.studies.voltage.study import scene_values
@@ -114,6 +116,20 @@ def settings_table() -> None:
             "matrix T": "matrix, 100 K",
         }[name]
         print(f"  {what:24s}", *(f"{value:+.2f}" for value in row), "at 0.35 and 0.6")
+
+
+def demosaicing_table() -> None:
+    """Print the full chain's area with one demosaicing and the other."""
+    scene = study_scene(load_scene("thesis_ridged_red"))[0]
+    colour = scene.camera.colour
+    assert colour is not None
+    areas = []
+    for kind in ("bilinear", "edge-aware"):
+        camera = scene.camera.model_copy(update={"colour": colour.model_copy(update={"demosaicing": kind})})
+        press = Press.of(scene.model_copy(update={"camera": camera}), 1.0)
+        areas.append(press.areas(9.0, [Chain(threshold=t) for t in (0.35, 0.6)]))
+    change = 100 * (np.array(areas[1]) / np.array(areas[0]) - 1)
+    print(f"  edge-aware in place of bilinear {change[0]:+.2f} {change[1]:+.2f} at 0.35 and 0.6 (full chain, 1 N)")
 
 
 def resolution_picture() -> None:
@@ -232,6 +248,7 @@ def main() -> None:
     """Print the tables and draw the pictures."""
     threshold_picture()
     settings_table()
+    demosaicing_table()
     resolution_picture()
     if len(sys.argv) > 1:
         voltage_pictures(Path(sys.argv[1]))

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from scipy.stats import binom
+from typer.testing import CliRunner
 
+from evanesce.cli.app import app
 from evanesce.measurement.reference.segment import Chain
 from evanesce.rig import load_scene
 from evanesce.sensor.colour import ImageProcessor, colour_of_level
@@ -172,6 +175,29 @@ def test_interval_of_a_share_holds_the_truth_as_often_as_it_says() -> None:
         covered.append(float(binom.pmf(hits, rigs, truth) @ inside))
     assert np.mean(covered) == pytest.approx(0.95, abs=0.01)
     assert str(Share.of(np.zeros(0, bool))) == "none"
+
+
+def test_the_budget_refuses_a_colour_camera_in_one_line(tmp_path: Path) -> None:
+    arguments = ["study", "budget", "thesis", "thesis_ridged_red", "--out", str(tmp_path / "o")]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 2
+    assert "camera.colour" in result.output
+    assert not (tmp_path / "o").exists()
+
+
+@pytest.mark.system
+def test_voltage_study_prints_both_readings(tmp_path: Path) -> None:
+    file = tmp_path / "r.json"
+    arguments = ["study", "voltage", "thesis_ridged_red", "--volts", "7.5:9:0.75", "--forces", "1", "--samples", "2"]
+    arguments += ["--threshold", "0.35", "--out", str(tmp_path / "o"), "--json", str(file)]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0, result.output
+    assert "With and without colour" in result.output
+    colour = json.loads(file.read_text())["colour"]
+    assert {"without colour", "with colour, automatic exposure"} <= set(colour["shares"])
+    assert colour["shares"]["without colour"]["all"]["rigs"] == 4
+    assert max(row["at_all"] for row in colour["reduced_against_full"] if row["threshold"] > 0.3) < 0.3
+    assert "Clipped red, then green, then full?" in (tmp_path / "o" / "report.html").read_text()
 
 
 # --- pressure --------------------------------------------------------------------------------------------------------

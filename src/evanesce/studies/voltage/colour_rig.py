@@ -65,6 +65,7 @@ class Reading:
 SAMPLED = Reading("with colour, exposure fixed or automatic")
 OTHERS = (
     Reading("without colour", colour=False, surroundings=False, control=False),
+    Reading("without colour, automatic exposure", colour=False, surroundings=False, control=True),
     Reading("without colour, flank and ground lit", colour=False, control=False),
     Reading("without colour, flank and ground lit, automatic exposure", colour=False, control=True),
     Reading("with colour, fixed exposure", control=False),
@@ -235,7 +236,7 @@ class ColourRig(ReducedRig):
         control = bool(values[CONTROL]) if reading.control is None else reading.control
         if not control:
             return np.asarray(exposure * power)
-        flank, ground = (float(v) for v in values[FLANK])
+        flank, ground = (float(v) * reading.surroundings for v in values[FLANK])
         # a monochrome sensor's control sees the same level in all three channels
         camera = self.camera_of(int(values[FILTERS]))
         assert camera.colour is not None

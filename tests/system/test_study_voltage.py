@@ -249,7 +249,7 @@ def test_reduced_rig_finds_the_full_chains_area() -> None:
     rig = ReducedRig(scene, Plan((1.0,), (8.5, 9.5), base=2))
     values = np.array([0.5, 1.0, 0.769, 2.95, 6.0, 0.15])
     lit = rig.light(values)
-    reduced = rig.areas(lit.images, values)[0, :, -1]
+    reduced = rig.areas(lit, values)[0, :, -1]
     full = [press.area(v, Chain(threshold=0.15)) for v in (8.5, 9.5)]
     # The full chain has the light on the finger's flank as well, which the reduced one leaves out: some 4 % of the
     # light out here, where an e-fold of light is worth 15 mm^2.

@@ -63,6 +63,11 @@ def budget(
     from evanesce.studies.ledger import Ledger
 
     scenes = load_scene(smooth), load_scene(ridged)
+    if any(scene.camera.colour is not None for scene in scenes):
+        raise InputError(
+            "a colour camera", key="camera.colour",
+            allowed="none: the budget's estimator reads grey frames; docs/background/red-light.md has colour's terms",
+        )  # fmt: skip
     known = fingers_of(*scenes)
     names = [" ".join(name.split()) for name in fingers.split(";")]
     if unknown := [name for name in names if name not in known]:

@@ -24,6 +24,7 @@ from evanesce.core.errors import InputError
 from evanesce.core.extras import require
 
 if TYPE_CHECKING:
+    from evanesce.studies.voltage.in_colour import InColour
     from evanesce.studies.voltage.study import VoltageStudy
 
 MAX_VOLTAGES = 200
@@ -97,6 +98,8 @@ def voltage(
 ) -> None:
     """Area against voltage, parts of its excess, sensitivity to unpublished values, and the best setting.
 
+    A scene with a colour camera is read with and without colour, at fixed and at automatic exposure.
+
     An interrupted run resumes from the samples in its output folder.
     """
     check_json_target(json_file)
@@ -148,9 +151,28 @@ def _show(found: VoltageStudy) -> None:
     for name in found.readings:
         held.add_row(name, *(f"{100 * v:.0f}" for v in found.shares(name).values()))
     console.print(held)
+    if found.colour is not None:
+        _show_colour(found.colour)
     best = found.best
     console.print(
         f"Smallest error over the rigs: {best.voltage_V:g} V and threshold {best.threshold:g} (median "
         f"{100 * best.error:.0f} %); cut at {best.ratio:g} of the contact's own light: {100 * best.ratio_error:.1f} %.",
         highlight=False,
     )
+
+
+def _show_colour(found: InColour) -> None:
+    from evanesce.studies.voltage.page_colour import SHARE_COLUMNS, share_rows
+
+    table = Table(title="With and without colour: share of rigs (95 % interval)")
+    for heading in SHARE_COLUMNS:
+        table.add_column(heading, justify="left" if heading is SHARE_COLUMNS[0] else "right")
+    for row in share_rows(found):
+        table.add_row(*row)
+    console.print(table)
+    table = Table(title="Clipped red, then green, then full?")
+    for heading in ("what, at every force", "rigs"):
+        table.add_column(heading, justify="left" if heading != "rigs" else "right")
+    for name, share in found.hypothesis.items():
+        table.add_row(name, str(share))
+    console.print(table)

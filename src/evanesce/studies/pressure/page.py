@@ -16,6 +16,8 @@ from evanesce.report.html import Page, Table
 from evanesce.rig import Scene
 from evanesce.studies import page as report
 from evanesce.studies.ledger import Ledger
+from evanesce.studies.pressure.colour import ColourPressure, run_colour
+from evanesce.studies.pressure.page_colour import colour_findings
 from evanesce.studies.pressure.study import FORCES, SLOPES, VOLTAGES, PressureStudy, Row, run_study
 from evanesce.studies.registry import Findings, Progress, Study
 from evanesce.studies.scenes import Finger, check_studied
@@ -43,6 +45,8 @@ def run(scene: Scene, out: Path, progress: Progress, *, quick: bool = False, see
     """
     check_studied(scene)
     smooth = Finger(scene.finger.material, ridged=False, scattering=False).on(scene)
+    if scene.camera.colour is not None:
+        return _run_colour(smooth, out, progress, quick, seed)
     ledger = Ledger(out / "pressure.jsonl", {"scene": scene.as_dict(), "seed": seed, "quick": quick, "maps": KEPT})
     paths = {name: out / f"pressure-{name}.npy" for name in ("clear", "lost")}
     if not len(ledger):  # the pictures belong to the rows
@@ -63,6 +67,15 @@ def run(scene: Scene, out: Path, progress: Progress, *, quick: bool = False, see
     )  # fmt: skip
     maps = {name: np.load(path, allow_pickle=False) for name, path in paths.items() if path.is_file()}
     return findings([asdict(row) for row in found.rows], maps)
+
+
+def _run_colour(smooth: Scene, out: Path, progress: Progress, quick: bool, seed: int) -> Findings:
+    ledger = Ledger(out / "pressure-colour.jsonl", {"scene": smooth.as_dict(), "seed": seed, "quick": quick})
+    found = run_colour(
+        smooth, slopes=SLOPES[:1] if quick else SLOPES, forces=FORCES[:1] if quick else FORCES, seed=seed,
+        tick=partial(progress, "pressure: maps"), keep=ledger.row,
+    )  # fmt: skip
+    return colour_findings(found)
 
 
 def _wanted(name: str, saturated_share: float) -> bool:
@@ -211,6 +224,25 @@ def page(study: PressureStudy) -> Page:
         "does: read as pressure, grey levels are too flat, and the tone curve and the dilated rim make them flatter."
     )
     return report.page("Pressure from grey levels", [(STUDY, found)], study.provenance, lead=lead)
+
+
+def page_in_colour(found: ColourPressure) -> Page:
+    """Return the report of ``evanesce study pressure`` of a scene with a colour camera.
+
+    Parameters
+    ----------
+    found : ColourPressure
+
+    Returns
+    -------
+    Page
+    """
+    lead = (
+        "Where red is full, the frame's grey says how strongly the light leaks into green and blue pixels, through a "
+        "matrix that subtracts and a curve that saturates. Raw red follows the light itself as long as it is not full."
+    )
+    findings = colour_findings(found)
+    return report.page("Pressure from a colour frame", [(STUDY, findings)], found.provenance, lead=lead)
 
 
 STUDY = Study("pressure", "Pressure from grey levels", 40, run)

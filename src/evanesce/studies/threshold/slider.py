@@ -20,6 +20,7 @@ from evanesce.measurement.reference.segment import Chain, segment
 from evanesce.report.html import ENVIRONMENT, image_png
 from evanesce.rig import Scene
 from evanesce.studies.scenes import Finger
+from evanesce.studies.voltage.grey import GREY
 
 HALF_MM = 6.5
 CURVE = tuple(round(0.02 * k, 2) for k in range(1, 45))
@@ -78,6 +79,8 @@ def slider_frame(finger: Finger, scene: Scene, force: float, *, seed: int = 1) -
     assert state is not None  # a force was given
     crop = view.window(HALF_MM)
     image = np.ascontiguousarray(crop.apply(view.straight(FastCamera(pressed).press(force, seed=seed).data)))
+    if image.ndim == 3:  # the slider shows, and cuts, the chain's grey in whole DN
+        image = np.rint(image @ GREY).astype(np.uint8)
     truth = np.rint(255 * np.asarray(view.labels(state, crop).mask)).astype(np.uint8)
     area, scale = state.nominal_contact_area, view.mm2_per_px
     curve = tuple((t, 100 * (segment(image, Chain(threshold=t)).pixels * scale / area - 1)) for t in CURVE)

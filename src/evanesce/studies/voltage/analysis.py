@@ -12,7 +12,17 @@ from numpy.typing import NDArray
 
 from evanesce.core import rng
 from evanesce.core.extras import require
-from evanesce.studies.voltage.unknowns import FLAT, GRID_MM, RATIOS, SEEN, THRESHOLDS, UNKNOWNS, Samples, problem
+from evanesce.studies.voltage.unknowns import (
+    FLAT,
+    GRID_MM,
+    RATIOS,
+    SEEN,
+    THRESHOLDS,
+    UNKNOWNS,
+    Samples,
+    Unknown,
+    problem,
+)
 
 Array = NDArray[np.float64]
 
@@ -172,7 +182,7 @@ def claims(samples: Samples) -> Claims:
     )  # fmt: skip
 
 
-def sensitivity(output: Array, seed: int) -> list[dict[str, Any]]:
+def sensitivity(output: Array, seed: int, unknowns: tuple[Unknown, ...] = UNKNOWNS) -> list[dict[str, Any]]:
     """Return Sobol' indices of one output: for each unknown first order, total, and their 95 % half-widths.
 
     Parameters
@@ -181,6 +191,8 @@ def sensitivity(output: Array, seed: int) -> list[dict[str, Any]]:
         In Saltelli's order, finite.
     seed : int
         Of the bootstrap behind the half-widths.
+    unknowns : tuple of Unknown
+        Of the samples.
 
     Returns
     -------
@@ -190,12 +202,12 @@ def sensitivity(output: Array, seed: int) -> list[dict[str, Any]]:
     from SALib.analyze import sobol  # type: ignore[import-untyped]
 
     if not np.ptp(output) > 0:
-        return [{"unknown": u.name, "first": 0.0, "first_95": 0.0, "total": 0.0, "total_95": 0.0} for u in UNKNOWNS]
+        return [{"unknown": u.name, "first": 0.0, "first_95": 0.0, "total": 0.0, "total_95": 0.0} for u in unknowns]
     # centred: the estimators are exact in the mean only for large samples
     with warnings.catch_warnings():
         # an unknown to which a small sample is insensitive has a constant part, whose index is rightly 0
         warnings.filterwarnings("ignore", "Constant values encountered", UserWarning)
-        found = sobol.analyze(problem(), output - output.mean(), calc_second_order=False, seed=seed)
+        found = sobol.analyze(problem(unknowns), output - output.mean(), calc_second_order=False, seed=seed)
     return [
         {
             "unknown": u.name,
@@ -204,7 +216,7 @@ def sensitivity(output: Array, seed: int) -> list[dict[str, Any]]:
             "total": float(found["ST"][k]),
             "total_95": float(found["ST_conf"][k]),
         }
-        for k, u in enumerate(UNKNOWNS)
+        for k, u in enumerate(unknowns)
     ]
 
 
@@ -223,10 +235,11 @@ def where_it_holds(samples: Samples, holds: NDArray[np.bool_], parts: int = 3) -
     """
     rows = []
     some = samples.independent
-    for k, unknown in enumerate(UNKNOWNS):
-        borders = unknown.value(np.linspace(0.0, 1.0, parts + 1))
-        place = np.clip(np.searchsorted(borders, samples.values[some, k], side="right") - 1, 0, parts - 1)
-        shares = [float(holds[some][place == p].mean()) if (place == p).any() else float("nan") for p in range(parts)]
+    for k, unknown in enumerate(samples.plan.unknowns):
+        count = min(parts, unknown.choices or parts)
+        borders = unknown.value(np.linspace(0.0, 1.0, count + 1))
+        place = np.clip(np.searchsorted(borders, samples.values[some, k], side="right") - 1, 0, count - 1)
+        shares = [float(holds[some][place == p].mean()) if (place == p).any() else float("nan") for p in range(count)]
         rows.append({"unknown": unknown.name, "unit": unknown.unit, "borders": borders.tolist(), "share": shares})
     return rows
 

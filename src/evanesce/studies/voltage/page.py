@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import Any
 
 import numpy as np
@@ -13,9 +12,10 @@ from skimage.measure import find_contours
 from evanesce.measurement.reference.segment import Chain, segment
 from evanesce.report.html import Page, Picture, Section, Table, figure_png
 from evanesce.studies.voltage.analysis import CONVERGED_V, ONSET_V, RISE
+from evanesce.studies.voltage.page_colour import range_labels, shares_section, states_section
 from evanesce.studies.voltage.sources import SOURCES
 from evanesce.studies.voltage.study import VoltageStudy
-from evanesce.studies.voltage.unknowns import FLAT, SEEN, THRESHOLDS, UNKNOWNS
+from evanesce.studies.voltage.unknowns import FLAT, SEEN, THRESHOLDS
 
 COLOURS = {"subsurface scattering": "tab:orange", "blur": "tab:blue", "saturation": "tab:red", "specks": "tab:green"}
 OUTPUTS = {
@@ -36,7 +36,7 @@ def page(found: VoltageStudy) -> Page:
     -------
     Page
     """
-    held = found.shares("as computed")
+    held = found.shares(found.main)
     onsets = ", ".join(f"{found.scene_voltages(f)[0]:.2f} V at {f:g} N" for f in found.forces)
     lead = (
         f"At a fixed threshold of {found.threshold:g} this scene's patch appears at {onsets} and its estimated area "
@@ -47,6 +47,8 @@ def page(found: VoltageStudy) -> Page:
         f"{100 * found.best.ratio_error:.1f} %."
     )
     sections = [_curves(found), _frames(found), _grooves(found), _bins(found), _observation(found)]
+    if found.colour is not None:
+        sections += [shares_section(found.colour), states_section(found.colour)]
     return Page(
         f"Voltage study of {found.scene.title or 'a scene'}",
         lead,
@@ -216,11 +218,13 @@ def holds_figure(found: VoltageStudy) -> Figure:
     -------
     Figure
     """
-    figure, axes = _figure(len(UNKNOWNS), 2.4 * len(UNKNOWNS), 3.2)
+    unknowns = found.samples.plan.unknowns
+    figure, axes = _figure(len(unknowns), 2.4 * len(unknowns), 3.2)
+    last = "all, exposure control from 9 V" if found.colour is None else "all three"
     series = {
         "vanishes near 8 V": ("vanishes", "tab:blue"),
         "converged by 9 V": ("settles", "tab:orange"),
-        "all, exposure control from 9 V": ("exposure control from 9 V", "k"),
+        last: ("exposure control from 9 V" if found.colour is None else found.main, "k"),
     }
     for k, panel in enumerate(axes):
         for j, (label, (key, colour)) in enumerate(series.items()):
@@ -228,10 +232,7 @@ def holds_figure(found: VoltageStudy) -> Figure:
             place = np.arange(len(entry["share"])) + 0.27 * (j - 1)
             panel.bar(place, 100 * np.nan_to_num(entry["share"]), 0.25, color=colour, label=label)
         borders = entry["borders"]
-        panel.set_xticks(
-            range(len(entry["share"])), [f"{a:.2g}–{b:.2g}" for a, b in itertools.pairwise(borders)],
-            fontsize=6,
-        )  # fmt: skip
+        panel.set_xticks(range(len(entry["share"])), range_labels(unknowns[k], borders), fontsize=6)
         unit = "" if entry["unit"] == "1" else f" [{entry['unit']}]"
         panel.set_title(entry["unknown"].replace("_", " ") + unit, fontsize=9)
         panel.set_ylim(0, 100)
@@ -245,7 +246,7 @@ def _observation(found: VoltageStudy) -> Section:
         (name, *(_percent(v) for v in found.shares(name).values()))
         for name in found.readings
     ]  # fmt: skip
-    plain = found.readings["as computed"]
+    plain = found.readings[found.main]
     some = found.samples.independent
     near = some[(plain.vanishes & plain.rises)[some]]
     settled = (
@@ -265,13 +266,15 @@ def _observation(found: VoltageStudy) -> Section:
         "whether the thesis's did is not published, and the last reading supposes it from 9 V on. It makes the "
         "plateau true by construction: what it leaves to be explained is the other two.",
     ]
+    if found.colour is not None:
+        text = text[:1]
     columns = ("reading", "vanishes near 8 V", "rises", "converged by 9 V", "all three")
     picture = Picture(
         figure_png(holds_figure(found)), "Share of the sampled rigs in each third of an unknown's range, all else free."
     )
     unknowns = [
         (u.name.replace("_", " "), f"{u.low:g} to {u.high:g}", u.unit, "log" if u.logarithmic else "even", u.why)
-        for u in UNKNOWNS
+        for u in found.samples.plan.unknowns
     ]
     return Section(
         "For which rigs does the thesis's observation follow?",

@@ -23,9 +23,12 @@ from evanesce.optics.led import each_led_power
 from evanesce.optics.projection import Projection
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Camera, Scene
+from evanesce.sensor.colour import ImageProcessor
 from evanesce.sensor.expose import charge_of, frame_of, signal_of
 from evanesce.sensor.lens import form_image
+from evanesce.sensor.response import led_response
 from evanesce.sensor.tone import CURVES
+from evanesce.studies.voltage.grey import GREY, bilinear
 from evanesce.studies.voltage.sources import NOTHING, Omitted, at_voltage, without_sources
 
 Array = NDArray[np.float64]
@@ -112,10 +115,10 @@ class Window:
         px, py = projection.principal_point
         reach = margin * scene.camera.scale_px_per_mm
         u, v = u * projection.focal_px + px, v * projection.focal_px + py
-        return cls(
-            max(0, int(v.min() - reach)), min(rows, int(v.max() + reach) + 1),
-            max(0, int(u.min() - reach)), min(cols, int(u.max() + reach) + 1),
-        )  # fmt: skip
+        r0, c0 = max(0, int(v.min() - reach)), max(0, int(u.min() - reach))
+        if scene.camera.colour is not None:  # the filter mosaic goes on from an even pixel as from the first
+            r0, c0 = r0 // 2 * 2, c0 // 2 * 2
+        return cls(r0, min(rows, int(v.max() + reach) + 1), c0, min(cols, int(u.max() + reach) + 1))
 
     def of(self, image: NDArray[Any]) -> NDArray[Any]:
         """Return the window's part of a frame.
@@ -180,6 +183,30 @@ def unclipped_levels(signal_DN: Array, camera: Camera) -> Array:
     raw = np.maximum(np.floor(signal_DN + 0.5), 0.0)
     light = np.maximum(raw - pixel.black_level_DN, 0.0) / (2**pixel.bits - 1 - pixel.black_level_DN)
     return np.asarray(np.floor(255.0 * CURVES[camera.tone_curve](light) + 0.5))
+
+
+def unclipped_colour(signal_DN: Array, camera: Camera) -> Array:
+    """Return grey levels [DN of 8 bits, whole] of a mosaic whose raw values and matrix have no upper end.
+
+    Bilinear demosaicing, white balance, colour matrix (cut at 0), the chain's grey of the curves' values.
+
+    Parameters
+    ----------
+    signal_DN : ndarray (rows, cols)
+        Raw signal of the mosaic [DN].
+    camera : Camera
+        With a table ``colour``.
+
+    Returns
+    -------
+    ndarray (rows, cols)
+    """
+    assert camera.colour is not None
+    pixel, processor = camera.pixel, ImageProcessor.of(camera)
+    raw = np.maximum(np.floor(signal_DN + 0.5) - pixel.black_level_DN, 0.0) / (2**pixel.bits - 1 - pixel.black_level_DN)
+    balanced = bilinear(raw, camera.colour.mosaic) * processor.gains
+    linear = np.maximum(balanced @ np.array(processor.matrix).T, 0.0)
+    return np.asarray(np.floor(255.0 * (CURVES[camera.tone_curve](linear) @ GREY) + 0.5))
 
 
 def segment_levels(levels: Array, chain: Chain) -> Mask:
@@ -297,19 +324,20 @@ class Press:
 
         Returns
         -------
-        ndarray (rows, cols)
+        ndarray (rows, cols) or (rows, cols, 3)
+            Colour of a colour camera; without saturation the chain's grey of it.
         """
         camera = self.rig.camera
         effects, context = active_effects(self.scene), Context(self.rig, self.seed)
         if not saturation:
             pixel = camera.pixel.model_copy(update={"full_well_capacity_e": UNLIMITED_WELL_E})
             camera = camera.model_copy(update={"pixel": pixel})
-        charge = charge_of(SensorLight(irradiance=self.at(voltage)), camera)
+        charge = charge_of(SensorLight(irradiance=self.at(voltage)), camera, response=led_response(self.rig))
         charge = apply_stage(Stage.CHARGE, charge, effects, context)
         signal = signal_of(charge, camera, rng.generator(self.seed, "exposure", 0))
         signal = apply_stage(Stage.READOUT, signal, effects, context)
         if not saturation:
-            return unclipped_levels(signal, camera)
+            return unclipped_levels(signal, camera) if camera.colour is None else unclipped_colour(signal, camera)
         return np.asarray(apply_stage(Stage.FRAME, frame_of(signal, camera), effects, context).data)
 
     def area(self, voltage: float, chain: Chain, saturation: bool = True) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -31,9 +30,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LitPresses:
-    """Presses of one finger: images of charge per ms and LED watt, and the like-named arrays of :class:`Samples`."""
+    """Presses of one finger: images of charge per ms and LED watt, and the like-named arrays of :class:`Samples`.
+
+    ``shares`` are those of each cell in contact.
+    """
 
     images: list[Array]
+    shares: list[Array]
     true_area: Array
     by_ratio: Array
     open_middle: NDArray[np.bool_]
@@ -86,26 +89,26 @@ class ReducedRig:
             }
         )
         fields = with_length(self.fields, finger.diffuse_reflectance, length, self.pitch)
-        images, areas, ratios, opened = [], [], [], []
+        images, shares, areas, ratios, opened = [], [], [], [], []
         for force in self.plan.forces:
             state = contact_state(scene, force)
             radiance, _ = patch_radiance(fields, state, refine=1)
             share = np.asarray(state.contact_mask, np.float64)
             images.append(np.asarray(radiance, float) * (self.unit * self.charge))
+            shares.append(share)
             areas.append(state.nominal_contact_area)
             spread = cv2.GaussianBlur(images[-1], (0, 0), self.sigma, borderType=cv2.BORDER_REPLICATE)
             own = float((images[-1] * share).sum() / max(share.sum(), 1e-12))
             ratios.append([np.count_nonzero(spread > r * own) * self.pitch**2 for r in RATIOS])
             opened.append(middle_open(share, pitch / self.pitch))
-        return LitPresses(images, np.array(areas), np.array(ratios, float), np.array(opened))
+        return LitPresses(images, shares, np.array(areas), np.array(ratios, float), np.array(opened))
 
-    def areas(self, images: Sequence[Array], values: Array) -> Array:
+    def areas(self, lit: LitPresses, values: Array) -> Array:
         """Return areas (forces, voltages, thresholds + 1) [mm^2]; the last threshold is the sample's own.
 
         Parameters
         ----------
-        images : sequence of ndarray (rows, cols)
-            Of :class:`LitPresses`, one per force.
+        lit : LitPresses
         values : ndarray (unknowns,)
 
         Returns
@@ -116,8 +119,8 @@ class ReducedRig:
         circuit = self.scene.leds.circuit.model_copy(update={"forward_voltage_V": forward})
         powers = radiant_power(circuit, np.array(self.plan.voltages))
         cuts = (*THRESHOLDS, threshold)
-        found = np.zeros((len(images), powers.size, len(cuts)))
-        for i, image in enumerate(images):
+        found = np.zeros((len(lit.images), powers.size, len(cuts)))
+        for i, image in enumerate(lit.images):
             for j, power in enumerate(powers):
                 levels = grey_levels(image * (exposure * power), self.scene.camera)
                 levels = cv2.GaussianBlur(levels, (0, 0), self.sigma, borderType=cv2.BORDER_REPLICATE)
@@ -172,8 +175,8 @@ def blur_mm(camera: Camera) -> float:
 
 
 def _charge_per_irradiance(camera: Camera) -> float:
-    """Return e- per ms of exposure and W mm^-2 on the sensor."""
-    unit = camera.model_copy(update={"exposure_ms": 1.0})
+    """Return e- per ms of exposure and W mm^-2 on the sensor; in colour of a filter with response 1."""
+    unit = camera.model_copy(update={"exposure_ms": 1.0, "colour": None})
     lit, dark = (float(charge_of(SensorLight(irradiance=np.full((1, 1), e)), unit)[0, 0]) for e in (1e-6, 0.0))
     return (lit - dark) * 1e6
 

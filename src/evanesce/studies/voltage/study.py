@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,9 +32,13 @@ from evanesce.studies.voltage.analysis import (
     up_to,
     where_it_holds,
 )
+from evanesce.studies.voltage.colour_rig import FLANK, SAMPLED, ColourRig
+from evanesce.studies.voltage.colour_unknowns import WHITE_LEDS, colour_unknowns
 from evanesce.studies.voltage.curve import Excess, voltage_curve
+from evanesce.studies.voltage.grooves import Grooves, grooves
+from evanesce.studies.voltage.in_colour import InColour, agreement, flank_share, in_colour
 from evanesce.studies.voltage.press import Press
-from evanesce.studies.voltage.reduced_rig import ReducedRig, middle_open
+from evanesce.studies.voltage.reduced_rig import LitPresses, ReducedRig
 from evanesce.studies.voltage.samples import run_samples
 from evanesce.studies.voltage.sources import study_scene
 from evanesce.studies.voltage.unknowns import THRESHOLDS, UNKNOWNS, Plan, Samples
@@ -45,60 +49,6 @@ Tick = Callable[[str, int, int], None]
 BINS_V = (2.8, 2.9, 2.95, 3.0, 3.1, 3.2, 3.3)
 SHOWN_V = (7.5, 8.0, 8.5, 9.0, 10.0, 12.0)
 EXPOSURE_CONTROL_V = 9.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Grooves:
-    """State of the grooves in the middle of the scene's contact.
-
-    Attributes
-    ----------
-    force_N, reduced_modulus_MPa : float
-    peak_pressure_MPa : float
-        Of the smooth finger, by Hertz.
-    closure_pressure_MPa : float
-        Mean pressure that closes the grooves.
-    open_middle : bool
-    contact_share : float
-        True area over that of the smooth finger.
-    """
-
-    force_N: float
-    reduced_modulus_MPa: float
-    peak_pressure_MPa: float
-    closure_pressure_MPa: float
-    open_middle: bool
-    contact_share: float
-
-
-def grooves(scene: Scene, force: float) -> Grooves:
-    """Return the state of the grooves of a scene with an analytic law under a force [N].
-
-    Parameters
-    ----------
-    scene : Scene
-    force : float
-        [N].
-
-    Returns
-    -------
-    Grooves
-    """
-    state = contact_state(scene, force)
-    modulus = float(state.parameters.get("reduced_modulus_MPa", float("nan")))
-    radius = scene.finger.tip_radius_mm
-    ridges = scene.finger.ridges
-    pitch = 1e-3 * ridges.pitch_um if ridges else 0.0
-    cell = scene.grid.size_mm / scene.grid.samples
-    smooth = float(np.pi * (0.75 * force * radius / modulus) ** (2 / 3))
-    return Grooves(
-        force_N=force,
-        reduced_modulus_MPa=modulus,
-        peak_pressure_MPa=1.5 * force / smooth if smooth > 0 else 0.0,
-        closure_pressure_MPa=float(state.parameters.get("ridge_closure_pressure_MPa", float("nan"))),
-        open_middle=middle_open(np.asarray(state.contact_mask), pitch / cell),
-        contact_share=state.nominal_contact_area / smooth if smooth > 0 else float("nan"),
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,6 +82,8 @@ class VoltageStudy:
     holds : dict of list of dict
         Of :func:`where_it_holds`, by reading.
     best : BestSetting
+    colour : InColour or None
+        Of a scene with a colour camera.
     """
 
     scene: Scene
@@ -151,6 +103,12 @@ class VoltageStudy:
     holds: dict[str, list[dict[str, Any]]]
     best: BestSetting
     provenance: Mapping[str, Any]
+    colour: InColour | None = None
+
+    @property
+    def main(self) -> str:
+        """Name of the reading that the sensitivities belong to."""
+        return next(iter(self.readings))
 
     @property
     def scene_best(self) -> tuple[float, float, float]:
@@ -195,7 +153,7 @@ class VoltageStudy:
             "reduced_over_full_max_difference": self.reduced_difference,
             "bins": self.bins,
             "grooves": [asdict(g) for g in self.grooves],
-            "unknowns": [asdict(u) for u in UNKNOWNS],
+            "unknowns": [asdict(u) for u in self.samples.plan.unknowns],
             "samples": len(self.samples.values),
             "open_middle_share": dict(
                 zip(map(str, self.forces), self.samples.open_middle[self.samples.independent].mean(axis=0), strict=True)
@@ -204,6 +162,7 @@ class VoltageStudy:
             "sensitivity": self.indices,
             "where_it_holds": self.holds,
             "best_setting": asdict(self.best),
+            **({} if self.colour is None else {"colour": self.colour.as_dict()}),
             "provenance": dict(self.provenance),
         }
 
@@ -249,12 +208,15 @@ def scene_values(scene: Scene, threshold: float) -> Array:
     modulus = contact_state(rig, 1.0).parameters.get("reduced_modulus_MPa")
     if modulus is None:
         raise InputError(f"law {rig.contact.law}", key="contact.law", allowed="a law with a reduced modulus")
-    return np.array(
-        [
-            rig.finger.scattering_length_mm, 1e-3 * rig.finger.ridges.pitch_um, float(modulus),
-            rig.leds.circuit.forward_voltage_V, rig.camera.exposure_ms, threshold,
-        ]
-    )  # fmt: skip
+    camera = rig.camera
+    exposure = camera.exposure_ms * (1.0 if camera.colour is None else camera.analogue_gain)
+    values = [
+        rig.finger.scattering_length_mm, 1e-3 * rig.finger.ridges.pitch_um, float(modulus),
+        rig.leds.circuit.forward_voltage_V, exposure, threshold,
+    ]  # fmt: skip
+    if camera.colour is not None:  # its own filters; flank and ground are not sampled but rendered
+        values += [-1.0, 0.0, 0.0, float(camera.auto_exposure is not None)]
+    return np.array(values)
 
 
 def run_study(
@@ -308,32 +270,34 @@ def run_study(
     volts, loads = tuple(voltages), tuple(forces)
     curves = _curves(scene, loads, volts, threshold, seed, render, tick)
     presses = [Press.of(scene, force, seed=seed, render=render) for force in loads]
-    error_map = _error_map(presses, volts, tick)
-    plan = Plan(loads, volts, base, seed)
-    rig = ReducedRig(scene, plan)
+    areas = _full_areas(presses, volts, tick)
+    truth = np.array([press.true_area_mm2 for press in presses])
+    error_map = np.sqrt(((areas / truth[:, None, None] - 1.0) ** 2).mean(axis=0))
+    plan = Plan(loads, volts, base, seed, UNKNOWNS if scene.camera.colour is None else colour_unknowns(scene))
+    rig = ReducedRig(scene, plan) if scene.camera.colour is None else ColourRig(scene, plan)
     lit = rig.light(own)
-    reduced = rig.areas(lit.images, own)[..., -1]
+    if scene.camera.colour is not None:
+        own[FLANK.start] = flank_share(presses[0])
+    by_threshold = rig.areas(lit, own)
     full = np.array([[row.area_mm2 for row in curves[f]] for f in loads])
     samples = run_samples(scene, plan, keep=keep, tick=lambda d, n: tick("samples", d, n))
-    readings = {
-        "as computed": claims(samples),
-        "ending at 10 V": claims(up_to(samples, 10.0)),
-        "exposure control from 9 V": claims(held_from(samples, EXPOSURE_CONTROL_V)),
-    }
-    plain = readings["as computed"]
+    readings, colour = readings_of(samples), None
+    if scene.camera.colour is not None:
+        colour = in_colour(samples, readings, agreement(by_threshold[..., :-1], areas, lit.true_area, volts))
+    plain = next(iter(readings.values()))
     outputs = {"onset_V": plain.onset, "converged_V": plain.settled, "excess_at_9V": np.log(2.0 + plain.excess)}
     return VoltageStudy(
         scene=scene, notes=notes, forces=loads, voltages=volts, threshold=threshold, curves=curves,
         frames={v: np.asarray(presses[0].levels(v)) for v in SHOWN_V},
         error_map=error_map,
-        reduced_difference=_differences(reduced, full, lit.true_area, np.array(volts) <= 9.0),
-        bins=_bins(rig, lit.images, own, lit.true_area),
+        reduced_difference=_differences(by_threshold[..., -1], full, lit.true_area, np.array(volts) <= 9.0),
+        bins=_bins(rig, lit, own),
         grooves=[grooves(scene, force) for force in loads],
         samples=samples, readings=readings,
-        indices={name: sensitivity(output, seed) for name, output in outputs.items()},
+        indices={name: sensitivity(output, seed, plan.unknowns) for name, output in outputs.items()},
         holds={name: where_it_holds(samples, found.all) for name, found in readings.items()}
         | {part: where_it_holds(samples, getattr(plain, part)) for part in ("vanishes", "settles")},
-        best=best_setting(samples, np.ones(len(samples.values), bool), seed=seed),
+        best=best_setting(samples, np.ones(len(samples.values), bool), seed=seed), colour=colour,
         provenance=provenance.record(seed=seed, config=scene.as_dict(), **(renderer or {"renderer": "transport"})),
     )  # fmt: skip
 
@@ -352,14 +316,26 @@ def _curves(
     return {force: voltage_curve(scene, force, volts, chain, seed=seed, render=render, tick=step) for force in loads}
 
 
-def _error_map(presses: Sequence[Press], volts: tuple[float, ...], tick: Tick) -> Array:
-    """Return the relative area error by voltage and threshold, RMS over the forces."""
+def readings_of(samples: Samples) -> dict[str, Claims]:
+    """Return the claims by reading; the first is that of the samples themselves."""
+    if samples.contact is None:
+        return {
+            "as computed": claims(samples),
+            "ending at 10 V": claims(up_to(samples, 10.0)),
+            "exposure control from 9 V": claims(held_from(samples, EXPOSURE_CONTROL_V)),
+        }
+    other = {name: claims(replace(samples, own=own)) for name, own in samples.other.items()}
+    return {SAMPLED.name: claims(samples)} | other
+
+
+def _full_areas(presses: Sequence[Press], volts: tuple[float, ...], tick: Tick) -> Array:
+    """Return the full chain's areas by force, voltage and threshold [mm^2]."""
     chains = [Chain(threshold=t) for t in THRESHOLDS]
-    relative = []
+    found = []
     for press in presses:
-        relative.append([np.array(press.areas(v, chains)) / press.true_area_mm2 - 1.0 for v in volts])
-        tick("thresholds", len(relative), len(presses))
-    return np.sqrt((np.array(relative) ** 2).mean(axis=0))
+        found.append([press.areas(v, chains) for v in volts])
+        tick("thresholds", len(found), len(presses))
+    return np.array(found)
 
 
 def _differences(reduced: Array, full: Array, true_area: Array, low: NDArray[np.bool_]) -> tuple[float, float]:
@@ -368,19 +344,19 @@ def _differences(reduced: Array, full: Array, true_area: Array, low: NDArray[np.
     return float(apart[:, low].max(initial=0.0)), float(apart.max())
 
 
-def _bins(rig: ReducedRig, images: Sequence[Array], own: Array, true_area: Array) -> list[dict[str, Any]]:
+def _bins(rig: ReducedRig, lit: LitPresses, own: Array) -> list[dict[str, Any]]:
     """Return what each bin of the LEDs would have shown, all else as in the scene."""
     found, v = [], rig.plan.voltages
-    for forward in BINS_V:
+    for white in BINS_V:
         values = own.copy()
-        values[3] = forward
-        area = rig.areas(images, values)[..., -1]
+        values[3] = forward = white * WHITE_LEDS / rig.scene.leds.circuit.leds_per_segment
+        area = rig.areas(lit, values)[..., -1]
         found.append(
             {
                 "forward_voltage_V": forward,
-                "onset_V": onset(v, area, true_area).tolist(),
+                "onset_V": onset(v, area, lit.true_area).tolist(),
                 "converged_V": converged(v, area).tolist(),
-                "area_over_true": (area / true_area[:, None]).tolist(),
+                "area_over_true": (area / lit.true_area[:, None]).tolist(),
             }
         )
     return found

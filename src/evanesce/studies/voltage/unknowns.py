@@ -13,7 +13,8 @@ W. Usher et al., "SALib", Journal of Open Source Software 2(9) (2017) 97, doi:10
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,8 @@ class Unknown:
     unit: str
     logarithmic: bool
     why: str
+    choices: int = 0
+    """Whole numbers from 0 to one less, in place of a range; 0: a range."""
 
     def value(self, share: Array) -> Array:
         """Return values at shares 0 to 1 of the range.
@@ -60,6 +63,8 @@ class Unknown:
         ndarray
             In the unknown's unit.
         """
+        if self.choices:
+            return np.minimum(np.floor(np.asarray(share, float) * self.choices), self.choices - 1.0)
         if self.logarithmic:
             return np.asarray(self.low * (self.high / self.low) ** share)
         return np.asarray(self.low + (self.high - self.low) * share)
@@ -77,6 +82,10 @@ SHAPING = 3
 """The first so many unknowns change contact or light; the others only scale the light or cut it."""
 
 
+THRESHOLD = 5
+"""Place of the sample's own threshold."""
+
+
 @dataclass(frozen=True)
 class Plan:
     """Settings of the samples.
@@ -88,12 +97,15 @@ class Plan:
     base : int
         N of the Saltelli sample, a power of two; N (unknowns + 2) samples in all.
     seed : int
+    unknowns : tuple of Unknown
+        The first :data:`SHAPING` of them change contact or light.
     """
 
     forces: tuple[float, ...]
     voltages: tuple[float, ...]
     base: int = 64
     seed: int = 1
+    unknowns: tuple[Unknown, ...] = UNKNOWNS
 
     def shares(self) -> Array:
         """Return the sample, (samples, unknowns), as shares of each range.
@@ -105,17 +117,21 @@ class Plan:
         require("design", "a sample of the unknowns", "SALib")
         from SALib.sample import sobol  # type: ignore[import-untyped]
 
-        return np.asarray(sobol.sample(problem(), self.base, calc_second_order=False, seed=self.seed))
+        return np.asarray(sobol.sample(problem(self.unknowns), self.base, calc_second_order=False, seed=self.seed))
 
 
-def problem() -> dict[str, Any]:
+def problem(unknowns: tuple[Unknown, ...] = UNKNOWNS) -> dict[str, Any]:
     """Return the unknowns as SALib wants them, each from 0 to 1.
+
+    Parameters
+    ----------
+    unknowns : tuple of Unknown
 
     Returns
     -------
     dict
     """
-    names = [u.name for u in UNKNOWNS]
+    names = [u.name for u in unknowns]
     return {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names)}
 
 
@@ -138,6 +154,10 @@ class Samples:
         Area brighter than that share of the contact's own mean light [mm^2].
     open_middle : ndarray of bool (samples, forces)
         Whether the grooves next to the middle are open.
+    contact : ndarray (samples, forces, voltages), optional
+        In colour: mean light of the contact at the sample's exposure, over what fills a raw red pixel [1].
+    other : dict of ndarray (samples, forces, voltages)
+        In colour: area at the sample's own threshold by other readings [mm^2]; 0 in rows that are not independent.
     """
 
     plan: Plan
@@ -147,10 +167,25 @@ class Samples:
     area: Array
     by_ratio: Array
     open_middle: NDArray[np.bool_]
+    contact: Array | None = None
+    other: Mapping[str, Array] = field(default_factory=dict)
 
     @property
     def independent(self) -> NDArray[np.intp]:
         """Rows that are independent of each other: A and B of each of Saltelli's blocks."""
-        block = len(UNKNOWNS) + 2
-        starts = np.arange(0, len(self.values), block)
-        return np.sort(np.concatenate([starts, starts + block - 1]))
+        return independent_rows(len(self.values), len(self.plan.unknowns))
+
+
+def independent_rows(samples: int, unknowns: int) -> NDArray[np.intp]:
+    """Return the rows of a Saltelli sample that are independent of each other: A and B of each block.
+
+    Parameters
+    ----------
+    samples, unknowns : int
+
+    Returns
+    -------
+    ndarray of int
+    """
+    starts = np.arange(0, samples, unknowns + 2)
+    return np.sort(np.concatenate([starts, starts + unknowns + 1]))

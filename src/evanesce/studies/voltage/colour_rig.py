@@ -24,7 +24,7 @@ from evanesce.sensor.automatic import settle
 from evanesce.sensor.colour import ImageProcessor, channel_map
 from evanesce.sensor.lens import magnification
 from evanesce.sensor.response import led_response
-from evanesce.studies.voltage.colour_unknowns import SETTINGS, THREE_RED, longest_exposure
+from evanesce.studies.voltage.colour_unknowns import RED, SETTINGS, longest_exposure
 from evanesce.studies.voltage.grey import GreyTable
 from evanesce.studies.voltage.reduced_rig import LitPresses, ReducedRig, grey_levels
 from evanesce.studies.voltage.unknowns import GRID_MM, RATIOS, SHAPING, THRESHOLD, THRESHOLDS, Plan
@@ -51,15 +51,16 @@ class Reading:
         With flank and ground.
     control : bool or None
         Exposure by the published control; None: as the sample has it.
-    three_red : bool
-        Segments of three red LEDs in place of the scene's.
+    red_leds : int
+        Red LEDs of a segment, with the forward voltage of red LEDs; 0: as many as the scene has, at the voltage of a
+        whole segment of white ones.
     """
 
     name: str
     colour: bool = True
     surroundings: bool = True
     control: bool | None = None
-    three_red: bool = False
+    red_leds: int = 0
 
 
 SAMPLED = Reading("with colour, exposure fixed or automatic")
@@ -70,7 +71,9 @@ OTHERS = (
     Reading("without colour, flank and ground lit, automatic exposure", colour=False, control=True),
     Reading("with colour, fixed exposure", control=False),
     Reading("with colour, automatic exposure", control=True),
-    Reading("with colour, automatic exposure, three red LEDs a segment", control=True, three_red=True),
+    Reading("with colour, automatic exposure, five red LEDs a segment", control=True, red_leds=5),
+    Reading("with colour, fixed exposure, five red LEDs a segment", control=False, red_leds=5),
+    Reading("with colour, automatic exposure, three red LEDs a segment", control=True, red_leds=3),
 )
 
 
@@ -226,11 +229,11 @@ class ColourRig(ReducedRig):
         """
         forward, exposure = float(values[SHAPING]), float(values[SHAPING + 1])
         circuit = self.scene.leds.circuit
-        if reading.three_red:
+        if reading.red_leds:
             span = self.plan.unknowns[SHAPING]
             share = (forward - span.low) / (span.high - span.low)
-            forward = float(THREE_RED.value(np.asarray(share)))
-            circuit = circuit.model_copy(update={"leds_per_segment": 3})
+            forward = float(RED.value(np.asarray(share)))
+            circuit = circuit.model_copy(update={"leds_per_segment": reading.red_leds})
         circuit = circuit.model_copy(update={"forward_voltage_V": forward})
         power = radiant_power(circuit, np.array(self.plan.voltages))
         control = bool(values[CONTROL]) if reading.control is None else reading.control

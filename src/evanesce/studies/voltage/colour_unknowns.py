@@ -35,8 +35,8 @@ WHITE_LEDS = 3
 COLOUR_ONLY = ("filters", "flank", "ground", "exposure_control")
 """Names of what a monochrome rig without surroundings does not have."""
 
-THREE_RED = Unknown("forward_voltage", 1.8, 2.3, "V", False, "about the 2.05 V of OSRAM LR T67F at 20 mA")
-"""Bins of red LEDs, three in series as in strips of three colours; assumed."""
+RED = Unknown("forward_voltage", 1.8, 2.3, "V", False, "about the 2.05 V of OSRAM LR T67F at 20 mA")
+"""Bins of red LEDs: five in series at 12 V, or three as in strips of three colours; assumed."""
 
 
 def longest_exposure(scene: Scene) -> float:

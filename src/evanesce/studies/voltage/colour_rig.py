@@ -31,7 +31,7 @@ from evanesce.studies.voltage.unknowns import GRID_MM, RATIOS, SHAPING, THRESHOL
 
 Array = NDArray[np.float64]
 
-FILTERS, FLANK, CONTROL = 6, slice(7, 9), 9
+FILTERS, FLANK, CONTROL, APERTURE = 6, slice(7, 9), 9, 10
 """Places of the unknowns that the colour camera adds; flank and ground together."""
 
 STATISTICS_CELLS = 4
@@ -235,7 +235,8 @@ class ColourRig(ReducedRig):
             forward = float(RED.value(np.asarray(share)))
             circuit = circuit.model_copy(update={"leds_per_segment": reading.red_leds})
         circuit = circuit.model_copy(update={"forward_voltage_V": forward})
-        power = radiant_power(circuit, np.array(self.plan.voltages))
+        aperture = (self.scene.camera.lens.f_number / float(values[APERTURE])) ** 2
+        power = radiant_power(circuit, np.array(self.plan.voltages)) * aperture
         control = bool(values[CONTROL]) if reading.control is None else reading.control
         if not control:
             return np.asarray(exposure * power)

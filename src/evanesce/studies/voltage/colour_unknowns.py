@@ -32,8 +32,6 @@ SETTINGS: tuple[tuple[int, float, float], ...] = (
 WHITE_LEDS = 3
 """LEDs in series to which the bins of :data:`UNKNOWNS` belong."""
 
-COLOUR_ONLY = ("filters", "flank", "ground", "exposure_control")
-"""Names of what a monochrome rig without surroundings does not have."""
 
 RED = Unknown("forward_voltage", 1.8, 2.3, "V", False, "about the 2.05 V of OSRAM LR T67F at 20 mA")
 """Bins of red LEDs: five in series at 12 V, or three as in strips of three colours; assumed."""
@@ -86,4 +84,7 @@ def colour_unknowns(scene: Scene) -> tuple[Unknown, ...]:
         Unknown("flank", 0.046, 0.23, "1", True, "ring over contact of the real frame"),
         Unknown("ground", 0.0009, 0.0127, "1", True, "ground over contact of the real frame"),
         Unknown("exposure_control", 0, 1, "1", False, "0 fixed, 1 the published control", 2),
+        Unknown(
+            "f_number", 1.4, 8.0, "1", True, "not published; with it the power of the LEDs' light, which is not either"
+        ),
     )

@@ -215,7 +215,7 @@ def scene_values(scene: Scene, threshold: float) -> Array:
         rig.leds.circuit.forward_voltage_V, exposure, threshold,
     ]  # fmt: skip
     if camera.colour is not None:  # its own filters; flank and ground are not sampled but rendered
-        values += [-1.0, 0.0, 0.0, float(camera.auto_exposure is not None)]
+        values += [-1.0, 0.0, 0.0, float(camera.auto_exposure is not None), camera.lens.f_number]
     return np.array(values)
 
 

@@ -44,7 +44,7 @@ class BoardFit:
     homographies : ndarray (views, 3, 3)
         Board [mm] to undistorted pixels.
     standard_errors : dict
-        Of what was fitted, see :mod:`evanesce.measurement.calibration.errors`: fx, fy, cx, cy [px] and the free coefficients.
+        Of what was fitted (:mod:`evanesce.measurement.calibration.errors`): fx, fy, cx, cy [px], free coefficients.
     """
 
     camera_matrix: Array

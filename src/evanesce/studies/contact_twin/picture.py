@@ -13,8 +13,9 @@ from evanesce.core.errors import InputError
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-MOST_COLUMNS = 100
-"""Columns that the fit works on: what a contact's outline, its flank and a cloudy ground need."""
+MOST_COLUMNS = 64
+"""Columns that the fit works on: what a contact's outline, its flank and a cloudy ground need; the time of a fit grows
+with their square."""
 LEAST_SIDE = 16
 BLOCK = 5
 """Side of the blocks that are fitted and held out by turns [px of the fit]: wider than the frame's blur."""

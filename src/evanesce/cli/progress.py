@@ -61,7 +61,10 @@ class CommandProgress(Progress):
 
     def stop(self) -> None:
         """End the bars or the lines; a task that has lines gets a last one."""
-        super().stop()
+        if self.console.is_terminal:
+            super().stop()
+        else:
+            self.live.stop()  # without the empty line that Progress.stop leaves in a log
         self._ended.set()
         if self._logger is not None:
             self._logger.join()

@@ -21,7 +21,7 @@ ToPlate = Callable[[Array, Array], tuple[Array, Array]]
 """``to_plate(u, v) -> (x, y)``: contact plane [mm] from pixel positions, such as :meth:`Projection.to_plate`."""
 
 OTHER_CARD = 0.1
-"""Relative difference of lengths from which it is another card: a choice, beyond errors of printers and nominal lenses."""
+"""Relative difference of lengths that make it another card: a choice, beyond errors of printers and nominal lenses."""
 
 WHOLE_MARGIN = 1.5
 """Squares that must fit into the frame beyond the outermost corners for the whole board to be seen: one and a half."""

@@ -129,7 +129,8 @@ class Layout:
         _heading("Rig")
         for name in RIG_KNOBS:
             row(name)
-        self.material = _choice("Material", {m: m for m in material_names()}, self._start.material,
+        silicones = dict.fromkeys((*material_names(), self._start.material))  # the scene's own besides
+        self.material = _choice("Material", {m: m for m in silicones}, self._start.material,
                                 lambda value: handlers.set(material=value))  # fmt: skip
         cols, rows = scene.camera.resolution_px
         sizes = {f: f"{cols // f} × {rows // f} px" for f in (1, 2, 4) if cols % f == 0 and rows % f == 0}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -145,6 +145,7 @@ def make_bundle(
     title: str = "",
     files: Mapping[str, Path] | None = None,
     provenance: Mapping[str, Any] | None = None,
+    tick: Callable[[int, int], None] = lambda done, total: None,
 ) -> Bundle:
     """Write a recording as a bundle; the folder appears when all of it is there and has been checked.
 
@@ -172,6 +173,8 @@ def make_bundle(
         Copied beside, by name; nothing reads them.
     provenance : Mapping, optional
         Goes to ``provenance.json``.
+    tick : callable
+        ``tick(done, total)`` after each step: the press, each kind of pictures, the check of everything.
 
     Returns
     -------
@@ -201,16 +204,20 @@ def make_bundle(
         if video is not None:
             described["press"] = {"video": video}
         write_shots(part / PRESS_TABLE, shots)
-        for kind, source in (pictures or {}).items():
+        given = pictures or {}
+        for done, (kind, source) in enumerate(given.items(), start=1):
+            tick(done, len(given) + 2)
             _pictures(part, kind, source)
-        if "checkerboard" in (pictures or {}):
-            check_boards(sorted((part / "checkerboard").iterdir()), scene, to_plate, (pictures or {})["checkerboard"])
+            if kind == "checkerboard":
+                check_boards(sorted((part / kind).iterdir()), scene, to_plate, source)
+        tick(len(given) + 1, len(given) + 2)
         (part / MEASUREMENT_FILE).write_text(tomli_w.dumps(described), encoding="utf-8")
         for name, path in (files or {}).items():
             shutil.copyfile(path, part / name)
         if provenance is not None:
             (part / "provenance.json").write_text(json.dumps(dict(provenance), indent=2) + "\n", encoding="utf-8")
         _checked(part, recording.path)
+        tick(len(given) + 2, len(given) + 2)
     return read_bundle(folder, decode=False)
 
 

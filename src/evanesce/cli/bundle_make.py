@@ -178,7 +178,7 @@ def _written(
     from evanesce.core import provenance
 
     with progress() as bar:
-        bar.add_task("write", total=None)
+        task = bar.add_task("write", total=None)
         bundle = make_bundle(
             out, recording, rig.scene, to_plate=calibrated_plane(rig.calibration, rig.mm2_per_px), frames=count,
             voltage_V=voltage, pictures=pictures, boards=calibrated_boards(rig.calibration),
@@ -187,6 +187,7 @@ def _written(
             provenance=provenance.record(
                 config=rig.scene.as_dict(), source=recording.path.name, offset_s=recording.offset_s
             ),
+            tick=lambda done, total: bar.update(task, completed=done, total=total),
         )  # fmt: skip
     force_N = recording.force_N
     outside = int((force_N != force_N).sum())

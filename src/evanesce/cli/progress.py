@@ -121,8 +121,9 @@ class CommandProgress(Progress):
                 self._print(task)
 
     def _print(self, task: Task) -> None:
+        count = f" {task.completed:.0f}" if task.completed or task.total is not None else ""
         total = "" if task.total is None else f"/{task.total:.0f}"
-        line = f"{task.description} {task.completed:.0f}{total}, {self.state(task)}"
+        line = f"{task.description}{count}{total}, {self.state(task)}"
         self.console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 

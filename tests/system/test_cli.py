@@ -8,10 +8,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from evanesce.bundle.layout import Shot
+from evanesce.bundle.protocol import Protocol
 from evanesce.cli.app import COMMANDS, app
 from evanesce.cli.common import write_json
 from evanesce.cli.render import parse_overrides
@@ -47,7 +50,7 @@ def test_every_command_explains_itself(command: str) -> None:
         (["render", "thesis", "--fast", "--until-error", "0.05"], ["--until-error", "--reference"]),
         (["render", "thesis", "--json", "no/such/folder/x.json"], ["--json", "no/such/folder"]),
         (["compare", "no_folder", "--mm2-per-px", "1e-4"], ["no_folder", "evanesce render"]),
-        (["compare", "no_folder"], ["--mm2-per-px"]),
+        (["compare", "no_folder"], ["no_folder", "evanesce render"]),
         (["criticise-photo", "no_photo.png"], ["no_photo.png", "no such file"]),
         (["criticise-photo", "no_photo.png", "--curve", "log"], ["--curve", "log", "libcamera"]),
         (["compare", "no_folder", "--mm2-per-px", "nan"], ["--mm2-per-px", "nan"]),
@@ -110,6 +113,53 @@ def test_render_and_compare_agree_with_the_truth(tmp_path: Path) -> None:
     # A pixel is 86 um: a blurred edge at a low threshold lies within one pixel of the truth.
     assert abs(row["error_mm2"]) < 2 * np.sqrt(np.pi * hertz) / 11.674
     assert sum(row["split_percent"].values()) == pytest.approx(row["error_percent"], abs=1e-6)
+
+
+@pytest.mark.system
+@pytest.mark.parametrize(
+    "options",
+    [["--reference", "--spp", "32"], ["--fast", "--set", "finger.scattering_length_mm=1.0"]],
+    ids=["path tracer", "subsurface"],
+)
+def test_compare_names_saturation_and_light_beside_the_contact(tmp_path: Path, options: list[str]) -> None:
+    """At 12 V: what is counted beside the contact, found here from mask and truth alone, is named and explains it."""
+    folder, compared = tmp_path / "r", tmp_path / "c.json"
+    bright = ["--set", "leds.voltage_V=12.0", "--force", "5", "--out", str(folder)]
+    done = runner.invoke(app, ["render", "thesis", *SMALL, *options, *bright])
+    assert done.exit_code == 0, done.output
+    frame = cv2.imread(str(folder / "frame_000000.png"), cv2.IMREAD_UNCHANGED)
+    share = float((frame == 255).mean())
+    assert share > 0.01
+    assert f"at full scale (255) in 1 of 1 frame(s), {100 * share:.1f} % in frame 0" in done.stderr
+    done = runner.invoke(
+        app, ["compare", str(folder), "--mm2-per-px", repr(11.674**-2), "--min-blob", "100", "--json", str(compared)]
+    )
+    assert done.exit_code == 0, done.output
+    row = json.loads(compared.read_text())["frames"][0]
+    assert row["error_percent"] > 15
+    assert row["split_percent"]["residual"] > 0.3 * row["error_percent"]
+    # the disc of the true area in the middle of the frame, 4 px wider; what is bright beyond
+    y, x = np.mgrid[:300, :400]
+    beyond = np.hypot(x - 199.5, y - 149.5) > np.sqrt(row["true_area_mm2"] / np.pi) * 11.674 + 4
+    bright_beyond = 100 * (cv2.GaussianBlur(frame, (0, 0), 1.0)[beyond] > 0.15 * 255).sum() / 11.674**2
+    assert row["flank_percent"] == pytest.approx(bright_beyond / row["true_area_mm2"], rel=0.15)
+    assert f"frame 0: {row['error_percent']:+.1f} %" in done.stderr
+    assert "light beside the contact" in done.stderr
+    assert "at full scale (saturation)" in done.stderr
+
+
+@pytest.mark.system
+def test_simulate_warns_of_saturation_and_of_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shots = tuple(Shot(index=k, time_s=k, force_N=4.0, voltage_V=v) for k, v in enumerate((9.0, 12.0)))
+    for name, kept in (("bright", shots), ("dim", shots[:1])):
+        protocol = Protocol(press=kept, replicates=0, led_off=1, lens_cap=1, checkerboard=0, square=0)
+        monkeypatch.setattr("evanesce.bundle.write.default_protocol", lambda scene, protocol=protocol: protocol)
+        done = runner.invoke(app, ["simulate", "thesis", *SMALL, "--bundle", str(tmp_path / name)])
+        assert done.exit_code == 0, done.output
+        share = float((cv2.imread(str(tmp_path / name / "press" / f"{len(kept) - 1:04d}.png"), -1) == 255).mean())
+        said = f"in 1 of {len(kept)} frame(s), {100 * share:.1f} % in frame {len(kept) - 1}" in done.stderr
+        assert said == (name == "bright")
+        assert ("saturation" in done.stderr) == (share > 0.001) == (name == "bright")
 
 
 def test_compare_without_light_says_so(tmp_path: Path) -> None:

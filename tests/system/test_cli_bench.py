@@ -178,3 +178,27 @@ def test_bad_input_is_one_line_and_writes_nothing(run, tmp_path, monkeypatch, wo
     assert message in result.stderr
     assert len(result.stderr.strip().splitlines()) == 1
     assert not (tmp_path / "outputs").exists()
+
+
+def test_stiffness_gives_a_scene_its_finger(run, tmp_path):
+    """E*(F) of a drawn test of the scene's own tip, and the figures of a compression: the scenes written hold both."""
+    from evanesce.contact.laws import finger_modulus
+    from evanesce.rig import dump_scene, load_scene
+
+    (tmp_path / "rig.toml").write_text(dump_scene(load_scene("thesis", {"finger.tip_radius_mm": 8.2})))
+    g = indentation.elliptic_geometry(8.2, 25.45 / 2)
+    f = np.linspace(0.05, 9.0, 120)
+    file = csv(tmp_path / "i.csv", "Load [N],Depth [um]", f, 1e3 * (0.2 + g.depth(f, 0.31 + 0.02 * f)))
+    out = tmp_path / "out"
+    ran = run("stiffness", file, "--scene", tmp_path / "rig.toml", "--out", out)
+    done(ran, out, "finger.toml", "scene.toml")
+    assert "[finger.reduced_modulus]" in ran.stdout
+    scene = load_scene(str(out / "scene.toml"))
+    for force in (0.5, 3.0, 8.9):
+        assert finger_modulus(scene, force) == pytest.approx(0.31 + 0.02 * force, rel=1e-3)
+    s = np.linspace(0.99, 0.6, 50)
+    stress = -hyperelastic.MooneyRivlin(0.02, 0.005, 0.0).uniaxial(s)
+    file = csv(tmp_path / "c.csv", "strain_%,stress_kPa", 100 * (1 - s), 1e3 * stress)
+    ran = run("stiffness", file, "--test", "compression", "--terms", 2, "--scene", tmp_path / "rig.toml", "--out", out)
+    done(ran, out, "finger.toml", "scene.toml")
+    assert finger_modulus(load_scene(str(out / "scene.toml")), 3.0) == pytest.approx(8 * 0.025, rel=1e-4)

@@ -30,7 +30,7 @@ from evanesce.live.charts import histogram_svg, profile_svg
 from evanesce.live.controls import SET_HERE, Controls, controls_of, knobs_of, led_names, scene_at_resolution, scene_of
 from evanesce.live.engine import Engine
 from evanesce.live.figures import figures_of, histogram_of, profile_of, single_grey
-from evanesce.live.own import MAX_BYTES, measure_own, plain_name, read_own, read_own_file
+from evanesce.live.own import MAX_BYTES, is_film, measure_own, plain_name, read_film, read_own, read_own_file
 from evanesce.live.present import present
 from evanesce.live.saved import scene_text
 from evanesce.live.truth_view import ContactShare
@@ -38,6 +38,7 @@ from evanesce.live.worker import Worker
 from evanesce.measurement.reference.segment import Chain, Crop, blurred_grey, segment
 from evanesce.rig import load_scene
 from support.live_rig import expected, rig
+from support.videos import write_video
 
 # --- settings and scenes ---------------------------------------------------------------------------------------------
 
@@ -362,6 +363,34 @@ def test_own_frame_has_its_own_mask_and_area(tmp_path: Path) -> None:
         assert own.histogram.outside.sum() == view.size
     assert measure_own(frame, chain, None).area_mm2 is None
     assert frame.name == "a frame.tif"
+
+
+def test_own_film_starts_at_its_largest_contact(tmp_path: Path) -> None:
+    """A lossless video of discs: the largest is found; every frame comes as it was written."""
+    frames = []
+    for radius in (0, 12, 40, 25):
+        image = np.full((120, 160), 12, np.uint8)
+        cv2.circle(image, (80, 60), radius, 150, -1)
+        frames.append(image)
+    path = tmp_path / "film.mkv"
+    write_video(path, frames)
+    ticks: list[tuple[int, int | None]] = []
+    film = read_film(path, None, lambda done, total: ticks.append((done, total)))
+    assert (film.count, film.largest) == (4, 2)
+    assert [done for done, _ in ticks] == [1, 2, 3, 4]
+    for number, image in enumerate(frames):
+        np.testing.assert_array_equal(film.frame(number).view, image)
+    assert film.frame(2).name == "film.mkv, frame 2"
+    with pytest.raises(InputError, match="0 to 3"):
+        film.frame(4)
+    assert is_film(path)
+    assert is_film(tmp_path)
+    (tmp_path / "a.png").write_bytes(png(frames[1]))
+    assert not is_film(tmp_path / "a.png")
+    assert not is_film(tmp_path / "none.mp4")
+    (tmp_path / "text.mp4").write_text("no film")
+    with pytest.raises(InputError, match=r"text\.mp4: --frame: cannot be opened as a video"):
+        read_film(tmp_path / "text.mp4", None, lambda done, total: None)
 
 
 def huge_png() -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import io
 import math
@@ -54,14 +55,14 @@ pytestmark = [
 ]
 
 
-@pytest.fixture(scope="module")
-def address() -> Iterator[str]:
+@contextlib.contextmanager
+def served(*options: str) -> Iterator[str]:
     """Serve the rig as the command does, on a free port."""
     pytest.importorskip("nicegui", reason="the extra 'page' is not installed")
     settings = [part for key, value in RIG.items() for part in ("--set", f"{key}={value!r}")]
     command = [sys.executable, "-m", "evanesce.cli", "serve", "thesis_ridged", "--port", "0", "--mm2-per-px", "0.0031"]
     server = subprocess.Popen(
-        command + settings,
+        [*command, *settings, *options],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=os.environ | {"PYTHONUNBUFFERED": "1"},
     )  # fmt: skip
     lines: queue.Queue[str] = queue.Queue()
@@ -80,6 +81,12 @@ def address() -> Iterator[str]:
         server.stdout.close()
     said = "".join(lines.queue)
     assert "Traceback" not in said, said
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    with served() as found:
+        yield found
 
 
 @pytest.fixture(scope="module")
@@ -476,6 +483,41 @@ def test_own_frame_stands_beside_with_its_own_area(page: Any, tmp_path: Path) ->
     assert "own frame" in page.inner_text("#error")
     page.get_by_role("button", name="Close the own frame").click()
     page.locator("#picture-own img").wait_for(state="hidden", timeout=PATIENCE_MS)
+
+
+def test_a_film_from_the_command_line_and_no_broken_picture(browser: Any, tmp_path: Path) -> None:
+    """Own film from the start, at its largest contact; a picture is drawn, or the place says it is in preparation."""
+    radii = (0, 20, 45, 61, 30)
+    for k, radius in enumerate(radii):
+        image = np.full((300, 410), 12, np.uint8)
+        cv2.circle(image, (170, 140), radius, 120, -1)
+        cv2.imwrite(str(tmp_path / f"{k}.jpg"), image)
+    pixels = [segment(cv2.imread(str(tmp_path / f"{k}.jpg"), -1), Chain(threshold=0.15)).pixels for k in range(5)]
+    broken = """() => [...document.querySelectorAll('.picture')].filter(p => {
+        const i = p.querySelector('img'), said = getComputedStyle(p, '::after').content;
+        return i.hasAttribute('src') ? i.complete && i.naturalWidth === 0 : !said.includes('in preparation');
+    }).length"""
+    with served("--frame", str(tmp_path)) as address:
+        page = browser.new_page(viewport={"width": 1280, "height": 900})
+        page.goto(address, timeout=PATIENCE_MS)
+        page.wait_for_selector("#picture-frame", state="attached", timeout=PATIENCE_MS)
+        looks = 0
+        until = time.monotonic() + 60
+        while page.locator("#figure-area_mm2").count() == 0:
+            assert page.evaluate(broken) == 0
+            assert time.monotonic() < until
+            looks += 1
+        assert looks > 0
+        page.wait_for_selector("#figure-own_pixels", timeout=PATIENCE_MS)
+        assert figure(page, "own_pixels") == pixels[3]
+        assert "frame 3" in page.inner_text("#slot-own")
+        page.get_by_label("frame of the film").fill("1")
+        wait_for(page, "own_pixels", pixels[1])
+        assert page.evaluate(broken) == 0
+        # a picture that the server no longer keeps leaves the place in preparation, not a broken image
+        page.evaluate("document.querySelector('#picture-frame img').src = '/pictures/gone.jpg'")
+        page.wait_for_selector("#picture-frame img:not([src])", state="attached", timeout=PATIENCE_MS)
+        page.close()
 
 
 def test_half_and_full_resolution(page: Any) -> None:

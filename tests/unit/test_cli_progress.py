@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import io
 import re
+import subprocess
+import sys
 import time
 
 import pytest
 from rich.console import Console
 
+from evanesce.cli import common
 from evanesce.cli.progress import CommandProgress, duration
 
 
@@ -117,3 +120,35 @@ def test_named_tasks_are_added_at_their_first_report():
 @pytest.mark.parametrize(("seconds", "words"), [(0.4, "0 s"), (119.0, "119 s"), (600.0, "10 min"), (9000.0, "2.5 h")])
 def test_durations_in_words(seconds, words):
     assert duration(seconds) == words
+
+
+def test_steps_of_a_command_stand_in_a_log(monkeypatch):
+    """Without a terminal a command that only names its steps writes them with the time; a short one writes none."""
+    file = io.StringIO()
+    monkeypatch.setattr(common, "messages", Console(file=file, force_terminal=False, width=200))
+    monkeypatch.setattr(common, "CommandProgress", lambda console: CommandProgress(console, 0.05))
+    with common.working("corners") as step:
+        time.sleep(0.12)
+        step("light")
+        time.sleep(0.12)
+    lines = lines_of(file)
+    assert lines == file.getvalue().splitlines()  # no empty line
+    assert re.fullmatch(r"corners, \d+ s elapsed", lines[0])
+    assert re.fullmatch(r"light, \d+ s elapsed", lines[-1])
+    monkeypatch.setattr(common, "CommandProgress", CommandProgress)
+    with common.working("nothing"):
+        pass
+    assert lines_of(file) == lines
+
+
+def test_no_runtime_warning_of_a_library_reaches_a_user():
+    """The entry point in a process of its own, whose command divides by zero; a warning of another kind is shown."""
+    code = (
+        "import warnings, numpy as np, evanesce.cli.app as a\n"
+        "def work():\n np.zeros(1) / 0\n warnings.warn('seen', UserWarning)\n"
+        "a.app = work; a.main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "RuntimeWarning" not in done.stderr
+    assert "seen" in done.stderr

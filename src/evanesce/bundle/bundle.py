@@ -69,7 +69,10 @@ class Bundle:
         return rows, cols
 
     def frame(self, shot: Shot) -> Grey:
-        """Return a press frame, uint8 (rows, cols) [DN]; colour is made grey by the segmentation's luma weights.
+        """Return a press frame [DN].
+
+        A colour camera's frame keeps its colour; of another camera, colour is made grey by the segmentation's luma
+        weights.
 
         Parameters
         ----------
@@ -78,7 +81,7 @@ class Bundle:
 
         Returns
         -------
-        ndarray of uint8 (rows, cols)
+        ndarray of uint8 (rows, cols), or (rows, cols, 3) of a scene with a colour camera
             [DN].
 
         Raises
@@ -103,8 +106,8 @@ class Bundle:
 
         Returns
         -------
-        tuple of ndarray of uint8 (rows, cols)
-            [DN].
+        tuple of ndarray of uint8
+            Each as from :meth:`frame` [DN].
         """
         if kind == PRESS_FOLDER:
             return tuple(self.frame(shot) for shot in self.press)
@@ -125,6 +128,10 @@ class Bundle:
         int
         """
         return len(self.press) if kind == PRESS_FOLDER else len(self._files.get(kind, ()))
+
+    def files(self, kind: str) -> tuple[Path, ...]:
+        """Return the picture files of ``press``, ``replicates`` or an auxiliary kind; none of a video."""
+        return self._files.get(kind, ())
 
     @cached_property
     def replicate_frames(self) -> tuple[Grey, ...]:
@@ -213,7 +220,10 @@ class Bundle:
 
     def _checked(self, data: Grey, path: Path) -> Grey:
         check_size((data.shape[1], data.shape[0]), self.scene, path)
-        if data.ndim == 3:
+        coloured = self.scene.camera.colour is not None
+        if coloured and data.ndim == 2:
+            data = np.repeat(data[..., None], 3, axis=2)  # a filter mosaic's grey picture: equal channels
+        if not coloured and data.ndim == 3:
             data = np.floor(255.0 * grey(data) + 0.5).astype(np.uint8)
         data.flags.writeable = False
         return data

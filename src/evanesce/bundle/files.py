@@ -1,4 +1,4 @@
-"""Check the files of a bundle: none outside its folder, frames as PNG and of one size."""
+"""Check the files of a bundle: none outside its folder, frames as pictures of one size."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from PIL import Image as PillowImage
 from evanesce.bundle.layout import MEASUREMENT_FILE, REPLICATES_FOLDER, REPLICATES_TABLE
 from evanesce.core.errors import InputError
 from evanesce.measurement.io.frames import natural_key
+from evanesce.measurement.io.images import IMAGE_SUFFIXES
 from evanesce.rig import Scene
 
 MAX_FILES = 100_000
@@ -65,7 +66,7 @@ def check_inside(root: Path, path: Path) -> None:
         raise InputError("is a link that leads out of the bundle", file=path, allowed="files inside the folder")
 
 
-def png_files(root: Path, folder: str) -> tuple[Path, ...]:
+def picture_files(root: Path, folder: str) -> tuple[Path, ...]:
     """Return a folder's frames in natural order; empty where there is no such folder.
 
     Parameters
@@ -84,13 +85,15 @@ def png_files(root: Path, folder: str) -> tuple[Path, ...]:
         return ()
     check_inside(root, where)
     if not where.is_dir():
-        raise InputError("is a file", file=where, allowed="a folder of PNG frames")
+        raise InputError("is a file", file=where, allowed="a folder of pictures")
     found = []
     for path in where.iterdir():
         if path.name.startswith(".") or (path.name == REPLICATES_TABLE and folder == REPLICATES_FOLDER):
             continue
-        if path.suffix.lower() != ".png":
-            raise InputError("is no PNG frame", file=path, allowed="PNG files only in this folder")
+        if path.suffix.lower() not in IMAGE_SUFFIXES:
+            raise InputError(
+                "is no picture", file=path, allowed=f"only {' '.join(sorted(IMAGE_SUFFIXES))} in this folder"
+            )
         check_inside(root, path)
         if not path.is_file():
             raise InputError("is no regular file", file=path)
@@ -98,7 +101,7 @@ def png_files(root: Path, folder: str) -> tuple[Path, ...]:
         if len(found) > MAX_FILES:
             raise InputError(f"more than {MAX_FILES} files", file=where)
     if not found:
-        raise InputError("holds no frame", file=where, allowed="PNG frames, or no such folder")
+        raise InputError("holds no frame", file=where, allowed="pictures, or no such folder")
     return tuple(sorted(found, key=lambda p: (natural_key(p.name), p.name)))
 
 
@@ -117,7 +120,9 @@ def numbered(paths: Sequence[Path]) -> dict[int, Path]:
     found: dict[int, Path] = {}
     for path in paths:
         if not (path.stem.isascii() and path.stem.isdecimal()):
-            raise InputError(f"{path.stem!r} is no number", file=path, allowed="NNNN.png, the index of press.csv")
+            raise InputError(
+                f"{path.stem!r} is no number", file=path, allowed="NNNN.png (.jpg, .tif, .bmp), the index of press.csv"
+            )
         if int(path.stem) in found:
             raise InputError(f"is frame {int(path.stem)} once more", file=path, allowed="each number once")
         found[int(path.stem)] = path
@@ -130,15 +135,15 @@ def check_header(path: Path, scene: Scene) -> None:
     Parameters
     ----------
     path : Path
-        PNG frame.
+        Picture.
     scene : Scene
         Nominal model; its camera states the size.
     """
     try:
-        with PillowImage.open(path, formats=("PNG",)) as picture:
+        with PillowImage.open(path, formats=("PNG", "JPEG", "TIFF", "BMP")) as picture:
             size = picture.size
     except (OSError, ValueError, SyntaxError, PillowImage.DecompressionBombError) as error:
-        raise InputError(f"cannot be read as PNG: {error}", file=path) from None
+        raise InputError(f"cannot be read as a picture: {error}", file=path) from None
     check_size(size, scene, path)
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from evanesce.bundle.bundle import Bundle
-from evanesce.bundle.files import check_header, check_inside, inside, numbered, png_files
+from evanesce.bundle.files import check_header, check_inside, inside, numbered, picture_files
 from evanesce.bundle.layout import (
     AUXILIARY,
     HELD,
@@ -85,7 +85,7 @@ def read_bundle(path: str | Path, *, decode: bool = True) -> Bundle:
     scene = _scene(root, described.scene)
     video = None if described.press.video is None else inside(root, described.press.video, "press.video")
     press, press_files = _read_press(root, scene, video)
-    files = {kind: png_files(root, kind) for kind in AUXILIARY}
+    files = {kind: picture_files(root, kind) for kind in AUXILIARY}
     files[PRESS_FOLDER] = press_files
     replicates, files[REPLICATES_FOLDER] = _read_replicates(root, scene, described, press)
     bundle = Bundle(
@@ -142,7 +142,7 @@ def _scene(root: Path, name: str) -> Scene:
 
 def _read_press(root: Path, scene: Scene, video: Path | None) -> tuple[tuple[Shot, ...], tuple[Path, ...]]:
     table = root / PRESS_TABLE
-    folder = () if video is not None else png_files(root, PRESS_FOLDER)
+    folder = () if video is not None else picture_files(root, PRESS_FOLDER)
     if video is not None and (root / PRESS_FOLDER).exists():
         raise InputError(
             "there is a video and a folder press/", file=root / MEASUREMENT_FILE, key="press.video",
@@ -175,7 +175,7 @@ def _read_press(root: Path, scene: Scene, video: Path | None) -> tuple[tuple[Sho
 def _read_replicates(
     root: Path, scene: Scene, described: _Measurement, press: tuple[Shot, ...]
 ) -> tuple[Replicates, tuple[Path, ...]]:
-    files = png_files(root, REPLICATES_FOLDER)
+    files = picture_files(root, REPLICATES_FOLDER)
     table, index = root / REPLICATES_FOLDER / REPLICATES_TABLE, described.replicates.press_index
     key = "replicates.press_index"
     if not files:

@@ -41,6 +41,7 @@ from evanesce.render.fast.sampling import BLOCK, Maps, block_means, spread_block
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
 from evanesce.rig.colour import Mosaic
+from evanesce.rig.finger import OWN_FIGURES
 from evanesce.sensor.automatic import is_automatic
 from evanesce.sensor.colour import ImageProcessor, finish_mosaic
 from evanesce.sensor.lens import form_image
@@ -347,6 +348,6 @@ def _lasting(scene: Scene) -> dict[str, Any]:
         edge.pop("relative_power", None)
     leds["edge"] = {name: edge for name, edge in leds["edge"].items() if edge != {"offset_mm": 0.0}}
     lens.pop("defocus_um")
-    for key in ("material", "ridges", "modulus_factor"):
+    for key in ("material", "ridges", "modulus_factor", *OWN_FIGURES):
         finger.pop(key, None)
     return {key: data[key] for key in ("plate", "leds", "finger", "camera", "grid")}

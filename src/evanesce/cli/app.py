@@ -66,4 +66,5 @@ def main() -> None:
     os.environ.setdefault("MPLBACKEND", "Agg")
     # a division inside a library tells its user nothing; what is wrong with a result is a warning of ours
     warnings.simplefilter("ignore", RuntimeWarning)
+    os.environ.setdefault("PYTHONWARNINGS", "ignore::RuntimeWarning")  # of worker processes
     app()

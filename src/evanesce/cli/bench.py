@@ -27,7 +27,12 @@ def register(app: typer.Typer) -> None:
 def stiffness(
     file: FileArgument,
     test: Annotated[str, typer.Option("--test", help="indentation or compression.")] = "indentation",
-    finger_radius: Annotated[float, typer.Option("--finger-radius-mm", help="Indentation.")] = 7.5,
+    scene: Annotated[
+        str | None, typer.Option("--scene", help="Scene whose finger was tested: the keys to put into it are written.")
+    ] = None,
+    finger_radius: Annotated[
+        float | None, typer.Option("--finger-radius-mm", help="Indentation; the scene's, or 7.5.")
+    ] = None,
     indenter_diameter: Annotated[float, typer.Option("--indenter-diameter-mm", help="Steel cylinder.")] = 25.45,
     poisson: Annotated[float, typer.Option("--poisson-ratio", min=0.0, max=0.5)] = 0.49,
     height: Annotated[float | None, typer.Option("--height-mm", help="Compression: undeformed height.")] = None,
@@ -38,6 +43,13 @@ def stiffness(
 ) -> None:
     """Modulus against force from an indentation (force, displacement), or Mooney-Rivlin from a compression test."""
     check_json_target(json_file)
+    loaded = None
+    if scene is not None:
+        from evanesce.rig import load_scene
+
+        loaded = load_scene(scene)
+    if finger_radius is None:
+        finger_radius = 7.5 if loaded is None else loaded.finger.tip_radius_mm
     if test not in ("indentation", "compression"):
         raise InputError(f"{test!r}", key="--test", allowed="indentation, compression")
     if not (0 < finger_radius < 1e4 and 0 < indenter_diameter < 1e4):
@@ -48,6 +60,8 @@ def stiffness(
         result, folder = output.write_indentation(file, finger_radius, indenter_diameter / 2.0, poisson, out)
     else:
         result, folder = output.write_compression(file, height, area, terms, out)
+    if loaded is not None:
+        result |= output.write_finger(loaded, result, folder)
     output.finish({"file": file.name, **result}, json_file, folder)
 
 

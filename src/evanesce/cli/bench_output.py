@@ -6,13 +6,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.table import Table
 
 from evanesce.cli.common import console, out_dir, write_figure, write_json, write_text
 from evanesce.core.errors import InputError, WorkError
+
+if TYPE_CHECKING:
+    from evanesce.rig import Scene
 
 Result = tuple[dict[str, Any], Path]
 """Figures of a test, and the folder with its files."""
@@ -82,6 +85,7 @@ def write_indentation(file: Path, finger: float, indenter: float, nu: float, out
         "test": "indentation",
         "effective_radius_mm": geometry.effective_radius,
         "axis_ratio": geometry.axis_ratio,
+        "force_range_N": [float(r.force.min()), float(r.force.max())],
         "reduced_modulus_intercept_MPa": r.intercept,
         "reduced_modulus_intercept_se_MPa": r.intercept_se,
         "reduced_modulus_slope_MPa_per_N": r.slope,
@@ -134,6 +138,48 @@ def write_compression(file: Path, height: float | None, area: float | None, term
         "stability_limits": limits,
     }
     return result, folder
+
+
+def write_finger(scene: Scene, result: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Write and print the finger's keys that a stiffness test gives, and the scene with them in place of its material.
+
+    Raises
+    ------
+    InputError
+        If a scene with them is not valid.
+    """
+    import tomli_w
+
+    from evanesce.rig import copy_scene_files, dump_scene
+    from evanesce.rig.finger import OWN, OWN_FIGURES
+
+    if result["test"] == "indentation":
+        intercept, slope = result["reduced_modulus_intercept_MPa"], result["reduced_modulus_slope_MPa_per_N"]
+        forces = [float(f"{force:.4g}") for force in result["force_range_N"]]
+        moduli = [float(f"{intercept + slope * force:.5g}") for force in forces]
+        keys: dict[str, Any] = {"reduced_modulus": {"force_N": forces, "modulus_MPa": moduli}}
+    else:
+        keys = {"mooney_rivlin": {name: float(f"{result[name]:.6g}") for name in ("C10_Pa", "C01_Pa", "C11_Pa")}}
+    keys = {"material": OWN} | keys
+    data = scene.as_dict()
+    data["finger"] = {key: value for key, value in data["finger"].items() if key not in OWN_FIGURES} | keys
+    for name in ("assumptions", "sources"):
+        data[name] = {key: why for key, why in data.get(name, {}).items() if not key.startswith("finger.material")}
+    if "reduced_modulus_MPa" in data["contact"]:
+        data["contact"] = {k: v for k, v in data["contact"].items() if not k.startswith("reduced_modulus")}
+    changed = type(scene).from_dict(data)
+    text = tomli_w.dumps({"finger": keys})
+    write_text(folder / "finger.toml", text)
+    copy_scene_files(changed, folder)
+    write_text(folder / "scene.toml", dump_scene(changed))
+    console.print("keys for the scene (finger.toml; scene.toml has them in place):", highlight=False)
+    console.print(text.rstrip(), markup=False, highlight=False)
+    if result["test"] == "indentation":
+        console.print(
+            "note: E* under an indenter; on flat glass the thesis's Silskin 0 % was less than half as stiff (5.5.1)",
+            highlight=False,
+        )
+    return {"finger": keys}
 
 
 def write_dma(file: Path, reference: float | None, out: Path | None) -> Result:

@@ -9,6 +9,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from evanesce.cli import bundle_make
 from evanesce.cli.common import JsonOption, check_json_target, console, handles_errors, write_json
 
 
@@ -17,9 +18,7 @@ def register(app: typer.Typer) -> None:
     group = typer.Typer(no_args_is_help=True, help="Measurement bundles: the measurements of a rig in one folder.")
     app.add_typer(group, name="bundle")
 
-    @group.callback()
-    def _group() -> None:
-        """Keep ``check`` a command of its own, also while it is the only one."""
+    bundle_make.register(group)
 
     @group.command()
     @handles_errors
@@ -27,17 +26,25 @@ def register(app: typer.Typer) -> None:
         folder: Annotated[Path, typer.Argument(help="The bundle, see docs/reference/bundle.md.")],
         json_file: JsonOption = None,
     ) -> None:
-        """Check every table and frame; say what is there, and what cannot be named without what is missing."""
+        """Check every table and frame; say what is there, and what cannot be named without what is missing.
+
+        The board in the pictures is compared with the scene's card.
+        """
         from evanesce.bundle import read_bundle
+        from evanesce.bundle.board import nominal_plane
         from evanesce.bundle.check import contents
+        from evanesce.bundle.make import check_boards
 
         check_json_target(json_file)
-        found = contents(read_bundle(folder))
+        bundle = read_bundle(folder)
+        unseen = check_boards(bundle.files("checkerboard"), bundle.scene, nominal_plane(bundle.scene))
+        found = contents(bundle) | {"no_board_in": unseen}
         write_json(json_file, found)
-        _show(found)
+        show(found)
 
 
-def _show(found: dict[str, Any]) -> None:
+def show(found: dict[str, Any]) -> None:
+    """Print the contents of a bundle."""
     from evanesce.bundle.check import MISSING
 
     cols, rows = found["resolution_px"]
@@ -62,6 +69,9 @@ def _show(found: dict[str, Any]) -> None:
         console.print(
             escape(f"not read: {name} (folders that are read are listed in docs/reference/bundle.md)"), highlight=False
         )
+    if found.get("no_board_in"):
+        names = ", ".join(found["no_board_in"])
+        console.print(escape(f"no checkerboard is found in: {names}"), highlight=False)
     if not any(found["frames"].values()):
         console.print("series alone: which effects they feel shows when `evanesce criticise` predicts them")
     if found["cannot_be_named"]:

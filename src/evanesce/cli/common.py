@@ -75,6 +75,24 @@ def progress() -> CommandProgress:
     return CommandProgress(messages)
 
 
+@contextmanager
+def working(step: str) -> Iterator[Callable[[str], None]]:
+    """Show the step a command is at: a spinner on a terminal, a line every ten seconds in a log.
+
+    Yields
+    ------
+    callable
+        Called with the next step.
+    """
+    if messages.is_terminal:
+        with messages.status(step) as status:
+            yield status.update
+        return
+    with progress() as bar:
+        task = bar.add_task(step, total=None)
+        yield lambda following: bar.update(task, description=following)
+
+
 def out_dir(path: Path | None, default: str) -> Path:
     """Create and return the output folder; ``outputs/<default>`` when none is given."""
     folder = path if path is not None else Path("outputs") / default

@@ -61,6 +61,7 @@ def register(app: typer.Typer) -> None:
         loaded = None if calibration is None else load_calibration(calibration)
         scale = mm2_per_px if mm2_per_px is not None else None if loaded is None else loaded.mm2_per_px
         if scale is None:
+            read_rendered(rendered)  # a folder that is not there is the first thing to say
             key = "--mm2-per-px" if loaded is None else "mm2_per_px"
             raise InputError(
                 "the area of a pixel is not known", file=calibration, key=key,
@@ -94,9 +95,12 @@ def register(app: typer.Typer) -> None:
 MOST_ERROR_PERCENT = 5.0
 """Error from which its cause is named."""
 
+NAMED_SHARE = 0.25
+"""Share of the error from which light beside the contact is named among its causes: a choice."""
+
 
 def spoilt(found: Evaluation, mm2_per_px: float) -> dict[str, float]:
-    """Return what may spoil an area: counted pixels at full scale, light at the flank, and their distance.
+    """Return what may spoil an area: counted pixels at full scale, light beside the contact.
 
     Parameters
     ----------
@@ -123,20 +127,21 @@ def spoilt(found: Evaluation, mm2_per_px: float) -> dict[str, float]:
 
 
 FLANK_PX = 4.0
-"""Beyond this distance from the contact blur leaves nothing: what is counted there is light on the finger's flank."""
+"""Beyond this distance from the contact blur leaves nothing: what is counted there is light on the finger's flank
+or scattered in it."""
 
 
 def causes(rows: list[dict[str, Any]], threshold: float) -> list[str]:
-    """Return a line for each frame whose large error saturation or light on the flank causes."""
+    """Return a line for each frame whose large error saturation or light beside the contact causes."""
     found = []
     for row in rows:
         if abs(row["error_percent"]) < MOST_ERROR_PERCENT:
             continue
         parts = []
-        if row["flank_percent"] > 0.5 * abs(row["error_percent"]):
+        if row["flank_percent"] > NAMED_SHARE * abs(row["error_percent"]):
             parts.append(
-                f"light on the finger's flank above the threshold {threshold:g}, more than {FLANK_PX:g} px outside the "
-                f"contact, counts {row['flank_percent']:+.1f} %"
+                f"light beside the contact, on the finger's flank or scattered in the silicone, is above the threshold "
+                f"{threshold:g}: farther out than {FLANK_PX:g} px it counts {row['flank_percent']:+.1f} %"
             )
         if row["saturated_percent"] > 1.0:
             parts.append(f"{row['saturated_percent']:.1f} % of the counted pixels are at full scale (saturation)")

@@ -10,7 +10,7 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
-from evanesce.cli.common import JsonOption, check_json_target, console, handles_errors, messages, write_json
+from evanesce.cli.common import JsonOption, check_json_target, console, handles_errors, working, write_json
 from evanesce.core.errors import InputError
 
 CURVES = ("libcamera", "bt709", "srgb", "linear")
@@ -49,11 +49,11 @@ def register(app: typer.Typer) -> None:
 
         picture, base = read_image(photo), load_scene(scene)
         views = None if corners is None else read_points(corners)
-        with messages.status("corners and geometry") as status:
+        with working("corners and geometry") as step:
             photograph = read_photograph(picture.data, base, curve)  # type: ignore[arg-type]
-            found, bench = criticise_photograph(photograph, seed=seed, tick=lambda step: status.update(step))
+            found, bench = criticise_photograph(photograph, seed=seed, tick=step)
             if views is not None:
-                status.update("views")
+                step("views")
                 found.answer["views"] = photographed_views(photograph, views, bench.pixel_noise_DN)
         origin = record(seed=seed, config=base.as_dict(), photograph=photo.name, tone_curve=curve)
         write_json(json_file, {**found.answer, "provenance": origin})

@@ -61,7 +61,10 @@ class CommandProgress(Progress):
 
     def stop(self) -> None:
         """End the bars or the lines; a task that has lines gets a last one."""
-        super().stop()
+        if self.console.is_terminal:
+            super().stop()
+        else:
+            self.live.stop()  # without the empty line that Progress.stop leaves in a log
         self._ended.set()
         if self._logger is not None:
             self._logger.join()
@@ -118,8 +121,9 @@ class CommandProgress(Progress):
                 self._print(task)
 
     def _print(self, task: Task) -> None:
+        count = f" {task.completed:.0f}" if task.completed or task.total is not None else ""
         total = "" if task.total is None else f"/{task.total:.0f}"
-        line = f"{task.description} {task.completed:.0f}{total}, {self.state(task)}"
+        line = f"{task.description}{count}{total}, {self.state(task)}"
         self.console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -237,12 +238,17 @@ def _show(result: dict[str, Any], folder: Path) -> None:
             f"{100 * row['relative_error']:.2f}",
         )
     console.print(table)
-    full = [row for row in result["frames"] if row["full_scale_share"] > MOST_FULL_SCALE]
+    warn_of_saturation({row["index"]: row["full_scale_share"] for row in result["frames"]})
+
+
+def warn_of_saturation(shares: Mapping[int, float]) -> None:
+    """Warn of frames with pixels at full scale, by their share in each frame."""
+    full = {index: share for index, share in shares.items() if share > MOST_FULL_SCALE}
     if full:
-        worst = max(full, key=lambda row: row["full_scale_share"])
+        worst = max(full, key=lambda index: full[index])
         text = (
             f"warning: saturation: over {100 * MOST_FULL_SCALE:g} % of the pixels at full scale (255) in {len(full)}"
-            f" of {len(result['frames'])} frame(s), {100 * worst['full_scale_share']:.1f} % in frame {worst['index']}:"
+            f" of {len(shares)} frame(s), {100 * full[worst]:.1f} % in frame {worst}:"
             " lower leds.voltage_V or expose less"
         )
         messages.print(text, style="yellow", markup=False, highlight=False, soft_wrap=True)

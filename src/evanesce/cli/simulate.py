@@ -8,7 +8,15 @@ from typing import Annotated, Any
 import typer
 
 from evanesce.cli.common import chosen_variant, console, handles_errors, progress
-from evanesce.cli.render import FastOption, SetOption, VariantOption, check_variant, parse_overrides
+from evanesce.cli.render import (
+    FastOption,
+    SetOption,
+    VariantOption,
+    check_variant,
+    full_scale_share,
+    parse_overrides,
+    warn_of_saturation,
+)
 
 
 def register(app: typer.Typer) -> None:
@@ -32,6 +40,7 @@ def register(app: typer.Typer) -> None:
 
         The bundle includes the scene that made it. See docs/reference/bundle.md.
         """
+        from evanesce.bundle import read_bundle
         from evanesce.bundle.write import write_bundle
         from evanesce.core import provenance
         from evanesce.effects import active_effects
@@ -49,6 +58,8 @@ def register(app: typer.Typer) -> None:
                 bundle, loaded, seed=seed, render=render, card=card, provenance=origin, finer=coarser if fast else 1,
                 tick=lambda done, total: bar.update(task, completed=done, total=total),
             )  # fmt: skip
+        found = read_bundle(bundle, decode=False)
+        warn_of_saturation({shot.index: full_scale_share(found.frame(shot)) for shot in found.press})
         console.print(f"Written: {bundle}  (evanesce bundle check {bundle})", highlight=False)
 
 

@@ -13,8 +13,8 @@ from evanesce.cli.common import (
     check_json_target,
     console,
     handles_errors,
-    messages,
     out_dir,
+    working,
     write_figure,
     write_json,
 )
@@ -33,7 +33,7 @@ def register(group: typer.Typer) -> None:
 
         check_json_target(json_file)
         folder = out_dir(out, "study-mechanics")
-        with messages.status("ridges on solved contacts: some seconds"):
+        with working("ridges on solved contacts: some seconds"):
             found = predictions()
             result = as_json(found)
         result["provenance"] = dict(provenance.record())

@@ -17,6 +17,7 @@ from evanesce.cli.common import (
     messages,
     out_dir,
     progress,
+    working,
     write_json,
     write_text,
 )
@@ -72,7 +73,7 @@ def register(app: typer.Typer) -> None:
 
         loaded, base = read_image(photo), load_scene(scene or "thesis")
         folder = out_dir(out, "twin")
-        with messages.status("corners, geometry, light and blur: about a minute for a megapixel"):
+        with working("corners, geometry, light and blur: about a minute for a megapixel"):
             made = make_twin(loaded.data, base, seed=seed, curve=curve)  # type: ignore[arg-type]
             residuals = twin_residuals(made)
         origin = provenance.record(seed=seed, config=base.as_dict(), photograph=photo.name, tone_curve=curve)

@@ -19,9 +19,9 @@ from evanesce.contact.fem.stored import LibraryPress
 from evanesce.contact.patch import AxisymmetricContact
 from evanesce.contact.scaling import stiffened_contact, stiffness_factor
 from evanesce.core.errors import InputError
-from evanesce.materials import material
+from evanesce.materials import Material, material, silicone_of
 from evanesce.rig import Finger, Scene
-from evanesce.rig.finger import FemLaw, HalfspaceLaw, HertzLaw, JkrLaw, ScaledHertzLaw, XydasKaoLaw
+from evanesce.rig.finger import OWN, FemLaw, HalfspaceLaw, HertzLaw, JkrLaw, ScaledHertzLaw, XydasKaoLaw
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,10 @@ def _nominal_modulus(scene: Scene, force: float) -> float:
     law = scene.contact
     if isinstance(law, FemLaw):
         return law.reduced_modulus_MPa or small_strain_modulus(scene.finger.material)
-    published = material(scene.finger.material).flat_reduced_modulus
+    silicone = silicone_of(scene.finger)
+    if silicone.by_force is not None:
+        return _measured_modulus(silicone, force)
+    published = silicone.flat_reduced_modulus
     intercept, slope = published.intercept_MPa, published.slope_MPa_per_N
     if not isinstance(law, XydasKaoLaw):
         if law.reduced_modulus_MPa is not None:
@@ -135,6 +138,17 @@ def _nominal_modulus(scene: Scene, force: float) -> float:
     except ValueError as error:
         key = "contact.reduced_modulus_slope_MPa_per_N"
         raise InputError(f"{error} at {force:g} N", key=key, allowed="E* > 0 at every force of the programme") from None
+
+
+def _measured_modulus(silicone: Material, force: float) -> float:
+    """Return E* [MPa] of the scene's own columns; beyond the largest measured force nothing is known."""
+    assert silicone.by_force is not None
+    last = silicone.by_force.force_N[-1]
+    if force > last * (1 + 1e-9):
+        raise InputError(
+            f"{force:g} N", key="finger.reduced_modulus.force_N", allowed=f"forces up to the last measured, {last:g} N"
+        )
+    return float(silicone.reduced_modulus(force))
 
 
 def small_strain_modulus(name: str) -> float:
@@ -155,7 +169,7 @@ def small_strain_modulus(name: str) -> float:
     InputError
         For a material without such a fit.
     """
-    fit = material(name).mooney_rivlin
+    fit = None if name == OWN else material(name).mooney_rivlin
     if fit is None:
         raise InputError(f"{name!r} has no hyperelastic fit", key="finger.material", allowed="silskin_0, silskin_20")
     return 4.0 * fit.shear_modulus_MPa

@@ -27,9 +27,10 @@ from evanesce.contact.sliding.states import SlideStates, SlideView
 from evanesce.contact.statics import pressed_state
 from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState, PlateGrid
-from evanesce.materials import material
+from evanesce.materials import silicone_of
 from evanesce.materials.friction import InterfaceFriction, coulomb, interface_of
 from evanesce.rig import Finger, Scene, Slide
+from evanesce.rig.finger import OWN
 
 
 def contact_grid(scene: Scene) -> PlateGrid:
@@ -206,7 +207,7 @@ def _solve_slide(scene: Scene) -> SlideStates:
     def contact_law(force: float) -> AxisymmetricContact:
         return apply_law(scene, force).contact
 
-    poisson = material(finger.material).poisson_ratio
+    poisson = silicone_of(finger).poisson_ratio
     forces = programme.sample()[1].tolist()
     widest = max(contact_law(force).contact_radius for force in forces)
     if not tip_contact_fits(widest, finger.tip_radius_mm, angle):
@@ -240,6 +241,8 @@ def _friction(finger: Finger, slide: Slide) -> InterfaceFriction:
     if slide.friction_coefficient is not None:
         return coulomb(slide.friction_coefficient)
     try:
+        if finger.material == OWN:
+            raise ValueError("no friction is known of the scene's own silicone")
         return interface_of(finger.material)
     except ValueError as error:
         raise InputError(str(error), key="slide.friction_coefficient", allowed="a coefficient") from None
@@ -249,7 +252,7 @@ def _drive_stiffness(finger: Finger, slide: Slide, force: float, depth: float, a
     """Return the stiffness of the finger's shaft along the slide [N/mm]; infinite for a rigid one."""
     if slide.shaft == "rigid":
         return math.inf
-    silicone = material(finger.material)
+    silicone = silicone_of(finger)
     fit = silicone.mooney_rivlin
     youngs = silicone.youngs_modulus_MPa if fit is None else fit.youngs_modulus_MPa
     youngs *= stiffness_factor(finger, force)

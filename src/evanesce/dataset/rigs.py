@@ -18,7 +18,7 @@ from evanesce.optics.seen import seen_at
 from evanesce.render.fast.readout import ChargeBox
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
-from evanesce.rig.finger import Finger
+from evanesce.rig.finger import OWN_FIGURES, Finger
 from evanesce.rig.load import validate
 from evanesce.sensor.expose import charge_of
 
@@ -37,7 +37,8 @@ def rig_scene(base: Scene, rig: RigPlan, finger: FingerPlan, config: DatasetConf
     for name in ("slide", "assumptions", "sources"):
         data.pop(name, None)
     data["finger"] |= {"tip_radius_mm": finger.tip_radius_mm, "material": finger.material}
-    data["finger"].pop("ridges", None)
+    for key in ("ridges", *OWN_FIGURES):
+        data["finger"].pop(key, None)
     if finger.pattern:
         data["finger"]["ridges"] = {
             "pattern": finger.pattern,

@@ -28,7 +28,7 @@ from evanesce.core.states import ContactState, PlateGrid
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.design import TrialPlan
 from evanesce.dataset.programme import Sampled, sample_programme
-from evanesce.materials import material
+from evanesce.materials import silicone_of
 from evanesce.materials.friction import InterfaceFriction
 from evanesce.rig import Scene
 
@@ -87,7 +87,7 @@ class Trial:
         load: Callable[[int, float, float], float] | None = None,
     ) -> None:
         self.plan, self.config, self.scene, self.grid = plan, config, scene, grid
-        self._silicone = material(scene.finger.material)
+        self._silicone = silicone_of(scene.finger)
         held = plan.programme["normal_force_N"]
         contact = self._contact(held)
         self._friction, self._modulus = _interface(plan, contact), smooth_contact(scene, held)[1]

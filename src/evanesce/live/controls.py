@@ -13,7 +13,7 @@ from evanesce.measurement.reference.segment import Chain
 from evanesce.optics.led import led_positions
 from evanesce.rig import Scene
 from evanesce.rig.coarser import coarser_camera
-from evanesce.rig.finger import Ridges
+from evanesce.rig.finger import OWN_FIGURES, Ridges
 from evanesce.rig.load import validate
 
 SET_HERE = "set on the live page"
@@ -190,6 +190,7 @@ def scene_of(base: Scene, controls: Controls) -> Scene:
     if controls.led_power != start.led_power:
         changed += _set_powers(base, data, controls.led_power)
     if controls.material != start.material:
+        data["finger"] = {key: value for key, value in data["finger"].items() if key not in OWN_FIGURES}
         data["finger"]["material"] = controls.material
         changed.append("finger.material")
     if controls.ridge_height_um != start.ridge_height_um:

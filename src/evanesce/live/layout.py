@@ -12,7 +12,7 @@ from nicegui import ui
 from nicegui.element import Element
 
 from evanesce.live.controls import Controls, knobs_of
-from evanesce.live.own import ALLOWED, MAX_BYTES
+from evanesce.live.own import ALLOWED, MAX_BYTES, OwnFilm
 from evanesce.live.pictures import AGREE, FALSE, MISSED
 from evanesce.live.widgets import KnobRow, LedMap, Picture, Screen
 from evanesce.materials.tables import material_names
@@ -36,6 +36,8 @@ class Handlers:
         ``await open_own(content, name)`` with an uploaded file.
     set_own_scale : callable
         With the area of a pixel of the own frame [mm^2], or None.
+    set_film_frame : callable
+        ``await set_film_frame(number)`` of the own film.
     refuse : callable
         With a line that says why an upload was refused.
     """
@@ -46,6 +48,7 @@ class Handlers:
     open_own: Callable[[bytes, str], Awaitable[None]]
     close_own: Callable[[], None]
     set_own_scale: Callable[[float | None], None]
+    set_film_frame: Callable[[float | None], Awaitable[None]]
     drawn: Callable[[], None]
     refuse: Callable[[str], None]
 
@@ -63,11 +66,14 @@ class Layout:
         Whether the own frame is shown undistorted.
     own_scale : float or None
         Area of a pixel of the own frame at first [mm^2].
+    film : OwnFilm, optional
+        Of which frames can be chosen.
     """
 
     def __init__(
-        self, scene: Scene, start: Controls, handlers: Handlers, *, undistorted: bool, own_scale: float | None
-    ) -> None:
+        self, scene: Scene, start: Controls, handlers: Handlers, *, undistorted: bool, own_scale: float | None,
+        film: OwnFilm | None = None,
+    ) -> None:  # fmt: skip
         self._start, self._handlers = start, handlers
         self.knobs: dict[str, KnobRow] = {}
         self.pictures: dict[str, Picture] = {}
@@ -84,7 +90,7 @@ class Layout:
                 self._build_settings(scene)
             with ui.element("section").classes("stage").props('aria-label="Results"') as self.stage:
                 self._build_pictures()
-                self._build_own(undistorted)
+                self._build_own(undistorted, film)
                 self._build_charts()
                 self._build_upload(own_scale)
 
@@ -129,7 +135,8 @@ class Layout:
         _heading("Rig")
         for name in RIG_KNOBS:
             row(name)
-        self.material = _choice("Material", {m: m for m in material_names()}, self._start.material,
+        silicones = dict.fromkeys((*material_names(), self._start.material))  # the scene's own besides
+        self.material = _choice("Material", {m: m for m in silicones}, self._start.material,
                                 lambda value: handlers.set(material=value))  # fmt: skip
         cols, rows = scene.camera.resolution_px
         sizes = {f: f"{cols // f} × {rows // f} px" for f in (1, 2, 4) if cols % f == 0 and rows % f == 0}
@@ -148,7 +155,7 @@ class Layout:
             with _panel("Figures", ""):
                 _slot("figures").classes("figures")
 
-    def _build_own(self, undistorted: bool) -> None:
+    def _build_own(self, undistorted: bool, film: OwnFilm | None) -> None:
         with ui.element("div").classes("pictures own") as self.own_row:
             with _panel("Own frame", "undistorted" if undistorted else "as it is"):
                 self.pictures["own"] = Picture("own", "own frame")
@@ -156,6 +163,9 @@ class Layout:
                 self.pictures["own_mask"] = Picture("own-mask", "own frame with its mask in blue")
             with _panel("Its figures", ""):
                 _slot("own").classes("figures")
+                if film is not None:
+                    number = ui.number("frame of the film", value=film.largest, min=0, max=film.count - 1, precision=0)
+                    number.props("dense outlined").on_value_change(lambda e: self._handlers.set_film_frame(e.value))
                 close = ui.button("Close", on_click=self._handlers.close_own)
                 close.props('flat no-caps dense aria-label="Close the own frame"')
         self.own_row.set_visibility(False)

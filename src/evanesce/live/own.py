@@ -1,9 +1,10 @@
-"""Read a user's own frame from a file or from untrusted bytes, and measure it by the reference segmentation."""
+"""Read a user's own frame from a file, a film or untrusted bytes, and measure it by the reference segmentation."""
 
 from __future__ import annotations
 
 import io
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,8 +16,11 @@ from evanesce.core.errors import InputError
 from evanesce.live.figures import Histogram, histogram_of, single_grey
 from evanesce.measurement.calibration.model import Calibration
 from evanesce.measurement.calibration.rectify import rectification, rectify
+from evanesce.measurement.io.frames import FrameStream, open_frames
 from evanesce.measurement.io.images import Unreadable, load_image
 from evanesce.measurement.reference.segment import Chain, segment
+from evanesce.measurement.refined.light import tone_table
+from evanesce.measurement.survey import look_through
 
 Image = NDArray[np.uint8]
 
@@ -24,6 +28,8 @@ MAX_BYTES = 64_000_000
 MAX_PIXELS = 40_000_000
 ALLOWED = f"one PNG, TIFF, JPEG or BMP image of at most {MAX_BYTES // 10**6} MB and {MAX_PIXELS // 10**6} megapixels"
 KEY = "own frame"
+SURVEY_BLOB_PX, SURVEY_RADIUS_PX = 2000, 10
+"""Of the reference segmentation; they decide which frames of a film show no finger, of which none is used here."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +76,96 @@ class OwnMeasured:
     def area_mm2(self) -> float | None:
         """Measured area [mm^2]; None where the area of a pixel is not known."""
         return None if self.mm2_per_px is None else self.pixels * self.mm2_per_px
+
+
+@dataclass(frozen=True)
+class OwnFilm:
+    """A film of the user's own rig, or a folder of pictures; one frame of it is in memory at a time.
+
+    Attributes
+    ----------
+    path : Path
+    count : int
+        Frames that can be read.
+    largest : int
+        Place of the frame with the largest contact.
+    calibration : Calibration or None
+        Whose lens distortion is corrected.
+    """
+
+    path: Path
+    count: int
+    largest: int
+    calibration: Calibration | None = None
+
+    def frame(self, number: int) -> OwnFrame:
+        """Return a frame by its place among those that can be read, from 0.
+
+        Raises
+        ------
+        InputError
+            If there is no such frame, or it does not fit the calibration.
+        """
+        for place, frame in enumerate(open_frames(self.path)):
+            if place == number:
+                data, known = np.asarray(frame.data, np.uint8), self.calibration
+                view = data if known is None else rectify(data, rectification(known))
+                return OwnFrame(f"{plain_name(self.path.name)}, frame {number}", view)
+        raise InputError(f"frame {number}", file=self.path, key="--frame", allowed=f"0 to {self.count - 1}")
+
+
+def read_film(path: Path, calibration: Calibration | None, tick: Callable[[int, int | None], None]) -> OwnFilm:
+    """Look through a video or a folder of pictures for the frame with the largest contact.
+
+    Parameters
+    ----------
+    path : Path
+    calibration : Calibration, optional
+    tick : callable
+        ``tick(done, total)`` after each frame; the total may be None.
+
+    Returns
+    -------
+    OwnFilm
+
+    Raises
+    ------
+    InputError
+        If it is neither, or holds no readable frame.
+    """
+    try:
+        stream: FrameStream = open_frames(path)
+    except InputError as error:
+        raise InputError(error.what, file=path, key="--frame", allowed=f"{ALLOWED}, a folder, or a video") from None
+    total, seen = stream.count, 0
+
+    def looked() -> None:
+        nonlocal seen
+        seen += 1
+        tick(seen, total)
+
+    details = {} if calibration is None else calibration.details
+    found = look_through(
+        lambda: open_frames(path), tone_table(details.get("tone_curve", "bt709")), count=total,
+        radius=SURVEY_RADIUS_PX, min_blob=SURVEY_BLOB_PX, tick=looked,
+    )  # fmt: skip
+    if found is None:
+        raise InputError("holds no readable frame", file=path, key="--frame", allowed="a whole video or pictures")
+    places = (place for place, frame in enumerate(open_frames(path)) if frame.index == found.brightest.index)
+    return OwnFilm(path, seen, next(places), calibration)
+
+
+def is_film(path: Path) -> bool:
+    """Return whether a path is a folder, or a file that is no picture."""
+    if path.is_dir():
+        return True
+    try:
+        with PillowImage.open(path):
+            return False
+    except (PillowImage.DecompressionBombError, PillowImage.DecompressionBombWarning):
+        return False
+    except (OSError, ValueError, SyntaxError, TypeError, KeyError, EOFError, OverflowError):
+        return path.is_file() and path.stat().st_size > 0
 
 
 def read_own(content: bytes, name: str, calibration: Calibration | None = None) -> OwnFrame:

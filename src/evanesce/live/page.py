@@ -16,9 +16,9 @@ from typing import Any
 
 from evanesce.core.errors import EvanesceError
 from evanesce.core.extras import require
-from evanesce.live.controls import controls_of
+from evanesce.live.controls import Controls, controls_of
 from evanesce.live.engine import Engine, Shown
-from evanesce.live.own import MAX_BYTES, OwnFrame, OwnMeasured, measure_own, read_own
+from evanesce.live.own import MAX_BYTES, OwnFilm, OwnFrame, OwnMeasured, measure_own, read_own
 from evanesce.live.present import Presented, present, present_own
 from evanesce.live.saved import scene_text
 from evanesce.live.worker import Worker
@@ -42,6 +42,9 @@ log = logging.getLogger(__name__)
 DRAWN_WITHIN_S = 1.0
 """Time that a browser has to draw a picture before the next is sent regardless [s]."""
 
+CONNECTED_WITHIN_S = 30.0
+"""Time that a browser has to connect [s]."""
+
 SLOTS = ("figures", "own", "histogram", "profile")
 """Parts of the page that are HTML or SVG, by their names in :class:`Presented`."""
 
@@ -63,11 +66,14 @@ class OwnData:
         Area of one of their pixels [mm^2].
     frame : OwnFrame or None
         Shown from the start.
+    film : OwnFilm or None
+        From which it is, and others can be chosen.
     """
 
     calibration: Calibration | None = None
     mm2_per_px: float | None = None
     frame: OwnFrame | None = None
+    film: OwnFilm | None = None
 
 
 class SharedEngine:
@@ -98,12 +104,13 @@ class Session:
         self._times: deque[float] = deque(maxlen=20)
         handlers = Handlers(
             set=self.set, reset=self.reset, save=self.save, open_own=self.open_own, close_own=self.close_own,
-            set_own_scale=self.set_own_scale, drawn=self._drawn.set,
+            set_own_scale=self.set_own_scale, set_film_frame=self.set_film_frame, drawn=self._drawn.set,
             refuse=lambda line: self._fail(line, stale=False),
         )  # fmt: skip
         self._layout = Layout(
-            shared.scene, self.start, handlers, undistorted=shared.own.calibration is not None, own_scale=self.own_scale
-        )
+            shared.scene, self.start, handlers, undistorted=shared.own.calibration is not None,
+            own_scale=self.own_scale, film=shared.own.film,
+        )  # fmt: skip
 
     # --- actions of the user ------------------------------------------------------------------------------------------
 
@@ -140,6 +147,18 @@ class Session:
             self.own = await asyncio.wrap_future(
                 self.shared.worker.submit(lambda: read_own(content, name, calibration))
             )
+        except EvanesceError as error:
+            self._fail(str(error), stale=False)
+            return
+        self._ask()
+
+    async def set_film_frame(self, number: float | None) -> None:
+        """Show another frame of the own film."""
+        film = self.shared.own.film
+        if film is None or number is None:
+            return
+        try:
+            self.own = await asyncio.to_thread(film.frame, int(number))
         except EvanesceError as error:
             self._fail(str(error), stale=False)
             return
@@ -196,16 +215,35 @@ class Session:
             if own is None:
                 self._own_last = None
                 return present(shown)
-            chain = wanted.changed(coarser=1).chain
-            key = (id(own), chain, scale)
-            if self._own_last is not None and self._own_last[0] == key:
-                return present(shown, self._own_last[1])
-            measured = measure_own(own, chain, scale)
-            self._own_last = (key, measured)
-            main, beside = present(shown, measured), present_own(measured)
+            measured, new = self._measured(own, wanted, scale)
+            main = present(shown, measured)
+            if not new:
+                return main
+            beside = present_own(measured)
             return Presented(main.images | beside.images, main.markup | beside.markup, main.note)
 
         return job
+
+    def _measured(self, own: OwnFrame, wanted: Controls, scale: float | None) -> tuple[OwnMeasured, bool]:
+        """Return the own frame measured by a setting, and whether that was not shown before."""
+        chain = wanted.changed(coarser=1).chain
+        key = (id(own), chain, scale)
+        if self._own_last is not None and self._own_last[0] == key:
+            return self._own_last[1], False
+        self._own_last = (key, measure_own(own, chain, scale))
+        return self._own_last[1], True
+
+    async def _show_own(self) -> None:
+        """Show the own frame and its mask while the simulation is still prepared."""
+        own = self.own
+        if own is None:
+            return
+        measured, new = await asyncio.to_thread(self._measured, own, self.wanted, self.own_scale)
+        if not new or self.client.is_deleted:
+            return
+        self.serial += 1
+        self._layout.own_row.set_visibility(True)
+        self._layout.screen.show(self._parts(present_own(measured)))
 
     def _publish(self, found: Presented, took: float) -> None:
         self._drawn.clear()
@@ -216,14 +254,19 @@ class Session:
         self._times.append(time.monotonic())
         self._layout.status.text = "ready" + (f"; {found.note}" if found.note else "")
         parts = {("#speed", "text"): f"{1e3 * took:.0f} ms{self._rate()}", ("#speed", "data-serial"): str(self.serial)}
+        parts |= self._parts(found)
+        for row in self._layout.rows():
+            parts |= row.part()
+        self._layout.screen.show(parts)
+
+    def _parts(self, found: Presented) -> dict[tuple[str, str], str]:
+        """Return pictures and markup for :class:`Screen`."""
+        parts: dict[tuple[str, str], str] = {}
         for name, picture in self._layout.pictures.items():
             if name in found.images:
                 address = self.shared.pictures.put(f"{self.token}-{self.serial}-{name}.jpg", found.images[name])
                 parts |= picture.part(address, found.markup.get(name, "") if name in ("frame", "overlay") else "")
-        parts |= {(f"#slot-{name}", "html"): found.markup[name] for name in SLOTS if name in found.markup}
-        for row in self._layout.rows():
-            parts |= row.part()
-        self._layout.screen.show(parts)
+        return parts | {(f"#slot-{name}", "html"): found.markup[name] for name in SLOTS if name in found.markup}
 
     def _rate(self) -> str:
         """Return the rate of recent updates in words; empty where there are too few."""
@@ -249,10 +292,13 @@ class Session:
     async def watch(self) -> None:
         """Show the state of the preparation, then the first picture."""
         first, shared = self.shared.first, self.shared
+        with contextlib.suppress(TimeoutError):
+            await self.client.connected(CONNECTED_WITHIN_S)  # what is sent to the screen before is lost
         while not first.done():
             if self.client.is_deleted:
                 return
             self._layout.status.text = f"preparing: {shared.step} … {time.monotonic() - shared.since:.0f} s"
+            await self._show_own()
             await asyncio.sleep(0.3)
         self._layout.preparing.set_visibility(False)
         self._ask()

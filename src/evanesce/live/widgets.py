@@ -242,6 +242,7 @@ class Picture:
         self._selector = f"#picture-{name}"
         with ui.element("div").classes("picture").props(f'id="picture-{name}"'):
             image = ui.element("img").props(f'alt="{alt}" draggable="false"')
+            image.on("error", js_handler="(event) => event.target.removeAttribute('src')")
             ui.element("div").classes("annotations")
         if drawn is not None:
             image.on("load", lambda _: drawn(), args=[])

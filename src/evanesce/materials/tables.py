@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 
 from evanesce.core.errors import InputError
 from evanesce.core.quantities import Strict, field
+from evanesce.rig.finger import OWN, Finger, ForceModulus
 from evanesce.rig.load import validate
 
 TABLES = Path(__file__).resolve().parent / "silicones.toml"
@@ -163,6 +164,8 @@ class Material(Strict):
     mooney_rivlin, dma, indenter_reduced_modulus, friction, hertz_area_scale, fe_area_scale, area_deviation, \
 measured_area : optional
         None where the thesis gives nothing.
+    by_force : ForceModulus or None
+        E*(F) of a finger of its own, in place of ``flat_reduced_modulus``.
     """
 
     name: str
@@ -179,6 +182,7 @@ measured_area : optional
     fe_area_scale: Figure | None = None
     area_deviation: Deviation | None = None
     measured_area: MeasuredArea | None = None
+    by_force: ForceModulus | None = None
 
     def reduced_modulus(self, force: ArrayLike) -> NDArray[np.float64]:
         """Return E* [MPa] on flat rigid glass at a normal force [N].
@@ -193,6 +197,8 @@ measured_area : optional
         ndarray
             [MPa].
         """
+        if self.by_force is not None:
+            return np.interp(np.asarray(force, dtype=float), self.by_force.force_N, self.by_force.modulus_MPa)
         law = self.flat_reduced_modulus
         return law.intercept_MPa + law.slope_MPa_per_N * np.asarray(force, dtype=float)
 
@@ -279,3 +285,40 @@ def material(name: str) -> Material:
     if name not in library:
         raise InputError(f"{name!r} is not a known material", key="finger.material", allowed=", ".join(library))
     return library[name]
+
+
+def silicone_of(finger: Finger) -> Material:
+    """Return a finger's silicone: the named one, or that of its own figures.
+
+    Own figures give E* on flat glass: E/(1 - nu^2) of ``modulus_MPa`` with the silicones' Poisson's ratio, the columns
+    as they are, or 4 G with G = 2 (C10 + C01) of an incompressible Mooney-Rivlin solid at small strain.
+
+    Parameters
+    ----------
+    finger : Finger
+
+    Returns
+    -------
+    Material
+
+    Raises
+    ------
+    InputError
+        If the tables do not hold the name.
+    """
+    if finger.material != OWN:
+        return material(finger.material)
+    nu = read_tables().poisson_ratio.value
+    fit, columns, where = None, finger.reduced_modulus, "the scene"
+    if finger.mooney_rivlin is not None:
+        nu, fit = 0.5, MooneyRivlin(**finger.mooney_rivlin.model_dump(), source=where)
+        plane = 4.0 * fit.shear_modulus_MPa
+    elif columns is not None:
+        plane = columns.modulus_MPa[0]
+    else:
+        assert finger.modulus_MPa is not None  # checked by Finger
+        plane = finger.modulus_MPa / (1 - nu**2)
+    return Material(
+        name=OWN, deadener_percent=0, youngs_modulus_MPa=plane * (1 - nu**2), poisson_ratio=nu, source=where,
+        flat_reduced_modulus=LinearModulus(intercept_MPa=plane, source=where), mooney_rivlin=fit, by_force=columns,
+    )  # fmt: skip

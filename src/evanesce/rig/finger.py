@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from evanesce.core.quantities import Strict, field
 
@@ -52,8 +52,53 @@ class ScannedSkin(Strict):
     )
 
 
+OWN = "own"
+"""Name of the material of a finger whose stiffness stands in the scene itself."""
+
+OWN_FIGURES = ("modulus_MPa", "reduced_modulus", "mooney_rivlin")
+"""Keys of a finger of which one stands in place of a named material."""
+
+
+class ForceModulus(Strict):
+    """Reduced modulus E*(F) on flat glass: two columns, straight lines between, constant below the first."""
+
+    force_N: tuple[float, ...] = field(unit="N", bounds=(0.0, 1000.0), min_length=2, max_length=10_000, doc="rises")
+    modulus_MPa: tuple[float, ...] = field(unit="MPa", bounds=(1e-5, 1e5), min_length=2, max_length=10_000)
+
+    @model_validator(mode="after")
+    def _columns(self) -> Self:
+        if len(self.force_N) != len(self.modulus_MPa):
+            raise ValueError(
+                f"finger.reduced_modulus: {len(self.force_N)} forces and {len(self.modulus_MPa)} moduli"
+                " (allowed: one modulus to each force)"
+            )
+        if any(b <= a for a, b in zip(self.force_N, self.force_N[1:], strict=False)):
+            raise ValueError("finger.reduced_modulus.force_N does not rise (allowed: each force larger than the last)")
+        return self
+
+
+class OwnMooneyRivlin(Strict):
+    """Mooney-Rivlin figures of a compression test, as ``evanesce bench stiffness --test compression`` gives them."""
+
+    C10_Pa: float = field(unit="Pa", bounds=(-1e9, 1e9))
+    C01_Pa: float = field(unit="Pa", bounds=(-1e9, 1e9))
+    C11_Pa: float = field(0.0, unit="Pa", bounds=(-1e9, 1e9))
+
+    @model_validator(mode="after")
+    def _stiff(self) -> Self:
+        if self.C10_Pa + self.C01_Pa <= 0:
+            raise ValueError(
+                f"finger.mooney_rivlin: C10_Pa + C01_Pa = {self.C10_Pa + self.C01_Pa:g} (allowed: above 0 Pa, or the"
+                " undeformed silicone has no stiffness)"
+            )
+        return self
+
+
 class Finger(Strict):
-    """Cylinder with a hemispherical tip, pressed along the plate's normal."""
+    """Cylinder with a hemispherical tip, pressed along the plate's normal.
+
+    Its stiffness is that of a named material, or of one of :data:`OWN_FIGURES`.
+    """
 
     tip_radius_mm: float = field(7.5, unit="mm", bounds=(0.5, 100.0), source="thesis, chapter 3")
     diameter_mm: float = field(15.0, unit="mm", bounds=(0.5, 200.0), source="thesis, chapter 3")
@@ -62,6 +107,9 @@ class Finger(Strict):
         (0.0, 0.0), unit="mm", bounds=(-500.0, 500.0), doc="tip on the plate, (x, y)"
     )
     material: str = "silskin_0"
+    modulus_MPa: float | None = field(None, unit="MPa", bounds=(1e-4, 1e5), doc="Young's modulus of an own silicone")
+    reduced_modulus: ForceModulus | None = None
+    mooney_rivlin: OwnMooneyRivlin | None = None
     refractive_index: float = field(1.41, unit="1", bounds=(1.0, 2.5), doc="silicone; published 1.395 to 1.432")
     diffuse_reflectance: float = field(0.6, unit="1", bounds=(0.0, 1.0), doc="of the silicone body; not published")
     scattering_length_mm: float = field(
@@ -102,6 +150,25 @@ class Finger(Strict):
     )
     ridges: Ridges | None = None
     height_map: ScannedSkin | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _named(cls, data: Any) -> Any:
+        """Name the material of own figures: it has no other."""
+        if isinstance(data, dict) and "material" not in data and any(data.get(key) is not None for key in OWN_FIGURES):
+            return data | {"material": OWN}
+        return data
+
+    @model_validator(mode="after")
+    def _one_stiffness(self) -> Self:
+        given = [key for key in OWN_FIGURES if getattr(self, key) is not None]
+        if len(given) > 1 or bool(given) != (self.material == OWN):
+            named = [] if self.material == OWN else [f"finger.material = '{self.material}'"]
+            found = " and ".join([*named, *(f"finger.{key}" for key in given)]) or f"finger.material = '{OWN}' alone"
+            raise ValueError(
+                f"{found} (allowed: a named material, or material '{OWN}' with one of {', '.join(OWN_FIGURES)})"
+            )
+        return self
 
     @property
     def is_smooth(self) -> bool:

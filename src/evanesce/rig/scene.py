@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 from evanesce.core.quantities import Strict, field
 from evanesce.rig.camera import Camera
 from evanesce.rig.card import Cards
-from evanesce.rig.finger import Contact, Finger, HertzLaw
+from evanesce.rig.finger import OWN, Contact, Finger, HertzLaw
 from evanesce.rig.leds import Leds
 from evanesce.rig.plate import Plate
 from evanesce.rig.programme import Press, Slide
@@ -111,6 +111,8 @@ class Scene(Strict):
                 f"finger.ridges.width_um = {ridges.width_um:g} exceeds the pitch"
                 f" (allowed: at most finger.ridges.pitch_um = {ridges.pitch_um:g} um)"
             )
+        if self.finger.material == OWN and getattr(self.contact, "reduced_modulus_MPa", None) is not None:
+            raise ValueError("contact.reduced_modulus_MPa and the finger's own stiffness are both given")
         self._slide_is_possible()
         for table, name in ((self.assumptions, "assumptions"), (self.sources, "sources")):
             for key in table:

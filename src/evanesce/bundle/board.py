@@ -1,0 +1,177 @@
+"""The board and the square in a lab's pictures against the card that the scene names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.core.errors import WorkError
+from evanesce.measurement.calibration.corners import find_corners
+from evanesce.measurement.calibration.model import Calibration
+from evanesce.rig import Scene
+from evanesce.rig.card import Cards
+
+Array = NDArray[np.float64]
+ToPlate = Callable[[Array, Array], tuple[Array, Array]]
+"""``to_plate(u, v) -> (x, y)``: contact plane [mm] from pixel positions, such as :meth:`Projection.to_plate`."""
+
+OTHER_CARD = 0.1
+"""Relative difference of lengths that make it another card: a choice, beyond errors of printers and nominal lenses."""
+
+WHOLE_MARGIN = 1.5
+"""Squares that must fit into the frame beyond the outermost corners for the whole board to be seen: one and a half."""
+
+
+@dataclass(frozen=True)
+class SeenBoard:
+    """A board found in a picture.
+
+    Attributes
+    ----------
+    name : str
+        Of the picture.
+    corners : tuple of int
+        Lines of inner corners along both axes, the longer first.
+    side_mm : float
+        Median side of a square on the contact plane [mm].
+    whole : bool
+        Whether the board ends within the frame all round, so that there is not more of it.
+    """
+
+    name: str
+    corners: tuple[int, int]
+    side_mm: float
+    whole: bool = False
+
+
+def nominal_plane(scene: Scene) -> ToPlate:
+    """Return the contact plane [mm] as the scene's camera sees it."""
+    from evanesce.optics.projection import Projection
+
+    return Projection.of(scene.camera, scene.plate).to_plate
+
+
+def calibrated_plane(calibration: Calibration, mm2_per_px: float) -> ToPlate:
+    """Return the contact plane [mm] of a calibration that knows the area of a pixel of its undistorted view."""
+    matrix, scale = calibration.camera_matrix, float(np.sqrt(mm2_per_px))
+
+    def to_plate(u: Array, v: Array) -> tuple[Array, Array]:
+        points = np.stack([u, v], axis=-1).reshape(-1, 1, 2)
+        straight = cv2.undistortPoints(points, matrix, calibration.distortion, P=matrix).reshape(-1, 2) * scale
+        return straight[:, 0].reshape(np.shape(u)), straight[:, 1].reshape(np.shape(v))
+
+    return to_plate
+
+
+def seen_board(picture: NDArray[np.uint8], name: str, to_plate: ToPlate) -> SeenBoard | None:
+    """Find the board in a picture.
+
+    Parameters
+    ----------
+    picture : ndarray of uint8 (rows, cols[, 3])
+        [DN].
+    name : str
+    to_plate : callable
+        :data:`ToPlate`.
+
+    Returns
+    -------
+    SeenBoard or None
+        None where there is no board.
+    """
+    try:
+        grid = find_corners(picture)
+    except WorkError:
+        return None
+    position = grid.fit.position
+    x, y = to_plate(position[:, 0], position[:, 1])
+    at = {(int(i), int(j)): k for k, (i, j) in enumerate(grid.index)}
+    sides = [
+        np.hypot(x[k] - x[other], y[k] - y[other])
+        for (i, j), k in at.items()
+        for other in (at.get((i + 1, j)), at.get((i, j + 1)))
+        if other is not None
+    ]
+    beyond = WHOLE_MARGIN * np.abs(grid.lattice).sum(axis=2)  # of both steps, along x and y of the picture
+    rows, cols = picture.shape[:2]
+    inside = (position - beyond >= 0).all() and (position + beyond <= [cols - 1, rows - 1]).all()
+    lines = sorted((_lines(grid.index[:, 0]), _lines(grid.index[:, 1])), reverse=True)
+    return SeenBoard(name, (lines[0], lines[1]), float(np.median(sides)), bool(inside))
+
+
+def calibrated_boards(calibration: Calibration) -> list[SeenBoard]:
+    """Return the boards that a calibration was made of, as its file lists them; empty where it lists none.
+
+    Parameters
+    ----------
+    calibration : Calibration
+
+    Returns
+    -------
+    list of SeenBoard
+        Sides as they were stated to it.
+    """
+    views: dict[Any, list[tuple[float, float]]] = {}
+    try:
+        for corner in calibration.details.get("corners", ()):
+            place = (float(corner["world_x_mm"]), float(corner["world_y_mm"]))
+            views.setdefault(corner["view"], []).append(place)
+    except (KeyError, TypeError, ValueError):
+        return []
+    found = []
+    for view, places in views.items():
+        world = np.array(places)
+        steps = np.concatenate([np.diff(np.unique(np.round(world[:, k], 6))) for k in (0, 1)])
+        if not steps.size:
+            continue
+        side = float(np.median(steps))
+        index = np.round(world / side).astype(int)
+        lines = sorted((_lines(index[:, 0]), _lines(index[:, 1])), reverse=True)
+        found.append(SeenBoard(f"view {view} of the calibration", (lines[0], lines[1]), side))
+    return found
+
+
+def other_card(boards: Sequence[SeenBoard], card: Cards) -> str | None:
+    """Return in words why the boards cannot be the scene's card; None where they can.
+
+    Parameters
+    ----------
+    boards : sequence of SeenBoard
+    card : Cards
+        Of the scene.
+
+    Returns
+    -------
+    str or None
+    """
+    most, least = sorted((n - 1 for n in card.checkerboard_squares), reverse=True)
+    for board in boards:
+        long, short = board.corners
+        more = long > most or short > least
+        fewer = board.whole and (long, short) != (most, least)
+        if more or fewer or abs(board.side_mm / card.checkerboard_side_mm - 1) > OTHER_CARD:
+            cols, rows = card.checkerboard_squares
+            seen = "" if board.whole else "at least "
+            return (
+                f"{board.name} shows a board of {seen}{long + 1} x {short + 1} squares of {board.side_mm:.3g} mm; "
+                f"the scene's card has {cols} x {rows} of {card.checkerboard_side_mm:g} mm"
+            )
+    return None
+
+
+def other_square(side_mm: float | None, card: Cards) -> str | None:
+    """Return in words why the square of a calibration cannot be the scene's; None where it can."""
+    if side_mm is None or abs(side_mm / card.square_side_mm - 1) <= OTHER_CARD:
+        return None
+    return f"the calibration's square card is {side_mm:g} mm wide; the scene's {card.square_side_mm:g} mm"
+
+
+def _lines(index: NDArray[np.integer[Any]]) -> int:
+    """Return the number of lattice lines at least half as full as the median line."""
+    counts = np.unique(index, return_counts=True)[1]
+    return int((counts >= 0.5 * np.median(counts)).sum())

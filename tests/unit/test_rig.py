@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import tomllib
 import tracemalloc
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 
 from evanesce.core.errors import InputError
 from evanesce.core.resources import resource
-from evanesce.rig import Camera, Plate, dump_scene, load_scene
+from evanesce.rig import Camera, Plate, Scene, dump_scene, load_scene
 from evanesce.rig.load import validate
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -147,3 +148,10 @@ def test_every_quantity_lies_within_its_own_bounds_at_default_and_null() -> None
             for value in values:
                 if isinstance(value, int | float):
                     assert quantity.bounds[0] <= value <= quantity.bounds[1], name
+
+
+@pytest.mark.parametrize("name", ["thesis", "thesis_ridged", "thesis_ridged_red", "thesis_slide"])
+def test_scenes_come_back_from_json(name: str) -> None:
+    """Data sets and results keep their scene as JSON, where a tuple is a list."""
+    scene = load_scene(name)
+    assert Scene.model_validate_json(json.dumps(scene.as_dict())) == scene

@@ -284,6 +284,8 @@ def _read_out(
     frame = frame_of(signal_DN, camera, time_s=context.time_s, index=index, processor=processor)
     if scene.camera.auto_exposure is not None:
         frame = replace(frame, exposure_ms=camera.exposure_ms, analogue_gain=camera.analogue_gain)
+    if processor is not None and scene.camera.colour is not None and scene.camera.colour.white_balance == "automatic":
+        frame = replace(frame, balance=(processor.red_gain, processor.blue_gain))
     developed: Frame = apply_stage(Stage.FRAME, frame, effects, context)
     return developed
 

@@ -213,6 +213,8 @@ class Frame:
         12-bit values before the tone curve [DN]; of a colour camera the mosaic.
     exposure_ms, analogue_gain : float, optional
         [ms], [1]; given where the camera chose them itself.
+    balance : tuple of float, optional
+        White balance of red and blue over green, likewise [1].
     """
 
     data: NDArray[np.uint8]
@@ -221,6 +223,7 @@ class Frame:
     raw: NDArray[np.uint16] | None = None
     exposure_ms: float | None = None
     analogue_gain: float | None = None
+    balance: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

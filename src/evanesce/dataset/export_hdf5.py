@@ -24,7 +24,7 @@ def write(dataset: Dataset, folder: Path, advance: Advance) -> None:
         file.attrs["description"] = json.dumps(dataset.job.describe()["config"])
         file.attrs["config_sha256"] = dataset.job.digest
 
-        def images(name: str, shape: tuple[int, int], dtype: type, unit: str) -> h5py.Dataset:
+        def images(name: str, shape: tuple[int, ...], dtype: type, unit: str) -> h5py.Dataset:
             fill = np.nan if name.endswith("/gap") else 0
             found = file.create_dataset(
                 name, (count, *shape), dtype, chunks=(1, *shape), compression="gzip", compression_opts=1, shuffle=True,
@@ -33,8 +33,9 @@ def write(dataset: Dataset, folder: Path, advance: Advance) -> None:
             found.attrs["unit"] = unit
             return found
 
-        shape, plate = first.frame.shape, first.plate.shape
-        frames, states = images("frame", shape, np.uint8, "DN"), images("state", shape, np.uint8, CHANNELS["state"])
+        shape, plate = first.state.shape, first.plate.shape
+        frames = images("frame", first.frame.shape, np.uint8, "DN")
+        states = images("state", shape, np.uint8, CHANNELS["state"])
         raws = None if first.raw is None else images("raw", shape, np.uint16, "DN")
         seen = {name: images(f"labels/{name}", shape, precision, unit) for name, unit in CHANNELS.items()}
         flat = {name: images(f"plate/{name}", plate, precision, unit) for name, unit in CHANNELS.items()}

@@ -151,6 +151,10 @@ class _Files:
             self._writer = None
 
 
+def _channels(image: np.ndarray) -> int:
+    return 1 if image.ndim == 2 else image.shape[2]
+
+
 class _Stats:
     """Running minimum, maximum, mean and deviation of each feature, as LeRobot keeps them."""
 
@@ -163,7 +167,7 @@ class _Stats:
             self._take(name, np.atleast_1d(np.asarray(row[name], np.float64)), 1)
         for name, image in (("tactile", sample.frame), ("surface_state", sample.state)):
             # LeRobot's images are in [0, 1] with a channel axis first.
-            values = image.astype(np.float64).ravel()[:, None] / 255.0
+            values = image.astype(np.float64).reshape(-1, _channels(image)) / 255.0
             moments = [values.min(0), values.max(0), values.sum(0), (values**2).sum(0), len(values)]
             self._merge(f"observation.images.{name}", moments)
 
@@ -186,19 +190,23 @@ class _Stats:
             deviation = np.sqrt(np.maximum(squares / count - mean**2, 0.0))
             values = {"min": low, "max": high, "mean": mean, "std": deviation}
             image = name.startswith("observation.images")
-            found[name] = {k: [[v.tolist()]] if image else v.tolist() for k, v in values.items()} | {"count": [frames]}
+            shown = {k: [[[x]] for x in v.tolist()] if image else v.tolist() for k, v in values.items()}
+            found[name] = shown | {"count": [frames]}
         return found
 
 
 def _meta(
     dataset: Dataset, folder: Path, tasks: dict[str, int], episodes: list[dict[str, Any]], stats: _Stats, frames: int
 ) -> None:
-    rows, cols = dataset[0].frame.shape
-    image = {"dtype": "image", "shape": [rows, cols, 1], "names": ["height", "width", "channels"]}
+    names = ["height", "width", "channels"]
+    tactile, state = (
+        {"dtype": "image", "shape": [*one.shape[:2], _channels(one)], "names": names}
+        for one in (dataset[0].frame, dataset[0].state)
+    )
     scalar = {"dtype": "int64", "shape": [1], "names": None}
     features = {
-        "observation.images.tactile": image,
-        "observation.images.surface_state": image,
+        "observation.images.tactile": tactile,
+        "observation.images.surface_state": state,
         "observation.state": {"dtype": "float32", "shape": [len(STATE)], "names": list(STATE)},
         "action": {"dtype": "float32", "shape": [1], "names": ["drive_mm"]},
         "timestamp": {"dtype": "float32", "shape": [1], "names": None},
@@ -211,8 +219,8 @@ def _meta(
     path.parent.mkdir(parents=True)
     pq.write_table(pa.Table.from_pylist(episodes), path)
     # LeRobot reads tasks through pandas, with the task's text as index.
-    names = pd.DataFrame({"task_index": list(tasks.values())}, index=pd.Index(list(tasks), name="task"))
-    names.to_parquet(folder / "meta" / "tasks.parquet")
+    texts = pd.DataFrame({"task_index": list(tasks.values())}, index=pd.Index(list(tasks), name="task"))
+    texts.to_parquet(folder / "meta" / "tasks.parquet")
     layout.write_json(folder / "meta" / "stats.json", stats.table(frames))
     layout.write_json(
         folder / "meta" / "info.json",

@@ -64,7 +64,7 @@ class Sample:
 
     @cached_property
     def frame(self) -> NDArray[np.uint8]:
-        """8-bit frame (rows, cols) [DN]."""
+        """8-bit frame (rows, cols), of a colour camera (rows, cols, 3) [DN]."""
         return decode_png(self.bytes_of("frame.png"))
 
     @cached_property

@@ -19,6 +19,8 @@ from evanesce.rig.programme import Press, Slide
 from evanesce.rig.surroundings import Surroundings
 
 MAX_PIXELS = 100_000_000
+LEAST_AUTOMATIC_PX = 32
+"""Side of a frame whose 16 zones of statistics have two pixels each."""
 
 
 class ContactGrid(Strict):
@@ -88,6 +90,17 @@ class Scene(Strict):
                     f" (allowed: within +-{size / 2:g} mm)"
                 )
         self._lens_is_invertible()
+        automatic = self.camera.auto_exposure is not None or (
+            self.camera.colour is not None and self.camera.colour.white_balance == "automatic"
+        )
+        if automatic and min(width, height) < LEAST_AUTOMATIC_PX:
+            raise ValueError(
+                f"camera.resolution_px = {width} x {height} is too small for automatic exposure or white balance"
+                f" (allowed: sides from {LEAST_AUTOMATIC_PX} px)"
+            )
+        response = None if self.camera.colour is None else self.camera.colour.response
+        if response is not None and max(response) <= 0.0:
+            raise ValueError("camera.colour.response lets nothing through (allowed: one share above 0 at least)")
         for edge in self.leds.edge:
             if edge not in self.leds.edges:
                 raise ValueError(f"leds.edge.{edge} is described, but '{edge}' is not in leds.edges")

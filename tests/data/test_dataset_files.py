@@ -32,15 +32,13 @@ from evanesce.dataset.config import NOT_DRAWN
 from evanesce.dataset.data_card import _effects, schema
 from evanesce.dataset.encode import decode_exr, decode_png, exr
 from evanesce.dataset.export import FORMATS, export
-from evanesce.dataset.job import new_job
 from evanesce.dataset.info import describe, effects
 from evanesce.dataset.labels import CHANNELS, LabelBox
 from evanesce.dataset.manifest import Manifest
 from evanesce.dataset.run import Deaths, Engine, make, resume
 from evanesce.dataset.trial import SCALARS
 from evanesce.dataset.verify import checksums, verify
-from support.datasets import PaperProducer, contents, paper_frames, paper_meta, tiny_config, tiny_job
-from support.rigs import small_rig
+from support.datasets import PaperProducer, contents, paper_frames, paper_meta, tiny_job
 
 paper = pytest.fixture(autouse=True)(paper_frames)
 
@@ -767,26 +765,6 @@ def test_hdf5_reads_back_equal(whole, tmp_path):
             assert json.loads(file["meta"][i]) == sample.meta
         assert file["labels/pressure"].attrs["unit"] == "MPa"
         assert file["scalars/Fz_N"][7] == data[7].scalars["Fz_N"]
-
-
-def test_colour_frames_are_exported_as_they_are(tmp_path):
-    rig = small_rig()
-    colour = {"camera.colour": {"response": [1.0, 0.2, 0.05]}}
-    make(tmp_path / "d", new_job(rig.with_(colour), tiny_config(), frames=6, seed=3))
-    h5py, pq = pytest.importorskip("h5py"), pytest.importorskip("pyarrow.parquet")
-    export(tmp_path / "d", tmp_path / "h", "hdf5")
-    with h5py.File(tmp_path / "h" / "dataset.h5") as file, dataset.open(tmp_path / "d") as data:
-        assert data[3].frame.shape == (*data[3].state.shape, 3)
-        np.testing.assert_array_equal(file["frame"][3], data[3].frame)
-        np.testing.assert_array_equal(file["state"][3], data[3].state)
-    export(tmp_path / "d", tmp_path / "l", "lerobot")
-    info = json.loads((tmp_path / "l" / "meta" / "info.json").read_text())["features"]
-    assert info["observation.images.tactile"]["shape"][2] == 3
-    assert info["observation.images.surface_state"]["shape"][2] == 1
-    stats = json.loads((tmp_path / "l" / "meta" / "stats.json").read_text())
-    assert np.shape(stats["observation.images.tactile"]["mean"]) == (3, 1, 1)
-    export(tmp_path / "d", tmp_path / "p", "parquet")
-    assert pq.read_table(tmp_path / "p" / "frames.parquet").num_rows == 6
 
 
 def test_parquet_reads_back_equal(whole, tmp_path):

@@ -119,7 +119,12 @@ def _added(twin: ContactTwin) -> Section:
     )
 
 
+def _listed_rms(step: Step) -> str:
+    return ", ".join(f"{value:.1f}" for value in step.rms_DN)
+
+
 def _without(twin: ContactTwin) -> Section:
+    full = twin.added[-1]
     header = ["without", "red [DN]", "green [DN]", "blue [DN]", "log score [nat]", "change [nat]", "kept"]
     rows = [
         (*_row(step, f"{step.cause}: {CAUSES[step.cause]}"), "yes" if step.cause in twin.final.fit.causes else "no")
@@ -129,7 +134,9 @@ def _without(twin: ContactTwin) -> Section:
         "What each cause is needed for",
         paragraphs=[
             "The full model fitted again without each cause. The change is what the frame loses; its standard error "
-            "is by the variance of whole blocks. What loses less than two of them is left out of the final twin."
+            "is by the variance of whole blocks. What loses less than two of them is left out of the final twin, which "
+            f"costs {full.score - twin.final.score:.0f} nat in all: the full model's score is {full.score:.0f}, with "
+            f"residuals of {_listed_rms(full)} DN."
         ],
         tables=[Table(header, rows)],
     )
@@ -169,13 +176,20 @@ def _histogram(twin: ContactTwin) -> Section:
     inside = within_contact(twin)
     quantiles = ", ".join(f"{v:.3f} ({a:.3f} to {b:.3f})" for v, a, b in inside["quantiles"].values())
     shares = ", ".join(f"{c} {100 * s:.0f} %" for c, s in zip(CHANNELS, inside["variance_share"], strict=True))
+    within = (
+        [
+            f"Within the contact, its rim left out, the twin has grey of {quantiles} at 5, 25, 50, 75 and 95 %; its "
+            f"variance comes from {shares}.",
+        ]
+        if quantiles
+        else []
+    )
     pairs = zip(peaks(twin.picture.grey), peaks(simulated), strict=False)
     return Section(
         "Grey",
         paragraphs=[
             "Peaks, frame / simulated: " + ", ".join(f"{a:.3f} / {b:.3f}" for a, b in pairs) + ".",
-            f"Within the contact, its rim left out, the twin has grey of {quantiles} at 5, 25, 50, 75 and 95 %; its "
-            f"variance comes from {shares}.",
+            *within,
         ],
         pictures=[Picture(figure_png(canvas), "Histograms of the grey image.")],
     )

@@ -89,9 +89,11 @@ def notes(twin: ContactTwin) -> list[str]:
 
 
 def calibrated_scene(twin: ContactTwin) -> Scene:
-    """Return the believed scene with what the frame gives: press, light beside the contact, filters, place and scale.
+    """Return the believed scene with what the frame gives: press, light beside the contact, filters, scale, exposure.
 
-    The exposure is set so that the contact has the level that was found; force and contact law stay as believed.
+    The exposure is set so that the contact has the level that was found. Contact law, finger and plate stay as
+    believed; light that differs from side to side and reflections are left out, and haze is uneven by as much as was
+    found, in a pattern of its own.
 
     Parameters
     ----------
@@ -107,10 +109,11 @@ def calibrated_scene(twin: ContactTwin) -> Scene:
     cloth = BACKDROP.reflectance * float(np.exp(fit.value["backdrop"])) if "backdrop" in fit.causes else 0.0
     surroundings = Surroundings(
         spill=Spill(share=min(spill, 10.0), height_mm=SPILL_HEIGHT_MM),
-        haze=Haze(top_share=min(haze, 0.5)),
+        haze=Haze(top_share=min(haze, 0.5), contrast=_contrast(twin)),
         backdrop=Backdrop(reflectance=min(cloth / spill, 1.0) if spill > 0 else 0.0, distance_mm=BACKDROP.distance_mm),
     )
-    camera = scene.camera
+    scale = fit.value["rim_px"] * twin.picture.bin_px / twin.light.rim_mm
+    camera = scene.camera.model_copy(update={"scale_px_per_mm": scale}) if twin.picture.bin_px > 1 else scene.camera
     if camera.colour is not None and "response" in fit.causes:
         response, kelvin = twin.model.settings(fit.value)
         top = max(twin.model.believed.response)
@@ -155,6 +158,19 @@ def contact_level(scene: Scene, force_N: float) -> float:
     charge = float(np.median(bright)) * charge_per_irradiance(rig) * max(led_response(rig) or (1.0,))
     top = 2**pixel.bits - 1 - pixel.black_level_DN
     return charge * camera.analogue_gain / pixel.conversion_gain_e_per_DN / top
+
+
+def _contrast(twin: ContactTwin) -> float:
+    """Return the standard deviation of the haze over its mean."""
+    fit = twin.final.fit
+    modes = [value for name, value in fit.value.items() if name.startswith("cloud_")] if "clouds" in fit.causes else []
+    # A cosine along one side has half its square as mean, one along both a quarter.
+    squares = [
+        value**2 * (0.25 if name.split("_")[1] != "0" and name.split("_")[2] != "0" else 0.5)
+        for name, value in fit.value.items()
+        if name.startswith("cloud_")
+    ]
+    return min(3.0, math.sqrt(math.exp(min(sum(squares), 2.0)) - 1.0)) if modes else 0.0
 
 
 def _model(step: Step) -> dict[str, Any]:

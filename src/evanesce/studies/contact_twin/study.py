@@ -27,6 +27,8 @@ ORDER = tuple(cause for cause in CAUSES if cause != "place")
 NEEDED_SD = 2.0
 """A cause stays in the twin where the score on held-out blocks falls by so many standard errors without it."""
 DRAWS = 60
+LEAST_INSIDE = 4
+"""Pixels within a contact, its rim left out, whose grey has a distribution."""
 PER_CENT = (5, 25, 50, 75, 95)
 PEAKS, PEAK_WIDTH = 3, 0.01
 """How many peaks of the grey histogram are compared, and the width of its classes [1]."""
@@ -247,14 +249,18 @@ def within_contact(twin: ContactTwin, draws: int = DRAWS) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``quantiles``: by per cent, grey with a 90 % interval [1]; of the contact without its rim of one pixel.
-        ``variance_share``: of red, green and blue [1].
+        ``quantiles``: by per cent, grey with a 90 % interval, filters and white balance held [1]; of the contact
+        without its rim of one pixel. ``variance_share``: of red, green and blue [1]. Both empty without such a contact.
     """
     fit, generator = twin.final.fit, np.random.default_rng(0)
     at = np.array([fit.value[name] for name in fit.free])
+    low_end, high_end = (np.array([getattr(twin.model.table[n], end) for n in fit.free]) for end in ("low", "high"))
     inside = ndimage.binary_erosion(regions(fit.predicted)["contact"])
+    if inside.sum() < LEAST_INSIDE:
+        return {"quantiles": {}, "variance_share": []}
     found = []
-    for vector in [at, *generator.multivariate_normal(at, fit.covariance, draws, method="svd")]:
+    drawn = generator.multivariate_normal(at, fit.covariance, draws, method="svd")
+    for vector in [at, *np.clip(drawn, low_end, high_end)]:
         value = {**fit.value, **dict(zip(fit.free, vector.tolist(), strict=True))}
         found.append(
             np.quantile(twin.model.predict(value, fit.causes)[inside] @ LUMA / 255.0, np.array(PER_CENT) / 100)

@@ -198,11 +198,12 @@ def scattered(light: Array, length_px: float) -> Array:
     """Convolve with exp(-r/length)/(2 pi length^2)."""
     rows, cols = light.shape
     pad = int(6 * length_px)
-    wide = np.pad(light, pad)
-    q2 = (2 * np.pi * np.fft.fftfreq(wide.shape[0]))[:, None] ** 2 + (2 * np.pi * np.fft.rfftfreq(wide.shape[1])) ** 2
-    return np.fft.irfft2(np.fft.rfft2(wide) / (1 + q2 * length_px**2) ** 1.5, wide.shape)[
-        pad : pad + rows, pad : pad + cols
-    ]
+    below, right = (cv2.getOptimalDFTSize(n + 2 * pad) - n - pad for n in (rows, cols))
+    wide = np.pad(light.astype(np.float32), ((pad, below), (pad, right)))
+    qy, qx = (2 * np.pi * np.fft.fftfreq(n) * length_px for n in wide.shape)
+    spread = cv2.dft(wide, flags=cv2.DFT_COMPLEX_OUTPUT) / (1 + qy[:, None, None] ** 2 + qx[:, None] ** 2) ** 1.5
+    found = cv2.idft(spread.astype(np.float32), flags=cv2.DFT_SCALE | cv2.DFT_REAL_OUTPUT)
+    return found[pad : pad + rows, pad : pad + cols].astype(np.float64)
 
 
 def bayer(light: Array, colour: Colour, rng: np.random.Generator) -> Array:
@@ -234,19 +235,25 @@ class Rig:
         for _ in range(lab.dust):
             at = int(self.rng.integers(0, cols)), int(self.rng.integers(0, rows))
             cv2.circle(self.specks, at, int(self.rng.integers(1, 4)), float(lab.step * self.rng.uniform(0.1, 0.9)), -1)
+        self.empty = cv2.GaussianBlur(lab.ground * self.even + self.specks, (0, 0), lab.blur)
 
     def light(self, axes: tuple[float, float] | None, middle: tuple[float, float] | None = None) -> Array:
         """Linear light on the sensor, blurred."""
-        lab = self.lab
-        found = lab.ground * self.even + self.specks
-        if axes is not None:
-            at = lab.middle if middle is None else middle
-            share = shares(self.x - at[0], self.y - at[1], Contact(axes, lab.ridges, lab.air))
-            share = share * self.even
-            found = np.where(share > 0, np.maximum(found, 0), found) + lab.step * share
-            if lab.glow[0]:
-                found = found + lab.glow[0] * lab.step * scattered(share, lab.glow[1] * lab.scale)
-        return cv2.GaussianBlur(found, (0, 0), lab.blur)
+        lab, found = self.lab, self.empty.copy()
+        if axes is None:
+            return found
+        at = lab.middle if middle is None else middle
+        x, y = self.x - at[0], self.y - at[1]
+        reach = 1.1 * max(axes) + (16 * lab.blur + 8) / lab.scale
+        rows, cols = (np.flatnonzero((np.hypot(x, y) < reach).any(axis=k)) for k in (1, 0))
+        box = np.s_[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
+        share = shares(x[box], y[box], Contact(axes, lab.ridges, lab.air)) * self.even[box]
+        found[box] += cv2.GaussianBlur(lab.step * share, (0, 0), lab.blur)
+        if lab.glow[0]:
+            whole = np.zeros_like(found)
+            whole[box] = share
+            found += lab.glow[0] * lab.step * scattered(whole, lab.glow[1] * lab.scale)
+        return found
 
     def shoot(self, light: Array) -> NDArray[np.uint8]:
         """An 8-bit frame, (rows, cols) or (rows, cols, 3)."""

@@ -166,7 +166,7 @@ class CameraModel:
         above = share > 0.5
         return np.where(above, self.top, np.minimum(level, self.top)), deviation, above
 
-    def light(self, image: NDArray[np.uint8]) -> tuple[Floats, Mask]:
+    def light(self, image: NDArray[np.uint8], dark: Floats | float = 0.0) -> tuple[Floats, Mask]:
         """Return light relative to the highest level that shows in a frame, and where it is at least that.
 
         Where the contact's light lies between the first channel's end and the next one's beginning, colour does not
@@ -177,11 +177,13 @@ class CameraModel:
         ----------
         image : ndarray of uint8 (rows, cols, 3)
             Red, green, blue [DN].
+        dark : ndarray (rows, cols) or float
+            Level of the light without contact, which is taken off.
 
         Returns
         -------
         light : ndarray (rows, cols)
-            0 to 1.
+            Up to 1.
         full : ndarray of bool (rows, cols)
         """
         level, _, above = self.read(image)
@@ -189,8 +191,8 @@ class CameraModel:
         bright = float(np.partition(level, level.size - count, axis=None)[level.size - count])
         contact = float(np.median(level[level >= 0.5 * bright]))
         if self.blind[0] < contact < min(self.blind[1], FOOT_REACHES * self.blind[0]):
-            return np.minimum(level / self.blind[0], 1.0), level >= self.blind[0]
-        return level / self.top, above
+            return (np.minimum(level, self.blind[0]) - dark) / self.blind[0], level >= self.blind[0]
+        return (level - dark) / self.top, above
 
     def edge_uncertainty(self, image: NDArray[np.uint8], mask: Mask, blur_px: float, *, seen: bool) -> float:
         """Return how far a boundary half-way between two levels may lie from the true one by its colours [px].

@@ -42,11 +42,14 @@ class RefinedArea:
         Relative error of the area of such a contact, which is divided out of ``area_mm2`` [1].
     narrow_share : float
         Share of the boundary beside ridges or grooves too narrow for an envelope (:func:`.narrow_share`) [1].
+    synthesised, unresolved : bool
+        Whether narrow ridges and grooves were found by synthesis (:mod:`.synthesis`), and whether that came to no rest:
+        the blur hides them.
     unseen : {"", "top", "modelled"}
         What saturation hides of the edge: nothing; its top, so that its foot was read; more, under scattered light, so
         that the saturated part comes from a model.
     blur_uncertainty_px : float
-        How far the boundary moves between the limits of the camera's blur [px]; 0 where the edge does not depend on it.
+        How far the boundary moves between the limits of the camera's blur [px], half; 0 where it does not depend on it.
     colour_unread, colour_uncertainty_px : bool, float
         Whether one channel of a colour frame is clipped and no camera model says what the others show; how far levels
         that colours leave open may move the boundary [px].
@@ -65,6 +68,8 @@ class RefinedArea:
     sharp_spread_mm: float | None = None
     shape_gain: float = 0.0
     narrow_share: float = 0.0
+    synthesised: bool = False
+    unresolved: bool = False
     unseen: Unseen = ""
     blur_uncertainty_px: float = 0.0
     colour_unread: bool = False

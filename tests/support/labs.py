@@ -24,6 +24,7 @@ from support.lab_boards import Board, Lens, Pose
 
 Array = NDArray[np.float64]
 WAYS = 10
+RADIUS_MM = 9.0  # of the finger's tip
 DEPTH_MM = 60e-6  # of the light in a film of air: 550 nm / (4 pi sqrt(n^2 sin^2 - 1)) at 65 degrees in glass
 
 
@@ -39,6 +40,12 @@ class Ridges:
     part: float  # of it that is ridge
     sway: float = 0.0  # mm, of a wave along them
     wave: float = 3.0  # mm
+    height: float = 0.1  # mm, of a sine profile
+
+    @property
+    def crest(self) -> float:
+        """Radius of curvature of a crest [mm]."""
+        return self.period**2 / (2 * np.pi**2 * self.height)
 
 
 @dataclass(frozen=True)
@@ -103,7 +110,7 @@ class Lab:
         own = cv2.Rodrigues(np.array([0.0, 0.0, turn]))[0]
         return Pose(plate @ own, np.array([0.0, 0.0, self.distance]) + plate @ np.array([x, y, above]))
 
-    def axes(self, k: int) -> tuple[float, float] | None:
+    def axes(self, k: float) -> tuple[float, float] | None:
         """Half axes of the outline in frame k; None without a finger."""
         if k < self.free:
             return None
@@ -170,9 +177,9 @@ class Contact:
         outline, groove = self.outside(x, y)
         if not self.air:
             return ((outline < 0) & (groove < 0)).astype(np.float64)
-        gap = hertz_gap(outline, float(np.sqrt(self.axes[0] * self.axes[1])), 12.0)
+        gap = hertz_gap(outline, float(np.sqrt(self.axes[0] * self.axes[1])), RADIUS_MM)
         if self.ridges is not None:
-            gap = np.maximum(gap, hertz_gap(groove, self.ridges.part * self.ridges.period / 2, 0.6))
+            gap = np.maximum(gap, hertz_gap(groove, self.ridges.part * self.ridges.period / 2, self.ridges.crest))
         return np.exp(-gap / DEPTH_MM)
 
 
@@ -266,11 +273,11 @@ class Rig:
     def frame(self, k: int) -> NDArray[np.uint8]:
         return self.shoot(self.light(self.lab.axes(k)))
 
-    def true(self, k: int) -> float:
+    def true(self, k: float) -> float:
         axes = self.lab.axes(k)
         return 0.0 if axes is None else true_area(axes, self.lab.ridges)
 
-    def force(self, k: int) -> float:
+    def force(self, k: float) -> float:
         factor, power = self.lab.law
         return (self.true(k) / factor) ** (1 / power)
 
@@ -319,7 +326,9 @@ class Rig:
         lab = self.lab
         times = np.arange(lab.frames) / lab.rate + lab.later
         log = np.arange(0.0, times[-1] + 0.5, 1 / lab.force_rate)
-        force = np.interp(log, times, [self.force(k) for k in range(lab.frames)])
+        fine = np.arange(8 * lab.frames - 7) / 8
+        force = [self.force(k) if k >= lab.free else max(0.0, k - lab.free + 1) * self.force(lab.free) for k in fine]
+        force = np.interp(log, fine / lab.rate + lab.later, force)
         force = force + 0.002 * np.random.default_rng(lab.seed).standard_normal(len(log))
         return "time_s,force_N\n" + "".join(f"{t:.4f},{f:.5f}\n" for t, f in zip(log, force, strict=True))
 
@@ -379,7 +388,7 @@ LABS = (
         100.0,
         0.37,
         (5.2, 0.66),
-        (0.7, 3.0),
+        (1.1, 3.0),
         ratio=0.85,
         air=True,
         noise=0.004,

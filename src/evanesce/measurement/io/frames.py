@@ -69,6 +69,7 @@ class FrameStream(ABC):
         self.path, self.given_rate = path, given_rate
         self.count: int | None = None
         self.stated_rate: float | None = None
+        self.bits_per_pixel: float | None = None
         self.shape: tuple[int, int] | None = None
         self.frames = 0
         self._bad: list[_Item] = []  # the first only; _bad_count counts
@@ -252,11 +253,14 @@ class VideoStream(FrameStream):
             timed = container.format.name not in UNTIMED_FORMATS and stream.average_rate
             self.stated_rate = float(stream.average_rate) if timed else None
             self._packets_stated = int(stream.frames)
+            pixels = stream.width * stream.height
             self._duration = _duration(container, stream)
         if self._packets_stated > 0:
             self.count = self._packets_stated
         elif self._duration and self.stated_rate:
             self.count = round(self._duration * self.stated_rate)
+        if self.count:
+            self.bits_per_pixel = 8.0 * path.stat().st_size / self.count / pixels
 
     def _open(self) -> Any:
         try:

@@ -227,6 +227,30 @@ class CameraModel:
         step = max(levels[0] - levels[1], 1e-9)
         return MIXED_PX + 0.5 * np.sqrt(2 * np.pi) * blur_px * float(np.hypot(inside, outside)) / step
 
+    def misfit(self, image: NDArray[np.uint8], mask: Mask) -> float | None:
+        """Return how far the colours of a contact lie from this camera's at the levels that were read from them.
+
+        Parameters
+        ----------
+        image : ndarray of uint8 (rows, cols, 3)
+            [DN].
+        mask : ndarray of bool (rows, cols)
+            Contact; its rim, where demosaicing mixes colours, is left out.
+
+        Returns
+        -------
+        float, or None
+            Median over pixels of the greatest difference of a channel [DN]; None of a contact too small for it.
+        """
+        deep = cv2.erode(mask.astype(np.uint8), _disk(RING_PX[0])) > 0
+        if deep.sum() < BRIGHTEST:
+            return None
+        seen = image[deep]
+        level, _, _ = self.read(seen[None])
+        output = np.stack([np.interp(level[0], self.levels, self.output[:, c]) for c in range(3)], axis=1)
+        expected = np.interp(np.clip(output, 0.0, 1.0), self.tone, np.arange(256.0))
+        return float(np.median(np.abs(seen - expected).max(axis=1)))
+
     def _posterior(self, colours: NDArray[np.intp]) -> Floats:
         """Return mean, standard deviation and share above the top of packed colours (3, n)."""
         red, green, blue = self._likelihoods

@@ -202,11 +202,13 @@ class Estimator:
                 allowed="frames of the size that was calibrated",
             )
         found, camera = self._area(image), self.radiometry.camera
+        levels = image if image.ndim == 2 else image.max(axis=2)
+        found = replace(found, ground=float(self.radiometry.tone[int(np.median(levels))]))
         if camera is None or image.ndim == 2 or not found.contours:
             return replace(found, colour_unread=self.radiometry.leaves_colour(image))
         view = self.settings.crop.apply(image)
         unsure = camera.edge_uncertainty(view, found.mask, self.settings.blur.px, seen=not found.unseen)
-        return replace(found, colour_uncertainty_px=unsure)
+        return replace(found, colour_uncertainty_px=unsure, colour_misfit_DN=camera.misfit(view, found.mask))
 
     def _area(self, image: NDArray[np.uint8]) -> RefinedArea:
         light, full = self.radiometry.light(image)
@@ -271,6 +273,7 @@ class Estimator:
         gain = 0.0 if again is None else again.gain
         found = replace(
             found,
+            edge_px=edge_blur(boundary, settings.edge),
             spread_mm=edge_spread(boundary) * float(side),
             sharp_spread_mm=None if again is None else again.spread_px * float(side),
             narrow_share=narrow,
@@ -299,6 +302,7 @@ class Estimator:
         slope = (other.area_mm2 - moved.area_mm2) / (high - px) / moved.perimeter_mm / side
         return replace(
             moved,
+            edge_px=found.edge_px,
             spread_mm=found.spread_mm,
             sharp_spread_mm=found.sharp_spread_mm,
             narrow_share=found.narrow_share,

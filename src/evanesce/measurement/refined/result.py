@@ -33,6 +33,10 @@ class RefinedArea:
         Parts of the contact, and those too small to be it.
     step : float
         Median light of contact over what is beside it, of full scale.
+    ground : float
+        Median light of the frame, of full scale: what is beside the contact, before a dark frame is taken off.
+    edge_px : float, optional
+        Blur that the contact's edges show (:func:`.edge_blur`) [px]; None where the frame does not show them.
     spread_mm : float, optional
         How much wider the edge is than at its median (:func:`.edge_spread`); None where it is not the
         frame's own: saturated, or after scattering was inverted.
@@ -50,6 +54,8 @@ class RefinedArea:
         that the saturated part comes from a model.
     blur_uncertainty_px : float
         How far the boundary moves between the limits of the camera's blur [px], half; 0 where it does not depend on it.
+    colour_misfit_DN : float, optional
+        Median difference of the contact's colours from those of the camera model at the level that was read [DN].
     colour_unread, colour_uncertainty_px : bool, float
         Whether one channel of a colour frame is clipped and no camera model says what the others show; how far levels
         that colours leave open may move the boundary [px].
@@ -64,6 +70,8 @@ class RefinedArea:
     islands: int
     dropped: int
     step: float
+    ground: float = 0.0
+    edge_px: float | None = None
     spread_mm: float | None = None
     sharp_spread_mm: float | None = None
     shape_gain: float = 0.0
@@ -74,6 +82,7 @@ class RefinedArea:
     blur_uncertainty_px: float = 0.0
     colour_unread: bool = False
     colour_uncertainty_px: float = 0.0
+    colour_misfit_DN: float | None = None
 
     @property
     def excess_mm(self) -> float | None:

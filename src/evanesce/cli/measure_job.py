@@ -290,7 +290,8 @@ def run(job: Job) -> Result:
             row = replace(AreaRow.of(found.measured, found.interval_mm2), corrected_mm2=found.uncertainty.corrected_mm2)
             other = None if job.beside is None else job.beside.measure(frame).measured
             rows.append(row if other is None else replace(row, reference_mm2=other.estimate.area))
-            log.add(found.measured.figures)
+            if found.pixels or frame.index not in (job.free or ()):  # a frame without a finger may be empty
+                log.add(found.measured.figures)
             if found.refined is not None:
                 edges.add(found.index, found.refined.unseen, found.refined.colour_unread, found.refined.unresolved)
             if film is not None and found.refined is not None:

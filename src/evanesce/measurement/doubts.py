@@ -142,8 +142,7 @@ class FilmLog:
                 k = int(change.argmax())
                 text = (
                     f"the contact's light changes by more than {100 * LIGHT_STEP:.0f} % between {many} pair(s) of"
-                    f" frames, by a factor of {steps[k + 1] / steps[k]:.2f} at frame {self._indices[k + 1]}: flicker, or LEDs"
-                    " switched?"
+                    f" frames, by a factor of {steps[k + 1] / steps[k]:.2f} at frame {self._indices[k + 1]}: flicker?"
                 )
                 return [Warning("light_changes", text)]
         usual = float(np.median([ground for _, ground in self._grounds])) if self._grounds else 0.0

@@ -189,7 +189,7 @@ class Pipeline:
         lossy : bool, optional
             Whether this frame went through a lossy codec; as for the whole pipeline by default.
         bits_per_pixel : float, optional
-            Of its file: what the codec does to edges is then taken by its rate.
+            Of its video's key frames: what the codec does to edges is then taken by its rate.
 
         Returns
         -------
@@ -308,7 +308,7 @@ class Measurement:
     refined : RefinedArea or None
         What the refined estimator says; None of the reference segmentation.
     bits_per_pixel : float or None
-        Of the file.
+        Of the video's key frames.
     """
 
     measured: Measured

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from evanesce.core.errors import InputError, WorkError
 from evanesce.core.states import Frame
 from evanesce.measurement.io.images import IMAGE_SUFFIXES, MAX_PIXELS, Loaded, Unreadable, load_image
+from evanesce.measurement.io.rate import key_bits
 from evanesce.measurement.io.times import read_times
 from evanesce.measurement.warnings import RATE_TOLERANCE, Warning, frame_rate_warning
 
@@ -253,14 +254,12 @@ class VideoStream(FrameStream):
             timed = container.format.name not in UNTIMED_FORMATS and stream.average_rate
             self.stated_rate = float(stream.average_rate) if timed else None
             self._packets_stated = int(stream.frames)
-            pixels = stream.width * stream.height
             self._duration = _duration(container, stream)
+            self.bits_per_pixel = key_bits(container, stream) if timed else None
         if self._packets_stated > 0:
             self.count = self._packets_stated
         elif self._duration and self.stated_rate:
             self.count = round(self._duration * self.stated_rate)
-        if self.count:
-            self.bits_per_pixel = 8.0 * path.stat().st_size / self.count / pixels
 
     def _open(self) -> Any:
         try:

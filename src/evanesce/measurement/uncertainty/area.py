@@ -47,7 +47,7 @@ def refined_uncertainty(
         What is known of the cards; :func:`.card_components` by default.
     finger : {"ridged", "smooth"}
     bits_per_pixel : float, optional
-        Of the video file; without it a codec's influence is taken as that of a low rate.
+        Of the video's key frames; without it a codec's influence is taken as that of a low rate.
 
     Returns
     -------

@@ -47,7 +47,7 @@ class Made:
 
     def forces(self, change: Callable[[float, float], tuple[float, float]], header: str = "time_s,force_N") -> None:
         rows = list(csv.reader((self.folder / "force.csv").read_text().splitlines()))[1:]
-        lines = [",".join(f"{x:.6g}" for x in change(float(t), float(f))) for t, f in rows]
+        lines = [",".join(f"{x:.12g}" for x in change(float(t), float(f))) for t, f in rows]
         (self.folder / "wrong.csv").write_text("\n".join([header, *lines]) + "\n")
 
 
@@ -218,7 +218,7 @@ MISTAKES = (
             ("camera_model_at_odds",)),
     Mistake("force in grams, called newtons", lambda made: made.forces(lambda t, f: (t, f / 9.80665e-3)), with_force(), 0,
             ("force_implausible", "grams")),
-    Mistake("force with its sign turned", lambda made: made.forces(lambda t, f: (t, -f)), with_force(), 2, ("--offset-s",)),
+    Mistake("force with its sign turned", lambda made: made.forces(lambda t, f: (t, -f)), with_force(), 0, ("force_negative",)),
     Mistake("force of another press", lambda made: made.forces(lambda t, f: (t, 3 + 2 * np.sin(9 * t))), with_force(), 0,
             ("area_force_at_odds",)),
     Mistake("force log on another clock", lambda made: made.forces(lambda t, f: (t + 1.7e9, f)), with_force(),

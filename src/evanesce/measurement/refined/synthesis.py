@@ -36,6 +36,9 @@ NEAR_PX = 12
 WINDOW_PX = 12.0
 """Standard deviation of the window of the straight line [px]: some ridges wide, narrower than the light varies."""
 
+BAND_PX = 2
+"""Distance from the boundary within which it may move in one round [px]."""
+
 MOST_MOVED = 0.3
 """Greatest change of a level in one round: noise and specks move it no farther."""
 
@@ -89,7 +92,10 @@ def synthesised(light: Floats, boundary: Boundary, blur_px: float, settings: Edg
         blurred = cv2.GaussianBlur(contact_share(level), (0, 0), total)
         outer, step = _line(smooth, blurred, near)
         left = (smooth - outer - step * blurred) / np.maximum(step, 1e-9)
-        level = np.clip(np.where(near, level + np.clip(left, -MOST_MOVED, MOST_MOVED), level), -1.0, 2.0)
+        # the boundary moves, it does not jump: elsewhere noise would add up until a hole opens
+        inside = (level > 0.5).astype(np.uint8)
+        band = (cv2.dilate(inside, reach, iterations=BAND_PX) > 0) & (cv2.erode(inside, reach, iterations=BAND_PX) == 0)
+        level = np.clip(np.where(band, level + np.clip(left, -MOST_MOVED, MOST_MOVED), level), -1.0, 2.0)
         before, area = area, _area(level)
         rests = abs(area - before) <= RESTS * before
         if rests and number + 1 >= ROUNDS[0]:

@@ -1,10 +1,10 @@
-"""Labs drawn with NumPy, OpenCV and PyAV alone: boards and card on the glass, a film of a finger that presses, a force log.
+"""Labs drawn with NumPy, OpenCV and PyAV alone: boards and card on the glass, a film of a finger, a force log.
 
-Nothing here comes from the package. A pinhole with two radial terms looks at a plate that is tilted a little. A contact
-is an outline (an ellipse), with straight or wavy ridges across it or not; its area is summed chord by chord, its picture
-on 10 x 10 points in each pixel that an edge crosses. A film of air opens beside a Hertz contact (K. L. Johnson, Contact
-Mechanics, 1985, eq. 3.42) and passes light by exp(-gap/depth). Light is scattered beside the contact with a density that
-falls as exp(-r/length). Printed squares are longer than stated and lie above the plate, as prints do.
+Nothing here comes from the package. A pinhole with two radial terms looks at a plate that is tilted a little. A
+contact is an outline (an ellipse), with straight or wavy ridges across it or not; its area is summed chord by chord,
+its picture on 10 x 10 points in each pixel that an edge crosses. A film of air opens beside a Hertz contact (K. L.
+Johnson, Contact Mechanics, 1985, eq. 3.42) and passes light by exp(-gap/depth). Light is scattered beside the contact
+with a density that falls as exp(-r/length). Prints are longer than stated and lie above the plate.
 
 Coordinates: plate [mm], x to the right and y down about the middle of the frame; integer pixels are centres.
 """
@@ -50,7 +50,7 @@ class Ridges:
 
 @dataclass(frozen=True)
 class Colour:
-    """A Bayer camera (RGGB) under red LEDs: shares that the filters pass, white balance, matrix, bilinear demosaicing."""
+    """A Bayer camera (RGGB) under red LEDs: filters, white balance, matrix, bilinear demosaicing."""
 
     shares: tuple[float, float, float] = (1.0, 0.12, 0.05)
     gains: tuple[float, float, float] = (1.7, 1.0, 1.6)
@@ -97,7 +97,8 @@ class Lab:
     @property
     def lens(self) -> Lens:
         cols, rows = self.size
-        return Lens(self.size, self.focal, self.focal * 1.0007, (cols - 1) / 2 + 0.011 * cols, (rows - 1) / 2 - 0.008 * rows,
+        middle = (cols - 1) / 2 + 0.011 * cols, (rows - 1) / 2 - 0.008 * rows
+        return Lens(self.size, self.focal, self.focal * 1.0007, *middle,
                     *self.k)  # fmt: skip
 
     @property
@@ -224,8 +225,9 @@ def bayer(light: Array, colour: Colour, rng: np.random.Generator) -> Array:
     raw = np.minimum(raw * np.array(colour.gains)[at], 1.0)
     cross = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]]) / 4.0
     plus = np.array([[0, 1, 0], [1, 4, 1], [0, 1, 0]]) / 4.0
-    rgb = np.stack([cv2.filter2D(np.where(at == c, raw, 0.0), -1, plus if c == 1 else cross, borderType=cv2.BORDER_REFLECT_101)
-                    for c in range(3)], -1)  # fmt: skip
+    channels = (np.where(at == c, raw, 0.0) for c in range(3))
+    rgb = np.stack([cv2.filter2D(one, -1, kernel, borderType=cv2.BORDER_REFLECT_101)
+                    for one, kernel in zip(channels, (cross, plus, cross), strict=True)], -1)  # fmt: skip
     return np.rint(255 * bt709(rgb @ np.array(colour.matrix).T)).astype(np.uint8)
 
 

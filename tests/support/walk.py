@@ -1,4 +1,4 @@
-"""The path of the tutorial "first measurement" by the command line, in a drawn lab, and what it says against the truth."""
+"""The path of the tutorial of a first measurement by the command line, in a drawn lab, against the truth."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ VIEWS = 6
 def calibrate_args(lab: Lab, folder: Path) -> list[str]:
     boards = [str(folder / f"board{k}.png") for k in range(VIEWS)]
     return [
-        "calibrate", "--checkerboard", *boards, "--square-mm", str(lab.board.side), "--square", str(folder / "card.png"),
-        "--side-mm", str(lab.card), "--on-glass", "board0.png", "--json", str(folder / "cal.json"),
+        "calibrate", "--checkerboard", *boards, "--square-mm", str(lab.board.side),
+        "--square", str(folder / "card.png"), "--side-mm", str(lab.card), "--on-glass", "board0.png", "--json", str(folder / "cal.json"),
     ]  # fmt: skip
 
 

@@ -1,7 +1,7 @@
 """A lab's first measurement: five drawn labs, and a small one, along the path of the tutorial.
 
-Boards, cards, films, forces are drawn in `support/labs.py` without the package; prints are exact there, and their errors
-are drawn afterwards from the budget's distributions (`Walk.covered`).
+Boards, cards, films, forces are drawn in `support/labs.py` without the package; prints are exact there, and their
+errors are drawn afterwards from the budget's distributions (`Walk.covered`).
 
 FIGURES
 """

@@ -1,4 +1,7 @@
-"""No wrong area without a warning: each planted mistake, and what the program says (docs/validation/planted-mistakes.md)."""
+"""No wrong area without a warning: each planted mistake, and what the program says of it.
+
+The table is docs/validation/planted-mistakes.md.
+"""
 
 from __future__ import annotations
 

@@ -82,8 +82,8 @@ UNRESOLVED_PX = 1.0
 
 CODEC_PX = (0.0075, 0.01, 0.5)
 """Limit of what a lossy codec does to an edge [px]: the first over the bits per pixel of key frames, between the
-others. In drawn H.264 films of 0.63, 0.36, 0.085, 0.051, 0.032 and 0.026 bits per pixel edges moved by at most 0.015, 0.019,
-0.087, 0.062, 0.20 and 0.29 px."""
+others. In drawn H.264 films of 0.63, 0.36, 0.085, 0.051, 0.032 and 0.026 bits per pixel edges moved by at most 0.015,
+0.019, 0.087, 0.062, 0.20 and 0.29 px."""
 
 INVERSION_PX = 0.5
 """The same of an edge that was found after inversion of subsurface scattering."""

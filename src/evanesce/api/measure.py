@@ -177,7 +177,9 @@ class Pipeline:
             return f"Pipeline(refined, {view})"
         return f"Pipeline(reference, threshold {self.settings.threshold:g}, {view})"
 
-    def measure(self, frame: Picture | Frame, *, lossy: bool | None = None) -> Measurement:
+    def measure(
+        self, frame: Picture | Frame, *, lossy: bool | None = None, bits_per_pixel: float | None = None
+    ) -> Measurement:
         """Measure one frame.
 
         Parameters
@@ -186,6 +188,8 @@ class Pipeline:
             As taken [DN].
         lossy : bool, optional
             Whether this frame went through a lossy codec; as for the whole pipeline by default.
+        bits_per_pixel : float, optional
+            Of its video's key frames: what the codec does to edges is then taken by its rate.
 
         Returns
         -------
@@ -204,7 +208,7 @@ class Pipeline:
             return Measurement(measured=measured, pipeline=self, lossy=lossy)
         found = self.refined.area(frame.data)
         measured = refined_measured(frame, found, self.refined)
-        return Measurement(measured=measured, pipeline=self, lossy=lossy, refined=found)
+        return Measurement(measured=measured, pipeline=self, lossy=lossy, refined=found, bits_per_pixel=bits_per_pixel)
 
     def measure_all(
         self, source: Iterable[Picture | Frame] | str | Path, *, frame_rate_hz: float | None = None
@@ -231,7 +235,8 @@ class Pipeline:
         if isinstance(source, str | Path):
             stream = open_frames(source, frame_rate_hz)
             for frame in stream:
-                yield self.measure(frame, lossy=self.lossy or stream.stated_rate is not None)
+                lossy = self.lossy or stream.stated_rate is not None
+                yield self.measure(frame, lossy=lossy, bits_per_pixel=stream.bits_per_pixel)
             stream.finish()
             return
         for index, given in enumerate(source):
@@ -302,12 +307,15 @@ class Measurement:
         Whether the frame went through a lossy codec.
     refined : RefinedArea or None
         What the refined estimator says; None of the reference segmentation.
+    bits_per_pixel : float or None
+        Of the video's key frames.
     """
 
     measured: Measured
     pipeline: Pipeline
     lossy: bool = False
     refined: RefinedArea | None = None
+    bits_per_pixel: float | None = None
 
     def __repr__(self) -> str:
         return f"Measurement(area_mm2={self.area_mm2:.4g}, {self.pixels} px, {self.pipeline.estimator})"
@@ -357,7 +365,10 @@ class Measurement:
         """The area's uncertainty: standard uncertainty [mm^2], intervals, and what each component contributes."""
         pipeline, draws = self.pipeline, rng.generator(0, "uncertainty", self.index)
         if self.refined is not None and pipeline.refined is not None:
-            return refined_uncertainty(self.refined, pipeline.refined, draws, video=self.lossy, finger=pipeline.finger)
+            return refined_uncertainty(
+                self.refined, pipeline.refined, draws, video=self.lossy, finger=pipeline.finger,
+                bits_per_pixel=self.bits_per_pixel,
+            )  # fmt: skip
         return reference_uncertainty(
             self.measured, pipeline.scale_mm2_per_px, pipeline.calibration, draws, video=self.lossy
         )
@@ -371,7 +382,7 @@ class Measurement:
             return tuple(log.warnings())
         assert self.pipeline.refined is not None  # it measured this frame
         edges = EdgeLog(blur_known=self.pipeline.refined.settings.blur.origin != "nominal")
-        edges.add(self.index, self.refined.unseen, self.refined.colour_unread)
+        edges.add(self.index, self.refined.unseen, self.refined.colour_unread, self.refined.unresolved)
         return tuple(edges.warnings(1))
 
 

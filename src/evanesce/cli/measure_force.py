@@ -81,6 +81,6 @@ def show(joined: AreaForce | None, log: ForceLog | None) -> None:
         f" ({p.exponent_low:.4f} to {p.exponent_high:.4f}), RMS {p.rms_mm2:.3f} mm²",
     ):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
-    for warning in log.warnings:
+    for warning in (*log.warnings, *joined.warnings()):
         line = f"warning: {warning.code}: {warning.text}"
         messages.print(line, style="yellow", markup=False, highlight=False, soft_wrap=True)

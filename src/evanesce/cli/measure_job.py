@@ -17,13 +17,14 @@ from evanesce.core.errors import InputError
 from evanesce.core.states import Frame
 from evanesce.measurement.apart import Apart, apart
 from evanesce.measurement.calibration.model import load_calibration
+from evanesce.measurement.doubts import FilmLog, dark_warning
 from evanesce.measurement.io.frames import FrameStream, open_frames
-from evanesce.measurement.levels import EdgeLevels, edge_levels, threshold_curve, threshold_warning
+from evanesce.measurement.levels import EdgeLevels, edge_levels, luma_light, threshold_curve, threshold_warning
 from evanesce.measurement.plots import OverlayVideo, overlay
 from evanesce.measurement.reference.area import AreaRow, Measured
 from evanesce.measurement.reference.segment import Chain, Crop
 from evanesce.measurement.refined.light import tone_table
-from evanesce.measurement.survey import Scene, look_through
+from evanesce.measurement.survey import Scene, is_free, look_through
 from evanesce.measurement.uncertainty.budget import Finger, Uncertain
 from evanesce.measurement.warnings import EdgeLog, FrameLog, Warning, scale_warning
 
@@ -169,7 +170,8 @@ def prepare(
     if refined is not None and not refined.alone and pipeline.calibration and pipeline.calibration.mm2_per_px:
         beside = made("reference", chain)
     own = refined is not None and (dark is None or str(dark) == "auto") and _several(path, fps)
-    if own or auto_threshold:
+    given = refined is not None and bool(shots[0]) and not own and _several(path, fps)
+    if own or given or auto_threshold:
         scene = _looked_through(path, fps, pipeline, chain)
     if scene is not None and own:
         free, shots[0] = scene.free, scene.dark
@@ -178,19 +180,32 @@ def prepare(
     if beside is not None:
         beside = made("reference", chain)
     pipeline = made(pipeline.estimator, _in_frame(chain, pipeline, beside))
-    extra = scale_warning(stored.mm2_per_px if stored else None, mm2_per_px)
+    found = [scale_warning(stored.mm2_per_px if stored else None, mm2_per_px)]
+    if given and scene is not None and refined is not None:
+        found.append(_dark_doubt(refined, shots[0], scene, pipeline, chain))
     return Job(
         path=path,
         pipeline=pipeline,
         calibration=calibration,
         out=out,
         stream=open_frames(path, fps),
-        warnings=(extra,) if extra else (),
+        warnings=tuple(warning for warning in found if warning is not None),
         tune=None if refined is None else refined.tune,
         beside=beside,
         free=free,
         notes=tuple(notes),
     )
+
+
+def _dark_doubt(
+    refined: Refined, shots: list[NDArray[np.uint8]], scene: Scene, pipeline: Pipeline, chain: Chain
+) -> Warning | None:
+    """Return the warning about dark shots with a finger in them."""
+    details = pipeline.calibration.details if pipeline.calibration else {}
+    tone = tone_table(details.get("tone_curve", "bt709"))
+    mean = np.mean([luma_light(shot, tone) for shot in shots], axis=0)
+    free = is_free(mean, scene.brightest.data, tone, radius=chain.radius, min_blob=chain.min_blob)
+    return dark_warning(free, f"--dark {refined.dark}")
 
 
 def _several(path: Path, fps: float | None) -> bool:
@@ -255,6 +270,7 @@ def run(job: Job) -> Result:
     refined = job.pipeline.refined
     known = refined is None or refined.settings.blur.origin != "nominal"
     log, edges = FrameLog(None if refined else job.pipeline.settings.threshold), EdgeLog(blur_known=known)
+    film = None if refined is None else FilmLog(refined.settings.blur)
     peak: Measurement | None = None
     beside_peak: Measured | None = None
     with ExitStack() as stack:
@@ -262,7 +278,9 @@ def run(job: Job) -> Result:
         task = bar.add_task("measure", total=stream.count)
         video: OverlayVideo | None = None
         for frame in stream:
-            found = job.pipeline.measure(frame, lossy=stream.stated_rate is not None)
+            found = job.pipeline.measure(
+                frame, lossy=stream.stated_rate is not None, bits_per_pixel=stream.bits_per_pixel
+            )
             if job.out is not None and stream.count != 1:
                 if video is None:  # only now is it known that the input is good, so that a folder may be made
                     folder = out_dir(job.out, "measure")
@@ -272,9 +290,12 @@ def run(job: Job) -> Result:
             row = replace(AreaRow.of(found.measured, found.interval_mm2), corrected_mm2=found.uncertainty.corrected_mm2)
             other = None if job.beside is None else job.beside.measure(frame).measured
             rows.append(row if other is None else replace(row, reference_mm2=other.estimate.area))
-            log.add(found.measured.figures)
+            if found.pixels or frame.index not in (job.free or ()):  # a frame without a finger may be empty
+                log.add(found.measured.figures)
             if found.refined is not None:
-                edges.add(found.index, found.refined.unseen, found.refined.colour_unread)
+                edges.add(found.index, found.refined.unseen, found.refined.colour_unread, found.refined.unresolved)
+            if film is not None and found.refined is not None:
+                film.add(found.index, frame.data, found.refined)
             if peak is None or found.pixels > peak.pixels:
                 peak, beside_peak = found, other
             bar.advance(task)
@@ -282,6 +303,7 @@ def run(job: Job) -> Result:
         stream.finish()
         raise InputError("no readable frame", file=job.path)
     warnings = [*job.warnings, *stream.warnings, *log.warnings(), *edges.warnings(len(rows))]
+    warnings += film.warnings() if film is not None else []
     result = Result(rows, peak.measured, warnings, peak.uncertainty)
     counted = beside_peak if job.pipeline.refined is not None else peak.measured
     return result if counted is None else _explained(job, result, counted)

@@ -19,6 +19,7 @@ from scipy.stats import t as student
 from evanesce.core.errors import InputError
 from evanesce.measurement.io.force import ForceLog
 from evanesce.measurement.reference.area import AreaRow
+from evanesce.measurement.warnings import Warning
 
 Floats = NDArray[np.float64]
 
@@ -28,6 +29,16 @@ HERTZ = 2.0 / 3.0
 STEPS = 401
 LEAST_POINTS = 6
 NORMAL_95 = 1.959963984540054
+POOR_FIT = 0.05
+"""RMS that a power law leaves, of the greatest area, from which areas and forces hardly belong together: of a press
+that only loads it leaves less than 0.02."""
+
+LEAST_REACHED = 0.1
+"""Share of the log's greatest force that a film of the press reaches at least."""
+
+PLAUSIBLE_POWERS = (0.3, 1.2)
+"""Exponents of area against force: 2/3 of a smooth elastic sphere, to 1 of rough skin."""
+
 MOST_MOVED_S = 1.0
 """Offset's standard uncertainty up to which it is carried into the fits [s]: beyond it is not determined at all."""
 
@@ -67,6 +78,8 @@ class AreaForce:
         Of those frames.
     hertz, power : Fit
         With the exponent 2/3, and with it free.
+    most_N : float
+        Greatest force of the whole log.
     """
 
     offset_s: float
@@ -75,6 +88,31 @@ class AreaForce:
     force_N: tuple[float, ...]
     hertz: Fit
     power: Fit
+    most_N: float
+
+    def warnings(self) -> list[Warning]:
+        """Return what speaks against areas and forces of the same press.
+
+        Returns
+        -------
+        list of Warning
+        """
+        most = max(row.area_mm2 for row in self.rows)
+        share, power = self.power.rms_mm2 / most, self.power.exponent
+        low, high = PLAUSIBLE_POWERS
+        if max(self.force_N) < LEAST_REACHED * self.most_N:
+            text = (
+                f"the film's frames reach {max(self.force_N):.3g} N of the log's {self.most_N:.3g} N: is the log's clock in"
+                " seconds, and of this film?"
+            )
+            return [Warning("area_force_at_odds", text)]
+        if share <= POOR_FIT and low <= power <= high:
+            return []
+        text = (
+            f"a power law leaves {100 * share:.0f} % of the greatest area (usual: below {100 * POOR_FIT:.0f} %), with"
+            f" the exponent {power:.2f} (usual: {low:g} to {high:g}): forces of this press, with its clock and unit?"
+        )
+        return [Warning("area_force_at_odds", text)]
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data, units in the keys."""
@@ -134,7 +172,7 @@ def area_force(rows: Sequence[AreaRow], log: ForceLog, offset_s: float | None = 
     return AreaForce(
         offset_s=offset_s, offset_standard_s=standard,
         rows=tuple(row for row, k in zip(rows, known, strict=True) if k), force_N=tuple(map(float, force[known])),
-        hertz=fitted[0], power=fitted[1],
+        hertz=fitted[0], power=fitted[1], most_N=float(log.force_N.max()),
     )  # fmt: skip
 
 

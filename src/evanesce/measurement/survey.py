@@ -88,7 +88,7 @@ class Survey:
             return ()
         excess = self.excess
         least, most = float(excess.min()), float(excess.max())
-        if most < CLEAR_CONTACT * least:
+        if not most > CLEAR_CONTACT * least:  # frames that are black throughout as well
             return ()
         near = excess <= max(NOISE_FACTOR * least, STEP_SHARE * most)
         found = [index for index, free in zip(self.indices, near, strict=True) if free]

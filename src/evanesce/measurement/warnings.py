@@ -182,8 +182,9 @@ class EdgeLog:
     modelled: int = 0
     first: int = -1
     coloured: int = 0
+    merged: int = 0
 
-    def add(self, index: int, unseen: str, colour_unread: bool = False) -> None:
+    def add(self, index: int, unseen: str, colour_unread: bool = False, unresolved: bool = False) -> None:
         """Add one frame; see :class:`~evanesce.measurement.refined.result.RefinedArea` for ``unseen``.
 
         Parameters
@@ -191,9 +192,10 @@ class EdgeLog:
         index : int
             Number of the frame.
         unseen : str
-        colour_unread : bool
+        colour_unread, unresolved : bool
         """
         self.coloured += colour_unread
+        self.merged += unresolved
         if not unseen:
             return
         if self.count == 0:
@@ -219,6 +221,12 @@ class EdgeLog:
                 "what the others show: give --camera-model SCENE.toml or a CSV level,red,green,blue"
             )
             found.append(Warning("camera_model_missing", text))
+        if self.merged:
+            text = (
+                f"ridges or grooves are narrower than the blur resolves in {self.merged} of {frames} frame(s): their "
+                "areas may be wrong by far; focus, or come closer"
+            )
+            found.append(Warning("ridges_not_resolved", text))
         if not self.count:
             return found
         scattered = (

@@ -166,7 +166,7 @@ class CameraModel:
         above = share > 0.5
         return np.where(above, self.top, np.minimum(level, self.top)), deviation, above
 
-    def light(self, image: NDArray[np.uint8]) -> tuple[Floats, Mask]:
+    def light(self, image: NDArray[np.uint8], dark: Floats | float = 0.0) -> tuple[Floats, Mask]:
         """Return light relative to the highest level that shows in a frame, and where it is at least that.
 
         Where the contact's light lies between the first channel's end and the next one's beginning, colour does not
@@ -177,11 +177,13 @@ class CameraModel:
         ----------
         image : ndarray of uint8 (rows, cols, 3)
             Red, green, blue [DN].
+        dark : ndarray (rows, cols) or float
+            Level of the light without contact, which is taken off.
 
         Returns
         -------
         light : ndarray (rows, cols)
-            0 to 1.
+            Up to 1.
         full : ndarray of bool (rows, cols)
         """
         level, _, above = self.read(image)
@@ -189,8 +191,8 @@ class CameraModel:
         bright = float(np.partition(level, level.size - count, axis=None)[level.size - count])
         contact = float(np.median(level[level >= 0.5 * bright]))
         if self.blind[0] < contact < min(self.blind[1], FOOT_REACHES * self.blind[0]):
-            return np.minimum(level / self.blind[0], 1.0), level >= self.blind[0]
-        return level / self.top, above
+            return (np.minimum(level, self.blind[0]) - dark) / self.blind[0], level >= self.blind[0]
+        return (level - dark) / self.top, above
 
     def edge_uncertainty(self, image: NDArray[np.uint8], mask: Mask, blur_px: float, *, seen: bool) -> float:
         """Return how far a boundary half-way between two levels may lie from the true one by its colours [px].
@@ -224,6 +226,30 @@ class CameraModel:
         inside, outside = unsure[0] if seen else 0.0, unsure[1]
         step = max(levels[0] - levels[1], 1e-9)
         return MIXED_PX + 0.5 * np.sqrt(2 * np.pi) * blur_px * float(np.hypot(inside, outside)) / step
+
+    def misfit(self, image: NDArray[np.uint8], mask: Mask) -> float | None:
+        """Return how far the colours of a contact lie from this camera's at the levels that were read from them.
+
+        Parameters
+        ----------
+        image : ndarray of uint8 (rows, cols, 3)
+            [DN].
+        mask : ndarray of bool (rows, cols)
+            Contact; its rim, where demosaicing mixes colours, is left out.
+
+        Returns
+        -------
+        float, or None
+            Median over pixels of the greatest difference of a channel [DN]; None of a contact too small for it.
+        """
+        deep = cv2.erode(mask.astype(np.uint8), _disk(RING_PX[0])) > 0
+        if deep.sum() < BRIGHTEST:
+            return None
+        seen = image[deep]
+        level, _, _ = self.read(seen[None])
+        output = np.stack([np.interp(level[0], self.levels, self.output[:, c]) for c in range(3)], axis=1)
+        expected = np.interp(np.clip(output, 0.0, 1.0), self.tone, np.arange(256.0))
+        return float(np.median(np.abs(seen - expected).max(axis=1)))
 
     def _posterior(self, colours: NDArray[np.intp]) -> Floats:
         """Return mean, standard deviation and share above the top of packed colours (3, n)."""

@@ -35,7 +35,7 @@ from evanesce.measurement.refined.edge import (
 )
 from evanesce.measurement.refined.light import Radiometry
 from evanesce.measurement.refined.plate import PlateMap
-from evanesce.measurement.refined.replica import replica
+from evanesce.measurement.refined.replica import edge_blur, replica
 from evanesce.measurement.refined.result import RefinedArea, Unseen
 from evanesce.measurement.refined.saturation import (
     contact_edge,
@@ -45,7 +45,9 @@ from evanesce.measurement.refined.saturation import (
     lies_within,
     shift_of_edge,
 )
+from evanesce.measurement.refined.specks import filled, without_specks
 from evanesce.measurement.refined.subsurface import Scattering, entered, find_scattering
+from evanesce.measurement.refined.synthesis import NARROW_SHARE, synthesised
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -64,8 +66,8 @@ SATURATED_SHARE = 0.02
 GROUND_PERCENTILE = 5.0
 """Of the light of a frame without a dark frame: what is taken for the light without contact."""
 
-SPECK_RIM_PX = 5
-"""Reach of the blur around a speck that is left out [px]."""
+EDGE_BLUR = 0.2
+"""Relative half-width of a blur that is read from the contact's own edges, where the camera's is not known."""
 
 SATURATED_LEVEL = 0.8
 """Light at which the edge of a saturated contact is read: the highest that noise does not saturate."""
@@ -200,11 +202,13 @@ class Estimator:
                 allowed="frames of the size that was calibrated",
             )
         found, camera = self._area(image), self.radiometry.camera
+        levels = image if image.ndim == 2 else image.max(axis=2)
+        found = replace(found, ground=float(self.radiometry.tone[int(np.median(levels))]))
         if camera is None or image.ndim == 2 or not found.contours:
             return replace(found, colour_unread=self.radiometry.leaves_colour(image))
         view = self.settings.crop.apply(image)
         unsure = camera.edge_uncertainty(view, found.mask, self.settings.blur.px, seen=not found.unseen)
-        return replace(found, colour_uncertainty_px=unsure)
+        return replace(found, colour_uncertainty_px=unsure, colour_misfit_DN=camera.misfit(view, found.mask))
 
     def _area(self, image: NDArray[np.uint8]) -> RefinedArea:
         light, full = self.radiometry.light(image)
@@ -216,11 +220,18 @@ class Estimator:
         if coarse is None:
             return self._nothing(light.shape, full)
         bright = coarse
-        coarse, dropped = self._without_specks(bright, (crop.r0, crop.c0))
+        settings = self.settings
+        if settings.min_blob_px:
+            blobs = large_blobs(bright, settings.dilation_px, settings.min_blob_px)
+            coarse, dropped = bright & blobs.dilated, blobs.dropped
+        else:
+            coarse, dropped = without_specks(
+                bright, self.plate, settings.min_area_mm2, settings.dilation_px, (crop.r0, crop.c0)
+            )
         if not coarse.any():
             return replace(self._nothing(light.shape, full), dropped=dropped)
         if dropped:
-            light = _filled(light, bright & ~coarse)
+            light = filled(light, bright & ~coarse)
         return replace(self._contact(light, full, coarse), dropped=dropped)
 
     def _nothing(self, shape: tuple[int, ...], full: Mask) -> RefinedArea:
@@ -229,19 +240,6 @@ class Estimator:
             scattering=self.settings.scattering or Scattering(), saturated_pixels=int(full.sum()), islands=0, dropped=0,
             step=0.0,
         )  # fmt: skip
-
-    def _without_specks(self, mask: Mask, origin: tuple[int, int]) -> tuple[Mask, int]:
-        """Drop islands below the minimum area or size; return the rest and the number dropped."""
-        if self.settings.min_blob_px:
-            blobs = large_blobs(mask, self.settings.dilation_px, self.settings.min_blob_px)
-            return mask & blobs.dilated, blobs.dropped
-        labels, count = ndimage.label(mask, np.ones((3, 3)))
-        if not count:
-            return mask, 0
-        sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
-        middles = np.array(ndimage.center_of_mass(mask, labels, np.arange(1, count + 1)))[:, ::-1] + origin[::-1]
-        keep = sizes * self.plate.pixel_area(middles) >= self.settings.min_area_mm2
-        return np.asarray(np.concatenate([[False], keep])[labels]), int((~keep).sum())
 
     def _contact(self, light: Floats, full: Mask, coarse: Mask) -> RefinedArea:
         settings = self.settings
@@ -271,15 +269,46 @@ class Estimator:
         if scattering.length_px or saturated or not found.contours:
             return found
         side = np.sqrt(self.plate.pixel_area(np.concatenate(found.contours)).mean())
-        again = replica(local, boundary, settings.edge)
+        again, narrow = replica(local, boundary, settings.edge), narrow_share(boundary, settings.edge)
         gain = 0.0 if again is None else again.gain
-        return replace(
+        found = replace(
             found,
-            area_mm2=found.area_mm2 / (1.0 + gain),
+            edge_px=edge_blur(boundary, settings.edge),
             spread_mm=edge_spread(boundary) * float(side),
             sharp_spread_mm=None if again is None else again.spread_px * float(side),
-            shape_gain=gain,
-            narrow_share=narrow_share(boundary, settings.edge),
+            narrow_share=narrow,
+        )
+        if narrow > NARROW_SHARE:
+            return self._narrow(local, boundary, window, found, full)
+        return replace(found, area_mm2=found.area_mm2 / (1.0 + gain), shape_gain=gain)
+
+    def _narrow(
+        self, light: Floats, boundary: Boundary, window: tuple[slice, slice], found: RefinedArea, full: Mask
+    ) -> RefinedArea:
+        """Return an area whose narrow ridges and grooves are found by synthesis, at the blur and at its limits."""
+        blur = self.settings.blur
+        px, low, high = blur.px, blur.low_px, blur.high_px
+        if blur.origin == "nominal":
+            px = edge_blur(boundary, self.settings.edge)
+            low, high = (1.0 - EDGE_BLUR) * px, (1.0 + EDGE_BLUR) * px
+        best = synthesised(light, boundary, px, self.settings.edge)
+        wide = synthesised(light, best.boundary, high, self.settings.edge)
+        moved = self._measured(best.boundary, window, found.mask.shape, full, found.scattering, 0.0)
+        if not moved.contours:
+            return found
+        other = self._measured(wide.boundary, window, found.mask.shape, full, found.scattering, 0.0)
+        side = float(np.sqrt(self.plate.pixel_area(np.concatenate(moved.contours)).mean()))
+        # the area changes by the blur almost linearly between its limits
+        slope = (other.area_mm2 - moved.area_mm2) / (high - px) / moved.perimeter_mm / side
+        return replace(
+            moved,
+            edge_px=found.edge_px,
+            spread_mm=found.spread_mm,
+            sharp_spread_mm=found.sharp_spread_mm,
+            narrow_share=found.narrow_share,
+            synthesised=True,
+            unresolved=not best.rests,
+            blur_uncertainty_px=abs(slope) * 0.5 * (high - low),
         )
 
     def _find_scattering(self, light: Floats, mask: Mask) -> Scattering:
@@ -348,15 +377,6 @@ class Estimator:
             saturated_pixels=int((full & mask).sum()), islands=islands, dropped=0,
             step=float(np.median(boundary.step[inside])) if inside.any() else 0.0,
         )  # fmt: skip
-
-
-def _filled(light: Floats, specks: Mask) -> Floats:
-    """Return light whose specks, each with the reach of its blur, hold what is around them."""
-    size = 2 * SPECK_RIM_PX + 1
-    bad = cv2.dilate(specks.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
-    weight = cv2.GaussianBlur((~bad).astype(np.float64), (0, 0), 2.0 * SPECK_RIM_PX)
-    around = cv2.GaussianBlur(np.where(bad, 0.0, light), (0, 0), 2.0 * SPECK_RIM_PX) / np.maximum(weight, 1e-6)
-    return np.where(bad & (weight > 1e-3), around, light)
 
 
 def _window(mask: Mask, margin: int) -> tuple[slice, slice]:

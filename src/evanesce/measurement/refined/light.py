@@ -6,7 +6,7 @@ frames without contact, the flat field from frames of a contact that covers the 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -78,7 +78,7 @@ class Radiometry:
     tone : ndarray (256,)
         Linear light of each level, 0 to 1 (:func:`tone_table`).
     dark : ndarray (rows, cols) or float
-        Linear light without contact: black level, ambient light, specks.
+        Linear light without contact: black level, ambient light, specks; a level where a camera model reads frames.
     flat : ndarray (rows, cols) or float
         Relative light of an even target, mean 1.
     camera : CameraModel, optional
@@ -119,10 +119,11 @@ class Radiometry:
             If the curve is not valid, shots differ in size, or a flat shot is dark somewhere.
         """
         tone = tone_table(details.get("tone_curve", "bt709"))
-        if camera is not None and (list(dark) or list(flat)):
-            raise InputError(
-                "dark and flat shots hold for grey frames", key="camera_model", allowed="without dark and flat shots"
-            )
+        if camera is not None:
+            if list(flat):
+                raise InputError("flat shots hold for grey frames", key="camera_model", allowed="without flat shots")
+            levels = _mean_of(dark, lambda shot: camera.read(shot)[0] if shot.ndim == 3 else tone[shot], "dark")
+            return cls(tone, 0.0 if levels is None else levels, camera=camera)
         black = _mean_light(dark, tone, "dark")
         even = _mean_light(flat, tone, "flat")
         if even is None:
@@ -149,8 +150,7 @@ class Radiometry:
             if isinstance(part, np.ndarray) and part.shape != image.shape[:2]:
                 raise InputError(f"shot of {part.shape}", key=name, allowed=f"the frames' size {image.shape[:2]}")
         if self.camera is not None and image.ndim == 3:
-            light, full = self.camera.light(image)
-            return (light - self.dark) / self.flat, full
+            return self.camera.light(image, self.dark)
         full = (image if image.ndim == 2 else image.max(axis=2)) >= FULL_SCALE
         return (_linear(image, self.tone) - self.dark) / self.flat, full
 
@@ -194,10 +194,14 @@ def _linear(image: Image, tone: Floats) -> Floats:
 
 
 def _mean_light(shots: Iterable[Image], tone: Floats, key: str) -> Floats | None:
+    return _mean_of(shots, lambda shot: _linear(shot, tone), key)
+
+
+def _mean_of(shots: Iterable[Image], read: Callable[[Image], Floats], key: str) -> Floats | None:
     total: Floats | None = None
     count = 0
     for shot in shots:
-        light = _linear(shot, tone)
+        light = read(shot)
         if total is not None and total.shape != light.shape:
             raise InputError(f"shots of {total.shape} and {light.shape}", key=key, allowed="shots of one size")
         total, count = light if total is None else total + light, count + 1

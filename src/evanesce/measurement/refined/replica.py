@@ -76,10 +76,8 @@ def replica(light: Floats, boundary: Boundary, settings: EdgeSettings) -> Replic
     if not inside.any():
         return None
     inner, outer = envelopes(smooth, inside, settings)
-    share = _share(boundary.level)
-    # at its middle a step that a Gaussian blurred rises by 1/(sqrt(2 pi) sigma) a pixel
-    total = edge_width(boundary) / np.sqrt(2.0 * np.pi)
-    blur = float(np.sqrt(max(total**2 - settings.smoothing_px**2 - 1.0 / 12.0, SMALLEST_PX**2)))
+    share = contact_share(boundary.level)
+    blur = edge_blur(boundary, settings)
     drawn = outer + cv2.GaussianBlur(share * (inner - outer), (0, 0), blur)
     noise = np.where(inside, *(_noise(light - smooth, side, settings.smoothing_px) for side in (inside, ~inside)))
     drawn = drawn + noise * rng.generator(0, "replica").standard_normal(light.shape)
@@ -90,8 +88,37 @@ def replica(light: Floats, boundary: Boundary, settings: EdgeSettings) -> Replic
     return Replica(gain=after / before - 1.0, spread_px=edge_spread(found))
 
 
-def _share(level: Floats) -> Floats:
-    """Return the share of each pixel on the bright side of a map's curve at one half."""
+def edge_blur(boundary: Boundary, settings: EdgeSettings) -> float:
+    """Return the blur that the edges of a boundary show at their median [px].
+
+    Parameters
+    ----------
+    boundary : Boundary
+    settings : EdgeSettings
+        By which it was found.
+
+    Returns
+    -------
+    float
+        Standard deviation [px].
+    """
+    # at its middle a step that a Gaussian blurred rises by 1/(sqrt(2 pi) sigma) a pixel
+    total = edge_width(boundary) / np.sqrt(2.0 * np.pi)
+    return float(np.sqrt(max(total**2 - settings.smoothing_px**2 - 1.0 / 12.0, SMALLEST_PX**2)))
+
+
+def contact_share(level: Floats) -> Floats:
+    """Return the share of each pixel on the bright side of a map's curve at one half.
+
+    Parameters
+    ----------
+    level : ndarray (rows, cols)
+
+    Returns
+    -------
+    ndarray (rows, cols)
+        0 to 1.
+    """
     rows, cols = level.shape
     large = cv2.resize(level, None, fx=FINER, fy=FINER, interpolation=cv2.INTER_LINEAR) > 0.5
     return np.asarray(large.reshape(rows, FINER, cols, FINER).mean(axis=(1, 3)))

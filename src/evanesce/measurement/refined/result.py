@@ -33,6 +33,10 @@ class RefinedArea:
         Parts of the contact, and those too small to be it.
     step : float
         Median light of contact over what is beside it, of full scale.
+    ground : float
+        Median light of the frame, of full scale: what is beside the contact, before a dark frame is taken off.
+    edge_px : float, optional
+        Blur that the contact's edges show (:func:`.edge_blur`) [px]; None where the frame does not show them.
     spread_mm : float, optional
         How much wider the edge is than at its median (:func:`.edge_spread`); None where it is not the
         frame's own: saturated, or after scattering was inverted.
@@ -42,11 +46,16 @@ class RefinedArea:
         Relative error of the area of such a contact, which is divided out of ``area_mm2`` [1].
     narrow_share : float
         Share of the boundary beside ridges or grooves too narrow for an envelope (:func:`.narrow_share`) [1].
+    synthesised, unresolved : bool
+        Whether narrow ridges and grooves were found by synthesis (:mod:`.synthesis`), and whether that came to no rest:
+        the blur hides them.
     unseen : {"", "top", "modelled"}
         What saturation hides of the edge: nothing; its top, so that its foot was read; more, under scattered light, so
         that the saturated part comes from a model.
     blur_uncertainty_px : float
-        How far the boundary moves between the limits of the camera's blur [px]; 0 where the edge does not depend on it.
+        How far the boundary moves between the limits of the camera's blur [px], half; 0 where it does not depend on it.
+    colour_misfit_DN : float, optional
+        Median difference of the contact's colours from those of the camera model at the level that was read [DN].
     colour_unread, colour_uncertainty_px : bool, float
         Whether one channel of a colour frame is clipped and no camera model says what the others show; how far levels
         that colours leave open may move the boundary [px].
@@ -61,14 +70,19 @@ class RefinedArea:
     islands: int
     dropped: int
     step: float
+    ground: float = 0.0
+    edge_px: float | None = None
     spread_mm: float | None = None
     sharp_spread_mm: float | None = None
     shape_gain: float = 0.0
     narrow_share: float = 0.0
+    synthesised: bool = False
+    unresolved: bool = False
     unseen: Unseen = ""
     blur_uncertainty_px: float = 0.0
     colour_unread: bool = False
     colour_uncertainty_px: float = 0.0
+    colour_misfit_DN: float | None = None
 
     @property
     def excess_mm(self) -> float | None:

@@ -32,7 +32,7 @@ UNKNOWN_SPREAD = 0.02
 
 def refined_uncertainty(
     found: RefinedArea, estimator: Estimator, rng: np.random.Generator, *, video: bool = False,
-    cards: Sequence[Component] | None = None, finger: Finger = "ridged",
+    cards: Sequence[Component] | None = None, finger: Finger = "ridged", bits_per_pixel: float | None = None,
 ) -> Uncertain:  # fmt: skip
     """Return a refined area with its uncertainty.
 
@@ -46,6 +46,8 @@ def refined_uncertainty(
     cards : sequence of Component, optional
         What is known of the cards; :func:`.card_components` by default.
     finger : {"ridged", "smooth"}
+    bits_per_pixel : float, optional
+        Of the video's key frames; without it a codec's influence is taken as that of a low rate.
 
     Returns
     -------
@@ -58,12 +60,15 @@ def refined_uncertainty(
     reading = Reading(area_mm2=found.area_mm2, perimeter_mm=found.perimeter_mm, distance_mm=distance)
     # the law of the film by the edge's width holds for edges that neither codec nor demosaicing widened
     spread_mm = None if video or found.colour_uncertainty_px else found.excess_mm
+    seen = not (found.unseen or found.scattering.length_px) and found.perimeter_mm > 0
+    half_width = found.area_mm2 / found.perimeter_mm if seen else None
     parts = [
         *(card_components() if cards is None else cards),
         nearness,
         *refined_components(
             side, spread, video=video, finger=finger, spread_mm=spread_mm,
-            shape_mm=shape, narrow=found.narrow_share,
+            shape_mm=shape, narrow=found.narrow_share, half_width_mm=half_width, synthesised=found.synthesised,
+            unresolved=found.unresolved, bits_per_pixel=bits_per_pixel,
             unseen=found.unseen, scattering=found.scattering.length_px > 0,
             blur_uncertainty_px=found.blur_uncertainty_px, colour_uncertainty_px=found.colour_uncertainty_px,
         ),

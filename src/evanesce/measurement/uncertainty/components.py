@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -58,16 +59,62 @@ FILM_LIMITS_MM = {"smooth": (0.0, 0.002), "ridged": (-0.003, 0.007)}
 """Limits of the same displacement where the frame does not show the edge's own width: saturated, or scattering."""
 
 
+DEPTH_MM = 1e-4
+"""Greatest depth of the evanescent light in a film of air [mm]: 550 to 850 nm / (4 pi sqrt(n^2 sin^2 - 1)) of light
+that glass of n = 1.5 guides at 50 degrees or more and silicone of 1.4 takes up."""
+
+TIP_RADIUS_MM = 15.0
+"""Greatest radius of curvature of a finger's tip [mm]."""
+
+RIDGE_HEIGHT_MM = 0.05
+"""Least height of a ridge [mm]: a sine of period 4 b has crests of radius 8 b^2 / (pi^2 height)."""
+
 UNSEEN_PX = {"top": 0.4, "modelled": 1.2}
 """Limits of the displacement of an edge that saturation hides [px], by what it hides: the estimator study's greatest
 errors, rounded up; on another rig they may be larger."""
 
-NARROW_PX = 0.2
-"""The same of an edge between ridges or grooves that are narrower than the reach of the blur on either side: on drawn
-ridges 5 and 7 px wide, blurred by 1.2 px, the boundary ran 0.06 to 0.11 px too far inside (tests/system)."""
+NARROW_PX = {True: 0.02, False: 0.2}
+"""The same of an edge between ridges or grooves narrower than the reach of the blur on either side, found by synthesis
+or not. By synthesis drawn ridges 5.5 to 12 px wide, blurred by 0.8 to 1.6 px, were right to 0.006 px."""
+
+UNRESOLVED_PX = 1.0
+"""The same where synthesis came to no rest: ridges merge."""
+
+CODEC_PX = (0.0075, 0.01, 0.5)
+"""Limit of what a lossy codec does to an edge [px]: the first over the bits per pixel of key frames, between the
+others. In drawn H.264 films of 0.63, 0.36, 0.085, 0.051, 0.032 and 0.026 bits per pixel edges moved by at most 0.015,
+0.019, 0.087, 0.062, 0.20 and 0.29 px."""
 
 INVERSION_PX = 0.5
 """The same of an edge that was found after inversion of subsurface scattering."""
+
+
+def film_opening(half_width_mm: float) -> float:
+    """Return how far outside a contact a film of air moves its boundary at most.
+
+    Beside a Hertz contact of half-width b and radius of curvature R the gap grows as (8 sqrt(2)/(3 pi)) sqrt(b) d^1.5/R
+    with the distance d. Light that falls as exp(-gap/depth) adds as much as a step at the integral of that; adhesion
+    makes it less.
+
+    Parameters
+    ----------
+    half_width_mm : float
+        Of the contact or of its ridges [mm].
+
+    Returns
+    -------
+    float
+        [mm].
+
+    References
+    ----------
+    K. L. Johnson, *Contact Mechanics* (1985), eq. 3.42.
+    """
+    if not half_width_mm > 0:
+        return 0.0
+    radius = min(TIP_RADIUS_MM, 8.0 * half_width_mm**2 / (math.pi**2 * RIDGE_HEIGHT_MM))
+    opening = 8.0 * math.sqrt(2.0) / (3.0 * math.pi) * math.sqrt(half_width_mm) / radius
+    return math.gamma(5.0 / 3.0) * (DEPTH_MM / opening) ** (2.0 / 3.0)
 
 
 def card_components(*, tolerance: float = PRINT_TOLERANCE, height_mm: float = CARD_HEIGHT_MM) -> list[Component]:
@@ -133,6 +180,8 @@ def refined_components(
     pixel_mm: float, scale_standard: float, *, video: bool = False, finger: Finger = "ridged",
     spread_mm: float | None = None, shape_mm: float = 0.0, narrow: float = 0.0, unseen: str = "",
     scattering: bool = False, blur_uncertainty_px: float = 0.0, colour_uncertainty_px: float = 0.0,
+    half_width_mm: float | None = None, synthesised: bool = False, unresolved: bool = False,
+    bits_per_pixel: float | None = None,
 ) -> list[Component]:  # fmt: skip
     """Return the budget of the refined estimator beyond the card.
 
@@ -154,6 +203,12 @@ def refined_components(
         How far outside a sharp contact of this shape the boundary runs, on average; the area is corrected for it [mm].
     narrow : float
         Share of the boundary at which ridge or groove is too narrow for an envelope [1].
+    half_width_mm : float, optional
+        Of the contact or its ridges, area over perimeter, where the edge is seen but its width is not its own [mm].
+    synthesised, unresolved : bool
+        Of :class:`~evanesce.measurement.refined.result.RefinedArea`.
+    bits_per_pixel : float, optional
+        Of the video's key frames.
     scattering : bool
         Whether subsurface scattering was inverted.
 
@@ -166,7 +221,7 @@ def refined_components(
             name="scale fit", role="scale", low=-scale_standard, high=scale_standard, shape="normal",
             origin="scatter of the board's corners, propagated through the fit of scale, tilt and distortion",
         ),
-        *_film_components(pixel_mm, spread_mm, finger),
+        *_film_components(pixel_mm, spread_mm, finger, half_width_mm),
     ]  # fmt: skip
     if shape_mm:
         origin = (
@@ -175,7 +230,8 @@ def refined_components(
         found.append(_boundary("shape", 0.5 * abs(shape_mm), origin))
     if narrow > 0:
         origin = "ridges or grooves too narrow to show their own light beyond the blur"
-        found.append(_boundary("narrow parts", NARROW_PX * narrow * pixel_mm, origin))
+        limit = UNRESOLVED_PX if unresolved else NARROW_PX[synthesised]
+        found.append(_boundary("narrow parts", limit * narrow * pixel_mm, origin))
     if scattering:
         origin = "inversion of subsurface scattering, whose length is fitted to the frame"
         found.append(_boundary("subsurface scattering", INVERSION_PX * pixel_mm, origin))
@@ -183,12 +239,12 @@ def refined_components(
         origin = "the edge is read from light beside the part that is at full scale"
         found.append(_boundary("saturated edge", UNSEEN_PX[unseen] * pixel_mm, origin))
     if blur_uncertainty_px > 0:
-        origin = "displacement of a saturated edge by the limits of the blur: the board's, or those of any camera"
+        origin = "displacement of the edge by the limits of the blur: the board's, or those of any camera"
         found.append(_boundary("camera's blur", blur_uncertainty_px * pixel_mm, origin))
     if colour_uncertainty_px > 0:
         origin = "demosaicing; levels between the end of one channel's range and the beginning of the next one's"
         found.append(_boundary("colour", colour_uncertainty_px * pixel_mm, origin))
-    return [*found, *_codec(pixel_mm, video)]
+    return [*found, *_codec(pixel_mm, video, bits_per_pixel)]
 
 
 def _boundary(name: str, half_mm: float, origin: str) -> Component:
@@ -196,11 +252,14 @@ def _boundary(name: str, half_mm: float, origin: str) -> Component:
     return Component(name=name, role="boundary", low=-half_mm, high=half_mm, shape="rectangular", origin=origin)
 
 
-def _film_components(pixel_mm: float, spread_mm: float | None, finger: Finger) -> list[Component]:
+def _film_components(
+    pixel_mm: float, spread_mm: float | None, finger: Finger, half_width_mm: float | None
+) -> list[Component]:
     """Return the components of the film of air beside the contact and of the edge model.
 
     Whether what a sharp contact of the same shape does not show is a film's or another light's beside the contact is
-    not known: the limits hold no film and the law's, each with two standard deviations of the law's residual.
+    not known: the limits hold no film and the law's, each with two standard deviations of the law's residual. An edge
+    that a codec or demosaicing widened does not show a film: the limits are those of its opening.
     """
     if spread_mm is not None:
         law = FILM.at(spread_mm)
@@ -209,6 +268,14 @@ def _film_components(pixel_mm: float, spread_mm: float | None, finger: Finger) -
                 name="film of air, edge", role="boundary", low=min(0.0, law) - 2 * FILM.standard_mm,
                 high=max(0.0, law) + 2 * FILM.standard_mm, shape="rectangular", origin="light that still couples beside"
                 " the contact, none or by the width of the edge beyond that of a sharp contact of the same shape",
+            )
+        ]  # fmt: skip
+    if half_width_mm is not None:
+        return [
+            Component(
+                name="film of air, edge", role="boundary", low=-2 * FILM.standard_mm,
+                high=film_opening(half_width_mm) + 2 * FILM.standard_mm, shape="rectangular",
+                origin="light that still couples beside the contact, none or by the opening of a Hertz contact",
             )
         ]  # fmt: skip
     low, high = FILM_LIMITS_MM[finger]
@@ -222,10 +289,14 @@ def _film_components(pixel_mm: float, spread_mm: float | None, finger: Finger) -
     ]  # fmt: skip
 
 
-def _codec(pixel_mm: float, video: bool) -> list[Component]:
+def _codec(pixel_mm: float, video: bool, bits_per_pixel: float | None = None) -> list[Component]:
     if not video:
         return []
-    return [_boundary("codec", 0.1 * pixel_mm, "overshoot of a lossy codec at an edge: a tenth of a pixel")]
+    if bits_per_pixel is None:
+        return [_boundary("codec", 0.1 * pixel_mm, "overshoot of a lossy codec at an edge: a tenth of a pixel")]
+    each, least, most = CODEC_PX
+    origin = f"what a lossy codec of {bits_per_pixel:.2g} bits per pixel of key frames does to an edge"
+    return [_boundary("codec", min(max(each / bits_per_pixel, least), most) * pixel_mm, origin)]
 
 
 def reference_components(

@@ -75,7 +75,7 @@ RIGS: Mapping[str, DevelopmentRig] = {
             "finger.position_mm": [1.3, -0.9],
             "camera.resolution_px": [320, 240],
             "camera.scale_px_per_mm": 10.4,
-            "camera.exposure_ms": 4.3,
+            "camera.exposure_ms": 1.9,
             "camera.lens.f_number": 4.0,
             "camera.lens.defocus_um": 90.0,
             "press.forces_N": [5.0],

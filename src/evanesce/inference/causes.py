@@ -188,8 +188,8 @@ def _by_departure(
     shares = [sorted((b - p.null) / (start[p.name] - p.null) for b in p.bounds) for p in grown]
     low, high = max(s[0] for s in shares), min(s[1] for s in shares)
     deviation = max(p.deviation / abs(start[p.name] - p.null) for p in grown)
-    one = (np.array([x]) for x in (deviation, low, high))
-    return Entry(cause, row[None].astype(np.float32), *one, start=dict(start))
+    one = [np.array([x]) for x in (deviation, low, high)]
+    return Entry(cause, row[None].astype(np.float32), one[0], one[1], one[2], dict(start))
 
 
 def _shows(entry: Entry) -> bool:

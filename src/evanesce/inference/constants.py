@@ -5,8 +5,8 @@
                                the area (issue: "at least one per cent")
 ``LEAST_AREA``         0.002   relative change of the measured area below which a cause is listed, not named; the
                                repeatability of the thesis's area readings is of that size
-``OWN_LIGHT``          0.01    standard deviation of the nominal model's light at low spatial frequencies: LED fluxes are
-                               sorted to some per cent, and sums over tens of LEDs vary by a tenth to a third of that
+``OWN_LIGHT``          0.01    standard deviation of the nominal model's light at low spatial frequencies: LED fluxes
+                               are sorted to some per cent, and sums over tens of LEDs vary by a third of that or less
 ``TIED_SHARE``         0.02    least standard deviation of a cause's own change by which its form may be off; more where
                                the coarse and the fine model differ by more
 ``WAVES``              3       cosines along each side of the frame in which such errors of form vary: a third of the

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.noise import Noise, noise_of
-from evanesce.criticism.noise_scale import NoiseScale, noise_scale_of
 from evanesce.criticism.observe import Observation
 from evanesce.criticism.tone import expected_tone
 from evanesce.criticism.views import View
@@ -25,6 +24,9 @@ Array = NDArray[Any]
 
 SATURATED_DN = 254.0
 """Mean level from which on a bin shows the end of the scale and nothing else."""
+LIT_DN = 40.0
+"""Level from which on the place of black makes no difference to the scatter."""
+LEAST_BINS = 20
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,10 @@ class DataVector:
     valid : ndarray of bool (views, rows, cols)
     views : tuple of View
     noise : Noise
-    scale : NoiseScale
+    scale : float
+        Real over modelled noise before the tone curve.
+    scale_deviation : float
+        Prior standard deviation of its logarithm.
     """
 
     cube: Array
@@ -48,7 +53,8 @@ class DataVector:
     valid: NDArray[np.bool_]
     views: tuple[View, ...]
     noise: Noise
-    scale: NoiseScale
+    scale: float
+    scale_deviation: float
 
     @property
     def open(self) -> tuple[int, ...]:
@@ -106,16 +112,38 @@ def data_vector(observation: Observation) -> DataVector:
     -------
     DataVector
     """
-    scale = noise_scale_of(observation.believed.camera, observation.scatter)
+    scale, deviation = lit_noise_scale(observation)
     cube = observation.cube
-    tone = expected_tone(observation.scene.camera, scale.value)
+    tone = expected_tone(observation.scene.camera, scale)
     known = FROZEN.noise
     noise = noise_of(
         observation.held, tone, cube.shape[1:], floor_DN=known["floor_DN"], flicker=known["flicker"]
     )  # fmt: skip
     frames = np.array([v.frames for v in observation.views])[:, None, None]
     variance = noise.variance(cube, frames) + (STEP_SHARE * bin_steps(cube)) ** 2
-    return DataVector(cube, np.sqrt(variance), cube < SATURATED_DN, observation.views, noise, scale)
+    return DataVector(cube, np.sqrt(variance), cube < SATURATED_DN, observation.views, noise, scale, deviation)
+
+
+def lit_noise_scale(observation: Observation) -> tuple[float, float]:
+    """Return real over modelled noise before the tone curve, and the prior standard deviation of its logarithm.
+
+    From single pixels of held states at levels where the place of black makes no difference to their scatter: below, a
+    displaced black level looks like another noise. 1 where there are none.
+
+    Parameters
+    ----------
+    observation : Observation
+    """
+    known = FROZEN.noise
+    parts = list(observation.scatter.values())
+    if not parts:
+        return 1.0, known["scale_loose"]
+    level, variance = (np.concatenate([np.ravel(part[k]) for part in parts]) for k in (0, 1))
+    lit = (level > LIT_DN) & (level < SATURATED_DN)
+    if lit.sum() < LEAST_BINS:
+        return 1.0, known["scale_loose"]
+    modelled = float(expected_tone(observation.believed.camera, 1.0).variance_at(level[lit]).mean())
+    return float(np.clip(np.sqrt(variance[lit].mean() / modelled), 0.1, 3.0)), known["scale_close"]
 
 
 def bin_steps(cube: Array) -> Array:

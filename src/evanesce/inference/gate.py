@@ -119,6 +119,15 @@ class GrossDifference(EvanesceError):
         self.gate = gate
         super().__init__(gate.sentence())
 
+    def as_dict(self) -> dict[str, Any]:
+        """Return it in the answer's form."""
+        return {
+            "method": "joint",
+            "first_line": str(self),
+            "gate": [x.as_dict() for x in self.gate.lines],
+            "causes": [],
+        }
+
 
 def gate_of(observation: Observation, coarse: Predictor) -> Gate:
     """Compare the frames with what the nominal model predicts.
@@ -203,12 +212,22 @@ def _contact_lines(pairs: Sequence[tuple[Patch, Patch]]) -> tuple[list[Line], di
     axes = float(np.median([m.axes / p.axes for m, p in pairs]))
     level = float(np.median([m.level_DN / p.level_DN for m, p in pairs]))
     lines = [
-        Line("contact area", "mm^2", *both(lambda q: q.area_mm2), gross=abs(np.log(ratio)) > np.log(GROSS_AREA)),
+        Line("contact area", "mm^2", *both(lambda q: q.area_mm2), gross=_beyond(ratio, GROSS_AREA)),
         Line("ratio of the contact's axes", "", *both(lambda q: q.axes), gross=axes > GROSS_AXES),
-        Line("level of the contact", "DN", *both(lambda q: q.level_DN), gross=abs(np.log(level)) > np.log(GROSS_LEVEL)),
+        Line(
+            "level of the contact",
+            "DN",
+            *both(lambda q: q.level_DN),
+            gross=_beyond(level, GROSS_LEVEL),
+        ),
     ]
     moved = {axis: float(np.median([m.centre_mm[i] - p.centre_mm[i] for m, p in pairs])) for i, axis in enumerate("xy")}
     return lines, moved
+
+
+def _beyond(ratio: float, limit: float) -> bool:
+    """Return whether a ratio lies beyond a limit or below its inverse."""
+    return bool(abs(np.log(ratio)) > np.log(limit))
 
 
 def _missing_contact(observation: Observation, plate: _PlateReader, coarse: Predictor) -> list[Line]:
@@ -234,7 +253,7 @@ def _board_lines(observation: Observation, coarse: Predictor) -> list[Line]:
     if any(p is None for p in pitches):
         return []
     measured, predicted = (float(p) for p in pitches if p is not None)
-    gross = abs(np.log(measured / predicted)) > np.log1p(GROSS_FIELD)
+    gross = _beyond(measured / predicted, 1.0 + GROSS_FIELD)
     return [
         Line("pitch of the checkerboard", "px", measured, predicted, gross=False),
         Line("field of view", "mm", cols * side / measured, cols * side / predicted, gross=gross),

@@ -109,7 +109,7 @@ class Fitter:
         opened = set(data.open)
         every = [
             p
-            for p in nuisance_parameters(data.views, data.noise.flicker, data.scale.deviation)
+            for p in nuisance_parameters(data.views, data.noise.flicker, data.scale_deviation)
             if p.views is None or set(p.views) & opened
         ]
         self.nuisances = tuple(_bounded(p) for p in every if not p.linear)

@@ -35,7 +35,7 @@ class AnchoredModel:
     def __init__(self, observation: Observation, data: DataVector) -> None:
         self.observation, self.data = observation, data
         self.factor = model_factor(observation.believed)
-        self.coarse = Predictor(observation.scene, data.views, noise_scale=data.scale.value)
+        self.coarse = Predictor(observation.scene, data.views, noise_scale=data.scale)
         self.anchors = 0
 
     def anchor(self, point: Point) -> Array:
@@ -58,9 +58,7 @@ class AnchoredModel:
 
     def fine(self, point: Point) -> FineFrames:
         """Return the fine model at a point."""
-        return FineFrames(
-            self.observation.believed, self.data.views, self.factor, point, noise_scale=self.data.scale.value
-        )
+        return FineFrames(self.observation.believed, self.data.views, self.factor, point, noise_scale=self.data.scale)
 
     def cube(self, point: Point, only: Sequence[int] | None = None) -> Array:
         """Return the bins (views, rows, cols) [DN]; NaN in views that are not in ``only`` (the open ones)."""

@@ -99,7 +99,7 @@ class Discrepancy:
     def _share(self, fine: Array, whole: Array, without: Mapping[str, float], change: Array) -> float:
         """Return the relative difference of a cause's change between the fine and the coarse model."""
         opened = list(self.model.data.open)
-        other = self.model.fine(without).cube()
-        off = (fine - other)[opened] - change[opened]
+        opened = [k for k in opened if not self.model.data.views[k].is_card]
+        off = fine[opened] - self.model.fine_cube(without, opened) - change[opened]
         size = np.sqrt(np.nanmean(off**2) / max(float(np.nanmean(change[opened] ** 2)), 1e-12))
         return float(np.clip(size, TIED_SHARE, MOST_SHARE))

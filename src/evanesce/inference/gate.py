@@ -25,6 +25,8 @@ from evanesce.rig import Scene
 
 Array = NDArray[Any]
 
+AREA, AXES = "contact area", "ratio of the contact's axes"
+
 HALF = 0.5
 """Share of a contact's own light above which a pixel counts to it: no absolute level, so that light makes no area."""
 LEAST_CONTRAST_DN = 5.0
@@ -101,8 +103,24 @@ class Gate:
         """Return one line that names what is grossly different; empty if nothing is."""
         if not self.gross:
             return ""
-        words = [f"{x.name} {x.measured:.3g} instead of {x.predicted:.3g} {x.unit}".strip() for x in self.gross]
+        words = [
+            f"{x.name} {x.measured:.3g} instead of {x.predicted:.3g} {x.unit}".strip()
+            for x in self.gross
+            if x.name not in (AREA, AXES)
+        ]
+        known = {x.name: x for x in self.lines}
+        if AREA in known and (known[AREA].gross or known[AXES].gross):
+            area, axes = known[AREA], known[AXES]
+            words.insert(
+                0,
+                f"your contact is {area.measured:.3g} mm^2 and {_form(axes.measured)}, the scene's"
+                f" {area.predicted:.3g} and {_form(axes.predicted)}",
+            )
         return "not the rig of the scene: " + "; ".join(words)
+
+
+def _form(axes: float) -> str:
+    return "round" if axes < np.sqrt(GROSS_AXES) else f"elliptic ({axes:.2f} : 1)"
 
 
 class GrossDifference(EvanesceError):
@@ -206,14 +224,15 @@ def _contact_lines(pairs: Sequence[tuple[Patch, Patch]]) -> tuple[list[Line], di
         return [], {}
 
     def both(of: Any) -> tuple[float, float]:
-        return float(np.median([of(m) for m, _ in pairs])), float(np.median([of(p) for _, p in pairs]))
+        """Return a figure of the largest force, measured and predicted."""
+        return float(of(pairs[0][0])), float(of(pairs[0][1]))
 
     ratio = float(np.exp(np.median([np.log(m.area_mm2 / p.area_mm2) for m, p in pairs])))
     axes = float(np.median([m.axes / p.axes for m, p in pairs]))
     level = float(np.median([m.level_DN / p.level_DN for m, p in pairs]))
     lines = [
-        Line("contact area", "mm^2", *both(lambda q: q.area_mm2), gross=_beyond(ratio, GROSS_AREA)),
-        Line("ratio of the contact's axes", "", *both(lambda q: q.axes), gross=axes > GROSS_AXES),
+        Line(AREA, "mm^2", *both(lambda q: q.area_mm2), gross=_beyond(ratio, GROSS_AREA)),
+        Line(AXES, "", *both(lambda q: q.axes), gross=axes > GROSS_AXES),
         Line(
             "level of the contact",
             "DN",

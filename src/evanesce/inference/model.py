@@ -17,6 +17,10 @@ from evanesce.inference.data import DataVector
 Array = NDArray[Any]
 Point = Mapping[str, float]
 
+CARD_STAYS_DN = 4.0
+"""Change of a calibration target's bins up to which what the fine model adds to them is kept: their ink is sharp, and
+evaluating it takes as long as all presses."""
+
 
 class AnchoredModel:
     """Predicts the bins of all views at a point, a mapping of parameter names to values.
@@ -36,7 +40,7 @@ class AnchoredModel:
         self.observation, self.data = observation, data
         self.factor = model_factor(observation.believed)
         self.coarse = Predictor(observation.scene, data.views, noise_scale=data.scale)
-        self.anchors = 0
+        self._cards: tuple[Array, Array] | None = None
 
     def anchor(self, point: Point) -> Array:
         """Evaluate the fine model at a point, from where on changes are counted; return its bins (views, rows, cols).
@@ -50,11 +54,29 @@ class AnchoredModel:
         InputError
             If the rig cannot have these values.
         """
-        fine = self.fine(point).cube()
+        cards = [k for k, view in enumerate(self.data.views) if view.is_card]
+        others = [k for k in range(len(self.data.views)) if k not in cards]
         self.coarse.correction = None
-        self.coarse.correction = np.nan_to_num(fine - self.coarse.cube(point), nan=0.0)
-        self.anchors += 1
-        return fine
+        coarse = self.coarse.cube(point)
+        correction = np.zeros_like(coarse)
+        if others:
+            correction[others] = self.fine_cube(point, others) - coarse[others]
+        if cards:
+            if self._cards is None or np.abs(coarse[cards] - self._cards[0]).max() > CARD_STAYS_DN:
+                self._cards = coarse[cards], self.fine_cube(point, cards) - coarse[cards]
+            correction[cards] = self._cards[1]
+        self.coarse.correction = correction
+        return np.asarray(coarse + correction)
+
+    def fine_cube(self, point: Point, views: Sequence[int]) -> Array:
+        """Return the fine bins of some views (chosen views, rows, cols) [DN]."""
+        chosen = [self.data.views[k] for k in views]
+        renamed = dict(point)
+        for new, old in enumerate(views):
+            for name in ("force", "flicker"):
+                renamed[f"@{name}[{new}]"] = point.get(f"@{name}[{old}]", 0.0)
+        scale = self.data.scale
+        return FineFrames(self.observation.believed, chosen, self.factor, renamed, noise_scale=scale).cube()
 
     def fine(self, point: Point) -> FineFrames:
         """Return the fine model at a point."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -26,6 +26,8 @@ Tell = Callable[[str], None]
 SHARES = (1.0, 0.4)
 """Of the linear estimate at which a cause is entered: where a straight line overshoots, the shorter one is nearer."""
 TRIAL_ROUNDS = 6
+COSTLY_BELOW = 0.1
+"""Causes that ask for another light of the plate are looked at once no other would remove more than this share."""
 SURE = 2.0
 """Standard errors by which the held-out score has to gain."""
 
@@ -185,12 +187,11 @@ class Search:
         free = [c for c in self.causes if c.id not in now.ids and c.id not in self.refused]
         slow = {name: v for name, v in now.point.items()}
         base = self.fitter.model.vector(slow)
-        for number, cause in enumerate(free):
-            if cause.id not in self._entries:
-                if cause.costly:
-                    self.tell(f"light of the plate for {cause.id} ({number + 1} of {len(free)})")
-                self._entries[cause.id] = entries_of(self.fitter.model, slow, base, cause)
+        self._enter([c for c in free if not c.costly], slow, base)
         ranked = self.removals(now, free)
+        if not ranked or self.share(ranked[0].removed) < COSTLY_BELOW:
+            self._enter(free, slow, base)
+            ranked = self.removals(now, free)
         if now.taken:
             for old in ranked[:LINEAR]:
                 if not old.entry.cause.costly:
@@ -214,6 +215,14 @@ class Search:
                 if reason:
                     return fitted, reason
         return None
+
+    def _enter(self, causes: Sequence[Cause], point: Mapping[str, float], base: Array) -> None:
+        """Find the ways into causes that have none yet."""
+        unknown = [c for c in causes if c.id not in self._entries]
+        for number, cause in enumerate(unknown):
+            if cause.costly:
+                self.tell(f"light of the plate for {cause.id} ({number + 1} of {len(unknown)})")
+            self._entries[cause.id] = entries_of(self.fitter.model, point, base, cause)
 
     def _tried(self, now: JointFit, found: Removal) -> JointFit | None:
         """Return the joint fit with a cause, by coarse derivatives about the present anchor; None if it fails."""

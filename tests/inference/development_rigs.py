@@ -185,20 +185,22 @@ def write_rig(name: str, folder: Path, seed: int = 11) -> None:
     write_bundle(folder, true, seed=seed, nominal=nominal, protocol=protocol, render=render, finer=FINER)
 
 
-def write_other_finger(folder: Path, seed: int = 5) -> None:
+def write_other_finger(folder: Path, name: str = "one", seed: int = 5) -> None:
     """Write a bundle drawn with NumPy alone: an elliptical contact, smaller than the nominal scene's, on a dim ground.
 
-    The nominal scene is the one of the rig ``one``. Nothing of the program's optics, contact or camera takes part:
+    The nominal scene is that of a development rig. Nothing of the program's optics, contact or camera takes part:
     ellipses of constant level with a soft edge, areas that follow F^(2/3), grey noise.
 
     Parameters
     ----------
     folder : Path
         Must not exist.
+    name : str
+        Of :data:`RIGS`.
     seed : int
     """
     rng = np.random.default_rng(seed)
-    nominal = RIGS["one"].scene()
+    nominal = RIGS[name].scene()
     cols, rows = nominal.camera.resolution_px
     scale = nominal.camera.scale_px_per_mm
     protocol = _few_shots(nominal)

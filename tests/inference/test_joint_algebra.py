@@ -42,7 +42,8 @@ def test_bounded_step_is_the_constrained_minimum():
         low, high = -rng.uniform(0, 1, n), rng.uniform(0, 1, n)
         expected = optimize.lsq_linear(root, target, (low - 1e-12, high + 1e-12), tol=1e-12).x
         found = bounded_step(root.T @ root, root.T @ target, low, high)
-        assert np.all(found >= low) and np.all(found <= high)
+        assert np.all(found >= low)
+        assert np.all(found <= high)
         np.testing.assert_allclose(found, expected, atol=1e-5)
 
 

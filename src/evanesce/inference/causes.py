@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -87,12 +87,14 @@ class Entry:
         }
 
 
-def causes_of(observation: Observation) -> tuple[tuple[Cause, ...], dict[str, str]]:
+def causes_of(observation: Observation, exclude: Collection[str] = ()) -> tuple[tuple[Cause, ...], dict[str, str]]:
     """Return the causes that these data can be asked for, and why the others are left out.
 
     Parameters
     ----------
     observation : Observation
+    exclude : collection of str
+        Ids of effects that are not considered.
 
     Returns
     -------
@@ -100,7 +102,7 @@ def causes_of(observation: Observation) -> tuple[tuple[Cause, ...], dict[str, st
     left_out : dict of str to str
     """
     found, left_out = [], {}
-    for candidate in candidates_of(observation.scene, observation.available):
+    for candidate in candidates_of(observation.scene, observation.available, exclude):
         if candidate.missing:
             left_out[candidate.id] = "needs " + ", ".join(candidate.missing)
         elif candidate.effect.marks is not None:

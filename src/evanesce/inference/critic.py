@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any
 
 from evanesce.bundle.bundle import Bundle
@@ -24,7 +24,9 @@ from evanesce.inference.search import Search
 Tell = Callable[[str], None]
 
 
-def criticise_jointly(bundle: Bundle, *, tell: Tell = lambda line: None) -> tuple[dict[str, Any], str]:
+def criticise_jointly(
+    bundle: Bundle, *, tell: Tell = lambda line: None, exclude: Collection[str] = ()
+) -> tuple[dict[str, Any], str]:
     """Find the causes by which a bundle's frames differ from its nominal model, many at once.
 
     Parameters
@@ -33,6 +35,8 @@ def criticise_jointly(bundle: Bundle, *, tell: Tell = lambda line: None) -> tupl
         With frames of a monochrome camera.
     tell : callable
         Told what is done, with the time left where it is known.
+    exclude : collection of str
+        Effects that are not considered.
 
     Returns
     -------
@@ -64,7 +68,7 @@ def criticise_jointly(bundle: Bundle, *, tell: Tell = lambda line: None) -> tupl
     fitter = Fitter(model)
     tell("nominal model and its nuisances")
     base = fitter.relinearised([], gate.start)
-    causes, left_out = causes_of(observation)
+    causes, left_out = causes_of(observation, exclude)
     areas, discrepancy = AreaReader(model), Discrepancy(model)
     search = Search(fitter, causes, areas, discrepancy, tell)
     best = search.run(base)

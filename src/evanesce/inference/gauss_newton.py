@@ -22,6 +22,8 @@ FAILURES = 5
 """Steps that may fail in a row."""
 SETTLED = 1e-4
 """A fit has settled where a step promises less than this share of the misfit, and less than half a nat."""
+HELD = 1e9
+"""By so much the precision of what a bound holds is raised: enough to stay, little enough to invert."""
 LEAST_STEP = 0.5
 """Steps below so many posterior standard deviations show the model's rounding, not its derivatives."""
 
@@ -60,6 +62,9 @@ class Solution:
         Squared residual in the metric, plus the prior's squares.
     precision : ndarray (n, n)
         Of the posterior, linear about the solution.
+    held : ndarray of bool (n,)
+        Parameters that a bound holds against the data: nothing can be had by moving them on, though their prior, which
+        knows no bound, would let them.
     """
 
     values: Array
@@ -67,11 +72,13 @@ class Solution:
     rows: Array
     misfit: float
     precision: Array
+    held: NDArray[np.bool_]
 
     @property
     def covariance(self) -> Array:
-        """Posterior covariance (n, n)."""
-        return np.asarray(np.linalg.inv(self.precision))
+        """Posterior covariance (n, n); of what is held next to none."""
+        stiff = np.where(self.held, HELD * np.diag(self.precision), 0.0)
+        return np.asarray(np.linalg.inv(self.precision + np.diag(stiff)))
 
 
 def bounded_step(precision: Array, gradient: Array, low: Array, high: Array) -> Array:
@@ -180,8 +187,9 @@ def fit(
             damping = 0.0 if damping < 1e-3 else damping * UNDAMPED
         else:
             damping, failed = max(damping, 0.01) * DAMPED, failed + 1
-    precision, _ = _normal(slopes, data - predicted, values, prior, metric)
-    return Solution(values, predicted, slopes, misfit, precision)
+    precision, gradient = _normal(slopes, data - predicted, values, prior, metric)
+    held = ((values <= prior.low) & (gradient < 0)) | ((values >= prior.high) & (gradient > 0))
+    return Solution(values, predicted, slopes, misfit, precision, held)
 
 
 def broyden(rows: Array, step: Array, change: Array, precision: Array) -> Array:

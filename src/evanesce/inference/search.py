@@ -202,6 +202,26 @@ class Search:
         tied: Array | None = None
         for group in (worth[:TRIED], worth[TRIED : 2 * TRIED]):
             tried = [t for t in (self._tried(now, r) for r in group) if t is not None]
+            import os
+
+            if os.environ.get("DBG"):
+                for r in group:
+                    print("   lin", r.entry.cause.id, r.entry.start, round(r.removed), r.coordinates.round(3))
+                for t in tried:
+                    print(
+                        "   tried",
+                        t.ids[-1],
+                        round(t.misfit),
+                        "of",
+                        round(now.misfit),
+                        {
+                            p.name: round(float(v), 4)
+                            for p, v in zip(t.parameters, t.solution.values, strict=False)
+                            if ":" in p.name
+                        },
+                        round(self._seconds),
+                        flush=True,
+                    )
             tried.sort(key=lambda t: t.misfit)
             for fitted in tried:
                 removed = now.misfit - fitted.misfit
@@ -328,10 +348,16 @@ class Search:
 
 
 def everything_marginalised(now: JointFit) -> tuple[Metric, Array]:
-    """Return the metric with all that is fitted marginalised, and the data less the prediction of the priors' means."""
-    rows = np.concatenate([now.metric.rows, now.solution.rows])
-    deviations = np.concatenate([np.ones(len(now.metric.rows)), [p.deviation for p in now.parameters]])
-    return Metric.of(rows, deviations), now.residual + now.departures() @ now.solution.rows
+    """Return the metric with all that is fitted marginalised, and the data less the prediction of the priors' means.
+
+    What a bound holds stays where it is.
+    """
+    free = ~now.solution.held
+    own = now.solution.rows[free]
+    rows = np.concatenate([now.metric.rows, own])
+    deviations = np.array([p.deviation for p in now.parameters])[free]
+    metric = Metric.of(rows, np.concatenate([np.ones(len(now.metric.rows)), deviations]))
+    return metric, now.residual + now.departures()[free] @ own
 
 
 def removal(entry: Entry, metric: Metric, projected: Array) -> Removal:
@@ -368,7 +394,7 @@ def _linearly_without(now: JointFit, cause: str) -> JointFit:
     covariance = now.solution.covariance
     step = -covariance[:, places] @ np.linalg.solve(covariance[np.ix_(places, places)], away[places])
     values, rows = now.solution.values + step, now.solution.rows[kept]
-    solution = replace(now.solution, values=values[kept], rows=rows)
+    solution = replace(now.solution, values=values[kept], rows=rows, held=now.solution.held[kept])
     return JointFit(
         tuple(t for t in now.taken if t.id != cause),
         tuple(now.parameters[k] for k in kept),
@@ -386,6 +412,10 @@ def _last(now: JointFit, cause: str) -> JointFit:
     places += [k for k, p in enumerate(now.parameters) if p.name.startswith("@")]
     s = now.solution
     solution = replace(
-        s, values=s.values[places], rows=s.rows[places], precision=s.precision[np.ix_(places, places)]
-    )  # fmt: skip
+        s,
+        values=s.values[places],
+        rows=s.rows[places],
+        precision=s.precision[np.ix_(places, places)],
+        held=s.held[places],
+    )
     return replace(now, taken=tuple(ordered), parameters=tuple(now.parameters[k] for k in places), solution=solution)

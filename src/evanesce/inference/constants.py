@@ -14,7 +14,7 @@
 ``STEP_SHARE``         0.02    standard deviation of a bin over the step to its neighbours, for the fine model's own
                                discretisation: fine models of 2 and 3 pixels a side differ by that at an edge of contact
 ``FAR``                3.0     standard deviations of its prior within which a nuisance has to stay
-``LINEAR``             12      causes whose derivatives are renewed in each round, by the misfit that they would remove
+``LINEAR``             8       causes whose derivatives are renewed in each round, by the misfit that they would remove
 ``TRIED``              4       of them, causes that are fitted
 ``GROSS_AREA``         1.35    ratio of measured to predicted area of contact beyond which the finger is another one: a
                                modulus off by three standard deviations of its prior changes it by a third
@@ -35,7 +35,7 @@ TIED_SHARE = 0.02
 WAVES = 3
 STEP_SHARE = 0.02
 FAR = 3.0
-LINEAR = 12
+LINEAR = 8
 TRIED = 4
 GROSS_AREA = 1.35
 GROSS_AXES = 1.2

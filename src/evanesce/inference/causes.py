@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -133,7 +133,13 @@ def changes_plate_light(scene: Scene, candidate: Candidate) -> bool:
     return guide(rig) != guide(scene)
 
 
-def entries_of(model: AnchoredModel, point: Mapping[str, float], base: Array, cause: Cause) -> list[Entry]:
+def entries_of(
+    model: AnchoredModel,
+    point: Mapping[str, float],
+    base: Array,
+    cause: Cause,
+    only: Sequence[Mapping[str, float]] | None = None,
+) -> list[Entry]:
     """Return the ways into a cause at a point.
 
     Where the amplitude's null silences all else there is no derivative: the change from nothing to each start of the
@@ -146,13 +152,15 @@ def entries_of(model: AnchoredModel, point: Mapping[str, float], base: Array, ca
     base : ndarray (bins,)
         Whitened prediction there.
     cause : Cause
+    only : sequence of mapping, optional
+        The only starts to be evaluated.
 
     Returns
     -------
     list of Entry
         Empty if the rig cannot have the cause, or no plausible amount of it shows.
     """
-    starts = cause.candidate.starts
+    starts = tuple(cause.candidate.starts if only is None else only)
     if not starts and cause.costly:
         starts = tuple({p.name: p.null + side * p.deviation} for p in cause.parameters for side in [_side(p)])
     found = []

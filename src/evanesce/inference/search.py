@@ -28,6 +28,8 @@ SHARES = (1.0, 0.4)
 TRIAL_ROUNDS = 6
 COSTLY_BELOW = 0.1
 """Causes that ask for another light of the plate are looked at once no other would remove more than this share."""
+STARTS = 3
+"""Of a cause with many starts, those that are linearised anew."""
 SURE = 2.0
 """Standard errors by which the held-out score has to gain."""
 
@@ -185,18 +187,14 @@ class Search:
     def _next(self, now: JointFit) -> tuple[JointFit, str] | None:
         """Return the fit with the cause that removes most of the misfit and is worth being taken; None: no such."""
         free = [c for c in self.causes if c.id not in now.ids and c.id not in self.refused]
-        slow = {name: v for name, v in now.point.items()}
-        base = self.fitter.model.vector(slow)
-        self._enter([c for c in free if not c.costly], slow, base)
+        base = self.fitter.model.vector(now.point)
+        self._enter([c for c in free if not c.costly], now.point, base)
         ranked = self.removals(now, free)
         if not ranked or self.share(ranked[0].removed) < COSTLY_BELOW:
-            self._enter(free, slow, base)
+            self._enter(free, now.point, base)
             ranked = self.removals(now, free)
         if now.taken:
-            for old in ranked[:LINEAR]:
-                if not old.entry.cause.costly:
-                    cause = old.entry.cause
-                    self._entries[cause.id] = entries_of(self.fitter.model, slow, base, cause)
+            self._renew(ranked[:LINEAR], now, base)
             ranked = self.removals(now, free)
         worth = [r for r in ranked if r.removed > 0.1 * LEAST_SHARE * self.first or r.removed > 0.1 * ranked[0].removed]
         tied: Array | None = None
@@ -235,6 +233,21 @@ class Search:
                 if reason:
                     return fitted, reason
         return None
+
+    def _renew(self, ranked: Sequence[Removal], now: JointFit, base: Array) -> None:
+        """Linearise causes anew at the present point; of many starts those that told most before."""
+        metric, believed = everything_marginalised(now)
+        projected = metric.project(believed)
+        for old in ranked:
+            cause, only = old.entry.cause, None
+            if cause.costly:
+                continue
+            if old.entry.start:
+                every = sorted(
+                    (removal(e, metric, projected) for e in self._entries[cause.id]), key=lambda r: -r.removed
+                )
+                only = [r.entry.start for r in every[:STARTS]]
+            self._entries[cause.id] = entries_of(self.fitter.model, now.point, base, cause, only)
 
     def _enter(self, causes: Sequence[Cause], point: Mapping[str, float], base: Array) -> None:
         """Find the ways into causes that have none yet."""

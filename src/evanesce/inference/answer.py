@@ -173,11 +173,13 @@ def first_line(named: list[Named], explained: float, gain: HeldOut | None) -> st
     if not named:
         return "No cause of the library explains a part of what is left that matters."
     words = []
-    for cause in named:
+    for cause in (n for n in named if not n.listed):
         c = cause.consequence
         if not c.change_mm2:
             words.append(cause.id)
             continue
         k = int(np.argmax(np.abs(np.nan_to_num(c.change_percent))))
         words.append(f"{cause.id} ({c.change_mm2[k]:+.2f} mm^2, {c.change_percent[k]:+.1f} % at {c.forces_N[k]:g} N)")
-    return f"{warning}{len(named)} causes explain {100 * explained:.1f} % of the misfit: " + ", ".join(words)
+    listed = ", ".join(n.id for n in named if n.listed)
+    beside = f"; without effect on the area: {listed}" if listed else ""
+    return f"{warning}{len(named)} causes explain {100 * explained:.1f} % of the misfit: {', '.join(words)}{beside}"

@@ -5,6 +5,8 @@
                                the area (issue: "at least one per cent")
 ``LEAST_AREA``         0.002   relative change of the measured area below which a cause is listed, not named; the
                                repeatability of the thesis's area readings is of that size
+``LISTED_SHARE``       0.1     a cause that does not move the area is listed where it removes a tenth of the misfit that
+                               is left and gains on conditions left out: else what is left hides fainter causes
 ``OWN_LIGHT``          0.01    standard deviation of the nominal model's light at low spatial frequencies: LED fluxes
                                are sorted to some per cent, and sums over tens of LEDs vary by a third of that or less
 ``TIED_SHARE``         0.02    least standard deviation of a cause's own change by which its form may be off; more where
@@ -30,6 +32,7 @@ from __future__ import annotations
 
 LEAST_SHARE = 0.01
 LEAST_AREA = 0.002
+LISTED_SHARE = 0.1
 OWN_LIGHT = 0.01
 TIED_SHARE = 0.02
 WAVES = 3

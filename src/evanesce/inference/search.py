@@ -14,7 +14,7 @@ from evanesce.core.errors import InputError
 from evanesce.criticism.linear import Metric
 from evanesce.inference.causes import Cause, Entry, entries_of
 from evanesce.inference.consequence import AreaReader
-from evanesce.inference.constants import LEAST_AREA, LEAST_SHARE, LINEAR, TRIED
+from evanesce.inference.constants import LEAST_AREA, LEAST_SHARE, LINEAR, LISTED_SHARE, TRIED
 from evanesce.inference.discrepancy import Discrepancy
 from evanesce.inference.gauss_newton import bounded_step
 from evanesce.inference.heldout import condition_scores, gains_beyond_chance
@@ -200,26 +200,6 @@ class Search:
         tied: Array | None = None
         for group in (worth[:TRIED], worth[TRIED : 2 * TRIED]):
             tried = [t for t in (self._tried(now, r) for r in group) if t is not None]
-            import os
-
-            if os.environ.get("DBG"):
-                for r in group:
-                    print("   lin", r.entry.cause.id, r.entry.start, round(r.removed), r.coordinates.round(3))
-                for t in tried:
-                    print(
-                        "   tried",
-                        t.ids[-1],
-                        round(t.misfit),
-                        "of",
-                        round(now.misfit),
-                        {
-                            p.name: round(float(v), 4)
-                            for p, v in zip(t.parameters, t.solution.values, strict=False)
-                            if ":" in p.name
-                        },
-                        round(self._seconds),
-                        flush=True,
-                    )
             tried.sort(key=lambda t: t.misfit)
             for fitted in tried:
                 removed = now.misfit - fitted.misfit
@@ -295,12 +275,15 @@ class Search:
             moved = self.areas.of_change(fitted.point, fitted.without(cause)).largest
         except InputError:
             return ""
-        if moved < LEAST_AREA:
+        removed = now.misfit - fitted.misfit
+        if moved < LEAST_AREA and removed < LISTED_SHARE * now.misfit:
             return ""
         data = self.fitter.data
         gain, error = gains_beyond_chance(condition_scores(data, now, tied), condition_scores(data, fitted, tied))
         if gain <= SURE * error or gain <= 0:
             return ""
+        if moved < LEAST_AREA:
+            return f"takes {100 * removed / now.misfit:.0f} % of what was left and gains {gain:.0f} +- {error:.0f} nats"
         return f"moves the area by {100 * moved:.2f} % and gains {gain:.0f} +- {error:.0f} nats on conditions left out"
 
     def _dropped(self, now: JointFit) -> JointFit:

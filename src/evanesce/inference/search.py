@@ -17,7 +17,7 @@ from evanesce.inference.consequence import AreaReader
 from evanesce.inference.constants import LEAST_AREA, LEAST_SHARE, LINEAR, LISTED_SHARE, TRIED
 from evanesce.inference.discrepancy import Discrepancy
 from evanesce.inference.gauss_newton import bounded_step
-from evanesce.inference.heldout import condition_scores, gains_beyond_chance
+from evanesce.inference.heldout import condition_scores, gain_of
 from evanesce.inference.joint import Fitter, JointFit, taken_from
 
 Array = NDArray[Any]
@@ -279,7 +279,7 @@ class Search:
         if moved < LEAST_AREA and removed < LISTED_SHARE * now.misfit:
             return ""
         data = self.fitter.data
-        gain, error = gains_beyond_chance(condition_scores(data, now, tied), condition_scores(data, fitted, tied))
+        gain, error = gain_of(condition_scores(data, now, tied), condition_scores(data, fitted, tied))
         if gain <= SURE * error or gain <= 0:
             return ""
         if moved < LEAST_AREA:

@@ -17,6 +17,7 @@ from evanesce.cli.common import (
     check_json_target,
     console,
     handles_errors,
+    messages,
     progress,
     write_json,
     write_text,
@@ -37,6 +38,9 @@ def register(app: typer.Typer) -> None:
             Path | None, typer.Option("--scene", help="Write the extended scene here (default: beside the JSON).")
         ] = None,
         seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws of noise.")] = 0,
+        joint: Annotated[
+            bool, typer.Option("--joint", hidden=True, help="Experimental: fit all causes jointly.")
+        ] = False,
     ) -> None:
         """Find what a nominal model gets wrong about measured data: name causes, extend the scene, measure gain."""
         from evanesce.bundle import read_bundle
@@ -46,6 +50,11 @@ def register(app: typer.Typer) -> None:
         for target in (json_file, report, scene):
             check_json_target(target)
         bundle = read_bundle(folder)
+        if joint:
+            if report is not None:
+                raise InputError("has no page yet with --joint", key="--report", allowed="--json")
+            _jointly(bundle, json_file, scene)
+            return
         run = by_frames if bundle.has_frames else criticise_series
         with progress() as bar:
             result, evidence = run(bundle, seed=seed, tick=_ticker(bar))
@@ -58,6 +67,49 @@ def register(app: typer.Typer) -> None:
         if report is not None:
             _write_report(report, result, evidence, folder.name)
         _show(result)
+
+
+def _jointly(bundle: Any, json_file: Path | None, scene: Path | None) -> None:
+    """Run the joint fit, tell its progress on standard error, write and show its answer."""
+    from evanesce.inference.critic import criticise_jointly
+    from evanesce.inference.gate import GrossDifference
+
+    try:
+        result, extended = criticise_jointly(bundle, tell=lambda line: messages.print(escape(line)))
+    except GrossDifference as error:
+        write_json(json_file, error.as_dict())
+        raise
+    target = scene or _beside(json_file)
+    if target is not None:
+        write_text(target, extended)
+        result["extended_scene"] = str(target)
+    write_json(json_file, result)
+    _show_jointly(result)
+
+
+def _show_jointly(result: dict[str, Any]) -> None:
+    console.print(escape(result["first_line"]))
+    table = Table(title="Fitted, with 90 % intervals", box=box.SIMPLE_HEAD)
+    for heading in ("cause", "parameter", "value", "from", "to", "unit", "area, mm^2", "area, %", "misfit, %"):
+        table.add_column(heading, justify="left" if heading in ("cause", "parameter", "unit") else "right")
+    for cause in result["causes"]:
+        area = cause["area"]
+        largest = max(range(len(area["mm2"])), key=lambda k: abs(area["mm2"][k]), default=None)
+        moved = ["", ""] if largest is None else [f"{area['mm2'][largest]:+.2f}", f"{area['percent'][largest]:+.1f}"]
+        for number, (name, p) in enumerate(cause["parameters"].items()):
+            own = [*moved, f"{100 * cause['misfit_share']:.1f}"] if number == 0 else ["", "", ""]
+            values = [f"{p[key]:.4g}" for key in ("value", "lo", "hi")]
+            table.add_row(cause["id"] if number == 0 else "", name, *values, p["unit"], *own)
+    if result["causes"]:
+        console.print(table)
+    console.print(f"Not explained: {100 * result['misfit']['left_share']:.2f} % of the misfit.")
+    gain = result["held_out"]
+    if gain is not None:
+        (rms, rms_after), (area, area_after) = gain["rms_DN"], gain["area_error_percent"]
+        console.print(
+            f"Held out ({gain['views']} views): residual {rms:.2f} to {rms_after:.2f} DN RMS, error of the predicted"
+            f" area {area:.2f} to {area_after:.2f} %"
+        )
 
 
 SHARES = {

@@ -1,0 +1,130 @@
+"""What a cause does to the area that the reference segmentation reads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.bundle.area import contact_area
+from evanesce.core.errors import InputError
+from evanesce.criticism.observe import model_scene
+from evanesce.inference.joint import JointFit
+from evanesce.inference.model import AnchoredModel
+
+Array = NDArray[Any]
+
+NINETY = 1.645
+"""Standard deviations of a 90 % interval."""
+
+
+@dataclass(frozen=True)
+class Consequence:
+    """Change of the measured area by one cause.
+
+    Attributes
+    ----------
+    forces_N : tuple of float
+    change_mm2, change_percent : tuple of float
+        With the cause less without, over the area without; NaN where nothing is read without it.
+    low_mm2, high_mm2 : tuple of float
+        90 % interval.
+    """
+
+    forces_N: tuple[float, ...]
+    change_mm2: tuple[float, ...]
+    change_percent: tuple[float, ...]
+    low_mm2: tuple[float, ...] = ()
+    high_mm2: tuple[float, ...] = ()
+
+    @property
+    def largest(self) -> float:
+        """Largest relative change over the forces [1]; 0 where no area is read."""
+        known = [abs(c) for c in self.change_percent if np.isfinite(c)]
+        return max(known, default=0.0) / 100.0
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it in the answer's form."""
+        return {
+            "force_N": list(self.forces_N),
+            "mm2": list(self.change_mm2),
+            "percent": list(self.change_percent),
+            "mm2_lo": list(self.low_mm2),
+            "mm2_hi": list(self.high_mm2),
+        }
+
+
+class AreaReader:
+    """Reads areas from predicted frames of the press views, one view of each force at the scene's voltage.
+
+    Parameters
+    ----------
+    model : AnchoredModel
+    """
+
+    def __init__(self, model: AnchoredModel) -> None:
+        self.model = model
+        self.scene = model_scene(model.observation.believed)
+        chosen: dict[float, int] = {}
+        own = self.scene.leds.voltage_V
+        for k, view in enumerate(model.data.views):
+            if view.kind == "press" and view.force_N and not view.locked and abs(view.voltage_V - own) < 0.05:
+                chosen.setdefault(view.force_N, k)
+        self.places = tuple(chosen[f] for f in sorted(chosen))
+        self.forces = tuple(sorted(chosen))
+
+    def read(self, frame: Array) -> float:
+        """Return the area in a frame (rows, cols) of the model camera [mm^2]."""
+        whole = np.floor(np.clip(frame, 0, 255) + 0.5).astype(np.uint8)
+        return contact_area(whole, self.scene)
+
+    def areas(self, point: Mapping[str, float], places: Sequence[int] | None = None) -> Array:
+        """Return the predicted areas at a point [mm^2], one for each force."""
+        wanted = self.places if places is None else places
+        return np.array([self.read(self.model.coarse.image(point, k)) for k in wanted])
+
+    def of_change(self, with_cause: Mapping[str, float], without: Mapping[str, float]) -> Consequence:
+        """Return the consequence of a change of the point.
+
+        Raises
+        ------
+        InputError
+            If the rig cannot have either.
+        """
+        after, before = self.areas(with_cause), self.areas(without)
+        change = after - before
+        percent = np.where(before > 0, 100.0 * change / np.where(before > 0, before, 1.0), np.nan)
+        return Consequence(self.forces, tuple(map(float, change)), tuple(map(float, percent)))
+
+    def of_cause(self, fitted: JointFit, cause: str, covariance: Array) -> Consequence:
+        """Return the consequence of a taken cause, with an interval from its parameters' covariance.
+
+        The interval is the change at the fitted values times 1 -+ 1.645 / t, where t is the distance of the cause's
+        parameters from nothing in their own posterior: what scales with the cause is known as well as its size is.
+
+        Parameters
+        ----------
+        fitted : JointFit
+        cause : str
+        covariance : ndarray (n, n)
+            Of the fit's parameters.
+        """
+        try:
+            found = self.of_change(fitted.point, fitted.without(cause))
+        except InputError:
+            return Consequence((), (), ())
+        places = fitted.of_cause(cause)
+        away = fitted.departures()[places]
+        t = np.sqrt(max(float(away @ np.linalg.solve(covariance[np.ix_(places, places)], away)), 1e-12))
+        half = NINETY / t
+        ends = [(c * (1 - half), c * (1 + half)) for c in found.change_mm2]
+        return Consequence(
+            found.forces_N,
+            found.change_mm2,
+            found.change_percent,
+            tuple(min(pair) for pair in ends),
+            tuple(max(pair) for pair in ends),
+        )

@@ -1,0 +1,46 @@
+"""Constants of the joint fit, each with what sets it; there are no others but tolerances of the numerics.
+
+=====================  ======  ========================================================================================
+``LEAST_SHARE``        0.01    a cause that takes a hundredth of the misfit that was there is named whatever it does to
+                               the area (issue: "at least one per cent")
+``LEAST_AREA``         0.002   relative change of the measured area below which a cause is listed, not named; the
+                               repeatability of the thesis's area readings is of that size
+``LISTED_SHARE``       0.1     a cause that does not move the area is listed where it removes a tenth of the misfit that
+                               is left and gains on conditions left out: else what is left hides fainter causes
+``OWN_LIGHT``          0.01    standard deviation of the nominal model's light at low spatial frequencies: LED fluxes
+                               are sorted to some per cent, and sums over tens of LEDs vary by a third of that or less
+``TIED_SHARE``         0.02    least standard deviation of a cause's own change by which its form may be off; more where
+                               the coarse and the fine model differ by more
+``WAVES``              3       cosines along each side of the frame in which such errors of form vary: a third of the
+                               frame is the shortest, below it errors count as noise does
+``STEP_SHARE``         0.02    standard deviation of a bin over the step to its neighbours, for the fine model's own
+                               discretisation: fine models of 2 and 3 pixels a side differ by that at an edge of contact
+``FAR``                3.0     standard deviations of its prior within which a nuisance has to stay
+``LINEAR``             8       causes whose derivatives are renewed in each round, by the misfit that they would remove
+``TRIED``              4       of them, causes that are fitted
+``GROSS_AREA``         1.35    ratio of measured to predicted area of contact beyond which the finger is another one: a
+                               modulus off by three standard deviations of its prior changes it by a third
+``GROSS_AXES``         1.2     ratio of the contact's axes beyond the predicted one: three deviations of the prior of an
+                               oval load at 5 N are 0.3, one is 0.1
+``GROSS_FIELD``        0.05    relative error of the field of view beyond which it is another camera, lens or distance;
+                               calibration targets are printed to one per cent
+``GROSS_LEVEL``        4.0     ratio of measured to predicted level: two stops of exposure
+=====================  ======  ========================================================================================
+"""
+
+from __future__ import annotations
+
+LEAST_SHARE = 0.01
+LEAST_AREA = 0.002
+LISTED_SHARE = 0.1
+OWN_LIGHT = 0.01
+TIED_SHARE = 0.02
+WAVES = 3
+STEP_SHARE = 0.02
+FAR = 3.0
+LINEAR = 8
+TRIED = 4
+GROSS_AREA = 1.35
+GROSS_AXES = 1.2
+GROSS_FIELD = 0.05
+GROSS_LEVEL = 4.0

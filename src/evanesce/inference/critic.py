@@ -1,0 +1,79 @@
+"""The joint fit on one page: data, first look, nominal fit, moves, consequences, held-out gain, answer."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Collection
+from typing import Any
+
+from evanesce.bundle.bundle import Bundle
+from evanesce.core.errors import InputError
+from evanesce.criticism.critic import require_monochrome
+from evanesce.criticism.observe import observe
+from evanesce.inference.answer import answer, named_causes
+from evanesce.inference.causes import causes_of
+from evanesce.inference.consequence import AreaReader
+from evanesce.inference.data import data_vector
+from evanesce.inference.discrepancy import Discrepancy
+from evanesce.inference.gain import held_out
+from evanesce.inference.gate import GrossDifference, gate_of
+from evanesce.inference.joint import Fitter
+from evanesce.inference.model import AnchoredModel
+from evanesce.inference.search import Search
+
+Tell = Callable[[str], None]
+
+
+def criticise_jointly(
+    bundle: Bundle, *, tell: Tell = lambda line: None, exclude: Collection[str] = ()
+) -> tuple[dict[str, Any], str]:
+    """Find the causes by which a bundle's frames differ from its nominal model, many at once.
+
+    Parameters
+    ----------
+    bundle : Bundle
+        With frames of a monochrome camera.
+    tell : callable
+        Told what is done, with the time left where it is known.
+    exclude : collection of str
+        Effects that are not considered.
+
+    Returns
+    -------
+    result : dict
+        See docs/criticism/joint.md.
+    scene : str
+        The extended scene as TOML.
+
+    Raises
+    ------
+    InputError
+        For a bundle without frames, or of a colour camera.
+    GrossDifference
+        If another rig was measured than the scene's.
+    """
+    began = time.monotonic()
+    if not bundle.has_frames:
+        raise InputError("holds no frame", file=bundle.path, key="--joint", allowed="a bundle with press frames")
+    require_monochrome(bundle)
+    observation = observe(bundle)
+    data = data_vector(observation)
+    model = AnchoredModel(observation, data)
+    tell("first look: board, field of view, contact, level")
+    gate = gate_of(observation, model.coarse)
+    for line in gate.lines:
+        tell(f"{line.name}: measured {line.measured:.4g}, predicted {line.predicted:.4g} {line.unit}".rstrip())
+    if gate.gross:
+        raise GrossDifference(gate)
+    fitter = Fitter(model)
+    tell("nominal model and its nuisances")
+    base = fitter.relinearised([], gate.start)
+    causes, left_out = causes_of(observation, exclude)
+    areas, discrepancy = AreaReader(model), Discrepancy(model)
+    search = Search(fitter, causes, areas, discrepancy, tell)
+    best = search.run(base)
+    tell("consequences and held-out conditions")
+    fine = model.anchor(best.point)
+    named = named_causes(search, areas, best, discrepancy.rows(best, fine))
+    gain = held_out(model, areas, base, best)
+    return answer(model, search, gate, best, named, gain, left_out, time.monotonic() - began)

@@ -1,0 +1,151 @@
+"""One vector of whitened data for everything that is compared: here the bins of a bundle's frames.
+
+Weights follow the measured level, not a prediction, so that a nominal model far from the truth does not choose what it
+is judged by.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.criticism.frozen import FROZEN
+from evanesce.criticism.noise import Noise, noise_of
+from evanesce.criticism.observe import Observation
+from evanesce.criticism.tone import expected_tone
+from evanesce.criticism.views import View
+from evanesce.inference.constants import STEP_SHARE
+
+Array = NDArray[Any]
+
+SATURATED_DN = 254.0
+"""Mean level from which on a bin shows the end of the scale and nothing else."""
+LIT_DN = 40.0
+"""Level from which on the place of black makes no difference to the scatter."""
+LEAST_BINS = 20
+
+
+@dataclass(frozen=True)
+class DataVector:
+    """Data of several views with their standard deviations.
+
+    Attributes
+    ----------
+    cube : ndarray (views, rows, cols)
+        Means of the bins [DN].
+    sd : ndarray (views, rows, cols)
+        Standard deviations: noise, and the prediction's discretisation [DN].
+    valid : ndarray of bool (views, rows, cols)
+    views : tuple of View
+    noise : Noise
+    scale : float
+        Real over modelled noise before the tone curve.
+    scale_deviation : float
+        Prior standard deviation of its logarithm.
+    """
+
+    cube: Array
+    sd: Array
+    valid: NDArray[np.bool_]
+    views: tuple[View, ...]
+    noise: Noise
+    scale: float
+    scale_deviation: float
+
+    @property
+    def open(self) -> tuple[int, ...]:
+        """Numbers of the views that fits may use."""
+        return tuple(k for k, view in enumerate(self.views) if not view.locked)
+
+    @property
+    def held_out(self) -> tuple[int, ...]:
+        """Numbers of the views that are kept for the gain."""
+        return tuple(k for k, view in enumerate(self.views) if view.locked)
+
+    def whitened(self, cube: Array, views: Sequence[int] | None = None) -> Array:
+        """Return the valid bins of some views (the open ones by default) of a cube over their deviation, in a row.
+
+        Parameters
+        ----------
+        cube : ndarray (views, rows, cols)
+            [DN].
+        views : sequence of int, optional
+
+        Returns
+        -------
+        ndarray (bins,)
+        """
+        chosen = list(self.open if views is None else views)
+        return np.asarray((cube[chosen] / self.sd[chosen])[self.valid[chosen]])
+
+    def unwhitened(self, row: Array, views: Sequence[int] | None = None) -> Array:
+        """Return whitened bins as a cube (chosen views, rows, cols) of whitened values, 0 where not valid."""
+        chosen = list(self.open if views is None else views)
+        cube = np.zeros((len(chosen), *self.cube.shape[1:]))
+        cube[self.valid[chosen]] = row
+        return cube
+
+    @property
+    def conditions(self) -> NDArray[np.int_]:
+        """Condition of each whitened bin of the open views: frames of one force, voltage and session share it."""
+        names = [
+            (v.kind, v.session, v.condition) if v.kind == "press" else (v.kind, 0, 0)
+            for v in (self.views[k] for k in self.open)
+        ]
+        number = {name: k for k, name in enumerate(dict.fromkeys(names))}
+        counts = [int(self.valid[k].sum()) for k in self.open]
+        return np.repeat([number[name] for name in names], counts)
+
+
+def data_vector(observation: Observation) -> DataVector:
+    """Return the data of an observation's frames.
+
+    Parameters
+    ----------
+    observation : Observation
+
+    Returns
+    -------
+    DataVector
+    """
+    scale, deviation = lit_noise_scale(observation)
+    cube = observation.cube
+    tone = expected_tone(observation.scene.camera, scale)
+    known = FROZEN.noise
+    noise = noise_of(
+        observation.held, tone, cube.shape[1:], floor_DN=known["floor_DN"], flicker=known["flicker"]
+    )  # fmt: skip
+    frames = np.array([v.frames for v in observation.views])[:, None, None]
+    variance = noise.variance(cube, frames) + (STEP_SHARE * bin_steps(cube)) ** 2
+    return DataVector(cube, np.sqrt(variance), cube < SATURATED_DN, observation.views, noise, scale, deviation)
+
+
+def lit_noise_scale(observation: Observation) -> tuple[float, float]:
+    """Return real over modelled noise before the tone curve, and the prior standard deviation of its logarithm.
+
+    From single pixels of held states at levels where the place of black makes no difference to their scatter: below, a
+    displaced black level looks like another noise. 1 where there are none.
+
+    Parameters
+    ----------
+    observation : Observation
+    """
+    known = FROZEN.noise
+    parts = list(observation.scatter.values())
+    if not parts:
+        return 1.0, known["scale_loose"]
+    level, variance = (np.concatenate([np.ravel(part[k]) for part in parts]) for k in (0, 1))
+    lit = (level > LIT_DN) & (level < SATURATED_DN)
+    if lit.sum() < LEAST_BINS:
+        return 1.0, known["scale_loose"]
+    modelled = float(expected_tone(observation.believed.camera, 1.0).variance_at(level[lit]).mean())
+    return float(np.clip(np.sqrt(variance[lit].mean() / modelled), 0.1, 3.0)), known["scale_close"]
+
+
+def bin_steps(cube: Array) -> Array:
+    """Return the size of the step from each bin to its neighbours (views, rows, cols) [DN]."""
+    return np.stack([np.hypot(*np.gradient(one)) for one in np.asarray(cube, float)])

@@ -1,0 +1,105 @@
+"""Discrepancy: what the model's forms may be off by, as low-rank covariance tied to the causes and the nominal light.
+
+Kennedy and O'Hagan (2001) add a Gaussian process to a model's prediction. Here it is a product: each taken cause's own
+change, or the nominal light, times a smooth random function over the frame (cosines of low frequency) and a random
+factor for each view. A loud cause whose form is some per cent off then leaves a rest that the discrepancy covers,
+instead of one that asks for further causes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.core.errors import InputError
+from evanesce.inference.constants import OWN_LIGHT, TIED_SHARE, WAVES
+from evanesce.inference.data import DataVector
+from evanesce.inference.joint import JointFit
+from evanesce.inference.model import AnchoredModel
+
+Array = NDArray[Any]
+
+MOST_SHARE = 0.2
+"""A change that the coarse model has wrong by more than this is no measure of what the fine one has wrong."""
+
+
+def cosines(shape: tuple[int, int], count: int) -> Array:
+    """Return products of cosines (count^2, rows, cols), each of unit mean square, the constant first."""
+    waves = []
+    for size in shape:
+        at = (np.arange(size) + 0.5) / size
+        own = np.array([np.cos(np.pi * k * at) for k in range(count)])
+        waves.append(own / np.sqrt(np.mean(own**2, axis=1, keepdims=True)))
+    return np.einsum("ar,bc->abrc", *waves).reshape(-1, *shape)
+
+
+def tied_rows(data: DataVector, change: Array, share: float) -> Array:
+    """Return the rows (k, bins) of a change's discrepancy: their outer products add up to its covariance.
+
+    Parameters
+    ----------
+    data : DataVector
+    change : ndarray (views, rows, cols)
+        [DN].
+    share : float
+        Standard deviation of the factor at each place, over all rows together.
+    """
+    opened = data.open
+    whitened = np.nan_to_num(change[list(opened)] / data.sd[list(opened)])
+    basis = cosines(change.shape[1:], WAVES)
+    valid = data.valid[list(opened)]
+    smooth = np.array([(whitened * wave)[valid] for wave in basis]) * share / np.sqrt(2 * len(basis))
+    single = []
+    for k in range(len(opened)):
+        only = np.zeros_like(whitened)
+        only[k] = whitened[k]
+        single.append(only[valid])
+    return np.concatenate([smooth, np.array(single) * share / np.sqrt(2)]).astype(np.float32)
+
+
+class Discrepancy:
+    """Rows of the discrepancy of a joint fit; each cause's own change is evaluated once per fit.
+
+    Parameters
+    ----------
+    model : AnchoredModel
+    """
+
+    def __init__(self, model: AnchoredModel) -> None:
+        self.model = model
+        self.shares: dict[str, float] = {}
+
+    def rows(self, fitted: JointFit, fine: Array | None = None) -> Array:
+        """Return the rows (k, bins): of the nominal light, and of each cause.
+
+        Parameters
+        ----------
+        fitted : JointFit
+        fine : ndarray (views, rows, cols), optional
+            Its fine prediction, where the shares are to be measured anew: by how much fine and coarse models differ
+            about each cause's change.
+        """
+        data = self.model.data
+        whole = self.model.cube(fitted.point)
+        found = [tied_rows(data, whole, OWN_LIGHT)]
+        for taken in fitted.taken:
+            without = fitted.without(taken.id)
+            try:
+                change = whole - self.model.cube(without)
+                if fine is not None and not taken.cause.costly:
+                    self.shares[taken.id] = self._share(fine, whole, without, change)
+            except InputError:
+                continue
+            found.append(tied_rows(data, change, self.shares.get(taken.id, TIED_SHARE)))
+        return np.concatenate(found)
+
+    def _share(self, fine: Array, whole: Array, without: Mapping[str, float], change: Array) -> float:
+        """Return the relative difference of a cause's change between the fine and the coarse model."""
+        opened = list(self.model.data.open)
+        opened = [k for k in opened if not self.model.data.views[k].is_card]
+        off = fine[opened] - self.model.fine_cube(without, opened) - change[opened]
+        size = np.sqrt(np.nanmean(off**2) / max(float(np.nanmean(change[opened] ** 2)), 1e-12))
+        return float(np.clip(size, TIED_SHARE, MOST_SHARE))

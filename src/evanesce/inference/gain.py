@@ -1,0 +1,110 @@
+"""The held-out conditions, opened once: residual and area error of the nominal and of the extended model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.core.rng import generator
+from evanesce.criticism.gain import bootstrap_sum, log_scores, rmse
+from evanesce.criticism.linear import Metric
+from evanesce.criticism.nuisance import nuisance_parameters
+from evanesce.criticism.parameters import derivative
+from evanesce.criticism.views import binned
+from evanesce.inference.consequence import AreaReader
+from evanesce.inference.joint import JointFit
+from evanesce.inference.model import AnchoredModel
+
+Array = NDArray[Any]
+
+BOOTSTRAPS = 2000
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Gain on held-out views.
+
+    Attributes
+    ----------
+    log_score : tuple of float
+        Gain, and its 95 % interval by bootstrap over views and blocks [nats].
+    rms_DN, area_percent : tuple of float
+        Root mean square residual of the bins; mean absolute error of the area over the measured one: before, after.
+    views : int
+    """
+
+    log_score: tuple[float, float, float]
+    rms_DN: tuple[float, float]
+    area_percent: tuple[float, float]
+    views: int
+
+    @property
+    def worse(self) -> bool:
+        """Whether the extension makes the area worse."""
+        before, after = self.area_percent
+        return bool(after > before)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it in the answer's form."""
+        return {
+            "log_score": list(self.log_score), "rms_DN": list(self.rms_DN),
+            "area_error_percent": list(self.area_percent), "area_worse": self.worse, "views": self.views,
+        }  # fmt: skip
+
+
+def held_out(model: AnchoredModel, areas: AreaReader, base: JointFit, best: JointFit) -> HeldOut | None:
+    """Return the gain by the fine model of both; None where no view is held out.
+
+    The light and load of each view by itself are marginalised, for both models alike.
+
+    Parameters
+    ----------
+    model : AnchoredModel
+    areas : AreaReader
+    base, best : JointFit
+    """
+    data, views = model.data, list(model.data.held_out)
+    if not views:
+        return None
+    measured = [areas.read(model.observation.images[k]) for k in views]
+    scores, errors, off = [], [], []
+    for fitted in (base, best):
+        frames = {k: frame for k, frame in zip(views, _fine_frames(model, fitted.point, views), strict=True)}
+        cube = np.full_like(data.cube, np.nan)
+        for k, frame in frames.items():
+            cube[k] = binned(frame)
+        errors.append(rmse(data.cube[views], cube[views]))
+        left = _standardised(model, fitted.point, cube, views)
+        scores.append(log_scores(left, data.valid[views]))
+        read = [areas.read(frames[k]) for k in views]
+        off.append([abs(r / m - 1.0) for r, m in zip(read, measured, strict=True) if m > 0])
+    gained = bootstrap_sum(scores[1] - scores[0], level=0.95, count=BOOTSTRAPS, rng=generator(0, "inference", "gain"))
+    before, after = (100.0 * float(np.mean(o)) if o else float("nan") for o in off)
+    return HeldOut(gained, (errors[0], errors[1]), (before, after), len(views))
+
+
+def _fine_frames(model: AnchoredModel, point: Mapping[str, float], views: list[int]) -> list[Array]:
+    """Return fine frames at the model camera's resolution [DN]."""
+    fine = model.fine(point)
+    found = []
+    for k in views:
+        picture = fine.picture(k)
+        found.append(binned(picture, model.factor) if model.factor > 1 else picture)
+    return found
+
+
+def _standardised(model: AnchoredModel, point: Mapping[str, float], cube: Array, views: list[int]) -> Array:
+    """Return residuals (views, rows, cols) with each view's own light and load taken off, and squares kept right."""
+    data = model.data
+    parameters = [
+        p
+        for p in nuisance_parameters(data.views, data.noise.flicker)
+        if p.linear and p.views is not None and p.views[0] in views
+    ]
+    rows = np.array([data.whitened(derivative(model.coarse, point, p, views), views) for p in parameters])
+    metric = Metric.of(rows, np.array([p.deviation for p in parameters]))
+    return data.unwhitened(metric.whiten(data.whitened(data.cube - cube, views)), views)

@@ -1,0 +1,289 @@
+"""First look: is it the same rig at all? Board, field of view, contact and level, measured beside predicted.
+
+A finger of another size, another calibration target, another lens are no causes of the library; whatever the joint fit
+would name for them would be wrong. They are compared before anything is fitted, on figures read from the frames alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from evanesce.core.errors import EvanesceError
+from evanesce.criticism.observe import Observation
+from evanesce.criticism.predict import Predictor
+from evanesce.criticism.views import View
+from evanesce.inference.constants import GROSS_AREA, GROSS_AXES, GROSS_FIELD, GROSS_LEVEL
+from evanesce.measurement.calibration.corners import find_corners
+from evanesce.optics.projection import Projection
+from evanesce.rig import Scene
+
+Array = NDArray[Any]
+
+AREA, AXES = "contact area", "ratio of the contact's axes"
+
+HALF = 0.5
+"""Share of a contact's own light above which a pixel counts to it: no absolute level, so that light makes no area."""
+LEAST_CONTRAST_DN = 5.0
+
+
+@dataclass(frozen=True)
+class Patch:
+    """The contact of one frame.
+
+    Attributes
+    ----------
+    area_mm2 : float
+    axes : float
+        Ratio of the axes of the ellipse of equal second moments, at least 1.
+    centre_mm : tuple of float
+        On the plate (x, y) [mm].
+    level_DN : float
+        Median within.
+    """
+
+    area_mm2: float
+    axes: float
+    centre_mm: tuple[float, float]
+    level_DN: float
+
+
+@dataclass(frozen=True)
+class Line:
+    """One figure, measured and predicted.
+
+    Attributes
+    ----------
+    name, unit : str
+    measured, predicted : float
+        NaN where there is nothing to read it from.
+    gross : bool
+        Whether no plausible amount of any cause makes the difference.
+    """
+
+    name: str
+    unit: str
+    measured: float
+    predicted: float
+    gross: bool
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it in the answer's form."""
+        return {
+            "name": self.name, "unit": self.unit, "measured": self.measured, "predicted": self.predicted,
+            "gross": self.gross,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Gate:
+    """The comparison.
+
+    Attributes
+    ----------
+    lines : tuple of Line
+    start : dict of str to float
+        Where the finger really is and how bright it is, for the fit to start from.
+    """
+
+    lines: tuple[Line, ...]
+    start: dict[str, float]
+
+    @property
+    def gross(self) -> tuple[Line, ...]:
+        """What is grossly different."""
+        return tuple(line for line in self.lines if line.gross)
+
+    def sentence(self) -> str:
+        """Return one line that names what is grossly different; empty if nothing is."""
+        if not self.gross:
+            return ""
+        words = [
+            f"{x.name} {x.measured:.3g} instead of {x.predicted:.3g} {x.unit}".strip()
+            for x in self.gross
+            if x.name not in (AREA, AXES)
+        ]
+        known = {x.name: x for x in self.lines}
+        if AREA in known and (known[AREA].gross or known[AXES].gross):
+            area, axes = known[AREA], known[AXES]
+            words.insert(
+                0,
+                f"your contact is {area.measured:.3g} mm^2 and {_form(axes.measured)}, the scene's"
+                f" {area.predicted:.3g} and {_form(axes.predicted)}",
+            )
+        return "not the rig of the scene: " + "; ".join(words)
+
+
+def _form(axes: float) -> str:
+    return "round" if axes < np.sqrt(GROSS_AXES) else f"elliptic ({axes:.2f} : 1)"
+
+
+class GrossDifference(EvanesceError):
+    """The measured rig is another one than the scene's (exit code 1).
+
+    Parameters
+    ----------
+    gate : Gate
+    """
+
+    exit_code = 1
+
+    def __init__(self, gate: Gate) -> None:
+        self.gate = gate
+        super().__init__(gate.sentence())
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it in the answer's form."""
+        return {
+            "method": "joint",
+            "first_line": str(self),
+            "gate": [x.as_dict() for x in self.gate.lines],
+            "causes": [],
+        }
+
+
+def gate_of(observation: Observation, coarse: Predictor) -> Gate:
+    """Compare the frames with what the nominal model predicts.
+
+    Parameters
+    ----------
+    observation : Observation
+    coarse : Predictor
+        Of the nominal model.
+
+    Returns
+    -------
+    Gate
+    """
+    scene, views = observation.scene, observation.views
+    plate = _PlateReader(scene)
+    pairs, numbers = [], []
+    for k in _press_views(views):
+        measured, predicted = plate.patch(observation.images[k]), plate.patch(coarse.image({}, k))
+        if measured is not None and predicted is not None:
+            pairs.append((measured, predicted))
+            numbers.append(k)
+    lines, start = _contact_lines(pairs)
+    lines += _missing_contact(observation, plate, coarse)
+    lines += _board_lines(observation, coarse)
+    poses = {
+        f"@pose_{axis}[{session}]": start[axis]
+        for session in sorted({views[k].session for k in numbers})
+        for axis in "xy"
+        if axis in start
+    }
+    return Gate(tuple(lines), poses)
+
+
+def _press_views(views: Sequence[View]) -> list[int]:
+    """Return the numbers of the open press views, the largest forces first, at most six of unlike states."""
+    seen: dict[tuple[float, float], int] = {}
+    for k, view in enumerate(views):
+        if view.kind == "press" and not view.locked and view.force_N:
+            seen.setdefault((view.force_N, view.voltage_V), k)
+    return [k for _, k in sorted(seen.items(), reverse=True)][:6]
+
+
+class _PlateReader:
+    """Reads contacts from frames, in millimetres on the plate."""
+
+    def __init__(self, scene: Scene) -> None:
+        projection = Projection.of(scene.camera, scene.plate)
+        cols, rows = scene.camera.resolution_px
+        u, v = np.meshgrid(np.arange(cols, dtype=float), np.arange(rows, dtype=float))
+        self.x, self.y = projection.to_plate(u, v)
+        across = np.gradient(self.x, axis=1) * np.gradient(self.y, axis=0)
+        self.pixel_mm2 = np.abs(across - np.gradient(self.x, axis=0) * np.gradient(self.y, axis=1))
+
+    def patch(self, image: Array) -> Patch | None:
+        """Return the largest bright patch above half its own light; None where there is none."""
+        smooth = ndimage.gaussian_filter(np.asarray(image, float), 1.0)
+        dark, bright = np.median(smooth), np.quantile(smooth, 0.995)
+        if bright - dark < LEAST_CONTRAST_DN:
+            return None
+        labels, count = ndimage.label(smooth > dark + HALF * (bright - dark))
+        if not count:
+            return None
+        sizes = ndimage.sum_labels(self.pixel_mm2, labels, np.arange(1, count + 1))
+        inside = labels == 1 + int(np.argmax(sizes))
+        weight = self.pixel_mm2[inside]
+        x, y = self.x[inside], self.y[inside]
+        mx, my = np.average(x, weights=weight), np.average(y, weights=weight)
+        moments = np.cov(np.stack([x, y]), aweights=weight)
+        small, large = np.maximum(np.linalg.eigvalsh(moments), 1e-9)
+        return Patch(float(weight.sum()), float(np.sqrt(large / small)), (float(mx), float(my)), float(bright))
+
+
+def _contact_lines(pairs: Sequence[tuple[Patch, Patch]]) -> tuple[list[Line], dict[str, float]]:
+    if not pairs:
+        return [], {}
+
+    def both(of: Any) -> tuple[float, float]:
+        """Return a figure of the largest force, measured and predicted."""
+        return float(of(pairs[0][0])), float(of(pairs[0][1]))
+
+    ratio = float(np.exp(np.median([np.log(m.area_mm2 / p.area_mm2) for m, p in pairs])))
+    axes = float(np.median([m.axes / p.axes for m, p in pairs]))
+    level = float(np.median([m.level_DN / p.level_DN for m, p in pairs]))
+    lines = [
+        Line(AREA, "mm^2", *both(lambda q: q.area_mm2), gross=_beyond(ratio, GROSS_AREA)),
+        Line(AXES, "", *both(lambda q: q.axes), gross=axes > GROSS_AXES),
+        Line(
+            "level of the contact",
+            "DN",
+            *both(lambda q: q.level_DN),
+            gross=_beyond(level, GROSS_LEVEL),
+        ),
+    ]
+    moved = {axis: float(np.median([m.centre_mm[i] - p.centre_mm[i] for m, p in pairs])) for i, axis in enumerate("xy")}
+    return lines, moved
+
+
+def _beyond(ratio: float, limit: float) -> bool:
+    """Return whether a ratio lies beyond a limit or below its inverse."""
+    return bool(abs(np.log(ratio)) > np.log(limit))
+
+
+def _missing_contact(observation: Observation, plate: _PlateReader, coarse: Predictor) -> list[Line]:
+    """Return a line where the model shows a contact and no frame does."""
+    numbers = _press_views(observation.views)
+    if not numbers:
+        return []
+    seen = [plate.patch(observation.images[k]) is not None for k in numbers]
+    expected = [plate.patch(coarse.image({}, k)) is not None for k in numbers]
+    if any(seen) or not any(expected):
+        return []
+    return [Line("frames that show a contact", "", 0.0, float(sum(expected)), gross=True)]
+
+
+def _board_lines(observation: Observation, coarse: Predictor) -> list[Line]:
+    """Return the pitch of the checkerboard's corners in pixels, and the field of view it means."""
+    place = next((k for k, v in enumerate(observation.views) if v.kind == "checkerboard"), None)
+    if place is None:
+        return []
+    side = observation.scene.card.checkerboard_side_mm
+    cols = observation.scene.camera.resolution_px[0]
+    pitches = [_pitch(image) for image in (observation.images[place], coarse.image({}, place))]
+    if any(p is None for p in pitches):
+        return []
+    measured, predicted = (float(p) for p in pitches if p is not None)
+    gross = _beyond(measured / predicted, 1.0 + GROSS_FIELD)
+    return [
+        Line("pitch of the checkerboard", "px", measured, predicted, gross=False),
+        Line("field of view", "mm", cols * side / measured, cols * side / predicted, gross=gross),
+    ]
+
+
+def _pitch(image: Array) -> float | None:
+    """Return the median distance of neighbouring corners [px]; None where no board is found."""
+    whole = np.clip(np.round(image), 0, 255).astype(np.uint8)
+    try:
+        grid = find_corners(whole)
+    except EvanesceError:
+        return None
+    return float(np.median(np.linalg.norm(grid.lattice, axis=1)))

@@ -1,0 +1,220 @@
+"""The joint fit: all parameters of all causes taken so far and the nuisances, at the fine model's optimum."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.criticism.linear import Metric
+from evanesce.criticism.nuisance import nuisance_parameters
+from evanesce.criticism.parameters import Parameter, value_of
+from evanesce.inference.causes import Cause, Entry
+from evanesce.inference.constants import FAR
+from evanesce.inference.data import DataVector
+from evanesce.inference.gauss_newton import Prior, Solution, fit
+from evanesce.inference.model import AnchoredModel
+
+Array = NDArray[Any]
+
+ANCHORS = 3
+"""Fine evaluations of one fit at most."""
+STAYED = 0.01
+"""A fit has stayed where it was anchored if the misfit fell by less than this share since."""
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A cause in the joint fit.
+
+    Attributes
+    ----------
+    cause : Cause
+    parameters : tuple of Parameter
+        Free ones.
+    slow : mapping of str to ndarray (bins,)
+        Whitened derivatives of parameters whose evaluation takes seconds: between anchors they act linearly.
+    """
+
+    cause: Cause
+    parameters: tuple[Parameter, ...]
+    slow: Mapping[str, Array] = field(default_factory=dict)
+
+    @property
+    def id(self) -> str:
+        """Of the effect."""
+        return self.cause.id
+
+
+@dataclass(frozen=True)
+class JointFit:
+    """Causes and nuisances at their most probable values.
+
+    Attributes
+    ----------
+    taken : tuple of Taken
+    parameters : tuple of Parameter
+        Of the causes, in order, then nuisances.
+    point : mapping of str to float
+    solution : Solution
+    metric : Metric
+        With the jitter of single views marginalised.
+    """
+
+    taken: tuple[Taken, ...]
+    parameters: tuple[Parameter, ...]
+    point: Mapping[str, float]
+    solution: Solution
+    metric: Metric
+    residual: Array
+
+    @property
+    def misfit(self) -> float:
+        """Squared residual in the metric, and the priors' squares."""
+        return self.solution.misfit
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """Of the causes."""
+        return tuple(t.id for t in self.taken)
+
+    def without(self, cause: str) -> dict[str, float]:
+        """Return the point with one cause at its null."""
+        return {name: value for name, value in self.point.items() if not name.startswith(f"{cause}:")}
+
+    def departures(self) -> Array:
+        """Return the parameters' distances (n,) from their priors' means."""
+        return self.solution.values - np.array([p.null for p in self.parameters])
+
+    def of_cause(self, cause: str) -> NDArray[np.int_]:
+        """Return the places of a cause's parameters."""
+        return np.flatnonzero([p.name.startswith(f"{cause}:") for p in self.parameters])
+
+
+class Fitter:
+    """Fits causes jointly.
+
+    Parameters
+    ----------
+    model : AnchoredModel
+    """
+
+    def __init__(self, model: AnchoredModel) -> None:
+        self.model = model
+        data = model.data
+        self.observed = data.whitened(data.cube)
+        opened = set(data.open)
+        every = [
+            p
+            for p in nuisance_parameters(data.views, data.noise.flicker, data.scale_deviation)
+            if p.views is None or set(p.views) & opened
+        ]
+        self.nuisances = tuple(_bounded(p) for p in every if not p.linear)
+        self.jitter = tuple(p for p in every if p.linear)
+        self._evaluated_at: dict[str, float] = {}
+
+    @property
+    def data(self) -> DataVector:
+        """What is fitted."""
+        return self.model.data
+
+    def fitted(
+        self,
+        taken: Sequence[Taken],
+        start: Mapping[str, float],
+        *,
+        metric: Metric,
+        rows: Array | None = None,
+        rounds: int = 8,
+        renewals: int = 1,
+    ) -> JointFit:
+        """Return the joint fit about the present anchor.
+
+        Parameters
+        ----------
+        taken : sequence of Taken
+        start : mapping
+        metric : Metric
+        rows : ndarray (parameters, bins), optional
+            Derivatives at the start.
+        rounds, renewals : int
+            See :func:`evanesce.inference.gauss_newton.fit`.
+        """
+        parameters = (*(p for t in taken for p in t.parameters), *self.nuisances)
+        slow = {name: row for t in taken for name, row in t.slow.items()}
+
+        def point_of(values: Array) -> dict[str, float]:
+            return {**start, **{p.name: float(v) for p, v in zip(parameters, values, strict=True)}}
+
+        def predict(values: Array) -> Array:
+            point = point_of(values)
+            extra = np.zeros_like(self.observed)
+            for name, row in slow.items():
+                at = self._evaluated_at.get(name, 0.0)
+                extra += (point[name] - at) * row
+                point[name] = at
+            return self.model.vector(point) + extra
+
+        def jacobian(values: Array, predicted: Array) -> Array:
+            point = point_of(values) | {name: self._evaluated_at.get(name, 0.0) for name in slow}
+            return np.array([slow[p.name] if p.name in slow else self.model.derivative(point, p) for p in parameters])
+
+        values = np.array([value_of(start, p) for p in parameters])
+        solution = fit(
+            predict, jacobian, self.observed, _prior(parameters), values, metric=metric, rows=rows, rounds=rounds,
+            renewals=renewals,
+        )  # fmt: skip
+        residual = self.observed - solution.predicted
+        return JointFit(tuple(taken), parameters, point_of(solution.values), solution, metric, residual)
+
+    def relinearised(self, taken: Sequence[Taken], start: Mapping[str, float]) -> JointFit:
+        """Return the joint fit at the fine model's optimum: anchored and differentiated anew until it stays.
+
+        Raises
+        ------
+        InputError
+            If the rig cannot have the values of the start.
+        """
+        point = dict(start)
+        for _ in range(ANCHORS):
+            self.model.anchor(point)
+            self._evaluated_at = {name: point[name] for t in taken for name in t.slow}
+            metric = self.jitter_metric(point)
+            found = self.fitted(taken, point, metric=metric)
+            before = self.observed - self.model.vector(point)
+            first = float(metric.project(before) @ before)
+            point = dict(found.point)
+            if first - found.misfit < STAYED * found.misfit:
+                break
+        return found
+
+    def jitter_metric(self, point: Mapping[str, float]) -> Metric:
+        """Return the inner product with the light and load of single views marginalised."""
+        rows = np.array([self.model.derivative(point, p) for p in self.jitter])
+        return Metric.of(rows, np.array([p.deviation for p in self.jitter]))
+
+
+def taken_from(entry: Entry) -> Taken:
+    """Return a cause as it stands in a joint fit; of a costly one the first amplitude alone is free."""
+    cause = entry.cause
+    if not cause.costly:
+        return Taken(cause, cause.parameters)
+    grown = next(p for p in cause.parameters if p.name in cause.amplitudes and p.name in entry.start)
+    return Taken(cause, (grown,), {grown.name: entry.rows[0] / (entry.start[grown.name] - grown.null)})
+
+
+def _prior(parameters: Sequence[Parameter]) -> Prior:
+    mean, deviation, low, high = (
+        np.array(column)
+        for column in zip(*((p.null, p.deviation, p.bounds[0], p.bounds[1]) for p in parameters), strict=True)
+    )
+    return Prior(mean, deviation, low, high)
+
+
+def _bounded(parameter: Parameter) -> Parameter:
+    """Return a nuisance that stays within what its prior allows, so that a wrong model cannot drive it astray."""
+    reach = FAR * parameter.deviation
+    return replace(parameter, bounds=(parameter.null - reach, parameter.null + reach))

@@ -1,0 +1,95 @@
+"""The prediction of a fit: the coarse model's changes about a point at which the fine model was evaluated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.criticism.fine import FineFrames
+from evanesce.criticism.observe import Observation, model_factor
+from evanesce.criticism.parameters import Parameter, derivative
+from evanesce.criticism.predict import Predictor
+from evanesce.inference.data import DataVector
+
+Array = NDArray[Any]
+Point = Mapping[str, float]
+
+CARD_STAYS_DN = 4.0
+"""Change of a calibration target's bins up to which what the fine model adds to them is kept: their ink is sharp, and
+evaluating it takes as long as all presses."""
+
+
+class AnchoredModel:
+    """Predicts the bins of all views at a point, a mapping of parameter names to values.
+
+    The fine model gives the value at the anchor, the coarse one the change from there: an exact prediction at the
+    anchor at the price of one fine evaluation, and derivatives at the price of coarse ones. A fit that is anchored
+    anew where it ended, until it stays, ends at the fine model's own optimum to within what the coarse derivatives are
+    off by (some per cent of the last step).
+
+    Parameters
+    ----------
+    observation : Observation
+    data : DataVector
+    """
+
+    def __init__(self, observation: Observation, data: DataVector) -> None:
+        self.observation, self.data = observation, data
+        self.factor = model_factor(observation.believed)
+        self.coarse = Predictor(observation.scene, data.views, noise_scale=data.scale)
+        self._cards: tuple[Array, Array] | None = None
+
+    def anchor(self, point: Point) -> Array:
+        """Evaluate the fine model at a point, from where on changes are counted; return its bins (views, rows, cols).
+
+        Parameters
+        ----------
+        point : mapping
+
+        Raises
+        ------
+        InputError
+            If the rig cannot have these values.
+        """
+        cards = [k for k, view in enumerate(self.data.views) if view.is_card]
+        others = [k for k in range(len(self.data.views)) if k not in cards]
+        self.coarse.correction = None
+        coarse = self.coarse.cube(point)
+        correction = np.zeros_like(coarse)
+        if others:
+            correction[others] = self.fine_cube(point, others) - coarse[others]
+        if cards:
+            if self._cards is None or np.abs(coarse[cards] - self._cards[0]).max() > CARD_STAYS_DN:
+                self._cards = coarse[cards], self.fine_cube(point, cards) - coarse[cards]
+            correction[cards] = self._cards[1]
+        self.coarse.correction = correction
+        return np.asarray(coarse + correction)
+
+    def fine_cube(self, point: Point, views: Sequence[int]) -> Array:
+        """Return the fine bins of some views (chosen views, rows, cols) [DN]."""
+        chosen = [self.data.views[k] for k in views]
+        renamed = dict(point)
+        for new, old in enumerate(views):
+            for name in ("force", "flicker"):
+                renamed[f"@{name}[{new}]"] = point.get(f"@{name}[{old}]", 0.0)
+        scale = self.data.scale
+        return FineFrames(self.observation.believed, chosen, self.factor, renamed, noise_scale=scale).cube()
+
+    def fine(self, point: Point) -> FineFrames:
+        """Return the fine model at a point."""
+        return FineFrames(self.observation.believed, self.data.views, self.factor, point, noise_scale=self.data.scale)
+
+    def cube(self, point: Point, only: Sequence[int] | None = None) -> Array:
+        """Return the bins (views, rows, cols) [DN]; NaN in views that are not in ``only`` (the open ones)."""
+        return self.coarse.cube(point, list(self.data.open if only is None else only))
+
+    def vector(self, point: Point) -> Array:
+        """Return the whitened bins (bins,) of the open views."""
+        return self.data.whitened(self.cube(point))
+
+    def derivative(self, point: Point, parameter: Parameter) -> Array:
+        """Return the whitened derivative (bins,) by a parameter."""
+        return self.data.whitened(derivative(self.coarse, point, parameter, self.data.open)).astype(np.float32)

@@ -1,0 +1,253 @@
+"""Linear algebra of the joint fit against closed forms, and its moves on a toy whose causes are known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import ndimage, optimize
+
+from evanesce.core.errors import InputError
+from evanesce.criticism.candidates import Candidate
+from evanesce.criticism.linear import Metric
+from evanesce.criticism.noise import Noise
+from evanesce.criticism.parameters import Parameter
+from evanesce.criticism.views import View
+from evanesce.inference.causes import Cause, Entry
+from evanesce.inference.consequence import Consequence
+from evanesce.inference.data import DataVector
+from evanesce.inference.discrepancy import Discrepancy, cosines, tied_rows
+from evanesce.inference.gauss_newton import Prior, bounded_step, broyden, fit
+from evanesce.inference.joint import Fitter, JointFit, taken_from
+from evanesce.inference.search import Search, everything_marginalised, loss_of, removal
+
+SHAPE = (20, 28)
+VIEWS = tuple(View(kind="press", force_N=1.0 + k, voltage_V=9.0, condition=k, index=k) for k in range(5))
+
+
+def loose(count: int) -> Prior:
+    return Prior(np.zeros(count), np.full(count, 2.0), np.full(count, -np.inf), np.full(count, np.inf))
+
+
+def test_bounded_step_is_the_constrained_minimum():
+    """Against SciPy's bounded least squares on random problems, bounds that bind among them."""
+    rng = np.random.default_rng(3)
+    for _ in range(40):
+        n = int(rng.integers(1, 8))
+        root = rng.standard_normal((n + 3, n))
+        target = 2.0 * rng.standard_normal(n + 3)
+        low, high = -rng.uniform(0, 1, n), rng.uniform(0, 1, n)
+        expected = optimize.lsq_linear(root, target, (low - 1e-12, high + 1e-12), tol=1e-12).x
+        found = bounded_step(root.T @ root, root.T @ target, low, high)
+        assert np.all(found >= low)
+        assert np.all(found <= high)
+        np.testing.assert_allclose(found, expected, atol=1e-5)
+
+
+def test_joint_fit_of_a_linear_model_is_generalised_least_squares():
+    """Mean and covariance of the posterior by the dense formula, jitter in the data's covariance."""
+    rng = np.random.default_rng(5)
+    rows, jitter = rng.standard_normal((4, 60)), rng.standard_normal((3, 60))
+    sizes, data = np.array([0.5, 2.0, 1.0]), rng.standard_normal(60) * 3
+    prior = Prior(np.array([0.3, 0, -1, 0]), np.array([1.0, 0.2, 3.0, 0.5]), np.full(4, -np.inf), np.full(4, np.inf))
+    found = fit(lambda v: v @ rows, lambda v, p: rows, data, prior, np.zeros(4), metric=Metric.of(jitter, sizes))
+    whole = np.eye(60) + (jitter.T * sizes**2) @ jitter
+    inverse = np.linalg.inv(whole)
+    precision = rows @ inverse @ rows.T + np.diag(prior.deviation**-2.0)
+    mean = np.linalg.solve(precision, rows @ inverse @ data + prior.mean / prior.deviation**2)
+    np.testing.assert_allclose(found.values, mean, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(found.covariance, np.linalg.inv(precision), rtol=1e-8, atol=1e-10)
+    left = data - mean @ rows
+    assert found.misfit == pytest.approx(left @ inverse @ left + prior.square(mean), rel=1e-9)
+
+
+def test_relinearised_fit_recovers_the_parameters_of_a_bent_model():
+    """Decays of unlike length: derivatives at the start are wrong by factors; errors within 4 posterior deviations."""
+    rng = np.random.default_rng(8)
+    t = np.linspace(0, 6, 400)
+
+    def model(v: Any) -> Any:
+        if v[1] <= 0 or v[3] <= 0:
+            raise InputError("a decay needs a length")
+        return 100 * (v[0] * np.exp(-t / v[1]) + v[2] * np.exp(-t / v[3]) * np.cos(2 * t))
+
+    def jacobian(v: Any, predicted: Any) -> Any:
+        return np.array([(model(v + h) - model(v - h)) / 2e-4 for h in 1e-4 * np.eye(4)])
+
+    true = np.array([1.0, 0.5, -0.7, 2.5])
+    data = model(true) + rng.standard_normal(400)
+    prior = Prior(np.array([0.6, 1.0, -0.3, 1.5]), np.full(4, 2.0), np.array([-5, 0.01, -5, 0.01]), np.full(4, 9.0))
+    none = Metric.of(np.zeros((0, 400)), np.zeros(0))
+    found = fit(model, jacobian, data, prior, prior.mean, metric=none, rounds=40, renewals=4)
+    assert np.all(np.abs(found.values - true) < 4 * np.sqrt(np.diag(found.covariance)))
+    assert found.misfit < 400 + 5 * np.sqrt(800)
+    poor = fit(model, jacobian, data, prior, prior.mean, metric=none, rounds=1, renewals=0)
+    assert poor.misfit > 10 * found.misfit
+
+
+def test_fit_stays_in_bounds_and_counts_impossible_values_as_failed_steps():
+    rows = np.array([[1.0, 0.5, 0.0], [0.0, 1.0, 1.0]])
+
+    def model(v: Any) -> Any:
+        if v[0] > 3:
+            raise InputError("too much")
+        return v @ rows
+
+    prior = Prior(np.zeros(2), np.full(2, 100.0), np.array([-9.0, -0.2]), np.array([9.0, 0.2]))
+    none = Metric.of(np.zeros((0, 3)), np.zeros(0))
+    found = fit(model, lambda v, p: rows, np.array([9.0, 4.0, 1.0]), prior, np.zeros(2), metric=none, rounds=20)
+    assert found.values[0] <= 3
+    assert -0.2 <= found.values[1] <= 0.2
+
+
+def test_broyden_reproduces_the_step():
+    rng = np.random.default_rng(1)
+    rows, step, change = rng.standard_normal((3, 9)), np.array([3.0, -2.0, 1.0]), rng.standard_normal(9)
+    np.testing.assert_allclose(step @ broyden(rows, step, change, np.eye(3)), change, rtol=1e-12)
+
+
+def test_discrepancy_has_the_size_that_it_says():
+    """Its variance, averaged over the frame, is the square of its share of the change; a change of nothing has none."""
+    rng = np.random.default_rng(2)
+    data = vector(np.zeros((5, *SHAPE)), sd=0.5)
+    change = 3.0 * np.ones((5, *SHAPE))
+    change[2] = 0.0
+    rows = tied_rows(data, change, 0.04)
+    variance = data.unwhitened((rows.astype(float) ** 2).sum(axis=0))
+    np.testing.assert_allclose(variance.mean(axis=(1, 2)), (0.04 * 6.0) ** 2 * np.array([1, 1, 0, 1, 1]), rtol=1e-5)
+    drawn = data.unwhitened(rng.standard_normal(len(rows)) @ rows)
+    assert not np.any(drawn[2])
+    waves = cosines(SHAPE, 3).reshape(9, -1)
+    np.testing.assert_allclose(waves @ waves.T / waves.shape[1], np.eye(9), atol=1e-9)
+
+
+def vector(cube: Any, sd: float = 1.0) -> DataVector:
+    noise = Noise(SimpleNamespace(), np.zeros(2), np.ones(2), 0.0, np.zeros((1, *SHAPE)), True, 0.3)
+    return DataVector(cube, np.full(cube.shape, sd), np.ones(cube.shape, bool), VIEWS, noise, 1.0, 0.01)
+
+
+@dataclass
+class ToyModel:
+    """A prediction that is a known, bent function of its point."""
+
+    maps: dict[str, Any]
+    data: DataVector
+    bend: float = 0.0
+    factor: int = 1
+    anchored: int = field(default=0)
+
+    def cube(self, point: Any, only: Any = None) -> Any:
+        total = np.full((len(VIEWS), *SHAPE), 80.0)
+        for name, amount in point.items():
+            if name in self.maps:
+                total = total + (amount + self.bend * amount**2) * self.maps[name]
+        return total
+
+    def anchor(self, point: Any) -> Any:
+        self.anchored += 1
+        return self.cube(point)
+
+    def vector(self, point: Any) -> Any:
+        return self.data.whitened(self.cube(point))
+
+    def derivative(self, point: Any, parameter: Parameter) -> Any:
+        at, h = point.get(parameter.name, parameter.null), parameter.step
+        upper, lower = (self.vector({**point, parameter.name: at + s * h}) for s in (1, -1))
+        return (upper - lower) / (2 * h)
+
+
+class ToyAreas:
+    """Areas that some causes move."""
+
+    def __init__(self, moving: set[str]) -> None:
+        self.moving = moving
+
+    def of_change(self, with_cause: Any, without: Any) -> Consequence:
+        gone = {name.partition(":")[0] for name in with_cause if name not in without}
+        change = 5.0 if gone & self.moving else 0.05
+        return Consequence((1.0,), (change,), (change,))
+
+
+def cause(name: str) -> Cause:
+    parameter = Parameter(name=f"{name}:x", deviation=1.0, step=0.01, bounds=(-5.0, 5.0))
+    effect: Any = SimpleNamespace(id=name, amplitudes=("x",), marks=None)
+    return Cause(Candidate(effect, (parameter,), (), ()), False)
+
+
+def toy(true: dict[str, float], *, decoys: int = 12, bend: float = 0.0, size: float = 30.0, seed: int = 4) -> Any:
+    """Return a fitter and causes: smooth random maps that overlap, as real causes do."""
+    rng = np.random.default_rng(seed)
+    names = [*(n.partition(":")[0] for n in true), *(f"decoy{k}" for k in range(decoys))]
+    maps = {}
+    for name in names:
+        drawn = ndimage.gaussian_filter(rng.standard_normal((len(VIEWS), *SHAPE)), (0, 3, 3))
+        maps[f"{name}:x"] = size * drawn / drawn.std()
+    model = ToyModel(maps, vector(np.zeros((len(VIEWS), *SHAPE))), bend)
+    measured = model.cube(true) + rng.standard_normal((len(VIEWS), *SHAPE))
+    model.data = vector(measured)
+    fitter = object.__new__(Fitter)
+    fitter.model = model  # type: ignore[assignment]
+    fitter.observed = model.data.whitened(measured)
+    fitter.nuisances = (Parameter(name="@light", deviation=0.3, step=0.01),)
+    fitter.jitter = ()
+    fitter._evaluated_at = {}
+    fitter.jitter_metric = lambda point: Metric.of(np.zeros((0, fitter.observed.size)), np.zeros(0))  # type: ignore
+    return fitter, [cause(n) for n in names]
+
+
+def searched(fitter: Any, causes: Any, moving: set[str]) -> tuple[Search, JointFit]:
+    search = Search(fitter, causes, ToyAreas(moving), Discrepancy(fitter.model))  # type: ignore[arg-type]
+    return search, search.run(fitter.relinearised([], {}))
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.15])
+def test_loud_causes_are_all_found_and_no_other(bend):
+    """Five causes at once, each of strength 500 to 1500, among twelve that are not there."""
+    true = {"a:x": 0.9, "b:x": -0.5, "c:x": 0.4, "d:x": 0.6, "e:x": -0.35}
+    search, found = searched(*toy(true, bend=bend), moving=set())
+    assert set(found.ids) == set("abcde")
+    sd = np.sqrt(np.diag(found.solution.covariance))
+    for p, value, error in zip(found.parameters, found.solution.values, sd, strict=True):
+        assert abs(value - true.get(p.name, 0.0)) < 4.5 * error
+    assert [s.move for s in search.steps].count("add") >= 5
+    assert search.share(found.misfit - search.noise(found)) < 0.001
+
+
+def test_a_faint_cause_is_taken_only_where_it_moves_the_area():
+    """One of strength 12.7 beside one of 1600: 0.006 % of the misfit and 5 % of what is left, 80 nats all the same."""
+    true = {"a:x": 1.0, "b:x": 0.008}
+    _, still = searched(*toy(true), moving=set())
+    search, moved = searched(*toy(true), moving={"b"})
+    assert still.ids == ("a",)
+    assert set(moved.ids) == {"a", "b"}
+    assert "moves the area" in search.steps[-1].reason
+
+
+def test_what_is_left_is_explained_though_it_moves_no_area():
+    """A cause of 0.2 % of the misfit that is nearly all that is left: it is taken, to be listed."""
+    search, found = searched(*toy({"a:x": 1.0, "b:x": 0.045}), moving=set())
+    assert set(found.ids) == {"a", "b"}
+    assert "of what was left" in search.steps[-1].reason
+
+
+def test_a_cause_that_is_not_there_is_not_taken_for_moving_the_area():
+    """All decoys would move the area; noise alone lets none of them gain on conditions left out."""
+    _, found = searched(*toy({"a:x": 1.0}), moving={f"decoy{k}" for k in range(12)})
+    assert found.ids == ("a",)
+
+
+def test_removal_and_loss_are_what_a_refit_says():
+    """For a linear model the linear estimates are exact: the misfit falls and rises by them."""
+    fitter, causes = toy({"a:x": 0.9, "b:x": -0.5})
+    base = fitter.relinearised([], {})
+    a = causes[0]
+    rows = np.array([fitter.model.derivative(base.point, a.parameters[0])])
+    entry = Entry(a, rows, np.array([1.0]), np.array([-5.0]), np.array([5.0]))
+    metric, believed = everything_marginalised(base)
+    expected = removal(entry, metric, metric.project(believed))
+    fitted = fitter.relinearised([taken_from(entry)], base.point)
+    assert base.misfit - fitted.misfit == pytest.approx(expected.removed, rel=1e-6)
+    assert loss_of(fitted, "a") == pytest.approx(expected.removed, rel=1e-6)

@@ -1,0 +1,99 @@
+"""The joint fit on bundles of the development rigs: first look, answer, and command line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import development_rigs as rigs
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from evanesce.bundle.read import read_bundle
+from evanesce.cli.app import app
+from evanesce.inference.critic import criticise_jointly
+from evanesce.inference.gate import _PlateReader
+from evanesce.optics.projection import Projection
+from evanesce.rig import load_scene
+
+runner = CliRunner()
+
+
+@pytest.fixture(scope="session")
+def tiny(tmp_path_factory: Any) -> Path:
+    folder: Path = tmp_path_factory.mktemp("rigs") / "tiny"
+    rigs.write_rig("tiny", folder)
+    return folder
+
+
+def test_a_drawn_ellipse_is_read_on_the_plate():
+    """Area to 1 %, axes to 1 %, centre to a tenth of a pixel, through distortion and an offset axis."""
+    scene = rigs.RIGS["one"].scene()
+    projection = Projection.of(scene.camera, scene.plate)
+    cols, rows = scene.camera.resolution_px
+    total = np.zeros((rows, cols))
+    for dy in (-0.375, -0.125, 0.125, 0.375):
+        for dx in (-0.375, -0.125, 0.125, 0.375):
+            u, v = np.meshgrid(np.arange(cols) + dx, np.arange(rows) + dy)
+            x, y = projection.to_plate(u, v)
+            total += np.hypot((x - 2.1) / 5.0, (y + 1.3) / 3.2) < 1
+    patch = _PlateReader(scene).patch(12.0 + 150.0 * total / 16)
+    assert patch is not None
+    assert patch.area_mm2 == pytest.approx(np.pi * 5.0 * 3.2, rel=0.01)
+    assert patch.axes == pytest.approx(5.0 / 3.2, rel=0.01)
+    assert patch.centre_mm == pytest.approx((2.1, -1.3), abs=0.1 / scene.camera.scale_px_per_mm)
+    assert _PlateReader(scene).patch(np.full((rows, cols), 12.0)) is None
+
+
+def test_another_finger_is_told_before_anything_is_fitted(tmp_path):
+    """An ellipse drawn with NumPy where the scene has a round contact: exit code 1, one line, JSON all the same."""
+    folder, answer = tmp_path / "other", tmp_path / "answer.json"
+    rigs.write_other_finger(folder, "tiny")
+    result = runner.invoke(app, ["criticise", str(folder), "--joint", "--json", str(answer)])
+    assert result.exit_code == 1
+    said = json.loads(answer.read_text(encoding="utf-8"))
+    assert "elliptic" in said["first_line"]
+    assert "round" in said["first_line"]
+    assert said["causes"] == []
+    measured = {line["name"]: line for line in said["gate"]}
+    assert measured["ratio of the contact's axes"]["measured"] == pytest.approx(1.45, rel=0.05)
+    assert measured["contact area"]["measured"] == pytest.approx(49.0, rel=0.05)
+
+
+def test_three_causes_at_once_are_named(tiny):
+    """Modulus, black level and droop, of the causes that ask for no other light of the plate."""
+    costly = ("edge_finish", "glass_absorption", "glass_dispersion", "led_air_gap")
+    result, scene = criticise_jointly(read_bundle(tiny), exclude=costly)
+    found = {cause["id"]: cause for cause in result["causes"]}
+    assert {"modulus", "black_level"} <= set(found) <= {"modulus", "black_level", "led_droop", "led_bin"}
+    modulus = found["modulus"]["parameters"]["relative"]
+    assert modulus["lo"] < 0.15 < modulus["hi"]
+    assert modulus["hi"] - modulus["lo"] < 0.05
+    # Hertz: the area goes as the modulus to the power of -2/3.
+    at_most = min(found["modulus"]["area"]["percent"])
+    assert at_most == pytest.approx(100 * (1.15 ** (-2 / 3) - 1), abs=2.5)
+    assert result["misfit"]["removed_share"] > 0.98
+    held_out = result["held_out"]
+    assert held_out["rms_DN"][1] < 0.3 * held_out["rms_DN"][0]
+    assert held_out["area_error_percent"][1] < held_out["area_error_percent"][0]
+    assert not held_out["area_worse"]
+    assert "modulus" in scene
+
+
+@pytest.mark.whole_case
+def test_the_command_writes_answer_and_scene(tiny, tmp_path):
+    """All causes of the library; the extended scene loads and carries what was named. Two minutes."""
+    answer = tmp_path / "answer.json"
+    result = runner.invoke(app, ["criticise", str(tiny), "--joint", "--json", str(answer)])
+    assert result.exit_code == 0, result.output
+    said = json.loads(answer.read_text(encoding="utf-8"))
+    scene = load_scene(said["extended_scene"])
+    assert set(scene.effects) == {cause["id"] for cause in said["causes"]}
+    assert scene.effects["modulus"]["relative"] == pytest.approx(0.15, abs=0.02)
+
+
+def test_a_page_is_refused_with_joint(tiny, tmp_path):
+    result = runner.invoke(app, ["criticise", str(tiny), "--joint", "--report", str(tmp_path / "page.html")])
+    assert result.exit_code == 2

@@ -161,7 +161,7 @@ MISTAKES = (
             ("nothing_segmented",)),
     Mistake("film of another resolution", lambda made: made.film([f[::2, ::2] for f in made.frames]), measure(), 2,
             ("--calibration", "240 x 180"), quick=True),
-    Mistake("axes swapped (film turned by 90 degrees)", 
+    Mistake("axes swapped (film turned by 90 degrees)",
             lambda made: made.film([np.rot90(f).copy() for f in made.frames]), measure(), 2, ("360 x 480",)),
     Mistake("mirrored film", lambda made: made.film([f[:, ::-1].copy() for f in made.frames]), measure(),
             why="a contact has no left and right; the area stays right to the distortion's asymmetry"),

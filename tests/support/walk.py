@@ -22,7 +22,8 @@ def calibrate_args(lab: Lab, folder: Path) -> list[str]:
     boards = [str(folder / f"board{k}.png") for k in range(VIEWS)]
     return [
         "calibrate", "--checkerboard", *boards, "--square-mm", str(lab.board.side),
-        "--square", str(folder / "card.png"), "--side-mm", str(lab.card), "--on-glass", "board0.png", "--json", str(folder / "cal.json"),
+        "--square", str(folder / "card.png"), "--side-mm", str(lab.card), "--on-glass", "board0.png",
+        "--json", str(folder / "cal.json"),
     ]  # fmt: skip
 
 

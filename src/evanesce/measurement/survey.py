@@ -88,7 +88,7 @@ class Survey:
             return ()
         excess = self.excess
         least, most = float(excess.min()), float(excess.max())
-        if most < CLEAR_CONTACT * least:
+        if not most > CLEAR_CONTACT * least:  # equal frames as well
             return ()
         near = excess <= max(NOISE_FACTOR * least, STEP_SHARE * most)
         found = [index for index, free in zip(self.indices, near, strict=True) if free]
@@ -118,7 +118,10 @@ def is_free(dark: Image | Floats, bright: Image, tone: Floats, *, radius: int, m
     light = cv2.GaussianBlur(luma_light(bright, tone), (0, 0), 2.0)
     ground = float(np.median(dark))
     step = light - dark
-    top = float(np.median(step[step > 0.5 * np.percentile(step, 99.9)]))
+    risen = step > max(0.5 * float(np.percentile(step, 99.9)), 0.0)
+    if not risen.any():
+        return False
+    top = float(np.median(step[risen]))
     mask = cv2.GaussianBlur(np.asarray(dark, np.float64), (0, 0), 2.0) - ground > 0.5 * top
     return large_blobs(mask, radius, max(min_blob, 1)).kept == 0
 

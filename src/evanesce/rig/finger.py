@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -151,17 +151,12 @@ class Finger(Strict):
     ridges: Ridges | None = None
     height_map: ScannedSkin | None = None
 
-    @model_validator(mode="before")
-    @classmethod
-    def _named(cls, data: Any) -> Any:
-        """Name the material of own figures: it has no other."""
-        if isinstance(data, dict) and "material" not in data and any(data.get(key) is not None for key in OWN_FIGURES):
-            return data | {"material": OWN}
-        return data
-
     @model_validator(mode="after")
     def _one_stiffness(self) -> Self:
         given = [key for key in OWN_FIGURES if getattr(self, key) is not None]
+        if given and "material" not in self.model_fields_set:  # figures alone need no name; the object is frozen
+            object.__setattr__(self, "material", OWN)
+            self.model_fields_set.add("material")
         if len(given) > 1 or bool(given) != (self.material == OWN):
             named = [] if self.material == OWN else [f"finger.material = '{self.material}'"]
             found = " and ".join([*named, *(f"finger.{key}" for key in given)]) or f"finger.material = '{OWN}' alone"

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
 from evanesce.chain.simulate import solve_contact
 from evanesce.contact.laws import finger_modulus, smooth_contact
 from evanesce.core.errors import InputError
-from evanesce.rig import dump_scene, load_scene
+from evanesce.rig import Scene, dump_scene, load_scene
 
 RADIUS = 7.5
 GRID = {"grid.samples": 256}
@@ -69,6 +71,7 @@ def test_named_materials_keep_their_bytes_and_own_figures_come_back(tmp_path):
     text = path.read_text()
     path.write_text(text.replace('material = "own"\n', ""))
     assert load_scene(str(path)) == own  # figures alone need no name
+    assert Scene.model_validate_json(json.dumps(own.as_dict())) == own  # as data sets keep it
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from evanesce.api.calibrate import calibrate
 from evanesce.bundle import read_bundle
-from evanesce.bundle.board import SeenBoard, nominal_plane, other_card, seen_board
+from evanesce.bundle.board import SeenBoard, calibrated_boards, nominal_plane, other_card, seen_board
 from evanesce.bundle.make import Recording, chosen
 from evanesce.cli.app import app
 from evanesce.measurement.calibration.model import Calibration, save_calibration
@@ -103,12 +104,13 @@ def test_a_film_and_its_forces_become_a_valid_bundle(lab, tmp_path):
 
 def test_a_folder_of_jpegs_with_a_given_offset(lab, tmp_path):
     out = tmp_path / "mine"
-    done = made(lab, out, "film", offset_s=LATER_S, fps=RATE, frames="all", voltage_V=7.5)
+    done = made(lab, out, "film", offset_s=LATER_S, fps=RATE, frames="all", voltage_V=7.5, replicates=lab / "film.mkv")
     assert done.exit_code == 0, done.output
     bundle = read_bundle(out)
     assert [s.index for s in bundle.press] == list(range(FREE, FRAMES))
     assert [s.force_N for s in bundle.press] == pytest.approx(force_at(np.arange(FREE, FRAMES) / RATE), abs=1e-4)
     assert {s.voltage_V for s in bundle.press} == {7.5}
+    assert len(bundle.replicates) == FRAMES  # of a video, as pictures
     named = cv2.imread(str(lab / "film" / "f7.jpg"), cv2.IMREAD_UNCHANGED)
     assert (bundle.frame(bundle.press[7 - FREE]) == named).all()
 
@@ -175,6 +177,16 @@ def test_what_does_not_fit_is_refused_and_leaves_nothing(lab, tmp_path, change, 
     assert not list(tmp_path.iterdir())
 
 
+def test_a_film_without_a_finger_needs_an_offset(lab, tmp_path):
+    (tmp_path / "film").mkdir()
+    for k in range(4):
+        cv2.imwrite(str(tmp_path / "film" / f"{k}.png"), np.full(SHAPE, 9, np.uint8))
+    done = made(lab, tmp_path / "mine", tmp_path / "film", fps=RATE)
+    assert done.exit_code == 2
+    assert "film: --offset-s: no contact shows" in done.stderr
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["film"]
+
+
 def test_a_deep_picture_is_refused_by_its_own_name(lab, tmp_path):
     (tmp_path / "cap").mkdir()
     cv2.imwrite(str(tmp_path / "cap" / "a.tif"), np.zeros(SHAPE, np.uint16))
@@ -198,9 +210,39 @@ def test_seventeen_by_thirteen_of_two_millimetres_against_the_thesis_card():
     assert found.whole
     assert other_card([found], Cards(checkerboard_squares=(17, 13), checkerboard_side_mm=2.0)) is None
     assert "17 x 13 squares of 2 mm" in str(other_card([found], scene.card))
+    # rim lines may be lost; another board that is seen whole has fewer by more
+    assert other_card([SeenBoard("b", (15, 10), 1.0, True)], Cards(checkerboard_squares=(17, 13))) is None
+    assert other_card([SeenBoard("b", (13, 12), 1.0, True)], Cards(checkerboard_squares=(17, 13))) is not None
     # a part of the right board is the right board; a part with more lines than it has is not
     assert other_card([SeenBoard("b", (20, 11), 1.0)], scene.card) is None
     assert other_card([SeenBoard("b", (42, 11), 1.0)], scene.card) is not None
+
+
+def test_the_board_of_a_calibration_must_be_the_card(lab, tmp_path):
+    """Corners as a calibration lists them, of the board as stated to it: 17 x 13 squares of 2 mm."""
+    rng = np.random.default_rng(6)
+    lens = lab_boards.Lens((320, 240), 600.0, 600.0, 159.5, 119.5, 0.0, 0.0)
+    boards = [lab_boards.draw(lens, lab_boards.Board(17, 13, 2.0), lab_boards.flat(85.0), lab_boards.Look(), rng)]
+    square = lab_boards.draw_card(lens, 20.0, lab_boards.flat(85.0), lab_boards.Look(), rng)
+    calibration = calibrate(boards, checker_side_mm=2.0, square=square, square_side_mm=20.0)
+    (found,) = calibrated_boards(calibration)
+    assert found.corners == (16, 12)
+    assert found.side_mm == pytest.approx(2.0)
+    save_calibration(tmp_path / "cal.json", calibration)
+    done = made(lab, tmp_path / "mine", offset_s=LATER_S, calibration=tmp_path / "cal.json")
+    assert done.exit_code == 2
+    assert "17 x 13 squares of 2 mm; the scene's card has 9 x 7 of 1.2 mm" in done.stderr
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["cal.json"]
+    scene_file(tmp_path / "s.toml", CAMERA, {"card.checkerboard_squares": [17, 13], "card.checkerboard_side_mm": 2.0})
+    done = made(lab, tmp_path / "mine", offset_s=LATER_S, calibration=tmp_path / "cal.json", scene=tmp_path / "s.toml")
+    assert done.exit_code == 2
+    assert "square card is 20 mm wide; the scene's 15 mm" in done.stderr
+    scene_file(tmp_path / "s.toml", CAMERA, {
+        "card.checkerboard_squares": [17, 13], "card.checkerboard_side_mm": 2.0, "card.square_side_mm": 20.0,
+    })  # fmt: skip
+    done = made(lab, tmp_path / "mine", offset_s=LATER_S, calibration=tmp_path / "cal.json", scene=tmp_path / "s.toml")
+    assert done.exit_code == 0, done.output
+    assert "scale_of_scene" in done.stderr  # 600/85 = 7.1 px/mm, the scene has 24
 
 
 def test_frames_are_spread_over_ramp_hold_and_release():

@@ -109,6 +109,15 @@ def test_automatic_threshold_and_the_published_segmentation(lab):
     assert "lies outside the interval" in done.stdout
 
 
+@pytest.mark.parametrize("offset", [None, 0.0])
+def test_a_constant_force_has_no_law(offset):
+    time = np.arange(60) / 30
+    rows = [AreaRow(k, float(t), 1, 5.0 + 0.01 * k, 1) for k, t in enumerate(time)]
+    log = ForceLog(np.linspace(-1, 4, 200), np.full(200, 2.0))
+    with pytest.raises(InputError, match="2 to 2 N, and no law of force"):
+        area_force(rows, log, offset)
+
+
 def test_offset_and_law_of_drawn_areas():
     """Closed form: areas of a power law at a known offset, with noise; both come back within their own intervals."""
     rng = np.random.default_rng(9)

@@ -157,10 +157,18 @@ def _recording(
         stream.finish()
         return joined(path, [k for k, _ in places], [t for _, t in places], log, offset), None
     known = rig.calibration.mm2_per_px
-    job = measure_job.prepare(
-        path, Chain(threshold=0.15, min_blob=2000, blur=1.0, radius=10, crop=Crop()), calibration=rig.file, fps=fps,
-        mm2_per_px=None if known else rig.mm2_per_px, undistort=True, out=None, auto_threshold=True,
-    )  # fmt: skip
+    try:
+        job = measure_job.prepare(
+            path, Chain(threshold=0.15, min_blob=2000, blur=1.0, radius=10, crop=Crop()), calibration=rig.file, fps=fps,
+            mm2_per_px=None if known else rig.mm2_per_px, undistort=True, out=None, auto_threshold=True,
+        )  # fmt: skip
+    except InputError as error:
+        if error.key != "--threshold":
+            raise
+        raise InputError(
+            f"{error.what}, so that the offset is not found", file=path, key="--offset-s",
+            allowed="a film of a press, or a finite number of seconds",
+        ) from None  # fmt: skip
     rows = measure_job.run(job).rows
     job.stream.finish()
     found = area_force(rows, log)

@@ -118,7 +118,10 @@ def is_free(dark: Image | Floats, bright: Image, tone: Floats, *, radius: int, m
     light = cv2.GaussianBlur(luma_light(bright, tone), (0, 0), 2.0)
     ground = float(np.median(dark))
     step = light - dark
-    top = float(np.median(step[step > 0.5 * np.percentile(step, 99.9)]))
+    risen = step > max(0.5 * float(np.percentile(step, 99.9)), 0.0)
+    if not risen.any():
+        return False
+    top = float(np.median(step[risen]))
     mask = cv2.GaussianBlur(np.asarray(dark, np.float64), (0, 0), 2.0) - ground > 0.5 * top
     return large_blobs(mask, radius, max(min_blob, 1)).kept == 0
 

@@ -154,9 +154,9 @@ class Finger(Strict):
     @model_validator(mode="after")
     def _one_stiffness(self) -> Self:
         given = [key for key in OWN_FIGURES if getattr(self, key) is not None]
-        if given and "material" not in self.model_fields_set:
-            # frozen for users; a validator that ran before the fields would make them strict about JSON's lists
-            self.__dict__["material"] = OWN
+        if given and "material" not in self.model_fields_set:  # figures alone need no name; the object is frozen
+            object.__setattr__(self, "material", OWN)
+            self.model_fields_set.add("material")
         if len(given) > 1 or bool(given) != (self.material == OWN):
             named = [] if self.material == OWN else [f"finger.material = '{self.material}'"]
             found = " and ".join([*named, *(f"finger.{key}" for key in given)]) or f"finger.material = '{OWN}' alone"

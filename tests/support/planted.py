@@ -161,7 +161,7 @@ MISTAKES = (
             ("nothing_segmented",)),
     Mistake("film of another resolution", lambda made: made.film([f[::2, ::2] for f in made.frames]), measure(), 2,
             ("--calibration", "240 x 180"), quick=True),
-    Mistake("axes swapped (film turned by 90 degrees)", 
+    Mistake("axes swapped (film turned by 90 degrees)",
             lambda made: made.film([np.rot90(f).copy() for f in made.frames]), measure(), 2, ("360 x 480",)),
     Mistake("mirrored film", lambda made: made.film([f[:, ::-1].copy() for f in made.frames]), measure(),
             why="a contact has no left and right; the area stays right to the distortion's asymmetry"),
@@ -187,7 +187,7 @@ MISTAKES = (
             ("nothing_segmented",)),
     Mistake("lens cap half way", scaled([1.0] * 9 + [0.0] * (N - 9)), measure(), 0, ("light_changes",)),
     Mistake("LEDs off half way", scaled([1.0] * 9 + [0.02] * (N - 9)), measure(), 0, ("light_changes",)),
-    Mistake("flicker", scaled([1.0 + 0.2 * (-1) ** k for k in range(N)]), measure(), 0, ("light_changes",), quick=True),
+    Mistake("flicker", scaled([1.0 + 0.2 * (-1) ** k for k in range(N)]), measure(), 0, ("light_changes",)),
     Mistake("frames repeated by the recorder", lambda made: write_video(
             made.folder / "wrong.mkv", [made.frames[k - k % 2] for k in range(N)], "ffv1", "gray", SMALL.rate),
             measure(film="wrong.mkv"), 0, ("repeated_frames",)),

@@ -102,7 +102,7 @@ class AreaForce:
         low, high = PLAUSIBLE_POWERS
         if max(self.force_N) < LEAST_REACHED * self.most_N:
             text = (
-                f"the film's frames reach {max(self.force_N):.3g} N of the log's {self.most_N:.3g} N: is the log's clock in"
+                f"the film's frames reach {max(self.force_N):.3g} N of the log's {self.most_N:.3g} N: is its clock in"
                 " seconds, and of this film?"
             )
             return [Warning("area_force_at_odds", text)]

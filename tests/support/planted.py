@@ -187,7 +187,7 @@ MISTAKES = (
             ("nothing_segmented",)),
     Mistake("lens cap half way", scaled([1.0] * 9 + [0.0] * (N - 9)), measure(), 0, ("light_changes",)),
     Mistake("LEDs off half way", scaled([1.0] * 9 + [0.02] * (N - 9)), measure(), 0, ("light_changes",)),
-    Mistake("flicker", scaled([1.0 + 0.2 * (-1) ** k for k in range(N)]), measure(), 0, ("light_changes",), quick=True),
+    Mistake("flicker", scaled([1.0 + 0.2 * (-1) ** k for k in range(N)]), measure(), 0, ("light_changes",)),
     Mistake("frames repeated by the recorder", lambda made: write_video(
             made.folder / "wrong.mkv", [made.frames[k - k % 2] for k in range(N)], "ffv1", "gray", SMALL.rate),
             measure(film="wrong.mkv"), 0, ("repeated_frames",)),

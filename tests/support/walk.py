@@ -22,8 +22,8 @@ def calibrate_args(lab: Lab, folder: Path) -> list[str]:
     boards = [str(folder / f"board{k}.png") for k in range(VIEWS)]
     return [
         "calibrate", "--checkerboard", *boards, "--square-mm", str(lab.board.side),
-        "--square", str(folder / "card.png"), "--side-mm", str(lab.card), "--on-glass", "board0.png",
-        "--json", str(folder / "cal.json"),
+        "--square", str(folder / "card.png"), "--side-mm", str(lab.card),
+        "--on-glass", "board0.png", "--json", str(folder / "cal.json"),
     ]  # fmt: skip
 
 
@@ -52,7 +52,7 @@ class Walk:
 
     def off(self) -> dict[str, float]:
         """Errors of the camera's parameters in their own standard errors."""
-        lens, errors = self.lab.lens, self.calibration["details"]["standard_errors"]
+        lens, errors = self.lab.lens, self.calibration["standard_errors"]
         matrix, k = np.array(self.calibration["camera_matrix"]), self.calibration["distortion"]
         true = {"fx": lens.fx, "fy": lens.fy, "cx": lens.cx, "cy": lens.cy, "k1": lens.k1, "k2": lens.k2}
         found = {"fx": matrix[0, 0], "fy": matrix[1, 1], "cx": matrix[0, 2], "cy": matrix[1, 2], "k1": k[0], "k2": k[1]}

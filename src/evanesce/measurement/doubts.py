@@ -81,7 +81,7 @@ class FilmLog:
             return
         if parts(found.mask) > 1:
             self._several.append(index)
-        if found.unseen:
+        if found.unseen or found.scattering.length_px:  # light and edges are a model's there
             return
         self._indices.append(index)
         self._steps.append(found.step)

@@ -270,23 +270,21 @@ def _film_components(
                 " the contact, none or by the width of the edge beyond that of a sharp contact of the same shape",
             )
         ]  # fmt: skip
-    if half_width_mm is not None:
-        return [
-            Component(
-                name="film of air, edge", role="boundary", low=-2 * FILM.standard_mm,
-                high=film_opening(half_width_mm) + 2 * FILM.standard_mm, shape="rectangular",
-                origin="light that still couples beside the contact, none or by the opening of a Hertz contact",
-            )
-        ]  # fmt: skip
-    low, high = FILM_LIMITS_MM[finger]
     origin = "blur that is not symmetric, envelopes, sampling of the curve: a tenth of a pixel"
-    return [
-        Component(
-            name="film of air, edge", role="boundary", low=low, high=high, shape="rectangular",
-            origin="light that still couples beside the contact",
-        ),
-        _boundary("edge model", 0.1 * pixel_mm, origin),
-    ]  # fmt: skip
+    edge = _boundary("edge model", 0.1 * pixel_mm, origin)
+    if half_width_mm is not None:
+        film = Component(
+            name="film of air, edge", role="boundary", low=-2 * FILM.standard_mm,
+            high=film_opening(half_width_mm) + 2 * FILM.standard_mm, shape="rectangular",
+            origin="light that still couples beside the contact, none or by the opening of a Hertz contact",
+        )  # fmt: skip
+        return [film, edge]
+    low, high = FILM_LIMITS_MM[finger]
+    film = Component(
+        name="film of air, edge", role="boundary", low=low, high=high, shape="rectangular",
+        origin="light that still couples beside the contact",
+    )  # fmt: skip
+    return [film, edge]
 
 
 def _codec(pixel_mm: float, video: bool, bits_per_pixel: float | None = None) -> list[Component]:

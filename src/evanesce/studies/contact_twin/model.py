@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from evanesce.rig import Camera
 from evanesce.sensor.colour import ImageProcessor
@@ -271,7 +272,7 @@ class Model:
         dx, dy = self._x - value["streak_x"], self._y - value["streak_y"]
         away = (dx * across[0] + dy * across[1]) / value["streak_width"]
         along = dx * np.cos(value["streak_angle"]) + dy * np.sin(value["streak_angle"])
-        return np.asarray(np.exp(value["streak_level"] - 0.5 * away**2) / (1 + np.exp(-2.0 * along)))
+        return np.asarray(np.exp(value["streak_level"] - 0.5 * away**2) * expit(2.0 * along))
 
 
 def developed(level: Array, response: tuple[float, float, float], processor: ImageProcessor) -> Array:

@@ -28,6 +28,9 @@ HERTZ = 2.0 / 3.0
 
 STEPS = 401
 LEAST_POINTS = 6
+LEAST_RATIO = 1.1
+"""Largest over smallest force from which an exponent is fitted: a choice."""
+
 NORMAL_95 = 1.959963984540054
 POOR_FIT = 0.05
 """RMS that a power law leaves, of the greatest area, from which areas and forces hardly belong together: of a press
@@ -145,7 +148,7 @@ def area_force(rows: Sequence[AreaRow], log: ForceLog, offset_s: float | None = 
     Raises
     ------
     InputError
-        If frames have no times, or fewer than six with contact lie within the log.
+        If frames have no times, fewer than six with contact lie within the log, or their forces are all alike.
     """
     time, area = np.array([r.time_s for r in rows]), np.array([r.area_mm2 for r in rows])
     if not np.isfinite(time).all():
@@ -160,6 +163,12 @@ def area_force(rows: Sequence[AreaRow], log: ForceLog, offset_s: float | None = 
         raise InputError(
             f"{int(good.sum())} frame(s) with contact and force at an offset of {offset_s:.3f} s", key="--offset-s",
             allowed=f"one at which at least {LEAST_POINTS} have both, or auto",
+        )  # fmt: skip
+    low, high = float(force[good].min()), float(force[good].max())
+    if high < LEAST_RATIO * low:
+        raise InputError(
+            f"frames with contact have forces of {low:.4g} to {high:.4g} N, and no law of force shows in them",
+            key="--force", allowed=f"a log in which they rise by {100 * (LEAST_RATIO - 1):.0f} % or more",
         )  # fmt: skip
     fitted = []
     for exponent in (HERTZ, None):

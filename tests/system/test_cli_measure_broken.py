@@ -27,7 +27,7 @@ def test_a_cut_video_gives_its_readable_frames_and_fails(tmp_path) -> None:
         app, ["measure", str(path), "--mm2-per-px", "0.01", "--no-undistort", "--threshold", "0.3", "--out", str(out)]
     )
     assert done.exit_code == 1, done.output
-    named = re.search(r"frame (\d+): ", done.stderr)
+    named = re.search(r"error: .*frame (\d+): ", done.stderr)
     assert named is not None
     data = json.loads((out / "result.json").read_text(encoding="utf-8"))
     assert data["complete"] is False

@@ -59,6 +59,7 @@ class DevelopmentRig:
     hidden: Mapping[str, Mapping[str, Any]]
     fringes: float = 0.0
     protocol: Mapping[str, int] = field(default_factory=dict)
+    finer: int = FINER
 
     def scene(self) -> Scene:
         """Return the nominal scene."""
@@ -149,6 +150,7 @@ RIGS: Mapping[str, DevelopmentRig] = {
         },
         {"modulus": {"relative": 0.15}, "black_level": {"offset_DN": 8.0}, "led_droop": {"droop": 0.15}},
         protocol={"replicates": 6, "led_off": 3, "lens_cap": 3, "checkerboard": 0, "square": 0},
+        finer=2,
     ),
 }
 
@@ -182,7 +184,7 @@ def write_rig(name: str, folder: Path, seed: int = 11) -> None:
 
     protocol = replace(default_protocol(nominal), **rig.protocol)
     render = fringed if rig.fringes else None
-    write_bundle(folder, true, seed=seed, nominal=nominal, protocol=protocol, render=render, finer=FINER)
+    write_bundle(folder, true, seed=seed, nominal=nominal, protocol=protocol, render=render, finer=rig.finer)
 
 
 def write_other_finger(folder: Path, name: str = "one", seed: int = 5) -> None:

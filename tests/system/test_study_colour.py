@@ -15,9 +15,10 @@ from evanesce.cli.app import app
 from evanesce.measurement.reference.segment import Chain
 from evanesce.rig import load_scene
 from evanesce.sensor.colour import ImageProcessor, colour_of_level
+from evanesce.sensor.response import led_response
 from evanesce.studies.mosaic import as_red, edge_transfer, narrowest_groove, pixel_transfer, red_transfer
 from evanesce.studies.pressure.colour import run_colour
-from evanesce.studies.voltage.colour_rig import FILTERS, FLANK, ColourRig, Reading
+from evanesce.studies.voltage.colour_rig import APERTURE, FILTERS, FLANK, ColourRig, Reading
 from evanesce.studies.voltage.colour_unknowns import SETTINGS, colour_unknowns
 from evanesce.studies.voltage.grey import GREY, GreyTable, bilinear
 from evanesce.studies.voltage.in_colour import Share, hypothesis, states
@@ -97,7 +98,11 @@ def test_a_groove_must_hold_a_sample_of_each_grid() -> None:
 
 def test_reading_without_colour_is_the_monochrome_reduced_rig(scene, rig, lit) -> None:
     values = scene_values(scene, 0.35)
-    plain = scene.model_copy(update={"camera": scene.camera.model_copy(update={"colour": None, "analogue_gain": 1.0})})
+    red = led_response(scene)[0]  # of the quantum efficiency: the monochrome sensor is as sensitive as the red pixels
+    pixel = scene.camera.pixel.model_copy(update={"quantum_efficiency": red * scene.camera.pixel.quantum_efficiency})
+    plain = scene.model_copy(
+        update={"camera": scene.camera.model_copy(update={"colour": None, "analogue_gain": 1.0, "pixel": pixel})}
+    )
     mono = ReducedRig(plain, Plan((1.0,), VOLTS, 2))
     expected = mono.areas(mono.light(values[:6]), values[:6])[0, :, -1]
     reading = Reading("", colour=False, surroundings=False, control=False)
@@ -136,6 +141,7 @@ def test_flank_and_ground_are_taken_in_where_their_grey_exceeds_the_threshold(sc
 def test_control_holds_the_light_until_its_longest_exposure(scene, rig, lit) -> None:
     values = scene_values(scene, 0.35)
     values[FILTERS], values[FLANK] = SETTINGS.index((3250, 0.15, 0.05)), (0.07, 0.005)
+    values[APERTURE] /= 4.0  # sixteen times the light: enough at 8.5 V
     level = rig.read(rig.lights(lit), values, Reading("", control=True), (0.35,))[1][0]
     fixed = rig.read(rig.lights(lit), values, Reading("", control=False), (0.35,))[1][0]
     assert level[1] == level[2]  # 8.5 and 9 V

@@ -110,6 +110,10 @@ class ColourRig(ReducedRig):
         camera = self.scene.camera
         pixel = camera.pixel
         self.full_scale_e = (2**pixel.bits - 1 - pixel.black_level_DN) * pixel.conversion_gain_e_per_DN
+        response = led_response(self.scene)
+        assert response is not None
+        # Light is counted in what fills a raw red pixel.
+        self.red_share, self.own_response = response[0], (1.0, response[1] / response[0], response[2] / response[0])
         chain = 1e-3 * pixel.pitch_um / magnification(camera.scale_px_per_mm, pixel.pitch_um) / self.pitch
         self.chain_sigma = float(chain)  # the chain's Gaussian of 1 px [cells]
         self.lens_sigma = float(np.sqrt(max(self.sigma**2 - chain**2, 1e-12)))
@@ -149,7 +153,7 @@ class ColourRig(ReducedRig):
         """
         found = []
         for image, share in zip(lit.images, lit.shares, strict=True):
-            light = np.asarray(image / self.full_scale_e, np.float32)
+            light = np.asarray(image * (self.red_share / self.full_scale_e), np.float32)
             contact = float((light * share).sum() / max(float(share.sum()), 1e-12))
             bare = self._inside * (1 - np.asarray(share, np.float32))
             found.append(Lights(self._lens(light), self._lens(bare), contact))
@@ -174,12 +178,16 @@ class ColourRig(ReducedRig):
         camera = self.scene.camera
         assert camera.colour is not None
         if setting < 0:
-            return camera.model_copy(
-                update={"colour": camera.colour.model_copy(update={"response": led_response(self.scene)})}
-            )
+            own = {"response": self.own_response}
+            return camera.model_copy(update={"colour": camera.colour.model_copy(update=own)})
         temperature, green, blue = SETTINGS[setting]
-        own = {"response": (1.0, green, blue), "temperature_K": float(temperature), "red_gain": None, "blue_gain": None}
-        return camera.model_copy(update={"colour": camera.colour.model_copy(update=own)})
+        given = {
+            "response": (1.0, green, blue),
+            "temperature_K": float(temperature),
+            "red_gain": None,
+            "blue_gain": None,
+        }
+        return camera.model_copy(update={"colour": camera.colour.model_copy(update=given)})
 
     def settled(self, image: NDArray[np.float32], ground: float, contact: float, camera: Camera) -> float:
         """Return the contact's light level on which the exposure control settles, its limits left aside [1].

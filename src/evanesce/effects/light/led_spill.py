@@ -2,55 +2,31 @@
 
 from __future__ import annotations
 
-from evanesce.core.quantities import Strict, field
 from evanesce.effects.protocol import Context, Effect, Stage
-from evanesce.rig import Scene, Spill, Surroundings
+from evanesce.rig import Scene, Spill
+from evanesce.rig.surroundings import surrounded
 
 
-class Parameters(Strict):
-    """Share of the power, and how high the strips stand."""
-
-    share: float = field(
-        0.0,
-        unit="1",
-        bounds=(0.0, 10.0),
-        null=0.0,
-        doc="power that each LED sends above the plate, over what it sends into the plate; not published",
-    )
-    height_mm: float = field(
-        1.0,
-        unit="mm",
-        bounds=(0.05, 20.0),
-        source="a strip 8 mm wide, centred on an edge of 6 mm, stands over it by 1 mm; one of 10 mm by 2 mm",
-        doc="upper end of the lit band above the top face",
-    )
-
-
-def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
+def apply(scene: Scene, parameters: Spill, context: Context) -> Scene:
     """Set the scene's ``surroundings.spill``.
 
     Parameters
     ----------
     scene : Scene
-    parameters : Parameters
+    parameters : Spill
     context : Context
 
     Returns
     -------
     Scene
     """
-    if parameters.share == 0.0:
-        return scene
-    spill = Spill(share=parameters.share, height_mm=parameters.height_mm)
-    return scene.model_copy(
-        update={"surroundings": (scene.surroundings or Surroundings()).model_copy(update={"spill": spill})}
-    )
+    return scene if parameters.share == 0.0 else surrounded(scene, spill=parameters)
 
 
 EFFECT = Effect(
     id="led_spill",
     stage=Stage.RIG,
-    parameters=Parameters,
+    parameters=Spill,
     amplitudes=("share",),
     apply=apply,
     # Assumed: some per cent of the light pass the edge of a strip wider than the plate is thick.

@@ -2,38 +2,18 @@
 
 from __future__ import annotations
 
-from evanesce.core.quantities import Strict, field
 from evanesce.effects.protocol import Context, Effect, Stage
-from evanesce.rig import Haze, Scene, Surroundings
+from evanesce.rig import Haze, Scene
+from evanesce.rig.surroundings import HazeShares, surrounded
 
 
-class Parameters(Strict):
-    """Scattered shares of the guided light, and how cloudy the haze is."""
-
-    top_share: float = field(
-        0.0, unit="1", bounds=(0.0, 0.5), null=0.0, doc="of the guided irradiance, scattered by the top face"
-    )
-    bottom_share: float = field(
-        0.0, unit="1", bounds=(0.0, 0.5), null=0.0, doc="of the guided irradiance, scattered by the bottom face"
-    )
-    contrast: float = field(
-        0.4,
-        unit="1",
-        bounds=(0.0, 3.0),
-        doc="standard deviation of the haze over its mean: how cloudy it is; assumed",
-    )
-    correlation_mm: float = field(
-        2.5, unit="mm", bounds=(0.2, 100.0), doc="distance over which its correlation falls to exp(-1/2)"
-    )
-
-
-def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
+def apply(scene: Scene, parameters: HazeShares, context: Context) -> Scene:
     """Set the scene's ``surroundings.haze``, its pattern drawn from the run's seed.
 
     Parameters
     ----------
     scene : Scene
-    parameters : Parameters
+    parameters : HazeShares
     context : Context
 
     Returns
@@ -43,16 +23,13 @@ def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     if parameters.top_share == 0.0 and parameters.bottom_share == 0.0:
         return scene
     pattern = int(context.generator("plate_haze", per_frame=False).integers(2**31))
-    haze = Haze(**parameters.model_dump(), pattern=pattern)
-    return scene.model_copy(
-        update={"surroundings": (scene.surroundings or Surroundings()).model_copy(update={"haze": haze})}
-    )
+    return surrounded(scene, haze=Haze(**parameters.model_dump(), pattern=pattern))
 
 
 EFFECT = Effect(
     id="plate_haze",
     stage=Stage.RIG,
-    parameters=Parameters,
+    parameters=HazeShares,
     amplitudes=("top_share", "bottom_share"),
     null_when="all",
     apply=apply,

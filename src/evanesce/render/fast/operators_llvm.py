@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.render.fast.readout import NORMALS, ChargeBox, DarkSteps, Readout, dark_steps, normal_table
+from evanesce.render.fast.readout import NORMALS, ChargeBox, DarkSteps, Readout, dark_steps, dark_values, normal_table
 from evanesce.render.fast.threads import in_threads
 
 Image = NDArray[np.float32]
@@ -64,19 +64,25 @@ def _row_of(i: Any, width: Any, per_width: Any) -> Any:
 
 
 @functools.lru_cache(maxsize=8)
-def _dark_kernel(shape: tuple[int, int], steps: DarkSteps, values: int) -> Any:
-    """Return the kernel of a frame without light; ``values`` for each place of a mosaic, 0 without one."""
+def _dark_kernel(shape: tuple[int, int], steps: DarkSteps | None, values: int) -> Any:
+    """Return the kernel of a frame without light; ``values`` for each place of a mosaic, 0 without one.
+
+    With few steps a staircase is computed, else looked up: a table does not fit into a core's nearest cache.
+    """
     import drjit as dr
     from drjit.llvm import UInt8, UInt32
 
     rows, cols = shape
 
-    def dark(keys: Any, tone: Any) -> Any:
+    def dark(keys: Any, tone: Any, table: Any) -> Any:
         i = dr.arange(UInt32, rows * cols)
         high = _random_bits(i, keys) >> 16
-        value = UInt32(steps.base)
-        for position, rise in steps.rises:
-            value += dr.select(high >= position, UInt32(rise), UInt32(0))
+        if steps is None:
+            value = dr.gather(UInt32, table, high)
+        else:
+            value = UInt32(steps.base)
+            for position, rise in steps.rises:
+                value += dr.select(high >= position, UInt32(rise), UInt32(0))
         if values == 0:
             return UInt8(value)
         y = _row_of(i, cols, 1.0 / cols)
@@ -128,6 +134,25 @@ def _device_tone(tone: bytes, wide: bool) -> Any:
 
     # Dr.Jit has no integers of 16 bits.
     return UInt32(np.frombuffer(tone, np.uint16).astype(np.uint32)) if wide else UInt8(np.frombuffer(tone, np.uint8))
+
+
+def _camera_key(readout: Readout) -> tuple[Any, ...]:
+    return (
+        readout.full_well_e, readout.read_noise_e, readout.gain, readout.black_DN, readout.share,
+        readout.tone.shape, readout.tone.dtype.char,
+    )  # fmt: skip
+
+
+@functools.lru_cache(maxsize=4)
+def _device_table(key: tuple[Any, ...], tone: bytes) -> Any:
+    """Return the values of dark pixels on the device; without a key, which steps make needless, nothing."""
+    from drjit.llvm import UInt32
+
+    if not key:
+        return UInt32(0)
+    well, noise, gain, black, share, shape, kind = key
+    readout = Readout((1, 1), 0.0, well, noise, gain, black, np.frombuffer(tone, kind).reshape(shape), share)
+    return UInt32(dark_values(readout).astype(np.uint32))
 
 
 @functools.cache
@@ -194,12 +219,13 @@ def begin_dark(readout: Readout, keys: tuple[int, int]) -> Any:
     """
     import drjit as dr
 
-    steps = dark_steps(readout)
-    if steps is None:
+    if readout.dark_e != 0.0:
         return None
+    steps = dark_steps(readout)
     values = readout.top + 1 if readout.share else 0
     tone = _device_tone(readout.tone.tobytes(), bool(readout.share))
-    found = _dark_kernel(readout.shape, steps, values)(_llvm_keys(keys), tone)
+    table = _device_table(() if steps is not None else _camera_key(readout), readout.tone.tobytes())
+    found = _dark_kernel(readout.shape, steps, values)(_llvm_keys(keys), tone, table)
     dr.eval(found)
     return found
 

@@ -131,11 +131,25 @@ def dark_steps(readout: Readout) -> DarkSteps | None:
     )  # fmt: skip
 
 
+def dark_values(readout: Readout) -> NDArray[Any]:
+    """Return the 8-bit value, of a colour camera the raw number, of a pixel without charge by its upper 16 bits.
+
+    Parameters
+    ----------
+    readout : Readout
+        Of a camera without dark charge.
+
+    Returns
+    -------
+    ndarray (65536,)
+    """
+    dark = raw_numbers(np.zeros(NORMALS, np.float32), normal_table(), readout)
+    return dark if readout.share else np.asarray(readout.tone[dark])
+
+
 @functools.lru_cache(maxsize=4)
 def _dark_steps(full_well: float, noise: float, gain: float, black: float, tone: bytes, kind: str) -> DarkSteps | None:
-    values = np.frombuffer(tone, kind)
-    readout = Readout((1, 1), 0.0, full_well, noise, gain, black, values)
-    staircase = values[raw_numbers(np.zeros(NORMALS, np.float32), normal_table(), readout)].astype(int)
+    staircase = dark_values(Readout((1, 1), 0.0, full_well, noise, gain, black, np.frombuffer(tone, kind))).astype(int)
     rise = np.diff(staircase)
     positions = np.flatnonzero(rise)
     if positions.size > MOST_STEPS or (rise < 0).any():

@@ -81,7 +81,9 @@ def colour_unknowns(scene: Scene) -> tuple[Unknown, ...]:
     return (
         *(changed.get(u.name, u) for u in UNKNOWNS),
         Unknown("filters", 0, len(SETTINGS) - 1, "1", False, "settings that the real frame allows", len(SETTINGS)),
-        Unknown("flank", 0.046, 0.23, "1", True, "ring over contact of the real frame"),
+        Unknown(
+            "flank", 0.012, 0.23, "1", True, "ring over contact of the real frame: by its twin, and pixel by pixel"
+        ),
         Unknown("ground", 0.0009, 0.0127, "1", True, "ground over contact of the real frame"),
         Unknown("exposure_control", 0, 1, "1", False, "0 fixed, 1 the published control", 2),
         Unknown(

@@ -14,11 +14,11 @@ from evanesce.core.errors import InputError
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import load_scene
 from evanesce.sensor.codec import write_png
-from evanesce.sensor.colour import ImageProcessor, colour_of_level
+from evanesce.sensor.colour import ImageProcessor, colour_of_level, exact_colour_of_level
 from evanesce.sensor.response import led_response
 from evanesce.studies.contact_twin.fit import fit, log_score, response_of, streak_start
 from evanesce.studies.contact_twin.light import press_of
-from evanesce.studies.contact_twin.model import Believed, Model, developed
+from evanesce.studies.contact_twin.model import Believed, Model
 from evanesce.studies.contact_twin.picture import Outline, outline_of, picture_of, regions
 from evanesce.studies.contact_twin.study import peaks
 
@@ -83,7 +83,7 @@ def test_pictures_that_no_twin_can_be_made_of_are_refused_in_one_line() -> None:
 def test_the_curve_of_the_fit_is_the_cameras(kelvin: float) -> None:
     processor = ImageProcessor.imx477(kelvin)
     level, response = np.geomspace(1e-3, 100, 500), (1.0, 0.2, 0.05)
-    exact = developed(level, response, processor)
+    exact = exact_colour_of_level(level, response, processor)
     assert np.abs(exact - colour_of_level(level, response, processor)).max() <= 0.6
 
 

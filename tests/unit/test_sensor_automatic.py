@@ -8,9 +8,10 @@ import pytest
 from evanesce.rig import Camera
 from evanesce.rig.colour import AutoExposure, Colour
 from evanesce.sensor.automatic import BRIGHT_TARGET, MEAN_TARGET, STAGES, metering_weights, settle, stage_of
-from evanesce.sensor.colour import ImageProcessor, channel_map, mosaic, white_imx477
+from evanesce.sensor.colour import ImageProcessor, channel_map, mosaic
 from evanesce.sensor.enhance import denoised, sharpened, stretched
 from evanesce.sensor.tone import CURVES
+from evanesce.sensor.tuning import white_imx477
 
 FULL_E = (4095 - 256) * 2.13  # charge at full scale, gain 1
 RESPONSE = (1.0, 0.12, 0.04)

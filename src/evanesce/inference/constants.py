@@ -1,4 +1,4 @@
-"""Constants of the joint fit, each with what sets it; there are no others but tolerances of the numerics.
+"""Main constants of the joint fit, with what sets each. Ten smaller choices stand in the modules that use them.
 
 =====================  ======  ========================================================================================
 ``LEAST_SHARE``        0.01    a cause that takes a hundredth of the misfit that was there is named whatever it does to

@@ -2,8 +2,8 @@
 
 Kennedy and O'Hagan (2001) add a Gaussian process to a model's prediction. Here it is a product: each taken cause's own
 change, or the nominal light, times a smooth random function over the frame (cosines of low frequency) and a random
-factor for each view. A loud cause whose form is some per cent off then leaves a rest that the discrepancy covers,
-instead of one that asks for further causes.
+factor for each view. What a strong cause leaves because its form is some per cent off is then covered by the
+discrepancy, and asks for no further causes.
 """
 
 from __future__ import annotations

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.rig import Camera
-from evanesce.sensor.colour import CHANNELS, ImageProcessor, white_imx477
+from evanesce.sensor.colour import CHANNELS, ImageProcessor
+from evanesce.sensor.tuning import white_imx477
 
 Array = NDArray[np.float64]
 

@@ -22,40 +22,10 @@ from evanesce.rig import Camera
 from evanesce.rig.colour import Mosaic as Pattern
 from evanesce.sensor.enhance import denoised, sharpened, stretched
 from evanesce.sensor.tone import CURVES, Curve, relative_light
+from evanesce.sensor.tuning import matrix_imx477, white_imx477
 
 Array = NDArray[np.float64]
 CHANNELS = "RGB"
-
-# "rpi.awb" ct_curve and "rpi.ccm" of the tuning file src/ipa/rpi/vc4/data/imx477.json in the libcamera sources
-# (github.com/raspberrypi/libcamera, commit 26bfadc66e8d7f727a993fe58174217b8a96f7f9).
-# Colour temperature [K], red and blue raw values of a white card over its green one.
-_WHITE_IMX477 = np.array(
-    [
-        (2360, 0.6009, 0.3093),
-        (2848, 0.5071, 0.4),
-        (2903, 0.4905, 0.4392),
-        (3628, 0.4261, 0.5564),
-        (3643, 0.4228, 0.5623),
-        (4660, 0.3529, 0.68),
-        (5579, 0.3227, 0.7),
-        (6125, 0.3129, 0.71),
-        (6671, 0.3065, 0.72),
-        (7217, 0.3014, 0.73),
-        (7763, 0.295, 0.74),
-        (9505, 0.2524, 0.7856),
-    ]
-)
-# Colour temperature [K], and the matrix from balanced camera colour to linear sRGB, row by row.
-_MATRICES_IMX477 = np.array(
-    [
-        (2850, 1.97469, -0.71439, -0.26031, -0.43521, 2.09769, -0.66248, -0.04826, -0.84642, 1.89468),
-        (2960, 2.12952, -0.91185, -0.21768, -0.38018, 1.90789, -0.52771, 0.03988, -1.10079, 2.06092),
-        (3580, 2.03422, -0.80048, -0.23374, -0.39089, 1.97221, -0.58132, -0.08969, -0.61439, 1.70408),
-        (4559, 2.15423, -0.98143, -0.17279, -0.38131, 2.14763, -0.76632, -0.10069, -0.54383, 1.64452),
-        (5881, 2.18464, -0.95493, -0.22971, -0.36826, 2.00298, -0.63471, -0.15219, -0.38055, 1.53274),
-        (7600, 2.30687, -0.97295, -0.33392, -0.30872, 2.32779, -1.01908, -0.17761, -0.55891, 1.73651),
-    ]
-)
 
 # OpenCV names a mosaic by the colours of its second row and column.
 _DEMOSAIC: dict[tuple[Pattern, str], int] = {
@@ -123,11 +93,8 @@ class ImageProcessor:
             If the temperature lies outside.
         """
         red, blue = white_imx477(temperature_K)
-        # outside the calibrated temperatures libcamera keeps the nearest matrix, as np.interp does
-        terms = [np.interp(temperature_K, _MATRICES_IMX477[:, 0], column) for column in _MATRICES_IMX477[:, 1:].T]
-        a, b, c, d, e, f, g, h, i = (float(term) for term in terms)
-        gains = {"red_gain": 1 / red, "blue_gain": 1 / blue}
-        return cls(**{**gains, "matrix": ((a, b, c), (d, e, f), (g, h, i)), **other})
+        gains = {"red_gain": float(1 / red), "blue_gain": float(1 / blue)}
+        return cls(**{**gains, "matrix": matrix_imx477(temperature_K), **other})
 
     @classmethod
     def of(cls, camera: Camera) -> ImageProcessor:
@@ -193,31 +160,6 @@ class ImageProcessor:
         balanced = np.asarray(balanced, np.float64)
         sixteen = _sixteen(np.clip(balanced, 0.0, 1.0)).reshape(-1, 1, 3)
         return np.asarray(tone_table(self.curve)[self.linear(sixteen)].reshape(balanced.shape))
-
-
-def white_imx477(temperature_K: ArrayLike) -> Array:
-    """Return the raw red and blue values of a white card over its green one, by the published tuning.
-
-    Parameters
-    ----------
-    temperature_K : array_like
-        Colour temperature of the light, 2360 to 9505 [K].
-
-    Returns
-    -------
-    ndarray (2, ...)
-        Red, blue [1].
-
-    Raises
-    ------
-    ValueError
-        If a temperature lies outside.
-    """
-    temperature = np.asarray(temperature_K, np.float64)
-    low, high = _WHITE_IMX477[0, 0], _WHITE_IMX477[-1, 0]
-    if not np.all((low <= temperature) & (temperature <= high)):
-        raise ValueError(f"colour temperature {temperature!s} K; must be from {low:g} to {high:g} K")
-    return np.array([np.interp(temperature, _WHITE_IMX477[:, 0], _WHITE_IMX477[:, k]) for k in (1, 2)])
 
 
 def _sixteen(light: Array) -> NDArray[np.uint16]:
@@ -403,8 +345,31 @@ def colour_of_level(level: ArrayLike, response: Sequence[float], processor: Imag
     ndarray of uint8 (..., 3)
         Red, green, blue [DN].
     """
+    return processor.finished(_balanced_level(level, response, processor))
+
+
+def exact_colour_of_level(level: ArrayLike, response: Sequence[float], processor: ImageProcessor) -> Array:
+    """Return the same before it is rounded to 16 and 8 bits, for fits that need derivatives.
+
+    Parameters
+    ----------
+    level : array_like (...)
+        As for :func:`colour_of_level`.
+    response : sequence of 3 float
+    processor : ImageProcessor
+
+    Returns
+    -------
+    ndarray (..., 3)
+        Red, green, blue [DN].
+    """
+    linear = np.clip(_balanced_level(level, response, processor) @ np.array(processor.matrix).T, 0.0, 1.0)
+    return np.asarray(255.0 * CURVES[processor.curve](linear))
+
+
+def _balanced_level(level: ArrayLike, response: Sequence[float], processor: ImageProcessor) -> Array:
     raw = np.minimum(np.asarray(level, np.float64)[..., None] * np.asarray(response, np.float64), 1.0)
-    return processor.finished(np.minimum(raw * processor.gains, 1.0))
+    return np.asarray(np.minimum(raw * processor.gains, 1.0))
 
 
 def level_bounds(

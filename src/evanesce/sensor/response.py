@@ -6,8 +6,8 @@ import numpy as np
 
 from evanesce.optics.spectrum import spectrum_of
 from evanesce.rig import Camera, Scene
-from evanesce.sensor.colour import white_imx477
 from evanesce.sensor.filters import filter_response
+from evanesce.sensor.tuning import white_imx477
 
 Response = tuple[float, float, float]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from evanesce.rig import Camera
-from evanesce.sensor.colour import ImageProcessor
+from evanesce.sensor.colour import ImageProcessor, exact_colour_of_level
 from evanesce.sensor.tone import CURVES
 from evanesce.studies.contact_twin.light import PressLight
 from evanesce.studies.contact_twin.picture import Outline, Picture
@@ -253,7 +253,9 @@ class Model:
         if not colour:
             return np.repeat(255.0 * tone(np.minimum(LEVELS, 1.0))[:, None], 3, axis=1)
         response, kelvin = self.settings(value)
-        return developed(LEVELS, response, ImageProcessor.imx477(kelvin, curve=self.believed.camera.tone_curve))
+        return exact_colour_of_level(
+            LEVELS, response, ImageProcessor.imx477(kelvin, curve=self.believed.camera.tone_curve)
+        )
 
     def _clouds(self, value: Mapping[str, float]) -> Array:
         weights = np.array([[value.get(f"cloud_{i}_{j}", 0.0) for j in range(CLOUD_MODES)] for i in range(CLOUD_MODES)])
@@ -273,22 +275,6 @@ class Model:
         away = (dx * across[0] + dy * across[1]) / value["streak_width"]
         along = dx * np.cos(value["streak_angle"]) + dy * np.sin(value["streak_angle"])
         return np.asarray(np.exp(value["streak_level"] - 0.5 * away**2) * expit(2.0 * along))
-
-
-def developed(level: Array, response: tuple[float, float, float], processor: ImageProcessor) -> Array:
-    """Return the developed colour of even patches before it is rounded (n, 3) [DN].
-
-    Parameters
-    ----------
-    level : ndarray (n,)
-        1 fills the raw value of a pixel of response 1 [1].
-    response : tuple of float
-        Of the three filters [1].
-    processor : ImageProcessor
-    """
-    raw = np.minimum(level[:, None] * np.asarray(response), 1.0)
-    linear = np.clip(np.minimum(raw * processor.gains, 1.0) @ np.array(processor.matrix).T, 0.0, 1.0)
-    return np.asarray(255.0 * CURVES[processor.curve](linear))
 
 
 def _cosines(count: int) -> Array:

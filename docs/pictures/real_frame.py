@@ -3,7 +3,7 @@
 Left: the only public contact frame of the rig, a thumbnail of 53 x 42 pixels (A. E. Macaulay, drmacani/Waveguide, MIT
 licence). Middle: its twin at the same resolution. Right: the twin's scene at the camera's own resolution.
 
-Run: evanesce twin FRAME --contact --out TWIN; python docs/pictures/real_frame.py FRAME TWIN/twin_scene.toml TWIN.json
+Run: evanesce twin FRAME --contact --out TWIN; python docs/pictures/real_frame.py FRAME TWIN
 """
 
 from __future__ import annotations

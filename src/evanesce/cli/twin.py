@@ -57,7 +57,7 @@ def register(app: typer.Typer) -> None:
         """Fit the simulation to half of a picture, evaluate it on the other half, write a report.
 
         A board has to fill most of the frame, lying on the glass: about a minute for a megapixel. A contact frame has
-        to be in colour, with one contact and the lit finger around it: some two minutes, at any size.
+        to be in colour, with one contact and the lit finger around it: a minute or two, at any size.
         """
         check_json_target(json_file)
         if contact:
@@ -133,6 +133,9 @@ def _show_contact(found: dict[str, Any], folder: Path) -> None:
         ends = "held" if one["low"] is None else f"{one['low']:.3g} to {one['high']:.3g}"
         figures.add_row(one["name"], f"{one['value']:.3g}", ends, one["unit"], one["meaning"])
     console.print(figures)
+    if found["automatic_level"]:
+        levels = ", ".join(f"{level:.1f} ({metering})" for metering, level in found["automatic_level"].items())
+        console.print(f"libcamera's automatic exposure would settle on a contact level of {levels}", soft_wrap=True)
     for note in found["notes"]:
         messages.print(f"note: {note}", soft_wrap=True, highlight=False, markup=False)
     console.print(f"report: {folder / 'report.html'}", soft_wrap=True, highlight=False, markup=False)

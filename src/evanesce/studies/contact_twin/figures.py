@@ -10,6 +10,8 @@ import numpy as np
 from evanesce.studies.contact_twin.light import BACKDROP, HAZE_SHARE
 from evanesce.studies.contact_twin.study import ContactTwin
 
+MIDWAY = 0.25, 0.75
+"""Part of the way from contact to rim whose light stands for the flank's."""
 NINETY = 1.645
 """Standard errors on either side of a 90 % interval of a normal distribution."""
 
@@ -33,6 +35,21 @@ class Figure:
     doc: str
 
 
+def _disc(twin: ContactTwin) -> Figure:
+    """Return the light of the finger's uncovered flank over the contact's: median midway from contact to rim."""
+    light, fit = twin.light, twin.final.fit
+    rows, cols = np.indices(light.parts["flank"].shape) - (np.array(light.parts["flank"].shape) - 1)[:, None, None] / 2
+    radius = np.hypot(rows, cols) / light.px_per_mm
+    share = (radius - light.contact_mm) / (light.rim_mm - light.contact_mm)
+    here = (share > MIDWAY[0]) & (share < MIDWAY[1])
+    total = light.parts["flank"][here].astype(float)
+    for cause, part, name in (("led_spill", "spill", "spill"), ("plate_haze", "haze", "haze")):
+        if cause in fit.causes:
+            total += light.parts[part][here] * np.exp(fit.value[name])
+    nan = float("nan")
+    return Figure("flank over contact", "1", float(np.median(total)), nan, nan, "light midway from contact to rim")
+
+
 def figures(twin: ContactTwin) -> list[Figure]:
     """Return what the twin's final fit says of rig and camera.
 
@@ -51,7 +68,8 @@ def figures(twin: ContactTwin) -> list[Figure]:
 
     def of(name: str, unit: str, parameter: str, change: Callable[[float], float], doc: str) -> Figure:
         value, wide = fit.value[parameter], NINETY * error.get(parameter, float("nan"))
-        ends = sorted((change(value - wide), change(value + wide)))
+        bounds = twin.model.table[parameter]
+        ends = sorted(change(float(np.clip(v, bounds.low, bounds.high))) for v in (value - wide, value + wide))
         return Figure(name, unit, change(value), ends[0], ends[1], doc)
 
     def area(log_size: float) -> float:
@@ -66,6 +84,7 @@ def figures(twin: ContactTwin) -> list[Figure]:
         of("contact area", "mm²", "contact_size", area, "at that scale"),
         of("blur", "px", "blur", lambda v: v * bin_px, "standard deviation, pixels of the frame as given"),
     ]  # fmt: skip
+    found.append(_disc(twin))
     if "response" in fit.causes:
         (_, green, blue), kelvin = twin.model.settings(fit.value)
         nan = float("nan")

@@ -14,6 +14,7 @@ from evanesce.report.html import Page, Picture, Section, Table, figure_png
 from evanesce.studies.contact_twin.figures import figures
 from evanesce.studies.contact_twin.model import CAUSES
 from evanesce.studies.contact_twin.picture import LUMA
+from evanesce.studies.contact_twin.record import automatic_levels
 from evanesce.studies.contact_twin.study import ContactTwin, Step, medians, peaks, within_contact
 
 RESIDUAL_DN = 60.0
@@ -142,6 +143,14 @@ def _without(twin: ContactTwin) -> Section:
     )
 
 
+def _automatic(twin: ContactTwin) -> list[str]:
+    levels = automatic_levels(twin)
+    if not levels:
+        return []
+    text = ", ".join(f"{level:.1f} ({metering})" for metering, level in levels.items())
+    return [f"libcamera's automatic exposure would settle on a contact level of {text}."]
+
+
 def _figures(twin: ContactTwin) -> Section:
     header = ["figure", "estimate", "90 % interval", "unit", "meaning"]
     rows = []
@@ -156,8 +165,9 @@ def _figures(twin: ContactTwin) -> Section:
         "What the frame gives",
         paragraphs=[
             f"A contact of this size on this finger takes {twin.force_N:.2g} N by the scene's contact law. Scale is "
-            "a hypothesis: it holds if the lit disc is the whole finger. Medians are those of held-out blocks, frame / "
-            "simulated."
+            "a hypothesis: it holds if the lit disc is the whole finger. Intervals hold filters and white balance. "
+            "Medians are those of held-out blocks, frame / simulated.",
+            *_automatic(twin),
         ],
         tables=[Table(header, rows), Table(["region", "red [DN]", "green [DN]", "blue [DN]"], regions)],
     )

@@ -11,10 +11,15 @@ from evanesce.chain.fast_optics import charge_per_irradiance
 from evanesce.chain.simulate import solve_contact
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Backdrop, Haze, Scene, Spill, Surroundings
+from evanesce.rig.colour import AutoExposure
+from evanesce.rig.scene import LEAST_AUTOMATIC_PX
+from evanesce.sensor.automatic import settle
+from evanesce.sensor.colour import mosaic
 from evanesce.sensor.lens import form_image
 from evanesce.sensor.response import led_response
 from evanesce.studies.contact_twin.figures import figures
 from evanesce.studies.contact_twin.light import BACKDROP, HAZE_SHARE, SPILL_HEIGHT_MM
+from evanesce.studies.contact_twin.model import FINER
 from evanesce.studies.contact_twin.picture import LUMA
 from evanesce.studies.contact_twin.study import ContactTwin, Step, medians, peaks, within_contact
 
@@ -61,8 +66,42 @@ def record(twin: ContactTwin) -> dict[str, Any]:
         "grey_within_contact": within_contact(twin),
         "place_px": {name: (twin.final.fit.value[name] + 0.5) * twin.picture.bin_px - 0.5 for name in ("x", "y")},
         "simulated": simulated.round(2).tolist(),
+        "automatic_level": automatic_levels(twin),
         "notes": notes(twin),
     }
+
+
+def automatic_levels(twin: ContactTwin) -> dict[str, float]:
+    """Return the contact's level on which libcamera's automatic exposure would settle in this frame, by metering.
+
+    Parameters
+    ----------
+    twin : ContactTwin
+
+    Returns
+    -------
+    dict of float
+        1 fills the raw value of a red pixel; the longest exposure is not reached. Empty for a frame too small for the
+        control's statistics.
+    """
+    rows, cols = twin.picture.shape
+    if min(rows, cols) * FINER < LEAST_AUTOMATIC_PX:
+        return {}
+    fit = twin.final.fit
+    level = twin.model.level(fit.value, fit.causes)
+    (red, green, blue), _ = twin.model.settings(fit.value)
+    believed = twin.model.believed.camera
+    assert believed.colour is not None
+    full_e = (2**believed.pixel.bits - 1 - believed.pixel.black_level_DN) * believed.pixel.conversion_gain_e_per_DN
+    charge = mosaic(level * full_e, (red, green, blue), believed.colour.mosaic)
+    contact = twin.model.believed.level * float(np.exp(fit.value["exposure"]))
+    found = {}
+    for metering in ("centre-weighted", "matrix", "spot"):
+        control = AutoExposure(metering=metering)
+        camera = believed.model_copy(update={"exposure_ms": 1.0, "analogue_gain": 1.0, "auto_exposure": control})
+        settled, _ = settle(charge, camera)
+        found[metering] = contact * settled.exposure_ms * settled.analogue_gain
+    return found
 
 
 def notes(twin: ContactTwin) -> list[str]:

@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 from evanesce.chain.fast import FastCamera
-from evanesce.chain.simulate import expose_light, simulate
+from evanesce.chain.simulate import expose, expose_light, simulate, solve_contact
 from evanesce.core.states import SensorLight
+from evanesce.optics.seen import seen_at
+from evanesce.render.fast.operators import operators
+from evanesce.render.fast.operators_llvm import llvm_works
+from evanesce.render.fast.readout import ChargeBox, Readout
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene, load_scene
 from evanesce.sensor.colour import ImageProcessor, channel_map, develop_colour
@@ -123,3 +127,31 @@ def test_effects_act_on_colour_frames(effect: str, values: dict[str, float]) -> 
     assert found.shape == plain.shape
     assert found.dtype == np.uint8
     assert np.abs(found - plain).max() > 3
+
+
+@pytest.mark.parametrize("backend", ["llvm", "numpy"])
+def test_a_box_of_light_that_begins_at_an_odd_pixel_meets_the_right_filters(backend: str) -> None:
+    """Behind filters that differ by place, even light gives each place its own share, wherever its box begins."""
+    if backend == "llvm" and not llvm_works():
+        pytest.skip("Dr.Jit's LLVM backend does not work here")
+    share, values = (1.0, 0.5, 0.25, 0.125), np.tile(np.arange(4096, dtype=np.uint16), (4, 1))
+    readout = Readout((40, 50), 0.0, 8180.0, 3.0, 1 / 2.13, 256.0, values, share)
+    lit = ChargeBox(7, 13, np.full((21, 26), 4000.0, np.float32))
+    data, _ = operators(backend).exposure(readout, (1, 2), False).finish(lit)  # type: ignore[arg-type]
+    inside = np.zeros((40, 50), bool)
+    inside[7:28, 13:39] = True
+    for place, part in enumerate(share):
+        here = inside.copy()
+        here[(np.indices(here.shape)[0] % 2 != place // 2) | (np.indices(here.shape)[1] % 2 != place % 2)] = False
+        expected = 4000.0 * part / 2.13 + 256.0
+        assert data[here].mean() == pytest.approx(expected, abs=5 * np.sqrt(4000.0 * part) / 2.13 / np.sqrt(here.sum()))
+    assert abs(data[~inside].mean() - 256.0) < 1.0
+
+
+def test_exposing_a_red_scene_sees_it_at_its_lights_wavelength() -> None:
+    """Light rendered elsewhere is counted in photons of the LEDs' wavelength, whether or not the scene was moved."""
+    scene = load_scene("thesis_ridged_red", SMALL)
+    rig, state = solve_contact(scene, 3.0, seed=1)
+    light = render_fast(rig, state)
+    as_read, moved = (expose(s, light, seed=1, without=("noise",))[1].raw for s in (scene, seen_at(scene)))
+    np.testing.assert_array_equal(as_read, moved)

@@ -161,6 +161,11 @@ def test_a_streak_is_looked_for_where_it_is() -> None:
     start = streak_start(model, fit(model, ("place", "exposure", "colour", "plate_haze")))
     assert start["streak_angle"] == pytest.approx(np.pi / 2, abs=0.2)
     assert start["streak_x"] == pytest.approx(26.0, abs=2.0)
+    causes = ("place", "streak")
+    bare = model.level(model.values({}, ("place",)), ("place",))
+    streak = model.level(model.values(start, causes), causes) - bare
+    outwards, back = streak[3 * 40, 3 * 26], streak[3 * 14, 3 * 26]
+    assert outwards > 50 * back, "it begins at the rim and leads away from the finger"
 
 
 def test_the_command_refuses_a_grey_picture_and_a_monochrome_scene(tmp_path: Path) -> None:

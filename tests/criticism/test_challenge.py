@@ -183,7 +183,10 @@ def _none():
     return Nuisances()
 
 
-@pytest.mark.parametrize(("name", "strength"), [("vignetting", 7.0), ("black_level", 20.0), ("modulus", 10.0)])
+@pytest.mark.parametrize(
+    ("name", "strength"),
+    [pytest.param("vignetting", 7.0, marks=pytest.mark.slow), ("black_level", 20.0), ("modulus", 10.0)],
+)
 def test_strength_is_the_norm_that_noise_gives(name: str, strength: float) -> None:
     """The matched filter's output on drawn frames has mean s and deviation 1: s is a signal-to-noise ratio."""
     spec = CaseSpec(set="dev", group="single", causes=(name,), strengths=(strength,))

@@ -237,6 +237,7 @@ class Killed(Exception):
     """Stands for the end of a process between two steps."""
 
 
+@pytest.mark.slow  # the part runs three times: 10 s
 def test_budget_goes_on_after_a_kill(tmp_path, monkeypatch):
     """Killed after the first block, its next line cut short: the rest alone is done, the result is that of one run."""
     scenes = [load_scene(name, TINY) for name in ("thesis", "thesis_ridged")]
@@ -272,6 +273,7 @@ def test_budget_goes_on_after_a_kill(tmp_path, monkeypatch):
     assert whole.classes[0].measurements == 10
 
 
+@pytest.mark.slow  # the part runs three times: 6 s
 def test_pressure_part_goes_on_after_a_kill(tmp_path, monkeypatch):
     """Killed at the third press: the first two are not pressed again; rows and picture are those of one run."""
     scene = load_scene("thesis", TINY)

@@ -47,6 +47,7 @@ def test_a_smooth_contact_is_hardly_corrected():
     assert found.area_mm2 == pytest.approx(true, rel=0.001)
 
 
+@pytest.mark.slow  # a replica per frame: 10 s
 def test_intervals_of_single_frames_cover():
     """Rationale: 48 frames with and without ridges, glow, dust and blur. The 95 % interval also holds what a drawing
     lacks, an unknown print of the card and a film, so that it covers more: none may fail that 95 % would not let fail.

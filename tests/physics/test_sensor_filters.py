@@ -8,8 +8,8 @@ import pytest
 from evanesce.optics.illuminants import black_body, daylight
 from evanesce.optics.spectrum import LINES, Spectrum, led_line, spectrum_of
 from evanesce.rig import load_scene
-from evanesce.sensor.colour import _WHITE_IMX477
 from evanesce.sensor.filters import SENSORS, filter_response, relative_sensitivity
+from evanesce.sensor.tuning import _WHITE_IMX477
 
 # CIE standard illuminant D65, relative spectral power at 400, 410, ... 700 nm (CIE 15, table T.1).
 D65 = [

@@ -175,6 +175,7 @@ def test_a_removed_led_takes_area_away(job, name):
     assert errors[1] < errors[0] - 0.05
 
 
+@pytest.mark.slow  # path-traced frames: 12 s
 def test_the_reference_agrees_with_the_fast_renderer(job):
     """Six renderings of 8 paths: Student's interval of five degrees of freedom holds the fast renderer's error."""
     need("llvm")

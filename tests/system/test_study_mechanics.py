@@ -50,6 +50,7 @@ def area_at(folder: Path, name: str, force: float) -> float:
     return float(np.pi * np.interp(force, data["force"], data["contact_radius"]) ** 2)
 
 
+@pytest.mark.slow  # 7 s
 def test_every_key_is_there_and_every_interval_holds_its_value() -> None:
     found = result()
     for key, subs in KEYS.items():

@@ -81,6 +81,7 @@ def test_threshold_part_of_a_small_rig(tmp_path: Path, monkeypatch: pytest.Monke
     assert again["frames"] == found.data["frames"]
 
 
+@pytest.mark.slow  # 9 s
 @pytest.mark.system
 def test_time_part_of_a_small_rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = load_scene("thesis", TINY)

@@ -349,6 +349,7 @@ def test_study_by_the_reference_without_scattering(tmp_path: Path) -> None:
     np.testing.assert_allclose(areas["--reference"], areas["--fast"], rtol=0.05)
 
 
+@pytest.mark.slow  # the whole study: 10 s
 @pytest.mark.system
 def test_study_ends_with_a_report_page(tmp_path: Path) -> None:
     out, file = tmp_path / "o", tmp_path / "r.json"

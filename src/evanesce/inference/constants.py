@@ -18,6 +18,12 @@
 ``FAR``                3.0     standard deviations of its prior within which a nuisance has to stay
 ``LINEAR``             8       causes whose derivatives are renewed in each round, by the misfit that they would remove
 ``TRIED``              4       of them, causes that are fitted
+``STRENGTHS``          3..500  standard deviations by which a cause may show, evenly in the logarithm: below 3 nothing can
+                               be told, above 500 the form's own error decides
+``NONE_PRIOR``         0.5     prior probability that a place of the sum of causes holds none
+``CREDIBLE``           0.95    probability of a credible set of causes
+``DRAWS``              12      forms drawn of each cause; more change evidences by less than a nat
+``UNKNOWN_WAVES``      12      half waves along the frame's longer side up to which an unknown field varies: 2 to 3 mm
 ``GROSS_AREA``         1.35    ratio of measured to predicted area of contact beyond which the finger is another one: a
                                modulus off by three standard deviations of its prior changes it by a third
 ``GROSS_AXES``         1.2     ratio of the contact's axes beyond the predicted one: three deviations of the prior of an
@@ -30,6 +36,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 LEAST_SHARE = 0.01
 LEAST_AREA = 0.002
 LISTED_SHARE = 0.1
@@ -40,6 +48,11 @@ STEP_SHARE = 0.02
 FAR = 3.0
 LINEAR = 8
 TRIED = 4
+STRENGTHS = np.geomspace(3.0, 500.0, 8)
+NONE_PRIOR = 0.5
+CREDIBLE = 0.95
+DRAWS = 12
+UNKNOWN_WAVES = 12
 GROSS_AREA = 1.35
 GROSS_AXES = 1.2
 GROSS_FIELD = 0.05

@@ -8,7 +8,7 @@ import tempfile
 import zipfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import platformdirs
@@ -18,12 +18,22 @@ KEEP_FILES = 24
 """Files in the folder, some 10 MB each for unit light."""
 
 
-def cache_folder() -> Path:
+class Folder(NamedTuple):
+    """A folder of kept files, and how many are kept there."""
+
+    name: str
+    files: int
+
+
+FIELDS = Folder("fields", KEEP_FILES)
+
+
+def cache_folder(folder: Folder = FIELDS) -> Path:
     """Return the folder of the files, under ``EVANESCE_CACHE`` or the user's cache folder."""
-    return Path(os.environ.get("EVANESCE_CACHE") or platformdirs.user_cache_dir("evanesce")) / "fields"
+    return Path(os.environ.get("EVANESCE_CACHE") or platformdirs.user_cache_dir("evanesce")) / folder.name
 
 
-def read_arrays(key: str, names: Iterable[str]) -> dict[str, NDArray[Any]] | None:
+def read_arrays(key: str, names: Iterable[str], folder: Folder = FIELDS) -> dict[str, NDArray[Any]] | None:
     """Read the named arrays of a key's file.
 
     Parameters
@@ -31,13 +41,14 @@ def read_arrays(key: str, names: Iterable[str]) -> dict[str, NDArray[Any]] | Non
     key : str
         Digest of all that they depend on.
     names : iterable of str
+    folder : Folder
 
     Returns
     -------
     dict of ndarray or None
         By name; None where there is no file that can be read, or a number in it is not finite.
     """
-    path = cache_folder() / f"{key}.npz"
+    path = cache_folder(folder) / f"{key}.npz"
     try:
         # Opened here: numpy leaves a file open that turns out to be no archive.
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
@@ -49,7 +60,7 @@ def read_arrays(key: str, names: Iterable[str]) -> dict[str, NDArray[Any]] | Non
     return arrays if finite else None
 
 
-def write_arrays(key: str, arrays: Mapping[str, NDArray[Any]]) -> None:
+def write_arrays(key: str, arrays: Mapping[str, NDArray[Any]], folder: Folder = FIELDS) -> None:
     """Write arrays to a key's file, whole or not at all; a folder that cannot be written is no error.
 
     Parameters
@@ -58,8 +69,9 @@ def write_arrays(key: str, arrays: Mapping[str, NDArray[Any]]) -> None:
         Digest of all that they depend on.
     arrays : mapping of ndarray
         By name.
+    folder : Folder
     """
-    path = cache_folder() / f"{key}.npz"
+    path = cache_folder(folder) / f"{key}.npz"
     with contextlib.suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, part = tempfile.mkstemp(dir=path.parent, suffix=".part")
@@ -72,5 +84,5 @@ def write_arrays(key: str, arrays: Mapping[str, NDArray[Any]]) -> None:
             Path(part).unlink(missing_ok=True)
             raise
         files = sorted(path.parent.glob("*.npz"), key=lambda file: file.stat().st_mtime, reverse=True)
-        for old in files[KEEP_FILES:]:
+        for old in files[folder.files :]:
             old.unlink(missing_ok=True)

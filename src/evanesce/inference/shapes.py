@@ -1,0 +1,195 @@
+"""Forms of every cause about the nominal rig: drawn from its parameters' priors and from its other laws, kept on disk."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import evanesce
+from evanesce.core.errors import InputError
+from evanesce.core.provenance import digest
+from evanesce.core.rng import generator
+from evanesce.criticism.parameters import Parameter
+from evanesce.criticism.predict import Predictor
+from evanesce.criticism.tone import expected_tone
+from evanesce.inference.causes import Cause
+from evanesce.inference.constants import DRAWS
+from evanesce.inference.data import DataVector
+from evanesce.inference.laws import Law, Seen, all_laws
+from evanesce.render.fast.field_files import Folder, read_arrays, write_arrays
+
+Array = NDArray[Any]
+Tell = Callable[[str], None]
+
+FLAT_DN = 1e-9
+"""A tone curve that rises by less from one signal to the next is flat there."""
+COSTLY_DRAWS = 2
+SHAPES = Folder("shapes", 256)
+"""Of their files, up to 10 MB each: some six rigs."""
+FORMAT = 1
+"""Of the files."""
+
+
+@dataclass(frozen=True)
+class Forms:
+    """Forms of one cause.
+
+    Attributes
+    ----------
+    id : str
+    changes : ndarray of float16 (forms, views, rows, cols)
+        Of the nominal prediction [DN].
+    names : tuple of str
+        The law of each; empty where the effect itself was drawn.
+    """
+
+    id: str
+    changes: Array
+    names: tuple[str, ...]
+
+    def rows(self, data: DataVector) -> Array:
+        """Return the whitened forms (forms, bins) over the open views."""
+        return np.array([data.whitened(one.astype(float)) for one in self.changes], np.float32)
+
+
+def drawn_point(cause: Cause, rng: np.random.Generator) -> dict[str, float]:
+    """Return a point of a cause: amplitudes of half to all of their prior deviation, other parameters over theirs.
+
+    Parameters
+    ----------
+    cause : Cause
+    rng : numpy.random.Generator
+    """
+    starts = cause.candidate.starts
+    point = dict(starts[int(rng.integers(len(starts)))]) if starts else {}
+    for p in cause.parameters:
+        if p.name in point:
+            at = point[p.name]
+            if p.name in cause.amplitudes:
+                point[p.name] = p.null + (at - p.null) * rng.uniform(0.5, 1.0)
+            continue
+        if p.name in cause.amplitudes or not cause.amplitudes & set(point):
+            size = p.deviation * rng.uniform(0.5, 1.0) * rng.choice([-1.0, 1.0])
+        else:
+            size = p.deviation * rng.uniform(-1.0, 1.0)
+        point[p.name] = _within(p, p.null + size, p.null - size)
+    return point
+
+
+def _within(parameter: Parameter, *wanted: float) -> float:
+    """Return the first wanted value within a parameter's bounds, or the last one clipped."""
+    low, high = parameter.bounds
+    for value in wanted:
+        if low <= value <= high:
+            return float(value)
+    return float(np.clip(wanted[-1], low, high))
+
+
+@dataclass
+class FormBank:
+    """Forms about the nominal rig with the finger at one place.
+
+    Attributes
+    ----------
+    coarse : Predictor
+        Of the nominal rig.
+    point : mapping
+        Nuisances: place of the finger, to a tenth of a millimetre, so that another bundle of the rig finds its file.
+    tell : callable
+    """
+
+    coarse: Predictor
+    point: Mapping[str, float]
+    tell: Tell = lambda line: None
+    _found: dict[str, Forms] = field(default_factory=dict)
+    _nominal: Array | None = None
+
+    @property
+    def nominal(self) -> Array:
+        """Prediction without any cause (views, rows, cols) [DN]."""
+        if self._nominal is None:
+            self._nominal = self._cube(self.coarse, {})
+        return self._nominal
+
+    def of(self, causes: Sequence[Cause]) -> list[Forms]:
+        """Return the forms of causes that show; those that the rig cannot have are left out."""
+        missing = [c for c in causes if c.id not in self._found]
+        for number, cause in enumerate(missing):
+            kept = read_arrays(self._key(cause), ("changes", "laws"), SHAPES)
+            if kept is None:
+                self.tell(f"forms of {cause.id} ({number + 1} of {len(missing)})")
+            self._found[cause.id] = self._read(cause, kept) if kept is not None else self._made(cause)
+        every = [self._found[c.id] for c in causes]
+        return [forms for forms in every if len(forms.changes)]
+
+    def _key(self, cause: Cause) -> str:
+        coarse = self.coarse
+        views = [[v.kind, v.force_N, v.voltage_V, v.time_s, v.index, v.session, v.frames] for v in coarse.views]
+        laws = [inspect.getsource(inspect.getmodule(law.change or law.rig)) for law in all_laws().get(cause.id, ())]  # type: ignore[arg-type]
+        effect = inspect.getsource(inspect.getmodule(cause.candidate.effect.apply))  # type: ignore[arg-type]
+        known = [FORMAT, evanesce.__version__, DRAWS, coarse.scene.model_dump(mode="json"), views, dict(self.point)]
+        return digest([*known, coarse.noise_scale, effect, laws])
+
+    def _cube(self, coarse: Predictor, point: Mapping[str, float]) -> Array:
+        correction, coarse.correction = coarse.correction, None
+        try:
+            return coarse.cube({**self.point, **point})
+        finally:
+            coarse.correction = correction
+
+    def _made(self, cause: Cause) -> Forms:
+        rng = generator(0, "forms", cause.id)
+        laws = all_laws().get(cause.id, ())
+        changes, names = [], []
+        # Another light of the plate takes seconds, and its form hardly depends on how much there is of it.
+        count = COSTLY_DRAWS if cause.costly else max(DRAWS - len(laws), DRAWS // 2)
+        for _ in range(count):
+            point = drawn_point(cause, rng)
+            try:
+                changes.append(self._cube(self.coarse, point) - self.nominal)
+            except InputError:
+                continue
+            names.append("")
+        for law in laws:
+            changes.append(self._by_law(law, rng))
+            names.append(law.name)
+        cube = np.array(changes, np.float16).reshape(len(changes), *self.nominal.shape)
+        numbers = [next((k for k, law in enumerate(laws) if law.name == name), -1) for name in names]
+        write_arrays(self._key(cause), {"changes": cube, "laws": np.array(numbers, float)}, SHAPES)
+        return Forms(cause.id, cube, tuple(names))
+
+    def _read(self, cause: Cause, kept: Mapping[str, Array]) -> Forms:
+        laws = all_laws().get(cause.id, ())
+        names = tuple("" if n < 0 else laws[int(n)].name for n in kept["laws"])
+        return Forms(cause.id, kept["changes"], names)
+
+    def _by_law(self, law: Law, rng: np.random.Generator) -> Array:
+        if law.rig is not None:
+            other = Predictor(
+                law.rig(self.coarse.scene, rng),
+                self.coarse.views,
+                finer=self.coarse.finer,
+                noise_scale=self.coarse.noise_scale,
+            )
+            return np.asarray(self._cube(other, {}) - self.nominal)
+        assert law.change is not None
+        return law.change(self.seen, rng)
+
+    @property
+    def seen(self) -> Seen:
+        """The nominal prediction for laws that change it."""
+        nominal = self.nominal
+        tone = expected_tone(self.coarse.scene.camera, self.coarse.noise_scale)
+        rising = np.concatenate([[True], np.diff(tone.mean) > FLAT_DN])
+        by_signal = np.interp(nominal, tone.mean[rising], np.gradient(tone.mean, tone.signal)[rising])
+        rows, cols = nominal.shape[1:]
+        x = (np.arange(cols) + 0.5 - cols / 2) / (cols / 2)
+        y = (np.arange(rows) + 0.5 - rows / 2) / (cols / 2)
+        grid_x, grid_y = np.meshgrid(x, y)
+        by_light = tone.slope_by_light(nominal)
+        return Seen(self.coarse.scene, self.coarse.views, nominal, by_light, by_signal, grid_x, grid_y)

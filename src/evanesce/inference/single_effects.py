@@ -1,0 +1,190 @@
+"""Evidence of one cause whose form is a distribution: a sum of shapes with random weights, of unknown strength.
+
+A cause adds ``s A' w`` to whitened data, ``A`` (k, bins) its shapes, ``w`` standard normal, ``s`` its strength, so that
+its covariance is ``s^2 A'A``. Shapes are scaled so that a draw of strength 1 has a mean squared norm of 1 in the metric:
+strength is then the number of standard deviations by which the cause shows, after the nuisances took what they could.
+With ``K = A P A'`` (P the metric) and ``z = A P y`` the log Bayes factor over none is::
+
+    (z' (K + s^-2)^-1 z - log det (1 + s^2 K)) / 2
+
+which the eigenvectors of the small matrix K give for all strengths at once. Strengths are averaged over
+:data:`STRENGTHS`, spaced evenly in their logarithm.
+
+Many causes at once are a sum of such single effects (Wang, Sarkar, Carbonetto, Stephens 2020, J. R. Stat. Soc. B 82,
+1273): each place of the sum holds one cause, and says with which probability which; causes that stand in for each other
+share one place and form its credible set.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from evanesce.inference.constants import CREDIBLE, NONE_PRIOR, STRENGTHS
+
+Array = NDArray[Any]
+
+LEAST_EIGENVALUE = 1e-9
+"""Of the largest: what rounding leaves of directions that shapes do not have."""
+LEAST_NORM = 0.1
+"""Standard deviations; a plausible amount that moves the data by less cannot be seen."""
+
+NONE = "none"
+UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """What one cause may look like, reduced to what evidences need.
+
+    Attributes
+    ----------
+    id : str
+        Of the cause.
+    scale : ndarray (k,)
+        By which its rows are multiplied, so that mean squared norms in the metric sum to 1; 0 for rows that do not show.
+    eigenvalues : ndarray (m,)
+        Of the scaled rows' inner products, the smallest left out; empty if nothing shows.
+    axes : ndarray (k, m)
+        Eigenvectors.
+    """
+
+    id: str
+    scale: Array
+    eigenvalues: Array
+    axes: Array
+
+    @classmethod
+    def of(cls, name: str, gram: Array) -> Shapes:
+        """Return the shapes of rows with the given inner products (k, k) in the metric."""
+        norms = np.sqrt(np.maximum(np.diag(gram), 0.0))
+        seen = norms > LEAST_NORM
+        scale = np.where(seen, 1.0 / (np.where(seen, norms, 1.0) * np.sqrt(max(seen.sum(), 1))), 0.0)
+        if not seen.any():
+            return cls(name, scale, np.zeros(0), np.zeros((len(norms), 0)))
+        values, axes = np.linalg.eigh(scale[:, None] * gram * scale)
+        kept = values > LEAST_EIGENVALUE * values[-1]
+        return cls(name, scale, values[kept], axes[:, kept])
+
+    @property
+    def directions(self) -> Array:
+        """Coefficients (k, m) of the rows for directions of unit norm in the metric."""
+        return np.asarray(self.scale[:, None] * self.axes / np.sqrt(self.eigenvalues))
+
+    def coordinates(self, along: Array) -> Array:
+        """Return coordinates (..., m), of unit variance under noise, of the rows' products (..., k) with the data."""
+        return np.asarray(along @ self.directions)
+
+    def log_bayes(self, coordinates: Array) -> Array:
+        """Return the log Bayes factor over none (...) for unit coordinates (..., m) [nats]."""
+        if not self.eigenvalues.size:
+            return np.full(np.shape(coordinates)[:-1], -np.inf)
+        size2 = np.square(STRENGTHS)[:, None] * self.eigenvalues
+        square = np.square(np.asarray(coordinates))[..., None, :]
+        each = 0.5 * (square * (size2 / (1.0 + size2)) - np.log1p(size2)).sum(axis=-1)
+        return np.asarray(np.logaddexp.reduce(each, axis=-1) - np.log(len(STRENGTHS)))
+
+    def strength(self, coordinates: Array) -> float:
+        """Return the most probable strength for unit coordinates (m,) [1]."""
+        size2 = np.square(STRENGTHS)[:, None] * self.eigenvalues
+        each = 0.5 * (np.square(coordinates) * (size2 / (1.0 + size2)) - np.log1p(size2)).sum(axis=-1)
+        return float(STRENGTHS[int(np.argmax(each))])
+
+
+@dataclass(frozen=True)
+class Place:
+    """One place of the sum: which cause fills it.
+
+    Attributes
+    ----------
+    log_bayes : mapping of str to float
+        Over none, by cause [nats].
+    probability : mapping of str to float
+        Posterior, ``none`` among them; they sum to 1.
+    """
+
+    log_bayes: Mapping[str, float]
+    probability: Mapping[str, float]
+
+    @classmethod
+    def of(cls, log_bayes: Mapping[str, float]) -> Place:
+        """Return the posterior of log Bayes factors: none has the prior NONE_PRIOR, causes share the rest evenly."""
+        names = [NONE, *log_bayes]
+        share = (1.0 - NONE_PRIOR) / max(len(log_bayes), 1)
+        weights = np.array([np.log(NONE_PRIOR), *(np.log(share) + b for b in log_bayes.values())])
+        posterior = np.exp(weights - np.logaddexp.reduce(weights))
+        return cls(dict(log_bayes), dict(zip(names, map(float, posterior), strict=True)))
+
+    @property
+    def present(self) -> float:
+        """Probability that anything fills the place."""
+        return 1.0 - self.probability[NONE]
+
+    @property
+    def credible_set(self) -> tuple[str, ...]:
+        """Smallest set of causes that holds CREDIBLE of the probability that is not none's, the most probable first."""
+        causes = sorted((n for n in self.probability if n != NONE), key=lambda n: -self.probability[n])
+        total, found, held = sum(self.probability[n] for n in causes), [], 0.0
+        for name in causes:
+            found.append(name)
+            held += self.probability[name]
+            if held >= CREDIBLE * total:
+                break
+        return tuple(found)
+
+
+def place_of(candidates: Sequence[Shapes], along: Mapping[str, Array]) -> Place:
+    """Return which cause fills one place.
+
+    Parameters
+    ----------
+    candidates : sequence of Shapes
+    along : mapping of str to ndarray (k,)
+        Products, in the metric, of each candidate's rows with the data less the prediction without any cause there.
+    """
+    shown = [c for c in candidates if c.eigenvalues.size]
+    return Place.of({c.id: float(c.log_bayes(c.coordinates(along[c.id]))) for c in shown})
+
+
+def statistic_of(log_bayes: Array) -> Array:
+    """Return the detection statistic (...): log of the mean Bayes factor over causes (causes, ...) [nats]."""
+    return np.asarray(np.logaddexp.reduce(log_bayes, axis=0) - np.log(len(log_bayes)))
+
+
+def null_statistics(candidates: Sequence[Shapes], gram: Array, rng: np.random.Generator, draws: int = 20_000) -> Array:
+    """Return the sorted detection statistics (draws,) of pure noise.
+
+    All shapes' coordinates are drawn together, with the covariance that their inner products say, so that causes that
+    resemble each other count as one trial.
+
+    Parameters
+    ----------
+    candidates : sequence of Shapes
+    gram : ndarray (rows, rows)
+        Inner products in the metric of all candidates' rows, one after the other.
+    rng : numpy.random.Generator
+    draws : int
+    """
+    directions = linalg.block_diag(*(c.directions for c in candidates))
+    values, axes = np.linalg.eigh(directions.T @ gram @ directions)
+    kept = values > LEAST_EIGENVALUE * values[-1]
+    root = axes[:, kept] * np.sqrt(values[kept])
+    drawn = rng.standard_normal((draws, int(kept.sum()))) @ root.T
+    found, start = [], 0
+    for shapes in candidates:
+        stop = start + shapes.eigenvalues.size
+        if stop > start:
+            found.append(shapes.log_bayes(drawn[:, start:stop]))
+        start = stop
+    return np.sort(statistic_of(np.array(found)))
+
+
+def p_value(place: Place, null: Array) -> float:
+    """Return the p-value of a place's evidence against sorted null statistics (draws,)."""
+    statistic = float(statistic_of(np.array(list(place.log_bayes.values()))))
+    return float((1 + len(null) - np.searchsorted(null, statistic)) / (1 + len(null)))

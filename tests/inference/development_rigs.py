@@ -150,7 +150,7 @@ RIGS: Mapping[str, DevelopmentRig] = {
         },
         {"modulus": {"relative": 0.15}, "black_level": {"offset_DN": 8.0}, "led_droop": {"droop": 0.15}},
         protocol={"replicates": 6, "led_off": 3, "lens_cap": 3, "checkerboard": 0, "square": 0},
-        finer=2,
+        finer=4,
     ),
 }
 

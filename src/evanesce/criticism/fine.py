@@ -114,6 +114,8 @@ class FineFrames:
         Lengths in pixels are the model camera's.
     fixed : mapping, optional
         Settings of effects that the scene does not have: :attr:`evanesce.criticism.predict.Predictor.fixed`.
+    fine_px : int
+        See :data:`FINE_PX`; of cards it is :data:`CARD_PX`.
     """
 
     def __init__(
@@ -125,6 +127,7 @@ class FineFrames:
         *,
         noise_scale: float = 1.0,
         fixed: Mapping[str, Mapping[str, Any]] | None = None,
+        fine_px: int = FINE_PX,
     ) -> None:
         if not views:
             raise ValueError("no view to predict")
@@ -135,8 +138,8 @@ class FineFrames:
             shift = [point.get(name, 0.0) for name in names]
             near = tuple(PLACE_MM * round(s / PLACE_MM) for s in shift)
             rest = {**point, **{name: s - n for name, s, n in zip(names, shift, near, strict=True)}}
-            there, fine_px = placed(believed, (near[0], near[1])), CARD_PX if card else FINE_PX
-            fine = FinePredictor(there, views, factor, noise_scale=noise_scale, fine_px=fine_px)
+            there, own_px = placed(believed, (near[0], near[1])), CARD_PX if card else fine_px
+            fine = FinePredictor(there, views, factor, noise_scale=noise_scale, fine_px=own_px)
             fine.fixed = dict(fixed or {})
             self._predictors[session, card] = fine, in_pixels(rest, factor * fine.before)
 

@@ -116,9 +116,8 @@ def data_vector(observation: Observation) -> DataVector:
     cube = observation.cube
     tone = expected_tone(observation.scene.camera, scale)
     known = FROZEN.noise
-    noise = noise_of(
-        observation.held, tone, cube.shape[1:], floor_DN=known["floor_DN"], flicker=known["flicker"]
-    )  # fmt: skip
+    # No floor: what the model may be off by is said by the discretisation below and by the discrepancy.
+    noise = noise_of(observation.held, tone, cube.shape[1:], floor_DN=0.0, flicker=known["flicker"])
     frames = np.array([v.frames for v in observation.views])[:, None, None]
     variance = noise.variance(cube, frames) + (STEP_SHARE * bin_steps(cube)) ** 2
     return DataVector(cube, np.sqrt(variance), cube < SATURATED_DN, observation.views, noise, scale, deviation)

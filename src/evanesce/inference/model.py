@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.criticism.fine import FineFrames
+from evanesce.criticism.fine import FINE_PX, FineFrames
 from evanesce.criticism.observe import Observation, model_factor
 from evanesce.criticism.parameters import Parameter, derivative
 from evanesce.criticism.predict import Predictor
@@ -16,6 +17,11 @@ from evanesce.inference.data import DataVector
 
 Array = NDArray[Any]
 Point = Mapping[str, float]
+
+COARSER_PX = 2
+"""Of finer pixels along each of the model camera's, for the other end of the extrapolation."""
+ORDER = 2.4
+"""Power of the pixel with which the prediction's error falls; measured: 44, 9 and 3 standard deviations at 1, 2, 3."""
 
 CARD_STAYS_DN = 4.0
 """Change of a calibration target's bins up to which what the fine model adds to them is kept: their ink is sharp, and
@@ -40,6 +46,8 @@ class AnchoredModel:
         self.observation, self.data = observation, data
         self.factor = model_factor(observation.believed)
         self.coarse = Predictor(observation.scene, data.views, noise_scale=data.scale)
+        self.discretisation = np.zeros_like(data.cube)
+        """What extrapolation to finer pixels added at the anchor (views, rows, cols) [DN]."""
         self._cards: tuple[Array, Array] | None = None
 
     def anchor(self, point: Point) -> Array:
@@ -59,8 +67,11 @@ class AnchoredModel:
         self.coarse.correction = None
         coarse = self.coarse.cube(point)
         correction = np.zeros_like(coarse)
+        self.discretisation = np.zeros_like(coarse)
         if others:
-            correction[others] = self.fine_cube(point, others) - coarse[others]
+            finest, change = self.extrapolated(point, others)
+            correction[others] = finest - coarse[others]
+            self.discretisation[others] = change
         if cards:
             if self._cards is None or np.abs(coarse[cards] - self._cards[0]).max() > CARD_STAYS_DN:
                 self._cards = coarse[cards], self.fine_cube(point, cards) - coarse[cards]
@@ -68,7 +79,20 @@ class AnchoredModel:
         self.coarse.correction = correction
         return np.asarray(coarse + correction)
 
-    def fine_cube(self, point: Point, views: Sequence[int]) -> Array:
+    def extrapolated(self, point: Point, views: Sequence[int]) -> tuple[Array, Array]:
+        """Return bins of some views extrapolated to endlessly fine pixels, and what that added (views, rows, cols) [DN].
+
+        Richardson's extrapolation from light gathered by pixels of a third and of a half of the model camera's. Where
+        the real camera's are as small as that, nothing is left to extrapolate.
+        """
+        fine = self.fine_cube(point, views, FINE_PX)
+        sides = [math.ceil(px / self.factor) for px in (FINE_PX, COARSER_PX)]
+        if sides[0] == sides[1]:
+            return fine, np.zeros_like(fine)
+        change = (fine - self.fine_cube(point, views, COARSER_PX)) / ((sides[0] / sides[1]) ** ORDER - 1.0)
+        return fine + change, change
+
+    def fine_cube(self, point: Point, views: Sequence[int], fine_px: int = FINE_PX) -> Array:
         """Return the fine bins of some views (chosen views, rows, cols) [DN]."""
         chosen = [self.data.views[k] for k in views]
         renamed = dict(point)
@@ -76,7 +100,9 @@ class AnchoredModel:
             for name in ("force", "flicker"):
                 renamed[f"@{name}[{new}]"] = point.get(f"@{name}[{old}]", 0.0)
         scale = self.data.scale
-        return FineFrames(self.observation.believed, chosen, self.factor, renamed, noise_scale=scale).cube()
+        return FineFrames(
+            self.observation.believed, chosen, self.factor, renamed, noise_scale=scale, fine_px=fine_px
+        ).cube()
 
     def fine(self, point: Point) -> FineFrames:
         """Return the fine model at a point."""

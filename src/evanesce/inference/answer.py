@@ -19,6 +19,7 @@ from evanesce.inference.gain import HeldOut
 from evanesce.inference.gate import Gate
 from evanesce.inference.joint import JointFit
 from evanesce.inference.model import AnchoredModel
+from evanesce.inference.posterior import Posterior
 from evanesce.inference.search import Search, loss_of
 from evanesce.rig import Scene, dump_scene
 
@@ -40,6 +41,10 @@ class Named:
     consequence : Consequence
     parameters : mapping of str to mapping
         By name: value, ``lo`` and ``hi`` of the 90 % interval, unit.
+    probability : float
+        That it is there.
+    credible_set : tuple of str
+        Causes among which it is to 95 %; itself alone where nothing stands in for it.
     listed : bool
         Whether it moves the area by too little to be named first.
     """
@@ -48,13 +53,15 @@ class Named:
     removed: float
     consequence: Consequence
     parameters: Mapping[str, Mapping[str, Any]]
+    probability: float
+    credible_set: tuple[str, ...]
     listed: bool
 
     def as_dict(self) -> dict[str, Any]:
         """Return it in the answer's form."""
         return {
             "id": self.id, "parameters": {k: dict(v) for k, v in self.parameters.items()},
-            "misfit_share": self.removed, "area": self.consequence.as_dict(), "below_least_area": self.listed,
+            "probability": self.probability, "credible_set": list(self.credible_set), "misfit_share": self.removed, "area": self.consequence.as_dict(), "below_least_area": self.listed,
         }  # fmt: skip
 
 
@@ -84,7 +91,9 @@ def scaled(metric: Metric, residual: Array) -> float:
     return max(1.0, float(metric.project(residual) @ residual) / residual.size)
 
 
-def named_causes(search: Search, areas: AreaReader, fitted: JointFit, tied: Array) -> list[Named]:
+def named_causes(
+    search: Search, areas: AreaReader, fitted: JointFit, tied: Array, posterior: Posterior
+) -> list[Named]:
     """Return the causes, by consequence.
 
     Parameters
@@ -114,7 +123,13 @@ def named_causes(search: Search, areas: AreaReader, fitted: JointFit, tied: Arra
                 parameters[own] = {"value": value, "lo": value, "hi": value, "unit": ""}
         consequence = areas.of_cause(fitted, taken.id, covariance)
         removed = search.share(loss_of(fitted, taken.id))
-        found.append(Named(taken.id, removed, consequence, parameters, consequence.largest < LEAST_AREA))
+        place = posterior.places[taken.id]
+        found.append(
+            Named(
+                taken.id, removed, consequence, parameters, place.probability[taken.id], place.credible_set,
+                consequence.largest < LEAST_AREA,
+            )
+        )  # fmt: skip
     return sorted(found, key=lambda n: (-n.consequence.largest, -n.removed))
 
 
@@ -129,6 +144,7 @@ def answer(
     search: Search,
     gate: Gate,
     fitted: JointFit,
+    posterior: Posterior,
     named: list[Named],
     gain: HeldOut | None,
     left_out: Mapping[str, str],
@@ -150,6 +166,7 @@ def answer(
         "first_line": first_line(named, explained, gain),
         "gate": [line.as_dict() for line in gate.lines],
         "causes": [n.as_dict() for n in named],
+        "posterior": posterior.as_dict(),
         "misfit": {
             "before": search.first, "after": fitted.misfit, "bins": noise, "removed_share": explained,
             "left_share": 1.0 - explained,

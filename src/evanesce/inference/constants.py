@@ -1,12 +1,8 @@
-"""Main constants of the joint fit, with what sets each. Ten smaller choices stand in the modules that use them.
+"""Main constants of the critic, with what sets each.
 
 =====================  ======  ========================================================================================
-``LEAST_SHARE``        0.01    a cause that takes a hundredth of the misfit that was there is named whatever it does to
-                               the area (issue: "at least one per cent")
 ``LEAST_AREA``         0.002   relative change of the measured area below which a cause is listed, not named; the
                                repeatability of the thesis's area readings is of that size
-``LISTED_SHARE``       0.1     a cause that does not move the area is listed where it removes a tenth of the misfit that
-                               is left and gains on conditions left out: else what is left hides fainter causes
 ``OWN_LIGHT``          0.01    standard deviation of the nominal model's light at low spatial frequencies: LED fluxes
                                are sorted to some per cent, and sums over tens of LEDs vary by a third of that or less
 ``TIED_SHARE``         0.02    least standard deviation of a cause's own change by which its form may be off; more where
@@ -15,9 +11,13 @@
                                frame is the shortest, below it errors count as noise does
 ``STEP_SHARE``         0.02    standard deviation of a bin over the step to its neighbours, for the fine model's own
                                discretisation: fine models of 2 and 3 pixels a side differ by that at an edge of contact
+``EXTRAPOLATED``       0.5     standard deviation of what extrapolation to finer pixels adds, as a share of it: that is what
+                               orders of convergence between 1.5 and 4 make of it
 ``FAR``                3.0     standard deviations of its prior within which a nuisance has to stay
-``LINEAR``             8       causes whose derivatives are renewed in each round, by the misfit that they would remove
-``TRIED``              4       of them, causes that are fitted
+``DETECTED``           0.01    p-value, against noise, above which no further cause is sought
+``TRIED``              4       causes that are fitted in each round, those of most evidence
+``SUBSTITUTE``         0.2     share of a cause's evidence by which another may fall short and still be tried in its place:
+                               forms drawn about the nominal rig are some per cent to tens of per cent off
 ``STRENGTHS``          3..500  standard deviations by which a cause may show, evenly in the logarithm: below 3 nothing can
                                be told, above 500 the form's own error decides
 ``NONE_PRIOR``         0.5     prior probability that a place of the sum of causes holds none
@@ -38,16 +38,16 @@ from __future__ import annotations
 
 import numpy as np
 
-LEAST_SHARE = 0.01
 LEAST_AREA = 0.002
-LISTED_SHARE = 0.1
 OWN_LIGHT = 0.01
 TIED_SHARE = 0.02
 WAVES = 3
 STEP_SHARE = 0.02
+EXTRAPOLATED = 0.5
 FAR = 3.0
-LINEAR = 8
+DETECTED = 0.01
 TRIED = 4
+SUBSTITUTE = 0.2
 STRENGTHS = np.geomspace(3.0, 500.0, 8)
 NONE_PRIOR = 0.5
 CREDIBLE = 0.95

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 from evanesce.bundle.bundle import Bundle
@@ -19,7 +19,9 @@ from evanesce.inference.gain import held_out
 from evanesce.inference.gate import GrossDifference, gate_of
 from evanesce.inference.joint import Fitter
 from evanesce.inference.model import AnchoredModel
+from evanesce.inference.posterior import Judge
 from evanesce.inference.search import Search
+from evanesce.inference.shapes import FormBank
 
 Tell = Callable[[str], None]
 
@@ -70,10 +72,16 @@ def criticise_jointly(
     base = fitter.relinearised([], gate.start)
     causes, left_out = causes_of(observation, exclude)
     areas, discrepancy = AreaReader(model), Discrepancy(model)
-    search = Search(fitter, causes, areas, discrepancy, tell)
-    best = search.run(base)
+    bank = FormBank(model.coarse, _place(gate.start), tell)
+    search = Search(fitter, causes, Judge(fitter, causes, bank, discrepancy), tell)
+    best, posterior = search.run(base)
     tell("consequences and held-out conditions")
     fine = model.anchor(best.point)
-    named = named_causes(search, areas, best, discrepancy.rows(best, fine))
+    named = named_causes(search, areas, best, discrepancy.rows(best, fine), posterior)
     gain = held_out(model, areas, base, best)
-    return answer(model, search, gate, best, named, gain, left_out, time.monotonic() - began)
+    return answer(model, search, gate, best, posterior, named, gain, left_out, time.monotonic() - began)
+
+
+def _place(start: Mapping[str, float]) -> dict[str, float]:
+    """Return where the finger is to a tenth of a millimetre: forms about there are kept for the next bundle."""
+    return {name: round(value, 1) for name, value in start.items() if name.startswith("@pose")}

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.noise import Noise, noise_of
 from evanesce.criticism.observe import Observation
-from evanesce.criticism.tone import expected_tone
+from evanesce.criticism.tone import ExpectedTone, expected_tone
 from evanesce.criticism.views import View
 from evanesce.inference.constants import STEP_SHARE
 
@@ -27,6 +27,8 @@ SATURATED_DN = 254.0
 LIT_DN = 40.0
 """Level from which on the place of black makes no difference to the scatter."""
 LEAST_BINS = 20
+LEAST_SD_DN = 1e-3
+"""Where black is clipped and nothing scatters; rounding makes it larger before anything is weighed by it."""
 
 
 @dataclass(frozen=True)
@@ -116,10 +118,10 @@ def data_vector(observation: Observation) -> DataVector:
     cube = observation.cube
     tone = expected_tone(observation.scene.camera, scale)
     known = FROZEN.noise
-    # No floor: what the model may be off by is said by the discretisation below and by the discrepancy.
-    noise = noise_of(observation.held, tone, cube.shape[1:], floor_DN=0.0, flicker=known["flicker"])
+    # No floor that counts: what the model may be off by is said by the discretisation below and by the discrepancy.
+    noise = noise_of(observation.held, tone, cube.shape[1:], floor_DN=LEAST_SD_DN, flicker=known["flicker"])
     frames = np.array([v.frames for v in observation.views])[:, None, None]
-    variance = noise.variance(cube, frames) + (STEP_SHARE * bin_steps(cube)) ** 2
+    variance = noise.variance(cube, frames) + (STEP_SHARE * bin_steps(cube)) ** 2 + rounding_sd(tone, cube) ** 2
     return DataVector(cube, np.sqrt(variance), cube < SATURATED_DN, observation.views, noise, scale, deviation)
 
 
@@ -143,6 +145,17 @@ def lit_noise_scale(observation: Observation) -> tuple[float, float]:
         return 1.0, known["scale_loose"]
     modelled = float(expected_tone(observation.believed.camera, 1.0).variance_at(level[lit]).mean())
     return float(np.clip(np.sqrt(variance[lit].mean() / modelled), 0.1, 3.0)), known["scale_close"]
+
+
+def rounding_sd(tone: ExpectedTone, level_DN: Array) -> Array:
+    """Return by how much rounding may displace the mean of many pixels [DN].
+
+    Noise of standard deviation s before rounding leaves of the stair a wave of amplitude exp(-2 pi^2 s^2) / pi (Widrow
+    and Kollar, Quantization Noise, 2008): nothing from half a DN on, a third of a DN where there is no noise, as where
+    black is clipped.
+    """
+    before = np.maximum(tone.variance_at(level_DN) - 1.0 / 12.0, 0.0)
+    return np.asarray(np.exp(-2.0 * np.pi**2 * before) / np.pi)
 
 
 def bin_steps(cube: Array) -> Array:

@@ -36,7 +36,7 @@ def cosines(shape: tuple[int, int], count: int) -> Array:
     return np.einsum("ar,bc->abrc", *waves).reshape(-1, *shape)
 
 
-def tied_rows(data: DataVector, change: Array, share: float) -> Array:
+def tied_rows(data: DataVector, change: Array, share: float, *, by_view: bool = True) -> Array:
     """Return the rows (k, bins) of a change's discrepancy: their outer products add up to its covariance.
 
     Parameters
@@ -46,12 +46,16 @@ def tied_rows(data: DataVector, change: Array, share: float) -> Array:
         [DN].
     share : float
         Standard deviation of the factor at each place, over all rows together.
+    by_view : bool
+        Whether the factor varies from view to view as well.
     """
     opened = data.open
     whitened = np.nan_to_num(change[list(opened)] / data.sd[list(opened)])
     basis = cosines(change.shape[1:], WAVES)
     valid = data.valid[list(opened)]
-    smooth = np.array([(whitened * wave)[valid] for wave in basis]) * share / np.sqrt(2 * len(basis))
+    smooth = np.array([(whitened * wave)[valid] for wave in basis]) * share / np.sqrt((1 + by_view) * len(basis))
+    if not by_view:
+        return smooth.astype(np.float32)
     single = []
     for k in range(len(opened)):
         only = np.zeros_like(whitened)
@@ -84,7 +88,8 @@ class Discrepancy:
         """
         data = self.model.data
         whole = self.model.cube(fitted.point)
-        found = [tied_rows(data, whole, OWN_LIGHT)]
+        # Light of single views is a nuisance by itself, as the replicates show it.
+        found = [tied_rows(data, whole, OWN_LIGHT, by_view=False)]
         for taken in fitted.taken:
             without = fitted.without(taken.id)
             try:

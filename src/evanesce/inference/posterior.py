@@ -8,7 +8,7 @@ taken, something unknown, or nothing. One more place asks for a further cause. S
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.rng import generator
-from evanesce.criticism.parameters import Parameter
 from evanesce.inference.causes import Cause
+from evanesce.inference.constants import EXTRAPOLATED
+from evanesce.inference.data import DataVector
 from evanesce.inference.discrepancy import Discrepancy
 from evanesce.inference.joint import Fitter, JointFit
 from evanesce.inference.shapes import FormBank
@@ -26,6 +27,9 @@ from evanesce.inference.small_space import SmallSpace
 from evanesce.inference.unknown import unknown_rows
 
 Array = NDArray[Any]
+
+NUISANCES, DISCREPANCY, FITTED = "nuisances", "discrepancy", "fitted "
+"""Blocks of rows; a cause's name and its own block are the same."""
 
 
 @dataclass(frozen=True)
@@ -75,72 +79,113 @@ def _largest(place: Place) -> dict[str, float]:
     return {name: value for name, value in ordered if value >= 0.001}
 
 
-def posterior_of(
-    fitter: Fitter, fitted: JointFit, causes: Sequence[Cause], bank: FormBank, discrepancy: Discrepancy
-) -> Posterior:
-    """Return the probabilities of all causes at a joint fit.
+class Judge:
+    """Weighs causes against each other at a joint fit.
 
     Parameters
     ----------
     fitter : Fitter
-        Anchored at the fit.
-    fitted : JointFit
     causes : sequence of Cause
     bank : FormBank
     discrepancy : Discrepancy
     """
-    data, model = fitter.data, fitter.model
-    whole = model.vector(fitted.point)
-    secants = {t.id: whole - model.vector(fitted.without(t.id)) for t in fitted.taken}
-    blocks: dict[str, Array] = {"nuisances": np.concatenate([fitted.metric.rows, _scaled(fitted, "@")])}
-    for taken in fitted.taken:
-        blocks[f"fitted {taken.id}"] = _scaled(fitted, f"{taken.id}:")
-    blocks["discrepancy"] = discrepancy.rows(fitted)
-    for forms in bank.of(causes):
-        rows = forms.rows(data)
-        if forms.id in secants:
-            # What was relinearised is one more form of it, as likely as each of those drawn.
-            rows = np.concatenate([rows, secants[forms.id][None].astype(np.float32)])
-        blocks[forms.id] = rows
-    blocks[UNKNOWN] = unknown_rows(data, bank.nominal)
-    lefts = np.array([fitted.residual + secant for secant in secants.values()] + [fitted.residual])
-    space = SmallSpace(blocks, lefts)
-    known = [c.id for c in causes if c.id in blocks] + [UNKNOWN]
-    places = {}
-    for number, name in enumerate(secants):
-        others = [n for n in secants if n != name]
-        marginal = ["nuisances", "discrepancy", *(f"fitted {n}" for n in others)]
-        places[name], _ = _judged(space, marginal, [n for n in known if n not in others], number)
-    marginal = ["nuisances", "discrepancy", *(f"fitted {n}" for n in secants)]
-    rest = [n for n in known if n not in secants]
-    further, p = _judged(space, marginal, rest, len(secants), with_p=True)
-    return Posterior(places, further, p)
+
+    def __init__(
+        self, fitter: Fitter, causes: Sequence[Cause], bank: FormBank, discrepancy: Discrepancy
+    ) -> None:
+        self.fitter, self.discrepancy = fitter, discrepancy
+        data = fitter.data
+        blocks = {forms.id: forms.rows(data) for forms in bank.of(causes)}
+        blocks[UNKNOWN] = unknown_rows(data, bank.nominal)
+        self.known = tuple(blocks)
+        self._forms = SmallSpace(blocks, np.zeros((0, data_size(data))))
+
+    def posterior(self, fitted: JointFit, unknown: float = 0.0) -> Posterior:
+        """Return the probabilities of all causes at a joint fit, about which the model is anchored.
+
+        Parameters
+        ----------
+        fitted : JointFit
+        unknown : float
+            Strength at which an unknown field has been taken; 0: none.
+        """
+        space, secants = self._space(fitted, fitted.ids)
+        places = {}
+        for number, name in enumerate(secants):
+            others = [n for n in secants if n != name]
+            places[name], _ = self._judged(space, _marginal(others, unknown), self._rest(others, unknown), number)
+        marginal, rest = _marginal(secants, unknown), self._rest(secants, unknown)
+        further, p = self._judged(space, marginal, rest, len(secants), with_p=True)
+        return Posterior(places, further, p)
+
+    def further(self, fitted: JointFit, unknown: float = 0.0) -> tuple[Place, float, float]:
+        """Return what a further cause would be, the p-value of the evidence for it, and the strength of the unknown."""
+        space, _ = self._space(fitted, ())
+        marginal, rest = _marginal(fitted.ids, unknown), self._rest(fitted.ids, unknown)
+        place, p = self._judged(space, marginal, rest, 0, with_p=True)
+        strength = 0.0
+        if UNKNOWN in rest:
+            gram, along = space.marginalised(marginal, [UNKNOWN], 0)
+            shapes = Shapes.of(UNKNOWN, gram)
+            # Rows are used as they are: each of them as loud as their sum's strength asks for on average.
+            strength = shapes.strength(shapes.coordinates(along)) * float(np.mean(shapes.scale[shapes.scale > 0]))
+        return place, p, strength
+
+    def _rest(self, taken: Iterable[str], unknown: float) -> list[str]:
+        out = {*taken, *([UNKNOWN] if unknown else [])}
+        return [name for name in self.known if name not in out]
+
+    def _space(self, fitted: JointFit, judged: Sequence[str]) -> tuple[SmallSpace, dict[str, Array]]:
+        """Return all inner products at a fit; its vectors are the data without each judged cause, and the residual."""
+        model = self.fitter.model
+        blocks: dict[str, Array] = {NUISANCES: np.concatenate([fitted.metric.rows, _scaled(fitted, "@")])}
+        for taken in fitted.taken:
+            blocks[f"{FITTED}{taken.id}"] = _scaled(fitted, f"{taken.id}:")
+        tied = [self.discrepancy.rows(fitted), self.fitter.data.whitened(model.discretisation)[None] * EXTRAPOLATED]
+        blocks[DISCREPANCY] = np.concatenate(tied)
+        secants: dict[str, Array] = {}
+        if judged:
+            whole = model.vector(fitted.point)
+            secants = {name: whole - model.vector(fitted.without(name)) for name in judged}
+        # What was relinearised is one more form of a cause, as likely as each of those drawn.
+        blocks |= {name: secant[None] for name, secant in secants.items()}
+        lefts = np.array([*(fitted.residual + secant for secant in secants.values()), fitted.residual])
+        return self._forms.joined(blocks, lefts), secants
+
+    def _judged(
+        self,
+        space: SmallSpace,
+        marginal: Mapping[str, float],
+        candidates: Sequence[str],
+        vector: int,
+        *,
+        with_p: bool = False,
+    ) -> tuple[Place, float]:
+        gram, along = space.marginalised(marginal, candidates, vector)
+        shapes, products, start = [], {}, 0
+        for name in candidates:
+            cut = slice(start, start + len(space.places[name]))
+            shapes.append(Shapes.of(name, gram[cut, cut]))
+            products[name] = along[cut]
+            start = cut.stop
+        place = place_of(shapes, products)
+        if not with_p:
+            return place, 0.0
+        return place, p_value(place, null_statistics(shapes, gram, generator(0, "null statistics")))
 
 
-def _judged(
-    space: SmallSpace, marginal: Sequence[str], candidates: Sequence[str], vector: int, *, with_p: bool = False
-) -> tuple[Place, float]:
-    gram, along = space.marginalised(marginal, candidates, vector)
-    shapes, products, start, cuts = [], {}, 0, []
-    for name in candidates:
-        part = space.places[name]
-        cut = slice(start, start + part.stop - part.start)
-        cuts.append(cut)
-        shapes.append(Shapes.of(name, gram[cut, cut]))
-        products[name] = along[cut]
-        start = cut.stop
-    place = place_of(shapes, products)
-    if not with_p:
-        return place, 0.0
-    return place, p_value(place, null_statistics(shapes, gram, generator(0, "null statistics")))
+def data_size(data: DataVector) -> int:
+    """Return the number of whitened bins of the open views."""
+    return int(data.valid[list(data.open)].sum())
+
+
+def _marginal(taken: Iterable[str], unknown: float) -> dict[str, float]:
+    found = {NUISANCES: 1.0, DISCREPANCY: 1.0, **{f"{FITTED}{name}": 1.0 for name in taken}}
+    return found | ({UNKNOWN: unknown} if unknown else {})
 
 
 def _scaled(fitted: JointFit, prefix: str) -> Array:
     """Return the derivatives (n, bins) by parameters of a prefix, times their prior standard deviations."""
     chosen = [k for k, p in enumerate(fitted.parameters) if p.name.startswith(prefix)]
-    deviations = np.array([_deviation(fitted.parameters[k]) for k in chosen])
+    deviations = np.array([fitted.parameters[k].deviation for k in chosen])
     return np.asarray(fitted.solution.rows[chosen] * deviations[:, None], np.float32)
-
-
-def _deviation(parameter: Parameter) -> float:
-    return float(parameter.deviation)

@@ -1,10 +1,15 @@
-"""Moves: causes added one at a time, each relinearised at the joint optimum; dropped and exchanged at the end."""
+"""Moves from the nominal rig's fit to the extended one's: causes are added one at a time, dropped, and exchanged.
+
+What is tried is what the evidences of all causes' forms say (:mod:`evanesce.inference.posterior`); what is taken is
+decided by the joint fit about the fine model, made anew after each move, so that a loud cause's curvature is not taken
+for a further cause.
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -13,12 +18,11 @@ from numpy.typing import NDArray
 from evanesce.core.errors import InputError
 from evanesce.criticism.linear import Metric
 from evanesce.inference.causes import Cause, Entry, entries_of
-from evanesce.inference.consequence import AreaReader
-from evanesce.inference.constants import LEAST_AREA, LEAST_SHARE, LINEAR, LISTED_SHARE, TRIED
-from evanesce.inference.discrepancy import Discrepancy
+from evanesce.inference.constants import DETECTED, SUBSTITUTE, TRIED
 from evanesce.inference.gauss_newton import bounded_step
-from evanesce.inference.heldout import condition_scores, gain_of
 from evanesce.inference.joint import Fitter, JointFit, taken_from
+from evanesce.inference.posterior import Judge, Posterior
+from evanesce.inference.single_effects import NONE, UNKNOWN, Place
 
 Array = NDArray[Any]
 Tell = Callable[[str], None]
@@ -26,12 +30,8 @@ Tell = Callable[[str], None]
 SHARES = (1.0, 0.4)
 """Of the linear estimate at which a cause is entered: where a straight line overshoots, the shorter one is nearer."""
 TRIAL_ROUNDS = 6
-COSTLY_BELOW = 0.1
-"""Causes that ask for another light of the plate are looked at once no other would remove more than this share."""
-STARTS = 3
-"""Of a cause with many starts, those that are linearised anew."""
-SURE = 2.0
-"""Standard errors by which the held-out score has to gain."""
+MOVES = 60
+"""Moves in all: a search that does not end by itself has met two causes that take turns."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,6 @@ class Step:
     removed : float
         By it.
     reason : str
-        Why the cause was taken or dropped.
     seconds : float
         Since the beginning.
     """
@@ -82,166 +81,116 @@ class Step:
 
 @dataclass
 class Search:
-    """The moves, from the nominal model's own fit.
+    """The moves, from the nominal rig's own fit.
 
     Attributes
     ----------
     fitter : Fitter
-    causes : tuple of Cause
-    areas : AreaReader
-    discrepancy : Discrepancy
+    causes : sequence of Cause
+    judge : Judge
     tell : callable
         Told each move and the time left.
     """
 
     fitter: Fitter
     causes: Sequence[Cause]
-    areas: AreaReader
-    discrepancy: Discrepancy
+    judge: Judge
     tell: Tell = lambda line: None
     steps: list[Step] = field(default_factory=list)
     refused: dict[str, str] = field(default_factory=dict)
     first: float = 0.0
-    _entries: dict[str, list[Entry]] = field(default_factory=dict)
+    unknown: float = 0.0
+    """Strength at which an unknown field has been taken; 0: none."""
     _began: float = field(default_factory=time.monotonic)
+    _compared: set[tuple[str, str]] = field(default_factory=set)
 
-    def run(self, base: JointFit) -> JointFit:
-        """Return the extended fit: nothing is left to add, drop or exchange.
+    def run(self, base: JointFit) -> tuple[JointFit, Posterior]:
+        """Return the extended fit, the model anchored about it, and the probabilities of all causes there.
 
         Parameters
         ----------
         base : JointFit
-            Of the nominal model.
+            Of the nominal model, the model anchored about it.
         """
         self.first = base.misfit
-        now = self._added(base)
-        for _ in range(2):
-            moved = self._exchanged(self._dropped(now))
-            if moved.ids == now.ids:
-                break
-            now = self._added(moved)
-        return now
-
-    def noise(self, fitted: JointFit) -> float:
-        """Return the misfit that noise alone would leave: the bins."""
-        return float(fitted.residual.size)
+        now = self._grown(base)
+        while True:
+            posterior = self.judge.posterior(now, self.unknown)
+            moved = self._dropped(now, posterior) or self._exchanged(now, posterior)
+            if moved is None or len(self.steps) >= MOVES:
+                return now, posterior
+            now = self._grown(moved)
 
     def share(self, misfit: float) -> float:
         """Return a misfit over what there was to explain."""
         return misfit / max(self.first - float(self.fitter.observed.size), 1.0)
 
-    def _added(self, now: JointFit) -> JointFit:
-        round_began = time.monotonic()
-        while True:
-            found = self._next(now)
-            if found is None:
+    def _grown(self, now: JointFit) -> JointFit:
+        """Return the fit to which no cause is worth being added."""
+        began = time.monotonic()
+        while len(self.steps) < MOVES:
+            place, p, strength = self.judge.further(now, self.unknown)
+            if p > DETECTED or place.probability[NONE] > 0.5:
                 return now
-            candidate, reason = found
+            better = self._added(now, place, p)
+            if better is not None:
+                took = time.monotonic() - began
+                self.tell(f"{self._words(better)}; about {self._rounds_left(better, now) * took:.0f} s left")
+                began, now = time.monotonic(), better
+            elif UNKNOWN in place.log_bayes and not self.unknown and place.log_bayes[UNKNOWN] > 0.0:
+                self.unknown = strength
+                self.tell("something that no cause of the library makes")
+            else:
+                return now
+        return now
+
+    def _added(self, now: JointFit, place: Place, p: float) -> JointFit | None:
+        """Return the fit with the cause that leaves least among those of most evidence; None if none is worth it."""
+        ranked = sorted((n for n in place.log_bayes if n != UNKNOWN), key=lambda n: -place.log_bayes[n])
+        wanted = [n for n in ranked if n not in self.refused][:TRIED]
+        tried = [t for t in (self._best_trial(now, name) for name in wanted) if t is not None]
+        unknown = place.log_bayes.get(UNKNOWN, 0.0)
+        for fitted in sorted(tried, key=lambda t: t.misfit):
+            cause = fitted.taken[-1].id
+            if 0.5 * (now.misfit - fitted.misfit) < unknown:
+                break  # what is left looks more like nothing in the library
             try:
-                better = self.fitter.relinearised(candidate.taken, candidate.point)
+                better = self.fitter.relinearised(fitted.taken, fitted.point)
             except InputError as error:
-                self.refused[candidate.taken[-1].id] = str(error)
+                self.refused[cause] = str(error)
                 continue
-            if better.misfit >= now.misfit:
-                self.refused[candidate.taken[-1].id] = "removes nothing at the fine model's optimum"
-                self.fitter.model.anchor(now.point)
-                continue
-            self._note(Step("add", better.ids[-1], better.misfit, now.misfit - better.misfit, reason, self._seconds))
-            took = time.monotonic() - round_began
-            self.tell(f"{self._words(better)}; about {self._rounds_left(better, now) * took:.0f} s left")
-            round_began, now = time.monotonic(), better
-
-    @property
-    def _seconds(self) -> float:
-        return time.monotonic() - self._began
-
-    def _note(self, step: Step) -> None:
-        self.steps.append(step)
-
-    def _words(self, fitted: JointFit) -> str:
-        step = self.steps[-1]
-        left = max(fitted.misfit - fitted.residual.size, 0.0)
-        return f"{step.move} {step.cause}: {100 * self.share(left):.1f} % of the misfit left, {len(fitted.ids)} causes"
-
-    def _rounds_left(self, now: JointFit, before: JointFit) -> float:
-        """Return how many more causes are expected if each removes as large a share as the last one did."""
-        own = float(now.residual.size)
-        left, there = max(now.misfit - own, 1.0), max(before.misfit - own, 2.0)
-        until = max(LEAST_SHARE * self.first, 1.0)
-        if left <= until:
-            return 1.0
-        rate = max(np.log(there / left), 0.2)
-        return float(1 + np.log(left / until) / rate)
-
-    def removals(self, now: JointFit, causes: Sequence[Cause]) -> list[Removal]:
-        """Return what causes would remove, by the entries that are known, the most first; one for each cause."""
-        metric, believed = everything_marginalised(now)
-        projected = metric.project(believed)
-        found = []
-        for cause in causes:
-            own = [removal(entry, metric, projected) for entry in self._entries.get(cause.id, [])]
-            if own:
-                found.append(max(own, key=lambda r: r.removed))
-        return sorted(found, key=lambda r: -r.removed)
-
-    def _next(self, now: JointFit) -> tuple[JointFit, str] | None:
-        """Return the fit with the cause that removes most of the misfit and is worth being taken; None: no such."""
-        free = [c for c in self.causes if c.id not in now.ids and c.id not in self.refused]
-        base = self.fitter.model.vector(now.point)
-        self._enter([c for c in free if not c.costly], now.point, base)
-        ranked = self.removals(now, free)
-        if not ranked or self.share(ranked[0].removed) < COSTLY_BELOW:
-            self._enter(free, now.point, base)
-            ranked = self.removals(now, free)
-        if now.taken:
-            self._renew(ranked[:LINEAR], now, base)
-            ranked = self.removals(now, free)
-        worth = [r for r in ranked if r.removed > 0.1 * LEAST_SHARE * self.first or r.removed > 0.1 * ranked[0].removed]
-        tied: Array | None = None
-        for group in (worth[:TRIED], worth[TRIED : 2 * TRIED]):
-            tried = [t for t in (self._tried(now, r) for r in group) if t is not None]
-            tried.sort(key=lambda t: t.misfit)
-            for fitted in tried:
-                removed = now.misfit - fitted.misfit
-                if self.share(removed) >= LEAST_SHARE:
-                    return fitted, f"takes {100 * self.share(removed):.1f} % of the misfit that was there"
-            if not tried:
-                continue
-            tied = self.discrepancy.rows(now) if tied is None else tied
-            for fitted in tried:
-                reason = self._by_consequence(now, fitted, tied)
-                if reason:
-                    return fitted, reason
+            removed = now.misfit - better.misfit
+            if 0.5 * removed > self._occam(len(wanted)):
+                self._note("add", cause, better, now, f"p = {p:.2g} of noise, {0.5 * removed:.0f} nats by it")
+                return better
+            self.refused[cause] = f"brings {0.5 * removed:.1f} nats at the fine model's optimum"
+            self.fitter.model.anchor(now.point)
         return None
 
-    def _renew(self, ranked: Sequence[Removal], now: JointFit, base: Array) -> None:
-        """Linearise causes anew at the present point; of many starts those that told most before."""
+    def _occam(self, tried: int) -> float:
+        """Return what a fitted cause must bring [nats]: the choice among all causes, and its own strength."""
+        return float(np.log(2.0 * len(self.causes)) + 1.0 + np.log(max(tried, 1)))
+
+    def _best_trial(self, now: JointFit, name: str) -> JointFit | None:
+        """Return the joint fit with a cause entered from its best start, by coarse derivatives about the present anchor."""
+        cause = next((c for c in self.causes if c.id == name), None)
+        if cause is None:
+            return None
+        if cause.costly:
+            self.tell(f"light of the plate for {name}")
+        base = self.fitter.model.vector(now.point)
+        entries = entries_of(self.fitter.model, now.point, base, cause)
+        if not entries:
+            self.refused[name] = "no plausible amount of it shows"
+            return None
         metric, believed = everything_marginalised(now)
         projected = metric.project(believed)
-        for old in ranked:
-            cause, only = old.entry.cause, None
-            if cause.costly:
-                continue
-            if old.entry.start:
-                every = sorted(
-                    (removal(e, metric, projected) for e in self._entries[cause.id]), key=lambda r: -r.removed
-                )
-                only = [r.entry.start for r in every[:STARTS]]
-            self._entries[cause.id] = entries_of(self.fitter.model, now.point, base, cause, only)
+        found = max((removal(entry, metric, projected) for entry in entries), key=lambda r: r.removed)
+        return self._tried(now, found, metric, believed)
 
-    def _enter(self, causes: Sequence[Cause], point: Mapping[str, float], base: Array) -> None:
-        """Find the ways into causes that have none yet."""
-        unknown = [c for c in causes if c.id not in self._entries]
-        for number, cause in enumerate(unknown):
-            if cause.costly:
-                self.tell(f"light of the plate for {cause.id} ({number + 1} of {len(unknown)})")
-            self._entries[cause.id] = entries_of(self.fitter.model, point, base, cause)
-
-    def _tried(self, now: JointFit, found: Removal) -> JointFit | None:
-        """Return the joint fit with a cause, by coarse derivatives about the present anchor; None if it fails."""
+    def _tried(self, now: JointFit, found: Removal, metric: Metric, believed: Array) -> JointFit | None:
         taken = taken_from(found.entry)
         best: tuple[float, dict[str, float]] | None = None
-        metric, believed = everything_marginalised(now)
         try:
             for share in SHARES if not taken.slow else (1.0,):
                 point = found.entry.point(share * found.coordinates)
@@ -268,79 +217,70 @@ class Search:
         except InputError:
             return None
 
-    def _by_consequence(self, now: JointFit, fitted: JointFit, tied: Array) -> str:
-        """Return why a cause below the least share is taken all the same; empty if it is not."""
-        cause = fitted.ids[-1]
-        try:
-            moved = self.areas.of_change(fitted.point, fitted.without(cause)).largest
-        except InputError:
-            return ""
-        removed = now.misfit - fitted.misfit
-        if moved < LEAST_AREA and removed < LISTED_SHARE * now.misfit:
-            return ""
-        data = self.fitter.data
-        gain, error = gain_of(condition_scores(data, now, tied), condition_scores(data, fitted, tied))
-        if gain <= SURE * error or gain <= 0:
-            return ""
-        if moved < LEAST_AREA:
-            return f"takes {100 * removed / now.misfit:.0f} % of what was left and gains {gain:.0f} +- {error:.0f} nats"
-        return f"moves the area by {100 * moved:.2f} % and gains {gain:.0f} +- {error:.0f} nats on conditions left out"
+    def _dropped(self, now: JointFit, posterior: Posterior) -> JointFit | None:
+        """Return the fit without a cause whose place is more probably empty."""
+        for name, place in posterior.places.items():
+            if place.probability[NONE] > 0.5:
+                without = self._refitted(now, name)
+                if without is not None:
+                    self.refused[name] = "dropped: its place is more probably empty"
+                    self._note("drop", name, without, now, "its place is more probably empty")
+                    self.tell(self._words(without))
+                    return without
+        return None
 
-    def _dropped(self, now: JointFit) -> JointFit:
-        """Drop causes that are no longer worth it, the least first."""
-        while len(now.taken) > 1:
-            losses = {t.id: loss_of(now, t.id) for t in now.taken}
-            least = min(losses, key=lambda name: losses[name])
-            if self.share(losses[least]) >= LEAST_SHARE:
-                return now
-            kept = [t for t in now.taken if t.id != least]
-            without = self.fitter.relinearised(kept, now.without(least))
-            reason = self._by_consequence(without, _last(now, least), self.discrepancy.rows(without))
-            if self.share(without.misfit - now.misfit) >= LEAST_SHARE or reason:
-                self.fitter.model.anchor(now.point)
-                return now
-            self._note(
-                Step("drop", least, without.misfit, now.misfit - without.misfit, "no longer needed", self._seconds)
-            )
-            self.tell(self._words(without))
-            self.refused[least] = "dropped"
-            now = without
-        return now
-
-    def _exchanged(self, now: JointFit) -> JointFit:
-        """Exchange a cause for another that, in its place, leaves less."""
-        for name in sorted(now.ids, key=lambda n: loss_of(now, n)):
-            others = [c for c in self.causes if c.id not in now.ids]
-            rest = _linearly_without(now, name)
-            metric, believed = everything_marginalised(rest)
-            projected = metric.project(believed)
-            best = [
-                removal(entry, metric, projected)
-                for c in others
-                if not c.costly
-                for entry in self._entries.get(c.id, [])
-            ]
-            best.sort(key=lambda r: -r.removed)
-            if not best or best[0].removed < 0.8 * loss_of(now, name):
+    def _exchanged(self, now: JointFit, posterior: Posterior) -> JointFit | None:
+        """Return the fit with another cause in a place, where that leaves less: those that come near are tried."""
+        for name, place in posterior.places.items():
+            own = place.log_bayes.get(name, 0.0)
+            near = [n for n, b in place.log_bayes.items() if n not in (name, UNKNOWN) and b > (1.0 - SUBSTITUTE) * own]
+            near = [n for n in near if (name, n) not in self._compared]
+            if not near:
                 continue
-            kept = [t for t in now.taken if t.id != name]
-            try:
-                without = self.fitter.fitted(
-                    kept, now.without(name), metric=now.metric, rounds=TRIAL_ROUNDS, renewals=1
-                )
-                tried = self._tried(without, best[0])
+            without = self._refitted(now, name, fine=False)
+            if without is None:
+                continue
+            for other in sorted(near, key=lambda n: -place.log_bayes[n])[:TRIED]:
+                self._compared |= {(name, other), (other, name)}
+                tried = self._best_trial(without, other)
                 if tried is None or tried.misfit > now.misfit:
                     continue
-                better = self.fitter.relinearised(tried.taken, tried.point)
-            except InputError:
-                continue
-            if better.misfit < now.misfit:
-                removed = now.misfit - better.misfit
-                self._note(Step("exchange", better.ids[-1], better.misfit, removed, "leaves less", self._seconds, name))
-                self.tell(self._words(better))
-                return better
+                try:
+                    better = self.fitter.relinearised(tried.taken, tried.point)
+                except InputError:
+                    continue
+                if better.misfit < now.misfit:
+                    self._note("exchange", other, better, now, "leaves less", name)
+                    self.tell(self._words(better))
+                    return better
             self.fitter.model.anchor(now.point)
-        return now
+        return None
+
+    def _refitted(self, now: JointFit, name: str, *, fine: bool = True) -> JointFit | None:
+        """Return the fit without a cause; coarse derivatives about the present anchor will do to try others in it."""
+        kept = [t for t in now.taken if t.id != name]
+        try:
+            if fine:
+                return self.fitter.relinearised(kept, now.without(name))
+            return self.fitter.fitted(kept, now.without(name), metric=now.metric, rounds=TRIAL_ROUNDS, renewals=1)
+        except InputError:
+            return None
+
+    def _note(self, move: str, cause: str, after: JointFit, before: JointFit, reason: str, other: str = "") -> None:
+        seconds = time.monotonic() - self._began
+        self.steps.append(Step(move, cause, after.misfit, before.misfit - after.misfit, reason, seconds, other))
+
+    def _words(self, fitted: JointFit) -> str:
+        step = self.steps[-1]
+        left = max(fitted.misfit - fitted.residual.size, 0.0)
+        return f"{step.move} {step.cause}: {100 * self.share(left):.3g} % of the misfit left, {len(fitted.ids)} causes"
+
+    def _rounds_left(self, now: JointFit, before: JointFit) -> float:
+        """Return how many more causes are expected if each removes as large a share as the last one did."""
+        own = float(now.residual.size)
+        noise = np.sqrt(2.0 * own)
+        left, there = max(now.misfit - own, noise), max(before.misfit - own, 2.0 * noise)
+        return float(1 + np.log(left / noise) / max(np.log(there / left), 0.2))
 
 
 def everything_marginalised(now: JointFit) -> tuple[Metric, Array]:
@@ -380,38 +320,3 @@ def loss_of(now: JointFit, cause: str) -> float:
     away = now.departures()[places]
     covariance = now.solution.covariance[np.ix_(places, places)]
     return float(away @ np.linalg.solve(covariance, away))
-
-
-def _linearly_without(now: JointFit, cause: str) -> JointFit:
-    """Return a fit with a cause at its null and all else moved as its derivatives say."""
-    places = now.of_cause(cause)
-    kept = np.setdiff1d(np.arange(len(now.parameters)), places)
-    away = now.departures()
-    covariance = now.solution.covariance
-    step = -covariance[:, places] @ np.linalg.solve(covariance[np.ix_(places, places)], away[places])
-    values, rows = now.solution.values + step, now.solution.rows[kept]
-    solution = replace(now.solution, values=values[kept], rows=rows, held=now.solution.held[kept])
-    return JointFit(
-        tuple(t for t in now.taken if t.id != cause),
-        tuple(now.parameters[k] for k in kept),
-        now.without(cause),
-        solution,
-        now.metric,
-        now.residual - step @ now.solution.rows,
-    )
-
-
-def _last(now: JointFit, cause: str) -> JointFit:
-    """Return the fit with a cause named last: the order of the others stays."""
-    ordered = sorted(now.taken, key=lambda t: t.id == cause)
-    places = [k for t in ordered for k in now.of_cause(t.id)]
-    places += [k for k, p in enumerate(now.parameters) if p.name.startswith("@")]
-    s = now.solution
-    solution = replace(
-        s,
-        values=s.values[places],
-        rows=s.rows[places],
-        precision=s.precision[np.ix_(places, places)],
-        held=s.held[places],
-    )
-    return replace(now, taken=tuple(ordered), parameters=tuple(now.parameters[k] for k in places), solution=solution)

@@ -15,6 +15,15 @@ CHUNK = 16_384
 """Bins at a time: sums of squares of loud rows need double precision, the rows themselves do not."""
 
 
+def products(left: Array, right: Array) -> Array:
+    """Return inner products (n, m) of rows (n, bins) and (m, bins) in double precision."""
+    total = np.zeros((len(left), len(right)))
+    for start in range(0, left.shape[1], CHUNK):
+        part = slice(start, start + CHUNK)
+        total += left[:, part].astype(float) @ right[:, part].astype(float).T
+    return total
+
+
 class SmallSpace:
     """Named blocks of whitened rows, and some data vectors, by their inner products.
 
@@ -22,32 +31,44 @@ class SmallSpace:
     ----------
     blocks : mapping of str to ndarray (k, bins)
     vectors : ndarray (n, bins)
+        May be none.
     """
 
     def __init__(self, blocks: Mapping[str, Array], vectors: Array) -> None:
-        sizes = [len(block) for block in blocks.values()]
-        ends = np.cumsum(sizes)
-        self.places = {name: slice(int(e) - n, int(e)) for name, e, n in zip(blocks, ends, sizes, strict=True)}
-        total = int(ends[-1])
-        self.gram = np.zeros((total, total))
-        self.along = np.zeros((len(vectors), total))
-        for start in range(0, vectors.shape[1], CHUNK):
-            part = slice(start, start + CHUNK)
-            rows = np.concatenate([block[:, part] for block in blocks.values()]).astype(float)
-            self.gram += rows @ rows.T
-            self.along += vectors[:, part] @ rows.T
+        self.rows = np.concatenate([np.asarray(block, np.float32) for block in blocks.values()])
+        self.places = _places(blocks, 0)
+        self.gram = products(self.rows, self.rows)
+        self.along = products(vectors, self.rows)
+
+    def joined(self, blocks: Mapping[str, Array], vectors: Array) -> SmallSpace:
+        """Return a space with further blocks, and other vectors; what is known of the present blocks is not made anew.
+
+        A block whose name is there already has its rows added to it.
+        """
+        more = SmallSpace(blocks, vectors)
+        both = SmallSpace.__new__(SmallSpace)
+        cross = products(self.rows, more.rows)
+        both.rows = np.concatenate([self.rows, more.rows])
+        both.gram = np.block([[self.gram, cross], [cross.T, more.gram]])
+        both.along = np.concatenate([products(vectors, self.rows), more.along], axis=1)
+        both.places = dict(self.places)
+        for name, own in _places(blocks, len(self.rows)).items():
+            both.places[name] = np.concatenate([both.places.get(name, np.zeros(0, int)), own])
+        return both
 
     def of(self, names: Sequence[str]) -> NDArray[np.int_]:
         """Return the places of the rows of some blocks, one after the other."""
-        return np.concatenate([np.arange(self.places[n].start, self.places[n].stop) for n in names]).astype(int)
+        return np.concatenate([self.places[n] for n in names]).astype(int)
 
-    def marginalised(self, marginal: Sequence[str], kept: Sequence[str], vector: int) -> tuple[Array, Array]:
-        """Return inner products of blocks once others, with standard normal weights, are marginalised.
+    def marginalised(
+        self, marginal: Mapping[str, float], kept: Sequence[str], vector: int
+    ) -> tuple[Array, Array]:
+        """Return inner products of blocks once others are marginalised.
 
         Parameters
         ----------
-        marginal : sequence of str
-            Blocks whose rows, each times an independent standard normal number, are in the data.
+        marginal : mapping of str to float
+            Blocks whose rows, each times an independent normal number of the given standard deviation, are in the data.
         kept : sequence of str
         vector : int
             Number of the data vector.
@@ -59,9 +80,19 @@ class SmallSpace:
         along : ndarray (k,)
             Of the kept rows with the vector.
         """
-        out, own = self.of(marginal), self.of(kept)
-        factor = linalg.cho_factor(np.eye(len(out)) + self.gram[np.ix_(out, out)], lower=True)
-        cross = self.gram[np.ix_(out, own)]
+        out, own = self.of(list(marginal)), self.of(kept)
+        size = np.concatenate([np.full(len(self.places[n]), s) for n, s in marginal.items()])
+        inner = np.eye(len(out)) + size[:, None] * self.gram[np.ix_(out, out)] * size
+        factor = linalg.cho_factor(inner, lower=True)
+        cross = size[:, None] * self.gram[np.ix_(out, own)]
         gram = self.gram[np.ix_(own, own)] - cross.T @ linalg.cho_solve(factor, cross)
-        along = self.along[vector, own] - linalg.cho_solve(factor, self.along[vector, out]) @ cross
+        along = self.along[vector, own] - linalg.cho_solve(factor, size * self.along[vector, out]) @ cross
         return np.asarray((gram + gram.T) / 2), np.asarray(along)
+
+
+def _places(blocks: Mapping[str, Array], first: int) -> dict[str, NDArray[np.int_]]:
+    found, start = {}, first
+    for name, block in blocks.items():
+        found[name] = np.arange(start, start + len(block))
+        start += len(block)
+    return found

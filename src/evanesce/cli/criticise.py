@@ -51,9 +51,7 @@ def register(app: typer.Typer) -> None:
             check_json_target(target)
         bundle = read_bundle(folder)
         if joint:
-            if report is not None:
-                raise InputError("has no page yet with --joint", key="--report", allowed="--json")
-            _jointly(bundle, json_file, scene)
+            _jointly(bundle, json_file, report, scene)
             return
         run = by_frames if bundle.has_frames else criticise_series
         with progress() as bar:
@@ -69,40 +67,47 @@ def register(app: typer.Typer) -> None:
         _show(result)
 
 
-def _jointly(bundle: Any, json_file: Path | None, scene: Path | None) -> None:
+def _jointly(bundle: Any, json_file: Path | None, report: Path | None, scene: Path | None) -> None:
     """Run the joint fit, tell its progress on standard error, write and show its answer."""
+    from evanesce.core.provenance import record
     from evanesce.inference.critic import criticise_jointly
     from evanesce.inference.gate import GrossDifference
+    from evanesce.inference.page import page
+    from evanesce.report.html import write
+    from evanesce.rig import dump_scene
 
     try:
-        result, extended = criticise_jointly(bundle, tell=lambda line: messages.print(escape(line)))
+        found = criticise_jointly(bundle, tell=lambda line: messages.print(escape(line)))
     except GrossDifference as error:
         write_json(json_file, error.as_dict())
         raise
-    target = scene or _beside(json_file)
+    target = scene or _beside(json_file or report)
     if target is not None:
-        write_text(target, extended)
-        result["extended_scene"] = str(target)
-    write_json(json_file, result)
-    _show_jointly(result)
+        write_text(target, found.scene)
+        found.result["extended_scene"] = str(target)
+    write_json(json_file, found.result)
+    if report is not None:
+        scenes = (dump_scene(bundle.scene), found.scene)
+        write(report, page(found.result, found.pictures, bundle.path.name, scenes, record(seed=0)))
+    _show_jointly(found.result)
 
 
 def _show_jointly(result: dict[str, Any]) -> None:
     console.print(escape(result["first_line"]))
     table = Table(title="Fitted, with 90 % intervals", box=box.SIMPLE_HEAD)
-    for heading in ("cause", "parameter", "value", "from", "to", "unit", "area, mm^2", "area, %", "misfit, %"):
+    for heading in ("cause", "parameter", "value", "from", "to", "unit", "area, mm^2", "area, %", "probability"):
         table.add_column(heading, justify="left" if heading in ("cause", "parameter", "unit") else "right")
     for cause in result["causes"]:
         area = cause["area"]
         largest = max(range(len(area["mm2"])), key=lambda k: abs(area["mm2"][k]), default=None)
         moved = ["", ""] if largest is None else [f"{area['mm2'][largest]:+.2f}", f"{area['percent'][largest]:+.1f}"]
         for number, (name, p) in enumerate(cause["parameters"].items()):
-            own = [*moved, f"{100 * cause['misfit_share']:.1f}"] if number == 0 else ["", "", ""]
+            own = [*moved, f"{cause['probability']:.2f}"] if number == 0 else ["", "", ""]
             values = [f"{p[key]:.4g}" for key in ("value", "lo", "hi")]
             table.add_row(cause["id"] if number == 0 else "", name, *values, p["unit"], *own)
     if result["causes"]:
         console.print(table)
-    console.print(f"Not explained: {100 * result['misfit']['left_share']:.2f} % of the misfit.")
+    console.print(f"Not explained: {100 * result['misfit']['left_share']:.2g} % of the misfit.")
     gain = result["held_out"]
     if gain is not None:
         (rms, rms_after), (area, area_after) = gain["rms_DN"], gain["area_error_percent"]

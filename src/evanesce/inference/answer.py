@@ -17,10 +17,13 @@ from evanesce.inference.consequence import NINETY, AreaReader, Consequence
 from evanesce.inference.constants import LEAST_AREA
 from evanesce.inference.gain import HeldOut
 from evanesce.inference.gate import Gate
+from evanesce.inference.groups import group_of
 from evanesce.inference.joint import JointFit
 from evanesce.inference.model import AnchoredModel
 from evanesce.inference.posterior import Posterior
 from evanesce.inference.search import Search, loss_of
+from evanesce.inference.single_effects import NONE, UNKNOWN
+from evanesce.inference.unknown import Left
 from evanesce.rig import Scene, dump_scene
 
 Array = NDArray[Any]
@@ -57,11 +60,21 @@ class Named:
     credible_set: tuple[str, ...]
     listed: bool
 
+    @property
+    def told(self) -> str:
+        """The cause, with those that stand in for it."""
+        others = [name for name in self.credible_set if name != self.id]
+        if not others:
+            return self.id
+        group = group_of([self.id, *others])
+        return f"{self.id} or {' or '.join(others)}" + (f" ({group})" if group else "")
+
     def as_dict(self) -> dict[str, Any]:
         """Return it in the answer's form."""
         return {
-            "id": self.id, "parameters": {k: dict(v) for k, v in self.parameters.items()},
-            "probability": self.probability, "credible_set": list(self.credible_set), "misfit_share": self.removed, "area": self.consequence.as_dict(), "below_least_area": self.listed,
+            "id": self.id, "told": self.told, "parameters": {k: dict(v) for k, v in self.parameters.items()},
+            "probability": self.probability, "credible_set": list(self.credible_set),
+            "misfit_share": self.removed, "area": self.consequence.as_dict(), "below_least_area": self.listed,
         }  # fmt: skip
 
 
@@ -91,9 +104,7 @@ def scaled(metric: Metric, residual: Array) -> float:
     return max(1.0, float(metric.project(residual) @ residual) / residual.size)
 
 
-def named_causes(
-    search: Search, areas: AreaReader, fitted: JointFit, tied: Array, posterior: Posterior
-) -> list[Named]:
+def named_causes(search: Search, areas: AreaReader, fitted: JointFit, tied: Array, posterior: Posterior) -> list[Named]:
     """Return the causes, by consequence.
 
     Parameters
@@ -139,6 +150,25 @@ def extended_scene(model: AnchoredModel, fitted: JointFit) -> Scene:
     return scene_with(model.observation.believed, in_pixels(point, model.factor))
 
 
+def verdict_of(posterior: Posterior, left_found: bool) -> str:
+    """Return the verdict: ``none``, ``causes``, ``causes and unknown`` or ``unknown``.
+
+    The rule, on the probabilities and nothing else: there are causes if any place of the sum is more probably filled by
+    causes of the library than not, and there is something unknown if that is more probable than not in any place, or if
+    what is left of the views together is more than noise.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    left_found : bool
+        See :attr:`evanesce.inference.unknown.Left.found`.
+    """
+    places = [*posterior.places.values(), posterior.further]
+    causes = any(1.0 - p.probability[NONE] - p.probability.get(UNKNOWN, 0.0) > 0.5 for p in places)
+    unknown = left_found or any(p.probability.get(UNKNOWN, 0.0) > 0.5 for p in places)
+    return {(0, 0): "none", (1, 0): "causes", (1, 1): "causes and unknown", (0, 1): "unknown"}[causes, unknown]
+
+
 def answer(
     model: AnchoredModel,
     search: Search,
@@ -146,6 +176,7 @@ def answer(
     fitted: JointFit,
     posterior: Posterior,
     named: list[Named],
+    left: Left,
     gain: HeldOut | None,
     left_out: Mapping[str, str],
     seconds: float,
@@ -160,13 +191,16 @@ def answer(
     """
     noise = float(fitted.residual.size)
     explained = 1.0 - max(fitted.misfit - noise, 0.0) / max(search.first - noise, 1.0)
+    verdict = verdict_of(posterior, left.found)
     result = {
         "version": VERSION,
         "method": "joint",
-        "first_line": first_line(named, explained, gain),
+        "verdict": verdict,
+        "first_line": first_line(verdict, named, explained, left, gain),
         "gate": [line.as_dict() for line in gate.lines],
         "causes": [n.as_dict() for n in named],
         "posterior": posterior.as_dict(),
+        "unknown": left.as_dict(),
         "misfit": {
             "before": search.first, "after": fitted.misfit, "bins": noise, "removed_share": explained,
             "left_share": 1.0 - explained,
@@ -181,22 +215,29 @@ def answer(
     return result, dump_scene(extended_scene(model, fitted))
 
 
-def first_line(named: list[Named], explained: float, gain: HeldOut | None) -> str:
+def first_line(verdict: str, named: list[Named], explained: float, left: Left, gain: HeldOut | None) -> str:
     """Return the sentence that a reader needs if they read no other."""
+    told = left.sentence() if left.found else "something that no cause of the library makes"
+    if verdict == "none":
+        return "The frames are what the scene predicts, as far as their noise lets anything be seen."
+    if not named:
+        return f"There is {told}." if "unknown" in verdict else "There is a cause that could not be fitted."
     warning = ""
-    if gain is not None and gain.worse and named:
+    if gain is not None and gain.worse:
         before, after = gain.area_percent
         warning = f"CAUTION: the extension makes the held-out area worse ({before:.2f} to {after:.2f} %). "
-    if not named:
-        return "No cause of the library explains a part of what is left that matters."
-    words = []
-    for cause in (n for n in named if not n.listed):
-        c = cause.consequence
-        if not c.change_mm2:
-            words.append(cause.id)
-            continue
-        k = int(np.argmax(np.abs(np.nan_to_num(c.change_percent))))
-        words.append(f"{cause.id} ({c.change_mm2[k]:+.2f} mm^2, {c.change_percent[k]:+.1f} % at {c.forces_N[k]:g} N)")
-    listed = ", ".join(n.id for n in named if n.listed)
-    beside = f"; without effect on the area: {listed}" if listed else ""
-    return f"{warning}{len(named)} causes explain {100 * explained:.1f} % of the misfit: {', '.join(words)}{beside}"
+    words = [_told(cause) for cause in named if not cause.listed]
+    without = ", ".join(cause.told for cause in named if cause.listed)
+    beside = f"; without effect on the area: {without}" if without else ""
+    more = f". Beside them there is {told}" if "unknown" in verdict else ""
+    count = f"{len(named)} cause{'s' if len(named) > 1 else ''} explain{'' if len(named) > 1 else 's'}"
+    return f"{warning}{count} {100 * explained:.1f} % of the misfit: {', '.join(words)}{beside}{more}"
+
+
+def _told(cause: Named) -> str:
+    """Return a cause with what it does to the area where it does most."""
+    c = cause.consequence
+    if not c.change_mm2:
+        return cause.told
+    k = int(np.argmax(np.abs(np.nan_to_num(c.change_percent))))
+    return f"{cause.told} ({c.change_mm2[k]:+.2f} mm^2, {c.change_percent[k]:+.1f} % at {c.forces_N[k]:g} N)"

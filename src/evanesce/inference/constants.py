@@ -11,15 +11,15 @@
                                frame is the shortest, below it errors count as noise does
 ``STEP_SHARE``         0.02    standard deviation of a bin over the step to its neighbours, for the fine model's own
                                discretisation: fine models of 2 and 3 pixels a side differ by that at an edge of contact
-``EXTRAPOLATED``       0.5     standard deviation of what extrapolation to finer pixels adds, as a share of it: that is what
-                               orders of convergence between 1.5 and 4 make of it
+``EXTRAPOLATED``       0.5     standard deviation of what extrapolation to finer pixels adds, as a share of it: that is
+                               what orders of convergence between 1.5 and 4 make of it
 ``FAR``                3.0     standard deviations of its prior within which a nuisance has to stay
 ``DETECTED``           0.01    p-value, against noise, above which no further cause is sought
 ``TRIED``              4       causes that are fitted in each round, those of most evidence
-``SUBSTITUTE``         0.2     share of a cause's evidence by which another may fall short and still be tried in its place:
-                               forms drawn about the nominal rig are some per cent to tens of per cent off
-``STRENGTHS``          3..500  standard deviations by which a cause may show, evenly in the logarithm: below 3 nothing can
-                               be told, above 500 the form's own error decides
+``SUBSTITUTE``         0.2     share of a cause's evidence by which another may fall short and still be tried in its
+                               place: forms drawn about the nominal rig are some to tens of per cent off
+``STRENGTHS``          3..500  standard deviations by which a cause may show, evenly in the logarithm: below 3 nothing
+                               can be told, above 500 the form's own error decides
 ``NONE_PRIOR``         0.5     prior probability that a place of the sum of causes holds none
 ``CREDIBLE``           0.95    probability of a credible set of causes
 ``DRAWS``              12      forms drawn of each cause; more change evidences by less than a nat

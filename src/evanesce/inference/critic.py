@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from evanesce.bundle.bundle import Bundle
 from evanesce.core.errors import InputError
 from evanesce.criticism.critic import require_monochrome
 from evanesce.criticism.observe import observe
+from evanesce.criticism.views import BIN_PX
 from evanesce.inference.answer import answer, named_causes
 from evanesce.inference.causes import causes_of
 from evanesce.inference.consequence import AreaReader
@@ -19,16 +21,16 @@ from evanesce.inference.gain import held_out
 from evanesce.inference.gate import GrossDifference, gate_of
 from evanesce.inference.joint import Fitter
 from evanesce.inference.model import AnchoredModel
+from evanesce.inference.pictures import Pictures, pictures_of
 from evanesce.inference.posterior import Judge
-from evanesce.inference.search import Search
+from evanesce.inference.search import Search, everything_marginalised
 from evanesce.inference.shapes import FormBank
+from evanesce.inference.unknown import left_of
 
 Tell = Callable[[str], None]
 
 
-def criticise_jointly(
-    bundle: Bundle, *, tell: Tell = lambda line: None, exclude: Collection[str] = ()
-) -> tuple[dict[str, Any], str]:
+def criticise_jointly(bundle: Bundle, *, tell: Tell = lambda line: None, exclude: Collection[str] = ()) -> Criticism:
     """Find the causes by which a bundle's frames differ from its nominal model, many at once.
 
     Parameters
@@ -42,10 +44,7 @@ def criticise_jointly(
 
     Returns
     -------
-    result : dict
-        See docs/criticism/joint.md.
-    scene : str
-        The extended scene as TOML.
+    Criticism
 
     Raises
     ------
@@ -79,7 +78,31 @@ def criticise_jointly(
     fine = model.anchor(best.point)
     named = named_causes(search, areas, best, discrepancy.rows(best, fine), posterior)
     gain = held_out(model, areas, base, best)
-    return answer(model, search, gate, best, posterior, named, gain, left_out, time.monotonic() - began)
+    rest = everything_marginalised(best)[0].project(best.residual)
+    scale = observation.scene.camera.scale_px_per_mm
+    left = left_of(data, rest, bank.seen.by_light, BIN_PX / scale)
+    seconds = time.monotonic() - began
+    result, scene = answer(model, search, gate, best, posterior, named, left, gain, left_out, seconds)
+    return Criticism(result, scene, pictures_of(model, base, best, left))
+
+
+@dataclass(frozen=True)
+class Criticism:
+    """What came out.
+
+    Attributes
+    ----------
+    result : dict
+        See docs/criticism/joint.md.
+    scene : str
+        The extended scene as TOML.
+    pictures : Pictures
+        For the page.
+    """
+
+    result: dict[str, Any]
+    scene: str
+    pictures: Pictures
 
 
 def _place(start: Mapping[str, float]) -> dict[str, float]:

@@ -80,7 +80,7 @@ class AnchoredModel:
         return np.asarray(coarse + correction)
 
     def extrapolated(self, point: Point, views: Sequence[int]) -> tuple[Array, Array]:
-        """Return bins of some views extrapolated to endlessly fine pixels, and what that added (views, rows, cols) [DN].
+        """Return bins (views, rows, cols) extrapolated to endlessly fine pixels, and what that added [DN].
 
         Richardson's extrapolation from light gathered by pixels of a third and of a half of the model camera's. Where
         the real camera's are as small as that, nothing is left to extrapolate.

@@ -65,7 +65,8 @@ class Posterior:
         return {
             "inclusion": self.inclusion,
             "places": {
-                name: {"credible_set": list(p.credible_set), "probability": _largest(p)} for name, p in self.places.items()
+                name: {"credible_set": list(p.credible_set), "probability": _largest(p)}
+                for name, p in self.places.items()
             },
             "further": {
                 "credible_set": list(self.further.credible_set), "probability": _largest(self.further),
@@ -90,9 +91,7 @@ class Judge:
     discrepancy : Discrepancy
     """
 
-    def __init__(
-        self, fitter: Fitter, causes: Sequence[Cause], bank: FormBank, discrepancy: Discrepancy
-    ) -> None:
+    def __init__(self, fitter: Fitter, causes: Sequence[Cause], bank: FormBank, discrepancy: Discrepancy) -> None:
         self.fitter, self.discrepancy = fitter, discrepancy
         data = fitter.data
         blocks = {forms.id: forms.rows(data) for forms in bank.of(causes)}

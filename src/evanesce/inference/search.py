@@ -172,7 +172,7 @@ class Search:
         return float(np.log(2.0 * len(self.causes)) + 1.0 + np.log(max(tried, 1)))
 
     def _best_trial(self, now: JointFit, name: str) -> JointFit | None:
-        """Return the joint fit with a cause entered from its best start, by coarse derivatives about the present anchor."""
+        """Return the joint fit with a cause entered from its best start, by coarse derivatives about the anchor."""
         cause = next((c for c in self.causes if c.id == name), None)
         if cause is None:
             return None

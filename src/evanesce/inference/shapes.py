@@ -1,4 +1,4 @@
-"""Forms of every cause about the nominal rig: drawn from its parameters' priors and from its other laws, kept on disk."""
+"""Forms of every cause about the nominal rig, from its parameters' priors and from its other laws; kept on disk."""
 
 from __future__ import annotations
 

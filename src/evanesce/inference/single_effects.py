@@ -1,8 +1,8 @@
 """Evidence of one cause whose form is a distribution: a sum of shapes with random weights, of unknown strength.
 
 A cause adds ``s A' w`` to whitened data, ``A`` (k, bins) its shapes, ``w`` standard normal, ``s`` its strength, so that
-its covariance is ``s^2 A'A``. Shapes are scaled so that a draw of strength 1 has a mean squared norm of 1 in the metric:
-strength is then the number of standard deviations by which the cause shows, after the nuisances took what they could.
+its covariance is ``s^2 A'A``. Shapes are scaled so that a draw of strength 1 has a mean squared norm of 1 in the
+metric: strength is then the number of standard deviations by which the cause shows, after the nuisances took what they could.
 With ``K = A P A'`` (P the metric) and ``z = A P y`` the log Bayes factor over none is::
 
     (z' (K + s^-2)^-1 z - log det (1 + s^2 K)) / 2
@@ -47,7 +47,8 @@ class Shapes:
     id : str
         Of the cause.
     scale : ndarray (k,)
-        By which its rows are multiplied, so that mean squared norms in the metric sum to 1; 0 for rows that do not show.
+        By which its rows are multiplied, so that squared norms in the metric have a mean of 1 over draws; 0 for rows
+        that do not show.
     eigenvalues : ndarray (m,)
         Of the scaled rows' inner products, the smallest left out; empty if nothing shows.
     axes : ndarray (k, m)

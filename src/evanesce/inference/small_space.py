@@ -60,9 +60,7 @@ class SmallSpace:
         """Return the places of the rows of some blocks, one after the other."""
         return np.concatenate([self.places[n] for n in names]).astype(int)
 
-    def marginalised(
-        self, marginal: Mapping[str, float], kept: Sequence[str], vector: int
-    ) -> tuple[Array, Array]:
+    def marginalised(self, marginal: Mapping[str, float], kept: Sequence[str], vector: int) -> tuple[Array, Array]:
         """Return inner products of blocks once others are marginalised.
 
         Parameters

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage, optimize, stats
 
-from evanesce.inference.constants import UNKNOWN_WAVES
+from evanesce.inference.constants import DETECTED, UNKNOWN_WAVES
 from evanesce.inference.data import DataVector
 
 Array = NDArray[Any]
+
+LEAST_POWER = 1e-3
+"""Of the largest: bins of less light say nothing of a field that follows it."""
 
 
 def waves(shape: tuple[int, int], count: int) -> Array:
@@ -54,3 +60,198 @@ def unknown_rows(data: DataVector, nominal: Array) -> Array:
         found.append((nominal[opened] * wave * touching * weight)[valid])
         found.append((wave * touching * weight)[valid])
     return np.array(found, np.float32)
+
+
+@dataclass(frozen=True)
+class Periodic:
+    """The strongest plane wave in what is left.
+
+    Attributes
+    ----------
+    period_mm, direction_deg : float
+        On the plate; of the wave vector, from +x towards +y.
+    amplitude : float
+        Over the light (or in DN, of a field that does not follow it), blur by the bins undone.
+    p_value : float
+        Against noise without structure, the number of waves that were looked at counted.
+    """
+
+    period_mm: float
+    direction_deg: float
+    amplitude: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Left:
+    """What an extended model leaves, seen in all open views of the contact together.
+
+    Attributes
+    ----------
+    follows : str
+        ``light`` or ``level``: whether it grows with the light of the view or is the same in each.
+    map, sd : ndarray (rows, cols)
+        Estimate and standard deviation at each bin: relative to the light, or [DN]; NaN where nothing is known.
+    chi2 : float
+        Mean square of map over sd; 1 for noise.
+    p_value : float
+        Of chi2, for noise that is independent from bin to bin.
+    radial : float
+        Share of the map's structure that depends on the distance from the contact's middle alone.
+    place_mm : tuple of float
+        Middle of the structure on the sensor, from the frame's middle, in millimetres on the plate.
+    with_voltage, with_force, with_time : float
+        Correlation of its amplitude in single views with these; NaN where views do not differ.
+    periodic : Periodic
+    """
+
+    follows: str
+    map: Array
+    sd: Array
+    chi2: float
+    p_value: float
+    radial: float
+    place_mm: tuple[float, float]
+    with_voltage: float
+    with_force: float
+    with_time: float
+    periodic: Periodic
+
+    @property
+    def found(self) -> bool:
+        """Whether it is more than noise."""
+        return min(self.p_value, self.periodic.p_value) < DETECTED
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it in the answer's form, without the maps."""
+        names = [n for n in self.__dataclass_fields__ if n not in ("map", "sd", "periodic")]
+        found = {name: getattr(self, name) for name in names}
+        found = {k: None if isinstance(v, float) and np.isnan(v) else v for k, v in found.items()}
+        return found | {"found": self.found, "place_mm": list(self.place_mm), "periodic": vars(self.periodic)}
+
+    def sentence(self) -> str:
+        """Return what it looks like."""
+        wave = self.periodic
+        unit = "of the light" if self.follows == "light" else "DN"
+        size = 100 * wave.amplitude if self.follows == "light" else wave.amplitude
+        words = [f"something that no cause of the library makes, the same share of the {self.follows} in all views"]
+        if wave.p_value < DETECTED:
+            percent = " %" if self.follows == "light" else ""
+            words.append(
+                f"stripes of {wave.period_mm:.2f} mm period across {wave.direction_deg:.0f} deg,"
+                f" {size:.2g}{percent} {unit} in amplitude"
+            )
+        if self.radial > 0.5:
+            words.append("round about the contact")
+        for name, value in (("voltage", self.with_voltage), ("force", self.with_force), ("time", self.with_time)):
+            if abs(value) > 0.7:
+                words.append(f"{'growing' if value > 0 else 'falling'} with {name}")
+        return ", ".join(words)
+
+
+def left_of(data: DataVector, residual: Array, by_light: Array, mm_per_bin: float) -> Left:
+    """Return what is left in the open views of the contact.
+
+    Parameters
+    ----------
+    data : DataVector
+    residual : ndarray (bins,)
+        Whitened, what nuisances explain taken off.
+    by_light : ndarray (views, rows, cols)
+        Change of the prediction per relative change of the light [DN].
+    mm_per_bin : float
+        On the plate.
+    """
+    opened = list(data.open)
+    touching = [n for n, k in enumerate(opened) if data.views[k].touches]
+    cube = data.unwhitened(residual)[touching]
+    chosen = [opened[n] for n in touching]
+    valid = data.valid[chosen]
+    best: tuple[str, Array, Array, Array] | None = None
+    gained = -1.0
+    for follows, shape in (("light", by_light[chosen]), ("level", np.ones_like(by_light[chosen]))):
+        weight = np.where(valid, shape / data.sd[chosen], 0.0)
+        power = (weight**2).sum(axis=0)
+        known = power > LEAST_POWER * power.max()
+        field = np.where(known, (weight * cube).sum(axis=0) / np.where(known, power, 1.0), np.nan)
+        sd = np.where(known, 1.0 / np.sqrt(np.where(known, power, 1.0)), np.nan)
+        value = float(np.nansum((field / sd) ** 2))
+        if value > gained:
+            gained, best = value, (follows, field, sd, weight)
+    assert best is not None
+    follows, field, sd, weight = best
+    standard = np.nan_to_num(field / sd)
+    count = int(np.isfinite(field).sum())
+    amplitudes = _amplitudes(cube, weight, np.nan_to_num(field))
+    views = [data.views[k] for k in chosen]
+    middle, radial = _around(standard, np.abs(by_light[chosen]).sum(axis=0))
+    rows, cols = field.shape
+    return Left(
+        follows, field, sd, gained / count, float(stats.chi2.sf(gained, count)), radial,
+        ((middle[1] - (cols - 1) / 2) * mm_per_bin, (middle[0] - (rows - 1) / 2) * mm_per_bin),
+        _correlation(amplitudes, [v.voltage_V for v in views]),
+        _correlation(amplitudes, [v.force_N or 0.0 for v in views]),
+        _correlation(amplitudes, [v.time_s for v in views]),
+        _periodic(standard, np.nan_to_num(field), sd, mm_per_bin),
+    )  # fmt: skip
+
+
+def _amplitudes(cube: Array, weight: Array, field: Array) -> Array:
+    """Return how strongly each view shows the common field (views,)."""
+    shape = weight * field
+    return np.asarray((cube * shape).sum(axis=(1, 2)) / np.maximum((shape**2).sum(axis=(1, 2)), 1e-12))
+
+
+def _correlation(amplitudes: Array, with_what: Sequence[float]) -> float:
+    if np.ptp(with_what) == 0 or np.ptp(amplitudes) == 0:
+        return float("nan")
+    return float(np.corrcoef(amplitudes, with_what)[0, 1])
+
+
+def _around(standard: Array, light: Array) -> tuple[tuple[float, float], float]:
+    """Return the middle (row, col) of a map's structure, and its share that depends on the distance from the light."""
+    energy = ndimage.gaussian_filter(standard**2, 1.0)
+    middle = ndimage.center_of_mass(np.maximum(energy - np.median(energy), 0.0) + 1e-12)
+    bright = ndimage.center_of_mass(light + 1e-12)
+    y, x = np.indices(standard.shape)
+    ring = np.hypot(y - bright[0], x - bright[1]).astype(int)
+    mean = ndimage.mean(standard, ring, np.arange(ring.max() + 1))
+    counts = np.bincount(ring.ravel(), minlength=ring.max() + 1)
+    # Means of noise have a square of one over the number of bins in the ring.
+    explained = float((counts * mean**2).sum() - len(counts))
+    return (float(middle[0]), float(middle[1])), max(explained, 0.0) / max(float((standard**2).sum()), 1e-12)
+
+
+def _periodic(standard: Array, field: Array, sd: Array, mm_per_bin: float) -> Periodic:
+    spectrum = np.abs(np.fft.rfft2(standard)) ** 2
+    spectrum[0, 0] = 0.0
+    down = np.fft.fftfreq(standard.shape[0])[:, None]
+    right = np.fft.rfftfreq(standard.shape[1])[None, :]
+    # Longer waves are what smooth causes leave; shorter ones are no stripes.
+    spectrum[np.hypot(down, right) < 3.0 / max(standard.shape)] = 0.0
+    looked_at = spectrum[spectrum > 0]
+    # Half the waves are below ln 2 of the mean: a peak does not raise that.
+    mean = float(np.median(looked_at) / np.log(2.0))
+    peak = np.unravel_index(int(np.argmax(spectrum)), spectrum.shape)
+    p = float(-np.expm1(len(looked_at) * np.log1p(-np.exp(-min(float(spectrum[peak]) / mean, 700.0)))))
+    weight = np.where(np.isfinite(sd), 1.0 / np.nan_to_num(sd, nan=1.0), 0.0)
+    y, x = np.indices(field.shape)
+
+    def fitted(at: Array) -> tuple[float, float]:
+        """Return what a wave of frequency (down, right) leaves, and its amplitude."""
+        phase = 2.0 * np.pi * (at[0] * y + at[1] * x)
+        rows = np.array([(np.cos(phase) * weight).ravel(), (np.sin(phase) * weight).ravel()])
+        target = (field * weight).ravel()
+        amounts = np.linalg.lstsq(rows.T, target, rcond=None)[0]
+        return float(((target - amounts @ rows) ** 2).sum()), float(np.hypot(*amounts))
+
+    start = np.array([float(down[peak[0], 0]), float(right[0, peak[1]])])
+    simplex = start + np.array([[0.0, 0.0], [0.3 / field.shape[0], 0.0], [0.0, 0.3 / field.shape[1]]])
+    found = optimize.minimize(
+        lambda at: fitted(at)[0], start, method="Nelder-Mead", options={"initial_simplex": simplex}
+    )
+    at = found.x
+    frequency = float(np.hypot(*at))
+    kept = float(np.sinc(at[0]) * np.sinc(at[1]))
+    direction = float(np.degrees(np.arctan2(at[0], at[1])))
+    return Periodic(mm_per_bin / max(frequency, 1e-9), direction, fitted(at)[1] / max(abs(kept), 0.1), p)

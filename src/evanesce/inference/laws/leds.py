@@ -39,6 +39,7 @@ def _scaled(scene: Scene, power: Any) -> Scene:
     half_x, half_y = scene.plate.size_mm[0] / 2, scene.plate.size_mm[1] / 2
     factors = {}
     for edge, along in led_positions(scene.plate, scene.leds).items():
+        place: tuple[Any, Any]
         match edge:
             case "left" | "right":
                 place = (half_x if edge == "right" else -half_x, along)
@@ -75,7 +76,7 @@ LAWS = {
     + (Law("strips", "strips fed one by one", rig=strips),) * 3,
     "led_spread": (Law("flux bins", "data sheets: flux bins of 10 to 20 %", rig=single),) * 6,
     "led_droop": tuple(
-        Law(f"droop, power {n:g} of the voltage", "efficiency droop: Verzellesi et al. 2013, J. Appl. Phys. 114, 071101",
+        Law(f"droop, power {n:g} of the voltage", "Verzellesi et al. 2013, J. Appl. Phys. 114, 071101",
             change=droop_by_power(n))
         for n in (2.0, 4.0, 8.0)
     ),

@@ -46,5 +46,7 @@ LAWS = {
         Law("clipped pupil", "overlap of pupils: Asada, Amano, Baba 1996, ICPR, 186", change=clipped_pupil),
         Law("hood", "shade of an edge before the lens, linear to first order", change=hood),
     ),
-    "defocus": (Law("curved field", "third-order curvature of field: blur as the field squared", change=blurred_corners),),
+    "defocus": (
+        Law("curved field", "third-order curvature of field: blur as the field squared", change=blurred_corners),
+    ),
 }

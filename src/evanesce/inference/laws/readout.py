@@ -46,7 +46,11 @@ LAWS = {
         Law("window", "mirror image of an extended source", change=window),
     ),
     "tone_curve": (
-        Law("humps", "empirical response curves: Grossberg and Nayar 2004, PAMI 26, 1272, first components", change=curve),
+        Law(
+            "humps",
+            "empirical response curves: Grossberg and Nayar 2004, PAMI 26, 1272, first components",
+            change=curve,
+        ),
         Law("knee", "highlight compression of broadcast cameras", change=knee),
     ),
 }

@@ -1,0 +1,201 @@
+"""The page of ``evanesce criticise``: what it means for the measured area, pictures, causes, what is left."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from evanesce.inference.constants import CREDIBLE, LEAST_AREA
+from evanesce.inference.pictures import Pictures
+from evanesce.report.html import Page, Picture, Section, Table, figure_png
+
+RANGE = 5.0
+"""Residuals are shown from -RANGE to +RANGE standard deviations."""
+MOST_PROBABLE = 8
+
+
+def page(
+    result: Mapping[str, Any],
+    pictures: Pictures,
+    name: str,
+    scenes: tuple[str, str],
+    provenance: Mapping[str, Any],
+) -> Page:
+    """Return the report of one criticised bundle.
+
+    Parameters
+    ----------
+    result : mapping
+        The JSON of ``evanesce criticise``.
+    pictures : Pictures
+    name : str
+        Of the bundle.
+    scenes : tuple of str
+        Nominal and extended scene as TOML.
+    provenance : mapping
+    """
+    sections = [_residuals(pictures), _causes(result), _left(result, pictures), _gain(result), _gate(result)]
+    sections += [_moves(result), _scene(*scenes)]
+    return Page(f"What the simulation gets wrong: {name}", result["first_line"], sections, provenance)
+
+
+def residual_figure(pictures: Pictures) -> Figure:
+    """Return measured frames above what nominal and extended model leave of them."""
+    count = len(pictures.views)
+    rows, cols = pictures.views[0].measured.shape
+    figure = Figure(figsize=(2.7 * count + 1.0, 3 * 2.7 * rows / cols + 0.8), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(3, count, squeeze=False)
+    shade = picture = None
+    for column, view in zip(axes.T, pictures.views, strict=True):
+        shade = column[0].imshow(view.measured, cmap="gray", vmin=0, vmax=255)
+        column[0].set_title(view.title, fontsize=9)
+        for panel, residual in zip(column[1:], (view.before, view.after), strict=True):
+            picture = panel.imshow(residual, cmap="RdBu_r", vmin=-RANGE, vmax=RANGE, interpolation="nearest")
+        for panel in column:
+            panel.set_xticks([])
+            panel.set_yticks([])
+    for row, label in enumerate(("measured", "left by the scene", "left with the causes")):
+        axes[row, 0].set_ylabel(label, fontsize=9)
+    if shade is not None and picture is not None:
+        figure.colorbar(shade, ax=axes[0].tolist(), label="level [DN]")
+        figure.colorbar(picture, ax=axes[1:].ravel().tolist(), label="residual [standard deviations]", shrink=0.7)
+    return figure
+
+
+def cause_figure(causes: Sequence[Mapping[str, Any]]) -> Figure:
+    """Return bars of what each cause does to the area where it does most, with 90 % intervals."""
+    rows = [_largest(cause) for cause in causes]
+    figure = Figure(figsize=(7.0, 0.45 * len(rows) + 1.1), layout="constrained")
+    FigureCanvasAgg(figure)
+    axis = figure.subplots()
+    at = np.arange(len(rows))
+    value = np.array([r[0] for r in rows])
+    ends = np.array([[r[0] - r[1], r[2] - r[0]] for r in rows]).T
+    colours = ["#b4b4b4" if cause["below_least_area"] else "#2f6f9f" for cause in causes]
+    axis.barh(at, value, color=colours, height=0.6)
+    axis.errorbar(value, at, xerr=np.maximum(ends, 0.0), fmt="none", color="black", capsize=3, linewidth=1)
+    axis.set_yticks(at, [f"{cause['id']}, {r[3]:g} N" for cause, r in zip(causes, rows, strict=True)])
+    axis.invert_yaxis()
+    axis.axvline(0.0, color="black", linewidth=0.8)
+    axis.set_xlabel("change of the measured area [%], with 90 % interval")
+    return figure
+
+
+def _largest(cause: Mapping[str, Any]) -> tuple[float, float, float, float]:
+    """Return change and both ends of its interval [%], and force [N], where a cause does most; zeros if nothing."""
+    area = cause["area"]
+    if not area["percent"]:
+        return 0.0, 0.0, 0.0, 0.0
+    k = int(np.argmax(np.abs(np.nan_to_num(area["percent"]))))
+    percent, change = area["percent"][k], area["mm2"][k]
+    scale = percent / change if change else 0.0
+    low, high = sorted((area["mm2_lo"][k] * scale, area["mm2_hi"][k] * scale))
+    return float(np.nan_to_num(percent)), float(low), float(high), float(area["force_N"][k])
+
+
+def _residuals(pictures: Pictures) -> Section:
+    caption = (
+        "Red: brighter than predicted, blue: darker. In the middle what the scene leaves after place of the finger,"
+        " light and black level were fitted; below what it leaves with the causes. Structure in the last row is unexplained."
+    )
+    return Section("Before and after", pictures=[Picture(figure_png(residual_figure(pictures)), caption)])
+
+
+def _causes(result: Mapping[str, Any]) -> Section:
+    causes = result["causes"]
+    if not causes:
+        rows = [
+            (name, f"{p:.2g}") for name, p in list(result["posterior"]["inclusion"].items())[:MOST_PROBABLE] if p > 0
+        ]
+        return Section("Causes", ["None."], tables=[Table(("cause", "probability"), rows, "The most probable.")])
+    rows = []
+    for cause in causes:
+        change, _, _, force = _largest(cause)
+        others = [n for n in cause["credible_set"] if n != cause["id"]]
+        for number, (name, p) in enumerate(cause["parameters"].items()):
+            own = (cause["id"], f"{cause['probability']:.2f}", ", ".join(others), f"{change:+.2f} at {force:g} N")
+            interval = f"{p['lo']:.4g} to {p['hi']:.4g}"
+            value = (name, f"{p['value']:.4g}", interval, str(p["unit"]))
+            rows.append((*(own if number == 0 else ("", "", "", "")), *value))
+    columns = (
+        "cause", "probability", f"stands for it ({100 * CREDIBLE:.0f} %)", "area [%]", "parameter", "value",
+        "90 % interval", "unit",
+    )  # fmt: skip
+    text = (
+        "Ordered by what they do to the area that the reference segmentation reads. Grey bars move it by less than"
+        f" {100 * LEAST_AREA:g} %: they are listed because the frames show them."
+    )
+    caption = "With the cause less without, where that is largest."
+    return Section(
+        "Causes", [text], [Picture(figure_png(cause_figure(causes)), caption)],
+        [Table(columns, rows, "Intervals include what the model's forms may be off by.")],
+    )  # fmt: skip
+
+
+def _left(result: Mapping[str, Any], pictures: Pictures) -> Section:
+    left, share = pictures.left, result["misfit"]["left_share"]
+    figure = Figure(figsize=(5.2, 3.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    axis = figure.subplots()
+    shown = axis.imshow(left.map / left.sd, cmap="RdBu_r", vmin=-RANGE, vmax=RANGE, interpolation="nearest")
+    axis.set_xticks([])
+    axis.set_yticks([])
+    figure.colorbar(shown, ax=axis, label="all views together [standard deviations]")
+    text = [f"{100 * share:.2g} % of the misfit that could be explained is left."]
+    told = left.sentence()
+    text.append(f"{told[0].upper()}{told[1:]}." if left.found else "All views together show no more than noise.")
+    further = result["posterior"]["further"]
+    text.append(
+        f"Noise would ask for a further cause as loudly with probability {further['p_value']:.2g};"
+        f" the first asked for would be {', '.join(further['credible_set'][:3])}."
+    )
+    return Section("What is not explained", text, [Picture(figure_png(figure), "Residual of all views together.")])
+
+
+def _gain(result: Mapping[str, Any]) -> Section:
+    gain = result["held_out"]
+    if gain is None:
+        return Section("Gain on held-out conditions", ["No condition was held out, so that no gain can be claimed."])
+    (rms, rms_after), (area, area_after), score = gain["rms_DN"], gain["area_error_percent"], gain["log_score"]
+    rows = [
+        ("residual, RMS [DN]", f"{rms:.3g}", f"{rms_after:.3g}"),
+        ("error of the predicted area, mean [%]", f"{area:.3g}", f"{area_after:.3g}"),
+        ("log score [nats]", "0", f"{score[0]:+.4g} ({score[1]:+.4g} to {score[2]:+.4g})"),
+    ]
+    text = [f"{gain['views']} views whose conditions no fit and no choice saw."]
+    if gain["area_worse"]:
+        text.insert(
+            0, "The extension makes the area of conditions that it has not seen worse: do not use it for areas."
+        )
+    return Section("Gain on held-out conditions", text, tables=[Table(("figure", "scene", "with the causes"), rows)])
+
+
+def _gate(result: Mapping[str, Any]) -> Section:
+    rows = [(g["name"], f"{g['measured']:.4g}", f"{g['predicted']:.4g}", g["unit"]) for g in result["gate"]]
+    text = "Read from the frames before anything was fitted. Gross differences would have ended the run here."
+    return Section("First look", [text], tables=[Table(("figure", "measured", "predicted", "unit"), rows)])
+
+
+def _moves(result: Mapping[str, Any]) -> Section:
+    rows = [
+        (m["move"], m["cause"], m["other"], f"{m['misfit']:.4g}", m["reason"], f"{m['seconds']:.0f}")
+        for m in result["moves"]
+    ]
+    columns = ("move", "cause", "in place of", "misfit", "because", "s")
+    tables = [Table(columns, rows, f"From a misfit of {result['misfit']['before']:.4g}.")] if rows else []
+    judged = [f"{entry['id']}: {entry['why']}" for entry in result["not_judged"]]
+    text = ["Not taken: " + "; ".join(judged) + "."] if judged else []
+    return Section("How it was found", text, tables=tables)
+
+
+def _scene(before: str, after: str) -> Section:
+    lines = difflib.unified_diff(before.splitlines(), after.splitlines(), "nominal", "extended", lineterm="", n=1)
+    rows = [(line,) for line in list(lines)[2:]]
+    text = "The extended scene renders with every other command." if rows else "The scene stands as it is."
+    return Section("The extended scene", [text], tables=[Table(("difference",), rows)] if rows else [])

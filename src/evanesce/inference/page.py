@@ -102,7 +102,7 @@ def _largest(cause: Mapping[str, Any]) -> tuple[float, float, float, float]:
 def _residuals(pictures: Pictures) -> Section:
     caption = (
         "Red: brighter than predicted, blue: darker. In the middle what the scene leaves after place of the finger,"
-        " light and black level were fitted; below what it leaves with the causes. Structure in the last row is unexplained."
+        " light and black level were fitted; below what it leaves with the causes. Structure there is unexplained."
     )
     return Section("Before and after", pictures=[Picture(figure_png(residual_figure(pictures)), caption)])
 

@@ -80,6 +80,29 @@ def _largest(place: Place) -> dict[str, float]:
     return {name: value for name, value in ordered if value >= 0.001}
 
 
+@dataclass(frozen=True)
+class Further:
+    """Evidence for one more cause.
+
+    Attributes
+    ----------
+    place : Place
+        The discrepancy marginalised: decides whether there is any.
+    p_value : float
+        Of that, against noise.
+    loud : Place
+        Without the discrepancy: who takes most of the misfit. While most of it is there, what a loud cause's form may
+        be off by hides which cause comes next.
+    unknown : float
+        Strength of an unknown field.
+    """
+
+    place: Place
+    p_value: float
+    loud: Place
+    unknown: float
+
+
 class Judge:
     """Weighs causes against each other at a joint fit.
 
@@ -117,18 +140,19 @@ class Judge:
         further, p = self._judged(space, marginal, rest, len(secants), with_p=True)
         return Posterior(places, further, p)
 
-    def further(self, fitted: JointFit, unknown: float = 0.0) -> tuple[Place, float, float]:
-        """Return what a further cause would be, the p-value of the evidence for it, and the strength of the unknown."""
+    def further(self, fitted: JointFit, unknown: float = 0.0) -> Further:
+        """Return what a further cause would be."""
         space, _ = self._space(fitted, ())
         marginal, rest = _marginal(fitted.ids, unknown), self._rest(fitted.ids, unknown)
         place, p = self._judged(space, marginal, rest, 0, with_p=True)
+        loud, _ = self._judged(space, {n: s for n, s in marginal.items() if n != DISCREPANCY}, rest, 0)
         strength = 0.0
         if UNKNOWN in rest:
             gram, along = space.marginalised(marginal, [UNKNOWN], 0)
             shapes = Shapes.of(UNKNOWN, gram)
             # Rows are used as they are: each of them as loud as their sum's strength asks for on average.
             strength = shapes.strength(shapes.coordinates(along)) * float(np.mean(shapes.scale[shapes.scale > 0]))
-        return place, p, strength
+        return Further(place, p, loud, strength)
 
     def _rest(self, taken: Iterable[str], unknown: float) -> list[str]:
         out = {*taken, *([UNKNOWN] if unknown else [])}

@@ -21,8 +21,8 @@ from evanesce.inference.causes import Cause, Entry, entries_of
 from evanesce.inference.constants import DETECTED, SUBSTITUTE, TRIED
 from evanesce.inference.gauss_newton import bounded_step
 from evanesce.inference.joint import Fitter, JointFit, taken_from
-from evanesce.inference.posterior import Judge, Posterior
-from evanesce.inference.single_effects import NONE, UNKNOWN, Place
+from evanesce.inference.posterior import Further, Judge, Posterior
+from evanesce.inference.single_effects import NONE, UNKNOWN
 
 Array = NDArray[Any]
 Tell = Callable[[str], None]
@@ -129,25 +129,29 @@ class Search:
         """Return the fit to which no cause is worth being added."""
         began = time.monotonic()
         while len(self.steps) < MOVES:
-            place, p, strength = self.judge.further(now, self.unknown)
-            if p > DETECTED or place.probability[NONE] > 0.5:
+            asked = self.judge.further(now, self.unknown)
+            place = asked.place
+            if asked.p_value > DETECTED or place.probability[NONE] > 0.5:
                 return now
-            better = self._added(now, place, p)
+            better = self._added(now, asked)
             if better is not None:
                 took = time.monotonic() - began
                 self.tell(f"{self._words(better)}; about {self._rounds_left(better, now) * took:.0f} s left")
                 began, now = time.monotonic(), better
             elif UNKNOWN in place.log_bayes and not self.unknown and place.log_bayes[UNKNOWN] > 0.0:
-                self.unknown = strength
+                self.unknown = asked.unknown
                 self.tell("something that no cause of the library makes")
             else:
                 return now
         return now
 
-    def _added(self, now: JointFit, place: Place, p: float) -> JointFit | None:
+    def _added(self, now: JointFit, asked: Further) -> JointFit | None:
         """Return the fit with the cause that leaves least among those of most evidence; None if none is worth it."""
-        ranked = sorted((n for n in place.log_bayes if n != UNKNOWN), key=lambda n: -place.log_bayes[n])
-        wanted = [n for n in ranked if n not in self.refused][:TRIED]
+        place, p = asked.place, asked.p_value
+        wanted: list[str] = []
+        for bayes in (asked.loud.log_bayes, place.log_bayes):
+            ranked = [n for n in sorted(bayes, key=lambda n: -bayes[n]) if n != UNKNOWN and n not in self.refused]
+            wanted += [n for n in ranked[:TRIED] if n not in wanted]
         tried = [t for t in (self._best_trial(now, name) for name in wanted) if t is not None]
         unknown = place.log_bayes.get(UNKNOWN, 0.0)
         for fitted in sorted(tried, key=lambda t: t.misfit):

@@ -2,8 +2,8 @@
 
 A cause adds ``s A' w`` to whitened data, ``A`` (k, bins) its shapes, ``w`` standard normal, ``s`` its strength, so that
 its covariance is ``s^2 A'A``. Shapes are scaled so that a draw of strength 1 has a mean squared norm of 1 in the
-metric: strength is then the number of standard deviations by which the cause shows, after the nuisances took what they could.
-With ``K = A P A'`` (P the metric) and ``z = A P y`` the log Bayes factor over none is::
+metric: strength is then the number of standard deviations by which the cause shows, after the nuisances took what they
+could. With ``K = A P A'`` (P the metric) and ``z = A P y`` the log Bayes factor over none is::
 
     (z' (K + s^-2)^-1 z - log det (1 + s^2 K)) / 2
 

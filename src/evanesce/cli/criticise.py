@@ -41,15 +41,21 @@ def register(app: typer.Typer) -> None:
         joint: Annotated[
             bool, typer.Option("--joint", hidden=True, help="Experimental: fit all causes jointly.")
         ] = False,
+        shapes: Annotated[
+            Path | None, typer.Option("--shapes", hidden=True, help="Write a picture of every cause's forms and stop.")
+        ] = None,
     ) -> None:
         """Find what a nominal model gets wrong about measured data: name causes, extend the scene, measure gain."""
         from evanesce.bundle import read_bundle
         from evanesce.criticism.critic import criticise as by_frames
         from evanesce.criticism.scalar_critic import criticise_series
 
-        for target in (json_file, report, scene):
+        for target in (json_file, report, scene, shapes):
             check_json_target(target)
         bundle = read_bundle(folder)
+        if shapes is not None:
+            _draw_shapes(bundle, shapes)
+            return
         if joint:
             _jointly(bundle, json_file, report, scene)
             return
@@ -90,6 +96,17 @@ def _jointly(bundle: Any, json_file: Path | None, report: Path | None, scene: Pa
         scenes = (dump_scene(bundle.scene), found.scene)
         write(report, page(found.result, found.pictures, bundle.path.name, scenes, record(seed=0)))
     _show_jointly(found.result)
+
+
+def _draw_shapes(bundle: Any, target: Path) -> None:
+    """Write a picture of the forms of all causes."""
+    from evanesce.inference.critic import shapes_of
+    from evanesce.inference.shape_picture import shape_figure
+
+    forms, data = shapes_of(bundle, tell=lambda line: messages.print(escape(line)))
+    figure = shape_figure(forms, data)
+    figure.savefig(target, dpi=110)
+    console.print(f"forms of {len(forms)} causes: {escape(str(target))}")
 
 
 def _show_jointly(result: dict[str, Any]) -> None:

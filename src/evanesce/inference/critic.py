@@ -15,7 +15,7 @@ from evanesce.criticism.views import BIN_PX
 from evanesce.inference.answer import answer, named_causes
 from evanesce.inference.causes import causes_of
 from evanesce.inference.consequence import AreaReader
-from evanesce.inference.data import data_vector
+from evanesce.inference.data import DataVector, data_vector
 from evanesce.inference.discrepancy import Discrepancy
 from evanesce.inference.gain import held_out
 from evanesce.inference.gate import GrossDifference, gate_of
@@ -24,7 +24,7 @@ from evanesce.inference.model import AnchoredModel
 from evanesce.inference.pictures import Pictures, pictures_of
 from evanesce.inference.posterior import Judge
 from evanesce.inference.search import Search, everything_marginalised
-from evanesce.inference.shapes import FormBank
+from evanesce.inference.shapes import FormBank, Forms
 from evanesce.inference.unknown import left_of
 
 Tell = Callable[[str], None]
@@ -54,9 +54,7 @@ def criticise_jointly(bundle: Bundle, *, tell: Tell = lambda line: None, exclude
         If another rig was measured than the scene's.
     """
     began = time.monotonic()
-    if not bundle.has_frames:
-        raise InputError("holds no frame", file=bundle.path, key="--joint", allowed="a bundle with press frames")
-    require_monochrome(bundle)
+    _require_frames(bundle)
     observation = observe(bundle)
     data = data_vector(observation)
     model = AnchoredModel(observation, data)
@@ -84,6 +82,30 @@ def criticise_jointly(bundle: Bundle, *, tell: Tell = lambda line: None, exclude
     seconds = time.monotonic() - began
     result, scene = answer(model, search, gate, best, posterior, named, left, gain, left_out, seconds)
     return Criticism(result, scene, pictures_of(model, base, best, left))
+
+
+def shapes_of(bundle: Bundle, *, tell: Tell = lambda line: None) -> tuple[list[Forms], DataVector]:
+    """Return the forms of all causes about a bundle's nominal rig, and the bundle's data.
+
+    Parameters
+    ----------
+    bundle : Bundle
+        With frames of a monochrome camera.
+    tell : callable
+    """
+    _require_frames(bundle)
+    observation = observe(bundle)
+    data = data_vector(observation)
+    model = AnchoredModel(observation, data)
+    gate = gate_of(observation, model.coarse)
+    causes, _ = causes_of(observation)
+    return FormBank(model.coarse, _place(gate.start), tell).of(causes), data
+
+
+def _require_frames(bundle: Bundle) -> None:
+    if not bundle.has_frames:
+        raise InputError("holds no frame", file=bundle.path, key="--joint", allowed="a bundle with press frames")
+    require_monochrome(bundle)
 
 
 @dataclass(frozen=True)

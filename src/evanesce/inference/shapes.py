@@ -125,7 +125,7 @@ class FormBank:
                 self.tell(f"forms of {cause.id} ({number + 1} of {len(missing)})")
             self._found[cause.id] = self._read(cause, kept) if kept is not None else self._made(cause)
         every = [self._found[c.id] for c in causes]
-        return [forms for forms in every if len(forms.changes)]
+        return [forms for forms in every if np.any(forms.changes)]
 
     def _key(self, cause: Cause) -> str:
         coarse = self.coarse

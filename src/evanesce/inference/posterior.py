@@ -208,7 +208,11 @@ def _marginal(taken: Iterable[str], unknown: float) -> dict[str, float]:
 
 
 def _scaled(fitted: JointFit, prefix: str) -> Array:
-    """Return the derivatives (n, bins) by parameters of a prefix, times their prior standard deviations."""
-    chosen = [k for k, p in enumerate(fitted.parameters) if p.name.startswith(prefix)]
+    """Return the derivatives (n, bins) by parameters of a prefix, times their prior standard deviations.
+
+    What a bound holds cannot give way to a cause.
+    """
+    free = ~fitted.solution.held
+    chosen = [k for k, p in enumerate(fitted.parameters) if p.name.startswith(prefix) and free[k]]
     deviations = np.array([fitted.parameters[k].deviation for k in chosen])
     return np.asarray(fitted.solution.rows[chosen] * deviations[:, None], np.float32)

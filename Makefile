@@ -8,7 +8,7 @@ DEV := $(VENV)/.dev
 # Bytecode is left to the first import: compiling all of every package takes longer than installing it.
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 
-.PHONY: baseline install dev demo design-demo test test-all lint types contracts check accuracy benchmarks pictures fem challenge challenge-slice docs docs-links clean
+.PHONY: baseline install dev demo design-demo test test-all lint types contracts check accuracy benchmarks pictures fem challenge challenge-slice power docs docs-links clean
 
 install: $(CORE)
 
@@ -98,6 +98,10 @@ BUDGET ?= 1e9
 challenge: dev
 	$(BIN)/python -m tests.criticism.challenge.run --set $(SET) --workers 2 --budget-s $(BUDGET) \
 	  --beside largest-prior chi-square nearest-signature --spent docs/criticism/runs/scored-*.jsonl
+
+# Expected power of the joint critic by cause and strength, from noiseless signals: some minutes.
+power: dev
+	$(BIN)/python benchmarks/critic_power.py
 
 challenge-slice: dev
 	$(BIN)/python -m tests.criticism.challenge.run --set slice --workers 2 --budget-s 600

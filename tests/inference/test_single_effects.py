@@ -14,6 +14,7 @@ from evanesce.inference.answer import verdict_of
 from evanesce.inference.constants import STRENGTHS
 from evanesce.inference.data import DataVector
 from evanesce.inference.posterior import Posterior
+from evanesce.inference.power import expected_power
 from evanesce.inference.single_effects import NONE, UNKNOWN, Place, Shapes, null_statistics, p_value, place_of
 from evanesce.inference.small_space import SmallSpace
 from evanesce.inference.unknown import left_of
@@ -180,3 +181,35 @@ def test_nuisances_change_no_statement_about_metric():
     every = np.concatenate([rows[n] for n in names])
     np.testing.assert_allclose(gram, metric.gram(every), rtol=1e-4, atol=1e-3)
     np.testing.assert_allclose(along, every @ metric.project(y), rtol=1e-4, atol=1e-3)
+
+
+def test_expected_power_is_what_drawn_data_give():
+    """Against data drawn in full, noise and nuisances in them, for one cause; nothing at strength 0, all at 40."""
+    rng = np.random.default_rng(9)
+    rows, names = spaces(rng, causes=4, forms=4)
+    space = SmallSpace(rows, np.zeros((0, BINS)))
+    marginal = {"nuisances": 1.0}
+    found = {(p.id, p.strength): p for p in expected_power(space, marginal, (0.0, 5.0, 40.0), rng, draws=300)}
+    assert np.mean([found[n, 0.0].detected for n in names]) == pytest.approx(0.01, abs=0.006)
+    assert min(found[n, 40.0].detected for n in names) == 1.0
+    assert np.mean([found[n, 40.0].first for n in names]) > 0.9
+    gram, _ = space.marginalised(marginal, names, None)
+    shapes = {n: Shapes.of(n, gram[4 * k : 4 * k + 4, 4 * k : 4 * k + 4]) for k, n in enumerate(names)}
+    threshold = np.quantile(null_statistics(list(shapes.values()), gram, rng), 0.99)
+    metric = Metric.of(rows["nuisances"], np.ones(4))
+    hits = []
+    for place in range(4):
+        others = [k for k in range(4) if k != place]
+        own = Shapes.of("c1", gram[np.ix_([4 + k for k in others], [4 + k for k in others])])
+        signal = rows["c1"][place] / np.sqrt(gram[4 + place, 4 + place])
+        for _ in range(400):
+            y = 5.0 * signal + rng.standard_normal(BINS) + rng.standard_normal(4) @ rows["nuisances"]
+            projected = metric.project(y)
+            bayes = [
+                (own if n == "c1" else s).log_bayes(
+                    (own if n == "c1" else s).coordinates((rows[n][others] if n == "c1" else rows[n]) @ projected)
+                )
+                for n, s in shapes.items()
+            ]
+            hits.append(np.logaddexp.reduce(bayes) - np.log(len(bayes)) > threshold)
+    assert found["c1", 5.0].detected == pytest.approx(np.mean(hits), abs=4 * np.sqrt(0.25 / 1600 + 0.25 / 1200))

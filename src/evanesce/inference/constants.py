@@ -15,8 +15,9 @@
                                what orders of convergence between 1.5 and 4 make of it
 ``FAR``                3.0     standard deviations of its prior within which a nuisance has to stay
 ``DETECTED``           0.01    p-value, against noise, above which no further cause is sought
-``TRIED``              3       causes that are fitted in each round, those of most evidence with the discrepancy and
-                               those without
+``TRIED``              3       causes that are entered in each round: those of most evidence with the discrepancy, and as
+                               many of those without
+``FITTED``             2       of them, causes that are fitted: those that would remove most of the misfit
 ``SUBSTITUTE``         0.2     share of a cause's evidence by which another may fall short and still be tried in its
                                place: forms drawn about the nominal rig are some to tens of per cent off
 ``STRENGTHS``          3..500  standard deviations by which a cause may show, evenly in the logarithm: below 3 nothing
@@ -48,6 +49,7 @@ EXTRAPOLATED = 0.5
 FAR = 3.0
 DETECTED = 0.01
 TRIED = 3
+FITTED = 2
 SUBSTITUTE = 0.2
 STRENGTHS = np.geomspace(3.0, 500.0, 8)
 NONE_PRIOR = 0.5

@@ -19,7 +19,7 @@ from evanesce.inference.data import DataVector, data_vector
 from evanesce.inference.discrepancy import Discrepancy
 from evanesce.inference.gain import held_out
 from evanesce.inference.gate import GrossDifference, gate_of
-from evanesce.inference.joint import Fitter
+from evanesce.inference.joint import Fitter, JointFit
 from evanesce.inference.model import AnchoredModel
 from evanesce.inference.pictures import Pictures, pictures_of
 from evanesce.inference.posterior import Judge
@@ -100,6 +100,26 @@ def shapes_of(bundle: Bundle, *, tell: Tell = lambda line: None) -> tuple[list[F
     gate = gate_of(observation, model.coarse)
     causes, _ = causes_of(observation)
     return FormBank(model.coarse, _place(gate.start), tell).of(causes), data
+
+
+def nominal_judge(bundle: Bundle, *, tell: Tell = lambda line: None) -> tuple[Judge, JointFit]:
+    """Return what weighs causes against each other about a bundle's nominal rig, and that rig's own fit.
+
+    Parameters
+    ----------
+    bundle : Bundle
+        With frames of a monochrome camera.
+    tell : callable
+    """
+    _require_frames(bundle)
+    observation = observe(bundle)
+    model = AnchoredModel(observation, data_vector(observation))
+    gate = gate_of(observation, model.coarse)
+    causes, _ = causes_of(observation)
+    fitter = Fitter(model)
+    base = fitter.relinearised([], gate.start)
+    bank = FormBank(model.coarse, _place(gate.start), tell)
+    return Judge(fitter, causes, bank, Discrepancy(model)), base
 
 
 def _require_frames(bundle: Bundle) -> None:

@@ -21,6 +21,7 @@ from evanesce.inference.constants import EXTRAPOLATED
 from evanesce.inference.data import DataVector
 from evanesce.inference.discrepancy import Discrepancy
 from evanesce.inference.joint import Fitter, JointFit
+from evanesce.inference.power import Power, expected_power
 from evanesce.inference.shapes import FormBank
 from evanesce.inference.single_effects import NONE, UNKNOWN, Place, Shapes, null_statistics, p_value, place_of
 from evanesce.inference.small_space import SmallSpace
@@ -153,6 +154,11 @@ class Judge:
             # Rows are used as they are: each of them as loud as their sum's strength asks for on average.
             strength = shapes.strength(shapes.coordinates(along)) * float(np.mean(shapes.scale[shapes.scale > 0]))
         return Further(place, p, loud, strength)
+
+    def power(self, fitted: JointFit, strengths: Sequence[float], rng: np.random.Generator) -> list[Power]:
+        """Return the expected power of a further cause, by cause and strength."""
+        space, _ = self._space(fitted, ())
+        return expected_power(space, _marginal(fitted.ids, 0.0), strengths, rng)
 
     def _rest(self, taken: Iterable[str], unknown: float) -> list[str]:
         out = {*taken, *([UNKNOWN] if unknown else [])}

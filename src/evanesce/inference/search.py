@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from evanesce.core.errors import InputError
 from evanesce.criticism.linear import Metric
 from evanesce.inference.causes import Cause, Entry, entries_of
-from evanesce.inference.constants import DETECTED, SUBSTITUTE, TRIED
+from evanesce.inference.constants import DETECTED, FITTED, SUBSTITUTE, TRIED
 from evanesce.inference.gauss_newton import bounded_step
 from evanesce.inference.joint import Fitter, JointFit, taken_from
 from evanesce.inference.posterior import Further, Judge, Posterior
@@ -152,7 +152,10 @@ class Search:
         for bayes in (asked.loud.log_bayes, place.log_bayes):
             ranked = [n for n in sorted(bayes, key=lambda n: -bayes[n]) if n != UNKNOWN and n not in self.refused]
             wanted += [n for n in ranked[:TRIED] if n not in wanted]
-        tried = [t for t in (self._best_trial(now, name) for name in wanted) if t is not None]
+        metric, believed = everything_marginalised(now)
+        entered = [e for e in (self._entered(now, name, metric, believed) for name in wanted) if e is not None]
+        entered.sort(key=lambda e: -e.removed)
+        tried = [t for t in (self._tried(now, e, metric, believed) for e in entered[:FITTED]) if t is not None]
         unknown = place.log_bayes.get(UNKNOWN, 0.0)
         for fitted in sorted(tried, key=lambda t: t.misfit):
             cause = fitted.taken[-1].id
@@ -175,24 +178,22 @@ class Search:
         """Return what a fitted cause must bring [nats]: the choice among all causes, and its own strength."""
         return float(np.log(2.0 * len(self.causes)) + 1.0 + np.log(max(tried, 1)))
 
-    def _best_trial(self, now: JointFit, name: str) -> JointFit | None:
-        """Return the joint fit with a cause entered from its best start, by coarse derivatives about the anchor."""
+    def _entered(self, now: JointFit, name: str, metric: Metric, believed: Array) -> Removal | None:
+        """Return the best way into a cause, linear about the present fit; None if there is none."""
         cause = next((c for c in self.causes if c.id == name), None)
         if cause is None:
             return None
         if cause.costly:
             self.tell(f"light of the plate for {name}")
-        base = self.fitter.model.vector(now.point)
-        entries = entries_of(self.fitter.model, now.point, base, cause)
+        entries = entries_of(self.fitter.model, now.point, self.fitter.model.vector(now.point), cause)
         if not entries:
             self.refused[name] = "no plausible amount of it shows"
             return None
-        metric, believed = everything_marginalised(now)
         projected = metric.project(believed)
-        found = max((removal(entry, metric, projected) for entry in entries), key=lambda r: r.removed)
-        return self._tried(now, found, metric, believed)
+        return max((removal(entry, metric, projected) for entry in entries), key=lambda r: r.removed)
 
     def _tried(self, now: JointFit, found: Removal, metric: Metric, believed: Array) -> JointFit | None:
+        """Return the joint fit with an entered cause, by coarse derivatives about the present anchor."""
         taken = taken_from(found.entry)
         best: tuple[float, dict[str, float]] | None = None
         try:
@@ -246,7 +247,9 @@ class Search:
                 continue
             for other in sorted(near, key=lambda n: -place.log_bayes[n])[:TRIED]:
                 self._compared |= {(name, other), (other, name)}
-                tried = self._best_trial(without, other)
+                metric, believed = everything_marginalised(without)
+                entered = self._entered(without, other, metric, believed)
+                tried = None if entered is None else self._tried(without, entered, metric, believed)
                 if tried is None or tried.misfit > now.misfit:
                     continue
                 try:

@@ -60,7 +60,9 @@ class SmallSpace:
         """Return the places of the rows of some blocks, one after the other."""
         return np.concatenate([self.places[n] for n in names]).astype(int)
 
-    def marginalised(self, marginal: Mapping[str, float], kept: Sequence[str], vector: int) -> tuple[Array, Array]:
+    def marginalised(
+        self, marginal: Mapping[str, float], kept: Sequence[str], vector: int | None
+    ) -> tuple[Array, Array]:
         """Return inner products of blocks once others are marginalised.
 
         Parameters
@@ -68,8 +70,8 @@ class SmallSpace:
         marginal : mapping of str to float
             Blocks whose rows, each times an independent normal number of the given standard deviation, are in the data.
         kept : sequence of str
-        vector : int
-            Number of the data vector.
+        vector : int, optional
+            Number of the data vector; None: data that are nothing.
 
         Returns
         -------
@@ -84,7 +86,8 @@ class SmallSpace:
         factor = linalg.cho_factor(inner, lower=True)
         cross = size[:, None] * self.gram[np.ix_(out, own)]
         gram = self.gram[np.ix_(own, own)] - cross.T @ linalg.cho_solve(factor, cross)
-        along = self.along[vector, own] - linalg.cho_solve(factor, size * self.along[vector, out]) @ cross
+        data = np.zeros(self.gram.shape[0]) if vector is None else self.along[vector]
+        along = data[own] - linalg.cho_solve(factor, size * data[out]) @ cross
         return np.asarray((gram + gram.T) / 2), np.asarray(along)
 
 

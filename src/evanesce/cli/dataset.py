@@ -1,4 +1,4 @@
-"""``evanesce dataset``: make, resume, verify, export, info, preview."""
+"""``evanesce dataset``: make, resume, verify, audit, export, info, preview."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ ShardOption = Annotated[
 def register(app: typer.Typer) -> None:
     """Add the group ``dataset``."""
     group = typer.Typer(help="Labelled sequences for slip detectors.", no_args_is_help=True)
-    for command in (make, resume, verify, export, info, preview):
+    for command in (make, resume, verify, audit, export, info, preview):
         group.command()(handles_errors(command))
     app.add_typer(group, name="dataset")
 
@@ -146,6 +146,30 @@ def verify(folder: FolderArgument, json_file: JsonOption = None) -> None:
     if not report.good:
         raise WorkError(f"{folder}: {len(report.faults)} faults, {len(report.bad_frames)} bad frames")
     console.print("nothing wrong")
+
+
+def audit(folder: FolderArgument, json_file: JsonOption = None) -> None:
+    """Check maps against numbers, labels against motion, splits, and composition. Exit code 1 if an identity fails."""
+    check_json_target(json_file)
+    from evanesce.dataset.audit import as_dict
+    from evanesce.dataset.audit import audit as check
+    from evanesce.dataset.job import load_job
+
+    with _Frames(load_job(folder).frames) as bar:
+        findings = check(folder, bar.advance)
+    wrong = [finding for finding in findings if finding.verdict == "wrong"]
+    write_json(json_file, {"good": not wrong, "findings": [as_dict(finding) for finding in findings]})
+    table = Table(title=str(folder))
+    for name in ("check", "value", "wanted", "verdict", "wrong", "of", "first"):
+        table.add_column(name, justify="right" if name in ("value", "wrong", "of") else "left")
+    colours = {"good": "green", "wrong": "red", "low": "yellow", "none": "dim"}
+    for f in findings:
+        verdict = f"[{colours[f.verdict]}]{f.verdict}[/{colours[f.verdict]}]"
+        first = f.examples[0] if f.examples else ""
+        table.add_row(f.name, f"{f.value:.3g}", f.wanted, verdict, str(f.wrong), f"{f.of} {f.unit}", first)
+    console.print(table)
+    if wrong:
+        raise WorkError(f"{folder}: {len(wrong)} identities fail, the first: {wrong[0].name}")
 
 
 def export(

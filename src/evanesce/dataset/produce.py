@@ -161,8 +161,7 @@ class Producer:
         state = ready.camera.contact(truth.state, frame, time_s)
         if state is truth.state:
             return truth
-        moves = None if truth.slip_velocity is None else truth.slip_velocity * (np.asarray(state.contact_mask) > 0)
-        return FrameTruth(state, moves, {**truth.scalars, **areas(state)})
+        return FrameTruth(state, {**truth.scalars, **areas(state)})
 
     def describe(self, current: _Current, frame: int, i: int, truth: FrameTruth) -> dict[str, Any]:
         """Return the content of ``KEY.json``, which ``schema.json`` validates."""

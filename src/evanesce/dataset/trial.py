@@ -46,15 +46,18 @@ class FrameTruth:
     ----------
     state : ContactState or None
         None where the finger is lifted.
-    slip_velocity : ndarray (2, rows, cols), optional
-        Of the skin over the glass (x, y) [mm/s].
     scalars : dict
         The frame's numbers, units in the keys.
     """
 
     state: ContactState | None
-    slip_velocity: Floats | None
     scalars: dict[str, float]
+
+    @property
+    def slip_velocity(self) -> Floats | None:
+        """Of the skin over the glass (x, y) [mm/s], (2, rows, cols)."""
+        found = None if self.state is None else self.state.slip_velocity
+        return None if found is None else np.asarray(found, dtype=float)
 
 
 class Trial:
@@ -114,7 +117,7 @@ class Trial:
     def truth(self, i: int) -> FrameTruth:
         """Return the truth of frame ``i`` of the trial."""
         if self._sampled.force[i] <= LIFTED_N:
-            return FrameTruth(None, None, self._scalars(i, None))
+            return FrameTruth(None, self._scalars(i, None))
         if self._twists is not None and self._twists[i] is not None:
             smooth, velocity = self._twisted(i)
         else:
@@ -132,7 +135,11 @@ class Trial:
         slope = self.scene.finger.roughness_rms_slope
         if slope > 0:
             state = replace(state, real_contact_fraction=persson_contact_fraction(state.pressure, self._modulus, slope))
-        return FrameTruth(state, velocity, self._scalars(i, state))
+        strength = (self._friction.tau0 + self._friction.alpha * np.asarray(state.pressure)) * (
+            np.asarray(state.contact_mask) > 0
+        )
+        state = replace(state, slip_velocity=velocity, strength=strength)
+        return FrameTruth(state, self._scalars(i, state))
 
     # --- solution ----------------------------------------------------------------------------------------------------
 
@@ -204,6 +211,13 @@ class Trial:
         edge = float(frame.spring_slip[count - 1]) if 0 < count <= len(frame.spring_slip) else 0.0
         return edge * math.cos(angle), edge * math.sin(angle)
 
+    def centre(self, i: int) -> tuple[float, float]:
+        """Return the plate point (x, y) under the tip [mm]."""
+        x, y = self._origin(int(self._sampled.placement[i]))
+        along = float(self._slide.frames[i].tip_displacement)
+        angle = math.radians(self.plan.programme["direction_deg"])
+        return x + along * math.cos(angle), y + along * math.sin(angle)
+
     # --- numbers -----------------------------------------------------------------------------------------------------
 
     def _limit(self, contact: AxisymmetricContact) -> float:
@@ -230,8 +244,10 @@ class Trial:
 
     def _scalars(self, i: int, state: ContactState | None) -> dict[str, float]:
         frame, s = self._slide.frames[i], self._sampled
+        x, y = self.centre(i)
+        place = {"centre_x_mm": x, "centre_y_mm": y}
         if state is None:
-            nothing = dict.fromkeys(SCALARS, 0.0)
+            nothing = {**dict.fromkeys(SCALARS, 0.0), **place}
             return {**nothing, "stick_ratio": 1.0, "time_s": float(s.time[i]), "drive_mm": float(s.drive[i])}
         contact = frame.contact
         limit = self._limit(contact)
@@ -248,6 +264,7 @@ class Trial:
             "Fz_N": float(contact.normal_force),
             "torque_N_mm": float(torque),
             **areas(state),
+            **place,
             "stick_ratio": float(self._ratio[i]),
             "friction_coefficient": limit / contact.normal_force,
             "margin": margin,
@@ -264,6 +281,8 @@ SCALARS: dict[str, str] = {
     "torque_N_mm": "N mm",
     "nominal_area_mm2": "mm^2",
     "real_area_mm2": "mm^2",
+    "centre_x_mm": "mm",
+    "centre_y_mm": "mm",
     "stick_ratio": "1",
     "friction_coefficient": "1",
     "margin": "1",
@@ -273,6 +292,9 @@ SCALARS: dict[str, str] = {
 """Numbers of each frame and their units. Forces are those of the finger on the glass."""
 
 MEANINGS = {
+    "torque_N_mm": "of the finger on the glass about the contact's centre, from x towards y",
+    "centre_x_mm": "of the contact on the plate: where the tip's axis meets it",
+    "centre_y_mm": "of the contact on the plate: where the tip's axis meets it",
     "Fz_N": "0: the finger is lifted, and forces, areas, friction coefficient and margin are 0",
     "stick_ratio": "share of the contact that sticks; 1 where the finger is lifted (Fz_N = 0): nothing slips",
     "margin": "|Ft| / (mu Fn), or the same of the torque; 0 where the finger is lifted",

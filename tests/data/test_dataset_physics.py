@@ -179,11 +179,22 @@ def test_numbers_agree_with_the_fields(kind):
         assert 0 <= s["real_area_mm2"] <= s["nominal_area_mm2"] * (1 + 1e-12)
         assert 0 <= s["stick_ratio"] <= 1
         assert -1e-9 <= s["margin"] <= 1 + 1e-6
-        if s["torque_N_mm"]:
-            x, y = (trial.grid.x[None, :], trial.grid.y[:, None])
-            torque = (x * state.traction[1] - y * state.traction[0]).sum() * cell
-            # two scales: traction follows the ridges' pressure, so that its moment is kept to a pitch over the radius
-            assert torque == pytest.approx(s["torque_N_mm"], rel=0.15)
+        x, y = trial.grid.x[None, :] - s["centre_x_mm"], trial.grid.y[:, None] - s["centre_y_mm"]
+        torque = (x * state.traction[1] - y * state.traction[0]).sum() * cell
+        assert torque == pytest.approx(s["torque_N_mm"], rel=1e-9, abs=1e-12)
+        if kind == "rotation" and s["margin"] > 0:
+            # two scales: ridges carry within a pitch what the smooth contact carries, so that its moment is kept to
+            # the order of a pitch over the radius
+            wanted = s["margin"] * sliding_torque(trial._contact(s["Fz_N"]), trial._friction)
+            assert 0.75 * wanted < torque < 1.05 * wanted
+        stick, slip = ((state.state == value).sum() for value in (SurfaceState.STICK, SurfaceState.SLIP))
+        assert s["stick_ratio"] == pytest.approx(stick / (stick + slip), rel=1e-12)
+        traction = np.hypot(*state.traction)
+        held = state.state == SurfaceState.STICK
+        assert np.all(traction[held] <= np.asarray(state.strength)[held] * (1 + 1e-3) + 1e-3 * state.strength.max())
+        moves = np.hypot(*truth.slip_velocity)
+        assert np.all(moves[state.state == SurfaceState.SLIP] >= 1e-3)
+        assert np.all(moves[held] < 1e-3)
 
 
 @pytest.mark.parametrize("kind", KINDS)

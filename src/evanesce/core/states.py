@@ -93,8 +93,16 @@ class PlateGrid:
 
 
 _FIELDS = (
-    "pressure", "gap", "contact_mask", "state", "real_contact_fraction", "traction", "slip", "slip_velocity", "strength",
-)  # fmt: skip
+    "pressure",
+    "gap",
+    "contact_mask",
+    "state",
+    "real_contact_fraction",
+    "traction",
+    "slip",
+    "slip_velocity",
+    "strength",
+)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,6 +22,9 @@ Floats = NDArray[np.float64]
 MOVING_MM_PER_S = (5e-4, 2e-3)
 """A cell labelled slip must be faster than the first, one labelled stick slower than the second [mm/s]: either side of
 :data:`evanesce.dataset.trial.SLIP_SPEED_MM_PER_S`, by more than half precision rounds."""
+LEAST_SLIP_MM = 0.03
+"""Slip between two frames to which a smaller one's error is related [mm]: half precision rounds slips of millimetres to
+a micrometre, and where the contact loses area its cells are not those of the frame before."""
 ROUNDING = 2.0**-9
 """Relative rounding of two channels at half precision."""
 
@@ -60,7 +63,7 @@ class AuditFrame:
 
     @property
     def centre(self) -> tuple[float, float]:
-        """Plate point under the tip [mm]."""
+        """Middle of the contact's outline on the plate [mm]."""
         return self.scalars["centre_x_mm"], self.scalars["centre_y_mm"]
 
     @cached_property
@@ -181,8 +184,7 @@ def _displacement(frame: AuditFrame, before: AuditFrame | None) -> float:
     gained = np.stack([f - earlier(b) for f, b in zip(frame.pair("slip"), before.pair("slip"), strict=True)])
     moved = frame.pair("slip_velocity") * elapsed
     size = max(_rms(gained[:, both]), _rms(moved[:, both]))
-    # below a micrometre half precision of a slip of millimetres decides
-    return _rms((gained - moved)[:, both]) / max(size, 0.01)
+    return _rms((gained - moved)[:, both]) / max(size, LEAST_SLIP_MM)
 
 
 def _rms(values: Floats) -> float:

@@ -25,7 +25,7 @@ from evanesce.dataset.rigs import (
     rig_scene,
     rig_with_effects,
 )
-from evanesce.dataset.trial import SCALARS, FrameTruth, Trial, areas
+from evanesce.dataset.trial import SCALARS, FrameTruth, Trial, measured
 from evanesce.effects import Stage
 
 CACHED_CAMERAS = 2
@@ -156,12 +156,15 @@ class Producer:
 
     @staticmethod
     def _with_contact_effects(truth: FrameTruth, ready: _Ready, frame: int, time_s: float) -> FrameTruth:
-        """Return the truth with effects of the contact applied."""
+        """Return the truth with effects of the contact applied; what moves the grid moves the centre."""
         assert truth.state is not None
         state = ready.camera.contact(truth.state, frame, time_s)
         if state is truth.state:
             return truth
-        return FrameTruth(state, {**truth.scalars, **areas(state)})
+        moved = np.subtract(state.grid.centre, truth.state.grid.centre)
+        x, y = np.array([truth.scalars["centre_x_mm"], truth.scalars["centre_y_mm"]]) + moved
+        place = {"centre_x_mm": float(x), "centre_y_mm": float(y)}
+        return FrameTruth(state, {**truth.scalars, **place, **measured(state, (float(x), float(y)))})
 
     def describe(self, current: _Current, frame: int, i: int, truth: FrameTruth) -> dict[str, Any]:
         """Return the content of ``KEY.json``, which ``schema.json`` validates."""

@@ -178,8 +178,13 @@ MOVES_PIXELS = {
     "distortion_drift": "labels would not follow: draw camera.lens.distortion.k1 instead",
 }
 """Effects that displace the image, and why they are not drawn."""
+ACTS_TWICE = {
+    "shear_area_loss": "friction.area_left takes the area, by each trial's own force: draw that",
+}
+"""Effects whose physics every trial has, and where it is set."""
 NOT_DRAWN = {
     **MOVES_PIXELS,
+    **ACTS_TWICE,
     "card_offset": "not observable: no printed card is in a frame",
     "frame_rate": "not observable: it changes the time stamps of a camera; time_s is the true time",
     "square_size": "not observable: no printed card is in a frame",

@@ -13,7 +13,7 @@ from typing import Any
 from evanesce.core import provenance
 from evanesce.core.errors import InputError
 from evanesce.dataset import layout
-from evanesce.dataset.config import MOVES_PIXELS, DatasetConfig
+from evanesce.dataset.config import ACTS_TWICE, MOVES_PIXELS, DatasetConfig
 from evanesce.dataset.limits import require_count, require_frame, resolution
 from evanesce.rig import Scene
 
@@ -117,8 +117,9 @@ def new_job(scene: Scene, config: DatasetConfig, *, frames: int, seed: int) -> J
     require_count(frames)
     if scene.finger.height_map is not None:
         raise InputError("a height map does not slide", key="finger.height_map", allowed="finger.ridges, or neither")
-    for name in MOVES_PIXELS.keys() & scene.effects.keys():
-        raise InputError(MOVES_PIXELS[name], key=f"effects.{name}", allowed="a scene without it")
+    refused = MOVES_PIXELS | ACTS_TWICE
+    for name in sorted(refused.keys() & scene.effects.keys()):
+        raise InputError(refused[name], key=f"effects.{name}", allowed="a scene without it")
     per = config.trial.frames
     job = Job(scene, config, seed, math.ceil(frames / per) * per)
     require_frame(*job.resolution, config.labels.grid_samples)

@@ -18,7 +18,7 @@ from scipy.stats import kstest
 import evanesce.dataset as dataset
 from evanesce.core.errors import InputError
 from evanesce.dataset.config import KINDS, NOT_DRAWN, DatasetConfig, load_config
-from evanesce.dataset.design import draw_effect, friction_plan, rig_plan, split_of, trial_plan
+from evanesce.dataset.design import draw_effect, friction_plan, rig_plan, trial_plan
 from evanesce.dataset.distributions import Distribution
 from evanesce.dataset.job import load_job, new_job, save_job
 from evanesce.dataset.programme import sample_programme, slide_speed
@@ -114,18 +114,31 @@ def test_a_trial_is_a_function_of_seed_and_number():
     assert trial_plan(config, 5, 17).programme != trial_plan(config, 5, 18).programme
 
 
-@pytest.mark.parametrize("by", ["finger", "friction", "rig"])
+@pytest.mark.parametrize("by", ["finger_rig", "finger_rig_friction"])
 def test_splits_hold_whole_groups(by):
     config = DatasetConfig.model_validate({"split": {"by": by, "test": 0.25, "validation": 0.125}})
-    plans = [trial_plan(config, 9, i) for i in range(120)]
-    groups: dict[int, set[str]] = {}
+    plans = [trial_plan(config, 9, i) for i in range(400)]
+    groups: dict[tuple[str, int], set[str]] = {}
     for plan in plans:
-        groups.setdefault(getattr(plan, by).index, set()).add(plan.split)
-    assert all(len(found) == 1 for found in groups.values())
-    count = {"finger": 12, "friction": 16, "rig": 8}[by]
-    every = [split_of(config, 9, finger=i, friction=i, rig=i) for i in range(count)]
-    assert every.count("test") == round(0.25 * count)
-    assert every.count("validation") == round(0.125 * count)
+        for name in ("finger", "rig", "friction"):
+            groups.setdefault((name, getattr(plan, name).index), set()).add(plan.split)
+    shared = {name for (name, _), splits in groups.items() if len(splits) > 1}
+    assert shared == (set() if "friction" in by else {"friction"})
+    splits = [plan.split for plan in plans]
+    assert splits.count("test") / 400 == pytest.approx(0.25, abs=0.02)
+    assert splits.count("validation") / 400 == pytest.approx(0.125, abs=0.02)
+    # every finger and rig is in use, and a rig keeps its place for trials_in_a_row
+    assert {p.finger.index for p in plans} == set(range(12))
+    assert {p.rig.index for p in plans} == set(range(8))
+    assert all(one.rig.index == two.rig.index for one, two in zip(plans[::2], plans[1::2], strict=True))
+
+
+def test_a_single_finger_or_rig_is_for_training():
+    for groups in ({"finger": {"count": 1}}, {"rig": {"count": 1}}):
+        config = DatasetConfig.model_validate(groups)
+        assert {trial_plan(config, 9, i).split for i in range(60)} == {"train"}
+    few = DatasetConfig.model_validate({"finger": {"count": 3}, "rig": {"count": 3}})
+    assert {trial_plan(few, 9, i).split for i in range(60)} == {"train", "validation", "test"}
 
 
 def test_effects_are_drawn_within_bounds_and_accepted():
@@ -304,7 +317,7 @@ def test_other_versions_are_not_mixed_in(tmp_path: Path):
         ({"seed": 12}, "seed"),
         ({"frames": 36}, "frames"),
         ({"trials_per_shard": 2}, r"config\.trials_per_shard"),
-        ({"split": {"by": "rig"}, "labels": {"raw": True}}, r"config\.labels\.raw, config\.split\.by"),
+        ({"split": {"by": "finger_rig_friction"}, "labels": {"raw": True}}, r"config\.labels\.raw, config\.split\.by"),
     ],
 )
 def test_another_request_does_not_join(tmp_path: Path, changes, named):

@@ -255,9 +255,9 @@ class CameraOptions(Strict):
 
 
 class Split(Strict):
-    """Split by fingers, friction levels or rigs, never by single frames."""
+    """Shares of the trials; no finger and no rig is in two splits, with ``finger_rig_friction`` no friction level."""
 
-    by: Literal["finger", "friction", "rig"] = "finger"
+    by: Literal["finger_rig", "finger_rig_friction"] = "finger_rig"
     validation: float = field(0.15, unit="1", bounds=(0.0, 0.9))
     test: float = field(0.25, unit="1", bounds=(0.0, 0.9))
 

@@ -81,8 +81,8 @@ def croissant(job: Job, manifest: Manifest) -> dict[str, Any]:
             f"{len(manifest.frames())} simulated frames of {job.trials} presses and slides of a silicone finger on an"
             f" FTIR tactile plate at {job.config.trial.frame_rate_hz:g} Hz, {cols} x {rows} px, with per-pixel truth:"
             f" {units}. Negatives: {kinds}. Labels are in the distorted frame (labels.exr, mask.png) and on the"
-            " undistorted plate plane (plate.exr), on a fixed physical scale. Splits are by groups of one"
-            f" {job.config.split.by}. Simulated, not measured: Hertz with partial slip, ridges in two scales."
+            " undistorted plate plane (plate.exr), on a fixed physical scale. No"
+            f" {' and no '.join(job.config.split.by.split('_'))} is in two splits. Simulated, not measured: Hertz with partial slip, ridges in two scales."
             f" {_effects(job)}"
         ),
         "rai:dataUseCases": f"Training and testing detectors of incipient slip. {baselines.summary()}",

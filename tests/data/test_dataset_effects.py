@@ -91,7 +91,7 @@ def test_a_false_frame_rate_changes_nothing_that_is_kept():
 
 
 def test_area_is_lost_under_shear_once_and_only_under_shear():
-    """Sahli's law, A = A0 - alpha Q^2: all of A0 = pi a^2 (Hertz) without shear, ``area_left`` of it under full slip."""
+    """Sahli's law, A = A0 - alpha Q^2: A0 = pi a^2 (Hertz) without shear, ``area_left`` of it under full slip."""
     config = tiny_config(
         kinds={kind: float(kind == "slide") for kind in KINDS},
         finger={"ridged_share": 0.0},

@@ -43,6 +43,9 @@ def make(
     frames: Annotated[int, typer.Option("--n", help="Frames; rounded up to complete trials.")] = 2000,
     seed: Annotated[int, typer.Option("--seed", help="The one seed.")] = 0,
     config: Annotated[Path | None, typer.Option("--config", help="TOML of the declared distributions.")] = None,
+    size: Annotated[
+        str, typer.Option("--size", help="Frames of COLSxROWS, e.g. 320x240, of the region about the contacts.")
+    ] = "",
     workers: WorkersOption = None,
     scheduler: SchedulerOption = "",
     shard: ShardOption = "",
@@ -56,11 +59,15 @@ def make(
 
     overrides = parse_overrides(override)
     require_possible(scene, config, overrides, frames)  # before anything large is imported
-    from evanesce.dataset.config import load_config
+    from evanesce.dataset.config import load_config, with_size
     from evanesce.dataset.job import new_job
     from evanesce.rig import load_scene
 
-    job = new_job(load_scene(scene, overrides), load_config(config), frames=frames, seed=seed)
+    job = new_job(load_scene(scene, overrides), with_size(load_config(config), size), frames=frames, seed=seed)
+    from evanesce.dataset.region import crop_warning
+
+    if warning := crop_warning(job.scene, job.config, job.seed, job.trials):
+        messages.print(f"warning: {warning}", highlight=False, markup=False)
     from evanesce.dataset.estimate import estimate, require_disk
     from evanesce.dataset.run import require_workers
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -11,7 +12,7 @@ from pydantic import Field, model_validator
 from evanesce.core.errors import InputError
 from evanesce.core.quantities import Strict, field
 from evanesce.dataset.distributions import Distribution, choice, constant, log_uniform, uniform
-from evanesce.dataset.limits import MAX_CONFIG_BYTES, MAX_SHARD_FRAMES
+from evanesce.dataset.limits import MAX_CONFIG_BYTES, MAX_SHARD_FRAMES, MAX_SIDE_PX, MIN_SIDE_PX
 from evanesce.effects import all_effects
 from evanesce.materials import material_names
 from evanesce.rig.load import validate
@@ -248,10 +249,34 @@ class Labels(Strict):
 
 
 class CameraOptions(Strict):
-    """Camera options; ``scale``: the same view on fewer, larger pixels."""
+    """Camera options: the camera's whole view, on ``scale`` times as many pixels a side, or a region about the finger.
+
+    ``size_px`` (columns, rows) reads out ``region_mm`` (width, height) about the finger's position, by default the
+    smallest region that holds the contacts of the dataset.
+    """
 
     scale: float = field(1.0, unit="1", bounds=(0.01, 2.0))
+    size_px: tuple[int, int] | None = None
+    region_mm: tuple[float, float] | None = None
     backend: Literal["numpy", "llvm"] = "numpy"
+
+    @model_validator(mode="after")
+    def _one_view(self) -> Self:
+        if self.size_px is None:
+            if self.region_mm is not None:
+                raise ValueError("camera.region_mm without camera.size_px (allowed: both, or neither)")
+            return self
+        if self.scale != 1.0:
+            raise ValueError("camera.size_px and camera.scale (allowed: one of them)")
+        if not all(MIN_SIDE_PX <= side <= MAX_SIDE_PX for side in self.size_px):
+            raise ValueError(f"camera.size_px = {list(self.size_px)} (allowed: {MIN_SIDE_PX} to {MAX_SIDE_PX} a side)")
+        if self.region_mm is not None:
+            (cols, rows), (width, height) = self.size_px, self.region_mm
+            if not (0.1 <= width <= 1000.0 and abs(height * cols / (width * rows) - 1.0) < 0.01):
+                raise ValueError(
+                    f"camera.region_mm = {list(self.region_mm)} (allowed: 0.1 to 1000 mm wide, with square pixels)"
+                )
+        return self
 
 
 class Split(Strict):
@@ -331,3 +356,21 @@ def load_config(path: Path | None) -> DatasetConfig:
     except (ValueError, RecursionError) as error:
         raise InputError(f"not valid TOML: {error}", file=path) from None
     return validate(DatasetConfig, data, path)
+
+
+def with_size(config: DatasetConfig, size: str) -> DatasetConfig:
+    """Return a configuration whose frames have a size, ``320x240``; empty: as it is.
+
+    Raises
+    ------
+    InputError
+        If it is no size, or one that the configuration does not go with.
+    """
+    if not size:
+        return config
+    found = re.fullmatch(r"(\d{1,5})x(\d{1,5})", size)
+    if found is None:
+        raise InputError(repr(size), key="--size", allowed="COLSxROWS, e.g. 320x240")
+    camera = {**config.camera.model_dump(exclude_none=True), "size_px": (int(found[1]), int(found[2]))}
+    camera.pop("region_mm", None)
+    return config.model_copy(update={"camera": validate(CameraOptions, camera, "--size")})

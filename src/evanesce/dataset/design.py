@@ -28,6 +28,9 @@ ELAPSED: dict[str, tuple[str, float, float]] = {
 """Effects that grow over times much longer than a trial: the parameter with the time elapsed before the trial, and the
 bounds of its log-uniform distribution [s]."""
 
+ITS_TRIALS_MOTION = ("rolling_skew",)
+"""Effects of motion: that of each trial, so that none of their own is drawn."""
+
 PROGRAMME_KEYS = tuple(Programme.model_fields)
 
 
@@ -145,6 +148,8 @@ def draw_effect(effect: Effect, strength: float, stream: np.random.Generator) ->
     A parameter with start values (it has no derivative at null) is drawn about one of them; others are normal about
     their null, folded where the null lies on a bound. Effects that grow with time get a time of :data:`ELAPSED`.
     """
+    if effect.id in ITS_TRIALS_MOTION:
+        return dict(effect.parameters().model_dump(mode="json"))
     values: dict[str, float] = {}
     for candidate in effect.candidate_parameters():
         low, high = candidate.bounds

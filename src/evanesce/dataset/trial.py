@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ from evanesce.core.states import ContactState, PlateGrid, SurfaceState
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.design import TrialPlan
 from evanesce.dataset.programme import Sampled, sample_programme
+from evanesce.dataset.shutter import Motion, advanced
 from evanesce.materials import silicone_of
 from evanesce.materials.friction import InterfaceFriction
 from evanesce.rig import Scene
@@ -98,9 +100,9 @@ class Trial:
         self._silicone = silicone_of(scene.finger)
         held = plan.programme["normal_force_N"]
         contact = self._contact(held)
-        self._friction, self._modulus = _interface(plan, contact), smooth_contact(scene, held)[1]
+        self._friction, self._modulus = interface(plan, contact), smooth_contact(scene, held)[1]
         shear = float(tangential_modulus(self._modulus, self._silicone.poisson_ratio))
-        self._shaft = _shaft(plan)
+        self._shaft = shaft_stiffness(plan)
         series = 1.0 / (1.0 / (2.0 * contact.contact_radius * shear) + 1.0 / self._shaft)
         self.reach_mm = reach(contact, self._friction, shear, self._shaft)
         sampled = sample_programme(plan, config.trial, series, self.reach_mm)
@@ -124,16 +126,20 @@ class Trial:
         """Return the truth of frame ``i`` of the trial."""
         if self._sampled.force[i] <= LIFTED_N:
             return FrameTruth(None, self._scalars(i, None))
-        state = self._state(i)
+        state = self.state(i)
         return FrameTruth(state, {**self._scalars(i, state), **measured(state, self.centre(i))})
 
-    def _state(self, i: int) -> ContactState:
-        """Return the contact of a held finger at frame ``i``."""
+    def state(self, i: int, late_s: Floats | None = None) -> ContactState:
+        """Return the contact of a held finger at frame ``i``; with ``late_s`` [s] each cell as much later."""
         state = self._smooth(i)
+        outer: tuple[Any, Any] = self._outer(i, self._slide)
+        if late_s is not None:
+            state = slip_labelled(advanced(state, self.motion(i), late_s))
+            outer = tuple(slip + rate * late_s for slip, rate in zip(outer, self._outer(i, self._rates), strict=True))
         if self._ridges is not None:
             state = with_ridges(
                 state, self._ridges, self._modulus, origin=self._origin(int(self._sampled.placement[i])),
-                outer_slip=self._outer_slip(i), near_gap=self.config.labels.near_gap_mm,
+                outer_slip=outer, near_gap=self.config.labels.near_gap_mm,
             )  # fmt: skip
         slope = self.scene.finger.roughness_rms_slope
         if slope > 0:
@@ -147,11 +153,7 @@ class Trial:
         else:
             at = int(self._sampled.placement[i])
             state, velocity = self._states[at][i], np.asarray(self._velocity[at][i].slip, dtype=float)
-        surface = np.array(state.state)
-        moves = np.hypot(*velocity) >= SLIP_SPEED_MM_PER_S
-        surface[surface >= SurfaceState.STICK] = SurfaceState.STICK
-        surface[(surface == SurfaceState.STICK) & moves] = SurfaceState.SLIP
-        return replace(state, slip_velocity=velocity, state=surface)
+        return slip_labelled(replace(state, slip_velocity=velocity))
 
     # --- solution ----------------------------------------------------------------------------------------------------
 
@@ -215,11 +217,26 @@ class Trial:
             velocity = velocity - np.asarray(earlier.slip)
         return state, velocity / float(self.time[i] - self.time[i - 1])
 
-    def _outer_slip(self, i: int) -> tuple[float, float]:
-        """Return the displacement of the skin beside the contact: that of the outermost spring in contact."""
-        frame = self._slide.frames[i]
+    def motion(self, i: int) -> Motion:
+        """Return how the contact's outline moves at frame ``i``, from the frames beside it in contact."""
+        placement, force = self._sampled.placement, self._sampled.force
+        low, high = (
+            j if 0 <= j < len(self) and placement[j] == placement[i] and force[j] > LIFTED_N else i
+            for j in (i - 1, i + 1)
+        )
+        centre, elapsed = self.centre(i), float(self.time[high] - self.time[low])
+        if elapsed == 0.0:
+            return Motion(centre, (0.0, 0.0), 0.0)
+        velocity = np.subtract(self.centre(high), self.centre(low)) / elapsed
+        radius = [self._slide.frames[j].contact.contact_radius for j in (low, i, high)]
+        growth = (radius[2] - radius[0]) / (elapsed * radius[1]) if radius[1] > 0 else 0.0
+        return Motion(centre, (float(velocity[0]), float(velocity[1])), growth)
+
+    def _outer(self, i: int, slide: Slide) -> tuple[float, float]:
+        """Return the slip (or its rate) of the skin beside the contact: that of the outermost spring in contact."""
+        frame = slide.frames[i]
         angle = math.radians(self.plan.programme["direction_deg"])
-        count = int(np.searchsorted(self._slide.edges[:-1], frame.contact.contact_radius))
+        count = int(np.searchsorted(slide.edges[:-1], frame.contact.contact_radius))
         edge = float(frame.spring_slip[count - 1]) if 0 < count <= len(frame.spring_slip) else 0.0
         return edge * math.cos(angle), edge * math.sin(angle)
 
@@ -235,7 +252,7 @@ class Trial:
         return self._friction.tau0 * math.pi * contact.contact_radius**2 + self._friction.alpha * contact.normal_force
 
     def _onsets(self) -> tuple[float, float]:
-        """Return the times of the first frames in which ``first_slip_share`` of the contact slips, and all of it [s]."""
+        """Return the times of the first frames in which ``first_slip_share`` of the contact, and all of it, slips [s]."""
         first = 1.0 - self.config.labels.first_slip_share
         return self._onset(first, most=True), self._onset(0.0, most=False)
 
@@ -247,7 +264,7 @@ class Trial:
         """
         for i in range(len(self)):
             if self._sampled.force[i] > LIFTED_N and self._may_slip(i, most):
-                state = self._state(i)
+                state = self.state(i)
                 if measured(state, (0.0, 0.0))["stick_ratio"] <= ratio:
                     return float(self.time[i])
         return math.nan
@@ -314,6 +331,17 @@ MEANINGS = {
 """Meanings of numbers beyond their names."""
 
 
+def slip_labelled(state: ContactState) -> ContactState:
+    """Return a contact whose touching cells are labelled slip where the skin moves, else stick."""
+    if state.state is None or state.slip_velocity is None:
+        return state
+    surface = np.array(state.state)
+    touching = surface >= SurfaceState.STICK
+    moves = np.hypot(*np.asarray(state.slip_velocity)) >= SLIP_SPEED_MM_PER_S
+    surface[touching] = np.where(moves[touching], np.uint8(SurfaceState.SLIP), np.uint8(SurfaceState.STICK))
+    return replace(state, state=surface)
+
+
 def measured(state: ContactState, centre: tuple[float, float]) -> dict[str, float]:
     """Return the numbers that are those of a contact's maps, by their names among the scalars.
 
@@ -338,7 +366,7 @@ def measured(state: ContactState, centre: tuple[float, float]) -> dict[str, floa
     return {"nominal_area_mm2": nominal, "real_area_mm2": real, "torque_N_mm": torque, "stick_ratio": ratio}
 
 
-def _interface(plan: TrialPlan, contact: AxisymmetricContact) -> InterfaceFriction:
+def interface(plan: TrialPlan, contact: AxisymmetricContact) -> InterfaceFriction:
     """Return the interface tau0 + alpha p of a friction coefficient at the held load."""
     f = plan.friction
     mean = contact.normal_force / (math.pi * contact.contact_radius**2)
@@ -369,7 +397,7 @@ def reach(contact: AxisymmetricContact, friction: InterfaceFriction, modulus: fl
     return tip + (friction.tau0 * math.pi * a**2 + friction.alpha * contact.normal_force) / shaft
 
 
-def _shaft(plan: TrialPlan) -> float:
+def shaft_stiffness(plan: TrialPlan) -> float:
     """Return the stiffness of the tilted shaft along the slide [N/mm]."""
     angle = math.radians(plan.programme["contact_angle_deg"])
     f = plan.finger

@@ -18,7 +18,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from evanesce.contact.coverage import level_area, level_coverage
 from evanesce.contact.patch import (
@@ -128,7 +128,7 @@ def with_ridges(
     modulus: float,
     *,
     origin: tuple[float, float],
-    outer_slip: tuple[float, float] = (0.0, 0.0),
+    outer_slip: tuple[ArrayLike, ArrayLike] = (0.0, 0.0),
     near_gap: float = 0.01,
 ) -> ContactState:
     """Put ridges on a smooth finger's contact state, in which they move with the skin.
@@ -147,7 +147,7 @@ def with_ridges(
         E* at the scale of the ridges [MPa].
     origin : tuple of float
         Plate point (x, y) on which the finger's tip first rested [mm].
-    outer_slip : tuple of float
+    outer_slip : tuple of float or ndarray (rows, cols)
         Displacement (x, y) of the skin outside the contact [mm].
     near_gap : float
         Gap below which a surface counts as near [mm].
@@ -192,7 +192,7 @@ def with_ridges(
     )
 
 
-def _drift(smooth: ContactState, touched: NDArray[np.bool_], outer_slip: tuple[float, float]) -> Array:
+def _drift(smooth: ContactState, touched: NDArray[np.bool_], outer_slip: tuple[ArrayLike, ArrayLike]) -> Array:
     """Return how far the skin has moved over the glass [mm], (2, rows, cols)."""
     drift = np.empty((2, *smooth.grid.shape))
     for axis in (0, 1):

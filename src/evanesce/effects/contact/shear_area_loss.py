@@ -26,7 +26,10 @@ class Parameters(Strict):
         doc="alpha_A: area lost over the square of the tangential force",
     )
     side_load_share: float = field(
-        0.3, unit="1", bounds=(0.0, 2.0), doc="tangential over normal force in a press; a slide has its own force, 0 too"
+        0.3,
+        unit="1",
+        bounds=(0.0, 2.0),
+        doc="tangential over normal force in a press; a slide has its own force, 0 too",
     )
     direction_deg: float = field(
         0.0, unit="deg", bounds=(-180.0, 180.0), doc="of that force on the finger, from x towards y"

@@ -506,3 +506,14 @@ def test_parts_and_what_gathers_them(asked, real, tmp_path):
         assert "resume" in done.output
     assert runner.invoke(app, ["dataset", "resume", str(target), "--workers", "0"]).exit_code == 0
     assert contents(target) == contents(real)
+
+
+def test_making_in_one_process_takes_one_thread(tmp_path):
+    """Rationale: with ``--workers 0`` BLAS took a thread for each core, and twice the processor time."""
+    import threadpoolctl
+
+    with threadpoolctl.threadpool_limits(2):
+        make(tmp_path / "d", tiny_job(6))
+        pools = threadpoolctl.threadpool_info()
+        assert {pool["num_threads"] for pool in pools} == {1}
+        assert any(pool["user_api"] == "blas" for pool in pools)

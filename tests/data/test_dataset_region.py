@@ -1,4 +1,4 @@
-"""The region of interest is a cut of the camera's own view, holds the contacts, and a view that cuts them is told of."""
+"""The region of interest is a cut of the camera's own view and holds the contacts; a view that cuts them is told of."""
 
 from __future__ import annotations
 

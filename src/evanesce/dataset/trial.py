@@ -252,7 +252,7 @@ class Trial:
         return self._friction.tau0 * math.pi * contact.contact_radius**2 + self._friction.alpha * contact.normal_force
 
     def _onsets(self) -> tuple[float, float]:
-        """Return the times of the first frames in which ``first_slip_share`` of the contact, and all of it, slips [s]."""
+        """Return the times of the first frames in which ``first_slip_share`` of the contact, or all of it, slips."""
         first = 1.0 - self.config.labels.first_slip_share
         return self._onset(first, most=True), self._onset(0.0, most=False)
 

@@ -10,8 +10,9 @@ import pytest
 from evanesce.contact.analytic.hertz import hertz_contact
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.design import trial_plan
+from evanesce.dataset.mechanics import reach
 from evanesce.dataset.rigs import plate_grid, rig_scene, rig_with_effects
-from evanesce.dataset.trial import Trial, reach
+from evanesce.dataset.trial import Trial
 from evanesce.materials import material
 from evanesce.materials.friction import coulomb
 from evanesce.rig import load_scene

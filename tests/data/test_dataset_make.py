@@ -25,6 +25,7 @@ from typer.testing import CliRunner
 
 import evanesce.dataset as dataset
 from evanesce.cli.app import app
+from evanesce.dataset.audit import audit
 from evanesce.dataset.estimate import estimate
 from evanesce.dataset.export import export
 from evanesce.dataset.job import save_job
@@ -85,10 +86,15 @@ def test_frames_hold_what_was_asked_for(real):
             assert sample.frame.shape == sample.state.shape == sample.labels.shape == (48, 64)
             assert sample.plate.shape == (96, 96)
             if sample.scalars["Fz_N"] > 0.2:
-                lit = float(np.median(sample.frame[sample.labels.whole("contact_mask") > 0.99]))
+                lit = float(np.median(sample.frame[sample.labels.whole("contact_mask") > 0.7]))
                 dark = float(np.median(sample.frame[sample.labels.whole("contact_mask") == 0]))
                 assert lit > dark + 20  # contacts are what shines
     assert verify(real).good
+
+
+def test_the_audit_finds_nothing_wrong_in_simulated_frames(real):
+    wrong = {f.name: (f.value, f.examples) for f in audit(real) if f.verdict == "wrong"}
+    assert wrong == {}
 
 
 def test_the_estimate_is_of_the_size_that_is_written(real):

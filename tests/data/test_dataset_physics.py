@@ -135,6 +135,26 @@ def test_ridges_move_with_the_skin_and_stay_where_it_sticks():
     np.testing.assert_array_equal(part.contact_mask[:, :160], rest.contact_mask[:, :160])
 
 
+@pytest.mark.parametrize("pattern", ["parallel", "whorl"])
+@pytest.mark.parametrize("pitch", [0.5, 1.2])
+def test_ridges_carry_what_the_smooth_contact_carries(pattern, pitch):
+    """No force appears in a twist, strength stays mu N, and where it sticks traction stays below strength."""
+    friction = InterfaceFriction(0.03, 0.5)
+    smooth = twisted_state(GRID, (0.23, 0.11), CONTACT, twisted(CONTACT, friction, G, 0.7))
+    row = RidgeRow(pattern, pitch=pitch, width=0.5 * pitch, height=0.15, orientation=0.4)
+    found = with_ridges(smooth, row, E, origin=(0.4, -0.1))
+    cell = GRID.pitch**2
+    assert np.abs(found.traction.sum((1, 2))).max() * cell < 1e-3 * 0.7 * N
+    full = friction.tau0 * np.pi * A**2 + friction.alpha * N
+    assert found.strength.sum() * cell == pytest.approx(full, rel=2e-3)
+    assert found.pressure.sum() * cell == pytest.approx(N, rel=2e-3)
+    traction, strength = np.hypot(*found.traction), np.asarray(found.strength)
+    assert np.all(traction <= strength * (1 + 1e-3) + 1e-9)
+    outside = np.asarray(found.contact_mask) == 0
+    assert not traction[outside].any()
+    assert not strength[outside].any()
+
+
 # --- trials -----------------------------------------------------------------------------------------------------------
 
 CONFIG = tiny_config(

@@ -13,7 +13,7 @@ from evanesce.contact.laws import smooth_contact
 from evanesce.core.errors import InputError
 from evanesce.dataset.config import CameraOptions, DatasetConfig
 from evanesce.dataset.design import RigPlan, TrialPlan, trial_plan
-from evanesce.dataset.trial import interface, reach, shaft_stiffness
+from evanesce.dataset.mechanics import interface, reach, shaft_stiffness
 from evanesce.materials import silicone_of
 from evanesce.optics.projection import Projection
 from evanesce.rig import Scene

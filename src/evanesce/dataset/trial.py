@@ -20,18 +20,17 @@ from evanesce.contact.laws import smooth_contact
 from evanesce.contact.patch import AxisymmetricContact
 from evanesce.contact.ridges.ridged import with_ridges
 from evanesce.contact.sliding.area_loss import area_loss_for
-from evanesce.contact.sliding.shaft import tilted_compliance
-from evanesce.contact.sliding.solver import Slide, march, spring_load
+from evanesce.contact.sliding.solver import Slide, march
 from evanesce.contact.sliding.states import SlideStates, SlideView
 from evanesce.contact.sliding.torsion import Twist, sliding_torque, twisted, twisted_state
 from evanesce.contact.solve import ridge_row
 from evanesce.core.states import ContactState, PlateGrid, SurfaceState
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.design import TrialPlan
+from evanesce.dataset.mechanics import interface, reach, shaft_stiffness
 from evanesce.dataset.programme import Sampled, sample_programme
 from evanesce.dataset.shutter import Motion, advanced
 from evanesce.materials import silicone_of
-from evanesce.materials.friction import InterfaceFriction
 from evanesce.rig import Scene
 
 Floats = NDArray[np.float64]
@@ -364,41 +363,3 @@ def measured(state: ContactState, centre: tuple[float, float]) -> dict[str, floa
         stick, slip = (int(np.count_nonzero(state.state == s)) for s in (SurfaceState.STICK, SurfaceState.SLIP))
         ratio = stick / (stick + slip) if stick + slip else 1.0
     return {"nominal_area_mm2": nominal, "real_area_mm2": real, "torque_N_mm": torque, "stick_ratio": ratio}
-
-
-def interface(plan: TrialPlan, contact: AxisymmetricContact) -> InterfaceFriction:
-    """Return the interface tau0 + alpha p of a friction coefficient at the held load."""
-    f = plan.friction
-    mean = contact.normal_force / (math.pi * contact.contact_radius**2)
-    return InterfaceFriction(
-        tau0=f.adhesive_share * f.friction_coefficient * mean,
-        alpha=(1.0 - f.adhesive_share) * f.friction_coefficient,
-        dynamic_ratio=f.dynamic_ratio,
-        weakening_distance=f.weakening_distance_mm,
-    )
-
-
-def reach(contact: AxisymmetricContact, friction: InterfaceFriction, modulus: float, shaft: float) -> float:
-    """Return the way of a drive from rest to gross slip [mm]: the innermost spring's, and the shaft's under full force.
-
-    Parameters
-    ----------
-    contact : AxisymmetricContact
-    friction : InterfaceFriction
-        Its static strength; weakening on the way shortens it.
-    modulus : float
-        G* [MPa].
-    shaft : float
-        Its stiffness along the drive [N/mm].
-    """
-    a, width = contact.contact_radius, 1e-3 * contact.contact_radius
-    innermost = float(spring_load(contact, np.array([0.0, width]))[0])
-    tip = (friction.alpha * innermost + friction.tau0 * 2.0 * a) / modulus
-    return tip + (friction.tau0 * math.pi * a**2 + friction.alpha * contact.normal_force) / shaft
-
-
-def shaft_stiffness(plan: TrialPlan) -> float:
-    """Return the stiffness of the tilted shaft along the slide [N/mm]."""
-    angle = math.radians(plan.programme["contact_angle_deg"])
-    f = plan.finger
-    return 1.0 / float(tilted_compliance(f.axial_stiffness_N_per_mm, f.shaft_stiffness_N_per_mm, angle)[0, 0])

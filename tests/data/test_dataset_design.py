@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import tomli_w
 from pydantic import ValidationError
-from scipy.stats import kstest
+from scipy.stats import chi2_contingency, kstest
 
 import evanesce.dataset as dataset
 from evanesce.core.errors import InputError
@@ -131,6 +131,21 @@ def test_splits_hold_whole_groups(by):
     assert {p.finger.index for p in plans} == set(range(12))
     assert {p.rig.index for p in plans} == set(range(8))
     assert all(one.rig.index == two.rig.index for one, two in zip(plans[::2], plans[1::2], strict=True))
+
+
+@pytest.mark.parametrize("group", ["split", "rig"])
+def test_kinds_of_trial_are_as_frequent_in_every_split_and_rig(group):
+    """Rationale: kind and split of two Sobol sequences shared binary digits; some splits had no rotation at all."""
+    config = DatasetConfig.model_validate({"kinds": dict.fromkeys(KINDS, 1.0), "split": {"test": 0.25}})
+    plans = [trial_plan(config, 9, i) for i in range(1024)]
+    names = sorted({str(p.split if group == "split" else p.rig.index) for p in plans})
+    counts = np.array(
+        [
+            [sum(str(p.split if group == "split" else p.rig.index) == name and p.kind == k for p in plans) for k in KINDS]
+            for name in names
+        ]
+    )
+    assert chi2_contingency(counts).pvalue > 1e-3
 
 
 def test_a_single_finger_or_rig_is_for_training():

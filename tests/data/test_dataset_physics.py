@@ -158,6 +158,7 @@ def test_ridges_carry_what_the_smooth_contact_carries(pattern, pitch):
 # --- trials -----------------------------------------------------------------------------------------------------------
 
 CONFIG = tiny_config(
+    kinds={kind: 1.0 for kind in KINDS},
     trial={"frames": 40, "frame_rate_hz": 30.0},
     labels={"grid_samples": 160, "grid_size_mm": 14.0},
     programme={

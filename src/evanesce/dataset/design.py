@@ -94,6 +94,20 @@ def quantiles(seed: int, stream: str, dimensions: int, index: int) -> np.ndarray
     return _points(seed, stream, dimensions, index // BLOCK)[index % BLOCK]
 
 
+def stratum(seed: int, stream: str, index: int) -> float:
+    """Return a stratified random number in (0, 1): every :data:`BLOCK` of them are evenly spaced, in random order.
+
+    For what goes on with the number of a trial while its own draws do: two Sobol sequences over indices that share
+    their binary digits are not independent, so that a split would have some kinds of trial only.
+    """
+    return float((_order(seed, stream, index // BLOCK)[index % BLOCK] + 0.5) / BLOCK)
+
+
+@functools.lru_cache(maxsize=64)
+def _order(seed: int, stream: str, block: int) -> np.ndarray:
+    return rng.generator(seed, "dataset", stream, block).permutation(BLOCK)
+
+
 @functools.lru_cache(maxsize=64)
 def _points(seed: int, stream: str, dimensions: int, block: int) -> np.ndarray:
     generator = rng.generator(seed, "dataset", stream)
@@ -228,10 +242,9 @@ def trial_plan(config: DatasetConfig, seed: int, index: int) -> TrialPlan:
     weights = np.cumsum(config.kinds.weights)
     kind = KINDS[int(np.searchsorted(weights / weights[-1], u[0], side="right"))]
     groups, block = split_groups(config, seed), index // config.rig.trials_in_a_row
-    of_block = quantiles(seed, "block", 2, block)
-    split = groups.split_at(float(of_block[0]), config.split)
+    split = groups.split_at(stratum(seed, "block_split", block), config.split)
     finger, friction = _pick(groups.finger[split], u[1]), _pick(groups.friction[split], u[2])
-    rig = _pick(groups.rig[split], of_block[1])
+    rig = _pick(groups.rig[split], stratum(seed, "block_rig", block))
     programme = {
         key: float(getattr(config.programme, key).at(float(q))) for key, q in zip(PROGRAMME_KEYS, u[3:], strict=True)
     }

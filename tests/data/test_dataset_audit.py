@@ -192,7 +192,7 @@ FAULTS = {
     "no motion": (at_rest, "share of slip cells without motion", 1),
     "motion": (creeping, "share of stick cells with motion", 1),
     # of five frames that have one before them four slide
-    "velocity": (scaled("slip_velocity", 1.3), "slip gained against slip_velocity", 4),
+    "velocity": (scaled("slip_velocity", 1.3), "slip gained in the inner half against slip_velocity", 4),
     "pixels": (other_pixels, "pixels of mask.png that differ from labels.exr", 1),
     "finger": (shared("finger"), "fingers and rigs that are in two splits", 1),
     "rig": (shared("rig"), "fingers and rigs that are in two splits", 1),

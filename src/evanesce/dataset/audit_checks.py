@@ -72,6 +72,13 @@ class AuditFrame:
         return self.scalars["Fz_N"] > 0.0 and self.map("state").size > 0
 
     @cached_property
+    def half_width(self) -> float:
+        """Half of the longer side of the contact's extent [mm]."""
+        touching = self.map("contact_mask") >= 0.5
+        sides = [np.flatnonzero(touching.any(axis=axis)) for axis in (0, 1)]
+        return 0.5 * self.pitch * max((int(s[-1] - s[0]) + 1 for s in sides if s.size), default=0)
+
+    @cached_property
     def stick(self) -> NDArray[np.bool_]:
         """Cells labelled stick."""
         return np.asarray(self.map("state") == SurfaceState.STICK)
@@ -165,7 +172,7 @@ def _motion_without_slip(frame: AuditFrame, before: AuditFrame | None) -> float:
 
 
 def _displacement(frame: AuditFrame, before: AuditFrame | None) -> float:
-    """Return how far slip gained is from velocity times time, in the frame of the contact, over the larger of them."""
+    """Return how far slip gained in the contact's inner half is from velocity times time, over the larger of them."""
     if before is None or not before.held:
         return math.nan
     elapsed = frame.scalars["time_s"] - before.scalars["time_s"]
@@ -180,7 +187,9 @@ def _displacement(frame: AuditFrame, before: AuditFrame | None) -> float:
             cv2.remap(values.astype(np.float32), at_col, at_row, cv2.INTER_LINEAR, borderValue=0), np.float64
         )
 
-    both = (frame.map("contact_mask") > 0.99) & (earlier(before.map("contact_mask")) > 0.99)
+    # Under shear the contact loses area at its rim: there a cell was elsewhere in the outline, in its core hardly.
+    core = np.hypot(frame.x[None, :] - x1, frame.y[:, None] - y1) < 0.5 * frame.half_width
+    both = core & (frame.map("contact_mask") > 0.99) & (earlier(before.map("contact_mask")) > 0.99)
     if not both.any():
         return math.nan
     gained = np.stack([f - earlier(b) for f, b in zip(frame.pair("slip"), before.pair("slip"), strict=True)])
@@ -206,7 +215,7 @@ FRAME_CHECKS = (
     FrameCheck("share of stick cells with traction above strength", 0.001, _strength),
     FrameCheck("share of slip cells without motion", 0.001, _slip_without_motion),
     FrameCheck("share of stick cells with motion", 0.001, _motion_without_slip),
-    FrameCheck("slip gained against slip_velocity", 0.15, _displacement),
+    FrameCheck("slip gained in the inner half against slip_velocity", 0.1, _displacement),
     FrameCheck("pixels of mask.png that differ from labels.exr", 0.0, _pixels),
 )
 """Identities of held frames; errors are relative."""

@@ -23,8 +23,9 @@ MOVING_MM_PER_S = (5e-4, 2e-3)
 """A cell labelled slip must be faster than the first, one labelled stick slower than the second [mm/s]: either side of
 :data:`evanesce.dataset.trial.SLIP_SPEED_MM_PER_S`, by more than half precision rounds."""
 LEAST_SLIP_MM = 0.03
-"""Slip between two frames to which a smaller one's error is related [mm]: half precision rounds slips of millimetres to
-a micrometre, and where the contact loses area its cells are not those of the frame before."""
+"""Added to the slip between two frames to which its error is related [mm], so that the tolerance of 0.15 allows 4.5 um:
+half precision rounds slips of millimetres to one, and slip is kept in the outline, whose change of shape under shear
+carries it along (4 um of slip between two frames at the most, of 3,087)."""
 ROUNDING = 2.0**-9
 """Relative rounding of two channels at half precision."""
 
@@ -195,7 +196,7 @@ def _displacement(frame: AuditFrame, before: AuditFrame | None) -> float:
     gained = np.stack([f - earlier(b) for f, b in zip(frame.pair("slip"), before.pair("slip"), strict=True)])
     moved = frame.pair("slip_velocity") * elapsed
     size = max(_rms(gained[:, both]), _rms(moved[:, both]))
-    return _rms((gained - moved)[:, both]) / max(size, LEAST_SLIP_MM)
+    return _rms((gained - moved)[:, both]) / (size + LEAST_SLIP_MM)
 
 
 def _rms(values: Floats) -> float:
@@ -215,7 +216,7 @@ FRAME_CHECKS = (
     FrameCheck("share of stick cells with traction above strength", 0.001, _strength),
     FrameCheck("share of slip cells without motion", 0.001, _slip_without_motion),
     FrameCheck("share of stick cells with motion", 0.001, _motion_without_slip),
-    FrameCheck("slip gained in the inner half against slip_velocity", 0.1, _displacement),
+    FrameCheck("slip gained in the inner half against slip_velocity", 0.15, _displacement),
     FrameCheck("pixels of mask.png that differ from labels.exr", 0.0, _pixels),
 )
 """Identities of held frames; errors are relative."""

@@ -59,14 +59,14 @@ def settings(
             "trial": {"frames": FRAMES},
             "trials_per_shard": 4,
             "camera": {"scale": 0.1},
-            "labels": {"grid_samples": 256},
+            "labels": {"grid_samples": 256, "grid_size_mm": 12.0},
             "programme": {
                 "normal_force_N": {"uniform": (0.5, 1.5)},
                 "press_time_s": {"uniform": (0.2, 0.35)},
                 "hold_time_s": {"uniform": (0.05, 0.2)},
                 "speed_mm_per_s": {"log_uniform": (2.0, 8.0)},
-                # far enough to slide as a whole at the highest friction and the softest shaft
-                "distance_mm": {"uniform": (3.0, 4.5)},
+                "distance_mm": {"uniform": (0.8, 1.5)},
+                "reversals": {"constant": 0.0},
             },
             "friction": {"levels": 24, "friction_coefficient": {"uniform": friction}},
             "finger": {

@@ -119,7 +119,7 @@ def dataset() -> Figure:
         trials=1,
         seed=7,
         trial__frames=40,
-        camera__scale=0.25,
+        camera__size_px=(320, 240),
         kinds={"slide": 1.0, "load_stop": 0, "wiggle": 0, "rotation": 0, "ramp": 0, "release": 0, "change": 0},
         randomisation__probability=0.0,
     )
@@ -131,11 +131,8 @@ def dataset() -> Figure:
     colours = matplotlib.colors.ListedColormap(["#ffffff", "#dddddd", "#0072b2", "#e69f00"])
     for column, index in zip(axes.T, chosen, strict=True):
         sample = samples[int(index)]
-        rows, cols = np.nonzero(sample.state >= 2)
-        middle = round(float(rows.mean())), round(float(cols.mean()))
-        cut = slice(middle[0] - 60, middle[0] + 60), slice(middle[1] - 60, middle[1] + 60)
-        column[0].imshow(sample.frame[cut], cmap="gray", vmin=0, vmax=255)
-        column[1].imshow(sample.state[cut], cmap=colours, vmin=0, vmax=3, interpolation="nearest")
+        column[0].imshow(sample.frame, cmap="gray", vmin=0, vmax=255)
+        column[1].imshow(sample.state, cmap=colours, vmin=0, vmax=3, interpolation="nearest")
         column[0].set_title(f"{sample.scalars['time_s']:.2f} s: stick ratio {ratio[index]:.2f}", fontsize=10)
         for axis in column:
             axis.set(xticks=[], yticks=[])

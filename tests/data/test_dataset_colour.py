@@ -29,7 +29,7 @@ def test_colour_frames_are_exported_as_they_are(tmp_path: Path) -> None:
     export(tmp_path / "d", tmp_path / "l", "lerobot")
     info = json.loads((tmp_path / "l" / "meta" / "info.json").read_text())["features"]
     assert info["observation.images.tactile"]["shape"][2] == 3
-    assert info["observation.images.surface_state"]["shape"][2] == 1
+    assert info["labels.surface_state"]["shape"][2] == 3
     stats = json.loads((tmp_path / "l" / "meta" / "stats.json").read_text())
     assert np.shape(stats["observation.images.tactile"]["mean"]) == (3, 1, 1)
     export(tmp_path / "d", tmp_path / "p", "parquet")

@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 import tomli_w
 from pydantic import ValidationError
-from scipy.stats import kstest
+from scipy.stats import chi2_contingency, kstest
 
 import evanesce.dataset as dataset
 from evanesce.core.errors import InputError
 from evanesce.dataset.config import KINDS, NOT_DRAWN, DatasetConfig, load_config
-from evanesce.dataset.design import draw_effect, friction_plan, rig_plan, split_of, trial_plan
+from evanesce.dataset.design import draw_effect, friction_plan, rig_plan, trial_plan
 from evanesce.dataset.distributions import Distribution
 from evanesce.dataset.job import load_job, new_job, save_job
-from evanesce.dataset.programme import sample_programme
+from evanesce.dataset.programme import sample_programme, slide_speed
 from evanesce.effects import active_effects, all_effects
 from support.datasets import tiny_config, tiny_job
 from support.rigs import small_rig
@@ -114,18 +114,41 @@ def test_a_trial_is_a_function_of_seed_and_number():
     assert trial_plan(config, 5, 17).programme != trial_plan(config, 5, 18).programme
 
 
-@pytest.mark.parametrize("by", ["finger", "friction", "rig"])
+@pytest.mark.parametrize("by", ["finger_rig", "finger_rig_friction"])
 def test_splits_hold_whole_groups(by):
     config = DatasetConfig.model_validate({"split": {"by": by, "test": 0.25, "validation": 0.125}})
-    plans = [trial_plan(config, 9, i) for i in range(120)]
-    groups: dict[int, set[str]] = {}
+    plans = [trial_plan(config, 9, i) for i in range(400)]
+    groups: dict[tuple[str, int], set[str]] = {}
     for plan in plans:
-        groups.setdefault(getattr(plan, by).index, set()).add(plan.split)
-    assert all(len(found) == 1 for found in groups.values())
-    count = {"finger": 12, "friction": 16, "rig": 8}[by]
-    every = [split_of(config, 9, finger=i, friction=i, rig=i) for i in range(count)]
-    assert every.count("test") == round(0.25 * count)
-    assert every.count("validation") == round(0.125 * count)
+        for name in ("finger", "rig", "friction"):
+            groups.setdefault((name, getattr(plan, name).index), set()).add(plan.split)
+    shared = {name for (name, _), splits in groups.items() if len(splits) > 1}
+    assert shared == (set() if "friction" in by else {"friction"})
+    splits = [plan.split for plan in plans]
+    assert splits.count("test") / 400 == pytest.approx(0.25, abs=0.02)
+    assert splits.count("validation") / 400 == pytest.approx(0.125, abs=0.02)
+    # every finger and rig is in use, and a rig keeps its place for trials_in_a_row
+    assert {p.finger.index for p in plans} == set(range(12))
+    assert {p.rig.index for p in plans} == set(range(8))
+    assert all(one.rig.index == two.rig.index for one, two in zip(plans[::2], plans[1::2], strict=True))
+
+
+@pytest.mark.parametrize("group", ["split", "rig"])
+def test_kinds_of_trial_are_as_frequent_in_every_split_and_rig(group):
+    """Rationale: kind and split of two Sobol sequences shared binary digits; some splits had no rotation at all."""
+    config = DatasetConfig.model_validate({"kinds": dict.fromkeys(KINDS, 1.0), "split": {"test": 0.25}})
+    plans = [trial_plan(config, 9, i) for i in range(1024)]
+    pairs = [(p.split if group == "split" else p.rig.index, p.kind) for p in plans]
+    counts = np.array([[pairs.count((name, kind)) for kind in KINDS] for name in {name for name, _ in pairs}])
+    assert chi2_contingency(counts).pvalue > 1e-3
+
+
+def test_a_single_finger_or_rig_is_for_training():
+    for groups in ({"finger": {"count": 1}}, {"rig": {"count": 1}}):
+        config = DatasetConfig.model_validate(groups)
+        assert {trial_plan(config, 9, i).split for i in range(60)} == {"train"}
+    few = DatasetConfig.model_validate({"finger": {"count": 3}, "rig": {"count": 3}})
+    assert {trial_plan(few, 9, i).split for i in range(60)} == {"train", "validation", "test"}
 
 
 def test_effects_are_drawn_within_bounds_and_accepted():
@@ -169,20 +192,42 @@ def test_effects_are_on_as_often_as_declared():
 def test_a_slide_moves_after_its_rest_and_at_its_speed():
     config = tiny_config(trial={"frames": 60, "frame_rate_hz": 30.0})
     plan = next(p for p in (trial_plan(config, 2, i) for i in range(30)) if p.kind == "slide")
-    found = sample_programme(plan, config.trial, 1.7)
+    found = sample_programme(plan, config.trial, 1.7, 0.4)
     p = plan.programme
     rest = p["press_time_s"] + p["hold_time_s"]
     assert np.all(found.drive[found.time <= rest] == 0.0)
-    moving = (found.time > rest) & (found.drive < p["distance_mm"])
-    np.testing.assert_allclose(found.drive[moving], (found.time[moving] - rest) * p["speed_mm_per_s"], rtol=1e-9)
+    stroke = 0.4 + p["distance_mm"]
+    assert found.drive.max() <= stroke * (1 + 1e-12)
+    forth = (found.time > rest) & (found.time < rest + stroke / slide_speed(plan, config.trial, 0.4))
+    speed = slide_speed(plan, config.trial, 0.4)
+    assert speed >= p["speed_mm_per_s"]
+    np.testing.assert_allclose(found.drive[forth], (found.time[forth] - rest) * speed, rtol=1e-9)
     assert found.force[0] == pytest.approx(min(p["preload_N"], p["normal_force_N"]))
     assert np.all(found.force[found.time >= p["press_time_s"]] == pytest.approx(p["normal_force_N"]))
+
+
+def test_a_slide_goes_to_and_fro_as_often_as_asked_and_is_fast_enough_to_slip():
+    config = tiny_config(
+        trial={"frames": 90, "frame_rate_hz": 30.0},
+        kinds={kind: float(kind == "slide") for kind in KINDS},
+        programme={"speed_mm_per_s": {"constant": 3.0}, "reversals": {"constant": 2.0}},
+    )
+    plan = trial_plan(config, 2, 0)
+    p, time = plan.programme, np.arange(90) / 30.0
+    rest, stroke = p["press_time_s"] + p["hold_time_s"], 0.4 + p["distance_mm"]
+    turns = rest + np.arange(4) * stroke / 3.0  # forth, back, forth, then at rest
+    assert turns[-1] < time[-1]
+    found = sample_programme(plan, config.trial, 1.7, 0.4)
+    np.testing.assert_allclose(found.drive, np.interp(time, turns, [0.0, stroke, 0.0, stroke]), atol=1e-9)
+    # 9 mm to gross slip at 3 mm/s would take longer than the trial
+    slow = sample_programme(plan, config.trial, 1.7, 9.0)
+    assert time[np.argmax(slow.drive >= 9.0)] <= rest + 0.6 * (time[-1] - rest) + 1 / 30
 
 
 def test_a_wiggle_stays_below_the_sliding_force_of_its_springs():
     config = tiny_config(trial={"frames": 60, "frame_rate_hz": 30.0})
     plan = next(p for p in (trial_plan(config, 2, i) for i in range(64)) if p.kind == "wiggle")
-    found = sample_programme(plan, config.trial, 1.7)
+    found = sample_programme(plan, config.trial, 1.7, 0.4)
     limit = plan.friction.friction_coefficient * plan.programme["normal_force_N"]
     assert 0 < 1.7 * np.abs(found.drive).max() <= plan.programme["wiggle_share"] * limit * (1 + 1e-9)
 
@@ -238,19 +283,20 @@ def test_a_job_comes_back_from_its_description(tmp_path: Path):
     [
         (
             "2",
-            r"version 2, of an earlier evanesce: its stick_ratio may be 0.* version 3; make it again",
+            r"version 2, of an earlier evanesce: its stick_ratio may be 0.* version 4; make it again",
         ),
         ("1", r"version 1, of an earlier evanesce: .*; make it again"),
-        ("4", r"version 4, of a later evanesce .*install that one"),
-        ('"3"', r"version '3' \(allowed: evanesce-dataset version 3\)"),
-        ("null", r"version None \(allowed: evanesce-dataset version 3\)"),
+        ("3", r"version 3, of an earlier evanesce: its labels have no strength.*; make it again"),
+        ("5", r"version 5, of a later evanesce .*install that one"),
+        ('"4"', r"version '4' \(allowed: evanesce-dataset version 4\)"),
+        ("null", r"version None \(allowed: evanesce-dataset version 4\)"),
     ],
 )
 def test_another_version_of_the_format_says_what_to_do(tmp_path: Path, version, says):
     """A lifted finger's stick_ratio was 0 before version 3: frames of both must not be read as one."""
     save_job(tmp_path, tiny_job())
     path = tmp_path / "dataset.json"
-    path.write_text(path.read_text().replace('"format_version": 3', f'"format_version": {version}'))
+    path.write_text(path.read_text().replace('"format_version": 4', f'"format_version": {version}'))
     for refused in (lambda: load_job(tmp_path), lambda: save_job(tmp_path, tiny_job()), lambda: dataset.open(tmp_path)):
         with pytest.raises(InputError, match=says) as caught:
             refused()
@@ -281,7 +327,7 @@ def test_other_versions_are_not_mixed_in(tmp_path: Path):
         ({"seed": 12}, "seed"),
         ({"frames": 36}, "frames"),
         ({"trials_per_shard": 2}, r"config\.trials_per_shard"),
-        ({"split": {"by": "rig"}, "labels": {"raw": True}}, r"config\.labels\.raw, config\.split\.by"),
+        ({"split": {"by": "finger_rig_friction"}, "labels": {"raw": True}}, r"config\.labels\.raw, config\.split\.by"),
     ],
 )
 def test_another_request_does_not_join(tmp_path: Path, changes, named):

@@ -805,7 +805,7 @@ def test_coco_reads_back_equal(whole, tmp_path):
 
 def test_lerobot_reads_back_equal(whole, tmp_path):
     pq = pytest.importorskip("pyarrow.parquet")
-    from evanesce.dataset.export_lerobot import STATE
+    from evanesce.dataset.export_lerobot import LABELS, STATE
 
     root = tmp_path / "x"
     export(whole, root, "lerobot")
@@ -826,14 +826,36 @@ def test_lerobot_reads_back_equal(whole, tmp_path):
                 assert sample.row["split"] == e["split"]
                 assert (row["index"], row["episode_index"], row["frame_index"]) == (i, e["episode_index"], i % 6)
                 image = decode_png(row["observation.images.tactile"]["bytes"])
-                np.testing.assert_array_equal(image, sample.frame)
-                state = [np.float32(sample.scalars[name]) for name in STATE]
-                np.testing.assert_array_equal(np.float32(row["observation.state"]), state)
-                assert np.float32(row["action"][0]) == np.float32(sample.scalars["drive_mm"])
-        every = np.array([[s.scalars[n] for n in STATE] for s in data])
-        np.testing.assert_allclose(stats["observation.state"]["mean"], every.mean(0), rtol=1e-9)
-        np.testing.assert_allclose(stats["observation.state"]["std"], every.std(0), rtol=1e-6)
+                np.testing.assert_array_equal(image, np.repeat(sample.frame[..., None], 3, axis=2))
+                mask = decode_png(row["labels.surface_state"]["bytes"])
+                np.testing.assert_array_equal(mask, np.repeat(sample.state[..., None], 3, axis=2))
+                labels = [np.float32(sample.scalars[name]) for name in LABELS]
+                np.testing.assert_array_equal(np.float32(row["labels"]), labels)
+                assert np.float32(row["observation.state"][0]) == np.float32(sample.scalars["drive_mm"])
+                after = data[6 * e["trial"] + min(i % 6 + 1, 5)]
+                assert np.float32(row["action"][0]) == np.float32(after.scalars["drive_mm"])
+        every = np.array([[s.scalars[n] for n in LABELS] for s in data])
+        np.testing.assert_allclose(stats["labels"]["mean"], every.mean(0), rtol=1e-9)
+        np.testing.assert_allclose(stats["labels"]["std"], every.std(0), rtol=1e-6)
     assert set(info["features"]) <= set(rows[0])
+    # what only the simulation knows is no observation
+    assert STATE == ("drive_mm",)
+    assert {name for name in info["features"] if name.startswith("observation")} == {
+        "observation.images.tactile", "observation.state",
+    }  # fmt: skip
+    assert set(STATE) | set(LABELS) | {"time_s"} == set(SCALARS)
+
+
+def test_lerobots_own_loader_reads_the_export(whole, tmp_path):
+    loader = pytest.importorskip("lerobot.datasets.lerobot_dataset")
+    export(whole, tmp_path / "x", "lerobot")
+    found = loader.LeRobotDataset("local/x", root=tmp_path / "x")
+    assert (found.num_episodes, found.num_frames) == (4, 24)
+    item = found[7]
+    with dataset.open(whole) as data:
+        assert tuple(item["observation.images.tactile"].shape) == (3, *data[7].frame.shape)
+        np.testing.assert_allclose(np.asarray(item["observation.images.tactile"])[0] * 255.0, data[7].frame, atol=1e-3)
+        np.testing.assert_allclose(np.asarray(item["observation.state"]), [data[7].scalars["drive_mm"]], rtol=1e-6)
 
 
 def test_a_damaged_member_is_not_exported(whole, tmp_path):

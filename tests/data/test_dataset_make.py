@@ -25,6 +25,7 @@ from typer.testing import CliRunner
 
 import evanesce.dataset as dataset
 from evanesce.cli.app import app
+from evanesce.dataset.audit import audit
 from evanesce.dataset.estimate import estimate
 from evanesce.dataset.export import export
 from evanesce.dataset.job import save_job
@@ -85,10 +86,15 @@ def test_frames_hold_what_was_asked_for(real):
             assert sample.frame.shape == sample.state.shape == sample.labels.shape == (48, 64)
             assert sample.plate.shape == (96, 96)
             if sample.scalars["Fz_N"] > 0.2:
-                lit = float(np.median(sample.frame[sample.labels.whole("contact_mask") > 0.99]))
+                lit = float(np.median(sample.frame[sample.labels.whole("contact_mask") > 0.7]))
                 dark = float(np.median(sample.frame[sample.labels.whole("contact_mask") == 0]))
                 assert lit > dark + 20  # contacts are what shines
     assert verify(real).good
+
+
+def test_the_audit_finds_nothing_wrong_in_simulated_frames(real):
+    wrong = {f.name: (f.value, f.examples) for f in audit(real) if f.verdict == "wrong"}
+    assert wrong == {}
 
 
 def test_the_estimate_is_of_the_size_that_is_written(real):
@@ -506,3 +512,14 @@ def test_parts_and_what_gathers_them(asked, real, tmp_path):
         assert "resume" in done.output
     assert runner.invoke(app, ["dataset", "resume", str(target), "--workers", "0"]).exit_code == 0
     assert contents(target) == contents(real)
+
+
+def test_making_in_one_process_takes_one_thread(tmp_path):
+    """Rationale: with ``--workers 0`` BLAS took a thread for each core, and twice the processor time."""
+    import threadpoolctl
+
+    with threadpoolctl.threadpool_limits(2):
+        make(tmp_path / "d", tiny_job(6))
+        pools = threadpoolctl.threadpool_info()
+        assert {pool["num_threads"] for pool in pools} == {1}
+        assert any(pool["user_api"] == "blas" for pool in pools)

@@ -135,9 +135,30 @@ def test_ridges_move_with_the_skin_and_stay_where_it_sticks():
     np.testing.assert_array_equal(part.contact_mask[:, :160], rest.contact_mask[:, :160])
 
 
+@pytest.mark.parametrize("pattern", ["parallel", "whorl"])
+@pytest.mark.parametrize("pitch", [0.5, 1.2])
+def test_ridges_carry_what_the_smooth_contact_carries(pattern, pitch):
+    """No force appears in a twist, strength stays mu N, and where it sticks traction stays below strength."""
+    friction = InterfaceFriction(0.03, 0.5)
+    smooth = twisted_state(GRID, (0.23, 0.11), CONTACT, twisted(CONTACT, friction, G, 0.7))
+    row = RidgeRow(pattern, pitch=pitch, width=0.5 * pitch, height=0.15, orientation=0.4)
+    found = with_ridges(smooth, row, E, origin=(0.4, -0.1))
+    cell = GRID.pitch**2
+    assert np.abs(found.traction.sum((1, 2))).max() * cell < 1e-3 * 0.7 * N
+    full = friction.tau0 * np.pi * A**2 + friction.alpha * N
+    assert found.strength.sum() * cell == pytest.approx(full, rel=2e-3)
+    assert found.pressure.sum() * cell == pytest.approx(N, rel=2e-3)
+    traction, strength = np.hypot(*found.traction), np.asarray(found.strength)
+    assert np.all(traction <= strength * (1 + 1e-3) + 1e-9)
+    outside = np.asarray(found.contact_mask) == 0
+    assert not traction[outside].any()
+    assert not strength[outside].any()
+
+
 # --- trials -----------------------------------------------------------------------------------------------------------
 
 CONFIG = tiny_config(
+    kinds={kind: 1.0 for kind in KINDS},
     trial={"frames": 40, "frame_rate_hz": 30.0},
     labels={"grid_samples": 160, "grid_size_mm": 14.0},
     programme={
@@ -179,11 +200,22 @@ def test_numbers_agree_with_the_fields(kind):
         assert 0 <= s["real_area_mm2"] <= s["nominal_area_mm2"] * (1 + 1e-12)
         assert 0 <= s["stick_ratio"] <= 1
         assert -1e-9 <= s["margin"] <= 1 + 1e-6
-        if s["torque_N_mm"]:
-            x, y = (trial.grid.x[None, :], trial.grid.y[:, None])
-            torque = (x * state.traction[1] - y * state.traction[0]).sum() * cell
-            # two scales: traction follows the ridges' pressure, so that its moment is kept to a pitch over the radius
-            assert torque == pytest.approx(s["torque_N_mm"], rel=0.15)
+        x, y = trial.grid.x[None, :] - s["centre_x_mm"], trial.grid.y[:, None] - s["centre_y_mm"]
+        torque = (x * state.traction[1] - y * state.traction[0]).sum() * cell
+        assert torque == pytest.approx(s["torque_N_mm"], rel=1e-9, abs=1e-12)
+        if kind == "rotation" and s["margin"] > 0:
+            # two scales: ridges carry within a pitch what the smooth contact carries, so that its moment is kept to
+            # the order of a pitch over the radius
+            wanted = s["margin"] * sliding_torque(trial._contact(s["Fz_N"]), trial._friction)
+            assert 0.75 * wanted < torque < 1.05 * wanted
+        stick, slip = ((state.state == value).sum() for value in (SurfaceState.STICK, SurfaceState.SLIP))
+        assert s["stick_ratio"] == pytest.approx(stick / (stick + slip), rel=1e-12)
+        traction = np.hypot(*state.traction)
+        held = state.state == SurfaceState.STICK
+        assert np.all(traction[held] <= np.asarray(state.strength)[held] * (1 + 1e-3) + 1e-3 * state.strength.max())
+        moves = np.hypot(*truth.slip_velocity)
+        assert np.all(moves[state.state == SurfaceState.SLIP] >= 1e-3)
+        assert np.all(moves[held] < 1e-3)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -11,7 +11,7 @@ import numpy as np
 import evanesce.dataset as dataset
 from evanesce.dataset.encode import decode_png
 from evanesce.dataset.export import export
-from evanesce.dataset.export_lerobot import STATE
+from evanesce.dataset.export_lerobot import LABELS
 from evanesce.dataset.labels import CHANNELS
 from evanesce.dataset.trial import SCALARS
 
@@ -77,9 +77,9 @@ def _lerobot(data: dataset.Dataset, target: Path) -> bool:
     names = ["train", "validation", "test"]  # the order of the episodes
     samples = sorted(data, key=lambda s: names.index(s.row["split"]))
     return len(rows) == len(data) and all(
-        np.array_equal(decode_png(row["observation.images.tactile"]["bytes"]), s.frame)
-        and np.array_equal(decode_png(row["observation.images.surface_state"]["bytes"]), s.state)
-        and np.float32(row["action"][0]) == np.float32(s.scalars["drive_mm"])
-        and row["observation.state"] == [float(np.float32(s.scalars[name])) for name in STATE]
+        np.array_equal(decode_png(row["observation.images.tactile"]["bytes"])[..., 0], s.frame)
+        and np.array_equal(decode_png(row["labels.surface_state"]["bytes"])[..., 0], s.state)
+        and np.float32(row["observation.state"][0]) == np.float32(s.scalars["drive_mm"])
+        and row["labels"] == [float(np.float32(s.scalars[name])) for name in LABELS]
         for row, s in zip(rows, samples, strict=True)
     )

@@ -1,4 +1,4 @@
-"""``evanesce dataset``: make, resume, verify, export, info, preview."""
+"""``evanesce dataset``: make, resume, verify, audit, export, info, preview."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ ShardOption = Annotated[
 def register(app: typer.Typer) -> None:
     """Add the group ``dataset``."""
     group = typer.Typer(help="Labelled sequences for slip detectors.", no_args_is_help=True)
-    for command in (make, resume, verify, export, info, preview):
+    for command in (make, resume, verify, audit, export, info, preview):
         group.command()(handles_errors(command))
     app.add_typer(group, name="dataset")
 
@@ -43,6 +43,9 @@ def make(
     frames: Annotated[int, typer.Option("--n", help="Frames; rounded up to complete trials.")] = 2000,
     seed: Annotated[int, typer.Option("--seed", help="The one seed.")] = 0,
     config: Annotated[Path | None, typer.Option("--config", help="TOML of the declared distributions.")] = None,
+    size: Annotated[
+        str, typer.Option("--size", help="Frames of COLSxROWS, e.g. 320x240, of the region about the contacts.")
+    ] = "",
     workers: WorkersOption = None,
     scheduler: SchedulerOption = "",
     shard: ShardOption = "",
@@ -56,11 +59,15 @@ def make(
 
     overrides = parse_overrides(override)
     require_possible(scene, config, overrides, frames)  # before anything large is imported
-    from evanesce.dataset.config import load_config
+    from evanesce.dataset.config import load_config, with_size
     from evanesce.dataset.job import new_job
     from evanesce.rig import load_scene
 
-    job = new_job(load_scene(scene, overrides), load_config(config), frames=frames, seed=seed)
+    job = new_job(load_scene(scene, overrides), with_size(load_config(config), size), frames=frames, seed=seed)
+    from evanesce.dataset.region import crop_warning
+
+    if warning := crop_warning(job.scene, job.config, job.seed, job.trials):
+        messages.print(f"warning: {warning}", highlight=False, markup=False)
     from evanesce.dataset.estimate import estimate, require_disk
     from evanesce.dataset.run import require_workers
 
@@ -146,6 +153,30 @@ def verify(folder: FolderArgument, json_file: JsonOption = None) -> None:
     if not report.good:
         raise WorkError(f"{folder}: {len(report.faults)} faults, {len(report.bad_frames)} bad frames")
     console.print("nothing wrong")
+
+
+def audit(folder: FolderArgument, json_file: JsonOption = None) -> None:
+    """Check maps against numbers, labels against motion, splits, and composition. Exit code 1 if an identity fails."""
+    check_json_target(json_file)
+    from evanesce.dataset.audit import as_dict
+    from evanesce.dataset.audit import audit as check
+    from evanesce.dataset.job import load_job
+
+    with _Frames(load_job(folder).frames) as bar:
+        findings = check(folder, bar.advance)
+    wrong = [finding for finding in findings if finding.verdict == "wrong"]
+    write_json(json_file, {"good": not wrong, "findings": [as_dict(finding) for finding in findings]})
+    table = Table(title=str(folder))
+    for name in ("check", "value", "wanted", "verdict", "wrong", "of", "first"):
+        table.add_column(name, justify="right" if name in ("value", "wrong", "of") else "left")
+    colours = {"good": "green", "wrong": "red", "low": "yellow", "none": "dim"}
+    for f in findings:
+        verdict = f"[{colours[f.verdict]}]{f.verdict}[/{colours[f.verdict]}]"
+        first = f.examples[0] if f.examples else ""
+        table.add_row(f.name, f"{f.value:.3g}", f.wanted, verdict, str(f.wrong), f"{f.of} {f.unit}", first)
+    console.print(table)
+    if wrong:
+        raise WorkError(f"{folder}: {len(wrong)} identities fail, the first: {wrong[0].name}")
 
 
 def export(

@@ -48,8 +48,10 @@ def reshaped_state(
         found = [map_coordinates(part, indices, order=1, mode="nearest") for part in flat]
         return np.stack(found).reshape(field.shape)
 
+    def optional(field: FloatMap | None, factor: float = 1.0) -> Array | None:
+        return None if field is None else moved(field) / factor
+
     labels = None if state.state is None else map_coordinates(state.state, indices, order=0, mode="nearest")
-    real = state.real_contact_fraction
     pressure = moved(state.pressure) / change
     carried = float(pressure.sum()) * grid.pitch**2
     before = float(np.asarray(state.pressure, dtype=float).sum()) * grid.pitch**2
@@ -63,10 +65,12 @@ def reshaped_state(
         gap=moved(state.gap),
         contact_mask=mask_with_sum(mask, mask, area / grid.pitch**2),
         nominal_contact_area=area,
-        traction=None if state.traction is None else moved(state.traction) / change,
-        slip=None if state.slip is None else moved(state.slip),
+        traction=optional(state.traction, change),
+        strength=optional(state.strength, change),
+        slip=optional(state.slip),
+        slip_velocity=optional(state.slip_velocity),
         state=labels,
-        real_contact_fraction=None if real is None else moved(real),
+        real_contact_fraction=optional(state.real_contact_fraction),
     )
 
 

@@ -92,6 +92,19 @@ class PlateGrid:
         return (y - self.y[0]) / self.pitch, (x - self.x[0]) / self.pitch
 
 
+_FIELDS = (
+    "pressure",
+    "gap",
+    "contact_mask",
+    "state",
+    "real_contact_fraction",
+    "traction",
+    "slip",
+    "slip_velocity",
+    "strength",
+)
+
+
 @dataclass(frozen=True, kw_only=True)
 class ContactState:
     """Contact of the finger with the glass at one instant: the ground truth.
@@ -113,6 +126,10 @@ class ContactState:
         Approach of the finger [mm]; NaN where the law has none.
     traction, slip : ndarray (2, rows, cols), optional
         Tangential traction (x, y) [MPa] and slip displacement [mm].
+    slip_velocity : ndarray (2, rows, cols), optional
+        Of the skin over the glass (x, y) [mm/s].
+    strength : ndarray (rows, cols), optional
+        Shear strength: the traction at which a cell slips [MPa].
     state : ndarray of uint8 (rows, cols), optional
         :class:`SurfaceState` of each cell.
     real_contact_fraction : ndarray (rows, cols), optional
@@ -137,6 +154,8 @@ class ContactState:
     depth: float = float("nan")
     traction: FloatMap | None = None
     slip: FloatMap | None = None
+    slip_velocity: FloatMap | None = None
+    strength: FloatMap | None = None
     state: NDArray[np.uint8] | None = None
     real_contact_fraction: FloatMap | None = None
     tangential_force: tuple[float, float] = (0.0, 0.0)
@@ -144,7 +163,7 @@ class ContactState:
     parameters: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in ("pressure", "gap", "contact_mask", "state", "real_contact_fraction", "traction", "slip"):
+        for name in _FIELDS:
             array = getattr(self, name)
             if array is None:
                 continue

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -11,7 +12,7 @@ from pydantic import Field, model_validator
 from evanesce.core.errors import InputError
 from evanesce.core.quantities import Strict, field
 from evanesce.dataset.distributions import Distribution, choice, constant, log_uniform, uniform
-from evanesce.dataset.limits import MAX_CONFIG_BYTES, MAX_SHARD_FRAMES
+from evanesce.dataset.limits import MAX_CONFIG_BYTES, MAX_SHARD_FRAMES, MAX_SIDE_PX, MIN_SIDE_PX
 from evanesce.effects import all_effects
 from evanesce.materials import material_names
 from evanesce.rig.load import validate
@@ -23,13 +24,13 @@ KINDS = ("slide", "load_stop", "wiggle", "rotation", "ramp", "release", "change"
 class Kinds(Strict):
     """Relative weights of the kinds of trial."""
 
-    slide: float = field(0.5, unit="1", bounds=(0.0, 1e6))
-    load_stop: float = field(0.1, unit="1", bounds=(0.0, 1e6))
-    wiggle: float = field(0.1, unit="1", bounds=(0.0, 1e6))
-    rotation: float = field(0.075, unit="1", bounds=(0.0, 1e6))
-    ramp: float = field(0.075, unit="1", bounds=(0.0, 1e6))
-    release: float = field(0.075, unit="1", bounds=(0.0, 1e6))
-    change: float = field(0.075, unit="1", bounds=(0.0, 1e6))
+    slide: float = field(0.7, unit="1", bounds=(0.0, 1e6))
+    load_stop: float = field(0.04, unit="1", bounds=(0.0, 1e6))
+    wiggle: float = field(0.08, unit="1", bounds=(0.0, 1e6))
+    rotation: float = field(0.08, unit="1", bounds=(0.0, 1e6))
+    ramp: float = field(0.03, unit="1", bounds=(0.0, 1e6))
+    release: float = field(0.04, unit="1", bounds=(0.0, 1e6))
+    change: float = field(0.03, unit="1", bounds=(0.0, 1e6))
 
     @model_validator(mode="after")
     def _some(self) -> Self:
@@ -49,21 +50,27 @@ def _require(model: Strict, section: str, bounds: dict[str, tuple[float, float, 
 
 
 class Programme(Strict):
-    """Loading programme of a trial; drawn for each."""
+    """Loading programme of a trial; drawn for each.
 
-    normal_force_N: Distribution = uniform(0.5, 2.5)
+    A slide drives the finger to and fro: up to gross slip, ``distance_mm`` on, and back, ``reversals`` times, at
+    ``speed_mm_per_s`` or as much faster as gross slip within the trial needs. Long distances and few reversals give
+    more frames of gross slip, short ones and many more of partial slip; press and hold times give those of stick.
+    """
+
+    normal_force_N: Distribution = uniform(0.5, 1.5)
     preload_N: Distribution = constant(0.05)
-    press_time_s: Distribution = uniform(0.3, 0.7)
-    hold_time_s: Distribution = uniform(0.1, 0.4)
-    speed_mm_per_s: Distribution = log_uniform(1.0, 25.0)
-    distance_mm: Distribution = uniform(1.0, 3.5)
+    press_time_s: Distribution = uniform(0.2, 0.4)
+    hold_time_s: Distribution = uniform(0.05, 0.2)
+    speed_mm_per_s: Distribution = log_uniform(0.5, 6.0)
+    distance_mm: Distribution = uniform(0.5, 1.1)
+    reversals: Distribution = choice(0.0, 100.0, 100.0)
     direction_deg: Distribution = uniform(-180.0, 180.0)
     contact_angle_deg: Distribution = choice(0.0, 45.0)
     wiggle_share: Distribution = uniform(0.3, 0.9)
     wiggle_frequency_hz: Distribution = uniform(1.0, 4.0)
     rotation_share: Distribution = uniform(0.3, 0.95)
-    second_force_share: Distribution = uniform(0.4, 1.6)
-    shift_mm: Distribution = uniform(-1.0, 1.0)
+    second_force_share: Distribution = uniform(0.4, 1.25)
+    shift_mm: Distribution = uniform(-0.6, 0.6)
 
     @model_validator(mode="after")
     def _bounds(self) -> Self:
@@ -78,6 +85,7 @@ _PROGRAMME = {
     "hold_time_s": (0.0, 1000.0, "s"),
     "speed_mm_per_s": (0.01, 1000.0, "mm/s"),
     "distance_mm": (0.01, 100.0, "mm"),
+    "reversals": (0.0, 10_000.0, ""),
     "direction_deg": (-180.0, 180.0, "deg"),
     "contact_angle_deg": (0.0, 45.0, "deg"),
     "wiggle_share": (0.01, 0.98, "of the sliding force"),
@@ -92,7 +100,7 @@ class Friction(Strict):
     """Interfaces: ``levels`` of them are drawn; a trial has one."""
 
     levels: int = field(16, unit="1", bounds=(1, 100_000))
-    friction_coefficient: Distribution = log_uniform(0.3, 2.0)
+    friction_coefficient: Distribution = log_uniform(0.3, 1.2)
     adhesive_share: Distribution = uniform(0.0, 0.6)
     dynamic_ratio: Distribution = uniform(0.7, 1.0)
     weakening_distance_mm: Distribution = log_uniform(0.02, 0.2)
@@ -118,13 +126,13 @@ class Fingers(Strict):
     """Fingers: ``count`` of them are drawn; a trial has one."""
 
     count: int = field(12, unit="1", bounds=(1, 100_000))
-    material: Distribution = choice("silskin_0", "silskin_20")
+    material: Distribution = constant("silskin_0")
     tip_radius_mm: Distribution = constant(7.5)
     ridged_share: float = field(0.75, unit="1", bounds=(0.0, 1.0), doc="share of fingers that have ridges")
     pattern: Distribution = choice("parallel", "concentric", "loop", "whorl")
     ridge_pitch_um: Distribution = uniform(500.0, 1200.0)
     ridge_width_share: Distribution = uniform(0.4, 0.6)
-    ridge_height_um: Distribution = uniform(30.0, 80.0)
+    ridge_height_um: Distribution = uniform(100.0, 200.0)
     ridge_orientation_deg: Distribution = uniform(-90.0, 90.0)
     shaft_stiffness_N_per_mm: Distribution = log_uniform(2.0, 30.0)
     axial_over_bending: Distribution = log_uniform(2.0, 10.0)
@@ -171,8 +179,13 @@ MOVES_PIXELS = {
     "distortion_drift": "labels would not follow: draw camera.lens.distortion.k1 instead",
 }
 """Effects that displace the image, and why they are not drawn."""
+ACTS_TWICE = {
+    "shear_area_loss": "friction.area_left takes the area, by each trial's own force: draw that",
+}
+"""Effects whose physics every trial has, and where it is set."""
 NOT_DRAWN = {
     **MOVES_PIXELS,
+    **ACTS_TWICE,
     "card_offset": "not observable: no printed card is in a frame",
     "frame_rate": "not observable: it changes the time stamps of a camera; time_s is the true time",
     "square_size": "not observable: no printed card is in a frame",
@@ -228,24 +241,48 @@ class Labels(Strict):
 
     precision: Literal["half", "float"] = "half"
     raw: bool = False
-    grid_size_mm: float = field(16.0, unit="mm", bounds=(1.0, 200.0), doc="side of the contact plane that is sampled")
-    grid_samples: int = field(512, unit="1", bounds=(32, 8192), doc="along that side, of the labels on the plate plane")
+    grid_size_mm: float = field(10.0, unit="mm", bounds=(1.0, 200.0), doc="side of the contact plane that is sampled")
+    grid_samples: int = field(320, unit="1", bounds=(32, 8192), doc="along that side, of the labels on the plate plane")
     margin_mm: float = field(0.5, unit="mm", bounds=(0.0, 50.0), doc="around the contact, in which the gap is kept")
     near_gap_mm: float = field(0.01, unit="mm", bounds=(1e-6, 1.0), doc="below which a surface counts as near")
     first_slip_share: float = field(0.05, unit="1", bounds=(1e-4, 0.9), doc="slipping share of area: first slip")
 
 
 class CameraOptions(Strict):
-    """Camera options; ``scale``: the same view on fewer, larger pixels."""
+    """Camera options: the camera's whole view, on ``scale`` times as many pixels a side, or a region about the finger.
+
+    ``size_px`` (columns, rows) reads out ``region_mm`` (width, height) about the finger's position, by default the
+    smallest region that holds the contacts of the dataset.
+    """
 
     scale: float = field(1.0, unit="1", bounds=(0.01, 2.0))
+    size_px: tuple[int, int] | None = None
+    region_mm: tuple[float, float] | None = None
     backend: Literal["numpy", "llvm"] = "numpy"
+
+    @model_validator(mode="after")
+    def _one_view(self) -> Self:
+        if self.size_px is None:
+            if self.region_mm is not None:
+                raise ValueError("camera.region_mm without camera.size_px (allowed: both, or neither)")
+            return self
+        if self.scale != 1.0:
+            raise ValueError("camera.size_px and camera.scale (allowed: one of them)")
+        if not all(MIN_SIDE_PX <= side <= MAX_SIDE_PX for side in self.size_px):
+            raise ValueError(f"camera.size_px = {list(self.size_px)} (allowed: {MIN_SIDE_PX} to {MAX_SIDE_PX} a side)")
+        if self.region_mm is not None:
+            (cols, rows), (width, height) = self.size_px, self.region_mm
+            if not (0.1 <= width <= 1000.0 and abs(height * cols / (width * rows) - 1.0) < 0.01):
+                raise ValueError(
+                    f"camera.region_mm = {list(self.region_mm)} (allowed: 0.1 to 1000 mm wide, with square pixels)"
+                )
+        return self
 
 
 class Split(Strict):
-    """Split by fingers, friction levels or rigs, never by single frames."""
+    """Shares of the trials; no finger and no rig is in two splits, with ``finger_rig_friction`` no friction level."""
 
-    by: Literal["finger", "friction", "rig"] = "finger"
+    by: Literal["finger_rig", "finger_rig_friction"] = "finger_rig"
     validation: float = field(0.15, unit="1", bounds=(0.0, 0.9))
     test: float = field(0.25, unit="1", bounds=(0.0, 0.9))
 
@@ -319,3 +356,21 @@ def load_config(path: Path | None) -> DatasetConfig:
     except (ValueError, RecursionError) as error:
         raise InputError(f"not valid TOML: {error}", file=path) from None
     return validate(DatasetConfig, data, path)
+
+
+def with_size(config: DatasetConfig, size: str) -> DatasetConfig:
+    """Return a configuration whose frames have a size, ``320x240``; empty: as it is.
+
+    Raises
+    ------
+    InputError
+        If it is no size, or one that the configuration does not go with.
+    """
+    if not size:
+        return config
+    found = re.fullmatch(r"(\d{1,5})x(\d{1,5})", size)
+    if found is None:
+        raise InputError(repr(size), key="--size", allowed="COLSxROWS, e.g. 320x240")
+    camera = {**config.camera.model_dump(exclude_none=True), "size_px": (int(found[1]), int(found[2]))}
+    camera.pop("region_mm", None)
+    return config.model_copy(update={"camera": validate(CameraOptions, camera, "--size")})

@@ -5,14 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from evanesce.contact.analytic.hertz import hertz_pressure, hertz_radius
+from evanesce.contact.ridges.profile import closure_pressure, profile_exponent
 from evanesce.dataset import baselines, layout
 from evanesce.dataset.config import KINDS
+from evanesce.dataset.design import TrialPlan, trial_plan
 from evanesce.dataset.job import Job
 from evanesce.dataset.labels import CHANNELS
 from evanesce.dataset.manifest import Manifest
 from evanesce.dataset.trial import MEANINGS, SCALARS
+from evanesce.materials import material
 
 CROISSANT = "http://mlcommons.org/croissant/1.0"
+COUNTED_TRIALS = 1000
+"""Number of trials that the card counts ridges of."""
 RESPONSIBLE = "http://mlcommons.org/croissant/RAI/1.0"
 
 
@@ -81,8 +87,9 @@ def croissant(job: Job, manifest: Manifest) -> dict[str, Any]:
             f"{len(manifest.frames())} simulated frames of {job.trials} presses and slides of a silicone finger on an"
             f" FTIR tactile plate at {job.config.trial.frame_rate_hz:g} Hz, {cols} x {rows} px, with per-pixel truth:"
             f" {units}. Negatives: {kinds}. Labels are in the distorted frame (labels.exr, mask.png) and on the"
-            " undistorted plate plane (plate.exr), on a fixed physical scale. Splits are by groups of one"
-            f" {job.config.split.by}. Simulated, not measured: Hertz with partial slip, ridges in two scales."
+            " undistorted plate plane (plate.exr), on a fixed physical scale. No"
+            f" {' and no '.join(job.config.split.by.split('_'))} is in two splits. {_composition(job)}"
+            " Simulated, not measured: Hertz with partial slip, ridges in two scales."
             f" {_effects(job)}"
         ),
         "rai:dataUseCases": f"Training and testing detectors of incipient slip. {baselines.summary()}",
@@ -140,6 +147,32 @@ def _effects(job: Job) -> str:
         f"Each of these effects is on in {100 * options.probability:g} % of the rigs: {', '.join(drawn)}. A trial whose"
         f" finger an effect does not apply to is made without it, and lists it. Not drawn: {left_out}."
     )
+
+
+def _composition(job: Job) -> str:
+    """Return a sentence on ridges and friction of the trials."""
+    plans = [trial_plan(job.config, job.seed, index) for index in range(min(job.trials, COUNTED_TRIALS))]
+    ridged = [plan.finger for plan in plans if plan.finger.pattern]
+    if not ridged:
+        return "No finger has ridges."
+    heights, pitches = ([getattr(f, name) for f in ridged] for name in ("ridge_height_um", "ridge_pitch_um"))
+    return (
+        f"{100 * len(ridged) / len(plans):.0f} % of the trials are of fingers with ridges {min(heights):.0f} to"
+        f" {max(heights):.0f} um high and {min(pitches):.0f} to {max(pitches):.0f} um apart; of which the contact's"
+        f" core keeps texture in {100 * sum(map(_stays_open, plans)) / len(plans):.0f} % of all trials."
+    )
+
+
+def _stays_open(plan: TrialPlan) -> bool:
+    """Return whether furrows half way to the rim stay open under the held force: Hertz's pressure against closure's."""
+    finger, force = plan.finger, plan.programme["normal_force_N"]
+    if not finger.pattern:
+        return False
+    modulus = float(material(finger.material).reduced_modulus(force))
+    radius = float(hertz_radius(force, finger.tip_radius_mm, modulus))
+    exponent = profile_exponent(finger.ridge_width_um, finger.ridge_pitch_um)
+    closes = closure_pressure(modulus, finger.ridge_height_um, finger.ridge_pitch_um, exponent)
+    return float(hertz_pressure(0.5 * radius, force, radius)) < closes
 
 
 def _members(job: Job) -> dict[str, str]:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from evanesce.core import rng
-from evanesce.dataset.config import KINDS, DatasetConfig, Programme
+from evanesce.dataset.config import KINDS, DatasetConfig, Programme, Split
 from evanesce.effects import all_effects
 from evanesce.effects.protocol import Effect
 
@@ -27,6 +27,9 @@ ELAPSED: dict[str, tuple[str, float, float]] = {
 }
 """Effects that grow over times much longer than a trial: the parameter with the time elapsed before the trial, and the
 bounds of its log-uniform distribution [s]."""
+
+ITS_TRIALS_MOTION = ("rolling_skew",)
+"""Effects of motion: that of each trial, so that none of their own is drawn."""
 
 PROGRAMME_KEYS = tuple(Programme.model_fields)
 
@@ -91,6 +94,20 @@ def quantiles(seed: int, stream: str, dimensions: int, index: int) -> np.ndarray
     return _points(seed, stream, dimensions, index // BLOCK)[index % BLOCK]
 
 
+def stratum(seed: int, stream: str, index: int) -> float:
+    """Return a stratified random number in (0, 1): every :data:`BLOCK` of them are evenly spaced, in random order.
+
+    For what goes on with the number of a trial while its own draws do: two Sobol sequences over indices that share
+    their binary digits are not independent, so that a split would have some kinds of trial only.
+    """
+    return float((_order(seed, stream, index // BLOCK)[index % BLOCK] + 0.5) / BLOCK)
+
+
+@functools.lru_cache(maxsize=64)
+def _order(seed: int, stream: str, block: int) -> np.ndarray:
+    return rng.generator(seed, "dataset", stream, block).permutation(BLOCK)
+
+
 @functools.lru_cache(maxsize=64)
 def _points(seed: int, stream: str, dimensions: int, block: int) -> np.ndarray:
     generator = rng.generator(seed, "dataset", stream)
@@ -145,6 +162,8 @@ def draw_effect(effect: Effect, strength: float, stream: np.random.Generator) ->
     A parameter with start values (it has no derivative at null) is drawn about one of them; others are normal about
     their null, folded where the null lies on a bound. Effects that grow with time get a time of :data:`ELAPSED`.
     """
+    if effect.id in ITS_TRIALS_MOTION:
+        return dict(effect.parameters().model_dump(mode="json"))
     values: dict[str, float] = {}
     for candidate in effect.candidate_parameters():
         low, high = candidate.bounds
@@ -167,46 +186,78 @@ def draw_effect(effect: Effect, strength: float, stream: np.random.Generator) ->
     return table
 
 
-@functools.lru_cache(maxsize=64)
-def _split_of_groups(count: int, by: str, validation: float, test: float, seed: int) -> tuple[str, ...]:
-    """Return the split of each group: a seeded permutation, divided by shares; a single group is for training."""
-    order = rng.generator(seed, "dataset", "split", by).permutation(count)
-    test_count = min(round(test * count), count - 1)
-    validation_count = min(round(validation * count), count - 1 - test_count)
-    found = ["train"] * count
-    for position, group in enumerate(order.tolist()):
-        if position < test_count:
-            found[group] = "test"
-        elif position < test_count + validation_count:
-            found[group] = "validation"
-    return tuple(found)
+SPLITS = ("train", "validation", "test")
 
 
-def split_of(config: DatasetConfig, seed: int, *, finger: int, friction: int, rig: int) -> str:
-    """Return ``train``, ``validation`` or ``test`` of a trial by its group."""
+@dataclass(frozen=True)
+class SplitGroups:
+    """The groups of each split, in the order of :data:`SPLITS`.
+
+    Attributes
+    ----------
+    finger, rig, friction : tuple of tuple of int
+        Indices; a split without one of them has no trials.
+    """
+
+    finger: tuple[tuple[int, ...], ...]
+    rig: tuple[tuple[int, ...], ...]
+    friction: tuple[tuple[int, ...], ...]
+
+    def split_at(self, quantile: float, split: Split) -> int:
+        """Return the number of the split at a quantile; training takes the share of those without groups."""
+        for number, share in ((2, split.test), (1, split.validation)):
+            if self.finger[number] and self.rig[number] and self.friction[number]:
+                if quantile < share:
+                    return number
+                quantile -= share
+        return 0
+
+
+def split_groups(config: DatasetConfig, seed: int) -> SplitGroups:
+    """Divide fingers, rigs and, where asked for, friction levels among the splits."""
     s = config.split
-    counts = {"finger": config.finger.count, "friction": config.friction.levels, "rig": config.rig.count}
-    group = {"finger": finger, "friction": friction, "rig": rig}[s.by]
-    return _split_of_groups(counts[s.by], s.by, s.validation, s.test, seed)[group]
+    counts = {"finger": config.finger.count, "rig": config.rig.count, "friction": config.friction.levels}
+    found = {
+        name: _divided(count, name, s.validation, s.test, seed)
+        if name in s.by.split("_")
+        else (tuple(range(count)),) * len(SPLITS)
+        for name, count in counts.items()
+    }
+    return SplitGroups(**found)
+
+
+@functools.lru_cache(maxsize=64)
+def _divided(count: int, name: str, validation: float, test: float, seed: int) -> tuple[tuple[int, ...], ...]:
+    """Return the groups of each split: a seeded permutation, divided by shares; each split gets one if there are."""
+    order = [int(i) for i in rng.generator(seed, "dataset", "split", name).permutation(count)]
+    tested = min(max(round(test * count), test > 0), count - 1)
+    validated = min(max(round(validation * count), validation > 0), count - 1 - tested)
+    parts = order[tested + validated :], order[tested : tested + validated], order[:tested]
+    return tuple(tuple(sorted(part)) for part in parts)
 
 
 def trial_plan(config: DatasetConfig, seed: int, index: int) -> TrialPlan:
-    """Draw trial ``index``."""
+    """Draw trial ``index``: first the split of its block of trials on one rig, then groups of that split."""
     u = quantiles(seed, "trial", 3 + len(PROGRAMME_KEYS), index)
     weights = np.cumsum(config.kinds.weights)
     kind = KINDS[int(np.searchsorted(weights / weights[-1], u[0], side="right"))]
-    finger = min(int(u[1] * config.finger.count), config.finger.count - 1)
-    friction = min(int(u[2] * config.friction.levels), config.friction.levels - 1)
-    rig = index // config.rig.trials_in_a_row % config.rig.count
+    groups, block = split_groups(config, seed), index // config.rig.trials_in_a_row
+    split = groups.split_at(stratum(seed, "block_split", block), config.split)
+    finger, friction = _pick(groups.finger[split], u[1]), _pick(groups.friction[split], u[2])
+    rig = _pick(groups.rig[split], stratum(seed, "block_rig", block))
     programme = {
         key: float(getattr(config.programme, key).at(float(q))) for key, q in zip(PROGRAMME_KEYS, u[3:], strict=True)
     }
     return TrialPlan(
         index=index,
         kind=kind,
-        split=split_of(config, seed, finger=finger, friction=friction, rig=rig),
+        split=SPLITS[split],
         finger=finger_plan(config, seed, finger),
         friction=friction_plan(config, seed, friction),
         rig=rig_plan(config, seed, rig),
         programme=programme,
     )
+
+
+def _pick(groups: tuple[int, ...], quantile: float) -> int:
+    return groups[min(int(quantile * len(groups)), len(groups) - 1)]

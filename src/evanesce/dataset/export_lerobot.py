@@ -1,5 +1,7 @@
 """Export to LeRobot's layout, version 3.0: trials as episodes; frames and state masks as lossless images in Parquet.
 
+What a robot would know (frame, position of its drive) are observations, what only the simulation knows (forces, areas,
+stick ratio, state masks) are labels: a policy trained on ``observation.*`` sees no truth. Images have three channels.
 Images are in the data file (``dtype: image``), not in a video, because H.264 is lossy.
 """
 
@@ -15,6 +17,7 @@ import pyarrow.parquet as pq
 
 from evanesce.core.errors import InputError
 from evanesce.dataset import layout
+from evanesce.dataset.encode import decode_png, png
 from evanesce.dataset.export import Advance
 from evanesce.dataset.read import Dataset, Sample
 from evanesce.dataset.trial import SCALARS
@@ -25,15 +28,19 @@ EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 FILE_BYTES = 100_000_000
 CHUNK_FILES = 1000
 SPLITS = ("train", "validation", "test")
-STATE = tuple(name for name in SCALARS if name not in ("drive_mm", "time_s"))
-"""Numbers that make up ``observation.state``; the drive is the action."""
+STATE = ("drive_mm",)
+"""Numbers that make up ``observation.state``; the action is that of the next frame."""
+LABELS = tuple(name for name in SCALARS if name not in (*STATE, "time_s"))
+"""Numbers that make up ``labels``."""
+TACTILE, SURFACE = "observation.images.tactile", "labels.surface_state"
 
 _IMAGE = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
 _SCHEMA = pa.schema(
     [
-        ("observation.images.tactile", _IMAGE),
-        ("observation.images.surface_state", _IMAGE),
+        (TACTILE, _IMAGE),
+        (SURFACE, _IMAGE),
         ("observation.state", pa.list_(pa.float32(), len(STATE))),
+        ("labels", pa.list_(pa.float32(), len(LABELS))),
         ("action", pa.list_(pa.float32(), 1)),
         ("timestamp", pa.float32()),
         ("frame_index", pa.int64()),
@@ -65,8 +72,10 @@ def write(dataset: Dataset, folder: Path, advance: Advance) -> None:
             sample = dataset[i]
             task = tasks.setdefault(sample.meta["kind"], len(tasks))
             rows.append(_row(sample, number, position, done + position, task))
-            stats.add(rows[-1], sample)
             advance(1)
+        for row, after in zip(rows, [*rows[1:], rows[-1]], strict=True):
+            row["action"] = after["observation.state"]
+            stats.add(row)
         chunk, file = writer.add(rows)
         kind = dataset[indices[0]].meta["kind"]
         episodes.append(
@@ -110,10 +119,10 @@ def _ranges(episodes: list[dict[str, Any]]) -> dict[str, str]:
 def _row(sample: Sample, episode: int, position: int, index: int, task: int) -> dict[str, Any]:
     fps = float(sample.scalars["time_s"])
     return {
-        "observation.images.tactile": {"bytes": sample.bytes_of("frame.png"), "path": f"{sample.key}.frame.png"},
-        "observation.images.surface_state": {"bytes": sample.bytes_of("mask.png"), "path": f"{sample.key}.mask.png"},
+        TACTILE: {"bytes": png(_three(sample.frame)), "path": f"{sample.key}.frame.png"},
+        SURFACE: {"bytes": png(_three(sample.state)), "path": f"{sample.key}.mask.png"},
         "observation.state": [sample.scalars[name] for name in STATE],
-        "action": [sample.scalars["drive_mm"]],
+        "labels": [sample.scalars[name] for name in LABELS],
         "timestamp": fps,
         "frame_index": position,
         "episode_index": episode,
@@ -131,7 +140,7 @@ class _Files:
 
     def add(self, rows: list[dict[str, Any]]) -> tuple[int, int]:
         """Append an episode; return the chunk and file it went to."""
-        size = sum(len(row["observation.images.tactile"]["bytes"]) for row in rows)
+        size = sum(len(row[TACTILE]["bytes"]) for row in rows)
         if self._writer is None or self._size + size > FILE_BYTES:
             self.close()
             self._number, self._size = self._number + 1, 0
@@ -151,8 +160,9 @@ class _Files:
             self._writer = None
 
 
-def _channels(image: np.ndarray) -> int:
-    return 1 if image.ndim == 2 else image.shape[2]
+def _three(image: np.ndarray) -> np.ndarray:
+    """Return an image with three channels, as LeRobot's policies take them."""
+    return np.repeat(image[..., None], 3, axis=2) if image.ndim == 2 else image
 
 
 class _Stats:
@@ -161,15 +171,23 @@ class _Stats:
     def __init__(self) -> None:
         self._sums: dict[str, list[Any]] = {}
 
-    def add(self, row: dict[str, Any], sample: Sample) -> None:
+    def add(self, row: dict[str, Any]) -> None:
         """Include a frame."""
-        for name in ("observation.state", "action", "timestamp", "frame_index", "episode_index", "index", "task_index"):
+        for name in (
+            "observation.state",
+            "labels",
+            "action",
+            "timestamp",
+            "frame_index",
+            "episode_index",
+            "index",
+            "task_index",
+        ):
             self._take(name, np.atleast_1d(np.asarray(row[name], np.float64)), 1)
-        for name, image in (("tactile", sample.frame), ("surface_state", sample.state)):
+        for name in (TACTILE, SURFACE):
             # LeRobot's images are in [0, 1] with a channel axis first.
-            values = image.astype(np.float64).reshape(-1, _channels(image)) / 255.0
-            moments = [values.min(0), values.max(0), values.sum(0), (values**2).sum(0), len(values)]
-            self._merge(f"observation.images.{name}", moments)
+            values = decode_png(row[name]["bytes"]).astype(np.float64).reshape(-1, 3) / 255.0
+            self._merge(name, [values.min(0), values.max(0), values.sum(0), (values**2).sum(0), len(values)])
 
     def _take(self, name: str, value: np.ndarray, count: int) -> None:
         self._merge(name, [value, value, value, value**2, count])
@@ -189,7 +207,7 @@ class _Stats:
             mean = total / count
             deviation = np.sqrt(np.maximum(squares / count - mean**2, 0.0))
             values = {"min": low, "max": high, "mean": mean, "std": deviation}
-            image = name.startswith("observation.images")
+            image = name in (TACTILE, SURFACE)
             shown = {k: [[[x]] for x in v.tolist()] if image else v.tolist() for k, v in values.items()}
             found[name] = shown | {"count": [frames]}
         return found
@@ -199,15 +217,13 @@ def _meta(
     dataset: Dataset, folder: Path, tasks: dict[str, int], episodes: list[dict[str, Any]], stats: _Stats, frames: int
 ) -> None:
     names = ["height", "width", "channels"]
-    tactile, state = (
-        {"dtype": "image", "shape": [*one.shape[:2], _channels(one)], "names": names}
-        for one in (dataset[0].frame, dataset[0].state)
-    )
+    image = {"dtype": "image", "shape": [*dataset[0].frame.shape[:2], 3], "names": names}
     scalar = {"dtype": "int64", "shape": [1], "names": None}
     features = {
-        "observation.images.tactile": tactile,
-        "observation.images.surface_state": state,
+        TACTILE: image,
+        SURFACE: image,
         "observation.state": {"dtype": "float32", "shape": [len(STATE)], "names": list(STATE)},
+        "labels": {"dtype": "float32", "shape": [len(LABELS)], "names": list(LABELS)},
         "action": {"dtype": "float32", "shape": [1], "names": ["drive_mm"]},
         "timestamp": {"dtype": "float32", "shape": [1], "names": None},
         "frame_index": scalar,

@@ -13,8 +13,10 @@ from typing import Any
 from evanesce.core import provenance
 from evanesce.core.errors import InputError
 from evanesce.dataset import layout
-from evanesce.dataset.config import MOVES_PIXELS, DatasetConfig
+from evanesce.dataset.config import ACTS_TWICE, MOVES_PIXELS, DatasetConfig
+from evanesce.dataset.design import ITS_TRIALS_MOTION
 from evanesce.dataset.limits import require_count, require_frame, resolution
+from evanesce.effects import active_effects
 from evanesce.rig import Scene
 
 CONTACT_MARGIN = 1.1
@@ -79,7 +81,7 @@ class Job:
     @property
     def resolution(self) -> tuple[int, int]:
         """(columns, rows) of a frame."""
-        return resolution(self.scene.camera.resolution_px, self.config.camera.scale)
+        return resolution(self.scene.camera.resolution_px, self.config.camera.scale, self.config.camera.size_px)
 
     def describe(self) -> dict[str, Any]:
         """Return the content of ``dataset.json``."""
@@ -117,9 +119,20 @@ def new_job(scene: Scene, config: DatasetConfig, *, frames: int, seed: int) -> J
     require_count(frames)
     if scene.finger.height_map is not None:
         raise InputError("a height map does not slide", key="finger.height_map", allowed="finger.ridges, or neither")
-    for name in MOVES_PIXELS.keys() & scene.effects.keys():
-        raise InputError(MOVES_PIXELS[name], key=f"effects.{name}", allowed="a scene without it")
+    refused = MOVES_PIXELS | ACTS_TWICE
+    for name in sorted(refused.keys() & scene.effects.keys()):
+        raise InputError(refused[name], key=f"effects.{name}", allowed="a scene without it")
+    for entry in active_effects(scene):
+        if entry.effect.id in ITS_TRIALS_MOTION and not entry.effect.is_null(entry.parameters):
+            raise InputError(
+                "the motion is each trial's own", key=f"effects.{entry.effect.id}", allowed="readout_ms alone"
+            )
     per = config.trial.frames
+    if config.camera.size_px is not None and config.camera.region_mm is None:
+        from evanesce.dataset.region import fitted_region
+
+        region = fitted_region(scene, config, seed, math.ceil(frames / per))
+        config = config.model_copy(update={"camera": config.camera.model_copy(update={"region_mm": region})})
     job = Job(scene, config, seed, math.ceil(frames / per) * per)
     require_frame(*job.resolution, config.labels.grid_samples)
     _contact_fits(job)
@@ -151,7 +164,7 @@ def _contact_fits(job: Job) -> None:
     widest = max(float(hertz_radius(force, radius, float(material(n).reduced_modulus(force)))) for n in names)
     widest *= CONTACT_MARGIN
     shift = max(abs(float(v)) for v in config.programme.shift_mm.support())
-    travel = max(0.5 * float(config.programme.distance_mm.support()[1]), shift) + _wiggle_reach(config)
+    travel = max(shift, 0.5 * float(config.programme.distance_mm.support()[1]) + _stick_reach(config, force, radius))
     need = 2.0 * (widest + travel) * 1.02 + 4 * config.labels.grid_size_mm / config.labels.grid_samples
     if need > config.labels.grid_size_mm:
         raise InputError(
@@ -165,15 +178,23 @@ def _contact_fits(job: Job) -> None:
         )  # fmt: skip
 
 
-def _wiggle_reach(config: DatasetConfig) -> float:
-    """Return the largest displacement of the tip in a wiggle [mm]: the softest shaft under the largest force."""
-    if config.kinds.wiggle == 0:
+def _stick_reach(config: DatasetConfig, force_N: float, radius_mm: float) -> float:
+    """Return half of the tip's largest way to gross slip [mm]: mu (E*/G*) a^2/R, and tau0 adds a third at most."""
+    from evanesce.contact.analytic.hertz import hertz_radius
+    from evanesce.contact.analytic.partial_slip import tangential_modulus
+    from evanesce.materials import material
+
+    if config.kinds.wiggle == config.kinds.slide == 0:
         return 0.0
-    force = float(config.programme.normal_force_N.support()[1]) * float(
-        config.friction.friction_coefficient.support()[1]
-    )
-    # The tip itself moves only by the contact's own compliance, some tenth of the shaft's.
-    return 0.1 * force / float(config.finger.shaft_stiffness_N_per_mm.support()[0])
+    friction = float(config.friction.friction_coefficient.support()[1])
+    ways = []
+    for name in config.finger.material.support():
+        silicone = material(str(name))
+        modulus = float(silicone.reduced_modulus(force_N))
+        shear = float(tangential_modulus(modulus, silicone.poisson_ratio))
+        depth = float(hertz_radius(force_N, radius_mm, modulus)) ** 2 / radius_mm
+        ways.append(0.5 * friction * modulus / shear * depth)
+    return max(ways)
 
 
 def save_job(folder: Path, job: Job) -> None:

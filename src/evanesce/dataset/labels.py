@@ -23,14 +23,16 @@ CHANNELS: dict[str, str] = {
     "gap": "mm",
     "traction.x": "MPa",
     "traction.y": "MPa",
+    "strength": "MPa",
     "slip.x": "mm",
     "slip.y": "mm",
     "slip_velocity.x": "mm/s",
     "slip_velocity.y": "mm/s",
 }
-"""Channels of the labels and their units. Traction: of the finger on the glass; slip: of its skin over the glass."""
+"""Channels of the labels and their units. Traction: of the finger on the glass; strength: the traction
+at which it slips; slip: of its skin over the glass."""
 
-_MEANS = ("contact_mask", "pressure", "gap", "traction.x", "traction.y")
+_MEANS = ("contact_mask", "pressure", "gap", "traction.x", "traction.y", "strength")
 _POINTS = ("slip.x", "slip.y", "slip_velocity.x", "slip_velocity.y")
 
 
@@ -72,7 +74,7 @@ def plate_labels(truth: FrameTruth, grid: PlateGrid, margin_mm: float) -> LabelB
     box = None if state is None else _contact_box(state, margin_mm)
     if state is None or box is None:
         return empty_box(grid.shape)
-    fields = _fields(state, truth)
+    fields = _fields(state)
     channels = {name: np.ascontiguousarray(fields[name][box], np.float32) for name in CHANNELS}
     return LabelBox(box[0].start, box[1].start, grid.shape, channels)
 
@@ -90,11 +92,11 @@ def _contact_box(state: ContactState, margin_mm: float) -> tuple[slice, slice] |
     )
 
 
-def _fields(state: ContactState, truth: FrameTruth) -> dict[str, NDArray[np.floating]]:
+def _fields(state: ContactState) -> dict[str, NDArray[np.floating]]:
     nothing = np.zeros((2, *state.grid.shape))
     traction = nothing if state.traction is None else state.traction
     slip = nothing if state.slip is None else state.slip
-    velocity = nothing if truth.slip_velocity is None else truth.slip_velocity
+    velocity = nothing if state.slip_velocity is None else state.slip_velocity
     surface = np.zeros(state.grid.shape, np.uint8) if state.state is None else state.state
     return {
         "contact_mask": np.asarray(state.contact_mask),
@@ -103,6 +105,7 @@ def _fields(state: ContactState, truth: FrameTruth) -> dict[str, NDArray[np.floa
         "gap": np.asarray(state.gap),
         "traction.x": traction[0],
         "traction.y": traction[1],
+        "strength": nothing[0] if state.strength is None else np.asarray(state.strength),
         "slip.x": slip[0],
         "slip.y": slip[1],
         "slip_velocity.x": velocity[0],
@@ -120,7 +123,7 @@ class FrameLabeller:
 
     Notes
     -----
-    Mask, pressure, gap and traction are means over each pixel, by the same sampling as
+    Mask, pressure, gap, traction and strength are means over each pixel, by the same sampling as
     :func:`evanesce.evaluation.labels.label`; slip and its velocity are interpolated at the pixel's centre, the state
     is that of the nearest sample there.
     """
@@ -159,7 +162,7 @@ class FrameLabeller:
         if part is None:
             return empty_box(self.shape)
         rows, cols = part
-        fields, (down, right) = _fields(state, truth), self._shift(state)
+        fields, (down, right) = _fields(state), self._shift(state)
         channels = self._means(fields, rows, cols, (down, right))
         centre = self._centre[1][part] - right, self._centre[0][part] - down
         points = np.dstack([fields[name] for name in _POINTS]).astype(np.float32)
@@ -201,21 +204,21 @@ class FrameLabeller:
     ) -> dict[str, Image]:
         corners = np.s_[rows.start : rows.stop + 1, cols.start : cols.stop + 1]
         at_row, at_col = self._row[corners] - shift[0], self._col[corners] - shift[1]
-        # OpenCV remaps four channels at once, the fifth alone.
-        first = np.dstack([fields[name] for name in _MEANS[:4]]).astype(np.float32)
-        last = np.ascontiguousarray(fields[_MEANS[4]], np.float32)
+        # OpenCV remaps at most four channels at once.
+        layers = [np.dstack([fields[name] for name in part]).astype(np.float32) for part in (_MEANS[:4], _MEANS[4:])]
         shape = rows.stop - rows.start, cols.stop - cols.start
-        sums = np.zeros((*shape, 4), np.float32), np.zeros(shape, np.float32)
+        sums = [np.zeros((*shape, layer.shape[2]), np.float32) for layer in layers]
         fractions = (np.arange(self.supersample) + 0.5) / self.supersample
         for down in fractions:
             for right in fractions:
                 y, x = _within(at_row, down, right), _within(at_col, down, right)
-                sums[0][...] += cv2.remap(first, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-                sums[1][...] += cv2.remap(last, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+                for total, layer in zip(sums, layers, strict=True):
+                    total += cv2.remap(layer, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         count = np.float32(1.0 / self.supersample**2)
-        found = {name: sums[0][..., i] * count for i, name in enumerate(_MEANS[:4])}
+        means = np.dstack(sums) * count
+        found = {name: means[..., i] for i, name in enumerate(_MEANS)}
         found["contact_mask"] = np.clip(found["contact_mask"], 0.0, 1.0)
-        return found | {_MEANS[4]: sums[1] * count}
+        return found
 
 
 def _within(corners: Image, down: float, right: float) -> Image:

@@ -14,6 +14,7 @@ MAX_FRAMES = 50_000_000
 MAX_FRAME_BYTES = 400_000_000
 """Maximum memory of one frame with its labels [bytes]."""
 MAX_SHARD_FRAMES = 256
+MIN_SIDE_PX, MAX_SIDE_PX = 8, 20_000
 MAX_CONFIG_BYTES = 200_000
 BYTES_PER_PIXEL = 70
 """Memory per pixel while a frame is made: charges, labels and their copies."""
@@ -33,8 +34,10 @@ def require_count(frames: int) -> None:
         raise InputError(f"{frames} frames", key="--n", allowed=f"1 to {MAX_FRAMES}")
 
 
-def resolution(resolution_px: tuple[int, int], scale: float) -> tuple[int, int]:
-    """Return (columns, rows) of the frames of a camera that ``camera.scale`` shrinks."""
+def resolution(resolution_px: tuple[int, int], scale: float, size_px: tuple[int, int] | None = None) -> tuple[int, int]:
+    """Return (columns, rows) of the frames of a camera that ``camera.scale`` shrinks, or ``camera.size_px``."""
+    if size_px is not None:
+        return size_px
     cols, rows = resolution_px
     return max(8, round(cols * scale)), max(8, round(rows * scale))
 
@@ -77,10 +80,11 @@ def require_possible(scene: str, config: Path | None, overrides: dict[str, Any],
     named = Path(scene)
     rig = _table(named if named.is_file() else resource("scenes", f"{named.name}.toml"))
     wanted = _table(config) if config is not None else {}
-    size = overrides.get("camera.resolution_px", _at(rig, "camera", "resolution_px"))
+    chosen = _at(wanted, "camera", "size_px")
+    size = chosen or overrides.get("camera.resolution_px", _at(rig, "camera", "resolution_px"))
     scale, samples = _at(wanted, "camera", "scale"), _at(wanted, "labels", "grid_samples")
     if isinstance(size, list) and len(size) == 2 and all(type(n) is int and 0 < n < 2**31 for n in size):
-        sound = type(scale) in (int, float) and 0.0 < scale < 1e3
+        sound = not chosen and type(scale) in (int, float) and 0.0 < scale < 1e3
         cols, rows = resolution((size[0], size[1]), float(scale) if sound else 1.0)
         require_frame(cols, rows, samples if type(samples) is int and 0 < samples < 2**31 else 0)
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from evanesce.core.states import PlateGrid
+from evanesce.core.states import ContactState, PlateGrid
 from evanesce.dataset.design import TrialPlan, trial_plan
 from evanesce.dataset.encode import exr, png
 from evanesce.dataset.job import Job
@@ -25,8 +25,10 @@ from evanesce.dataset.rigs import (
     rig_scene,
     rig_with_effects,
 )
-from evanesce.dataset.trial import SCALARS, FrameTruth, Trial, areas
+from evanesce.dataset.shutter import smeared
+from evanesce.dataset.trial import SCALARS, FrameTruth, Trial, measured, slip_labelled
 from evanesce.effects import Stage
+from evanesce.effects.contact.rolling_skew import lateness
 
 CACHED_CAMERAS = 2
 """Number of cameras that a process caches; one at 2000 x 1500 takes some 150 MB."""
@@ -98,11 +100,15 @@ class Producer:
         i = frame - job.frames_of(number).start
         truth = trial.truth(i)
         time_s = float(trial.time[i])
+        lit, visible = self._visible(current, i, truth.state)
         if truth.state is not None:
             truth = self._with_contact_effects(truth, ready, frame, time_s)
+            lit, visible = (
+                truth.state if s is None else _acted_on(ready.camera, s, frame, time_s) for s in (lit, visible)
+            )
         labels = job.config.labels
-        picture = ready.camera.frame(truth.state, index=frame, time_s=time_s, with_raw=labels.raw)
-        seen = ready.labeller.labels(truth, labels.margin_mm)
+        picture = ready.camera.frame(lit, index=frame, time_s=time_s, with_raw=labels.raw)
+        seen = ready.labeller.labels(FrameTruth(visible, truth.scalars), labels.margin_mm)
         flat = plate_labels(truth, ready.grid, labels.margin_mm)
         meta = self.describe(current, frame, i, truth)
         header = {"scalars": meta["scalars"], "scalar_units": SCALARS, "key": meta["key"]}
@@ -155,14 +161,32 @@ class Producer:
         return self._cameras[key]
 
     @staticmethod
+    def _visible(
+        current: _Current, i: int, state: ContactState | None
+    ) -> tuple[ContactState | None, ContactState | None]:
+        """Return what a rolling shutter makes light and frame labels of; None: the state at the frame's time."""
+        camera = current.ready.camera
+        if state is None or camera.readout_s == 0.0:
+            return None, None
+        scene, exposure = camera.scene, 1e-3 * camera.scene.camera.exposure_ms
+        late = lateness(scene, state.grid, camera.readout_s)
+        trial, motion = current.trial, current.trial.motion(i)
+        slip = 0.0 if state.slip_velocity is None else float(np.hypot(*np.asarray(state.slip_velocity)).max())
+        speed = max(math.hypot(*motion.velocity), slip)
+        lit = smeared(lambda t: trial.state(i, t), late, exposure, speed * exposure, 1.0 / scene.camera.scale_px_per_mm)
+        return lit, trial.state(i, late)
+
+    @staticmethod
     def _with_contact_effects(truth: FrameTruth, ready: _Ready, frame: int, time_s: float) -> FrameTruth:
-        """Return the truth with effects of the contact applied."""
+        """Return the truth with effects of the contact applied; what moves the grid moves the centre."""
         assert truth.state is not None
-        state = ready.camera.contact(truth.state, frame, time_s)
+        state = _acted_on(ready.camera, truth.state, frame, time_s)
         if state is truth.state:
             return truth
-        moves = None if truth.slip_velocity is None else truth.slip_velocity * (np.asarray(state.contact_mask) > 0)
-        return FrameTruth(state, moves, {**truth.scalars, **areas(state)})
+        moved = np.subtract(state.grid.centre, truth.state.grid.centre)
+        x, y = np.array([truth.scalars["centre_x_mm"], truth.scalars["centre_y_mm"]]) + moved
+        place = {"centre_x_mm": float(x), "centre_y_mm": float(y)}
+        return FrameTruth(state, {**truth.scalars, **place, **measured(state, (float(x), float(y)))})
 
     def describe(self, current: _Current, frame: int, i: int, truth: FrameTruth) -> dict[str, Any]:
         """Return the content of ``KEY.json``, which ``schema.json`` validates."""
@@ -188,6 +212,12 @@ class Producer:
             "seed": self.job.seed,
             "config_sha256": self.job.digest,
         }
+
+
+def _acted_on(camera: RigCamera, state: ContactState, frame: int, time_s: float) -> ContactState:
+    """Return a contact after the rig's effects; what they stretch is labelled anew."""
+    changed = camera.contact(state, frame, time_s)
+    return state if changed is state else slip_labelled(changed)
 
 
 def _rounded(value: float) -> float:

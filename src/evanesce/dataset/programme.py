@@ -39,7 +39,11 @@ class Sampled:
     placement: NDArray[np.int64]
 
 
-def sample_programme(plan: TrialPlan, trial: Trial, stiffness: float) -> Sampled:
+GROSS_SLIP_BY = 0.6
+"""Share of a slide's time after press and hold within which the drive is to reach gross slip."""
+
+
+def sample_programme(plan: TrialPlan, trial: Trial, stiffness: float, reach_mm: float) -> Sampled:
     """Return the programme of a plan.
 
     Parameters
@@ -49,6 +53,8 @@ def sample_programme(plan: TrialPlan, trial: Trial, stiffness: float) -> Sampled
         Number of frames and their rate.
     stiffness : float
         Of contact and shaft in series under full stick [N/mm]; determines the amplitude of a wiggle.
+    reach_mm : float
+        Way of the drive to gross slip [mm]; determines the stroke of a slide, and its least speed.
     """
     p = plan.programme
     time = np.arange(trial.frames) / trial.frame_rate_hz
@@ -60,7 +66,10 @@ def sample_programme(plan: TrialPlan, trial: Trial, stiffness: float) -> Sampled
     end = max(float(time[-1]), rest + 1.0 / trial.frame_rate_hz)
     match plan.kind:
         case "slide":
-            drive = np.clip((time - rest) * p["speed_mm_per_s"], 0.0, p["distance_mm"])
+            stroke = reach_mm + p["distance_mm"]
+            way = np.maximum(time - rest, 0.0) * slide_speed(plan, trial, reach_mm)
+            way = np.minimum(way, (1 + round(p["reversals"])) * stroke)
+            drive = stroke - np.abs(stroke - way % (2.0 * stroke))
         case "wiggle":
             limit = plan.friction.friction_coefficient * load
             amplitude = p["wiggle_share"] * limit / stiffness
@@ -83,3 +92,18 @@ def sample_programme(plan: TrialPlan, trial: Trial, stiffness: float) -> Sampled
             )
             placement = (time >= lift).astype(np.int64)
     return Sampled(time, force, drive, twist, placement)
+
+
+def slide_speed(plan: TrialPlan, trial: Trial, reach_mm: float) -> float:
+    """Return the speed of a slide's drive [mm/s]: the one drawn, or the least that reaches gross slip in time.
+
+    Parameters
+    ----------
+    plan : TrialPlan
+    trial : Trial
+    reach_mm : float
+        Way of the drive to gross slip [mm].
+    """
+    p = plan.programme
+    left = (trial.frames - 1) / trial.frame_rate_hz - p["press_time_s"] - p["hold_time_s"]
+    return max(p["speed_mm_per_s"], reach_mm / (GROSS_SLIP_BY * left)) if left > 0 else p["speed_mm_per_s"]

@@ -12,8 +12,9 @@ from evanesce.chain.simulate import expose, expose_light
 from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState, Frame, PlateGrid, SensorLight
 from evanesce.dataset.config import DatasetConfig
-from evanesce.dataset.design import FingerPlan, RigPlan
-from evanesce.effects import Active, Context, Stage, active_effects, apply_stage
+from evanesce.dataset.design import ITS_TRIALS_MOTION, FingerPlan, RigPlan
+from evanesce.dataset.region import crop
+from evanesce.effects import Active, Context, Stage, active_effects, all_effects, apply_stage
 from evanesce.optics.seen import seen_at
 from evanesce.render.fast.readout import ChargeBox
 from evanesce.render.fast.transport import render_fast
@@ -52,7 +53,11 @@ def rig_scene(base: Scene, rig: RigPlan, finger: FingerPlan, config: DatasetConf
     data["effects"] = all_of(base, rig)
     for dotted, value in rig.changes.items():
         _set(data, dotted, value)
-    _scale(data["camera"], config.camera.scale)
+    if config.camera.region_mm is not None:
+        crop(data["camera"], validate(Scene, data, "rig.draw"), config.camera)
+        _windowed(data["effects"], data["camera"], base)
+    else:
+        bin_pixels(data["camera"], config.camera.scale)
     return validate(Scene, data, "rig.draw")
 
 
@@ -71,7 +76,7 @@ def _set(data: dict[str, Any], dotted: str, value: Any) -> None:
     table[last] = value
 
 
-def _scale(camera: dict[str, Any], scale: float) -> None:
+def bin_pixels(camera: dict[str, Any], scale: float) -> None:
     """Bin pixels: the same view and exposure on fewer, larger pixels, with charges and noise variances added."""
     if scale == 1.0:
         return
@@ -84,6 +89,18 @@ def _scale(camera: dict[str, Any], scale: float) -> None:
     pixel["full_well_capacity_e"] /= scale**2
     pixel["conversion_gain_e_per_DN"] /= scale**2
     pixel["read_noise_e"] /= scale
+
+
+def _windowed(effects: dict[str, dict[str, Any]], camera: dict[str, Any], base: Scene) -> None:
+    """Let effects of a rolling shutter last as long as the rows that a region reads out."""
+    rows, full = camera["resolution_px"][1] * base.camera.scale_px_per_mm / camera["scale_px_per_mm"], base.camera
+    for name in ROLLING & effects.keys():
+        whole = all_effects()[name].parameters.model_validate(effects[name]).model_dump(mode="json")
+        effects[name] = {**whole, "readout_ms": whole["readout_ms"] * rows / full.resolution_px[1]}
+
+
+ROLLING = {"rolling_shutter", "rolling_skew"}
+"""Effects with the time from the first row's exposure to the last row's."""
 
 
 def plate_grid(scene: Scene, config: DatasetConfig) -> PlateGrid:
@@ -192,6 +209,8 @@ class RigCamera:
     ----------
     scene : Scene
         The rig with its effects, by :func:`optical_scene`, as its LEDs' light sees it.
+    readout_s : float
+        From the first row's exposure to the last row's [s]; 0: all at once.
     method : {"fast", "charge", "general"}
         ``fast``: the fast camera. ``charge``: the fast camera up to the mean charge, then the general chain.
         ``general``: the general chain, where an effect changes the light before the lens, or the contact's grid.
@@ -199,6 +218,7 @@ class RigCamera:
 
     def __init__(self, rig: RigWithEffects, seed: int, backend: str = "numpy") -> None:
         self._effects, self.seed = rig.effects, seed
+        self.readout_s = sum(1e-3 * readout_ms(e) for e in rig.effects if e.effect.id in ITS_TRIALS_MOTION)
         self.scene = seen_at(optical_scene(rig.scene))
         self._fast = FastCamera(self.scene.model_copy(update={"effects": {}}), backend)  # type: ignore[arg-type]
         self.method = method_of(self._effects)
@@ -239,6 +259,11 @@ class RigCamera:
                 self.scene
             )
         return SensorLight(irradiance=irradiance)
+
+
+def readout_ms(entry: Active) -> float:
+    """Return the time from the first row's exposure to the last row's of an effect of a rolling shutter [ms]."""
+    return float(entry.parameters.model_dump()["readout_ms"])
 
 
 def _needs_field_blur(camera: FastCamera) -> bool:

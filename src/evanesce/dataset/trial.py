@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,23 +20,26 @@ from evanesce.contact.laws import smooth_contact
 from evanesce.contact.patch import AxisymmetricContact
 from evanesce.contact.ridges.ridged import with_ridges
 from evanesce.contact.sliding.area_loss import area_loss_for
-from evanesce.contact.sliding.shaft import tilted_compliance
 from evanesce.contact.sliding.solver import Slide, march
 from evanesce.contact.sliding.states import SlideStates, SlideView
 from evanesce.contact.sliding.torsion import Twist, sliding_torque, twisted, twisted_state
 from evanesce.contact.solve import ridge_row
-from evanesce.core.states import ContactState, PlateGrid
+from evanesce.core.states import ContactState, PlateGrid, SurfaceState
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.design import TrialPlan
+from evanesce.dataset.mechanics import interface, reach, shaft_stiffness
 from evanesce.dataset.programme import Sampled, sample_programme
+from evanesce.dataset.shutter import Motion, advanced
 from evanesce.materials import silicone_of
-from evanesce.materials.friction import InterfaceFriction
 from evanesce.rig import Scene
 
 Floats = NDArray[np.float64]
 
 LIFTED_N = 1e-6
 """Below this normal force the finger counts as lifted [N]."""
+SLIP_SPEED_MM_PER_S = 1e-3
+"""A surface element slips where its mean speed since the frame before is at least this; a pixel is 50,000 times as
+large as the way it then makes between two frames."""
 
 
 @dataclass(frozen=True)
@@ -46,15 +50,18 @@ class FrameTruth:
     ----------
     state : ContactState or None
         None where the finger is lifted.
-    slip_velocity : ndarray (2, rows, cols), optional
-        Of the skin over the glass (x, y) [mm/s].
     scalars : dict
         The frame's numbers, units in the keys.
     """
 
     state: ContactState | None
-    slip_velocity: Floats | None
     scalars: dict[str, float]
+
+    @property
+    def slip_velocity(self) -> Floats | None:
+        """Of the skin over the glass (x, y) [mm/s], (2, rows, cols)."""
+        found = None if self.state is None else self.state.slip_velocity
+        return None if found is None else np.asarray(found, dtype=float)
 
 
 class Trial:
@@ -76,6 +83,8 @@ class Trial:
         [s].
     onset_first_slip_s, onset_gross_slip_s : float
         NaN where it does not occur.
+    reach_mm : float
+        Way of the drive from rest to gross slip [mm].
     """
 
     def __init__(
@@ -90,22 +99,23 @@ class Trial:
         self._silicone = silicone_of(scene.finger)
         held = plan.programme["normal_force_N"]
         contact = self._contact(held)
-        self._friction, self._modulus = _interface(plan, contact), smooth_contact(scene, held)[1]
+        self._friction, self._modulus = interface(plan, contact), smooth_contact(scene, held)[1]
         shear = float(tangential_modulus(self._modulus, self._silicone.poisson_ratio))
-        self._shaft = _shaft(plan)
+        self._shaft = shaft_stiffness(plan)
         series = 1.0 / (1.0 / (2.0 * contact.contact_radius * shear) + 1.0 / self._shaft)
-        sampled = sample_programme(plan, config.trial, series)
+        self.reach_mm = reach(contact, self._friction, shear, self._shaft)
+        sampled = sample_programme(plan, config.trial, series, self.reach_mm)
         if load is not None:
             commanded = zip(sampled.time.tolist(), sampled.force.tolist(), strict=True)
             actual = [load(i, t, f) if f > LIFTED_N else 0.0 for i, (t, f) in enumerate(commanded)]
             sampled = replace(sampled, force=np.maximum(np.array(actual), 0.0))
+        self._travel = self.reach_mm - self._limit(contact) / self._shaft + plan.programme["distance_mm"]
         self._sampled: Sampled = sampled
         self.time = sampled.time
         self._slide, self._rates = self._march(shear)
         self._states, self._velocity = self._views()
         self._ridges = ridge_row(scene)
         self._twists = self._twist(shear)
-        self._ratio = self._stick_ratios()
         self.onset_first_slip_s, self.onset_gross_slip_s = self._onsets()
 
     def __len__(self) -> int:
@@ -114,25 +124,35 @@ class Trial:
     def truth(self, i: int) -> FrameTruth:
         """Return the truth of frame ``i`` of the trial."""
         if self._sampled.force[i] <= LIFTED_N:
-            return FrameTruth(None, None, self._scalars(i, None))
-        if self._twists is not None and self._twists[i] is not None:
-            smooth, velocity = self._twisted(i)
-        else:
-            at = int(self._sampled.placement[i])
-            smooth, velocity = self._states[at][i], np.asarray(self._velocity[at][i].slip, dtype=float)
-        state = smooth
+            return FrameTruth(None, self._scalars(i, None))
+        state = self.state(i)
+        return FrameTruth(state, {**self._scalars(i, state), **measured(state, self.centre(i))})
+
+    def state(self, i: int, late_s: Floats | None = None) -> ContactState:
+        """Return the contact of a held finger at frame ``i``; with ``late_s`` [s] each cell as much later."""
+        state = self._smooth(i)
+        outer: tuple[Any, Any] = self._outer(i, self._slide)
+        if late_s is not None:
+            state = slip_labelled(advanced(state, self.motion(i), late_s))
+            outer = tuple(slip + rate * late_s for slip, rate in zip(outer, self._outer(i, self._rates), strict=True))
         if self._ridges is not None:
-            drift = self._outer_slip(i)
-            origin = self._origin(int(self._sampled.placement[i]))
             state = with_ridges(
-                smooth, self._ridges, self._modulus, origin=origin, outer_slip=drift,
-                near_gap=self.config.labels.near_gap_mm,
+                state, self._ridges, self._modulus, origin=self._origin(int(self._sampled.placement[i])),
+                outer_slip=outer, near_gap=self.config.labels.near_gap_mm,
             )  # fmt: skip
-            velocity = velocity * (np.asarray(state.contact_mask) > 0)
         slope = self.scene.finger.roughness_rms_slope
         if slope > 0:
             state = replace(state, real_contact_fraction=persson_contact_fraction(state.pressure, self._modulus, slope))
-        return FrameTruth(state, velocity, self._scalars(i, state))
+        return state
+
+    def _smooth(self, i: int) -> ContactState:
+        """Return the contact of the same finger without ridges; what moves is labelled slip."""
+        if self._twists is not None and self._twists[i] is not None:
+            state, velocity = self._twisted(i)
+        else:
+            at = int(self._sampled.placement[i])
+            state, velocity = self._states[at][i], np.asarray(self._velocity[at][i].slip, dtype=float)
+        return slip_labelled(replace(state, slip_velocity=velocity))
 
     # --- solution ----------------------------------------------------------------------------------------------------
 
@@ -158,7 +178,7 @@ class Trial:
         """Return the position of the tip before sliding [mm], so that a slide passes the finger's position half way."""
         p, (x, y) = self.plan.programme, self.scene.finger.position_mm
         angle = math.radians(p["direction_deg"])
-        back = 0.5 * p["distance_mm"] if self.plan.kind == "slide" else 0.0
+        back = 0.5 * self._travel if self.plan.kind == "slide" else 0.0
         shift = p["shift_mm"] if placement else 0.0
         return x - back * math.cos(angle) + shift, y - back * math.sin(angle) - 0.5 * shift
 
@@ -196,13 +216,33 @@ class Trial:
             velocity = velocity - np.asarray(earlier.slip)
         return state, velocity / float(self.time[i] - self.time[i - 1])
 
-    def _outer_slip(self, i: int) -> tuple[float, float]:
-        """Return the displacement of the skin beside the contact: that of the outermost spring in contact."""
-        frame = self._slide.frames[i]
+    def motion(self, i: int) -> Motion:
+        """Return how the contact's outline moves at frame ``i``, from the frames beside it in contact."""
+        placement, force = self._sampled.placement, self._sampled.force
+        low, high = (
+            j if 0 <= j < len(self) and placement[j] == placement[i] and force[j] > LIFTED_N else i
+            for j in (i - 1, i + 1)
+        )
+        centre, elapsed = self.centre(i), float(self.time[high] - self.time[low])
+        if elapsed == 0.0:
+            return Motion(centre, (0.0, 0.0), 0.0)
+        velocity = np.subtract(self.centre(high), self.centre(low)) / elapsed
+        radius = [self._slide.frames[j].contact.contact_radius for j in (low, i, high)]
+        growth = (radius[2] - radius[0]) / (elapsed * radius[1]) if radius[1] > 0 else 0.0
+        return Motion(centre, (float(velocity[0]), float(velocity[1])), growth)
+
+    def _outer(self, i: int, slide: Slide) -> tuple[float, float]:
+        """Return the slip (or its rate) of the skin beside the contact: that of the outermost spring in contact."""
+        frame = slide.frames[i]
         angle = math.radians(self.plan.programme["direction_deg"])
-        count = int(np.searchsorted(self._slide.edges[:-1], frame.contact.contact_radius))
+        count = int(np.searchsorted(slide.edges[:-1], frame.contact.contact_radius))
         edge = float(frame.spring_slip[count - 1]) if 0 < count <= len(frame.spring_slip) else 0.0
         return edge * math.cos(angle), edge * math.sin(angle)
+
+    def centre(self, i: int) -> tuple[float, float]:
+        """Return the plate point (x, y) in the middle of the contact's outline [mm]."""
+        placement = int(self._sampled.placement[i])
+        return self._origin(placement) if self._twists is not None else self._states[placement].centre(i)
 
     # --- numbers -----------------------------------------------------------------------------------------------------
 
@@ -210,45 +250,50 @@ class Trial:
         """Return the tangential force of full sliding at static strength [N]."""
         return self._friction.tau0 * math.pi * contact.contact_radius**2 + self._friction.alpha * contact.normal_force
 
-    def _stick_ratios(self) -> Floats:
-        ratios = np.array([frame.stick_ratio for frame in self._slide], dtype=float)
-        if self._twists is not None:
-            for i, twist in enumerate(self._twists):
-                if twist is not None:
-                    ratios[i] = (twist.stick_radius / self._slide.frames[i].contact.contact_radius) ** 2
-        return ratios
-
     def _onsets(self) -> tuple[float, float]:
-        """Return the times at which ``first_slip_share`` of the contact and all of it slips [s]."""
-        held = self._sampled.force > LIFTED_N
-        slipping = np.where(held, 1.0 - self._ratio, 0.0)
-        found = []
-        for level in (self.config.labels.first_slip_share, 1.0 - 1e-9):
-            reached = np.flatnonzero(slipping >= level)
-            found.append(float(self.time[reached[0]]) if reached.size else math.nan)
-        return found[0], found[1]
+        """Return the times of the first frames in which ``first_slip_share`` of the contact, or all of it, slips."""
+        first = 1.0 - self.config.labels.first_slip_share
+        return self._onset(first, most=True), self._onset(0.0, most=False)
+
+    def _onset(self, ratio: float, *, most: bool) -> float:
+        """Return the time of the first frame with at most this stick ratio [s]; NaN without one.
+
+        The surface moves at most as fast as the fastest spring, and as a whole only if the innermost one moves: other
+        frames need no map.
+        """
+        for i in range(len(self)):
+            if self._sampled.force[i] > LIFTED_N and self._may_slip(i, most):
+                state = self.state(i)
+                if measured(state, (0.0, 0.0))["stick_ratio"] <= ratio:
+                    return float(self.time[i])
+        return math.nan
+
+    def _may_slip(self, i: int, anywhere: bool) -> bool:
+        if self._twists is not None:
+            return anywhere and self._twists[i] is not None
+        speeds = np.abs(self._rates.frames[i].spring_slip)
+        return bool((speeds.max() if anywhere else speeds[0]) >= SLIP_SPEED_MM_PER_S)
 
     def _scalars(self, i: int, state: ContactState | None) -> dict[str, float]:
         frame, s = self._slide.frames[i], self._sampled
+        x, y = self.centre(i)
+        place = {"centre_x_mm": x, "centre_y_mm": y}
         if state is None:
-            nothing = dict.fromkeys(SCALARS, 0.0)
+            nothing = {**dict.fromkeys(SCALARS, 0.0), **place}
             return {**nothing, "stick_ratio": 1.0, "time_s": float(s.time[i]), "drive_mm": float(s.drive[i])}
         contact = frame.contact
         limit = self._limit(contact)
         fx, fy = state.tangential_force
         twist = self._twists[i] if self._twists is not None else None
-        torque = 0.0 if twist is None else twist.torque
         margin = math.hypot(fx, fy) / limit
         if twist is not None:
-            margin = max(margin, torque / sliding_torque(contact, self._friction))
+            margin = max(margin, twist.torque / sliding_torque(contact, self._friction))
         return {
             "time_s": float(s.time[i]),
             "Fx_N": float(fx),
             "Fy_N": float(fy),
             "Fz_N": float(contact.normal_force),
-            "torque_N_mm": float(torque),
-            **areas(state),
-            "stick_ratio": float(self._ratio[i]),
+            **place,
             "friction_coefficient": limit / contact.normal_force,
             "margin": margin,
             "drive_mm": float(s.drive[i]),
@@ -264,6 +309,8 @@ SCALARS: dict[str, str] = {
     "torque_N_mm": "N mm",
     "nominal_area_mm2": "mm^2",
     "real_area_mm2": "mm^2",
+    "centre_x_mm": "mm",
+    "centre_y_mm": "mm",
     "stick_ratio": "1",
     "friction_coefficient": "1",
     "margin": "1",
@@ -273,6 +320,9 @@ SCALARS: dict[str, str] = {
 """Numbers of each frame and their units. Forces are those of the finger on the glass."""
 
 MEANINGS = {
+    "torque_N_mm": "of the finger on the glass about the contact's centre, from x towards y",
+    "centre_x_mm": "middle of the contact's outline on the plate",
+    "centre_y_mm": "middle of the contact's outline on the plate",
     "Fz_N": "0: the finger is lifted, and forces, areas, friction coefficient and margin are 0",
     "stick_ratio": "share of the contact that sticks; 1 where the finger is lifted (Fz_N = 0): nothing slips",
     "margin": "|Ft| / (mu Fn), or the same of the torque; 0 where the finger is lifted",
@@ -280,29 +330,36 @@ MEANINGS = {
 """Meanings of numbers beyond their names."""
 
 
-def areas(state: ContactState) -> dict[str, float]:
-    """Return nominal and real area of a contact, by their names among the scalars."""
+def slip_labelled(state: ContactState) -> ContactState:
+    """Return a contact whose touching cells are labelled slip where the skin moves, else stick."""
+    if state.state is None or state.slip_velocity is None:
+        return state
+    surface = np.array(state.state)
+    touching = surface >= SurfaceState.STICK
+    moves = np.hypot(*np.asarray(state.slip_velocity)) >= SLIP_SPEED_MM_PER_S
+    surface[touching] = np.where(moves[touching], np.uint8(SurfaceState.SLIP), np.uint8(SurfaceState.STICK))
+    return replace(state, state=surface)
+
+
+def measured(state: ContactState, centre: tuple[float, float]) -> dict[str, float]:
+    """Return the numbers that are those of a contact's maps, by their names among the scalars.
+
+    Parameters
+    ----------
+    state : ContactState
+    centre : tuple of float
+        Point (x, y) about which the torque is taken [mm].
+    """
+    grid = state.grid
     nominal = real = float(state.nominal_contact_area)
     if state.real_contact_fraction is not None:
         fraction = np.asarray(state.contact_mask) * np.asarray(state.real_contact_fraction)
-        real = float(fraction.sum()) * state.grid.pitch**2
-    return {"nominal_area_mm2": nominal, "real_area_mm2": real}
-
-
-def _interface(plan: TrialPlan, contact: AxisymmetricContact) -> InterfaceFriction:
-    """Return the interface tau0 + alpha p of a friction coefficient at the held load."""
-    f = plan.friction
-    mean = contact.normal_force / (math.pi * contact.contact_radius**2)
-    return InterfaceFriction(
-        tau0=f.adhesive_share * f.friction_coefficient * mean,
-        alpha=(1.0 - f.adhesive_share) * f.friction_coefficient,
-        dynamic_ratio=f.dynamic_ratio,
-        weakening_distance=f.weakening_distance_mm,
-    )
-
-
-def _shaft(plan: TrialPlan) -> float:
-    """Return the stiffness of the tilted shaft along the slide [N/mm]."""
-    angle = math.radians(plan.programme["contact_angle_deg"])
-    f = plan.finger
-    return 1.0 / float(tilted_compliance(f.axial_stiffness_N_per_mm, f.shaft_stiffness_N_per_mm, angle)[0, 0])
+        real = float(fraction.sum()) * grid.pitch**2
+    torque, ratio = 0.0, 1.0
+    if state.traction is not None:
+        x, y = grid.x[None, :] - centre[0], grid.y[:, None] - centre[1]
+        torque = float((x * state.traction[1] - y * state.traction[0]).sum()) * grid.pitch**2
+    if state.state is not None:
+        stick, slip = (int(np.count_nonzero(state.state == s)) for s in (SurfaceState.STICK, SurfaceState.SLIP))
+        ratio = stick / (stick + slip) if stick + slip else 1.0
+    return {"nominal_area_mm2": nominal, "real_area_mm2": real, "torque_N_mm": torque, "stick_ratio": ratio}

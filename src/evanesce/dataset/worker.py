@@ -31,12 +31,14 @@ def single_threaded() -> None:
     """Limit libraries to one thread: each worker uses one core."""
     import cv2
     import OpenEXR
+    import threadpoolctl
 
     from evanesce.render.fast import threads
 
     cv2.setNumThreads(1)
     OpenEXR.set_global_thread_count(0)
     threads.THREADS = 1  # its thread pool is created on first use
+    threadpoolctl.threadpool_limits(1)  # BLAS and OpenMP, whatever the environment said when they were loaded
 
 
 class _Cache(threading.local):

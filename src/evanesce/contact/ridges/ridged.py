@@ -11,12 +11,14 @@ contact. The half-space solver has none of the first three limits.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
+import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from evanesce.contact.coverage import level_area, level_coverage
 from evanesce.contact.patch import (
@@ -126,25 +128,26 @@ def with_ridges(
     modulus: float,
     *,
     origin: tuple[float, float],
-    outer_slip: tuple[float, float] = (0.0, 0.0),
+    outer_slip: tuple[ArrayLike, ArrayLike] = (0.0, 0.0),
     near_gap: float = 0.01,
 ) -> ContactState:
     """Put ridges on a smooth finger's contact state, in which they move with the skin.
 
     A ridge belongs to the finger's skin: it stands where its piece of skin first touched, plus the slip since then, so
-    that it stays on the glass where the contact sticks and moves where it slips. Traction follows pressure within a
-    pitch.
+    that it stays on the glass where the contact sticks and moves where it slips. What the smooth contact carries
+    about a point (pressure, traction, strength) is carried by the ridges within a pitch of it, shared as their local
+    pressure: forces are those of the smooth contact, and traction over strength stays what it is there.
 
     Parameters
     ----------
     smooth : ContactState
-        With pressure and gap; slip, traction and state where it slides.
+        With pressure and gap; slip, its velocity, traction, strength and state where it slides.
     ridges : RidgeRow
     modulus : float
         E* at the scale of the ridges [MPa].
     origin : tuple of float
         Plate point (x, y) on which the finger's tip first rested [mm].
-    outer_slip : tuple of float
+    outer_slip : tuple of float or ndarray (rows, cols)
         Displacement (x, y) of the skin outside the contact [mm].
     near_gap : float
         Gap below which a surface counts as near [mm].
@@ -161,23 +164,18 @@ def with_ridges(
     x, y = grid.x[None, :] - origin[0] - drift[0], grid.y[:, None] - origin[1] - drift[1]
     distance = ridges.locate(x, y)[1]
     furrow = closure.undeformed_gap(distance)
-    mask, pressure, factor = (np.zeros(grid.shape) for _ in range(3))
+    mask, local = np.zeros(grid.shape), np.zeros(grid.shape)
     if touched.any():
         mean = np.asarray(smooth.pressure, dtype=float)[touched]
         d = distance[touched]
-        local = closure.local_pressure(d, mean)
         furrow[touched] = closure.gap(d, mean)
         mask[touched] = whole[touched] * _strip_coverage(d, mean, closure, grid.pitch)
-        local = np.where(mask[touched] > 0, local, 0.0)
-        carried = float(local.sum())
-        pressure[touched] = local * (float(mean.sum()) / carried if carried > 0 else 0.0)
-        factor[touched] = np.divide(pressure[touched], mean, out=np.zeros_like(mean), where=mean > 0)
+        local[touched] = np.where(mask[touched] > 0, closure.local_pressure(d, mean), 0.0)
     gap = np.where(mask >= 1.0, 0.0, np.asarray(smooth.gap) + furrow)
-    changes: dict[str, Any] = {}
-    if smooth.traction is not None:
-        changes["traction"] = _follow_pressure(np.asarray(smooth.traction, dtype=float), factor)
-    if smooth.slip is not None:
-        changes["slip"] = np.asarray(smooth.slip) * (mask > 0)
+    changes = _on_ridges(smooth, local, touched, ridges.pitch)
+    for name in ("slip", "slip_velocity"):
+        if getattr(smooth, name) is not None:
+            changes[name] = np.asarray(getattr(smooth, name)) * (mask > 0)
     if smooth.state is not None:
         state = np.where(gap < near_gap, np.uint8(SurfaceState.NEAR), np.uint8(SurfaceState.NONE))
         held = mask >= 0.5
@@ -185,7 +183,6 @@ def with_ridges(
         changes["state"] = state
     return replace(
         smooth,
-        pressure=pressure,
         gap=gap,
         contact_mask=mask,
         nominal_contact_area=float(mask.sum()) * grid.pitch**2,
@@ -195,7 +192,7 @@ def with_ridges(
     )
 
 
-def _drift(smooth: ContactState, touched: NDArray[np.bool_], outer_slip: tuple[float, float]) -> Array:
+def _drift(smooth: ContactState, touched: NDArray[np.bool_], outer_slip: tuple[ArrayLike, ArrayLike]) -> Array:
     """Return how far the skin has moved over the glass [mm], (2, rows, cols)."""
     drift = np.empty((2, *smooth.grid.shape))
     for axis in (0, 1):
@@ -212,16 +209,54 @@ def _strip_coverage(distance: Array, mean: Array, closure: RidgeClosure, cell: f
     return np.where(half >= 0.5 * closure.ridges.pitch, 1.0, np.where(half > 0, share, 0.0))
 
 
-def _follow_pressure(traction: Array, factor: Array) -> Array:
-    """Scale traction as pressure within a pitch, with its resultant kept for both directions."""
-    found = traction * factor
-    for axis in (0, 1):
-        wanted, got = float(traction[axis].sum()), float(found[axis].sum())
-        size = float(np.abs(traction[axis]).sum())
-        # A twist's resultant is zero: a factor would divide by rounding.
-        if abs(wanted) > 0.05 * size and got * wanted > 0:
-            found[axis] *= wanted / got
+def _on_ridges(smooth: ContactState, local: Array, touched: NDArray[np.bool_], ridge_pitch: float) -> dict[str, Any]:
+    """Return pressure, traction and strength of a smooth contact, as the ridges carry them."""
+    names = [name for name in ("pressure", "traction", "strength") if getattr(smooth, name) is not None]
+    fields = [np.asarray(getattr(smooth, name), dtype=float).reshape(-1, *smooth.grid.shape) for name in names]
+    layers = np.concatenate(fields)
+    carried = np.zeros_like(layers)
+    if local.any():
+        window = 2 * math.ceil(0.5 * ridge_pitch / smooth.grid.pitch) + 1
+        rows, cols = (np.flatnonzero(touched.any(axis=axis)) for axis in (1, 0))
+        box = np.s_[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
+        carried[:, *box] = _shared(layers[:, *box] * touched[box], local[box], window)
+    parts = np.split(carried, np.cumsum([len(field) for field in fields])[:-1])
+    return {name: part.reshape(getattr(smooth, name).shape) for name, part in zip(names, parts, strict=True)}
+
+
+def _shared(layers: Array, weight: Array, window: int) -> Array:
+    """Give what each cell carries to the cells about it in proportion to their weight; sums are kept.
+
+    Parameters
+    ----------
+    layers : ndarray (n, rows, cols)
+    weight : ndarray (rows, cols)
+        Not negative, somewhere above 0.
+    window : int
+        Odd: side of the square [cells] over which a cell shares.
+
+    Returns
+    -------
+    ndarray (n, rows, cols)
+        Zero where the weight is. A combination of cells with weights that are not negative: what is nowhere larger in
+        one layer than in another is not afterwards.
+    """
+    found, left = np.zeros_like(layers), layers
+    while left.any():
+        # A cell without any weight in reach, at the rim beside the outermost ridge, looks further.
+        about = _blurred(weight, window)
+        reach = about > 1e-9 * float(about.max())
+        for layer, rest in zip(found, left, strict=True):
+            layer += weight * _blurred(np.divide(rest, about, out=np.zeros_like(rest), where=reach), window)
+        left, window = np.where(reach, 0.0, left), 3 * window
     return found
+
+
+def _blurred(values: Array, window: int) -> Array:
+    """Return the mean over a square of values that are 0 beyond their borders: symmetric in its two points."""
+    border = window
+    padded = cv2.copyMakeBorder(values, border, border, border, border, cv2.BORDER_CONSTANT, value=0.0)
+    return np.asarray(cv2.blur(padded, (window, window))[border:-border, border:-border])
 
 
 def require_resolved(grid: PlateGrid, ridges: RidgeRow) -> None:

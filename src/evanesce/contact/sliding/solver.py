@@ -54,6 +54,8 @@ class SlideFrame:
         Tangential force per unit length of the springs [N/mm].
     spring_slip : ndarray (m,)
         Slip of the springs since contact [mm].
+    limit_density : ndarray (m,)
+        Force density at which the springs slip, weakened by their slip as it is [N/mm].
     """
 
     time: float
@@ -65,6 +67,7 @@ class SlideFrame:
     tip_displacement: float
     force_density: Floats = field(repr=False)
     spring_slip: Floats = field(repr=False)
+    limit_density: Floats = field(repr=False)
 
 
 @dataclass(frozen=True)
@@ -166,6 +169,7 @@ class _Springs:
     density: Floats
     slipped: Floats
     since_rest: Floats
+    limit: Floats
     displacement: float = 0.0
 
     def advance(self, limit: Floats, modulus: float, move: float) -> tuple[Floats, Floats]:
@@ -229,8 +233,9 @@ def march(
     if modulus.min() <= 0 or loss.min() < 0 or drive_stiffness <= 0:
         raise ValueError("tangential modulus and drive stiffness must be positive, the area loss not negative")
     edges = np.linspace(0.0, max(c.contact_radius for c in contacts), springs + 1)
-    row = _Springs(edges, np.zeros(springs), np.zeros(springs), np.zeros(springs))
     load, strength = spring_load(contacts[0], edges), spring_strength(contacts[0].contact_radius, edges)
+    at_rest = friction.alpha * load + friction.tau0 * strength
+    row = _Springs(edges, np.zeros(springs), np.zeros(springs), np.zeros(springs), at_rest)
     frames = [_rest_frame(contacts[0], float(t[0]), row)]
     force, factor = 0.0, 1.0
     for i in range(1, len(t)):
@@ -310,7 +315,8 @@ def _step(
         # Strictly falling in q: more force leaves less displacement at the tip, and less area.
         force = float(brentq(excess, -1.001 * bound - 1e-9, 1.001 * bound + 1e-9, xtol=1e-12 * max(1.0, bound)))
     tip = drive - force / stiffness
-    row.density, moved = row.advance(limit(force), modulus, tip - row.displacement)
+    row.limit = limit(force)
+    row.density, moved = row.advance(row.limit, modulus, tip - row.displacement)
     row.displacement = tip
     row.density[~inside] = 0.0
     moved[~inside] = 0.0
@@ -348,6 +354,7 @@ def _frame(
         tip_displacement=drive - force / stiffness,
         force_density=row.density.copy(),
         spring_slip=row.slipped.copy(),
+        limit_density=row.limit.copy(),
     )
 
 

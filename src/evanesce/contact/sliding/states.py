@@ -110,6 +110,19 @@ class SlideStates(Sequence[ContactState]):
             return [self[i] for i in range(*index.indices(len(self)))]
         return self._state(self._slide.frames[index])
 
+    def centre(self, index: int) -> tuple[float, float]:
+        """Return the middle (x, y) of a frame's contact [mm].
+
+        Parameters
+        ----------
+        index : int
+
+        Returns
+        -------
+        tuple of float
+        """
+        return self._outline(self._slide.frames[index]).centre
+
     def _outline(self, frame: SlideFrame) -> _Ellipse:
         """Return the outline: the lost area shortens the circle along the slide, about its leading edge."""
         view, a = self._view, frame.contact.contact_radius
@@ -128,7 +141,7 @@ class SlideStates(Sequence[ContactState]):
         rho, normal_x, normal_y = _round_radius(grid, outline)
         gap = contact.gap(rho)
         mask = _coverage(grid, outline, rho, normal_x, normal_y)
-        fields = self._fields(frame, outline, rho)
+        fields = self._fields(frame, outline, rho, mask)
         cos, sin = np.cos(outline.direction), np.sin(outline.direction)
         touching = mask >= 0.5
         state = np.where(gap < self._view.near_gap, np.uint8(SurfaceState.NEAR), np.uint8(SurfaceState.NONE))
@@ -145,6 +158,7 @@ class SlideStates(Sequence[ContactState]):
             depth=contact.depth,
             traction=np.stack([fields["traction"] * cos, fields["traction"] * sin]),
             slip=np.stack([fields["slip"] * cos, fields["slip"] * sin]),
+            strength=fields["strength"],
             state=state,
             tangential_force=(float(q * cos), float(q * sin)),
             time=frame.time,
@@ -157,13 +171,14 @@ class SlideStates(Sequence[ContactState]):
             },
         )
 
-    def _fields(self, frame: SlideFrame, outline: _Ellipse, rho: Floats) -> dict[str, Floats]:
-        """Return pressure, traction and slip on the grid; the two stresses rise as the area shrinks."""
+    def _fields(self, frame: SlideFrame, outline: _Ellipse, rho: Floats, mask: Floats) -> dict[str, Floats]:
+        """Return pressure, traction, strength and slip on the grid; the stresses rise as the area shrinks."""
         contact = frame.contact
         pressure = (contact.force_within(self._outer) - contact.force_within(self._inner)) / self._annulus_area
         tables = {
             "pressure": (pressure / outline.shortening, contact.normal_force),
             "traction": (self._traction @ frame.force_density / outline.shortening, frame.tangential_force),
+            "strength": (np.maximum(self._traction @ frame.limit_density / outline.shortening, 0.0), None),
             "slip": (self._slip @ self._continued(frame), None),
         }
         inside = np.flatnonzero(rho.ravel() < self._radii[-2])
@@ -174,7 +189,7 @@ class SlideStates(Sequence[ContactState]):
         for name, (table, total) in tables.items():
             values = table[cell] + share * (table[cell + 1] - table[cell])
             if name == "slip":
-                values[rho.ravel()[inside] > contact.contact_radius] = 0.0
+                values[mask.ravel()[inside] <= 0.0] = 0.0
             elif total:
                 carried = float(values.sum()) * self._grid.pitch**2
                 if abs(carried) > 0.5 * abs(total):  # annuli on squares: below 0.1 % from 20 cells per radius on

@@ -47,6 +47,8 @@ class Twist:
         [mm], from 0 to the contact's radius.
     traction, slip : ndarray (n,)
         Azimuthal, of the finger on the glass [MPa] and over it [mm].
+    strength : ndarray (n,)
+        Traction at which it slips [MPa].
     """
 
     torque: float
@@ -55,6 +57,7 @@ class Twist:
     radii: Floats
     traction: Floats
     slip: Floats
+    strength: Floats
 
 
 def sliding_torque(contact: AxisymmetricContact, friction: InterfaceFriction) -> float:
@@ -116,7 +119,8 @@ def twisted(contact: AxisymmetricContact, friction: InterfaceFriction, shear_mod
     wanted = share * full
     c = a if share == 0 else float(brentq(lambda at: torque_at(at) - wanted, 0.0, a, xtol=1e-12 * a))
     angle = float(np.interp(c, x, integral)) / (2.0 * shear_modulus)
-    return Twist(wanted, angle, c, x, _traction(x, c, a, r, strength, integral), _slip(x, c, integral, shear_modulus))
+    traction, slip = _traction(x, c, a, r, strength, integral), _slip(x, c, integral, shear_modulus)
+    return Twist(wanted, angle, c, x, traction, slip, np.interp(x, r, strength))
 
 
 def twisted_state(
@@ -151,6 +155,7 @@ def twisted_state(
     radius = np.hypot(x, y)
     per = 1.0 / np.maximum(radius, 1e-12)
     inside = radius <= contact.contact_radius
+    strength = np.where(inside, np.interp(radius, twist.radii, twist.strength), 0.0)
     fields = []
     for table in (twist.traction, twist.slip):
         value = np.where(inside, np.interp(radius, twist.radii, table), 0.0)
@@ -164,6 +169,7 @@ def twisted_state(
         state,
         traction=fields[0],
         slip=fields[1],
+        strength=strength,
         state=surface,
         parameters={
             "torque_N_mm": twist.torque,

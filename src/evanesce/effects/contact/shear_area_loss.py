@@ -26,7 +26,10 @@ class Parameters(Strict):
         doc="alpha_A: area lost over the square of the tangential force",
     )
     side_load_share: float = field(
-        0.3, unit="1", bounds=(0.0, 2.0), doc="tangential over normal force in a press; a slide has its own force"
+        0.3,
+        unit="1",
+        bounds=(0.0, 2.0),
+        doc="tangential over normal force in a press; a slide has its own force, 0 too",
     )
     direction_deg: float = field(
         0.0, unit="deg", bounds=(-180.0, 180.0), doc="of that force on the finger, from x towards y"
@@ -61,7 +64,7 @@ def apply(state: ContactState, parameters: Parameters, context: Context) -> Cont
         )
     qx, qy = state.tangential_force
     direction, shear = math.atan2(qy, qx), math.hypot(qx, qy)
-    if shear == 0.0:
+    if shear == 0.0 and state.traction is None:
         direction = math.radians(parameters.direction_deg)
         shear = parameters.side_load_share * state.normal_force
     left = max(1.0 - parameters.loss_mm2_per_N2 * shear**2 / state.nominal_contact_area, MIN_AREA_SHARE)

@@ -94,7 +94,7 @@ def slip_sequence(seed: int = 1, *, every: int = 1) -> SlipSequence:
             carried, ridges, modulus, origin=smooth.finger.position_mm, outer_slip=(rim * along[0], rim * along[1])
         )
         frames.append(camera.frame(state, seed=seed, index=index).data)
-        labels.append(labeller.labels(FrameTruth(state, None, {}), 0.5).whole("state").astype(np.uint8))
+        labels.append(labeller.labels(FrameTruth(state, {}), 0.5).whole("state").astype(np.uint8))
         states.append(state)
     return SlipSequence(
         frames=np.stack(frames),

@@ -16,6 +16,7 @@ from evanesce.optics.led import emitter_radiance, led_positions
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.render.reference.bsdf import InterfaceOptics, blended_bsdf, frustrated_bsdf
 from evanesce.render.reference.edge import edge_bsdf
+from evanesce.render.reference.haze import face_share, hazy
 from evanesce.rig import Finger, Scene
 
 Array = NDArray[np.float64]
@@ -207,7 +208,8 @@ class _Plate:
         shapes = {"bottom": _horizontal([whole], -self.scene.plate.thickness_mm, up=False)}
         if top:
             shapes["top"] = _horizontal(top, 0.0, up=True)
-        return {k: make_mesh(k, *_quads(q), self.glass, interior=self.medium) for k, q in shapes.items()}
+        glass = {k: hazy(self.scene, k, self.glass, glass_front=False, contact=None) for k in shapes}
+        return {k: make_mesh(k, *_quads(q), glass[k], interior=self.medium) for k, q in shapes.items()}
 
     def edges(
         self, powers: Mapping[str, ArrayLike], groups: Mapping[str, ArrayLike]
@@ -331,11 +333,14 @@ def _patch(scene: Scene, state: ContactState, jit: bool, medium: Any) -> tuple[A
     if jit:
         import mitsuba as mi
 
-        bsdf = frustrated_bsdf(mi.load_dict(_bitmap(gap)), mi.load_dict(_bitmap(share)), optics)
+        touching = mi.load_dict(_bitmap(share))
+        clean = frustrated_bsdf(mi.load_dict(_bitmap(gap)), touching, optics)
+        haze = face_share(scene, "top")
+        bsdf = hazy(scene, "top", clean, glass_front=True, contact=touching.eval_1)
 
         def reflectance(x: Any, y: Any, cos_theta: Any, active: Any) -> Any:
             u, v = (x - extent[0]) / (extent[1] - extent[0]), (y - extent[2]) / (extent[3] - extent[2])
-            return bsdf.reflectance(u, v, cos_theta, active)
+            return clean.reflectance(u, v, cos_theta, active, haze)
 
     else:
         bsdf = blended_bsdf(_bitmap(optics.coupling(share, gap).astype(np.float32)), optics)

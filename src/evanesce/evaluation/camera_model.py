@@ -66,13 +66,19 @@ def red_level(scene: Scene, irradiance_W_per_mm2: float) -> float:
     return float(photons[0]) * pixel.quantum_efficiency / _full_e(scene)
 
 
-def camera_model(scene: Scene) -> CameraModel:
+def camera_model(
+    scene: Scene, processor: ImageProcessor | None = None, response: tuple[float, float, float] | None = None
+) -> CameraModel:
     """Return what a scene's colour camera makes of its LEDs' light, level by level.
 
     Parameters
     ----------
     scene : Scene
         With a table ``camera.colour``; white balance fixed, no contrast enhancement.
+    processor : ImageProcessor, optional
+        In place of the scene's.
+    response : tuple of float, optional
+        Of red, green and blue pixels to the LEDs' light, in place of the scene's [1].
 
     Returns
     -------
@@ -85,7 +91,8 @@ def camera_model(scene: Scene) -> CameraModel:
     InputError
         If the camera is monochrome, or its colours depend on the whole frame.
     """
-    camera, response = scene.camera, led_response(scene)
+    camera = scene.camera
+    response = led_response(scene) if response is None else response
     if camera.colour is None or response is None:
         raise InputError("is a monochrome camera", key="camera.colour", allowed="a scene with a table [camera.colour]")
     if is_automatic(camera) or camera.colour.contrast_enhancement:
@@ -93,7 +100,7 @@ def camera_model(scene: Scene) -> CameraModel:
             "depends on the whole frame", key="camera.colour",
             allowed="fixed exposure and white balance, contrast_enhancement = false",
         )  # fmt: skip
-    processor, full_e = ImageProcessor.of(camera), _full_e(scene)
+    processor, full_e = processor or ImageProcessor.of(camera), _full_e(scene)
     levels = np.concatenate([[0.0], np.geomspace(1e-4, HIGHEST, LEVELS)])
     mean = levels[:, None] * np.asarray(response)
     deviation = np.sqrt(mean * full_e + camera.pixel.read_noise_e**2 + 1e-12) / full_e

@@ -4,8 +4,8 @@ The law is that of :mod:`evanesce.optics.haze`: a share s of what meets the face
 each side, evenly over projected solid angle, f = s/(2 pi). Here nothing is left out: the rest, 1 - s, goes on as at the
 clean face, so that haze depletes guided light; scattered light may be guided and scattered again.
 
-Steep light, which every camera ray is, is scattered with a probability of its own and weighted for it: with that of the
-law, s, a picture of haze would be noise. Light is scattered into random directions, but the lobe is declared a delta
+Light that the clean face lets through, as every camera ray is, is scattered with a probability of its own and weighted
+for it: with that of the law, s, a picture of haze would be noise. Light is scattered into random directions, but the lobe is declared a delta
 one: it is drawn, never connected to an LED.
 """
 
@@ -19,8 +19,9 @@ import numpy as np
 from evanesce.optics.haze import clouds
 from evanesce.rig import Scene
 
-STEEP_PROBABILITY = 0.5
-"""Of scattering where light is not guided."""
+PASSING_PROBABILITY = 0.5
+"""Of scattering where the clean face lets all light through. In proportion to what it lets through: a path that is
+reflected to and fro must not gain weight each time."""
 
 
 def face_share(scene: Scene, face: str) -> float:
@@ -71,7 +72,7 @@ class _HazeTerms:
         assert scene.surroundings is not None
         haze = scene.surroundings.haze
         self.share, self.front, self.contact = share, 1.0 if glass_front else -1.0, contact
-        self.escape2 = scene.plate.refractive_index**-2.0
+        self.refractive_index = scene.plate.refractive_index
         drawn = clouds(scene.plate.size_mm, haze.contrast, haze.correlation_mm, haze.pattern, face)
         self.first, self.pitch, (self.rows, self.cols) = drawn.first, float(drawn.pitch), drawn.factor.shape
         tensor = mi.TensorXf(np.ascontiguousarray(drawn.factor[:, :, None], np.float32))
@@ -95,12 +96,10 @@ class _HazeTerms:
 
     def probability(self, si: Any, lost: Any) -> Any:
         """Return the probability of scattering."""
-        import drjit as dr
         import mitsuba as mi
 
-        cosine = self.front * mi.Frame3f.cos_theta(si.wi)
-        guided = (cosine > 0) & (1.0 - dr.square(cosine) > self.escape2)
-        return dr.select(guided, lost, lost * (STEEP_PROBABILITY / self.share))
+        through = 1.0 - mi.fresnel(self.front * mi.Frame3f.cos_theta(si.wi), 1.0 / self.refractive_index)[0]
+        return lost * (1.0 + through * (PASSING_PROBABILITY / self.share - 1.0))
 
 
 def _hazy_bsdf(inner: Any, terms: _HazeTerms) -> Any:

@@ -11,6 +11,7 @@ from scipy.special import ndtr
 
 from evanesce.core.errors import InputError
 from evanesce.measurement.refined.colour import CameraModel
+from evanesce.measurement.refined.raw import RawModel
 from evanesce.rig import Scene, load_scene
 from evanesce.sensor.automatic import is_automatic
 from evanesce.sensor.colour import ImageProcessor
@@ -110,6 +111,33 @@ def camera_model(
         levels=levels, output=(value * processor.gains) @ matrix.T,
         noise=np.sqrt((spread * processor.gains) ** 2 @ (matrix**2).T), tone=tone_values(camera.tone_curve),
     )  # fmt: skip
+
+
+def raw_model(scene: Scene | str | Path) -> RawModel:
+    """Return what a scene's raw pixels make of its LEDs' light.
+
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        A scene, its name or file, with a table ``camera.colour``; exposure, gain and white balance do not matter.
+
+    Returns
+    -------
+    RawModel
+
+    Raises
+    ------
+    InputError
+        If the camera is monochrome.
+    """
+    scene = scene if isinstance(scene, Scene) else load_scene(scene)
+    camera, response = scene.camera, led_response(scene)
+    if camera.colour is None or response is None:
+        raise InputError("is a monochrome camera", key="camera.colour", allowed="a scene with a table [camera.colour]")
+    pixel = camera.pixel
+    return RawModel(
+        mosaic=camera.colour.mosaic, response=response, black_DN=pixel.black_level_DN, full_DN=2**pixel.bits - 1
+    )
 
 
 def read_camera_model(source: Scene | str | Path) -> CameraModel:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from evanesce.core.errors import InputError
 from evanesce.measurement.reference.segment import LUMA
 from evanesce.measurement.refined.colour import CameraModel
+from evanesce.measurement.refined.raw import RawModel
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -83,12 +84,15 @@ class Radiometry:
         Relative light of an even target, mean 1.
     camera : CameraModel, optional
         By which colour frames are read, one level a pixel; without it they are grey by the luma weights.
+    raw : RawModel, optional
+        By which frames of 16 bits are read: raw mosaics.
     """
 
     tone: Floats
     dark: Floats | float = 0.0
     flat: Floats | float = 1.0
     camera: CameraModel | None = None
+    raw: RawModel | None = None
 
     @classmethod
     def of(
@@ -97,6 +101,7 @@ class Radiometry:
         dark: Iterable[Image] = (),
         flat: Iterable[Image] = (),
         camera: CameraModel | None = None,
+        raw: RawModel | None = None,
     ) -> Radiometry:
         """Combine a calibration's ``tone_curve`` (bt709 if it has none) with the rig's own dark and flat shots.
 
@@ -108,6 +113,8 @@ class Radiometry:
             Frames without contact, and of a uniform target [DN].
         camera : CameraModel, optional
             Of a colour camera.
+        raw : RawModel, optional
+            Of raw mosaics, which go without shots.
 
         Returns
         -------
@@ -119,6 +126,8 @@ class Radiometry:
             If the curve is not valid, shots differ in size, or a flat shot is dark somewhere.
         """
         tone = tone_table(details.get("tone_curve", "bt709"))
+        if raw is not None:
+            return cls(tone, raw=raw)
         if camera is not None:
             if list(flat):
                 raise InputError("flat shots hold for grey frames", key="camera_model", allowed="without flat shots")
@@ -149,6 +158,8 @@ class Radiometry:
         for name, part in (("dark", self.dark), ("flat", self.flat)):
             if isinstance(part, np.ndarray) and part.shape != image.shape[:2]:
                 raise InputError(f"shot of {part.shape}", key=name, allowed=f"the frames' size {image.shape[:2]}")
+        if self.raw is not None and image.dtype == np.uint16:
+            return self.raw.light(np.asarray(image, np.uint16), self.dark)
         if self.camera is not None and image.ndim == 3:
             return self.camera.light(image, self.dark)
         full = (image if image.ndim == 2 else image.max(axis=2)) >= FULL_SCALE
@@ -165,6 +176,8 @@ class Radiometry:
         -------
         float
         """
+        if self.raw is not None and image.dtype == np.uint16:
+            return 1.0 / max(self.raw.response) / self.raw.top
         if self.camera is None or image.ndim == 2:
             return 1.0
         return min(1.0, self.camera.first / self.camera.top)

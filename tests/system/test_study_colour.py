@@ -192,7 +192,7 @@ def test_interval_of_a_share_holds_the_truth_as_often_as_it_says() -> None:
 
 @pytest.mark.parametrize(
     ("scenes", "says"),
-    [(["thesis", "thesis_ridged_red"], "not in colour"), (["AUTO"], "fixed exposure and white balance")],
+    [(["thesis", "thesis_ridged_red"], "the other is not"), (["AUTO"], "fixed exposure and white balance")],
 )
 def test_the_budget_needs_one_rig_whose_colours_are_fixed(tmp_path: Path, scenes: list[str], says: str) -> None:
     automatic = load_scene("thesis_ridged_red", {"camera.colour.white_balance": "automatic"})

@@ -24,8 +24,8 @@ KERNEL = np.array([1.0, 2.0, 1.0])
 FULL_SHARE = 0.95
 """Of full scale, from which a pixel counts as full: noise clips single ones before."""
 
-MOSAIC_PX = 0.05
-"""Half-width of what the mosaic's coarser sampling of each colour does to an edge [px]."""
+MOSAIC_PX = 0.1
+"""Half-width of what the coarser sampling of each colour does to an edge [px]: that of demosaicing."""
 
 
 @dataclass(frozen=True, kw_only=True)

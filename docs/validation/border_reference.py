@@ -8,6 +8,8 @@ Light along the lit edge, over a contact's, by distance inwards from the edge; e
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from evanesce.optics.led import each_led_power
@@ -50,7 +52,7 @@ def main() -> None:
         inwards, rows = x + EDGE_MM, np.abs(y) < 8.335  # one pitch: a whole number of LEDs
         middle = light.radiance[rows & (np.abs(x) < 3)].mean() / unit
         levels = []
-        for low, high in zip(steps[:-1], steps[1:], strict=True):
+        for low, high in itertools.pairwise(steps):
             where = rows & (inwards >= low) & (inwards < high)
             levels.append(light.radiance[where].mean() / unit)
         above = np.maximum(np.array(levels) - middle, 1e-9)

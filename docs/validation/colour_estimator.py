@@ -34,10 +34,8 @@ SETTINGS = {
     "high": (5800.0, (1.0, 0.3, 0.15)),
 }
 BLUR_PX = 1.33
-"""Of the scene's lens and pixels, 1.13 px, with the 0.5 px^2 that bilinear demosaicing adds: stated."""
-RAW_BLUR_PX = 1.13
-"""The same without demosaicing."""
-
+"""Of the scene's lens and pixels, 1.13 px, with the 0.5 px^2 that bilinear demosaicing adds, as the sums over a raw
+mosaic do: stated."""
 CLIPPING = (1.0, 2.0, 5.0, 8.0, 12.0, 24.0)
 
 
@@ -62,7 +60,7 @@ def estimators(setting: str, models: list[str]) -> dict[str, Estimator]:
         model = camera_model(scene_of(name, "ridged"))
         label = "colour" if name == setting else f"model {name}"
         found[label] = Estimator.of(calibration, replace(plain, camera=model), blur_px=BLUR_PX)
-    found["raw"] = Estimator.of(calibration, replace(plain, raw=raw_model(scene)), blur_px=RAW_BLUR_PX)
+    found["raw"] = Estimator.of(calibration, replace(plain, raw=raw_model(scene)), blur_px=BLUR_PX)
     return found
 
 
@@ -108,7 +106,8 @@ def main() -> None:
     for name in ("grey", "colour", "raw"):
         errors = np.array([row[name] for row in rows])
         covered = sum(row.get(f"{name} covered", False) for row in rows)
-        print(f"{name}: RMS {np.sqrt((errors**2).mean()):.2f} %, worst {errors[np.abs(errors).argmax()]:+.2f} %", end="")
+        worst = errors[np.abs(errors).argmax()]
+        print(f"{name}: RMS {np.sqrt((errors**2).mean()):.2f} %, worst {worst:+.2f} %", end="")
         print("" if name == "grey" else f", {covered} of {len(rows)} intervals hold the truth")
     if options.json:
         with open(options.json, "w", encoding="utf-8") as file:

@@ -106,7 +106,7 @@ def test_a_bevel_shows_the_far_edges_leds_where_the_clear_plate_is_dark(scene: S
 
 
 def test_the_effects_band_has_one_decay_where_images_fall_in_steps(scene: Scene) -> None:
-    """Of a clear plate the images fall by R = 4.3 % a step of t tan(theta): an exponential of 0.3 steps, not of 3 mm."""
+    """Of a clear plate the images fall by R = 4.3 % a step: an e-fold of half a millimetre, not of 3."""
     heights, shares = image_positions(scene, 3)
     found = [seen_at(scene, h, (EDGE, 0.0))[0] - EDGE for h in heights[1:]]
     decay = -np.polyfit(found, np.log(shares[1:]), 1)[0]

@@ -439,7 +439,11 @@ def test_a_traced_hazy_face_scatters_its_share_half_each_way_evenly(inside: bool
         s2 = (1 - ci**2) * (n**2 if inside else n**-2)
         co = np.sqrt(max(1 - s2, 0.0))
         a, b = (n, 1.0) if inside else (1.0, n)
-        r = 1.0 if s2 >= 1 else 0.5 * (((a * ci - b * co) / (a * ci + b * co)) ** 2 + ((a * co - b * ci) / (a * co + b * ci)) ** 2)
+        r = (
+            1.0
+            if s2 >= 1
+            else 0.5 * (((a * ci - b * co) / (a * ci + b * co)) ** 2 + ((a * co - b * ci) / (a * co + b * ci)) ** 2)
+        )
         sample = value * mirrored
         assert sample.mean() == pytest.approx((1 - share) * r, abs=5 * sample.std() / np.sqrt(count))
 
@@ -464,7 +468,9 @@ def test_haze_on_the_empty_plate_agrees_with_the_path_tracer(face: str) -> None:
                  np.s_[half[0] :, half[1] :]):  # fmt: skip
         error = np.sqrt(traced.variance[part].sum()) / traced.variance[part].size
         # 3 %: the field of guided irradiance (above); 0.4 % of the light is lost for each tenth of a per cent of share
-        assert fast[part].mean() == pytest.approx(traced.radiance[part].mean(), abs=5 * error + 0.04 * fast[part].mean())
+        assert fast[part].mean() == pytest.approx(
+            traced.radiance[part].mean(), abs=5 * error + 0.04 * fast[part].mean()
+        )
     found, expected = blocks(traced.radiance), blocks(fast)
     deviation = (found / expected - (found / expected).mean()) / (np.sqrt(blocks(traced.variance) / 64) / expected)
     assert deviation.std() < 1.3, "clouds are where the fast renderer has them"

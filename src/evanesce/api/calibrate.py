@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -230,10 +230,11 @@ def mosaic_of(picture: Picture | Frame, full_DN: float) -> Frame:
     if isinstance(picture, Frame) and picture.raw is not None:
         return picture
     file, allowed = None, "a raw mosaic, uint16 of shape (rows, cols)"
+    given: Any = picture.data if isinstance(picture, Frame) else picture
     if isinstance(picture, str | Path):
         file = Path(picture)
-        picture = cv2.imread(str(file), cv2.IMREAD_UNCHANGED) if file.is_file() else np.zeros(0)
-    raw = np.asarray(picture.data if isinstance(picture, Frame) else picture)
+        given = cv2.imread(str(file), cv2.IMREAD_UNCHANGED) if file.is_file() else np.zeros(0)
+    raw = np.asarray(given)
     if raw.dtype != np.uint16 or raw.ndim != 2:
         raise InputError(f"{raw.dtype} of shape {raw.shape}", file=file, key="frame", allowed=allowed)
     if raw.max() > full_DN:

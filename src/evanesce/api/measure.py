@@ -280,17 +280,13 @@ class Pipeline:
                 f"{scale:g}", key="scale_mm2_per_px",
                 allowed="none: the refined estimator takes the local scale from the calibration",
             )  # fmt: skip
-        if isinstance(camera, RawModel):
-            if dark or flat or tune is not None:
-                raise InputError("a raw mosaic is read without", key="dark, flat, tune", allowed="none")
-            radiometry = Radiometry.of(self.calibration.details, raw=camera)
-            return Estimator.of(
-                self.calibration, radiometry, crop=self.settings.crop, min_blob_px=min_blob_px,
-                dilation_px=self.settings.radius,
-            )  # fmt: skip
+        raw = camera if isinstance(camera, RawModel) else None
+        if raw is not None and (len(dark) or len(flat) or tune is not None):
+            raise InputError("is not used by a raw mosaic", key="dark, flat, tune", allowed="none")
         dark_shots, flat_shots = ([as_image(shot) for shot in given] for given in (dark, flat))
-        model = camera if camera is None or isinstance(camera, CameraModel) else read_camera_model(camera)
-        radiometry = Radiometry.of(self.calibration.details, dark_shots, flat_shots, model)
+        model = None if isinstance(camera, RawModel) else camera
+        model = model if model is None or isinstance(model, CameraModel) else read_camera_model(model)
+        radiometry = Radiometry.of(self.calibration.details, dark_shots, flat_shots, model, raw)
         estimator = Estimator.of(
             self.calibration, radiometry, crop=self.settings.crop, min_blob_px=min_blob_px,
             dilation_px=self.settings.radius,

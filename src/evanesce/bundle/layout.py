@@ -205,6 +205,23 @@ HELD: Mapping[str, Column] = MappingProxyType(
 """Keys of a table ``[series.NAME]`` of ``measurement.toml``: the held state, and the settings of an area."""
 
 
+def with_chosen(shot: Shot, chosen: Mapping[str, float]) -> Shot:
+    """Return a shot with what the camera chose itself.
+
+    Parameters
+    ----------
+    shot : Shot
+    chosen : mapping
+        Some of :data:`CHOSEN`.
+
+    Returns
+    -------
+    Shot
+    """
+    exposure, gain, red, blue = (chosen.get(name, math.nan) for name in CHOSEN)
+    return replace(shot, exposure_ms=exposure, analogue_gain=gain, red_gain=red, blue_gain=blue)
+
+
 def conditions(shots: list[Shot]) -> tuple[Shot, ...]:
     """Return the shots with their condition and the time since their hold began.
 

@@ -177,7 +177,10 @@ def read_shots(path: Path, voltage_V: float) -> tuple[Shot, ...]:
             voltage_V=_n(filled["voltage_V"][k]),
             displacement_mm=_n(filled["displacement_mm"][k]),
             session=int(_n(filled["session"][k])),
-            **{name: _n(filled[name][k]) for name in CHOSEN},
+            exposure_ms=_n(filled["exposure_ms"][k]),
+            analogue_gain=_n(filled["analogue_gain"][k]),
+            red_gain=_n(filled["red_gain"][k]),
+            blue_gain=_n(filled["blue_gain"][k]),
         )
         for k in range(count)
     ]

@@ -6,7 +6,6 @@ import hashlib
 import itertools
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +26,7 @@ from evanesce.bundle.layout import (
     REPLICATES_TABLE,
     SERIES_FOLDER,
     Shot,
+    with_chosen,
 )
 from evanesce.bundle.protocol import Protocol, default_protocol
 from evanesce.chain.simulate import Render, expose, solve_contact
@@ -307,7 +307,7 @@ def _press(part: Path, rig: Rig, protocol: Protocol, written: Callable[[], None]
         write_frame(part, PRESS_FOLDER, shot.index, levels)
         frames.append(levels)
         depths.append(state.depth)
-        shots.append(replace(shot, **frame.chosen))
+        shots.append(with_chosen(shot, frame.chosen))
         written()
     write_shots(part / PRESS_TABLE, shots, depths)
     return frames, depths
@@ -344,7 +344,7 @@ def _replicates(
         levels = np.asarray(frame.data, np.uint8)
         write_frame(part, REPLICATES_FOLDER, k, levels)
         areas.append(contact_area(levels, nominal))
-        shots.append(replace(shot, **frame.chosen))
+        shots.append(with_chosen(shot, frame.chosen))
         written()
     write_shots(part / REPLICATES_FOLDER / REPLICATES_TABLE, shots, [depth] * len(shots))
     return areas

@@ -149,9 +149,9 @@ class Estimator:
         if "blur_px" in settings:
             settings["blur"] = Blur.stated(settings.pop("blur_px"))
         elif "blur" not in settings:
-            settings["blur"] = Blur.of(
-                calibration.details, radiometry.tone, plate.view, colour=radiometry.camera is not None
-            )
+            # the sums over a raw mosaic blur as bilinear demosaicing does
+            mosaic = radiometry.camera is not None or radiometry.raw is not None
+            settings["blur"] = Blur.of(calibration.details, radiometry.tone, plate.view, colour=mosaic)
         return cls(plate=plate, radiometry=radiometry, settings=Settings(**settings))
 
     def tuned_on(self, image: NDArray[np.uint8]) -> Estimator:
@@ -178,7 +178,7 @@ class Estimator:
             blur = replace(blur, response=contact_edge(light[window], boundary, self.settings.edge) or blur.response)
         return replace(self, settings=replace(self.settings, scattering=found.scattering, blur=blur))
 
-    def area(self, image: NDArray[np.uint8]) -> RefinedArea:
+    def area(self, image: NDArray[np.uint8] | NDArray[np.uint16]) -> RefinedArea:
         """Measure one frame.
 
         Parameters
@@ -213,7 +213,7 @@ class Estimator:
         unsure = camera.edge_uncertainty(view, found.mask, self.settings.blur.px, seen=not found.unseen)
         return replace(found, colour_uncertainty_px=unsure, colour_misfit_DN=camera.misfit(view, found.mask))
 
-    def _area(self, image: NDArray[np.uint8]) -> RefinedArea:
+    def _area(self, image: NDArray[np.uint8] | NDArray[np.uint16]) -> RefinedArea:
         light, full = self.radiometry.light(image)
         crop = self.settings.crop
         light, full = crop.apply(light), crop.apply(full)

@@ -142,7 +142,7 @@ class Radiometry:
             raise InputError("has pixels without light", key="flat", allowed="an evenly lit shot, nowhere dark")
         return cls(tone, 0.0 if black is None else black, even / even.mean())
 
-    def light(self, image: Image) -> tuple[Floats, NDArray[np.bool_]]:
+    def light(self, image: Image | NDArray[np.uint16]) -> tuple[Floats, NDArray[np.bool_]]:
         """Return linear light (rows, cols) and where the frame is saturated.
 
         Parameters
@@ -160,12 +160,13 @@ class Radiometry:
                 raise InputError(f"shot of {part.shape}", key=name, allowed=f"the frames' size {image.shape[:2]}")
         if self.raw is not None and image.dtype == np.uint16:
             return self.raw.light(np.asarray(image, np.uint16), self.dark)
+        image = np.asarray(image, np.uint8)
         if self.camera is not None and image.ndim == 3:
             return self.camera.light(image, self.dark)
         full = (image if image.ndim == 2 else image.max(axis=2)) >= FULL_SCALE
         return (_linear(image, self.tone) - self.dark) / self.flat, full
 
-    def first_full(self, image: Image) -> float:
+    def first_full(self, image: Image | NDArray[np.uint16]) -> float:
         """Return the light at which the first channel of a frame is full, of full scale.
 
         Parameters
@@ -182,7 +183,7 @@ class Radiometry:
             return 1.0
         return min(1.0, self.camera.first / self.camera.top)
 
-    def leaves_colour(self, image: Image) -> bool:
+    def leaves_colour(self, image: Image | NDArray[np.uint16]) -> bool:
         """Return whether a frame has clipped coloured pixels and there is no camera model to read them by.
 
         Parameters

@@ -1,8 +1,8 @@
 """The plate's border path traced, with arrises bevelled as glass is cut: what the camera sees of the LEDs there.
 
-Reference of the effect ``led_edge_reflections``, whose law is empirical. A bevel at 45 degrees turns guided light, which
-runs along the plate, towards the camera; without it the LEDs are seen through the face and in their images by the faces
-alone. There is no finger.
+Reference of the effect ``led_edge_reflections``, whose law is empirical. A bevel at 45 degrees turns guided light,
+which runs along the plate, towards the camera; without it the LEDs are seen through the face and in their images by the
+faces alone. There is no finger.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def image_positions(scene: Scene, bounces: int) -> tuple[Array, Array]:
         R^k, over that of the LED seen directly [1].
     """
     n, k = scene.plate.refractive_index, np.arange(bounces + 1)
-    return (k - 0.5) * scene.plate.thickness_mm, ((n - 1) / (n + 1)) ** (2.0 * k)
+    return np.asarray((k - 0.5) * scene.plate.thickness_mm), np.asarray(((n - 1) / (n + 1)) ** (2.0 * k))
 
 
 def _bevelled(scene: Scene, bevel: float, roughness: float) -> dict[str, Any]:
@@ -114,7 +114,9 @@ def _bevelled(scene: Scene, bevel: float, roughness: float) -> dict[str, Any]:
         return np.array([(-x, -y, z), (x, -y, z), (x, y, z), (-x, y, z)])
 
     top, upper, lower, bottom = ring(bevel, 0.0), ring(0.0, -bevel), ring(0.0, bevel - t), ring(bevel, -t)
-    slopes = [(low[k], low[k - 3], high[k - 3], high[k]) for high, low in ((top, upper), (lower, bottom)) for k in range(4)]
+    slopes = [
+        (low[k], low[k - 3], high[k - 3], high[k]) for high, low in ((top, upper), (lower, bottom)) for k in range(4)
+    ]
     positions, dark = led_positions(plate, leds), []
     for edge in EDGES:
         length = plate.size_mm[1] if edge in ("left", "right") else plate.size_mm[0]

@@ -5,8 +5,8 @@ each side, evenly over projected solid angle, f = s/(2 pi). Here nothing is left
 clean face, so that haze depletes guided light; scattered light may be guided and scattered again.
 
 Light that the clean face lets through, as every camera ray is, is scattered with a probability of its own and weighted
-for it: with that of the law, s, a picture of haze would be noise. Light is scattered into random directions, but the lobe is declared a delta
-one: it is drawn, never connected to an LED.
+for it: with that of the law, s, a picture of haze would be noise. Light is scattered into random directions, but the
+lobe is declared a delta one: it is drawn, never connected to an LED.
 """
 
 from __future__ import annotations
@@ -77,7 +77,8 @@ class _HazeTerms:
         self.first, self.pitch, (self.rows, self.cols) = drawn.first, float(drawn.pitch), drawn.factor.shape
         tensor = mi.TensorXf(np.ascontiguousarray(drawn.factor[:, :, None], np.float32))
         # Plain linear interpolation: a GPU's own has eight bits.
-        self.factor = mi.Texture2f(tensor, False)
+        texture: Any = mi.Texture2f
+        self.factor = texture(tensor, False)
 
     def cloud(self, p: Any) -> Any:
         """Return the pattern at a point, 1 on average; what light loses has no pattern."""
@@ -98,7 +99,8 @@ class _HazeTerms:
         """Return the probability of scattering."""
         import mitsuba as mi
 
-        through = 1.0 - mi.fresnel(self.front * mi.Frame3f.cos_theta(si.wi), 1.0 / self.refractive_index)[0]
+        out: Any = 1.0 / self.refractive_index
+        through = 1.0 - mi.fresnel(self.front * mi.Frame3f.cos_theta(si.wi), out)[0]
         return lost * (1.0 + through * (PASSING_PROBABILITY / self.share - 1.0))
 
 

@@ -34,8 +34,10 @@ SETTINGS = {
     "high": (5800.0, (1.0, 0.3, 0.15)),
 }
 BLUR_PX = 1.33
-"""Of the scene's lens and pixels, 1.13 px, with the 0.5 px^2 that bilinear demosaicing adds, as the sums over a raw
-mosaic do: stated."""
+"""Of the scene's lens and pixels, 1.13 px, with the 0.5 px^2 that bilinear demosaicing adds: stated."""
+
+RAW_BLUR_PX = 1.13
+"""The same without demosaicing."""
 CLIPPING = (1.0, 2.0, 5.0, 8.0, 12.0, 24.0)
 
 
@@ -60,7 +62,7 @@ def estimators(setting: str, models: list[str]) -> dict[str, Estimator]:
         model = camera_model(scene_of(name, "ridged"))
         label = "colour" if name == setting else f"model {name}"
         found[label] = Estimator.of(calibration, replace(plain, camera=model), blur_px=BLUR_PX)
-    found["raw"] = Estimator.of(calibration, replace(plain, raw=raw_model(scene)), blur_px=BLUR_PX)
+    found["raw"] = Estimator.of(calibration, replace(plain, raw=raw_model(scene)), blur_px=RAW_BLUR_PX)
     return found
 
 

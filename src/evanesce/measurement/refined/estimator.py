@@ -149,9 +149,9 @@ class Estimator:
         if "blur_px" in settings:
             settings["blur"] = Blur.stated(settings.pop("blur_px"))
         elif "blur" not in settings:
-            # the sums over a raw mosaic blur as bilinear demosaicing does
-            mosaic = radiometry.camera is not None or radiometry.raw is not None
-            settings["blur"] = Blur.of(calibration.details, radiometry.tone, plate.view, colour=mosaic)
+            settings["blur"] = Blur.of(
+                calibration.details, radiometry.tone, plate.view, colour=radiometry.camera is not None
+            )
         return cls(plate=plate, radiometry=radiometry, settings=Settings(**settings))
 
     def tuned_on(self, image: NDArray[np.uint8]) -> Estimator:

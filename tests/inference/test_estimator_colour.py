@@ -220,6 +220,17 @@ def test_area_of_a_raw_mosaic_where_colours_show_the_level_and_where_they_do_not
         ev.raw_model("thesis")
 
 
+def test_area_of_a_raw_mosaic_in_which_every_colour_is_full() -> None:
+    """One and a half times what the least sensitive pixels show: from the foot, within the interval."""
+    share = cv2.GaussianBlur(ellipse(93.4, 71.7, (187.3, 151.8), 0.4), (0, 0), BLUR_PX)
+    tool = Estimator.of(uniform_calibration(), Radiometry.of({}, raw=RAW), blur_px=BLUR_PX)
+    found = tool.area(mosaic(30.0 * (0.008 + 0.992 * share), 4))
+    low, high = refined_uncertainty(found, tool, np.random.default_rng(1), cards=()).interval_mm2
+    assert found.unseen == "top"
+    assert low < AREA < high
+    assert found.area_mm2 == pytest.approx(AREA, rel=1e-2)
+
+
 @pytest.mark.parametrize("text", ["", "level,red,green,blue\n0,0,0,0\n1,2,3,4", "level,red,green,blue\n0,0\n",
                                   "level,red,green,blue\n0,0,0,0\n2,9,0,0\n1,9,0,0"])  # fmt: skip
 def test_bad_table(tmp_path, text: str) -> None:

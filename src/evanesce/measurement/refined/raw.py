@@ -3,7 +3,8 @@
 Red, green and blue pixels collect fixed shares of the light, so that a place's level is the charge that its pixels
 collected over what they would have collected of unit light. Of Poisson noise this ratio of sums is the estimate of
 least variance. A colour of which a pixel nearby is full is left out there, whole: dropping single pixels would draw the
-others' centre towards the dark side of an edge. Nothing is cut at 0, and red being full hides nothing that green shows.
+others' centre towards the dark side of an edge. The least sensitive colour stays, full pixels and all: where it is full
+the level is at least the top. Nothing is cut at 0, and red being full hides nothing that green shows.
 """
 
 from __future__ import annotations
@@ -82,11 +83,13 @@ class RawModel:
         Returns
         -------
         level : ndarray (rows, cols)
-            The top where every colour is full.
+            At most the top.
         full : ndarray of bool (rows, cols)
+            Where it is the top.
         """
         value = (np.asarray(raw, np.float64) - self.black_DN) / (self.full_DN - self.black_DN)
         collected, expected = np.zeros(raw.shape), np.zeros(raw.shape)
+        least = min(share for share in self.response if share > 0)
         for colour, share in zip("RGB", self.response, strict=True):
             if share <= 0:
                 continue
@@ -95,11 +98,12 @@ class RawModel:
                 if letter == colour:
                     own[place // 2 :: 2, place % 2 :: 2] = 1.0
             clipped = ((value >= FULL_SHARE) & (own > 0)).astype(np.uint8)
-            usable = cv2.dilate(clipped, np.ones((3, 3), np.uint8)) == 0
+            usable = (cv2.dilate(clipped, np.ones((3, 3), np.uint8)) == 0) | (share == least)
             collected += np.where(usable, _sums(value * own), 0.0)
             expected += np.where(usable, share * _sums(own), 0.0)
-        full = expected <= 0
-        return np.where(full, self.top, collected / np.maximum(expected, 1e-12)), full
+        level = collected / np.maximum(expected, 1e-12)
+        full = level >= self.top
+        return np.minimum(level, self.top), full
 
 
 def _sums(values: Floats) -> Floats:

@@ -228,7 +228,7 @@ def test_area_of_a_raw_mosaic_in_which_every_colour_is_full() -> None:
     low, high = refined_uncertainty(found, tool, np.random.default_rng(1), cards=()).interval_mm2
     assert found.unseen == "top"
     assert low < AREA < high
-    assert found.area_mm2 == pytest.approx(AREA, rel=1e-2)
+    assert found.area_mm2 == pytest.approx(AREA, rel=1.5e-2)
 
 
 @pytest.mark.parametrize("text", ["", "level,red,green,blue\n0,0,0,0\n1,2,3,4", "level,red,green,blue\n0,0\n",

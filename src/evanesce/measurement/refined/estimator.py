@@ -204,7 +204,7 @@ class Estimator:
             )
         found, camera = self._area(image), self.radiometry.camera
         if image.dtype == np.uint16:
-            return replace(found, colour_uncertainty_px=MOSAIC_PX if found.contours else 0.0)
+            return replace(found, mosaic=True, colour_uncertainty_px=MOSAIC_PX if found.contours else 0.0)
         levels = image if image.ndim == 2 else image.max(axis=2)
         found = replace(found, ground=float(self.radiometry.tone[int(np.median(levels))]))
         if camera is None or image.ndim == 2 or not found.contours:

@@ -60,9 +60,19 @@ def measure_agreement(case: Case, samples: int, groups: int = 4) -> dict[str, An
     )
 
 
-def frame_rate(backend: str, count: int, scene_name: str = "thesis_ridged") -> dict[str, float]:
+SURROUNDINGS = {
+    "spill": {"share": 0.3},
+    "haze": {"top_share": 0.004, "bottom_share": 0.002},
+    "backdrop": {"reflectance": 0.3},
+}
+"""All causes of light beside the contact at once."""
+
+
+def frame_rate(
+    backend: str, count: int, scene_name: str = "thesis_ridged", changes: dict[str, Any] | None = None
+) -> dict[str, float]:
     """Time frames of a pressing finger at the camera's resolution, each another state and other noise."""
-    scene = load_scene(scene_name)
+    scene = load_scene(scene_name, changes)
     states = [contact_state(scene, 4.0 + 0.25 * k) for k in range(5)]
     camera = FastCamera(scene, backend)  # type: ignore[arg-type]
     for state in states:
@@ -112,10 +122,17 @@ def measure_rates(quick: bool) -> dict[str, Any]:
         "colour_rates": {
             name: frame_rate(name, 40 if quick else 150, "thesis_ridged_red") for name in ("llvm", "numpy")
         },
+        "lit_colour_rates": {
+            name: frame_rate(name, 40 if quick else 150, "thesis_ridged_red", {"surroundings": SURROUNDINGS})
+            for name in ("llvm", "numpy")
+        },
         "peak_memory_MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         "load": os.getloadavg()[0],
     }
-    for kind, rates in (("grey", found["rates"]), ("colour", found["colour_rates"])):
+    lit, plain = found["lit_colour_rates"], found["colour_rates"]
+    found["surroundings_over_none"] = {name: lit[name]["quiet_ms"] / plain[name]["quiet_ms"] for name in lit}
+    print("colour frames with surroundings over those without:", found["surroundings_over_none"])
+    for kind, rates in (("grey", found["rates"]), ("colour", plain), ("colour, surroundings", lit)):
         for name, rate in rates.items():
             print(kind, name, ", ".join(f"{key} {value:.1f}" for key, value in rate.items()), "a frame")
     return found

@@ -1,6 +1,6 @@
 """Area error of the refined estimator on colour frames, with and without a camera model.
 
-    python docs/validation/colour_estimator.py [--forces 2] [--fingers ridged,smooth] [--wrong] [--json FILE]
+    python docs/validation/colour_estimator.py [--forces 1,2,5] [--fingers ridged,smooth] [--wrong] [--json FILE]
 
 Frames of thesis_ridged_red by the fast renderer, exposed so that the contact's light is so many times what fills a raw
 red pixel; filter shares and colour temperature at the middle and at the ends of what the real frame allows.
@@ -18,7 +18,7 @@ from evanesce.chain.simulate import solve_contact
 from evanesce.core import rng
 from evanesce.core.states import SensorLight
 from evanesce.evaluation.calibrated_rig import calibrated
-from evanesce.evaluation.camera_model import camera_model, red_level
+from evanesce.evaluation.camera_model import camera_model, raw_model, red_level
 from evanesce.measurement.refined.estimator import Estimator
 from evanesce.measurement.refined.light import Radiometry
 from evanesce.measurement.uncertainty.area import refined_uncertainty
@@ -36,6 +36,8 @@ SETTINGS = {
 BLUR_PX = 1.33
 """Of the scene's lens and pixels, 1.13 px, with the 0.5 px^2 that bilinear demosaicing adds: stated."""
 
+RAW_BLUR_PX = 1.13
+"""The same without demosaicing."""
 CLIPPING = (1.0, 2.0, 5.0, 8.0, 12.0, 24.0)
 
 
@@ -60,6 +62,7 @@ def estimators(setting: str, models: list[str]) -> dict[str, Estimator]:
         model = camera_model(scene_of(name, "ridged"))
         label = "colour" if name == setting else f"model {name}"
         found[label] = Estimator.of(calibration, replace(plain, camera=model), blur_px=BLUR_PX)
+    found["raw"] = Estimator.of(calibration, replace(plain, raw=raw_model(scene)), blur_px=RAW_BLUR_PX)
     return found
 
 
@@ -90,18 +93,24 @@ def main() -> None:
                     frame = frame_of(signal_of(charge, scene.camera, np.random.default_rng(len(rows))), scene.camera)
                     row = {"finger": finger, "force_N": force, "setting": setting, "clipping": clipping}
                     for name, estimator in own.items():
-                        found = estimator.area(frame.data)
+                        found = estimator.area(frame.raw if name == "raw" else frame.data)
                         row[name] = round(100 * (found.area_mm2 / state.nominal_contact_area - 1), 3)
-                        if name == "colour":
+                        if name in ("colour", "raw"):
                             known = refined_uncertainty(found, estimator, np.random.default_rng(0), cards=())
                             low, high = known.interval_mm2
                             row |= {
-                                "unseen": found.unseen,
-                                "half_width": round(50 * (high - low) / state.nominal_contact_area, 2),
-                                "covered": bool(low <= state.nominal_contact_area <= high),
+                                f"{name} unseen": found.unseen,
+                                f"{name} half_width": round(50 * (high - low) / state.nominal_contact_area, 2),
+                                f"{name} covered": bool(low <= state.nominal_contact_area <= high),
                             }
                     rows.append(row)
                     print(row, flush=True)
+    for name in ("grey", "colour", "raw"):
+        errors = np.array([row[name] for row in rows])
+        covered = sum(row.get(f"{name} covered", False) for row in rows)
+        worst = errors[np.abs(errors).argmax()]
+        print(f"{name}: RMS {np.sqrt((errors**2).mean()):.2f} %, worst {worst:+.2f} %", end="")
+        print("" if name == "grey" else f", {covered} of {len(rows)} intervals hold the truth")
     if options.json:
         with open(options.json, "w", encoding="utf-8") as file:
             json.dump(rows, file, indent=1)

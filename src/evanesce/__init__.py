@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from evanesce.dataset.read import Dataset, Sample
     from evanesce.dataset.read import open as open_dataset
     from evanesce.effects import all_effects
+    from evanesce.evaluation.camera_model import raw_model
     from evanesce.evaluation.compare import Comparison
     from evanesce.evaluation.error_split import ErrorSplit
     from evanesce.measurement.calibration.model import Calibration, load_calibration
@@ -78,6 +79,7 @@ __all__ = [
     "make_dataset",
     "measure",
     "open_dataset",
+    "raw_model",
     "read_bundle",
     "save_scene",
     "shipped_scenes",
@@ -100,6 +102,7 @@ _HOMES = {
     "evanesce.core.states": ("ContactState", "SurfaceState"),
     "evanesce.dataset.read": ("Dataset", "Sample", "open as open_dataset"),
     "evanesce.effects": ("all_effects",),
+    "evanesce.evaluation.camera_model": ("raw_model",),
     "evanesce.evaluation.compare": ("Comparison",),
     "evanesce.evaluation.error_split": ("ErrorSplit",),
     "evanesce.measurement.calibration.model": ("Calibration", "load_calibration"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import shutil
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from evanesce.bundle.check import contents
 from evanesce.bundle.folder import new_folder
 from evanesce.bundle.layout import Shot, conditions
 from evanesce.bundle.protocol import LIGHT, Protocol, default_protocol, sweep_voltages
-from evanesce.bundle.write import write_bundle
+from evanesce.bundle.write import Rig, write_bundle
 from evanesce.chain.simulate import expose, solve_contact
 from evanesce.cli.app import app
 from evanesce.core.errors import InputError
@@ -26,6 +27,7 @@ from evanesce.optics.projection import Projection
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene, dump_scene, load_scene
 from evanesce.rig.coarser import coarser_camera, finer_pixels
+from evanesce.rig.colour import AutoExposure
 from evanesce.sensor.codec import VideoWriter, write_png
 
 COLS, ROWS = 96, 70
@@ -337,6 +339,42 @@ def test_written_bundle_is_what_was_simulated(tmp_path: Path, scene: Scene) -> N
         "press", "voltage", "force", "displacement", "replicates", "led_off", "lens_cap", "checkerboard", "square",
         "series",
     }  # fmt: skip
+
+
+def test_what_the_camera_chose_stands_in_the_tables_and_makes_the_same_frames(tmp_path: Path, scene: Scene) -> None:
+    """A camera set by hand to the exposure and gain of a line takes that line's frame, byte by byte."""
+    camera = scene.camera.model_copy(update={"auto_exposure": AutoExposure(metering="spot")})
+    controlled = scene.model_copy(update={"camera": camera})
+    shots = conditions([Shot(index=k, time_s=2.0 * k, force_N=2.3, voltage_V=v) for k, v in enumerate((8.6, 9.4))])
+    write_bundle(tmp_path / "b", controlled, seed=5, protocol=Protocol(press=shots, replicates=1, led_off=1))
+    bundle = read_bundle(tmp_path / "b")
+    for shot in bundle.press:
+        fixed = scene.camera.model_copy(update={"exposure_ms": shot.exposure_ms, "analogue_gain": shot.analogue_gain})
+        found = Rig(scene.model_copy(update={"camera": fixed}), 5).press(shot)[0]
+        # the table has nine digits of an exposure: a grey level in a million may round the other way
+        assert np.mean(found != bundle.frame(shot)) < 1e-4
+    first, second = (shot.exposure_ms * shot.analogue_gain for shot in bundle.press)
+    assert second < 0.95 * first
+    assert bundle.replicates.shots[0].exposure_ms > 0
+    assert np.isnan(bundle.press[0].red_gain)
+    told = CliRunner().invoke(app, ["bundle", "check", str(tmp_path / "b"), "--json", str(tmp_path / "c.json")])
+    assert "exposure [ms], chosen by the camera" in told.output
+    chosen = json.loads((tmp_path / "c.json").read_text())["press"]["chosen_by_camera"]
+    assert set(chosen) == {"exposure_ms", "analogue_gain"}
+    change(tmp_path / "b" / "press.csv", "exposure_ms", "exposure_s")
+    assert "nearest: exposure_ms" in refusal(tmp_path / "b")
+
+
+def test_balance_that_the_camera_chose_is_written(tmp_path: Path) -> None:
+    changes = {"camera.colour.white_balance": "automatic", "camera.resolution_px": [320, 240],
+               "camera.scale_px_per_mm": 9.3, "camera.lens.focal_length_mm": 1.0}  # fmt: skip
+    scene = load_scene("thesis_ridged_red", changes | {"camera.lens.distortion": {"k1": 0.0, "k2": 0.0}})
+    shots = conditions([Shot(index=4, time_s=0.0, force_N=2.3, voltage_V=9.0)])
+    write_bundle(tmp_path / "b", scene, seed=5, protocol=Protocol(press=shots, replicates=0))
+    (shot,) = read_bundle(tmp_path / "b").press
+    frame = Rig(scene, 5).taken(shot)[0]
+    assert frame.balance == pytest.approx((shot.red_gain, shot.blue_gain), rel=1e-8)
+    assert np.isnan(shot.exposure_ms)
 
 
 def test_larger_pixels_add_up_the_light_of_smaller_ones() -> None:

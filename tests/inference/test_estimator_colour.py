@@ -10,6 +10,7 @@ import pytest
 from scipy.stats import norm
 from test_estimator import BLUR_PX, SCALE_PX_PER_MM, ellipse, uniform_calibration
 
+import evanesce as ev
 from evanesce.core.errors import InputError
 from evanesce.core.states import Frame
 from evanesce.evaluation.camera_model import camera_model, clipped_normal, read_camera_model
@@ -17,6 +18,7 @@ from evanesce.measurement.io.frames import open_frames
 from evanesce.measurement.refined.colour import CameraModel
 from evanesce.measurement.refined.estimator import Estimator
 from evanesce.measurement.refined.light import Radiometry
+from evanesce.measurement.refined.raw import RawModel
 from evanesce.measurement.uncertainty.area import refined_uncertainty
 from evanesce.measurement.warnings import EdgeLog
 from evanesce.rig import load_scene
@@ -163,6 +165,70 @@ def test_table_measured_by_exposure(tmp_path) -> None:
     table, model = read_camera_model(file), camera_model(scene)
     pixels = colour_of_level(np.array([0.05, 3.0, 5.0, 8.0]), [1.0, 0.15, 0.05], ImageProcessor.of(scene.camera))
     assert table.read(pixels[None])[0] == pytest.approx(model.read(pixels[None])[0], rel=0.05)
+
+
+def mosaic(level: np.ndarray, seed: int) -> np.ndarray:
+    """Return the raw mosaic of a light level, 12 bits over a black level of 256 DN; shot noise."""
+    rows, cols = np.indices(level.shape)
+    channel = np.where((rows % 2 == 0) & (cols % 2 == 0), 0, np.where((rows % 2) & (cols % 2), 2, 1))
+    charge = np.random.default_rng(seed).poisson(level * RESPONSE[channel] * FULL_E)
+    return np.rint(256 + (4095 - 256) * np.minimum(charge / FULL_E, 1.0)).astype(np.uint16)
+
+
+RAW = RawModel(mosaic="RGGB", response=(1.0, 0.15, 0.05), black_DN=256, full_DN=4095)
+
+
+@pytest.mark.parametrize(("level", "left"), [(0.5, "RGB"), (3.0, "GB"), (12.0, "B")])
+def test_even_light_of_a_mosaic_has_the_least_variance_of_what_is_not_full(level: float, left: str) -> None:
+    """Cramer and Rao: 1/variance is the charge that the pixels of a 3 x 3 kernel collect, by its weights."""
+    found, full = RAW.level(mosaic(np.full((240, 260), level), 3))
+    assert not full.any()
+    weights = np.outer([1, 2, 1], [1, 2, 1]).astype(float)
+    rows, cols = np.indices((3, 3))
+    for at_row, at_col in ((0, 0), (0, 1), (1, 1)):
+        # place in the mosaic of the kernel's pixels around a pixel at (at_row, at_col)
+        down, across = (at_row + rows - 1) % 2, (at_col + cols - 1) % 2
+        channel = np.where((down == 0) & (across == 0), 0, np.where((down == 1) & (across == 1), 2, 1))
+        share = np.where(np.isin(np.array(list("RGB"))[channel], list(left)), RESPONSE[channel], 0.0)
+        expected, variance = (weights * share).sum(), (weights**2 * share).sum() * level / FULL_E
+        here = found[2 + at_row : -2 : 2, 2 + at_col : -2 : 2]
+        # a kernel without any pixel of the colours that are left is full
+        error = np.sqrt(variance) / expected
+        assert here.mean() == pytest.approx(level, abs=5 * error / np.sqrt(here.size / 4) + 2e-4 * level)
+        assert here.std() == pytest.approx(error, rel=0.06)
+
+
+def test_a_mosaic_in_which_every_colour_is_full_is_full() -> None:
+    level, full = RAW.level(mosaic(np.full((40, 44), 40.0), 3))
+    assert full.all()
+    assert (level == RAW.top).all()
+    assert RAW.top == pytest.approx(0.95 / 0.05)
+
+
+@pytest.mark.parametrize("contact", [0.7, 1.3, 2.0, 5.0, 12.0])
+def test_area_of_a_raw_mosaic_where_colours_show_the_level_and_where_they_do_not(contact: float) -> None:
+    """A fifth of a per cent from unclipped to red full by 12 times; by the API, and within the stated interval."""
+    share = cv2.GaussianBlur(ellipse(93.4, 71.7, (187.3, 151.8), 0.4), (0, 0), BLUR_PX)
+    raw = mosaic(contact * (0.008 + 0.992 * share), 4)
+    found = ev.measure(raw, calibration=uniform_calibration(), estimator="refined", camera_model=RAW)
+    assert found.area_mm2 == pytest.approx(AREA, rel=2e-3)
+    low, high = found.interval_mm2
+    assert low < AREA < high
+    with pytest.raises(InputError, match="raw mosaic"):
+        ev.measure(frame_of(2.0), calibration=uniform_calibration(), estimator="refined", camera_model=RAW)
+    with pytest.raises(InputError, match="monochrome"):
+        ev.raw_model("thesis")
+
+
+def test_area_of_a_raw_mosaic_in_which_every_colour_is_full() -> None:
+    """One and a half times what the least sensitive pixels show: from the foot, within the interval."""
+    share = cv2.GaussianBlur(ellipse(93.4, 71.7, (187.3, 151.8), 0.4), (0, 0), BLUR_PX)
+    tool = Estimator.of(uniform_calibration(), Radiometry.of({}, raw=RAW), blur_px=BLUR_PX)
+    found = tool.area(mosaic(30.0 * (0.008 + 0.992 * share), 4))
+    low, high = refined_uncertainty(found, tool, np.random.default_rng(1), cards=()).interval_mm2
+    assert found.unseen == "top"
+    assert low < AREA < high
+    assert found.area_mm2 == pytest.approx(AREA, rel=1.5e-2)
 
 
 @pytest.mark.parametrize("text", ["", "level,red,green,blue\n0,0,0,0\n1,2,3,4", "level,red,green,blue\n0,0\n",

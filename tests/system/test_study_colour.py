@@ -12,12 +12,18 @@ from scipy.stats import binom
 from typer.testing import CliRunner
 
 from evanesce.cli.app import app
+from evanesce.evaluation.calibrated_rig import calibrated
 from evanesce.measurement.reference.segment import Chain
-from evanesce.rig import load_scene
+from evanesce.measurement.refined.estimator import Estimator
+from evanesce.rig import dump_scene, load_scene
 from evanesce.sensor.colour import ImageProcessor, colour_of_level
 from evanesce.sensor.response import led_response
+from evanesce.studies.budget.colour import ORIGINS, camera_components, deviations, radiometry_of
+from evanesce.studies.budget.study import run_study
+from evanesce.studies.estimator.study import LitPress
 from evanesce.studies.mosaic import as_red, edge_transfer, narrowest_groove, pixel_transfer, red_transfer
 from evanesce.studies.pressure.colour import run_colour
+from evanesce.studies.scenes import Finger
 from evanesce.studies.voltage.colour_rig import APERTURE, FILTERS, FLANK, ColourRig, Reading
 from evanesce.studies.voltage.colour_unknowns import SETTINGS, colour_unknowns
 from evanesce.studies.voltage.grey import GREY, GreyTable, bilinear
@@ -184,12 +190,59 @@ def test_interval_of_a_share_holds_the_truth_as_often_as_it_says() -> None:
     assert str(Share.of(np.zeros(0, bool))) == "none"
 
 
-def test_the_budget_refuses_a_colour_camera_in_one_line(tmp_path: Path) -> None:
-    arguments = ["study", "budget", "thesis", "thesis_ridged_red", "--out", str(tmp_path / "o")]
-    result = CliRunner().invoke(app, arguments)
+@pytest.mark.parametrize(
+    ("scenes", "says"),
+    [(["thesis", "thesis_ridged_red"], "the other is not"), (["AUTO"], "fixed exposure and white balance")],
+)
+def test_the_budget_needs_one_rig_whose_colours_are_fixed(tmp_path: Path, scenes: list[str], says: str) -> None:
+    automatic = load_scene("thesis_ridged_red", {"camera.colour.white_balance": "automatic"})
+    file = tmp_path / "auto.toml"
+    file.write_text(dump_scene(automatic), encoding="utf-8")
+    names = [str(file) if name == "AUTO" else name for name in scenes]
+    result = CliRunner().invoke(app, ["study", "budget", *names, "--out", str(tmp_path / "o")])
     assert result.exit_code == 2
     assert "camera.colour" in result.output
+    assert says in " ".join(result.output.split())
     assert not (tmp_path / "o").exists()
+
+
+SMALL = {"camera.resolution_px": [1000, 750], "camera.scale_px_per_mm": 29.2, "camera.pixel.pitch_um": 6.2,
+         "grid.samples": 640, "grid.size_mm": 12.8}  # fmt: skip
+
+
+@pytest.mark.slow  # 40 s
+def test_budget_of_a_colour_rig_has_the_cameras_terms() -> None:
+    """They add in squares with the rest, and are the changes of the area that a wrong camera model makes."""
+    scene = load_scene("thesis_ridged_red", SMALL | {"camera.exposure_ms": 8.25})
+    fingers = [Finger(scene.finger.material, ridged, scattering=False).on(scene) for ridged in (False, True)]
+    found = run_study(
+        *fingers, measurements=60, forces=(1.7,), voltages=(9.0,), fingers=("smooth",), positions=("centre",), seed=2
+    ).classes[0]
+    assert set(ORIGINS) <= set(found.contributions_percent)
+    # rectangular and small beside the cards, so that medians add as the parts of each do
+    together = 1.96 * np.sqrt(sum(u**2 for u in found.contributions_percent.values()))
+    assert found.refined_half_width_percent == pytest.approx(together, rel=0.15)
+    assert abs(found.refined_bias_percent) < found.refined_half_width_percent
+
+
+@pytest.mark.slow  # 20 s
+def test_without_clipping_a_wrong_green_response_moves_no_edge() -> None:
+    """Red alone is read then: a twentieth of what the same error does where red is full and green shows the level."""
+    changes = []
+    for exposure in (8.25, 8.25 / 60):
+        scene = load_scene("thesis_ridged_red", SMALL | {"camera.exposure_ms": exposure})
+        calibration = calibrated(scene, np.random.default_rng(2))
+        press = LitPress.of(scene, 1.7, 1)
+        estimator = Estimator.of(calibration, radiometry_of(scene, calibration), blur_px=1.0)
+        area = estimator.area(press.frame(9.0, 3).data).area_mm2
+        assert area == pytest.approx(press.true_mm2, rel=0.03)
+        changes.append(deviations(press, 9.0, 3, estimator, area))
+    clipped, unclipped = (abs(change["green response"]) for change in changes)
+    assert clipped > 0.02
+    assert unclipped < 0.05 * clipped + 0.003
+    moved = camera_components({"green response": 0.5, "demosaicing": -0.4}, estimator.area(press.frame(9.0, 3).data))
+    assert moved[0].low == -moved[0].high
+    assert (moved[1].low < 0, moved[1].high) == (True, 0.0)
 
 
 @pytest.mark.system

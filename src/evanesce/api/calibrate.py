@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.errors import InputError
+from evanesce.core.states import Frame
 from evanesce.measurement.calibration.board_images import BoardPictures, boards_of
 from evanesce.measurement.calibration.fit import Calibrated, report
 from evanesce.measurement.calibration.fit import calibrate as fit_boards
@@ -204,6 +206,40 @@ def as_image(picture: Picture) -> NDArray[np.uint8]:
             allowed="uint8 of shape (rows, cols) or (rows, cols, 3)",
         )  # fmt: skip
     return np.ascontiguousarray(image)
+
+
+def mosaic_of(picture: Picture | Frame, full_DN: float) -> Frame:
+    """Return a frame with a raw mosaic, of a frame that holds one, an array or a file of 16 bits.
+
+    Parameters
+    ----------
+    picture : Frame, ndarray of uint16 (rows, cols), str or Path
+    full_DN : float
+        Raw value of a full pixel [DN].
+
+    Returns
+    -------
+    Frame
+        Its ``data`` is the mosaic in 8 bits where it has no other.
+
+    Raises
+    ------
+    InputError
+        If there is no mosaic of 16 bits.
+    """
+    if isinstance(picture, Frame) and picture.raw is not None:
+        return picture
+    file, allowed = None, "a raw mosaic, uint16 of shape (rows, cols)"
+    given: Any = picture.data if isinstance(picture, Frame) else picture
+    if isinstance(picture, str | Path):
+        file = Path(picture)
+        given = cv2.imread(str(file), cv2.IMREAD_UNCHANGED) if file.is_file() else np.zeros(0)
+    raw = np.asarray(given)
+    if raw.dtype != np.uint16 or raw.ndim != 2:
+        raise InputError(f"{raw.dtype} of shape {raw.shape}", file=file, key="frame", allowed=allowed)
+    if raw.max() > full_DN:
+        raise InputError(f"{raw.max()} DN", file=file, key="frame", allowed=f"at most {full_DN:g}, the camera model's")
+    return Frame(data=np.asarray(raw * (255.0 / full_DN), np.uint8), raw=raw)
 
 
 def _square(picture: Picture, side_mm: float, colour: Colour, calibration: Calibration) -> SquareScale:

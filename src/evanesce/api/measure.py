@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.api.calibrate import Picture, as_image
+from evanesce.api.calibrate import Picture, as_image, mosaic_of
 from evanesce.core import rng
 from evanesce.core.errors import InputError
 from evanesce.core.states import Frame
@@ -25,6 +25,7 @@ from evanesce.measurement.reference.segment import Chain, Crop
 from evanesce.measurement.refined.colour import CameraModel
 from evanesce.measurement.refined.estimator import Estimator, refined_measured
 from evanesce.measurement.refined.light import Radiometry
+from evanesce.measurement.refined.raw import RawModel
 from evanesce.measurement.refined.result import RefinedArea
 from evanesce.measurement.uncertainty.area import reference_uncertainty, refined_uncertainty
 from evanesce.measurement.uncertainty.budget import Finger, Uncertain
@@ -106,10 +107,11 @@ class Pipeline:
         Refined only: the budget of a smooth finger is narrower.
     lossy : bool
         Whether the frames went through a lossy codec, which widens the interval.
-    camera_model : CameraModel, Scene, str or Path, optional
+    camera_model : CameraModel, RawModel, Scene, str or Path, optional
         Refined, colour frames: what the camera makes of the LEDs' light; a scene, its name or file, or a CSV with
         columns level, red, green, blue (:func:`~evanesce.evaluation.camera_model.read_camera_model`). Light is then
-        read from the channels that are not clipped.
+        read from the channels that are not clipped. A ``RawModel`` reads raw mosaics: frames that hold one, or arrays
+        and files of 16 bits.
 
     Raises
     ------
@@ -142,7 +144,7 @@ class Pipeline:
         tune: Picture | None = None,
         finger: Finger = "ridged",
         lossy: bool = False,
-        camera_model: CameraModel | Scene | str | Path | None = None,
+        camera_model: CameraModel | RawModel | Scene | str | Path | None = None,
     ) -> None:
         self.calibration = load_calibration(calibration) if isinstance(calibration, str | Path) else calibration
         self.settings = Chain(
@@ -200,13 +202,16 @@ class Pipeline:
         InputError
             If the frame is no 8-bit image, or calibration or crop do not fit it.
         """
+        raw = self.refined.radiometry.raw if self.refined else None
+        if raw is not None:
+            frame = mosaic_of(frame, raw.full_DN)
         if not isinstance(frame, Frame):
             frame = Frame(data=as_image(frame))
         lossy = self.lossy if lossy is None else lossy
         if self.refined is None:
             measured = measure_frame(frame, self.settings, self.scale_mm2_per_px, self.rectified)
             return Measurement(measured=measured, pipeline=self, lossy=lossy)
-        found = self.refined.area(frame.data)
+        found = self.refined.area(frame.data if raw is None or frame.raw is None else frame.raw)
         measured = refined_measured(frame, found, self.refined)
         return Measurement(measured=measured, pipeline=self, lossy=lossy, refined=found, bits_per_pixel=bits_per_pixel)
 
@@ -240,7 +245,7 @@ class Pipeline:
             stream.finish()
             return
         for index, given in enumerate(source):
-            if not isinstance(given, Frame):
+            if not isinstance(given, Frame) and not (self.refined and self.refined.radiometry.raw):
                 time = index / frame_rate_hz if frame_rate_hz else math.nan
                 given = Frame(data=as_image(given), index=index, time=time)
             yield self.measure(given)
@@ -266,7 +271,7 @@ class Pipeline:
 
     def _refined(
         self, scale: float | None, dark: Sequence[Picture], flat: Sequence[Picture], tune: Picture | None,
-        min_blob_px: int, camera: CameraModel | Scene | str | Path | None,
+        min_blob_px: int, camera: CameraModel | RawModel | Scene | str | Path | None,
     ) -> Estimator:  # fmt: skip
         if self.calibration is None:
             raise InputError("is needed by the refined estimator", key="calibration", allowed="a calibration file")
@@ -275,9 +280,13 @@ class Pipeline:
                 f"{scale:g}", key="scale_mm2_per_px",
                 allowed="none: the refined estimator takes the local scale from the calibration",
             )  # fmt: skip
+        raw = camera if isinstance(camera, RawModel) else None
+        if raw is not None and (len(dark) or len(flat) or tune is not None):
+            raise InputError("is not used by a raw mosaic", key="dark, flat, tune", allowed="none")
         dark_shots, flat_shots = ([as_image(shot) for shot in given] for given in (dark, flat))
-        model = camera if camera is None or isinstance(camera, CameraModel) else read_camera_model(camera)
-        radiometry = Radiometry.of(self.calibration.details, dark_shots, flat_shots, model)
+        model = None if isinstance(camera, RawModel) else camera
+        model = model if model is None or isinstance(model, CameraModel) else read_camera_model(model)
+        radiometry = Radiometry.of(self.calibration.details, dark_shots, flat_shots, model, raw)
         estimator = Estimator.of(
             self.calibration, radiometry, crop=self.settings.crop, min_blob_px=min_blob_px,
             dilation_px=self.settings.radius,

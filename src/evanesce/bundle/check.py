@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from evanesce.bundle.bundle import Bundle
 from evanesce.bundle.layout import (
     AUXILIARY,
+    CHOSEN,
     MIN_REPLICATES,
     OBSERVABLES,
     PRESS_FOLDER,
@@ -63,6 +65,11 @@ def contents(bundle: Bundle) -> dict[str, Any]:
             "force_N": _range([shot.force_N for shot in press]),
             "voltage_V": _range([shot.voltage_V for shot in press]),
             "time_s": _range([shot.time_s for shot in press]),
+            "chosen_by_camera": {
+                name: _range([getattr(shot, name) for shot in press])
+                for name in CHOSEN
+                if press and all(math.isfinite(getattr(shot, name)) for shot in press)
+            },
             "longest_hold_s": max((shot.held_s for shot in press), default=0.0),
         },
         "series": {

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.bundle.layout import Shot
+from evanesce.bundle.layout import CHOSEN, Shot
 from evanesce.core.errors import InputError, WorkError
 from evanesce.sensor.codec import write_png
 
@@ -43,6 +43,8 @@ def write_frame(root: Path, kind: str, index: int, frame: Grey) -> None:
 def write_shots(path: Path, shots: tuple[Shot, ...] | list[Shot], displacement_mm: list[float] | None = None) -> None:
     """Write ``press.csv`` or ``replicates.csv``; unknown displacements stay empty.
 
+    What the camera chose itself has columns where all shots state it.
+
     Parameters
     ----------
     path : Path
@@ -52,11 +54,13 @@ def write_shots(path: Path, shots: tuple[Shot, ...] | list[Shot], displacement_m
     """
     known = displacement_mm is not None and bool(np.isfinite(displacement_mm).all())
     depths = displacement_mm if known and displacement_mm is not None else [None] * len(shots)
+    chosen = [name for name in CHOSEN if shots and np.isfinite([getattr(s, name) for s in shots]).all()]
     rows = [
         [s.index, s.time_s, s.force_N, s.voltage_V, "" if d is None else d, s.session]
+        + [getattr(s, name) for name in chosen]
         for s, d in zip(shots, depths, strict=True)
     ]
-    write_csv(path, ["index", "time_s", "force_N", "voltage_V", "displacement_mm", "session"], rows)
+    write_csv(path, ["index", "time_s", "force_N", "voltage_V", "displacement_mm", "session", *chosen], rows)
 
 
 def write_csv(path: Path, header: list[str], rows: list[list[Any]]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -76,6 +76,8 @@ class Shot:
         Frames of one session, force and voltage share one; counted from 0 in the order of appearance.
     held_s : float
         Time since the first frame of this hold: the unbroken run of frames of one session and force [s].
+    exposure_ms, analogue_gain, red_gain, blue_gain : float
+        What the camera chose itself: exposure [ms], gain, white balance over green [1]; NaN where not given.
     """
 
     index: int
@@ -86,6 +88,10 @@ class Shot:
     session: int = 0
     condition: int = 0
     held_s: float = 0.0
+    exposure_ms: float = math.nan
+    analogue_gain: float = math.nan
+    red_gain: float = math.nan
+    blue_gain: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -163,9 +169,16 @@ SHOT_COLUMNS: Mapping[str, Column] = MappingProxyType(
         "voltage_V": Column(0.0, 60.0, "V"),
         "displacement_mm": Column(-10.0, 100.0, "mm"),
         "session": Column(0, 9999, "1", whole=True),
+        "exposure_ms": Column(1e-4, 1e6, "ms"),
+        "analogue_gain": Column(1e-3, 1e4, "1"),
+        "red_gain": Column(1e-3, 1e3, "1"),
+        "blue_gain": Column(1e-3, 1e3, "1"),
     }
 )
 """Columns of ``press.csv`` and ``replicates.csv``."""
+
+CHOSEN = ("exposure_ms", "analogue_gain", "red_gain", "blue_gain")
+"""Columns of what a camera with automatic exposure or white balance chose."""
 
 SERIES_X: Mapping[str, Column] = MappingProxyType(
     {
@@ -192,6 +205,23 @@ HELD: Mapping[str, Column] = MappingProxyType(
 """Keys of a table ``[series.NAME]`` of ``measurement.toml``: the held state, and the settings of an area."""
 
 
+def with_chosen(shot: Shot, chosen: Mapping[str, float]) -> Shot:
+    """Return a shot with what the camera chose itself.
+
+    Parameters
+    ----------
+    shot : Shot
+    chosen : mapping
+        Some of :data:`CHOSEN`.
+
+    Returns
+    -------
+    Shot
+    """
+    exposure, gain, red, blue = (chosen.get(name, math.nan) for name in CHOSEN)
+    return replace(shot, exposure_ms=exposure, analogue_gain=gain, red_gain=red, blue_gain=blue)
+
+
 def conditions(shots: list[Shot]) -> tuple[Shot, ...]:
     """Return the shots with their condition and the time since their hold began.
 
@@ -213,7 +243,7 @@ def conditions(shots: list[Shot]) -> tuple[Shot, ...]:
             firsts.append(shot)
         if hold is None or hold.session != shot.session or not same_force(hold.force_N, shot.force_N):
             hold = shot
-        found.append(_with(shot, condition=number, held_s=shot.time_s - hold.time_s))
+        found.append(replace(shot, condition=number, held_s=shot.time_s - hold.time_s))
     return tuple(found)
 
 
@@ -248,17 +278,4 @@ def same_condition(one: Shot, other: Shot) -> bool:
         one.session == other.session
         and same_force(one.force_N, other.force_N)
         and abs(one.voltage_V - other.voltage_V) <= SAME_VOLTAGE_V
-    )
-
-
-def _with(shot: Shot, *, condition: int, held_s: float) -> Shot:
-    return Shot(
-        index=shot.index,
-        time_s=shot.time_s,
-        force_N=shot.force_N,
-        voltage_V=shot.voltage_V,
-        displacement_mm=shot.displacement_mm,
-        session=shot.session,
-        condition=condition,
-        held_s=held_s,
     )

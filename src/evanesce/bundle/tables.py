@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from evanesce.bundle.layout import (
+    CHOSEN,
     SERIES_X,
     SERIES_Y,
     SHOT_COLUMNS,
@@ -158,6 +159,7 @@ def read_shots(path: Path, voltage_V: float) -> tuple[Shot, ...]:
         "voltage_V": [voltage_V] * count,
         "displacement_mm": [math.nan] * count,
         "session": [0.0] * count,
+        **{name: [math.nan] * count for name in CHOSEN},
     } | table
     lines = line_numbers(path)
     for name, what in (("index", "frames in the order of the table"), ("time_s", "times that rise: a clock runs on")):
@@ -175,6 +177,10 @@ def read_shots(path: Path, voltage_V: float) -> tuple[Shot, ...]:
             voltage_V=_n(filled["voltage_V"][k]),
             displacement_mm=_n(filled["displacement_mm"][k]),
             session=int(_n(filled["session"][k])),
+            exposure_ms=_n(filled["exposure_ms"][k]),
+            analogue_gain=_n(filled["analogue_gain"][k]),
+            red_gain=_n(filled["red_gain"][k]),
+            blue_gain=_n(filled["blue_gain"][k]),
         )
         for k in range(count)
     ]

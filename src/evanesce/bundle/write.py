@@ -26,11 +26,12 @@ from evanesce.bundle.layout import (
     REPLICATES_TABLE,
     SERIES_FOLDER,
     Shot,
+    with_chosen,
 )
 from evanesce.bundle.protocol import Protocol, default_protocol
 from evanesce.chain.simulate import Render, expose, solve_contact
 from evanesce.core import rng
-from evanesce.core.states import ContactState, PlateLight
+from evanesce.core.states import ContactState, Frame, PlateLight
 from evanesce.effects import Context, Stage, active_effects, all_effects, apply_stage
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.optics.seen import under_lamp
@@ -82,7 +83,24 @@ class Rig:
         self._kept: tuple[str, PlateLight] | None = None
 
     def press(self, shot: Shot, index: int | None = None) -> tuple[Grey, ContactState]:
-        """Return the frame of a press [DN], and the contact.
+        """Return the frame of a press [DN], and the contact; as :meth:`taken`, the levels alone.
+
+        Parameters
+        ----------
+        shot : Shot
+        index : int, optional
+
+        Returns
+        -------
+        frame : ndarray of uint8 (rows, cols)
+            [DN].
+        state : ContactState
+        """
+        frame, state = self.taken(shot, index)
+        return np.asarray(frame.data, np.uint8), state
+
+    def taken(self, shot: Shot, index: int | None = None) -> tuple[Frame, ContactState]:
+        """Return the frame of a press, with what the camera chose itself, and the contact.
 
         Parameters
         ----------
@@ -92,8 +110,7 @@ class Rig:
 
         Returns
         -------
-        frame : ndarray of uint8 (rows, cols)
-            [DN].
+        frame : Frame
         state : ContactState
         """
         index = shot.index if index is None else index
@@ -102,7 +119,7 @@ class Rig:
         )
         assert state is not None
         light = self._light(scene, state)
-        return self._expose(scene, light, shot.time_s, index), state
+        return self._frame(scene, light, shot.time_s, index), state
 
     def led_off(self, index: int) -> Grey:
         """Return a frame with the LEDs off and the finger away [DN].
@@ -165,8 +182,10 @@ class Rig:
         return self._expose(scene, light, 0.0, index)
 
     def _expose(self, scene: Scene, light: PlateLight, time_s: float, index: int) -> Grey:
-        frame = expose(scene, light, seed=self.seed, time_s=time_s, index=index, finer=self.finer)[1]
-        return np.asarray(frame.data, np.uint8)
+        return np.asarray(self._frame(scene, light, time_s, index).data, np.uint8)
+
+    def _frame(self, scene: Scene, light: PlateLight, time_s: float, index: int) -> Frame:
+        return expose(scene, light, seed=self.seed, time_s=time_s, index=index, finer=self.finer)[1]
 
     def _light(self, scene: Scene, state: ContactState) -> PlateLight:
         """Render; a held state is rendered once, so that its frames differ by noise alone."""
@@ -281,14 +300,16 @@ def write_bundle(
 
 def _press(part: Path, rig: Rig, protocol: Protocol, written: Callable[[], None]) -> tuple[list[Grey], list[float]]:
     """Write the frames of the presses and their table; return the frames and their depths [mm]."""
-    frames, depths = [], []
+    frames, depths, shots = [], [], []
     for shot in protocol.press:
-        frame, state = rig.press(shot)
-        write_frame(part, PRESS_FOLDER, shot.index, frame)
-        frames.append(frame)
+        frame, state = rig.taken(shot)
+        levels = np.asarray(frame.data, np.uint8)
+        write_frame(part, PRESS_FOLDER, shot.index, levels)
+        frames.append(levels)
         depths.append(state.depth)
+        shots.append(with_chosen(shot, frame.chosen))
         written()
-    write_shots(part / PRESS_TABLE, protocol.press, depths)
+    write_shots(part / PRESS_TABLE, shots, depths)
     return frames, depths
 
 
@@ -319,10 +340,11 @@ def _replicates(
     for k in range(protocol.replicates):
         time = last + 10.0 + k / rig.scene.press.frame_rate_hz
         shot = Shot(index=k, time_s=time, force_N=held.force_N, voltage_V=held.voltage_V, session=held.session)
-        frame, _ = rig.press(shot, _FIRST_INDEX[REPLICATES_FOLDER] + k)
-        write_frame(part, REPLICATES_FOLDER, k, frame)
-        areas.append(contact_area(frame, nominal))
-        shots.append(shot)
+        frame, _ = rig.taken(shot, _FIRST_INDEX[REPLICATES_FOLDER] + k)
+        levels = np.asarray(frame.data, np.uint8)
+        write_frame(part, REPLICATES_FOLDER, k, levels)
+        areas.append(contact_area(levels, nominal))
+        shots.append(with_chosen(shot, frame.chosen))
         written()
     write_shots(part / REPLICATES_FOLDER / REPLICATES_TABLE, shots, [depth] * len(shots))
     return areas

@@ -23,6 +23,7 @@ from evanesce.chain.fast_optics import (
     readout_of,
     retuned,
 )
+from evanesce.chain.fast_surroundings import Beside, KeptBeside
 from evanesce.chain.simulate import simulate, solve_contact
 from evanesce.core import rng
 from evanesce.core.states import ContactState, Frame, PlateGrid
@@ -91,6 +92,8 @@ class FastCamera:
         self._mosaic: Mosaic = "RGGB" if colour is None else colour.mosaic
         self._fields: Fields | None = None
         self._optics: tuple[PlateGrid, Optics] | None = None
+        around = scene.surroundings is not None and not self.falls_back
+        self._beside = KeptBeside(scene) if around else None
         self._flank: dict[float, FlankView] = {}  # by approach: some thirty tenths of a millimetre at most
 
     def retuned(self, scene: Scene) -> FastCamera:
@@ -131,7 +134,8 @@ class FastCamera:
         key = rng.seed_sequence(seed, "exposure", index).generate_state(2)
         exposure = self._operators.exposure(self._readout, (int(key[0]), int(key[1])), with_raw)
         if state is None:
-            lit = ChargeBox(0, 0, np.zeros((0, 0), np.float32))
+            alone = np.zeros((0, 0), np.float32) if self._beside is None else self._beside.at(None).whole
+            lit = ChargeBox(0, 0, alone)
         else:
             lit = self.mean_charge(state, meanwhile=exposure.begin)
         data, raw = exposure.finish(lit)
@@ -202,10 +206,11 @@ class FastCamera:
         row, col = found.row, found.col
         if optics.halved:
             row, col, coupled = row // optics.refine, col // optics.refine, block_means(coupled, optics.refine)
-        box = _Box(row, col, coupled, found.row // optics.refine, found.col // optics.refine, found.cover)
+        box = _Box(row, col, coupled, (found.row // optics.refine, found.col // optics.refine), found.cover)
         mean = coarse_mean(coupled, (row, col), optics.samples, coarse.shape)
         change, taken = feedback(fields, coarse, coarse.contact * mean)
-        return _on_frame(scene, fields.ghost, optics, box, change, *self._flank_charge(state, fields, optics, taken))
+        lit = _on_frame(scene, fields.ghost, optics, box, change, *self._flank_charge(state, fields, optics, taken))
+        return lit if self._beside is None else _with(self._beside.at(state), lit, scene, optics, box)
 
     def _flank_charge(
         self, state: ContactState, fields: Fields, optics: Optics, taken: Array
@@ -232,8 +237,7 @@ class _Box:
     row: int
     col: int
     coupled: Image
-    cover_row: int
-    cover_col: int
+    cover_first: tuple[int, int]
     cover: Image
 
 
@@ -288,20 +292,28 @@ def _on_frame(
     return ChargeBox(top, left, charge[: rows - top, : cols - left])
 
 
+def _read(
+    image: Image, maps: Maps, here: tuple[int, int, int, int], first: tuple[int, int], step: int,
+    border: int = cv2.BORDER_CONSTANT,
+) -> Image:  # fmt: skip
+    """Return an image of the grid, whose first sample is ``first``, in part of the frame, every ``step`` pixels."""
+    r0, r1, c0, c1 = (n // step for n in here)
+    x, y = maps[0][r0:r1, c0:c1] - np.float32(first[1]), maps[1][r0:r1, c0:c1] - np.float32(first[0])
+    return np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=border))
+
+
 def _contact_charge(
     ghost: float, optics: Optics, box: _Box, change: Array, here: tuple[int, int, int, int], flank: Image
 ) -> Image:
     """Return the charge of contact and of the flank beside it, before blur."""
 
     def read(image: Image, maps: Maps, first: tuple[int, int], step: int, border: int = cv2.BORDER_CONSTANT) -> Image:
-        r0, r1, c0, c1 = (n // step for n in here)
-        x, y = maps[0][r0:r1, c0:c1] - np.float32(first[1]), maps[1][r0:r1, c0:c1] - np.float32(first[0])
-        return np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=border))
+        return _read(image, maps, here, first, step, border)
 
     first = box.row, box.col
     coupled = cv2.sepFilter2D(box.coupled, cv2.CV_32F, optics.pixel, optics.pixel, borderType=cv2.BORDER_CONSTANT)
     total = read(coupled, optics.direct, first, 1)
-    cover = read(box.cover, optics.cover, (box.cover_row, box.cover_col), COVER_STEP)
+    cover = read(box.cover, optics.cover, box.cover_first, COVER_STEP)
     bare = spread_blocks(np.float32(1) - cover, COVER_STEP)
     reflected = spread_blocks(read(coupled, optics.ghost, first, GHOST_STEP) * np.float32(ghost), GHOST_STEP)
     reflected *= bare
@@ -315,13 +327,26 @@ def _contact_charge(
     return total
 
 
+def _with(beside: Beside, lit: ChargeBox, scene: Scene, optics: Optics, box: _Box) -> ChargeBox:
+    """Return the charge of contact and flank with that of the light beside the contact, of the whole frame."""
+    charge = beside.whole.copy()
+    rows, cols = charge.shape
+    r0, r1, c0, c1 = _frame_window(scene, optics, box)
+    if r1 > r0 and c1 > c0:
+        cover = spread_blocks(_read(box.cover, optics.cover, (r0, r1, c0, c1), box.cover_first, COVER_STEP), COVER_STEP)
+        r1, c1 = min(r1, rows), min(c1, cols)
+        cover = cover[: r1 - r0, : c1 - c0]
+        charge[r0:r1, c0:c1] -= optics.blur.fold(cover * beside.hidden[r0:r1, c0:c1])
+    high, wide = lit.charge.shape
+    charge[lit.row : lit.row + high, lit.col : lit.col + wide] += lit.charge
+    return ChargeBox(0, 0, charge)
+
+
 def _why_general(scene: Scene, active: list[str]) -> str:
     """Return why a scene needs the general chain; empty if it does not."""
     pixel, lens = scene.camera.pixel, scene.camera.lens
     if active:
         return f"effects: {', '.join(active)}"
-    if scene.surroundings is not None:
-        return "surroundings: light beside the contact"
     if pixel.prnu > 0 or pixel.dsnu_e > 0:
         return "camera.pixel: fixed pattern"
     if pixel.read_noise_e < LEAST_READ_NOISE_E:

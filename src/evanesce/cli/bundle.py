@@ -58,6 +58,9 @@ def show(found: dict[str, Any]) -> None:
         for name, key, unit in (("force", "force_N", "N"), ("voltage", "voltage_V", "V"), ("time", "time_s", "s")):
             lo, hi = press[key]
             table.add_row(escape(f"{name} [{unit}]"), f"{lo:g} to {hi:g}")
+        for name, (lo, hi) in press["chosen_by_camera"].items():
+            words = name.removesuffix("_ms").replace("_", " ") + (" [ms]" if name.endswith("_ms") else "")
+            table.add_row(escape(f"{words}, chosen by the camera"), f"{lo:.4g} to {hi:.4g}")
         table.add_row("conditions, sessions", f"{press['conditions']}, {press['sessions']}")
         table.add_row(escape("longest hold [s]"), f"{press['longest_hold_s']:g}")
     for name, entry in found["series"].items():

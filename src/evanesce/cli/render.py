@@ -28,7 +28,6 @@ from evanesce.core.errors import InputError
 
 if TYPE_CHECKING:
     from evanesce.api.camera import Shot
-    from evanesce.core.states import Frame
 
 VariantOption = Annotated[str, typer.Option("--variant", help="Mitsuba variant: auto, llvm, scalar or cuda.")]
 MAX_BANDS = 14
@@ -200,18 +199,8 @@ def _row(shot: Shot, force_N: float) -> dict[str, Any]:
         "index": shot.index, "time_s": shot.time_s, "force_N": force_N, "true_area_mm2": shot.truth.area_mm2,
         "law": shot.contact.law, "brightest_DN": int(shot.frame.max()),
         "full_scale_share": full_scale_share(shot.frame), "paths_per_px": shot.plate_light.samples,
-        "relative_error": relative_error(shot.plate_light), **settled(shot.simulated.frame),
+        "relative_error": relative_error(shot.plate_light), **shot.simulated.frame.chosen,
     }  # fmt: skip
-
-
-def settled(frame: Frame) -> dict[str, float]:
-    """Return exposure, gain and white balance of a frame whose camera chose them itself."""
-    chosen = {
-        "exposure_ms": frame.exposure_ms, "analogue_gain": frame.analogue_gain,
-        "red_gain": None if frame.balance is None else frame.balance[0],
-        "blue_gain": None if frame.balance is None else frame.balance[1],
-    }  # fmt: skip
-    return {name: value for name, value in chosen.items() if value is not None}
 
 
 def full_scale_share(frame: Any) -> float:

@@ -244,6 +244,15 @@ class Frame:
     analogue_gain: float | None = None
     balance: tuple[float, float] | None = None
 
+    @property
+    def chosen(self) -> dict[str, float]:
+        """What the camera chose itself: ``exposure_ms``, ``analogue_gain``, ``red_gain``, ``blue_gain``."""
+        red, blue = self.balance or (None, None)
+        found = {
+            "exposure_ms": self.exposure_ms, "analogue_gain": self.analogue_gain, "red_gain": red, "blue_gain": blue,
+        }  # fmt: skip
+        return {name: value for name, value in found.items() if value is not None}
+
 
 @dataclass(frozen=True, kw_only=True)
 class Estimate:

@@ -28,6 +28,12 @@ CORNER_NOISE_PX = 0.03
 SQUARE_EDGE_PX = 0.5
 """Greatest displacement of the printed square's edges by threshold and blur [px]."""
 
+BOARD_WHITE_DN = 240
+"""Brightest squares of a board that is exposed for itself [DN]."""
+
+MOST_HALVINGS = 16
+"""Of an exposure time, until a board is no longer full."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class CardErrors:
@@ -106,6 +112,8 @@ def _stated_curve(scene: Scene) -> str | list[float]:
 def with_board_blur(calibration: Calibration, scene: Scene, seed: int) -> Calibration:
     """Return a calibration with the blur of a frame of the scene's board, as ``evanesce calibrate`` finds it.
 
+    A colour camera's exposure for red light leaves a board under a lamp white: the board gets one of its own.
+
     Parameters
     ----------
     calibration : Calibration
@@ -122,9 +130,22 @@ def with_board_blur(calibration: Calibration, scene: Scene, seed: int) -> Calibr
     WorkError
         If no board is found in the frame.
     """
-    picture = Rig(scene, seed).card("checkerboard", 0)
+    colour = scene.camera.colour is not None
+    picture = _unclipped_board(scene, seed) if colour else Rig(scene, seed).card("checkerboard", 0)
     blur = blur_of_board(picture, find_corners(picture))
     return replace(calibration, details={**calibration.details, "blur_px": [blur]})
+
+
+def _unclipped_board(scene: Scene, seed: int) -> NDArray[np.uint8]:
+    """Return the board at the longest of halved exposure times, at gain 1, that fills no channel."""
+    exposure = scene.camera.exposure_ms
+    for _ in range(MOST_HALVINGS):
+        camera = scene.camera.model_copy(update={"analogue_gain": 1.0, "exposure_ms": exposure})
+        picture = Rig(scene.model_copy(update={"camera": camera}), seed).card("checkerboard", 0)
+        if np.percentile(picture, 99) < BOARD_WHITE_DN:
+            break
+        exposure /= 2
+    return np.asarray(picture, np.uint8)
 
 
 def drawn_corners(

@@ -11,6 +11,7 @@ from scipy.special import ndtr
 
 from evanesce.core.errors import InputError
 from evanesce.measurement.refined.colour import CameraModel
+from evanesce.measurement.refined.raw import RawModel
 from evanesce.rig import Scene, load_scene
 from evanesce.sensor.automatic import is_automatic
 from evanesce.sensor.colour import ImageProcessor
@@ -66,13 +67,19 @@ def red_level(scene: Scene, irradiance_W_per_mm2: float) -> float:
     return float(photons[0]) * pixel.quantum_efficiency / _full_e(scene)
 
 
-def camera_model(scene: Scene) -> CameraModel:
+def camera_model(
+    scene: Scene, processor: ImageProcessor | None = None, response: tuple[float, float, float] | None = None
+) -> CameraModel:
     """Return what a scene's colour camera makes of its LEDs' light, level by level.
 
     Parameters
     ----------
     scene : Scene
         With a table ``camera.colour``; white balance fixed, no contrast enhancement.
+    processor : ImageProcessor, optional
+        In place of the scene's.
+    response : tuple of float, optional
+        Of red, green and blue pixels to the LEDs' light, in place of the scene's [1].
 
     Returns
     -------
@@ -85,7 +92,8 @@ def camera_model(scene: Scene) -> CameraModel:
     InputError
         If the camera is monochrome, or its colours depend on the whole frame.
     """
-    camera, response = scene.camera, led_response(scene)
+    camera = scene.camera
+    response = led_response(scene) if response is None else response
     if camera.colour is None or response is None:
         raise InputError("is a monochrome camera", key="camera.colour", allowed="a scene with a table [camera.colour]")
     if is_automatic(camera) or camera.colour.contrast_enhancement:
@@ -93,7 +101,7 @@ def camera_model(scene: Scene) -> CameraModel:
             "depends on the whole frame", key="camera.colour",
             allowed="fixed exposure and white balance, contrast_enhancement = false",
         )  # fmt: skip
-    processor, full_e = ImageProcessor.of(camera), _full_e(scene)
+    processor, full_e = processor or ImageProcessor.of(camera), _full_e(scene)
     levels = np.concatenate([[0.0], np.geomspace(1e-4, HIGHEST, LEVELS)])
     mean = levels[:, None] * np.asarray(response)
     deviation = np.sqrt(mean * full_e + camera.pixel.read_noise_e**2 + 1e-12) / full_e
@@ -103,6 +111,33 @@ def camera_model(scene: Scene) -> CameraModel:
         levels=levels, output=(value * processor.gains) @ matrix.T,
         noise=np.sqrt((spread * processor.gains) ** 2 @ (matrix**2).T), tone=tone_values(camera.tone_curve),
     )  # fmt: skip
+
+
+def raw_model(scene: Scene | str | Path) -> RawModel:
+    """Return what a scene's raw pixels make of its LEDs' light.
+
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        A scene, its name or file, with a table ``camera.colour``; exposure, gain and white balance do not matter.
+
+    Returns
+    -------
+    RawModel
+
+    Raises
+    ------
+    InputError
+        If the camera is monochrome.
+    """
+    scene = scene if isinstance(scene, Scene) else load_scene(scene)
+    camera, response = scene.camera, led_response(scene)
+    if camera.colour is None or response is None:
+        raise InputError("is a monochrome camera", key="camera.colour", allowed="a scene with a table [camera.colour]")
+    pixel = camera.pixel
+    return RawModel(
+        mosaic=camera.colour.mosaic, response=response, black_DN=pixel.black_level_DN, full_DN=2**pixel.bits - 1
+    )
 
 
 def read_camera_model(source: Scene | str | Path) -> CameraModel:

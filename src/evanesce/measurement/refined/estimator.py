@@ -35,6 +35,7 @@ from evanesce.measurement.refined.edge import (
 )
 from evanesce.measurement.refined.light import Radiometry
 from evanesce.measurement.refined.plate import PlateMap
+from evanesce.measurement.refined.raw import MOSAIC_PX
 from evanesce.measurement.refined.replica import edge_blur, replica
 from evanesce.measurement.refined.result import RefinedArea, Unseen
 from evanesce.measurement.refined.saturation import (
@@ -177,13 +178,13 @@ class Estimator:
             blur = replace(blur, response=contact_edge(light[window], boundary, self.settings.edge) or blur.response)
         return replace(self, settings=replace(self.settings, scattering=found.scattering, blur=blur))
 
-    def area(self, image: NDArray[np.uint8]) -> RefinedArea:
+    def area(self, image: NDArray[np.uint8] | NDArray[np.uint16]) -> RefinedArea:
         """Measure one frame.
 
         Parameters
         ----------
-        image : ndarray of uint8, (rows, cols) or (rows, cols, 3)
-            As taken, not undistorted [DN].
+        image : ndarray of uint8, (rows, cols) or (rows, cols, 3), or of uint16 (rows, cols)
+            As taken, not undistorted [DN]; of 16 bits a raw mosaic, where the radiometry reads those.
 
         Returns
         -------
@@ -202,6 +203,8 @@ class Estimator:
                 allowed="frames of the size that was calibrated",
             )
         found, camera = self._area(image), self.radiometry.camera
+        if image.dtype == np.uint16:
+            return replace(found, mosaic=True, colour_uncertainty_px=MOSAIC_PX if found.contours else 0.0)
         levels = image if image.ndim == 2 else image.max(axis=2)
         found = replace(found, ground=float(self.radiometry.tone[int(np.median(levels))]))
         if camera is None or image.ndim == 2 or not found.contours:
@@ -210,7 +213,7 @@ class Estimator:
         unsure = camera.edge_uncertainty(view, found.mask, self.settings.blur.px, seen=not found.unseen)
         return replace(found, colour_uncertainty_px=unsure, colour_misfit_DN=camera.misfit(view, found.mask))
 
-    def _area(self, image: NDArray[np.uint8]) -> RefinedArea:
+    def _area(self, image: NDArray[np.uint8] | NDArray[np.uint16]) -> RefinedArea:
         light, full = self.radiometry.light(image)
         crop = self.settings.crop
         light, full = crop.apply(light), crop.apply(full)

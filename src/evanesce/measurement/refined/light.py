@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from evanesce.core.errors import InputError
 from evanesce.measurement.reference.segment import LUMA
 from evanesce.measurement.refined.colour import CameraModel
+from evanesce.measurement.refined.raw import RawModel
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -83,12 +84,15 @@ class Radiometry:
         Relative light of an even target, mean 1.
     camera : CameraModel, optional
         By which colour frames are read, one level a pixel; without it they are grey by the luma weights.
+    raw : RawModel, optional
+        By which frames of 16 bits are read: raw mosaics.
     """
 
     tone: Floats
     dark: Floats | float = 0.0
     flat: Floats | float = 1.0
     camera: CameraModel | None = None
+    raw: RawModel | None = None
 
     @classmethod
     def of(
@@ -97,6 +101,7 @@ class Radiometry:
         dark: Iterable[Image] = (),
         flat: Iterable[Image] = (),
         camera: CameraModel | None = None,
+        raw: RawModel | None = None,
     ) -> Radiometry:
         """Combine a calibration's ``tone_curve`` (bt709 if it has none) with the rig's own dark and flat shots.
 
@@ -108,6 +113,8 @@ class Radiometry:
             Frames without contact, and of a uniform target [DN].
         camera : CameraModel, optional
             Of a colour camera.
+        raw : RawModel, optional
+            Of raw mosaics, which go without shots.
 
         Returns
         -------
@@ -119,6 +126,8 @@ class Radiometry:
             If the curve is not valid, shots differ in size, or a flat shot is dark somewhere.
         """
         tone = tone_table(details.get("tone_curve", "bt709"))
+        if raw is not None:
+            return cls(tone, raw=raw)
         if camera is not None:
             if list(flat):
                 raise InputError("flat shots hold for grey frames", key="camera_model", allowed="without flat shots")
@@ -133,7 +142,7 @@ class Radiometry:
             raise InputError("has pixels without light", key="flat", allowed="an evenly lit shot, nowhere dark")
         return cls(tone, 0.0 if black is None else black, even / even.mean())
 
-    def light(self, image: Image) -> tuple[Floats, NDArray[np.bool_]]:
+    def light(self, image: Image | NDArray[np.uint16]) -> tuple[Floats, NDArray[np.bool_]]:
         """Return linear light (rows, cols) and where the frame is saturated.
 
         Parameters
@@ -149,12 +158,15 @@ class Radiometry:
         for name, part in (("dark", self.dark), ("flat", self.flat)):
             if isinstance(part, np.ndarray) and part.shape != image.shape[:2]:
                 raise InputError(f"shot of {part.shape}", key=name, allowed=f"the frames' size {image.shape[:2]}")
+        if self.raw is not None and image.dtype == np.uint16:
+            return self.raw.light(np.asarray(image, np.uint16), self.dark)
+        image = np.asarray(image, np.uint8)
         if self.camera is not None and image.ndim == 3:
             return self.camera.light(image, self.dark)
         full = (image if image.ndim == 2 else image.max(axis=2)) >= FULL_SCALE
         return (_linear(image, self.tone) - self.dark) / self.flat, full
 
-    def first_full(self, image: Image) -> float:
+    def first_full(self, image: Image | NDArray[np.uint16]) -> float:
         """Return the light at which the first channel of a frame is full, of full scale.
 
         Parameters
@@ -165,11 +177,13 @@ class Radiometry:
         -------
         float
         """
+        if self.raw is not None and image.dtype == np.uint16:
+            return 1.0 / max(self.raw.response) / self.raw.top
         if self.camera is None or image.ndim == 2:
             return 1.0
         return min(1.0, self.camera.first / self.camera.top)
 
-    def leaves_colour(self, image: Image) -> bool:
+    def leaves_colour(self, image: Image | NDArray[np.uint16]) -> bool:
         """Return whether a frame has clipped coloured pixels and there is no camera model to read them by.
 
         Parameters

@@ -59,6 +59,8 @@ class RefinedArea:
     colour_unread, colour_uncertainty_px : bool, float
         Whether one channel of a colour frame is clipped and no camera model says what the others show; how far levels
         that colours leave open may move the boundary [px].
+    mosaic : bool
+        Whether the frame was a raw mosaic, whose sums widen all edges alike.
     """
 
     area_mm2: float
@@ -78,6 +80,7 @@ class RefinedArea:
     narrow_share: float = 0.0
     synthesised: bool = False
     unresolved: bool = False
+    mosaic: bool = False
     unseen: Unseen = ""
     blur_uncertainty_px: float = 0.0
     colour_unread: bool = False

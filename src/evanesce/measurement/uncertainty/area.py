@@ -59,7 +59,8 @@ def refined_uncertainty(
     distance, nearness = lens_distance(estimator.plate.calibration, side)
     reading = Reading(area_mm2=found.area_mm2, perimeter_mm=found.perimeter_mm, distance_mm=distance)
     # the law of the film by the edge's width holds for edges that neither codec nor demosaicing widened
-    spread_mm = None if video or found.colour_uncertainty_px else found.excess_mm
+    widened = video or (found.colour_uncertainty_px > 0 and not found.mosaic)
+    spread_mm = None if widened else found.excess_mm
     seen = not (found.unseen or found.scattering.length_px) and found.perimeter_mm > 0
     half_width = found.area_mm2 / found.perimeter_mm if seen else None
     parts = [

@@ -239,14 +239,15 @@ class _InterfaceTerms:
         pdf = dr.select(front, p_diffuse * self.direction_pdf(cos_o), closed * cos_o / dr.pi)
         return mi.Spectrum(dr.select(active, value * cos_o, 0.0)), dr.select(active, pdf, 0.0)
 
-    def reflectance(self, u: Any, v: Any, cos_theta: Any, active: Any) -> Any:
-        """Return the specular reflectance at uv for light from the glass."""
+    def reflectance(self, u: Any, v: Any, cos_theta: Any, active: Any, haze: float = 0.0) -> Any:
+        """Return the specular reflectance at uv for light from the glass, over what haze leaves of it elsewhere."""
         mi, dr = _backend()
         si = dr.zeros(mi.SurfaceInteraction3f)
         si.uv = mi.Point2f(u, v)
         s, g, near, _ = self.local(si, active)
         in_contact, apart = self.reflectances(cos_theta, g, near)
-        return s * in_contact + (1.0 - s) * apart
+        # Haze is where nothing touches.
+        return (s * in_contact + (1.0 - s) * apart) * ((1.0 - haze * (1.0 - s)) / (1.0 - haze))
 
 
 def frustrated_bsdf(gap: Any, share: Any, optics: InterfaceOptics) -> Any:
@@ -285,9 +286,9 @@ def frustrated_bsdf(gap: Any, share: Any, optics: InterfaceOptics) -> Any:
         def eval_pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> tuple[Any, Any]:
             return terms.eval_pdf(si, wo, active)
 
-        def reflectance(self, u: Any, v: Any, cos_theta: Any, active: Any) -> Any:
-            """Return the specular reflectance at uv for light from the glass."""
-            return terms.reflectance(u, v, cos_theta, active)
+        def reflectance(self, u: Any, v: Any, cos_theta: Any, active: Any, haze: float = 0.0) -> Any:
+            """Return the specular reflectance at uv for light from the glass, over what haze leaves elsewhere."""
+            return terms.reflectance(u, v, cos_theta, active, haze)
 
         def traverse(self, callback: Any) -> None:
             return

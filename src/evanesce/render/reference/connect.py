@@ -45,6 +45,8 @@ class Guide:
         [1/mm].
     air_gap_share : float
         Share of each LED's face that an air film parts from the edge [1].
+    haze : tuple of float
+        Shares that haze on the top and the bottom face takes of what meets them [1].
     """
 
     half_size: tuple[float, float]
@@ -52,6 +54,7 @@ class Guide:
     refractive_index: float
     absorption: float
     air_gap_share: float = 0.0
+    haze: tuple[float, float] = (0.0, 0.0)
 
     def entering(self, cos_theta: Any) -> Any:
         """Return an LED's radiance in the glass over that of a face in contact, by the angle to the edge's normal.
@@ -129,6 +132,19 @@ class LedConnector:
             result *= dr.select(hits, r, 1.0)
         return result
 
+    def _haze_transmission(self, depth: Any, drop: Any) -> Any:
+        """Return what haze leaves of a line that runs from an unfolded depth over ``drop``.
+
+        The line meets the top face at 2 k t and the bottom one at (2 k + 1) t; its start on either does not count.
+        """
+        result, period = mi.Float(1.0), 2.0 * self.thickness
+        for share, offset in zip(self.guide.haze, (0.0, 0.5), strict=True):
+            if share > 0.0:
+                start, end = depth / period - offset, (depth + drop) / period - offset
+                bounces = dr.select(drop > 0, dr.floor(end) - dr.floor(start), dr.ceil(start) - dr.ceil(end))
+                result *= dr.power(1.0 - share, bounces)
+        return result
+
     def _images(self, run: Any, depth: Any, on_top: Any, offset: Any) -> tuple[Any, Any]:
         """Return the lowest index and the number of the guided images of one family (2 j t minus ``offset``)."""
         reach = run * self.cot_critical
@@ -179,6 +195,7 @@ class LedConnector:
         ok = active & (count > 0) & (cos_led > 1e-6) & (dr.abs(drop) > 1e-6)
         density = self._density(pmf, count, length, cos_led)
         weight = radiance * self.guide.entering(cos_led) * dr.exp(-self.absorption * length) / density
+        weight *= self._haze_transmission(depth, drop)
         weight *= self._patch_transmission(p, delta, drop, depth, on_top, dr.abs(drop) / length, ok)
         direction = mi.Vector3f(delta.x, delta.y, -drop) / length
         return direction, dr.select(ok, weight, 0.0), density, group

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState, PlateLight
 from evanesce.optics.emitters import led_table
+from evanesce.optics.haze import FACES
 from evanesce.optics.projection import IdealView, Projection
+from evanesce.render.reference.haze import face_share
 from evanesce.render.reference.led_groups import LedChoice, LedGroups, Powers, in_units, lit_powers
 from evanesce.render.reference.passes import Until, Welford, channel_levels, pass_samples, trace
 from evanesce.render.reference.scene import PlateModel, camera_dict, plate_scene
@@ -72,6 +74,7 @@ def integrator_for(
     guide = Guide(
         (plate.size_mm[0] / 2, plate.size_mm[1] / 2), plate.thickness_mm, plate.refractive_index,
         plate.absorption_coefficient_per_mm, scene.leds.air_gap_share,
+        (face_share(scene, "top"), face_share(scene, "bottom")),
     )  # fmt: skip
     patch = model.patch if model else None
     frustrated = (patch.extent, patch.reflectance) if patch else (None, None)
@@ -102,11 +105,8 @@ def require_traceable(scene: Scene, jit: bool = True) -> None:
             key="finger.scattering_length_mm",
             allowed="0, or the fast renderer",
         )
-    if scene.surroundings is not None and (scene.surroundings.haze.top_share or scene.surroundings.haze.bottom_share):
-        raise InputError(
-            "the path tracer does not model it", key="surroundings.haze", allowed="none, or the fast renderer"
-        )
     own = {"plate.edge_polish": scene.plate.edge_polish, "leds.air_gap_share": scene.leds.air_gap_share}
+    own |= {f"surroundings.haze.{face}_share": face_share(scene, face) for face in FACES}
     for key, value in own.items():
         if value != 0.0 and not jit:
             raise InputError(

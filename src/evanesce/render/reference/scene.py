@@ -16,6 +16,7 @@ from evanesce.optics.led import emitter_radiance, led_positions
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.render.reference.bsdf import InterfaceOptics, blended_bsdf, frustrated_bsdf
 from evanesce.render.reference.edge import edge_bsdf
+from evanesce.render.reference.haze import face_share, hazy
 from evanesce.rig import Finger, Scene
 
 Array = NDArray[np.float64]
@@ -109,7 +110,7 @@ def make_mesh(name: str, vertices: Any, faces: Any, bsdf: Any, uv: Any = None, *
     return mesh
 
 
-def _quads(corners: Array) -> tuple[Array, NDArray[np.int64]]:
+def quads_of(corners: Array) -> tuple[Array, NDArray[np.int64]]:
     """Return vertices and faces of quads given as (n, 4, 3) corners, counter-clockwise seen from the normal's side."""
     start = 4 * np.arange(len(corners))[:, None]
     faces = np.concatenate([start + np.array(corner) for corner in ((0, 1, 2), (0, 2, 3))])
@@ -122,7 +123,7 @@ def _horizontal(rectangles: list[tuple[float, float, float, float]], z: float, u
     return quads if up else quads[:, ::-1]
 
 
-def _on_edge(edge: str, half: tuple[float, float], spans: list[tuple[float, float, float, float]]) -> Array:
+def on_edge(edge: str, half: tuple[float, float], spans: list[tuple[float, float, float, float]]) -> Array:
     """Return quads (along0, along1, z0, z1) on an edge face of the plate, normal into the glass."""
     hx, hy = half
     quads = []
@@ -207,7 +208,8 @@ class _Plate:
         shapes = {"bottom": _horizontal([whole], -self.scene.plate.thickness_mm, up=False)}
         if top:
             shapes["top"] = _horizontal(top, 0.0, up=True)
-        return {k: make_mesh(k, *_quads(q), self.glass, interior=self.medium) for k, q in shapes.items()}
+        glass = {k: hazy(self.scene, k, self.glass, glass_front=False, contact=None) for k in shapes}
+        return {k: make_mesh(k, *quads_of(q), glass[k], interior=self.medium) for k, q in shapes.items()}
 
     def edges(
         self, powers: Mapping[str, ArrayLike], groups: Mapping[str, ArrayLike]
@@ -230,10 +232,10 @@ class _Plate:
                 leds.emitting_width_mm,
                 leds.emitting_height_mm,
             )
-            rest.append(_on_edge(edge, self.half, dark))
+            rest.append(on_edge(edge, self.half, dark))
             power = np.broadcast_to(np.asarray(powers.get(edge, 0.0), float), (len(lit),))
             group = np.broadcast_to(np.asarray(groups.get(edge, 0)), (len(lit),))
-            faces = _on_edge(edge, self.half, lit)
+            faces = on_edge(edge, self.half, lit)
             unlit.append(faces[power <= 0])
             for number in np.unique(group):
                 for k, level in enumerate(np.unique(power[power > 0])):
@@ -243,7 +245,7 @@ class _Plate:
                     radiance = {"type": "uniform", "value": emitter_radiance(leds, float(level))}
                     emitter = {"type": "area", "radiance": radiance}
                     name = f"leds_{edge}_{number}_{k}"
-                    shapes[name] = make_mesh(name, *_quads(same), ground, emitter=emitter, exterior=self.medium)
+                    shapes[name] = make_mesh(name, *quads_of(same), ground, emitter=emitter, exterior=self.medium)
                     numbers[name] = int(number)
         finish: Any = ground
         if plate.edge_polish > 0:
@@ -251,7 +253,7 @@ class _Plate:
         for name, quads, bsdf in (("edges", rest, finish), ("leds_off", unlit, ground)):
             bare = np.concatenate(quads)
             if len(bare):
-                shapes[name] = make_mesh(name, *_quads(bare), bsdf, exterior=self.medium)
+                shapes[name] = make_mesh(name, *quads_of(bare), bsdf, exterior=self.medium)
         return shapes, numbers
 
 
@@ -331,15 +333,18 @@ def _patch(scene: Scene, state: ContactState, jit: bool, medium: Any) -> tuple[A
     if jit:
         import mitsuba as mi
 
-        bsdf = frustrated_bsdf(mi.load_dict(_bitmap(gap)), mi.load_dict(_bitmap(share)), optics)
+        touching = mi.load_dict(_bitmap(share))
+        clean = frustrated_bsdf(mi.load_dict(_bitmap(gap)), touching, optics)
+        haze = face_share(scene, "top")
+        bsdf = hazy(scene, "top", clean, glass_front=True, contact=touching.eval_1)
 
         def reflectance(x: Any, y: Any, cos_theta: Any, active: Any) -> Any:
             u, v = (x - extent[0]) / (extent[1] - extent[0]), (y - extent[2]) / (extent[3] - extent[2])
-            return bsdf.reflectance(u, v, cos_theta, active)
+            return clean.reflectance(u, v, cos_theta, active, haze)
 
     else:
         bsdf = blended_bsdf(_bitmap(optics.coupling(share, gap).astype(np.float32)), optics)
-    vertices, faces = _quads(_horizontal([(x0, x1, y0, y1)], 0.0, up=False))
+    vertices, faces = quads_of(_horizontal([(x0, x1, y0, y1)], 0.0, up=False))
     u = (vertices[:, 0] - extent[0]) / (extent[1] - extent[0])
     v = (vertices[:, 1] - extent[2]) / (extent[3] - extent[2])
     mesh = make_mesh("patch", vertices, faces, bsdf, uv=np.stack([u, v], axis=1), exterior=medium)
@@ -397,4 +402,4 @@ def card_mesh(
     flat = _horizontal(tiles, 0.0, up=False)
     placed = to_plate(flat.reshape(-1, 3)[:, :2]).reshape(flat.shape)
     bsdf = {"type": "diffuse", "reflectance": {"type": "uniform", "value": reflectance}}
-    return make_mesh(name, *_quads(placed), {"type": "twosided", "bsdf": bsdf})
+    return make_mesh(name, *quads_of(placed), {"type": "twosided", "bsdf": bsdf})

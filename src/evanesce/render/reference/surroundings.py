@@ -2,6 +2,7 @@
 
 The plate's own light is not among it; it adds. Spill is never guided (it enters by a face and leaves by the other), so
 that paths are short and a built-in integrator serves in every variant. Where the finger touches the contact is black.
+Haze does not act on it: spill crosses each face once, and a share of it would be lost.
 """
 
 from __future__ import annotations

@@ -33,6 +33,7 @@ from evanesce.measurement.uncertainty.components import (
 )
 from evanesce.optics.projection import Projection
 from evanesce.rig import Scene
+from evanesce.studies.budget.colour import camera_components, deviations, drawn_deviation, radiometry_of
 from evanesce.studies.estimator.study import POSITIONS, REFERENCE_V, LitPress, fingers_of, placed
 from evanesce.studies.ledger import Keep, not_kept
 
@@ -63,8 +64,11 @@ class Shot:
         Of the reference segmentation (:func:`~evanesce.measurement.uncertainty.area.reference_boundary`).
     unseen : str
     scattering : Scattering
-    blur_uncertainty_px : float
+    blur_uncertainty_px, colour_uncertainty_px : float
         Of the refined estimator.
+    camera_percent : dict
+        Of a colour camera: change of the refined area where it is not as stated
+        (:func:`~evanesce.studies.budget.colour.deviations`) [%].
     """
 
     true_mm2: float
@@ -76,6 +80,8 @@ class Shot:
     unseen: Unseen = ""
     scattering: Scattering = field(default_factory=Scattering)
     blur_uncertainty_px: float = 0.0
+    colour_uncertainty_px: float = 0.0
+    camera_percent: dict[str, float] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data, from which :meth:`of` makes the same shot to the last bit.
@@ -184,21 +190,25 @@ def shots_of(
     list of Shot
     """
     presses = [LitPress.of(scene, force, seed) for force in forces]
-    estimator = Estimator.of(calibration).tuned_on(presses[0].frame(REFERENCE_V, rng.integer_seed(seed, "teach")).data)
+    teacher = presses[0].frame(REFERENCE_V, rng.integer_seed(seed, "teach")).data
+    estimator = Estimator.of(calibration, radiometry_of(scene, calibration)).tuned_on(teacher)
     view, chain = rectification(calibration), Chain(threshold=threshold)
     assert calibration.mm2_per_px is not None
     shots = []
     for k, press in enumerate(presses):
         for voltage in voltages:
-            frame = press.frame(voltage, rng.integer_seed(seed, "frame", k))
+            noise = rng.integer_seed(seed, "frame", k)
+            frame = press.frame(voltage, noise)
             reference = measure_frame(frame, chain, calibration.mm2_per_px, view)
-            perimeter, away = reference_boundary(reference, scene.camera.tone_curve)
+            perimeter, away = reference_boundary(reference, calibration.details["tone_curve"])
             found = estimator.area(frame.data)
             shots.append(
                 Shot(
                     true_mm2=press.true_mm2, contours=found.contours, spread_mm=found.spread_mm,
                     pixels=reference.segmentation.pixels, perimeter_px=perimeter, away_px=away,
                     unseen=found.unseen, scattering=found.scattering, blur_uncertainty_px=found.blur_uncertainty_px,
+                    colour_uncertainty_px=found.colour_uncertainty_px,
+                    camera_percent=deviations(press, voltage, noise, estimator, found.area_mm2),
                 )
             )  # fmt: skip
     return shots
@@ -330,8 +340,12 @@ def _measure(
         area_mm2=plate.area(shot.contours), perimeter_mm=perimeter, contours=shot.contours,
         mask=np.zeros((0, 0), np.bool_), scattering=shot.scattering, saturated_pixels=0, islands=1, dropped=0, step=0.0,
         spread_mm=shot.spread_mm, unseen=shot.unseen, blur_uncertainty_px=shot.blur_uncertainty_px,
+        colour_uncertainty_px=shot.colour_uncertainty_px,
     )  # fmt: skip
-    refined = refined_uncertainty(found, estimator, draws, finger=finger)
+    cards = [*card_components(), *camera_components(shot.camera_percent, found)]
+    # the camera as it is: what was stated of it differs by a draw from the same distributions
+    found = replace(found, area_mm2=found.area_mm2 * (1.0 + drawn_deviation(shot.camera_percent, draws)))
+    refined = refined_uncertainty(found, estimator, draws, cards=cards, finger=finger)
     assert calibration.mm2_per_px is not None
     assert calibration.square_side_mm is not None
     side = float(np.sqrt(calibration.mm2_per_px))

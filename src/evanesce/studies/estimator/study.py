@@ -24,6 +24,7 @@ from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
 from evanesce.sensor.expose import charge_of, frame_of, signal_of
 from evanesce.sensor.lens import form_image
+from evanesce.sensor.response import led_response
 from evanesce.studies.ledger import Keep, not_kept
 from evanesce.studies.voltage.press import power_ratio
 
@@ -171,7 +172,8 @@ class LitPress:
         if ratio is None:
             raise ValueError("the LEDs do not all change alike")
         camera = self.scene.camera
-        charge = charge_of(SensorLight(irradiance=self.irradiance.astype(np.float64) * ratio), camera)
+        lit = SensorLight(irradiance=self.irradiance.astype(np.float64) * ratio)
+        charge = charge_of(lit, camera, response=led_response(self.scene))
         return frame_of(signal_of(charge, camera, rng.generator(seed, "exposure", round(1000 * voltage))), camera)
 
 

@@ -125,6 +125,10 @@ def _show_jointly(result: dict[str, Any]) -> None:
     if result["causes"]:
         console.print(table)
     console.print(f"Not explained: {100 * result['misfit']['left_share']:.2g} % of the misfit.")
+    advice = result["next_measurement"]
+    if advice is not None and advice["what"] is not None:
+        between = " or ".join(advice["between"])
+        console.print(escape(f"Next: {advice['what']}, to tell whether it is {between}."))
     gain = result["held_out"]
     if gain is not None:
         (rms, rms_after), (area, area_after) = gain["rms_DN"], gain["area_error_percent"]

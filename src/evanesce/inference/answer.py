@@ -178,6 +178,7 @@ def answer(
     named: list[Named],
     left: Left,
     gain: HeldOut | None,
+    advice: dict[str, Any] | None,
     left_out: Mapping[str, str],
     seconds: float,
 ) -> tuple[dict[str, Any], str]:
@@ -206,6 +207,7 @@ def answer(
             "left_share": 1.0 - explained,
         },
         "held_out": None if gain is None else gain.as_dict(),
+        "next_measurement": advice,
         "nuisances": {name: value for name, value in fitted.point.items() if name.startswith("@")},
         "moves": [vars(step) for step in search.steps],
         "not_judged": [{"id": name, "why": why} for name, why in {**left_out, **search.refused}.items()],

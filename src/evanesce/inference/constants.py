@@ -15,8 +15,8 @@
                                what orders of convergence between 1.5 and 4 make of it
 ``FAR``                3.0     standard deviations of its prior within which a nuisance has to stay
 ``DETECTED``           0.01    p-value, against noise, above which no further cause is sought
-``TRIED``              3       causes that are entered in each round: those of most evidence with the discrepancy, and as
-                               many of those without
+``TRIED``              3       causes that are entered in each round: those of most evidence with the discrepancy, and
+                               as many of those without
 ``FITTED``             2       of them, causes that are fitted: those that would remove most of the misfit
 ``SUBSTITUTE``         0.2     share of a cause's evidence by which another may fall short and still be tried in its
                                place: forms drawn about the nominal rig are some to tens of per cent off
@@ -24,6 +24,7 @@
                                can be told, above 500 the form's own error decides
 ``NONE_PRIOR``         0.5     prior probability that a place of the sum of causes holds none
 ``CREDIBLE``           0.95    probability of a credible set of causes
+``LEAST_PROBABLE``     0.02    probability below which a cause is no rival that a further shot has to rule out
 ``DRAWS``              12      forms drawn of each cause; more change evidences by less than a nat
 ``UNKNOWN_WAVES``      12      half waves along the frame's longer side up to which an unknown field varies: 2 to 3 mm
 ``GROSS_AREA``         1.35    ratio of measured to predicted area of contact beyond which the finger is another one: a
@@ -54,6 +55,7 @@ SUBSTITUTE = 0.2
 STRENGTHS = np.geomspace(3.0, 500.0, 8)
 NONE_PRIOR = 0.5
 CREDIBLE = 0.95
+LEAST_PROBABLE = 0.02
 DRAWS = 12
 UNKNOWN_WAVES = 12
 GROSS_AREA = 1.35

@@ -21,6 +21,7 @@ from evanesce.inference.gain import held_out
 from evanesce.inference.gate import GrossDifference, gate_of
 from evanesce.inference.joint import Fitter, JointFit
 from evanesce.inference.model import AnchoredModel
+from evanesce.inference.next_shot import doubtful, next_shot
 from evanesce.inference.pictures import Pictures, pictures_of
 from evanesce.inference.posterior import Judge
 from evanesce.inference.search import Search, everything_marginalised
@@ -28,6 +29,8 @@ from evanesce.inference.shapes import FormBank, Forms
 from evanesce.inference.unknown import left_of
 
 Tell = Callable[[str], None]
+
+FURTHER = "a further cause"
 
 
 def criticise_jointly(bundle: Bundle, *, tell: Tell = lambda line: None, exclude: Collection[str] = ()) -> Criticism:
@@ -70,7 +73,8 @@ def criticise_jointly(bundle: Bundle, *, tell: Tell = lambda line: None, exclude
     causes, left_out = causes_of(observation, exclude)
     areas, discrepancy = AreaReader(model), Discrepancy(model)
     bank = FormBank(model.coarse, _place(gate.start), tell)
-    search = Search(fitter, causes, Judge(fitter, causes, bank, discrepancy), tell)
+    judge = Judge(fitter, causes, bank, discrepancy)
+    search = Search(fitter, causes, judge, tell)
     best, posterior = search.run(base)
     tell("consequences and held-out conditions")
     fine = model.anchor(best.point)
@@ -79,8 +83,14 @@ def criticise_jointly(bundle: Bundle, *, tell: Tell = lambda line: None, exclude
     rest = everything_marginalised(best)[0].project(best.residual)
     scale = observation.scene.camera.scale_px_per_mm
     left = left_of(data, rest, bank.seen.by_light, BIN_PX / scale)
+    advice = None
+    doubt = doubtful({**posterior.places, FURTHER: posterior.further} if posterior.asks else posterior.places)
+    if doubt:
+        tell("what to measure next")
+        place = posterior.places.get(doubt, posterior.further)
+        advice = next_shot(model, bank, causes, place, judge.weights(best, doubt, search.unknown))
     seconds = time.monotonic() - began
-    result, scene = answer(model, search, gate, best, posterior, named, left, gain, left_out, seconds)
+    result, scene = answer(model, search, gate, best, posterior, named, left, gain, advice, left_out, seconds)
     return Criticism(result, scene, pictures_of(model, base, best, left))
 
 

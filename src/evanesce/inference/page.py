@@ -39,8 +39,8 @@ def page(
         Nominal and extended scene as TOML.
     provenance : mapping
     """
-    sections = [_residuals(pictures), _causes(result), _left(result, pictures), _gain(result), _gate(result)]
-    sections += [_moves(result), _scene(*scenes)]
+    sections = [_residuals(pictures), _causes(result), _left(result, pictures), *_next(result), _gain(result)]
+    sections += [_gate(result), _moves(result), _scene(*scenes)]
     return Page(f"What the simulation gets wrong: {name}", result["first_line"], sections, provenance)
 
 
@@ -156,6 +156,20 @@ def _left(result: Mapping[str, Any], pictures: Pictures) -> Section:
         f" the first asked for would be {', '.join(further['credible_set'][:3])}."
     )
     return Section("What is not explained", text, [Picture(figure_png(figure), "Residual of all views together.")])
+
+
+def _next(result: Mapping[str, Any]) -> list[Section]:
+    advice = result["next_measurement"]
+    if advice is None:
+        return []
+    between = " or ".join(advice["between"])
+    text = f"No shot of the menu would tell {between} apart."
+    if advice["what"] is not None:
+        text = f"Take {advice['what']}: it would tell most about whether it is {between}."
+    rows = [(r["what"], f"{r['minutes']:g}", f"{r['gain_nats']:.2f}") for r in advice["menu"]]
+    caption = f"Doubt now: {advice['entropy_nats']:.2f} nats."
+    columns = ("shot", "minutes", "expected to be resolved [nats]")
+    return [Section("What to measure next", [text], tables=[Table(columns, rows, caption)])]
 
 
 def _gain(result: Mapping[str, Any]) -> Section:

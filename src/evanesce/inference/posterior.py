@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from evanesce.core.rng import generator
 from evanesce.inference.causes import Cause
-from evanesce.inference.constants import EXTRAPOLATED
+from evanesce.inference.constants import DETECTED, EXTRAPOLATED
 from evanesce.inference.data import DataVector
 from evanesce.inference.discrepancy import Discrepancy
 from evanesce.inference.joint import Fitter, JointFit
@@ -50,6 +50,11 @@ class Posterior:
     places: Mapping[str, Place]
     further: Place
     further_p: float
+
+    @property
+    def asks(self) -> bool:
+        """Whether a further cause is asked for louder than noise would."""
+        return self.further_p < DETECTED
 
     @property
     def inclusion(self) -> dict[str, float]:
@@ -104,6 +109,23 @@ class Further:
     unknown: float
 
 
+@dataclass(frozen=True)
+class Weights:
+    """What data say of the weights of a cause's forms.
+
+    Attributes
+    ----------
+    forms : int
+    mean : ndarray (forms,)
+    root : ndarray (forms, m)
+        Root of their covariance.
+    """
+
+    forms: int
+    mean: Array
+    root: Array
+
+
 class Judge:
     """Weighs causes against each other at a joint fit.
 
@@ -154,6 +176,38 @@ class Judge:
             # Rows are used as they are: each of them as loud as their sum's strength asks for on average.
             strength = shapes.strength(shapes.coordinates(along)) * float(np.mean(shapes.scale[shapes.scale > 0]))
         return Further(place, p, loud, strength)
+
+    def weights(self, fitted: JointFit, name: str, unknown: float = 0.0) -> dict[str, Weights]:
+        """Return the weights of the forms of every cause that may fill a place: that of a taken cause, or one more.
+
+        Parameters
+        ----------
+        fitted : JointFit
+        name : str
+            Of a taken cause; anything else: of a further one.
+        unknown : float
+        """
+        judged = [name] if name in fitted.ids else []
+        space, _ = self._space(fitted, judged)
+        others = [n for n in fitted.ids if n != name]
+        marginal, rest = _marginal(others, unknown), self._rest([*others, UNKNOWN], unknown)
+        gram, along = space.marginalised(marginal, rest, 0)
+        found, start = {}, 0
+        for cause in rest:
+            cut = np.arange(start, start + len(space.places[cause]))
+            start += len(cut)
+            if cause in judged:
+                cut = cut[:-1]  # its relinearised form is known in the present views alone
+            shapes = Shapes.of(cause, gram[np.ix_(cut, cut)])
+            if not shapes.eigenvalues.size:
+                continue
+            strength = shapes.strength(shapes.coordinates(along[cut]))
+            scaled = strength * shapes.scale
+            precision = np.eye(len(cut)) + scaled[:, None] * gram[np.ix_(cut, cut)] * scaled
+            covariance = np.linalg.inv(precision)
+            mean = scaled * (covariance @ (scaled * along[cut]))
+            found[cause] = Weights(len(cut), mean, scaled[:, None] * np.linalg.cholesky(covariance))
+        return found
 
     def power(self, fitted: JointFit, strengths: Sequence[float], rng: np.random.Generator) -> list[Power]:
         """Return the expected power of a further cause, by cause and strength."""

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+from scipy.spatial import ConvexHull
 from skimage.measure import perimeter_crofton
 
 from evanesce.measurement.calibration.model import Calibration
@@ -21,7 +22,7 @@ from evanesce.measurement.uncertainty.components import (
     CODEC_NAME,
     FILM_NAME,
     card_components,
-    half_width,
+    film_of_contact,
     nearness_component,
     reference_components,
     refined_components,
@@ -59,7 +60,7 @@ def refined_uncertainty(
     side = math.sqrt(estimator.plate.middle_area)
     distance, nearness = lens_distance(estimator.plate.calibration, side)
     reading = Reading(area_mm2=found.area_mm2, perimeter_mm=found.perimeter_mm, distance_mm=distance)
-    own = _own_components(found, side, spread, video=video, finger=finger)
+    own = _own_components(found, estimator, spread, video=video, finger=finger)
     if found.outside_mm:
         own = [_centred(part) if part.name in (FILM_NAME, CODEC_NAME) else part for part in own]
     return propagate(reading, [*(card_components() if cards is None else cards), nearness, *own], rng)
@@ -85,7 +86,7 @@ def corrected_for_edge(found: RefinedArea, estimator: Estimator, *, video: bool 
     """
     if not _by_opening(found, video=video):
         return found
-    own = _own_components(found, math.sqrt(estimator.plate.middle_area), 0.0, video=video, finger="ridged")
+    own = _own_components(found, estimator, 0.0, video=video, finger="ridged")
     outside = sum(part.mean for part in own if part.name in (FILM_NAME, CODEC_NAME))
     return replace(found, area_mm2=max(found.area_mm2 - found.perimeter_mm * outside, 0.0), outside_mm=outside)
 
@@ -96,17 +97,21 @@ def _by_opening(found: RefinedArea, *, video: bool) -> bool:
     return seen and bool(video or found.colour_uncertainty_px)
 
 
-def _own_components(found: RefinedArea, side: float, scale: float, *, video: bool, finger: Finger) -> list[Component]:
+def _own_components(
+    found: RefinedArea, estimator: Estimator, scale: float, *, video: bool, finger: Finger
+) -> list[Component]:
     """Return the estimator's own part of the budget, the scale's relative standard uncertainty in it."""
     shape = found.shape_gain * found.area_mm2 / found.perimeter_mm if found.perimeter_mm > 0 else 0.0
-    by_opening = _by_opening(found, video=video)
+    film = None
+    if _by_opening(found, video=video):
+        points = np.concatenate([estimator.plate.to_plate(curve) for curve in found.contours])
+        film = film_of_contact(found.area_mm2, found.perimeter_mm, float(ConvexHull(points).volume))
     # the law of the film by the edge's width holds for edges that neither codec nor demosaicing widened
     spread = None if video or found.colour_uncertainty_px else found.excess_mm
     return refined_components(
-        side, scale, video=video, finger=finger, spread_mm=spread,
+        math.sqrt(estimator.plate.middle_area), scale, video=video, finger=finger, spread_mm=spread,
         shape_mm=shape, narrow=found.narrow_share, synthesised=found.synthesised, unresolved=found.unresolved,
-        half_width_mm=half_width(found.area_mm2, found.perimeter_mm) if by_opening else None,
-        residual=found.residual, unseen=found.unseen, scattering=found.scattering.length_px > 0,
+        film_mm=film, residual=found.residual, unseen=found.unseen, scattering=found.scattering.length_px > 0,
         blur_uncertainty_px=found.blur_uncertainty_px, colour_uncertainty_px=found.colour_uncertainty_px,
     )  # fmt: skip
 

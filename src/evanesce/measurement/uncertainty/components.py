@@ -99,7 +99,7 @@ INVERSION_PX = 0.5
 """The same of an edge that was found after inversion of subsurface scattering."""
 
 
-def film_opening(half_width_mm: float) -> float:
+def film_opening(half_width_mm: float, ridge_mm: float = 0.0) -> float:
     """Return how far outside a contact without adhesion a film of air moves its boundary.
 
     Beside a Hertz contact of half-width b and radius of curvature R the gap grows as (8 sqrt(2)/(3 pi)) sqrt(b) d^1.5/R
@@ -109,7 +109,9 @@ def film_opening(half_width_mm: float) -> float:
     Parameters
     ----------
     half_width_mm : float
-        Of the contact or of its ridges [mm], see :func:`half_width`.
+        Of the contact or of its ridges [mm].
+    ridge_mm : float
+        Height of the ridges, whose crests have their own radius; 0 of the finger's tip [mm].
 
     Returns
     -------
@@ -122,7 +124,9 @@ def film_opening(half_width_mm: float) -> float:
     """
     if not half_width_mm > 0:
         return 0.0
-    radius = min(TIP_RADIUS_MM, 8.0 * half_width_mm**2 / (math.pi**2 * RIDGE_HEIGHT_MM))
+    radius = TIP_RADIUS_MM
+    if ridge_mm > 0:
+        radius = min(radius, 8.0 * half_width_mm**2 / (math.pi**2 * ridge_mm))
     opening = 8.0 * math.sqrt(2.0) / (3.0 * math.pi) * math.sqrt(half_width_mm) / radius
     return math.gamma(5.0 / 3.0) * (DEPTH_MM / opening) ** (2.0 / 3.0)
 
@@ -190,7 +194,7 @@ def refined_components(
     pixel_mm: float, scale_standard: float, *, video: bool = False, finger: Finger = "ridged",
     spread_mm: float | None = None, shape_mm: float = 0.0, narrow: float = 0.0, unseen: str = "",
     scattering: bool = False, blur_uncertainty_px: float = 0.0, colour_uncertainty_px: float = 0.0,
-    half_width_mm: float | None = None, synthesised: bool = False, unresolved: bool = False,
+    film_mm: float | None = None, synthesised: bool = False, unresolved: bool = False,
     residual: float | None = None,
 ) -> list[Component]:  # fmt: skip
     """Return the budget of the refined estimator beyond the card.
@@ -213,8 +217,8 @@ def refined_components(
         How far outside a sharp contact of this shape the boundary runs, on average; the area is corrected for it [mm].
     narrow : float
         Share of the boundary at which ridge or groove is too narrow for an envelope [1].
-    half_width_mm : float, optional
-        Of the contact or its ridges (:func:`half_width`), where the edge is seen but its width is not its own [mm].
+    film_mm : float, optional
+        Greatest mean displacement by a film (:func:`film_of_contact`), where the edge's width is not its own [mm].
     synthesised, unresolved : bool
         Of :class:`~evanesce.measurement.refined.result.RefinedArea`.
     residual : float, optional
@@ -231,7 +235,7 @@ def refined_components(
             name="scale fit", role="scale", low=-scale_standard, high=scale_standard, shape="normal",
             origin="scatter of the board's corners, propagated through the fit of scale, tilt and distortion",
         ),
-        *_film_components(pixel_mm, spread_mm, finger, half_width_mm),
+        *_film_components(pixel_mm, spread_mm, finger, film_mm),
     ]  # fmt: skip
     if shape_mm:
         origin = (
@@ -257,21 +261,29 @@ def refined_components(
     return [*found, *_codec(pixel_mm, video, residual)]
 
 
-def half_width(area_mm2: float, perimeter_mm: float) -> float:
-    """Return the half-width of a contact: the radius of a disk, half the width of strips.
+def film_of_contact(area_mm2: float, perimeter_mm: float, hull_mm2: float) -> float:
+    """Return the mean of :func:`film_opening` over a contact's boundary.
+
+    Of the boundary, a share lies on the outline, where the finger's tip opens the film: that of the outline which is in
+    contact, as is that of the area. The rest are ridges, half as wide as area over perimeter.
 
     Parameters
     ----------
     area_mm2, perimeter_mm : float
+    hull_mm2 : float
+        Area of the contact's convex hull.
 
     Returns
     -------
     float
-        Area over perimeter, times 2 for a disk, 1 for long strips, by how round it is [mm].
+        [mm].
     """
-    if not perimeter_mm > 0:
+    if not (perimeter_mm > 0 and hull_mm2 > 0):
         return 0.0
-    return area_mm2 / perimeter_mm * (1.0 + min(4.0 * math.pi * area_mm2 / perimeter_mm**2, 1.0))
+    radius = math.sqrt(hull_mm2 / math.pi)
+    outline = min(2.0 * math.pi * radius * area_mm2 / hull_mm2 / perimeter_mm, 1.0)
+    ridges = film_opening(area_mm2 / perimeter_mm, RIDGE_HEIGHT_MM)
+    return outline * film_opening(radius) + (1.0 - outline) * ridges
 
 
 def _boundary(name: str, half_mm: float, origin: str) -> Component:
@@ -280,7 +292,7 @@ def _boundary(name: str, half_mm: float, origin: str) -> Component:
 
 
 def _film_components(
-    pixel_mm: float, spread_mm: float | None, finger: Finger, half_width_mm: float | None
+    pixel_mm: float, spread_mm: float | None, finger: Finger, film_mm: float | None
 ) -> list[Component]:
     """Return the components of the film of air beside the contact and of the edge model.
 
@@ -297,9 +309,9 @@ def _film_components(
                 " the contact, none or by the width of the edge beyond that of a sharp contact of the same shape",
             )
         ]  # fmt: skip
-    if half_width_mm is not None:
+    if film_mm is not None:
         film = Component(
-            name=FILM_NAME, role="boundary", low=0.0, high=film_opening(half_width_mm), shape="rectangular",
+            name=FILM_NAME, role="boundary", low=0.0, high=film_mm, shape="rectangular",
             origin="light that still couples beside the contact: from none to that beside a Hertz contact",
         )  # fmt: skip
         origin = "envelopes, sampling of the curve: drawn contacts are found better than that"

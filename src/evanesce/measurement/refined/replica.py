@@ -136,9 +136,10 @@ def edge_blur(boundary: Boundary, settings: EdgeSettings) -> float:
     float
         Standard deviation [px].
     """
-    # at its middle a step that a Gaussian blurred rises by 1/(sqrt(2 pi) sigma) a pixel
+    # at its middle a step that a Gaussian blurred rises by 1/(sqrt(2 pi) sigma) a pixel; the pixel's square, and the
+    # difference over two pixels by which the slope is read, widen it by 1/12 and 1/3 px^2
     total = edge_width(boundary) / np.sqrt(2.0 * np.pi)
-    return float(np.sqrt(max(total**2 - settings.smoothing_px**2 - 1.0 / 12.0, SMALLEST_PX**2)))
+    return float(np.sqrt(max(total**2 - settings.smoothing_px**2 - 1.0 / 12.0 - 1.0 / 3.0, SMALLEST_PX**2)))
 
 
 def contact_share(level: Floats) -> Floats:

@@ -294,7 +294,7 @@ def _refined_offset(time: Floats, area: Floats, log: ForceLog, start: float) -> 
         return float(found.x)
 
     offset = best(np.ones(len(seen), np.bool_), start, REACH[0])
-    pieces = np.array_split(np.flatnonzero(seen > 0), PIECES)
+    pieces = np.array_split(np.arange(len(seen)), PIECES)
     if len(pieces[-1]) < 2:
         return offset, float("inf")
     others = np.array([best(~np.isin(np.arange(len(seen)), piece), offset, REACH[1]) for piece in pieces])

@@ -51,6 +51,10 @@ that only loads it leaves less than 0.02."""
 LEAST_REACHED = 0.1
 """Share of the log's greatest force that a film of the press reaches at least."""
 
+UNTARED, LEAST_FREE = 0.02, 3
+"""Force of frames without contact, of the log's greatest, from which its zero moves an exponent by 0.02 or more; and
+how many such frames say so."""
+
 PLAUSIBLE_POWERS = (0.3, 1.2)
 """Exponents of area against force: 2/3 of a smooth elastic sphere, to 1 of rough skin."""
 
@@ -128,6 +132,13 @@ class AreaForce:
                 " seconds, and of this film?"
             )
             return [Warning("area_force_at_odds", text)]
+        free = np.array([force for row, force in zip(self.rows, self.force_N, strict=True) if not row.area_mm2 > 0])
+        if len(free) >= LEAST_FREE and abs(float(np.median(free))) > UNTARED * self.most_N:
+            text = (
+                f"the load cell shows {float(np.median(free)):.3g} N in {len(free)} frames without contact: take it off"
+                " the forces, or the law is that of another finger"
+            )
+            return [Warning("force_not_tared", text)]
         if share <= POOR_FIT and low <= power <= high:
             return []
         text = (

@@ -3,9 +3,9 @@
 Boards, cards, films, forces are drawn in `support/labs.py` without the package; prints are exact there, and their
 errors are drawn afterwards from the budget's distributions (`Walk.covered`).
 
-Measured of 300 frames: RMS error 0.51 % (smooth 0.41, ridged 0.83, large 0.26, red 0.42, rough 0.40 %), intervals hold
-the truth in 99.9 % with prints drawn, calibration within 1.3 standard errors; without the film of air that no frame
-shows, in the large and the rough lab, 0.36 %. Ridges with a film of air are let err by 1 %, all else by 0.5 %.
+Measured of 300 frames of labs on whose numbers nothing was tuned: RMS error 0.47 % (smooth 0.09, ridged 0.50, large
+0.49, red 0.41, rough 0.67 %), intervals hold the truth in 93.7 % with prints drawn, calibration within 1.1 standard
+errors (docs/validation/first-lab.md).
 """
 
 from __future__ import annotations

@@ -84,3 +84,11 @@ def test_the_interval_of_the_offset_holds_in_some() -> None:
 def test_a_given_offset_has_no_interval() -> None:
     rows, log, true = drawn(0)
     assert area_force(rows, log, true).offset_interval_s == (true, true)
+
+
+def test_forces_that_were_not_tared_are_named() -> None:
+    rows, log, _ = drawn(1004)
+    codes = [warning.code for warning in area_force(rows, log).warnings()]
+    assert "force_not_tared" not in codes
+    shifted = ForceLog(log.time_s, log.force_N + 0.1 * log.force_N.max())
+    assert [warning.code for warning in area_force(rows, shifted).warnings()] == ["force_not_tared"]

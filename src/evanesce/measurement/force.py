@@ -178,11 +178,16 @@ def area_force(rows: Sequence[AreaRow], log: ForceLog, offset_s: float | None = 
     Raises
     ------
     InputError
-        If frames have no times, fewer than six with contact lie within the log, or their forces are all alike.
+        If forces are negative, frames have no times, fewer than six with contact lie within the log, or their forces are all alike.
     """
     time, area = np.array([r.time_s for r in rows]), np.array([r.area_mm2 for r in rows])
     if not np.isfinite(time).all():
         raise InputError("the frames have no times", key="--force", allowed="a video with time stamps, or --fps")
+    if -float(log.force_N.min()) > float(log.force_N.max()):
+        raise InputError(
+            f"forces fall to {log.force_N.min():.4g} N and reach {log.force_N.max():.4g} N: is their sign turned?",
+            key="--force", allowed="forces that are positive where the finger presses",
+        )  # fmt: skip
     standard = 0.0
     if offset_s is None:
         offset_s, standard = _offset(time, area, log)
@@ -191,7 +196,8 @@ def area_force(rows: Sequence[AreaRow], log: ForceLog, offset_s: float | None = 
     good = known & (force > 0) & (area > 0)
     if good.sum() < LEAST_POINTS:
         raise InputError(
-            f"{int(good.sum())} frame(s) with contact and force at an offset of {offset_s:.3f} s", key="--offset-s",
+            f"{int(good.sum())} frame(s) with contact and force at an offset of {offset_s:.3f} s; the log lasts"
+            f" {np.ptp(log.time_s):.4g} s, the film {np.ptp(time):.4g} s: is its clock in seconds?", key="--offset-s",
             allowed=f"one at which at least {LEAST_POINTS} have both, or auto",
         )  # fmt: skip
     low, high = float(force[good].min()), float(force[good].max())

@@ -178,7 +178,8 @@ def area_force(rows: Sequence[AreaRow], log: ForceLog, offset_s: float | None = 
     Raises
     ------
     InputError
-        If forces are negative, frames have no times, fewer than six with contact lie within the log, or their forces are all alike.
+        If forces are negative, frames have no times, fewer than six with contact lie within the log, or their forces
+        are all alike.
     """
     time, area = np.array([r.time_s for r in rows]), np.array([r.area_mm2 for r in rows])
     if not np.isfinite(time).all():

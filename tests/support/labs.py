@@ -90,6 +90,7 @@ class Lab:
     height: float = 0.0  # of the printed side over the plate
     tilt: tuple[float, float] = (0.006, -0.004)
     middle: tuple[float, float] = (0.0, 0.0)
+    film: tuple[float, float] = (RADIUS_MM, DEPTH_MM)  # of the air: radius of the tip, depth of the light
     colour: Colour | None = None
     crf: int = 18
     seed: int = 1
@@ -156,8 +157,11 @@ def hertz_gap(d: Array, a: float, radius: float) -> Array:
 class Contact:
     """Light of a contact at plate positions, 0 to 1."""
 
-    def __init__(self, axes: tuple[float, float], ridges: Ridges | None, air: bool, angle: float = 0.3) -> None:
-        self.axes, self.ridges, self.air, self.angle = axes, ridges, air, angle
+    def __init__(
+        self, axes: tuple[float, float], ridges: Ridges | None, air: bool, angle: float = 0.3,
+        film: tuple[float, float] = (RADIUS_MM, DEPTH_MM),
+    ) -> None:  # fmt: skip
+        self.axes, self.ridges, self.air, self.angle, self.film = axes, ridges, air, angle, film
 
     def outside(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Distances outside outline and ridge, to first order near an edge."""
@@ -178,10 +182,10 @@ class Contact:
         outline, groove = self.outside(x, y)
         if not self.air:
             return ((outline < 0) & (groove < 0)).astype(np.float64)
-        gap = hertz_gap(outline, float(np.sqrt(self.axes[0] * self.axes[1])), RADIUS_MM)
+        gap = hertz_gap(outline, float(np.sqrt(self.axes[0] * self.axes[1])), self.film[0])
         if self.ridges is not None:
             gap = np.maximum(gap, hertz_gap(groove, self.ridges.part * self.ridges.period / 2, self.ridges.crest))
-        return np.exp(-gap / DEPTH_MM)
+        return np.exp(-gap / self.film[1])
 
 
 def shares(x: Array, y: Array, contact: Contact) -> Array:
@@ -256,7 +260,7 @@ class Rig:
         reach = 1.1 * max(axes) + (16 * lab.blur + 8) / lab.scale
         rows, cols = (np.flatnonzero((np.hypot(x, y) < reach).any(axis=k)) for k in (1, 0))
         box = np.s_[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
-        share = shares(x[box], y[box], Contact(axes, lab.ridges, lab.air)) * self.even[box]
+        share = shares(x[box], y[box], Contact(axes, lab.ridges, lab.air, film=lab.film)) * self.even[box]
         found[box] += cv2.GaussianBlur(lab.step * share, (0, 0), lab.blur)
         if lab.glow[0]:
             whole = np.zeros_like(found)
@@ -499,6 +503,24 @@ LABS = (
     ),
 )
 """Grey cameras but one; prints exact: :func:`printed` gives them their errors."""
+
+
+def another(lab: Lab, rng: np.random.Generator) -> Lab:
+    """A lab like one of these with other numbers: nothing was tuned on it."""
+    near = {name: getattr(lab, name) * float(rng.uniform(0.9, 1.1)) for name in ("scale", "blur", "noise", "step")}
+    ridges = lab.ridges
+    if ridges is not None:
+        ridges = replace(
+            ridges, period=ridges.period * float(rng.uniform(0.95, 1.2)), part=float(rng.uniform(0.5, 0.65)),
+            sway=float(rng.uniform(0, 0.2)), wave=float(rng.uniform(3.5, 6)), height=float(rng.uniform(0.06, 0.12)),
+        )  # fmt: skip
+    x, y = rng.uniform(-0.6, 0.6, 2)
+    return replace(
+        lab, **near, ridges=ridges, ratio=float(rng.uniform(0.7, 0.95)), later=float(rng.uniform(-0.5, 0.9)),
+        middle=(lab.middle[0] + float(x), lab.middle[1] + float(y)), seed=int(rng.integers(1000, 10**6)),
+        film=(float(rng.uniform(6, 13)), float(rng.uniform(5e-5, 9e-5))),
+        tilt=(float(rng.uniform(-0.01, 0.01)), float(rng.uniform(-0.01, 0.01))),
+    )  # fmt: skip
 
 
 def printed(lab: Lab, rng: np.random.Generator) -> Lab:

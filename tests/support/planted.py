@@ -144,6 +144,17 @@ def colour_film(made: Made) -> None:
     (made.folder / "camera2.csv").write_text(other.camera_table())
 
 
+def sharpened(image: np.ndarray) -> np.ndarray:
+    soft = cv2.GaussianBlur(image.astype(np.float64), (0, 0), 1.5)
+    return np.clip(np.rint(2.0 * image - soft), 0, 255).astype(np.uint8)
+
+
+def crept(image: np.ndarray, scale: float) -> np.ndarray:
+    rows, cols = image.shape
+    x, y = 0.5 * (1 - scale) * (cols - 1), 0.5 * (1 - scale) * (rows - 1)
+    return cv2.warpAffine(image, np.array([[scale, 0, x], [0, scale, y]]), (cols, rows))
+
+
 def with_force(*options: str) -> tuple[str, ...]:
     return measure("--force", "wrong.csv", *options, film="film.mp4")
 
@@ -218,14 +229,26 @@ MISTAKES = (
             0, ("camera_model_at_odds",)),
     Mistake("force in grams, called newtons", lambda made: made.forces(lambda t, f: (t, f / 9.80665e-3)), with_force(),
             0, ("force_implausible", "grams")),
-    Mistake("force with its sign turned", lambda made: made.forces(lambda t, f: (t, -f)), with_force(), 0,
-            ("force_negative",)),
+    Mistake("force with its sign turned", lambda made: made.forces(lambda t, f: (t, -f)), with_force(), 2,
+            ("sign turned",)),
     Mistake("force of another press", lambda made: made.forces(lambda t, f: (t, 3 + 2 * np.sin(9 * t))), with_force(),
             0, ("area_force_at_odds",)),
+    Mistake("force not tared by 1 N", lambda made: made.forces(lambda t, f: (t, f + 1)), with_force(), 0,
+            ("force_not_tared",)),
+    Mistake("exposure that halves by and by", scaled([1.0 - 0.5 * k / (N - 1) for k in range(N)]), measure(), 0,
+            ("light_changes", "drifts")),
+    Mistake("camera's sharpening switched on", lambda made: made.film([sharpened(f) for f in made.frames]), measure(),
+            0, ("focus_changed",)),
+    Mistake("another picture profile (grey levels to the power 0.7)", lambda made: made.film(
+            [np.rint(255 * (f / 255.0) ** 0.7).astype(np.uint8) for f in made.frames]), measure(),
+            why="the film hides its own tone curve; ridged areas grow by 4 %: one setting for all"),
+    Mistake("zoom that creeps by 6 % during the film", lambda made: made.film(
+            [crept(f, 1 + 0.06 * k / (N - 1)) for k, f in enumerate(made.frames)]), measure(),
+            why="the film shows no length that is known: photograph the card again at the end"),
     Mistake("force log on another clock", lambda made: made.forces(lambda t, f: (t + 1.7e9, f)), with_force(),
             why="the offset is found: areas and forces belong together"),
     Mistake("force log in milliseconds, called seconds", lambda made: made.forces(lambda t, f: (1000 * t, f)),
-            with_force(), 0, ("area_force_at_odds",)),
+            with_force(), 2, ("clock in seconds",)),
     Mistake("force and area columns swapped", lambda made: made.forces(lambda t, f: (f, t), "time_s,force_N"),
             with_force(), 2, ("does not rise",)),
 )  # fmt: skip

@@ -27,7 +27,7 @@ from evanesce.measurement.refined.estimator import Estimator, refined_measured
 from evanesce.measurement.refined.light import Radiometry
 from evanesce.measurement.refined.raw import RawModel
 from evanesce.measurement.refined.result import RefinedArea
-from evanesce.measurement.uncertainty.area import reference_uncertainty, refined_uncertainty
+from evanesce.measurement.uncertainty.area import corrected_for_edge, reference_uncertainty, refined_uncertainty
 from evanesce.measurement.uncertainty.budget import Finger, Uncertain
 from evanesce.measurement.warnings import EdgeLog, FrameLog, Warning
 from evanesce.rig import Scene
@@ -179,9 +179,7 @@ class Pipeline:
             return f"Pipeline(refined, {view})"
         return f"Pipeline(reference, threshold {self.settings.threshold:g}, {view})"
 
-    def measure(
-        self, frame: Picture | Frame, *, lossy: bool | None = None, bits_per_pixel: float | None = None
-    ) -> Measurement:
+    def measure(self, frame: Picture | Frame, *, lossy: bool | None = None) -> Measurement:
         """Measure one frame.
 
         Parameters
@@ -190,8 +188,6 @@ class Pipeline:
             As taken [DN].
         lossy : bool, optional
             Whether this frame went through a lossy codec; as for the whole pipeline by default.
-        bits_per_pixel : float, optional
-            Of its video's key frames: what the codec does to edges is then taken by its rate.
 
         Returns
         -------
@@ -211,9 +207,10 @@ class Pipeline:
         if self.refined is None:
             measured = measure_frame(frame, self.settings, self.scale_mm2_per_px, self.rectified)
             return Measurement(measured=measured, pipeline=self, lossy=lossy)
-        found = self.refined.area(frame.data if raw is None or frame.raw is None else frame.raw)
+        read = self.refined.area(frame.data if raw is None or frame.raw is None else frame.raw)
+        found = corrected_for_edge(read, self.refined, video=lossy)
         measured = refined_measured(frame, found, self.refined)
-        return Measurement(measured=measured, pipeline=self, lossy=lossy, refined=found, bits_per_pixel=bits_per_pixel)
+        return Measurement(measured=measured, pipeline=self, lossy=lossy, refined=found)
 
     def measure_all(
         self, source: Iterable[Picture | Frame] | str | Path, *, frame_rate_hz: float | None = None
@@ -241,7 +238,7 @@ class Pipeline:
             stream = open_frames(source, frame_rate_hz)
             for frame in stream:
                 lossy = self.lossy or stream.stated_rate is not None
-                yield self.measure(frame, lossy=lossy, bits_per_pixel=stream.bits_per_pixel)
+                yield self.measure(frame, lossy=lossy)
             stream.finish()
             return
         for index, given in enumerate(source):
@@ -316,15 +313,12 @@ class Measurement:
         Whether the frame went through a lossy codec.
     refined : RefinedArea or None
         What the refined estimator says; None of the reference segmentation.
-    bits_per_pixel : float or None
-        Of the video's key frames.
     """
 
     measured: Measured
     pipeline: Pipeline
     lossy: bool = False
     refined: RefinedArea | None = None
-    bits_per_pixel: float | None = None
 
     def __repr__(self) -> str:
         return f"Measurement(area_mm2={self.area_mm2:.4g}, {self.pixels} px, {self.pipeline.estimator})"
@@ -376,7 +370,6 @@ class Measurement:
         if self.refined is not None and pipeline.refined is not None:
             return refined_uncertainty(
                 self.refined, pipeline.refined, draws, video=self.lossy, finger=pipeline.finger,
-                bits_per_pixel=self.bits_per_pixel,
             )  # fmt: skip
         return reference_uncertainty(
             self.measured, pipeline.scale_mm2_per_px, pipeline.calibration, draws, video=self.lossy

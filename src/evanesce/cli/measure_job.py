@@ -278,9 +278,7 @@ def run(job: Job) -> Result:
         task = bar.add_task("measure", total=stream.count)
         video: OverlayVideo | None = None
         for frame in stream:
-            found = job.pipeline.measure(
-                frame, lossy=stream.stated_rate is not None, bits_per_pixel=stream.bits_per_pixel
-            )
+            found = job.pipeline.measure(frame, lossy=stream.stated_rate is not None)
             if job.out is not None and stream.count != 1:
                 if video is None:  # only now is it known that the input is good, so that a folder may be made
                     folder = out_dir(job.out, "measure")

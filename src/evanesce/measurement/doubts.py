@@ -23,6 +23,9 @@ FOCUS_PX = 0.5
 LIGHT_STEP = 0.15
 """Relative change of the contact's light from one frame to the next that no growing contact makes."""
 
+LIGHT_DRIFT = 0.25
+"""Relative change of the contact's light over the film: more than uneven light across a contact that grows makes."""
+
 DARKENED = 0.5
 """Share of its median to which the light beside the contact may fall in a frame."""
 
@@ -143,6 +146,14 @@ class FilmLog:
                 text = (
                     f"the contact's light changes by more than {100 * LIGHT_STEP:.0f} % between {many} pair(s) of"
                     f" frames, by a factor of {steps[k + 1] / steps[k]:.2f} at frame {self._indices[k + 1]}: flicker?"
+                )
+                return [Warning("light_changes", text)]
+            tenth = len(steps) // 10 + 1
+            drift = float(np.median(steps[-tenth:]) / max(float(np.median(steps[:tenth])), 1e-9))
+            if abs(math.log(max(drift, 1e-9))) > LIGHT_DRIFT:
+                text = (
+                    f"the contact's light drifts by a factor of {drift:.2f} from frame {self._indices[0]} to"
+                    f" {self._indices[-1]}: LEDs that warm up, automatic exposure? a fixed threshold does not follow"
                 )
                 return [Warning("light_changes", text)]
         usual = float(np.median([ground for _, ground in self._grounds])) if self._grounds else 0.0

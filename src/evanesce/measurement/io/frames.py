@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from evanesce.core.errors import InputError, WorkError
 from evanesce.core.states import Frame
 from evanesce.measurement.io.images import IMAGE_SUFFIXES, MAX_PIXELS, Loaded, Unreadable, load_image
-from evanesce.measurement.io.rate import key_bits
 from evanesce.measurement.io.times import read_times
 from evanesce.measurement.warnings import RATE_TOLERANCE, Warning, frame_rate_warning
 
@@ -70,7 +69,6 @@ class FrameStream(ABC):
         self.path, self.given_rate = path, given_rate
         self.count: int | None = None
         self.stated_rate: float | None = None
-        self.bits_per_pixel: float | None = None
         self.shape: tuple[int, int] | None = None
         self.frames = 0
         self._bad: list[_Item] = []  # the first only; _bad_count counts
@@ -255,7 +253,6 @@ class VideoStream(FrameStream):
             self.stated_rate = float(stream.average_rate) if timed else None
             self._packets_stated = int(stream.frames)
             self._duration = _duration(container, stream)
-            self.bits_per_pixel = key_bits(container, stream) if timed else None
         if self._packets_stated > 0:
             self.count = self._packets_stated
         elif self._duration and self.stated_rate:

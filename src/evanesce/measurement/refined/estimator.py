@@ -280,6 +280,7 @@ class Estimator:
             spread_mm=edge_spread(boundary) * float(side),
             sharp_spread_mm=None if again is None else again.spread_px * float(side),
             narrow_share=narrow,
+            residual=None if again is None else again.residual,
         )
         if narrow > NARROW_SHARE:
             return self._narrow(local, boundary, window, found, full)
@@ -311,6 +312,7 @@ class Estimator:
             narrow_share=found.narrow_share,
             synthesised=True,
             unresolved=not best.rests,
+            residual=best.residual,
             blur_uncertainty_px=abs(slope) * 0.5 * (high - low),
         )
 

@@ -34,6 +34,9 @@ FINER = 4
 SMALLEST_PX = 0.3
 """Standard deviation of the least blur that is drawn [px]: a pixel's own square has 0.29."""
 
+EDGE_PX = 2
+"""Distance from the boundary within which a drawn edge is compared with the frame's [px]."""
+
 DEEP_PX = 4
 """Distance from the boundary beyond which a frame shows its noise [px]."""
 
@@ -48,10 +51,13 @@ class Replica:
         Area found over the area drawn, less one [1].
     spread_px : float
         Of the drawn contact's edge (:func:`.edge_spread`) [px].
+    residual : float
+        How much more a contact drawn with a sharp edge leaves of the frame than of the replica, in quadrature [1].
     """
 
     gain: float
     spread_px: float
+    residual: float
 
 
 def replica(light: Floats, boundary: Boundary, settings: EdgeSettings) -> Replica | None:
@@ -85,7 +91,35 @@ def replica(light: Floats, boundary: Boundary, settings: EdgeSettings) -> Replic
     before, after = (abs(sum(shoelace(curve) for curve in b.contours)) for b in (boundary, found))
     if not (before > 0 and after > 0):
         return None
-    return Replica(gain=after / before - 1.0, spread_px=edge_spread(found))
+    wide = float(np.hypot(blur, settings.smoothing_px))
+    seen, own = (
+        edge_residual(b.level, np.asarray(cv2.GaussianBlur(contact_share(b.level), (0, 0), wide)))
+        for b in (boundary, found)
+    )
+    left = float(np.sqrt(max(seen**2 - own**2, 0.0)))
+    return Replica(gain=after / before - 1.0, spread_px=edge_spread(found), residual=left)
+
+
+def edge_residual(level: Floats, blurred: Floats) -> float:
+    """Return what a blurred sharp contact leaves of a map of levels within two pixels of its curve at one half.
+
+    Parameters
+    ----------
+    level : ndarray (rows, cols)
+        Light over its step, 0 to 1.
+    blurred : ndarray (rows, cols)
+        Share of contact, blurred.
+
+    Returns
+    -------
+    float
+        RMS [1].
+    """
+    inside, reach = (blurred > 0.5).astype(np.uint8), np.ones((3, 3), np.uint8)
+    band = (cv2.dilate(inside, reach, iterations=EDGE_PX) > 0) & (cv2.erode(inside, reach, iterations=EDGE_PX) == 0)
+    if not band.any():
+        return 0.0
+    return float(np.sqrt(np.mean(np.clip(level - blurred, -1.0, 1.0)[band] ** 2)))
 
 
 def edge_blur(boundary: Boundary, settings: EdgeSettings) -> float:
@@ -102,9 +136,10 @@ def edge_blur(boundary: Boundary, settings: EdgeSettings) -> float:
     float
         Standard deviation [px].
     """
-    # at its middle a step that a Gaussian blurred rises by 1/(sqrt(2 pi) sigma) a pixel
+    # at its middle a step that a Gaussian blurred rises by 1/(sqrt(2 pi) sigma) a pixel; the pixel's square, and the
+    # difference over two pixels by which the slope is read, widen it by 1/12 and 1/3 px^2
     total = edge_width(boundary) / np.sqrt(2.0 * np.pi)
-    return float(np.sqrt(max(total**2 - settings.smoothing_px**2 - 1.0 / 12.0, SMALLEST_PX**2)))
+    return float(np.sqrt(max(total**2 - settings.smoothing_px**2 - 1.0 / 12.0 - 1.0 / 3.0, SMALLEST_PX**2)))
 
 
 def contact_share(level: Floats) -> Floats:

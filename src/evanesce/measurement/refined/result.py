@@ -49,6 +49,12 @@ class RefinedArea:
     synthesised, unresolved : bool
         Whether narrow ridges and grooves were found by synthesis (:mod:`.synthesis`), and whether that came to no rest:
         the blur hides them.
+    residual : float, optional
+        What a drawn sharp contact leaves of the frame at its edge, RMS over the step [1] (:mod:`.replica`); None where
+        the frame does not show its edge.
+    outside_mm : float
+        Expected displacement of the boundary by film of air and codec, taken off ``area_mm2``
+        (:func:`~evanesce.measurement.uncertainty.area.corrected_for_edge`) [mm].
     unseen : {"", "top", "modelled"}
         What saturation hides of the edge: nothing; its top, so that its foot was read; more, under scattered light, so
         that the saturated part comes from a model.
@@ -81,6 +87,8 @@ class RefinedArea:
     synthesised: bool = False
     unresolved: bool = False
     mosaic: bool = False
+    residual: float | None = None
+    outside_mm: float = 0.0
     unseen: Unseen = ""
     blur_uncertainty_px: float = 0.0
     colour_unread: bool = False

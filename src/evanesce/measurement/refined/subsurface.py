@@ -138,7 +138,7 @@ def find_scattering(light: Floats, mask: Mask, *, reach_px: float, apart_px: flo
     Returns
     -------
     Scattering
-        Of length 0 where scattering explains the light outside no better.
+        Of length 0 where scattering explains the light outside no better, or by less than the reduced frame shows.
     """
     size = (light.shape[1] // COARSE, light.shape[0] // COARSE)
     small = np.asarray(cv2.resize(light, size, interpolation=cv2.INTER_AREA))
@@ -158,7 +158,9 @@ def find_scattering(light: Floats, mask: Mask, *, reach_px: float, apart_px: flo
     best = min((_minimum(left_outside, start, reach_px) for start in (5.0, 30.0)), key=lambda r: r.fun)
     if np.exp(best.fun) > 0.7 * none:
         return Scattering()
-    return Scattering(float(np.exp(best.x[0])), float(best.x[1]))
+    length = float(np.exp(best.x[0]))
+    # a shorter one does not show on the reduced frame, and is a blur of edges between narrow ridges
+    return Scattering(length, float(best.x[1])) if length >= COARSE else Scattering()
 
 
 def _minimum(function: Callable[[Floats], float], length_px: float, most_px: float) -> Any:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from evanesce.measurement.refined.edge import Boundary, EdgeSettings, half_contours
 from evanesce.measurement.refined.plate import shoelace
-from evanesce.measurement.refined.replica import contact_share
+from evanesce.measurement.refined.replica import contact_share, edge_residual
 
 Floats = NDArray[np.float64]
 
@@ -58,10 +58,13 @@ class Synthesis:
     boundary : Boundary
     rests : bool
         Whether the area came to rest: False where the blur hides the ridges.
+    residual : float
+        What the drawn contact leaves of the frame at its edge (:func:`.edge_residual`) [1].
     """
 
     boundary: Boundary
     rests: bool
+    residual: float
 
 
 def synthesised(light: Floats, boundary: Boundary, blur_px: float, settings: EdgeSettings) -> Synthesis:
@@ -88,6 +91,7 @@ def synthesised(light: Floats, boundary: Boundary, blur_px: float, settings: Edg
     reach = np.ones((3, 3), np.uint8)
     near = (cv2.dilate(inside, reach, iterations=NEAR_PX) > 0) & (cv2.erode(inside, reach, iterations=NEAR_PX) == 0)
     level, area, step, rests = boundary.level, _area(boundary.level), boundary.step, False
+    blurred = left = np.zeros_like(level)
     for number in range(ROUNDS[1]):
         blurred = cv2.GaussianBlur(contact_share(level), (0, 0), total)
         outer, step = _line(smooth, blurred, near)
@@ -100,7 +104,8 @@ def synthesised(light: Floats, boundary: Boundary, blur_px: float, settings: Edg
         rests = abs(area - before) <= RESTS * before
         if rests and number + 1 >= ROUNDS[0]:
             break
-    return Synthesis(Boundary(contours=half_contours(level), level=np.asarray(level), step=step), rests)
+    found = Boundary(contours=half_contours(level), level=np.asarray(level), step=step)
+    return Synthesis(found, rests, edge_residual(blurred + left, blurred))
 
 
 def _line(light: Floats, blurred: Floats, near: NDArray[np.bool_]) -> tuple[Floats, Floats]:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+from scipy.spatial import ConvexHull
 from skimage.measure import perimeter_crofton
 
 from evanesce.measurement.calibration.model import Calibration
@@ -17,7 +19,10 @@ from evanesce.measurement.refined.light import tone_table
 from evanesce.measurement.refined.result import RefinedArea
 from evanesce.measurement.uncertainty.budget import Component, Finger, Reading, Uncertain, propagate
 from evanesce.measurement.uncertainty.components import (
+    CODEC_NAME,
+    FILM_NAME,
     card_components,
+    film_of_contact,
     nearness_component,
     reference_components,
     refined_components,
@@ -32,7 +37,7 @@ UNKNOWN_SPREAD = 0.02
 
 def refined_uncertainty(
     found: RefinedArea, estimator: Estimator, rng: np.random.Generator, *, video: bool = False,
-    cards: Sequence[Component] | None = None, finger: Finger = "ridged", bits_per_pixel: float | None = None,
+    cards: Sequence[Component] | None = None, finger: Finger = "ridged",
 ) -> Uncertain:  # fmt: skip
     """Return a refined area with its uncertainty.
 
@@ -46,35 +51,79 @@ def refined_uncertainty(
     cards : sequence of Component, optional
         What is known of the cards; :func:`.card_components` by default.
     finger : {"ridged", "smooth"}
-    bits_per_pixel : float, optional
-        Of the video's key frames; without it a codec's influence is taken as that of a low rate.
 
     Returns
     -------
     Uncertain
     """
-    side = math.sqrt(estimator.plate.middle_area)
     spread = estimator.plate.area_standard(found.contours) / found.area_mm2 if found.area_mm2 > 0 else 0.0
-    shape = found.shape_gain * found.area_mm2 / found.perimeter_mm if found.perimeter_mm > 0 else 0.0
+    side = math.sqrt(estimator.plate.middle_area)
     distance, nearness = lens_distance(estimator.plate.calibration, side)
     reading = Reading(area_mm2=found.area_mm2, perimeter_mm=found.perimeter_mm, distance_mm=distance)
-    # the law of the film by the edge's width holds for edges that neither codec nor demosaicing widened
-    widened = video or (found.colour_uncertainty_px > 0 and not found.mosaic)
-    spread_mm = None if widened else found.excess_mm
+    own = _own_components(found, estimator, spread, video=video, finger=finger)
+    if found.outside_mm:
+        own = [_centred(part) if part.name in (FILM_NAME, CODEC_NAME) else part for part in own]
+    return propagate(reading, [*(card_components() if cards is None else cards), nearness, *own], rng)
+
+
+def corrected_for_edge(found: RefinedArea, estimator: Estimator, *, video: bool = False) -> RefinedArea:
+    """Return an area without what film of air and codec are expected to add, where the frame's edges do not show them.
+
+    Both have a known sign: a film moves the boundary outwards, a codec inwards (JCGM 100, 3.2.4: a recognised effect is
+    corrected, and the correction's uncertainty stays).
+
+    Parameters
+    ----------
+    found : RefinedArea
+        As the estimator read it.
+    estimator : Estimator
+    video : bool
+        Whether the frame went through a lossy codec.
+
+    Returns
+    -------
+    RefinedArea
+    """
+    if not _by_opening(found, video=video):
+        return found
+    own = _own_components(found, estimator, 0.0, video=video, finger="ridged")
+    outside = sum(part.mean for part in own if part.name in (FILM_NAME, CODEC_NAME))
+    return replace(found, area_mm2=max(found.area_mm2 - found.perimeter_mm * outside, 0.0), outside_mm=outside)
+
+
+def _by_opening(found: RefinedArea, *, video: bool) -> bool:
+    """Return whether an edge is seen whose width is not its own: codec or demosaicing widened it."""
     seen = not (found.unseen or found.scattering.length_px) and found.perimeter_mm > 0
-    half_width = found.area_mm2 / found.perimeter_mm if seen else None
-    parts = [
-        *(card_components() if cards is None else cards),
-        nearness,
-        *refined_components(
-            side, spread, video=video, finger=finger, spread_mm=spread_mm,
-            shape_mm=shape, narrow=found.narrow_share, half_width_mm=half_width, synthesised=found.synthesised,
-            unresolved=found.unresolved, bits_per_pixel=bits_per_pixel,
-            unseen=found.unseen, scattering=found.scattering.length_px > 0,
-            blur_uncertainty_px=found.blur_uncertainty_px, colour_uncertainty_px=found.colour_uncertainty_px,
-        ),
-    ]  # fmt: skip
-    return propagate(reading, parts, rng)
+    return seen and _widened(found, video=video)
+
+
+def _widened(found: RefinedArea, *, video: bool) -> bool:
+    """Return whether codec or demosaicing widened the edge: the law of the film by its width holds for others alone."""
+    return video or (found.colour_uncertainty_px > 0 and not found.mosaic)
+
+
+def _own_components(
+    found: RefinedArea, estimator: Estimator, scale: float, *, video: bool, finger: Finger
+) -> list[Component]:
+    """Return the estimator's own part of the budget, the scale's relative standard uncertainty in it."""
+    shape = found.shape_gain * found.area_mm2 / found.perimeter_mm if found.perimeter_mm > 0 else 0.0
+    film = None
+    if _by_opening(found, video=video):
+        points = np.concatenate([estimator.plate.to_plate(curve) for curve in found.contours])
+        film = film_of_contact(found.area_mm2, found.perimeter_mm, float(ConvexHull(points).volume))
+    # the law of the film by the edge's width holds for edges that neither codec nor demosaicing widened
+    spread = None if _widened(found, video=video) else found.excess_mm
+    return refined_components(
+        math.sqrt(estimator.plate.middle_area), scale, video=video, finger=finger, spread_mm=spread,
+        shape_mm=shape, narrow=found.narrow_share, synthesised=found.synthesised, unresolved=found.unresolved,
+        film_mm=film, residual=found.residual, unseen=found.unseen, scattering=found.scattering.length_px > 0,
+        blur_uncertainty_px=found.blur_uncertainty_px, colour_uncertainty_px=found.colour_uncertainty_px,
+    )  # fmt: skip
+
+
+def _centred(part: Component) -> Component:
+    """Return a component whose mean was taken off the area."""
+    return replace(part, low=part.low - part.mean, high=part.high - part.mean)
 
 
 def reference_uncertainty(

@@ -8,6 +8,8 @@ from typing import Literal
 
 from evanesce.measurement.uncertainty.budget import Component, Finger
 
+FILM_NAME, CODEC_NAME = "film of air, edge", "codec"
+
 PRINT_TOLERANCE = 0.002
 """Relative length of a print: paper that takes up moisture, a laser printer's feed."""
 
@@ -59,12 +61,12 @@ FILM_LIMITS_MM = {"smooth": (0.0, 0.002), "ridged": (-0.003, 0.007)}
 """Limits of the same displacement where the frame does not show the edge's own width: saturated, or scattering."""
 
 
-DEPTH_MM = 1e-4
-"""Greatest depth of the evanescent light in a film of air [mm]: 550 to 850 nm / (4 pi sqrt(n^2 sin^2 - 1)) of light
-that glass of n = 1.5 guides at 50 degrees or more and silicone of 1.4 takes up."""
+DEPTH_MM = 7.5e-5
+"""Depth of the evanescent light in a film of air [mm]: 550 to 850 nm / (4 pi sqrt(n^2 sin^2 - 1)) of light that glass
+of n = 1.5 guides at 50 degrees or more and silicone of 1.4 takes up is 5e-5 to 1e-4."""
 
-TIP_RADIUS_MM = 15.0
-"""Greatest radius of curvature of a finger's tip [mm]."""
+TIP_RADIUS_MM = 10.0
+"""Radius of curvature of a finger's tip [mm], of 5 to 15."""
 
 RIDGE_HEIGHT_MM = 0.05
 """Least height of a ridge [mm]: a sine of period 4 b has crests of radius 8 b^2 / (pi^2 height)."""
@@ -80,26 +82,36 @@ or not. By synthesis drawn ridges 5.5 to 12 px wide, blurred by 0.8 to 1.6 px, w
 UNRESOLVED_PX = 1.0
 """The same where synthesis came to no rest: ridges merge."""
 
-CODEC_PX = (0.0075, 0.01, 0.5)
-"""Limit of what a lossy codec does to an edge [px]: the first over the bits per pixel of key frames, between the
-others. In drawn H.264 films of 0.63, 0.36, 0.085, 0.051, 0.032 and 0.026 bits per pixel edges moved by at most 0.015,
-0.019, 0.087, 0.062, 0.20 and 0.29 px."""
+CODEC_PX = (0.02, 100.0)
+"""Greatest displacement of an edge inwards by a lossy codec [px]: the first, plus the second times the square of what a
+drawn sharp contact leaves of the frame at its edge. A codec drops high frequencies of grey levels, whose tone curve
+bends: to second order a contact shrinks. Of 108 drawn H.264 frames (six contacts, quantisers of 14 to 38) the edges
+moved inwards by up to 0.36 px, 107 of them between none and this (benchmarks/codec_edges.py)."""
+
+CODEC_UNKNOWN_PX = 0.1
+"""The same, either way, where the frame does not show its own edge."""
+
+EDGE_PX = 0.02
+"""Limit of an edge's displacement by envelopes and the sampling of the curve [px]: sharp contacts that were drawn are
+found to 0.006 px. A blur that is not symmetric moves opposite sides of a contact alike."""
 
 INVERSION_PX = 0.5
 """The same of an edge that was found after inversion of subsurface scattering."""
 
 
-def film_opening(half_width_mm: float) -> float:
-    """Return how far outside a contact a film of air moves its boundary at most.
+def film_opening(half_width_mm: float, ridge_mm: float = 0.0) -> float:
+    """Return how far outside a contact without adhesion a film of air moves its boundary.
 
     Beside a Hertz contact of half-width b and radius of curvature R the gap grows as (8 sqrt(2)/(3 pi)) sqrt(b) d^1.5/R
-    with the distance d. Light that falls as exp(-gap/depth) adds as much as a step at the integral of that; adhesion
-    makes it less.
+    with the distance d. Light that falls as exp(-gap/depth) adds as much as a step at the integral of that. Adhesion
+    opens it more steeply: the displacement lies between none and this.
 
     Parameters
     ----------
     half_width_mm : float
         Of the contact or of its ridges [mm].
+    ridge_mm : float
+        Height of the ridges, whose crests have their own radius; 0 of the finger's tip [mm].
 
     Returns
     -------
@@ -112,7 +124,9 @@ def film_opening(half_width_mm: float) -> float:
     """
     if not half_width_mm > 0:
         return 0.0
-    radius = min(TIP_RADIUS_MM, 8.0 * half_width_mm**2 / (math.pi**2 * RIDGE_HEIGHT_MM))
+    radius = TIP_RADIUS_MM
+    if ridge_mm > 0:
+        radius = min(radius, 8.0 * half_width_mm**2 / (math.pi**2 * ridge_mm))
     opening = 8.0 * math.sqrt(2.0) / (3.0 * math.pi) * math.sqrt(half_width_mm) / radius
     return math.gamma(5.0 / 3.0) * (DEPTH_MM / opening) ** (2.0 / 3.0)
 
@@ -180,8 +194,8 @@ def refined_components(
     pixel_mm: float, scale_standard: float, *, video: bool = False, finger: Finger = "ridged",
     spread_mm: float | None = None, shape_mm: float = 0.0, narrow: float = 0.0, unseen: str = "",
     scattering: bool = False, blur_uncertainty_px: float = 0.0, colour_uncertainty_px: float = 0.0,
-    half_width_mm: float | None = None, synthesised: bool = False, unresolved: bool = False,
-    bits_per_pixel: float | None = None,
+    film_mm: float | None = None, synthesised: bool = False, unresolved: bool = False,
+    residual: float | None = None,
 ) -> list[Component]:  # fmt: skip
     """Return the budget of the refined estimator beyond the card.
 
@@ -203,12 +217,12 @@ def refined_components(
         How far outside a sharp contact of this shape the boundary runs, on average; the area is corrected for it [mm].
     narrow : float
         Share of the boundary at which ridge or groove is too narrow for an envelope [1].
-    half_width_mm : float, optional
-        Of the contact or its ridges, area over perimeter, where the edge is seen but its width is not its own [mm].
+    film_mm : float, optional
+        Greatest mean displacement by a film (:func:`film_of_contact`), where the edge's width is not its own [mm].
     synthesised, unresolved : bool
         Of :class:`~evanesce.measurement.refined.result.RefinedArea`.
-    bits_per_pixel : float, optional
-        Of the video's key frames.
+    residual : float, optional
+        Of :class:`~evanesce.measurement.refined.result.RefinedArea`.
     scattering : bool
         Whether subsurface scattering was inverted.
 
@@ -221,7 +235,7 @@ def refined_components(
             name="scale fit", role="scale", low=-scale_standard, high=scale_standard, shape="normal",
             origin="scatter of the board's corners, propagated through the fit of scale, tilt and distortion",
         ),
-        *_film_components(pixel_mm, spread_mm, finger, half_width_mm),
+        *_film_components(pixel_mm, spread_mm, finger, film_mm),
     ]  # fmt: skip
     if shape_mm:
         origin = (
@@ -244,7 +258,32 @@ def refined_components(
     if colour_uncertainty_px > 0:
         origin = "demosaicing; levels between the end of one channel's range and the beginning of the next one's"
         found.append(_boundary("colour", colour_uncertainty_px * pixel_mm, origin))
-    return [*found, *_codec(pixel_mm, video, bits_per_pixel)]
+    return [*found, *_codec(pixel_mm, video, residual)]
+
+
+def film_of_contact(area_mm2: float, perimeter_mm: float, hull_mm2: float) -> float:
+    """Return the mean of :func:`film_opening` over a contact's boundary.
+
+    Of the boundary, a share lies on the outline, where the finger's tip opens the film: that of the outline which is in
+    contact, as is that of the area. The rest are ridges, half as wide as area over perimeter.
+
+    Parameters
+    ----------
+    area_mm2, perimeter_mm : float
+    hull_mm2 : float
+        Area of the contact's convex hull.
+
+    Returns
+    -------
+    float
+        [mm].
+    """
+    if not (perimeter_mm > 0 and hull_mm2 > 0):
+        return 0.0
+    radius = math.sqrt(hull_mm2 / math.pi)
+    outline = min(2.0 * math.pi * radius * area_mm2 / hull_mm2 / perimeter_mm, 1.0)
+    ridges = film_opening(area_mm2 / perimeter_mm, RIDGE_HEIGHT_MM)
+    return outline * film_opening(radius) + (1.0 - outline) * ridges
 
 
 def _boundary(name: str, half_mm: float, origin: str) -> Component:
@@ -253,7 +292,7 @@ def _boundary(name: str, half_mm: float, origin: str) -> Component:
 
 
 def _film_components(
-    pixel_mm: float, spread_mm: float | None, finger: Finger, half_width_mm: float | None
+    pixel_mm: float, spread_mm: float | None, finger: Finger, film_mm: float | None
 ) -> list[Component]:
     """Return the components of the film of air beside the contact and of the edge model.
 
@@ -265,36 +304,42 @@ def _film_components(
         law = FILM.at(spread_mm)
         return [
             Component(
-                name="film of air, edge", role="boundary", low=min(0.0, law) - 2 * FILM.standard_mm,
+                name=FILM_NAME, role="boundary", low=min(0.0, law) - 2 * FILM.standard_mm,
                 high=max(0.0, law) + 2 * FILM.standard_mm, shape="rectangular", origin="light that still couples beside"
                 " the contact, none or by the width of the edge beyond that of a sharp contact of the same shape",
             )
         ]  # fmt: skip
+    if film_mm is not None:
+        film = Component(
+            name=FILM_NAME, role="boundary", low=0.0, high=film_mm, shape="rectangular",
+            origin="light that still couples beside the contact: from none to that beside a Hertz contact",
+        )  # fmt: skip
+        origin = "envelopes, sampling of the curve: drawn contacts are found better than that"
+        return [film, _boundary("edge model", EDGE_PX * pixel_mm, origin)]
     origin = "blur that is not symmetric, envelopes, sampling of the curve: a tenth of a pixel"
     edge = _boundary("edge model", 0.1 * pixel_mm, origin)
-    if half_width_mm is not None:
-        film = Component(
-            name="film of air, edge", role="boundary", low=-2 * FILM.standard_mm,
-            high=film_opening(half_width_mm) + 2 * FILM.standard_mm, shape="rectangular",
-            origin="light that still couples beside the contact, none or by the opening of a Hertz contact",
-        )  # fmt: skip
-        return [film, edge]
     low, high = FILM_LIMITS_MM[finger]
     film = Component(
-        name="film of air, edge", role="boundary", low=low, high=high, shape="rectangular",
+        name=FILM_NAME, role="boundary", low=low, high=high, shape="rectangular",
         origin="light that still couples beside the contact",
     )  # fmt: skip
     return [film, edge]
 
 
-def _codec(pixel_mm: float, video: bool, bits_per_pixel: float | None = None) -> list[Component]:
+def _codec(pixel_mm: float, video: bool, residual: float | None = None) -> list[Component]:
     if not video:
         return []
-    if bits_per_pixel is None:
-        return [_boundary("codec", 0.1 * pixel_mm, "overshoot of a lossy codec at an edge: a tenth of a pixel")]
-    each, least, most = CODEC_PX
-    origin = f"what a lossy codec of {bits_per_pixel:.2g} bits per pixel of key frames does to an edge"
-    return [_boundary("codec", min(max(each / bits_per_pixel, least), most) * pixel_mm, origin)]
+    if residual is None:
+        origin = "overshoot of a lossy codec at an edge: a tenth of a pixel"
+        return [_boundary(CODEC_NAME, CODEC_UNKNOWN_PX * pixel_mm, origin)]
+    least, squared = CODEC_PX
+    return [
+        Component(
+            name=CODEC_NAME, role="boundary", low=-(least + squared * residual**2) * pixel_mm, high=0.0,
+            shape="rectangular",
+            origin="high frequencies that a lossy codec drops, by what a drawn contact leaves of the frame at its edge",
+        )
+    ]  # fmt: skip
 
 
 def reference_components(

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 from scipy import stats
 
 from evanesce.api.measure import Pipeline
 from evanesce.measurement.calibration.model import Calibration
+from evanesce.measurement.refined.edge import EdgeSettings, find_boundary
+from evanesce.measurement.refined.replica import replica
 from support import drawn_lab
 
 SHAPE = (300, 400)
@@ -38,6 +41,18 @@ def test_what_blur_rounds_off_a_ridged_contact_is_corrected(blur):
         lost = found.area_mm2 * (1 + found.refined.shape_gain) / true - 1
         assert lost < -0.004 * blur
         assert abs(found.area_mm2 / true - 1) < 0.25 * abs(lost) + 0.001
+
+
+@pytest.mark.parametrize("ridges", [None, (24, 0.6)])
+@pytest.mark.parametrize("blur", [1.2, 2.2])
+def test_the_drawn_contact_has_the_blur_of_the_frame(blur, ridges):
+    """Between ridges blurred by 2.2 px edges show 2.0 px, because the step is read too small there."""
+    share = drawn_lab.contact(SHAPE, (200, 150), (90, 70), 0.4, ridges)
+    light = cv2.GaussianBlur(0.01 + 0.35 * share, (0, 0), blur)
+    light = light + np.random.default_rng(4).normal(0, 0.004, SHAPE)
+    again = replica(light, find_boundary(light, share > 0.5), EdgeSettings())
+    assert again is not None
+    assert again.blur_px == pytest.approx(blur, rel=0.05)
 
 
 def test_a_smooth_contact_is_hardly_corrected():

@@ -9,7 +9,7 @@ to first order; and the width of an edge that is left after the drawn one's is t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -51,12 +51,15 @@ class Replica:
         Area found over the area drawn, less one [1].
     spread_px : float
         Of the drawn contact's edge (:func:`.edge_spread`) [px].
+    blur_px : float
+        Standard deviation of the blur with which a drawn contact's edges show what the frame's do [px].
     residual : float
         How much more a contact drawn with a sharp edge leaves of the frame than of the replica, in quadrature [1].
     """
 
     gain: float
     spread_px: float
+    blur_px: float
     residual: float
 
 
@@ -83,7 +86,7 @@ def replica(light: Floats, boundary: Boundary, settings: EdgeSettings) -> Replic
         return None
     inner, outer = envelopes(smooth, inside, settings)
     share = contact_share(boundary.level)
-    blur = edge_blur(boundary, settings)
+    blur = _drawn_blur(share, (inner, outer), edge_blur(boundary, settings), settings)
     drawn = outer + cv2.GaussianBlur(share * (inner - outer), (0, 0), blur)
     noise = np.where(inside, *(_noise(light - smooth, side, settings.smoothing_px) for side in (inside, ~inside)))
     drawn = drawn + noise * rng.generator(0, "replica").standard_normal(light.shape)
@@ -97,7 +100,19 @@ def replica(light: Floats, boundary: Boundary, settings: EdgeSettings) -> Replic
         for b in (boundary, found)
     )
     left = float(np.sqrt(max(seen**2 - own**2, 0.0)))
-    return Replica(gain=after / before - 1.0, spread_px=edge_spread(found), residual=left)
+    return Replica(gain=after / before - 1.0, spread_px=edge_spread(found), blur_px=blur, residual=left)
+
+
+def _drawn_blur(share: Floats, sides: tuple[Floats, Floats], shown: float, settings: EdgeSettings) -> float:
+    """Return the blur with which a drawn contact's edges show a blur [px].
+
+    Where the blur reaches as far as the envelopes are read, or ridges leave them no room, the step is read too small
+    and the edge too steep. A contact drawn with the blur that is shown shows by how much.
+    """
+    inner, outer = sides
+    drawn = outer + cv2.GaussianBlur(share * (inner - outer), (0, 0), shown)
+    again = edge_blur(find_boundary(drawn, share > 0.5, replace(settings, rounds=1)), settings)
+    return float(np.sqrt(max(2.0 * shown**2 - again**2, SMALLEST_PX**2)))
 
 
 def edge_residual(level: Floats, blurred: Floats) -> float:

@@ -23,6 +23,7 @@ from evanesce.inference.laws import all_laws
 from evanesce.inference.model import AnchoredModel
 from evanesce.inference.next_shot import doubtful, next_shot
 from evanesce.inference.posterior import Weights
+from evanesce.inference.shape_picture import mean_and_variation, shape_figure
 from evanesce.inference.shapes import FormBank
 from evanesce.inference.single_effects import NONE, Place
 from evanesce.optics.projection import Projection
@@ -118,6 +119,33 @@ def test_forms_are_kept_and_every_effect_has_some(tiny, tmp_path, monkeypatch):
     assert "modulus" not in all_laws()
     bright = np.abs(by_id["modulus"].changes.astype(float)).max(axis=0)
     assert bright.max() > 1.0
+
+
+def test_a_picture_of_no_known_kind_is_refused_before_anything_is_read(tiny, tmp_path):
+    target = tmp_path / "shapes.xyz"
+    result = runner.invoke(app, ["criticise", str(tiny), "--shapes", str(target)])
+    assert result.exit_code == 2
+    assert ".png" in result.output
+    assert not target.exists()
+
+
+def test_picture_of_forms_shows_each_cause_where_it_shows(tiny):
+    """Two panels a cause; the glow about a contact changes most what is beside it, absorption what is in it."""
+    observation = observe(read_bundle(tiny))
+    data = data_vector(observation)
+    model = AnchoredModel(observation, data)
+    causes, _ = causes_of(observation, set(all_effects()) - {"vignetting", "led_droop", "modulus"})
+    every = FormBank(model.coarse, {}).of(causes)
+    by_id = {forms.id: mean_and_variation(forms, data) for forms in every}
+    view, mean, deviation = by_id["led_droop"]
+    lit = data.cube[data.open[view]] > 100
+    assert np.abs(mean[lit]).mean() > 3 * np.abs(mean[~lit]).mean()
+    # Droop has one form up to its size at one voltage; fall-off has many.
+    assert deviation.max() < 0.5 * np.abs(mean).max()
+    assert by_id["vignetting"][2].max() > 0.1 * np.abs(by_id["vignetting"][1]).max()
+    figure = shape_figure(every, data)
+    titles = [axis.get_title() for axis in figure.axes if axis.get_title()]
+    assert {"vignetting", "led_droop", "modulus"} <= set(titles)
 
 
 def test_next_shot_is_one_that_tells_rivals_apart(tiny):

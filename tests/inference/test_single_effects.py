@@ -169,6 +169,17 @@ def test_a_ring_is_told_as_round():
     found = left(lambda x, y: 0.02 * np.exp(-(((np.hypot(y - 19, x - 26) - 8.0) / 3.0) ** 2)))
     assert found.found
     assert found.radial > 0.5
+    assert found.concentrated < 0.5
+
+
+def test_a_few_spots_are_told_as_spots():
+    spots = np.zeros(SIZE)
+    spots[tuple(np.random.default_rng(1).integers(8, 32, (2, 9)))] = -0.05
+    found = left(lambda x, y: spots)
+    assert found.found
+    assert found.concentrated > 0.8
+    assert "spots" in found.sentence()
+    assert left(lambda x, y: 0.0 * x).concentrated < 0.5
 
 
 def test_nuisances_change_no_statement_about_metric():

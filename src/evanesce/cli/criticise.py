@@ -24,6 +24,8 @@ from evanesce.cli.common import (
 )
 from evanesce.core.errors import InputError
 
+PICTURES = (".png", ".pdf", ".svg")
+
 
 def register(app: typer.Typer) -> None:
     """Add the command."""
@@ -52,6 +54,8 @@ def register(app: typer.Typer) -> None:
 
         for target in (json_file, report, scene, shapes):
             check_json_target(target)
+        if shapes is not None and shapes.suffix.lower() not in PICTURES:
+            raise InputError(f"cannot write {shapes.suffix!r}", key="--shapes", allowed=", ".join(PICTURES))
         bundle = read_bundle(folder)
         if shapes is not None:
             _draw_shapes(bundle, shapes)

@@ -15,6 +15,8 @@
                                what orders of convergence between 1.5 and 4 make of it
 ``FAR``                3.0     standard deviations of its prior within which a nuisance has to stay
 ``DETECTED``           0.01    p-value, against noise, above which no further cause is sought
+``LEAST_SHARE``        3e-5    share of the misfit that was there, below which nothing is taken: half a per cent in
+                               amplitude of what all causes do, by which fine models themselves differ
 ``TRIED``              3       causes that are entered in each round: those of most evidence with the discrepancy, and
                                as many of those without
 ``FITTED``             2       of them, causes that are fitted: those that would remove most of the misfit
@@ -49,6 +51,7 @@ STEP_SHARE = 0.02
 EXTRAPOLATED = 0.5
 FAR = 3.0
 DETECTED = 0.01
+LEAST_SHARE = 3e-5
 TRIED = 3
 FITTED = 2
 SUBSTITUTE = 0.2

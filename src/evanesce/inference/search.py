@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from evanesce.core.errors import InputError
 from evanesce.criticism.linear import Metric
 from evanesce.inference.causes import Cause, Entry, entries_of
-from evanesce.inference.constants import DETECTED, FITTED, SUBSTITUTE, TRIED
+from evanesce.inference.constants import DETECTED, FITTED, LEAST_SHARE, SUBSTITUTE, TRIED
 from evanesce.inference.gauss_newton import bounded_step
 from evanesce.inference.joint import Fitter, JointFit, taken_from
 from evanesce.inference.posterior import Further, Judge, Posterior
@@ -133,6 +133,8 @@ class Search:
             place = asked.place
             if asked.p_value > DETECTED or place.probability[NONE] > 0.5:
                 return now
+            if 2.0 * max(asked.loud.log_bayes.values()) < LEAST_SHARE * self.first:
+                return now
             better = self._added(now, asked)
             if better is not None:
                 took = time.monotonic() - began
@@ -167,7 +169,7 @@ class Search:
                 self.refused[cause] = str(error)
                 continue
             removed = now.misfit - better.misfit
-            if 0.5 * removed > self._occam(len(wanted)):
+            if 0.5 * removed > self._occam(len(wanted)) and removed > LEAST_SHARE * self.first:
                 self._note("add", cause, better, now, f"p = {p:.2g} of noise, {0.5 * removed:.0f} nats by it")
                 return better
             self.refused[cause] = f"brings {0.5 * removed:.1f} nats at the fine model's optimum"

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import evanesce
 from evanesce.core.errors import InputError
 from evanesce.core.provenance import digest
 from evanesce.core.rng import generator
+from evanesce.core.version import __version__
 from evanesce.criticism.parameters import Parameter
 from evanesce.criticism.predict import Predictor
 from evanesce.criticism.tone import expected_tone
@@ -132,7 +132,7 @@ class FormBank:
         views = [[v.kind, v.force_N, v.voltage_V, v.time_s, v.index, v.session, v.frames] for v in coarse.views]
         laws = [inspect.getsource(inspect.getmodule(law.change or law.rig)) for law in all_laws().get(cause.id, ())]  # type: ignore[arg-type]
         effect = inspect.getsource(inspect.getmodule(cause.candidate.effect.apply))  # type: ignore[arg-type]
-        known = [FORMAT, evanesce.__version__, DRAWS, coarse.scene.model_dump(mode="json"), views, dict(self.point)]
+        known = [FORMAT, __version__, DRAWS, coarse.scene.model_dump(mode="json"), views, dict(self.point)]
         return digest([*known, coarse.noise_scale, effect, laws])
 
     def _cube(self, coarse: Predictor, point: Mapping[str, float]) -> Array:

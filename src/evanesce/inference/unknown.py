@@ -98,6 +98,9 @@ class Left:
         Of chi2, for noise that is independent from bin to bin.
     radial : float
         Share of the map's structure that depends on the distance from the contact's middle alone.
+    concentrated : float
+        Share of the structure that the fiftieth part of the bins holds that shows most of it: 1 for a few spots, a few
+        hundredths for what is spread.
     place_mm : tuple of float
         Middle of the structure on the sensor, from the frame's middle, in millimetres on the plate.
     with_voltage, with_force, with_time : float
@@ -111,6 +114,7 @@ class Left:
     chi2: float
     p_value: float
     radial: float
+    concentrated: float
     place_mm: tuple[float, float]
     with_voltage: float
     with_force: float
@@ -141,6 +145,8 @@ class Left:
                 f"stripes of {wave.period_mm:.2f} mm period across {wave.direction_deg:.0f} deg,"
                 f" {size:.2g}{percent} {unit} in amplitude"
             )
+        if self.concentrated > 0.5:
+            words.append("in a few spots")
         if self.radial > 0.5:
             words.append("round about the contact")
         for name, value in (("voltage", self.with_voltage), ("force", self.with_force), ("time", self.with_time)):
@@ -188,12 +194,23 @@ def left_of(data: DataVector, residual: Array, by_light: Array, mm_per_bin: floa
     rows, cols = field.shape
     return Left(
         follows, field, sd, gained / count, float(stats.chi2.sf(gained, count)), radial,
+        _concentrated(standard[np.isfinite(field)] ** 2),
         ((middle[1] - (cols - 1) / 2) * mm_per_bin, (middle[0] - (rows - 1) / 2) * mm_per_bin),
         _correlation(amplitudes, [v.voltage_V for v in views]),
         _correlation(amplitudes, [v.force_N or 0.0 for v in views]),
         _correlation(amplitudes, [v.time_s for v in views]),
         _periodic(standard, np.nan_to_num(field), sd, mm_per_bin),
     )  # fmt: skip
+
+
+def _concentrated(squares: Array) -> float:
+    """Return the share of squares (n,), less what noise has of them, that their fiftieth part holds."""
+    ordered = np.sort(squares)[::-1]
+    few = max(len(ordered) // 50, 1)
+    # E(z^2; z^2 > q) = P(chi^2 of 3 degrees > q): what noise has in its largest fiftieth.
+    expected = few * float(stats.chi2(3).sf(stats.chi2(1).isf(0.02)) / 0.02)
+    excess = float(ordered.sum()) - len(ordered)
+    return float(np.clip((ordered[:few].sum() - expected) / max(excess, 1e-12), 0.0, 1.0)) if excess > 0 else 0.0
 
 
 def _amplitudes(cube: Array, weight: Array, field: Array) -> Array:

@@ -15,6 +15,8 @@
                                what orders of convergence between 1.5 and 4 make of it
 ``FAR``                3.0     standard deviations of its prior within which a nuisance has to stay
 ``DETECTED``           0.01    p-value, against noise, above which no further cause is sought
+``LEFT``               1e-4    p-value, against noise, below which what is left of all views together is told: what the fine
+                               model's pixels still leave came to 4e-4 on a rig whose causes were all found
 ``LEAST_SHARE``        3e-5    share of the misfit that was there, below which nothing is taken: half a per cent in
                                amplitude of what all causes do, by which fine models themselves differ
 ``TRIED``              3       causes that are entered in each round: those of most evidence with the discrepancy, and
@@ -51,6 +53,7 @@ STEP_SHARE = 0.02
 EXTRAPOLATED = 0.5
 FAR = 3.0
 DETECTED = 0.01
+LEFT = 1e-4
 LEAST_SHARE = 3e-5
 TRIED = 3
 FITTED = 2

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, optimize, stats
 
-from evanesce.inference.constants import DETECTED, UNKNOWN_WAVES
+from evanesce.inference.constants import LEFT, UNKNOWN_WAVES
 from evanesce.inference.data import DataVector
 
 Array = NDArray[Any]
@@ -124,7 +124,7 @@ class Left:
     @property
     def found(self) -> bool:
         """Whether it is more than noise."""
-        return min(self.p_value, self.periodic.p_value) < DETECTED
+        return min(self.p_value, self.periodic.p_value) < LEFT
 
     def as_dict(self) -> dict[str, Any]:
         """Return it in the answer's form, without the maps."""
@@ -139,7 +139,7 @@ class Left:
         unit = "of the light" if self.follows == "light" else "DN"
         size = 100 * wave.amplitude if self.follows == "light" else wave.amplitude
         words = [f"something that no cause of the library makes, the same share of the {self.follows} in all views"]
-        if wave.p_value < DETECTED:
+        if wave.p_value < LEFT:
             percent = " %" if self.follows == "light" else ""
             words.append(
                 f"stripes of {wave.period_mm:.2f} mm period across {wave.direction_deg:.0f} deg,"

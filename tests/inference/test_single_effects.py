@@ -126,6 +126,15 @@ def test_verdict_never_contradicts_the_probabilities():
                 assert held >= 0.95 * place.present - 1e-9
 
 
+def test_a_fit_stands_above_drawn_forms():
+    """A rival whose forms look better, but that was fitted and came out 30 nats behind, is none; others stay."""
+    place = Place.of({"a": 100.0, "b": 140.0, "c": 99.0}).with_fits("a", {"b": 30.0})
+    assert place.log_bayes["b"] == pytest.approx(70.0)
+    assert place.probability["b"] < 1e-9
+    assert set(place.credible_set) == {"a", "c"}
+    assert Place.of({"a": 100.0, "b": 80.0}).with_fits("a", {"b": 5.0}).log_bayes["b"] == pytest.approx(80.0)
+
+
 SIZE = (40, 52)
 
 

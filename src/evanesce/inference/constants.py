@@ -15,14 +15,14 @@
                                what orders of convergence between 1.5 and 4 make of it
 ``FAR``                3.0     standard deviations of its prior within which a nuisance has to stay
 ``DETECTED``           0.01    p-value, against noise, above which no further cause is sought
-``LEFT``               1e-4    p-value, against noise, below which what is left of all views together is told: what the fine
-                               model's pixels still leave came to 4e-4 on a rig whose causes were all found
+``LEFT``               1e-4    p-value, against noise, below which what is left of all views together is told: what the
+                               fine model's pixels leave came to 4e-4 on a rig whose causes were all found
 ``LEAST_SHARE``        3e-5    share of the misfit that was there, below which nothing is taken: half a per cent in
                                amplitude of what all causes do, by which fine models themselves differ
 ``TRIED``              3       causes that are entered in each round: those of most evidence with the discrepancy, and
                                as many of those without
 ``FITTED``             2       of them, causes that are fitted: those that would remove most of the misfit
-``SUBSTITUTE``         0.2     share of a cause's evidence by which another may fall short and still be tried in its
+``SUBSTITUTE``         0.5     share of a cause's evidence by which another may fall short and still be tried in its
                                place: forms drawn about the nominal rig are some to tens of per cent off
 ``STRENGTHS``          3..500  standard deviations by which a cause may show, evenly in the logarithm: below 3 nothing
                                can be told, above 500 the form's own error decides
@@ -57,7 +57,7 @@ LEFT = 1e-4
 LEAST_SHARE = 3e-5
 TRIED = 3
 FITTED = 2
-SUBSTITUTE = 0.2
+SUBSTITUTE = 0.5
 STRENGTHS = np.geomspace(3.0, 500.0, 8)
 NONE_PRIOR = 0.5
 CREDIBLE = 0.95

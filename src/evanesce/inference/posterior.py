@@ -145,7 +145,9 @@ class Judge:
         self.known = tuple(blocks)
         self._forms = SmallSpace(blocks, np.zeros((0, data_size(data))))
 
-    def posterior(self, fitted: JointFit, unknown: float = 0.0) -> Posterior:
+    def posterior(
+        self, fitted: JointFit, unknown: float = 0.0, behind: Mapping[tuple[str, str], float] | None = None
+    ) -> Posterior:
         """Return the probabilities of all causes at a joint fit, about which the model is anchored.
 
         Parameters
@@ -153,12 +155,16 @@ class Judge:
         fitted : JointFit
         unknown : float
             Strength at which an unknown field has been taken; 0: none.
+        behind : mapping of tuple of str to float, optional
+            By how many nats another cause came out behind a taken one (taken, other) when it was fitted in its place:
+            what a fit says, its bounds kept, stands above what drawn forms say.
         """
         space, secants = self._space(fitted, fitted.ids)
         places = {}
         for number, name in enumerate(secants):
             others = [n for n in secants if n != name]
-            places[name], _ = self._judged(space, _marginal(others, unknown), self._rest(others, unknown), number)
+            place, _ = self._judged(space, _marginal(others, unknown), self._rest(others, unknown), number)
+            places[name] = place.with_fits(name, {b: gap for (a, b), gap in (behind or {}).items() if a == name})
         marginal, rest = _marginal(secants, unknown), self._rest(secants, unknown)
         further, p = self._judged(space, marginal, rest, len(secants), with_p=True)
         return Posterior(places, further, p)

@@ -102,7 +102,7 @@ class Search:
     unknown: float = 0.0
     """Strength at which an unknown field has been taken; 0: none."""
     _began: float = field(default_factory=time.monotonic)
-    _compared: set[tuple[str, str]] = field(default_factory=set)
+    _behind: dict[tuple[str, str], float] = field(default_factory=dict)
 
     def run(self, base: JointFit) -> tuple[JointFit, Posterior]:
         """Return the extended fit, the model anchored about it, and the probabilities of all causes there.
@@ -115,10 +115,10 @@ class Search:
         self.first = base.misfit
         now = self._grown(base)
         while True:
-            posterior = self.judge.posterior(now, self.unknown)
+            posterior = self.judge.posterior(now, self.unknown, self._behind)
             moved = self._dropped(now, posterior) or self._exchanged(now, posterior)
             if moved is None or len(self.steps) >= MOVES:
-                return now, posterior
+                return now, self.judge.posterior(now, self.unknown, self._behind)
             now = self._grown(moved)
 
     def share(self, misfit: float) -> float:
@@ -241,29 +241,34 @@ class Search:
         for name, place in posterior.places.items():
             own = place.log_bayes.get(name, 0.0)
             near = [n for n, b in place.log_bayes.items() if n not in (name, UNKNOWN) and b > (1.0 - SUBSTITUTE) * own]
-            near = [n for n in near if (name, n) not in self._compared]
+            near = [n for n in near if (name, n) not in self._behind]
             if not near:
                 continue
             without = self._refitted(now, name, fine=False)
             if without is None:
                 continue
             for other in sorted(near, key=lambda n: -place.log_bayes[n])[:TRIED]:
-                self._compared |= {(name, other), (other, name)}
-                metric, believed = everything_marginalised(without)
-                entered = self._entered(without, other, metric, believed)
-                tried = None if entered is None else self._tried(without, entered, metric, believed)
-                if tried is None or tried.misfit > now.misfit:
-                    continue
-                try:
-                    better = self.fitter.relinearised(tried.taken, tried.point)
-                except InputError:
-                    continue
-                if better.misfit < now.misfit:
+                better = self._in_place(now, without, other)
+                if better is not None and better.misfit < now.misfit:
+                    self._behind[other, name] = 0.5 * (now.misfit - better.misfit)
                     self._note("exchange", other, better, now, "leaves less", name)
                     self.tell(self._words(better))
                     return better
+                self._behind[name, other] = np.inf if better is None else 0.5 * (better.misfit - now.misfit)
             self.fitter.model.anchor(now.point)
         return None
+
+    def _in_place(self, now: JointFit, without: JointFit, other: str) -> JointFit | None:
+        """Return the fit with another cause in a place; coarse where that already leaves more; None if it cannot be."""
+        metric, believed = everything_marginalised(without)
+        entered = self._entered(without, other, metric, believed)
+        tried = None if entered is None else self._tried(without, entered, metric, believed)
+        if tried is None or tried.misfit > now.misfit:
+            return tried
+        try:
+            return self.fitter.relinearised(tried.taken, tried.point)
+        except InputError:
+            return None
 
     def _refitted(self, now: JointFit, name: str, *, fine: bool = True) -> JointFit | None:
         """Return the fit without a cause; coarse derivatives about the present anchor will do to try others in it."""

@@ -121,6 +121,13 @@ class Place:
         posterior = np.exp(weights - np.logaddexp.reduce(weights))
         return cls(dict(log_bayes), dict(zip(names, map(float, posterior), strict=True)))
 
+    def with_fits(self, own: str, behind: Mapping[str, float]) -> Place:
+        """Return the place where causes that were fitted in it came out behind its own cause by so many nats."""
+        if own not in self.log_bayes:
+            return self
+        most = {name: self.log_bayes[own] - gap for name, gap in behind.items() if name in self.log_bayes}
+        return Place.of({name: min(value, most.get(name, value)) for name, value in self.log_bayes.items()})
+
     @property
     def present(self) -> float:
         """Probability that anything fills the place."""

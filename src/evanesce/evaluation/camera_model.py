@@ -112,6 +112,7 @@ def camera_model(
     return CameraModel(
         levels=levels, output=(value * processor.gains) @ matrix.T,
         noise=np.sqrt((spread * processor.gains) ** 2 @ (matrix**2).T), tone=tone_values(camera.tone_curve),
+        balanced=value * processor.gains, matrix=matrix,
     )  # fmt: skip
 
 

@@ -50,7 +50,7 @@ class MosaicFormat:
         if given.ndim != 2 or given.dtype.kind != "u" or given.dtype.itemsize != 2:
             planes = 1 if given.ndim == 2 else given.shape[-1] if given.ndim == 3 else 0
             what = f"{planes} plane(s) of {given.dtype}"
-            raise InputError(what, file=file, key="raw", allowed="1 plane of uint16: a mosaic that is not developed")
+            raise InputError(what, file=file, key="raw", allowed="a raw mosaic, 1 plane of uint16")
         if self.shape is not None and given.shape != self.shape:
             what, (rows, cols) = f"{given.shape[1]} x {given.shape[0]} pixels", self.shape
             raise InputError(what, file=file, key="raw", allowed=f"{cols} x {rows}, as calibrated")

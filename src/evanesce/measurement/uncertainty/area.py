@@ -58,9 +58,8 @@ def refined_uncertainty(
     shape = found.shape_gain * found.area_mm2 / found.perimeter_mm if found.perimeter_mm > 0 else 0.0
     distance, nearness = lens_distance(estimator.plate.calibration, side)
     reading = Reading(area_mm2=found.area_mm2, perimeter_mm=found.perimeter_mm, distance_mm=distance)
-    # the law of the film by the edge's width holds for edges that neither codec nor demosaicing widened
-    widened = video or (found.colour_uncertainty_px > 0 and not found.mosaic)
-    spread_mm = None if widened else found.excess_mm
+    # a codec makes edges wider and narrower; demosaicing makes them wider only, so that their width bounds the film
+    spread_mm = None if video else found.excess_mm
     seen = not (found.unseen or found.scattering.length_px) and found.perimeter_mm > 0
     half_width = found.area_mm2 / found.perimeter_mm if seen else None
     parts = [

@@ -137,7 +137,7 @@ def test_shift_by_demosaicing_of_a_drawn_contact(contact: float) -> None:
 
 @pytest.mark.parametrize("contact", [2.0, 5.0, 8.0])
 def test_film_beside_a_colour_contact_is_bounded_by_the_width_of_its_edge(contact: float) -> None:
-    """Without the card's part the interval holds a contact without a film; the correction is below a tenth of a pixel."""
+    """Without the card's part the interval holds a contact without a film, corrected for under a tenth of a pixel."""
     tool = estimator(own_model())
     found = tool.area(frame_of(contact))
     said = refined_uncertainty(found, tool, np.random.default_rng(1), cards=())
@@ -145,6 +145,17 @@ def test_film_beside_a_colour_contact_is_bounded_by_the_width_of_its_edge(contac
     (film,) = (part for part in said.components if part.name.startswith("film"))
     assert film.mean < 0.1 / SCALE_PX_PER_MM
     assert film.high < film_opening(found.area_mm2 / found.perimeter_mm)
+
+
+@pytest.mark.parametrize("contact", [9.0, 20.0])
+def test_contact_between_the_ends_of_green_and_the_beginning_of_blue(contact: float, monkeypatch) -> None:
+    """Green is full from 4.7, blue shows from 24: the level is not known and the interval says so."""
+    monkeypatch.setitem(globals(), "RESPONSE", np.array([1.0, 0.15, 0.01]))
+    tool = estimator(own_model())
+    found = tool.area(frame_of(contact))
+    low, high = refined_uncertainty(found, tool, np.random.default_rng(1), cards=()).interval_mm2
+    assert found.colour_uncertainty_px > 0.3
+    assert low < AREA < high
 
 
 def test_area_twice_above_what_any_channel_shows() -> None:

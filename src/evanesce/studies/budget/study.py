@@ -345,7 +345,8 @@ def _measure(
     found = RefinedArea(
         area_mm2=shot.corrected * plate.area(shot.contours), perimeter_mm=perimeter, contours=shot.contours,
         mask=np.zeros((0, 0), np.bool_), scattering=shot.scattering, saturated_pixels=0, islands=1, dropped=0, step=0.0,
-        spread_mm=shot.spread_mm, sharp_spread_mm=shot.sharp_spread_mm, unseen=shot.unseen, blur_uncertainty_px=shot.blur_uncertainty_px,
+        spread_mm=shot.spread_mm, sharp_spread_mm=shot.sharp_spread_mm, unseen=shot.unseen,
+        blur_uncertainty_px=shot.blur_uncertainty_px,
         colour_uncertainty_px=shot.colour_uncertainty_px,
     )  # fmt: skip
     cards = [*card_components(), *camera_components(shot.camera_percent, found)]

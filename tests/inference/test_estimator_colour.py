@@ -20,6 +20,7 @@ from evanesce.measurement.refined.estimator import Estimator
 from evanesce.measurement.refined.light import Radiometry
 from evanesce.measurement.refined.raw import RawModel
 from evanesce.measurement.uncertainty.area import refined_uncertainty
+from evanesce.measurement.uncertainty.components import film_opening
 from evanesce.measurement.warnings import EdgeLog
 from evanesce.rig import load_scene
 from evanesce.sensor.codec import write_video
@@ -43,8 +44,9 @@ def own_model() -> CameraModel:
     balanced = np.minimum(np.minimum(charge / FULL_E, 1.0) * GAINS, 1.0)
     output = balanced @ MATRIX.T
     return CameraModel(
-        levels=levels, output=output.mean(axis=1), noise=output.std(axis=1), tone=(np.arange(256) / 255) ** (1 / 0.45)
-    )
+        levels=levels, output=output.mean(axis=1), noise=output.std(axis=1), tone=(np.arange(256) / 255) ** (1 / 0.45),
+        balanced=balanced.mean(axis=1), matrix=MATRIX,
+    )  # fmt: skip
 
 
 def photograph(level: np.ndarray, seed: int) -> np.ndarray:
@@ -122,6 +124,38 @@ def estimator(model: CameraModel | None) -> Estimator:
 def test_area_where_red_is_clipped(contact: float) -> None:
     """Frames drawn here, red full by 4 to 24 times: half a per cent."""
     assert estimator(own_model()).area(frame_of(contact)).area_mm2 == pytest.approx(AREA, rel=5e-3)
+
+
+@pytest.mark.parametrize("contact", [1.3, 1.6, 2.0, 5.0, 8.0])
+def test_shift_by_demosaicing_of_a_drawn_contact(contact: float) -> None:
+    """Where half the light lies near a channel's end the boundary moves as an edge through the mosaic does: 0.05 px."""
+    found = estimator(own_model()).area(frame_of(contact))
+    way = (found.area_mm2 - AREA) / found.perimeter_mm * SCALE_PX_PER_MM + found.colour_shift_px
+    assert found.unseen == ""
+    assert found.colour_shift_px == pytest.approx(way, abs=0.05)
+
+
+@pytest.mark.parametrize("contact", [2.0, 5.0, 8.0])
+def test_film_beside_a_colour_contact_is_bounded_by_the_width_of_its_edge(contact: float) -> None:
+    """Without the card's part the interval holds a contact without a film, corrected for under a tenth of a pixel."""
+    tool = estimator(own_model())
+    found = tool.area(frame_of(contact))
+    said = refined_uncertainty(found, tool, np.random.default_rng(1), cards=())
+    assert said.interval_mm2[0] < AREA < said.interval_mm2[1]
+    (film,) = (part for part in said.components if part.name.startswith("film"))
+    assert film.mean < 0.1 / SCALE_PX_PER_MM
+    assert film.high < film_opening(found.area_mm2 / found.perimeter_mm)
+
+
+@pytest.mark.parametrize("contact", [9.0, 20.0])
+def test_contact_between_the_ends_of_green_and_the_beginning_of_blue(contact: float, monkeypatch) -> None:
+    """Green is full from 4.7, blue shows from 24: the level is not known and the interval says so."""
+    monkeypatch.setitem(globals(), "RESPONSE", np.array([1.0, 0.15, 0.01]))
+    tool = estimator(own_model())
+    found = tool.area(frame_of(contact))
+    low, high = refined_uncertainty(found, tool, np.random.default_rng(1), cards=()).interval_mm2
+    assert found.colour_uncertainty_px > 0.3
+    assert low < AREA < high
 
 
 def test_area_twice_above_what_any_channel_shows() -> None:

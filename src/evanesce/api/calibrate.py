@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,7 +19,8 @@ from evanesce.measurement.calibration.model import Calibration
 from evanesce.measurement.calibration.points import BoardView
 from evanesce.measurement.calibration.rectify import rectification, rectify
 from evanesce.measurement.calibration.scales import compare_scales, stated_view
-from evanesce.measurement.io.images import Loaded, read_image
+from evanesce.measurement.io.images import Loaded, Unreadable, read_image
+from evanesce.measurement.io.mosaics import MosaicFormat
 from evanesce.measurement.reference.area import SquareScale, square_scale
 from evanesce.measurement.refined.light import tone_table
 
@@ -208,14 +208,13 @@ def as_image(picture: Picture) -> NDArray[np.uint8]:
     return np.ascontiguousarray(image)
 
 
-def mosaic_of(picture: Picture | Frame, full_DN: float) -> Frame:
+def mosaic_of(picture: Picture | Frame, form: MosaicFormat) -> Frame:
     """Return a frame with a raw mosaic, of a frame that holds one, an array or a file of 16 bits.
 
     Parameters
     ----------
     picture : Frame, ndarray of uint16 (rows, cols), str or Path
-    full_DN : float
-        Raw value of a full pixel [DN].
+    form : MosaicFormat
 
     Returns
     -------
@@ -225,21 +224,18 @@ def mosaic_of(picture: Picture | Frame, full_DN: float) -> Frame:
     Raises
     ------
     InputError
-        If there is no mosaic of 16 bits.
+        If there is no mosaic of 16 bits, or it does not fit the format.
     """
     if isinstance(picture, Frame) and picture.raw is not None:
         return picture
-    file, allowed = None, "a raw mosaic, uint16 of shape (rows, cols)"
-    given: Any = picture.data if isinstance(picture, Frame) else picture
     if isinstance(picture, str | Path):
-        file = Path(picture)
-        given = cv2.imread(str(file), cv2.IMREAD_UNCHANGED) if file.is_file() else np.zeros(0)
-    raw = np.asarray(given)
-    if raw.dtype != np.uint16 or raw.ndim != 2:
-        raise InputError(f"{raw.dtype} of shape {raw.shape}", file=file, key="frame", allowed=allowed)
-    if raw.max() > full_DN:
-        raise InputError(f"{raw.max()} DN", file=file, key="frame", allowed=f"at most {full_DN:g}, the camera model's")
-    return Frame(data=np.asarray(raw * (255.0 / full_DN), np.uint8), raw=raw)
+        try:
+            found = form.load(Path(picture))
+        except Unreadable as error:
+            raise InputError(str(error), file=picture, key="raw", allowed="a whole PNG or TIFF of 16 bits") from None
+    else:
+        found = form.checked(np.asarray(picture.data if isinstance(picture, Frame) else picture))
+    return Frame(data=found.data, raw=found.raw)
 
 
 def _square(picture: Picture, side_mm: float, colour: Colour, calibration: Calibration) -> SquareScale:

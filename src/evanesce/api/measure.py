@@ -20,6 +20,7 @@ from evanesce.evaluation.camera_model import read_camera_model
 from evanesce.measurement.calibration.model import Calibration, load_calibration
 from evanesce.measurement.calibration.rectify import Rectification, rectification
 from evanesce.measurement.io.frames import open_frames
+from evanesce.measurement.io.mosaics import MosaicFormat
 from evanesce.measurement.reference.area import Measured, measure_frame
 from evanesce.measurement.reference.segment import Chain, Crop
 from evanesce.measurement.refined.colour import CameraModel
@@ -198,16 +199,15 @@ class Pipeline:
         InputError
             If the frame is no 8-bit image, or calibration or crop do not fit it.
         """
-        raw = self.refined.radiometry.raw if self.refined else None
-        if raw is not None:
-            frame = mosaic_of(frame, raw.full_DN)
+        if self.mosaic is not None:
+            frame = mosaic_of(frame, self.mosaic)
         if not isinstance(frame, Frame):
             frame = Frame(data=as_image(frame))
         lossy = self.lossy if lossy is None else lossy
         if self.refined is None:
             measured = measure_frame(frame, self.settings, self.scale_mm2_per_px, self.rectified)
             return Measurement(measured=measured, pipeline=self, lossy=lossy)
-        read = self.refined.area(frame.data if raw is None or frame.raw is None else frame.raw)
+        read = self.refined.area(frame.data if self.mosaic is None or frame.raw is None else frame.raw)
         found = corrected_for_edge(read, self.refined, video=lossy)
         measured = refined_measured(frame, found, self.refined)
         return Measurement(measured=measured, pipeline=self, lossy=lossy, refined=found)
@@ -235,17 +235,26 @@ class Pipeline:
             If the source is not readable; a single damaged picture is left out and raised after the last one.
         """
         if isinstance(source, str | Path):
-            stream = open_frames(source, frame_rate_hz)
+            stream = open_frames(source, frame_rate_hz, self.mosaic)
             for frame in stream:
-                lossy = self.lossy or stream.stated_rate is not None
+                lossy = self.lossy or (stream.stated_rate is not None and self.mosaic is None)
                 yield self.measure(frame, lossy=lossy)
             stream.finish()
             return
         for index, given in enumerate(source):
-            if not isinstance(given, Frame) and not (self.refined and self.refined.radiometry.raw):
+            if not isinstance(given, Frame) and self.mosaic is None:
                 time = index / frame_rate_hz if frame_rate_hz else math.nan
                 given = Frame(data=as_image(given), index=index, time=time)
             yield self.measure(given)
+
+    @cached_property
+    def mosaic(self) -> MosaicFormat | None:
+        """Form of the frames where they are raw mosaics, else None."""
+        raw = None if self.refined is None else self.refined.radiometry.raw
+        if raw is None or self.calibration is None:
+            return None
+        cols, rows = self.calibration.image_size
+        return MosaicFormat(full_DN=raw.full_DN, shape=(rows, cols))
 
     @cached_property
     def rectified(self) -> Rectification | None:

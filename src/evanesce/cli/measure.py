@@ -66,6 +66,18 @@ CameraModelOption = Annotated[
         " where red is clipped.",
     ),
 ]
+RawOption = Annotated[
+    bool,
+    typer.Option(
+        "--raw",
+        help="refined: the images are raw mosaics, PNG or TIFF of 16 bits, of the camera of --camera-model's scene;"
+        " read without demosaicing.",
+    ),
+]
+MosaicOption = Annotated[
+    str | None,
+    typer.Option("--mosaic", help="--raw: order of the first 2 x 2 pixels, RGGB, GRBG, GBRG or BGGR; the scene's."),
+]
 FingerOption = Annotated[str, typer.Option("--finger", help="refined: ridged or smooth; smooth narrows the interval.")]
 
 
@@ -99,6 +111,8 @@ def measure(
     force: ForceOption = None,
     offset_s: OffsetOption = "auto",
     camera_model: CameraModelOption = None,
+    raw: RawOption = False,
+    mosaic: MosaicOption = None,
     json_file: JsonOption = None,
     out: OutOption = None,
 ) -> None:
@@ -123,7 +137,8 @@ def measure(
     job = measure_job.prepare(
         path, chain, calibration=calibration, fps=fps, mm2_per_px=mm2_per_px, undistort=undistort, out=out,
         refined=measure_job.refined_options(
-            estimator, dark, flat, finger, tune, camera_model, possible=calibration is not None and mm2_per_px is None
+            estimator, dark, flat, finger, tune, measure_job.camera(camera_model, raw, mosaic, automatic),
+            possible=calibration is not None and mm2_per_px is None,
         ),
         auto_threshold=automatic,
     )  # fmt: skip

@@ -15,6 +15,7 @@ from evanesce.api.measure import EstimatorName, Measurement, Pipeline
 from evanesce.cli.common import named_options, out_dir, progress
 from evanesce.core.errors import InputError
 from evanesce.core.states import Frame
+from evanesce.evaluation.camera_model import raw_model
 from evanesce.measurement.apart import Apart, apart
 from evanesce.measurement.calibration.model import load_calibration
 from evanesce.measurement.doubts import FilmLog, dark_warning
@@ -24,6 +25,7 @@ from evanesce.measurement.plots import OverlayVideo, overlay
 from evanesce.measurement.reference.area import AreaRow, Measured
 from evanesce.measurement.reference.segment import Chain, Crop
 from evanesce.measurement.refined.light import tone_table
+from evanesce.measurement.refined.raw import RawModel
 from evanesce.measurement.survey import Scene, is_free, look_through
 from evanesce.measurement.uncertainty.budget import Finger, Uncertain
 from evanesce.measurement.warnings import EdgeLog, FrameLog, Warning, scale_warning
@@ -41,7 +43,7 @@ DARK_WORDS = ("auto", "none")
 
 
 OPTIONS = {"calibration": "--calibration", "scale_mm2_per_px": "--mm2-per-px", "tune": "--tune",
-           "camera_model": "--camera-model"}  # fmt: skip
+           "camera_model": "--camera-model", "mosaic": "--mosaic", "raw": "--raw"}  # fmt: skip
 """Parameters of :class:`evanesce.api.measure.Pipeline` by the options that set them."""
 
 
@@ -54,8 +56,34 @@ class Refined:
     flat: Path | None
     finger: Finger
     tune: Path | None = None
-    camera_model: str | None = None
+    camera_model: str | RawModel | None = None
     alone: bool = True
+
+    @property
+    def raw(self) -> bool:
+        """Whether frames are raw mosaics."""
+        return isinstance(self.camera_model, RawModel)
+
+
+def camera(source: str | None, raw: bool, mosaic: str | None, automatic: bool) -> str | RawModel | None:
+    """Return what reads colours: ``--camera-model`` itself, or the model of its scene's raw mosaics.
+
+    Raises
+    ------
+    InputError
+        If options do not go together, or the scene is not known or not in colour.
+    """
+    if not raw:
+        if mosaic is not None:
+            raise InputError(f"'{mosaic}'", key="--mosaic", allowed="with --raw")
+        return source
+    if source is None or source.lower().endswith(".csv"):
+        what = "is missing" if source is None else f"'{source}' is a table"
+        raise InputError(what, key="--camera-model", allowed="a scene in colour, for raw mosaics")
+    if automatic:
+        raise InputError("'auto'", key="--threshold", allowed="none with --raw: the reference segmentation is not run")
+    with named_options(OPTIONS):
+        return raw_model(source, mosaic)
 
 
 def refined_options(
@@ -64,7 +92,7 @@ def refined_options(
     flat: Path | None,
     finger: str,
     tune: Path | None = None,
-    camera_model: str | None = None,
+    camera_model: str | RawModel | None = None,
     *,
     possible: bool = True,
 ) -> Refined | None:
@@ -79,13 +107,18 @@ def refined_options(
     """
     if estimator not in ("auto", "reference", "refined"):
         raise InputError(f"'{estimator}'", key="--estimator", allowed="auto, reference, refined")
+    raw = isinstance(camera_model, RawModel)
+    for key, path in (("--dark", dark), ("--flat", flat), ("--tune", tune)):
+        if raw and path is not None and str(path) != "none":
+            raise InputError(f"'{path}' is not used by raw mosaics", key=key, allowed="none with --raw")
     if estimator == "refined" or (estimator == "auto" and possible):
         kinds: dict[str, Finger] = {"ridged": "ridged", "smooth": "smooth"}
         if finger in kinds:
-            return Refined(dark, flat, kinds[finger], tune, camera_model, alone=estimator == "refined")
+            return Refined(dark, flat, kinds[finger], tune, camera_model, alone=raw or estimator == "refined")
         raise InputError(f"'{finger}'", key="--finger", allowed="ridged, smooth")
-    for key, path in (("--dark", dark), ("--flat", flat), ("--tune", tune), ("--camera-model", camera_model)):
-        if path is not None and not (key == "--dark" and str(path) in DARK_WORDS):
+    given = (("--dark", dark), ("--flat", flat), ("--tune", tune), ("--camera-model", camera_model))
+    for key, value in given:
+        if value is not None and not (key == "--dark" and str(value) in DARK_WORDS):
             raise InputError("the reference segmentation does not use it", key=key, allowed="with --estimator refined")
     return None
 
@@ -142,6 +175,7 @@ def prepare(
         raise InputError("is a file", file=out, key="--out", allowed="a folder")
     if not path.exists():  # before the options: it is the first thing to say
         open_frames(path, fps)
+    raw = refined is not None and refined.raw
     stored = load_calibration(calibration) if calibration is not None else None
     dark = None if refined is None else refined.dark
     shots = [
@@ -169,7 +203,7 @@ def prepare(
     beside = None
     if refined is not None and not refined.alone and pipeline.calibration and pipeline.calibration.mm2_per_px:
         beside = made("reference", chain)
-    own = refined is not None and (dark is None or str(dark) == "auto") and _several(path, fps)
+    own = refined is not None and not raw and (dark is None or str(dark) == "auto") and _several(path, fps)
     given = refined is not None and bool(shots[0]) and not own and _several(path, fps)
     if own or given or auto_threshold:
         scene = _looked_through(path, fps, pipeline, chain)
@@ -188,7 +222,7 @@ def prepare(
         pipeline=pipeline,
         calibration=calibration,
         out=out,
-        stream=open_frames(path, fps),
+        stream=_opened(path, fps, pipeline),
         warnings=tuple(warning for warning in found if warning is not None),
         tune=None if refined is None else refined.tune,
         beside=beside,
@@ -206,6 +240,11 @@ def _dark_doubt(
     mean = np.mean([luma_light(shot, tone) for shot in shots], axis=0)
     free = is_free(mean, scene.brightest.data, tone, radius=chain.radius, min_blob=chain.min_blob)
     return dark_warning(free, f"--dark {refined.dark}")
+
+
+def _opened(path: Path, fps: float | None, pipeline: Pipeline) -> FrameStream:
+    with named_options(OPTIONS):
+        return open_frames(path, fps, pipeline.mosaic)
 
 
 def _several(path: Path, fps: float | None) -> bool:
@@ -273,12 +312,14 @@ def run(job: Job) -> Result:
     film = None if refined is None else FilmLog(refined.settings.blur)
     peak: Measurement | None = None
     beside_peak: Measured | None = None
+    lossy = stream.stated_rate is not None and job.pipeline.mosaic is None
     with ExitStack() as stack:
+        stack.enter_context(named_options(OPTIONS))
         bar = stack.enter_context(progress())
         task = bar.add_task("measure", total=stream.count)
         video: OverlayVideo | None = None
         for frame in stream:
-            found = job.pipeline.measure(frame, lossy=stream.stated_rate is not None)
+            found = job.pipeline.measure(frame, lossy=lossy)
             if job.out is not None and stream.count != 1:
                 if video is None:  # only now is it known that the input is good, so that a folder may be made
                     folder = out_dir(job.out, "measure")
@@ -293,7 +334,7 @@ def run(job: Job) -> Result:
             if found.refined is not None:
                 edges.add(found.index, found.refined.unseen, found.refined.colour_unread, found.refined.unresolved)
             if film is not None and found.refined is not None:
-                film.add(found.index, frame.data, found.refined)
+                film.add(found.index, frame.data if frame.raw is None else frame.raw, found.refined)
             if peak is None or found.pixels > peak.pixels:
                 peak, beside_peak = found, other
             bar.advance(task)

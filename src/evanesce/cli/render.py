@@ -135,9 +135,9 @@ MOST_FULL_SCALE = 0.001
 """Share of a frame's pixels at full scale that noise and single glints may make."""
 
 _README = """frame_NNNNNN.png   8-bit frame, as the measurement pipeline reads it
-raw_NNNNNN.png     12-bit raw numbers in a 16-bit PNG [DN]
+raw/NNNNNN.png     raw numbers in a 16-bit PNG [DN]; of a colour camera its mosaic, for evanesce measure --raw
 light_NNNNNN.exr   radiance, its variance, gap [mm], pressure [MPa], contact mask on the distortion-free pinhole view
-times.csv          time stamps of the frames [s]
+times.csv          time stamps of the frames [s], in raw as well
 scene.toml         the scene as rendered; height_map.* and spectrum.csv beside it if it has them
 result.json        true areas [mm^2], provenance
 """
@@ -165,6 +165,8 @@ def _run(
     camera = Camera(scene, "fast" if fast else "reference", bands=bands, variant=variant, **options)
     origin = camera.provenance(seed=seed)
     programme = press_programme(scene)
+    numbers = folder / "raw"
+    numbers.mkdir(exist_ok=True)
     rows = []
     with ExitStack() as stack:
         bar = stack.enter_context(progress())
@@ -180,13 +182,14 @@ def _run(
             if exr:
                 write_light(folder / f"light_{index:06d}.exr", shot.scene, shot.plate_light, shot.contact, origin)
             write_png(folder / f"frame_{index:06d}.png", shot.frame)
-            write_png(folder / f"raw_{index:06d}.png", shot.raw)
+            write_png(numbers / f"{index:06d}.png", shot.raw)
             if film is not None:
                 film.add(shot.as_frame())
             rows.append(_row(shot, force_N))
             bar.advance(task)
-    times = "".join(f"frame_{row['index']:06d}.png,{row['index']},{row['time_s']!r}\n" for row in rows)
-    write_text(folder / "times.csv", "file,index,time_s\n" + times)
+    for place, name in ((folder, "frame_"), (numbers, "")):
+        times = "".join(f"{name}{row['index']:06d}.png,{row['index']},{row['time_s']!r}\n" for row in rows)
+        write_text(place / "times.csv", "file,index,time_s\n" + times)
     return {"frames": rows, "provenance": origin}
 
 

@@ -26,6 +26,8 @@ HIGHEST = 100.0
 
 LEVELS = 2000
 
+MOSAICS = ("RGGB", "GRBG", "GBRG", "BGGR")
+
 TABLE_NOISE_DN = 2.0
 """Standard deviation assumed of a pixel where a table states none [DN]."""
 
@@ -110,16 +112,19 @@ def camera_model(
     return CameraModel(
         levels=levels, output=(value * processor.gains) @ matrix.T,
         noise=np.sqrt((spread * processor.gains) ** 2 @ (matrix**2).T), tone=tone_values(camera.tone_curve),
+        balanced=value * processor.gains, matrix=matrix,
     )  # fmt: skip
 
 
-def raw_model(scene: Scene | str | Path) -> RawModel:
+def raw_model(scene: Scene | str | Path, mosaic: str | None = None) -> RawModel:
     """Return what a scene's raw pixels make of its LEDs' light.
 
     Parameters
     ----------
     scene : Scene, str or Path
         A scene, its name or file, with a table ``camera.colour``; exposure, gain and white balance do not matter.
+    mosaic : {"RGGB", "GRBG", "GBRG", "BGGR"}, optional
+        First 2 x 2 pixels, row by row, in place of the scene's.
 
     Returns
     -------
@@ -128,15 +133,23 @@ def raw_model(scene: Scene | str | Path) -> RawModel:
     Raises
     ------
     InputError
-        If the camera is monochrome.
+        If the camera is monochrome, or the mosaic is none of these.
     """
+    if mosaic not in (None, *MOSAICS):
+        raise InputError(f"{mosaic!r}", key="mosaic", allowed=", ".join(MOSAICS))
+    file = None if isinstance(scene, Scene) else scene
     scene = scene if isinstance(scene, Scene) else load_scene(scene)
     camera, response = scene.camera, led_response(scene)
     if camera.colour is None or response is None:
-        raise InputError("is a monochrome camera", key="camera.colour", allowed="a scene with a table [camera.colour]")
+        raise InputError(
+            "is a monochrome camera", file=file, key="camera.colour", allowed="a scene with a table [camera.colour]"
+        )
     pixel = camera.pixel
     return RawModel(
-        mosaic=camera.colour.mosaic, response=response, black_DN=pixel.black_level_DN, full_DN=2**pixel.bits - 1
+        mosaic=mosaic or camera.colour.mosaic,
+        response=response,
+        black_DN=pixel.black_level_DN,
+        full_DN=2**pixel.bits - 1,
     )
 
 

@@ -62,15 +62,15 @@ class FilmLog:
     _colours: list[float] = field(default_factory=list)
     _several: list[int] = field(default_factory=list)
     _repeated: list[int] = field(default_factory=list)
-    _last: NDArray[np.uint8] | None = None
+    _last: NDArray[np.uint8] | NDArray[np.uint16] | None = None
 
-    def add(self, index: int, image: NDArray[np.uint8], found: RefinedArea) -> None:
+    def add(self, index: int, image: NDArray[np.uint8] | NDArray[np.uint16], found: RefinedArea) -> None:
         """Add a frame.
 
         Parameters
         ----------
         index : int
-        image : ndarray of uint8, (rows, cols) or (rows, cols, 3)
+        image : ndarray of uint8, (rows, cols) or (rows, cols, 3), or of uint16 (rows, cols)
             As taken [DN].
         found : RefinedArea
             Of that frame.

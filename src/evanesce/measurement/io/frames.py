@@ -6,7 +6,7 @@ import math
 import re
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from evanesce.core.errors import InputError, WorkError
 from evanesce.core.states import Frame
 from evanesce.measurement.io.images import IMAGE_SUFFIXES, MAX_PIXELS, Loaded, Unreadable, load_image
+from evanesce.measurement.io.mosaics import MosaicFormat
 from evanesce.measurement.io.times import read_times
 from evanesce.measurement.warnings import RATE_TOLERANCE, Warning, frame_rate_warning
 
@@ -42,6 +43,7 @@ class _Item:
     time: float | None = None
     reason: str = ""
     notes: tuple[Warning, ...] = ()
+    raw: NDArray[np.uint16] | None = None
 
 
 class FrameStream(ABC):
@@ -98,7 +100,7 @@ class FrameStream(ABC):
                 self._resized_count += 1
                 continue
             self.frames += 1
-            yield Frame(data=item.data, time=self._time(item), index=item.index)
+            yield Frame(data=item.data, raw=item.raw, time=self._time(item), index=item.index)
 
     @abstractmethod
     def _items(self) -> Iterator[_Item]:
@@ -200,8 +202,9 @@ def natural_key(name: str) -> tuple[tuple[int, int | str], ...]:
 class ImageStream(FrameStream):
     """Image files in natural order; times come from the folder's ``times.csv`` or from the frame rate given."""
 
-    def __init__(self, path: Path, given_rate: float | None) -> None:
+    def __init__(self, path: Path, given_rate: float | None, load: Callable[[Path], Loaded] = load_image) -> None:
         super().__init__(path, given_rate)
+        self._load = load
         if path.is_dir():
             found = [p for p in path.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and p.is_file()]
             # a leading dot marks the hidden companions that some systems leave beside each file
@@ -227,14 +230,14 @@ class ImageStream(FrameStream):
             try:
                 while True:
                     for index, path in islice(jobs, READ_AHEAD - len(waiting)):
-                        waiting.append((index, path, pool.submit(load_image, path)))
+                        waiting.append((index, path, pool.submit(self._load, path)))
                     if not waiting:
                         return
                     index, path, future = waiting.popleft()
                     try:
                         loaded = future.result()
                         time = self.times[index] if self.times else None
-                        yield _Item(index, path.name, data=loaded.data, time=time, notes=loaded.notes)
+                        yield _Item(index, path.name, data=loaded.data, time=time, notes=loaded.notes, raw=loaded.raw)
                     except Unreadable as error:
                         yield _Item(index, path.name, reason=str(error))
             finally:
@@ -366,7 +369,7 @@ def _picture_item(index: int, picture: Any) -> _Item:
     return _Item(index, f"frame {index}", data=np.ascontiguousarray(data), time=picture.time, notes=notes)
 
 
-def open_frames(path: str | Path, frame_rate: float | None = None) -> FrameStream:
+def open_frames(path: str | Path, frame_rate: float | None = None, mosaic: MosaicFormat | None = None) -> FrameStream:
     """Open a video, an image or a folder of images.
 
     Parameters
@@ -375,6 +378,8 @@ def open_frames(path: str | Path, frame_rate: float | None = None) -> FrameStrea
     frame_rate : float, optional
         Of the user [Hz]. Where the file states none, times are index / frame_rate; where both exist and differ by more
         than 1 %, this one is used with a warning; where they agree, the file's time stamps are used.
+    mosaic : MosaicFormat, optional
+        Of images that are raw mosaics; a frame's ``raw`` holds them.
 
     Returns
     -------
@@ -392,5 +397,7 @@ def open_frames(path: str | Path, frame_rate: float | None = None) -> FrameStrea
     if not path.exists():
         raise InputError("no such file or folder", file=path, allowed="a video, an image or a folder of images")
     if path.is_dir() or path.suffix.lower() in IMAGE_SUFFIXES:
-        return ImageStream(path, frame_rate)
+        return ImageStream(path, frame_rate, load_image if mosaic is None else mosaic.load)
+    if mosaic is not None:
+        raise InputError("is no folder of images", file=path, key="raw", allowed="a folder of PNG or TIFF of 16 bits")
     return VideoStream(path, frame_rate)

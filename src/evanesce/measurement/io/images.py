@@ -34,10 +34,13 @@ class Loaded:
     ----------
     data : ndarray of uint8, (rows, cols) or (rows, cols, 3)
     notes : tuple of Warning
+    raw : ndarray of uint16 (rows, cols), optional
+        Of a raw mosaic [DN].
     """
 
     data: NDArray[np.uint8]
     notes: tuple[Warning, ...] = ()
+    raw: NDArray[np.uint16] | None = None
 
 
 def read_image(path: str | Path) -> Loaded:
@@ -81,6 +84,25 @@ def load_image(path: Path) -> Loaded:
     Unreadable
         If the file is not an image, is cut off, fails its checksums, or holds floats or several pages.
     """
+    return _to_8_bit_rgb(load_pixels(path))
+
+
+def load_pixels(path: Path) -> NDArray[np.generic]:
+    """Decode one image file and leave its samples as they are.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    ndarray (rows, cols) or (rows, cols, channels)
+
+    Raises
+    ------
+    Unreadable
+        If the file is not an image, is cut off, fails its checksums, or holds several pages.
+    """
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
             raise Unreadable(f"more than {MAX_FILE_BYTES} bytes")
@@ -89,16 +111,13 @@ def load_image(path: Path) -> Loaded:
         raise Unreadable(f"cannot be read: {error.strerror}") from None
     if content[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
         _check_tiff(content)
-        raw = _decode_tiff(path)
-    else:
-        if content.startswith(b"\xff\xd8"):
-            _check_jpeg(content)
-        if content.startswith(PNG_SIGNATURE):
-            _check_png(content)
-            raw = _decode_png(content)
-        else:
-            raw = _decode(content)
-    return _to_8_bit_rgb(raw)
+        return _decode_tiff(path)
+    if content.startswith(b"\xff\xd8"):
+        _check_jpeg(content)
+    if content.startswith(PNG_SIGNATURE):
+        _check_png(content)
+        return _decode_png(content)
+    return _decode(content)
 
 
 def _check_png(content: bytes) -> None:

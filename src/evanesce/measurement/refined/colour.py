@@ -71,12 +71,18 @@ class CameraModel:
         Standard deviation of the same in one pixel [1].
     tone : ndarray (256,)
         Linear output of each 8-bit value, rising from 0 to 1.
+    balanced : ndarray (n, 3), optional
+        Red, green and blue as they are demosaiced, before the colour matrix [1]; not known of a measured table.
+    matrix : ndarray (3, 3), optional
+        Makes ``output`` of them.
     """
 
     levels: Floats
     output: Floats
     noise: Floats
     tone: Floats
+    balanced: Floats | None = None
+    matrix: Floats | None = None
 
     @cached_property
     def top(self) -> float:
@@ -194,6 +200,25 @@ class CameraModel:
             return (np.minimum(level, self.blind[0]) - dark) / self.blind[0], level >= self.blind[0]
         return (level - dark) / self.top, above
 
+    def sides(self, image: NDArray[np.uint8], mask: Mask) -> tuple[float, float]:
+        """Return the median levels of a contact and of what is beside it.
+
+        Parameters
+        ----------
+        image : ndarray of uint8 (rows, cols, 3)
+            [DN].
+        mask : ndarray of bool (rows, cols)
+            Contact.
+
+        Returns
+        -------
+        contact, beside : float
+        """
+        level, _, _ = self.read(image)
+        near, far = (cv2.dilate(mask.astype(np.uint8), _disk(reach)) > 0 for reach in RING_PX)
+        inside, beside = (float(np.median(level[part])) if part.any() else 0.0 for part in (mask, far & ~near))
+        return inside, beside
+
     def edge_uncertainty(self, image: NDArray[np.uint8], mask: Mask, blur_px: float, *, seen: bool) -> float:
         """Return how far a boundary half-way between two levels may lie from the true one by its colours [px].
 
@@ -220,9 +245,11 @@ class CameraModel:
         levels, unsure = [], []
         for part in (mask, far & ~near):
             middle = float(np.median(level[part])) if part.any() else 0.0
-            blind = self.blind[0] < middle < self.blind[1]
+            # noise of single pixels does not move an edge; what no channel shows is common to all of them
+            spread = float(np.median(deviation[part])) if part.any() else 0.0
             levels.append(middle)
-            unsure.append(float(np.median(deviation[part])) if blind else 0.0)
+            # an even range of levels ends sqrt(3) standard deviations from its middle
+            unsure.append(np.sqrt(3.0) * spread if middle > self.first and spread > BLIND * middle else 0.0)
         inside, outside = unsure[0] if seen else 0.0, unsure[1]
         step = max(levels[0] - levels[1], 1e-9)
         return MIXED_PX + 0.5 * np.sqrt(2 * np.pi) * blur_px * float(np.hypot(inside, outside)) / step

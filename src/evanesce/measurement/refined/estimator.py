@@ -24,6 +24,7 @@ from evanesce.measurement.reference.area import Measured
 from evanesce.measurement.reference.blobs import large_blobs
 from evanesce.measurement.reference.segment import Crop, Segmentation
 from evanesce.measurement.refined.blur import Blur
+from evanesce.measurement.refined.demosaicing import demosaicing_shift
 from evanesce.measurement.refined.edge import (
     Boundary,
     EdgeSettings,
@@ -211,7 +212,13 @@ class Estimator:
             return replace(found, colour_unread=self.radiometry.leaves_colour(image))
         view = self.settings.crop.apply(image)
         unsure = camera.edge_uncertainty(view, found.mask, self.settings.blur.px, seen=not found.unseen)
-        return replace(found, colour_uncertainty_px=unsure, colour_misfit_DN=camera.misfit(view, found.mask))
+        found = replace(found, colour_uncertainty_px=unsure, colour_misfit_DN=camera.misfit(view, found.mask))
+        if found.unseen or found.scattering.length_px:  # the half-way point was not read from colours
+            return found
+        shift = demosaicing_shift(camera, *camera.sides(view, found.mask), self.settings.blur.px)
+        # the correction is taken to be known to a half
+        found = replace(found, colour_shift_px=shift, colour_uncertainty_px=unsure + 0.5 * abs(shift))
+        return self._displaced(found, shift)
 
     def _area(self, image: NDArray[np.uint8] | NDArray[np.uint16]) -> RefinedArea:
         light, full = self.radiometry.light(image)
@@ -353,6 +360,15 @@ class Estimator:
         tried = shift_of_edge(light, full, boundary, SATURATED_LEVEL, blur, blurs)
         return float(tried[0, 0]), edge_uncertainty(tried), boundary
 
+    def _side(self, contours: list[Floats]) -> float:
+        """Return the side of a pixel at a boundary [mm]."""
+        return float(np.sqrt(self.plate.pixel_area(np.concatenate(contours)).mean()))
+
+    def _displaced(self, found: RefinedArea, outward_px: float) -> RefinedArea:
+        """Return an area without a displacement of its boundary."""
+        moved = found.area_mm2 - found.perimeter_mm * outward_px * self._side(found.contours)
+        return replace(found, area_mm2=max(moved, 0.0))
+
     def _measured(
         self,
         boundary: Boundary,
@@ -374,8 +390,7 @@ class Estimator:
         area = self.plate.area(contours)
         # to first order a curve displaced along its normal changes area by length times displacement
         if inward_px and contours:
-            side = np.sqrt(self.plate.pixel_area(np.concatenate(contours)).mean())
-            area -= perimeter * inward_px * float(side)
+            area -= perimeter * inward_px * self._side(contours)
         inside = mask[window]
         return RefinedArea(
             area_mm2=max(area, 0.0), perimeter_mm=perimeter, contours=contours, mask=mask, scattering=scattering,

@@ -65,6 +65,9 @@ class RefinedArea:
     colour_unread, colour_uncertainty_px : bool, float
         Whether one channel of a colour frame is clipped and no camera model says what the others show; how far levels
         that colours leave open may move the boundary [px].
+    colour_shift_px : float
+        How far outside the contact demosaicing moved the boundary (:func:`.demosaicing_shift`), for which ``area_mm2``
+        is corrected [px].
     mosaic : bool
         Whether the frame was a raw mosaic, whose sums widen all edges alike.
     """
@@ -94,6 +97,7 @@ class RefinedArea:
     colour_unread: bool = False
     colour_uncertainty_px: float = 0.0
     colour_misfit_DN: float | None = None
+    colour_shift_px: float = 0.0
 
     @property
     def excess_mm(self) -> float | None:

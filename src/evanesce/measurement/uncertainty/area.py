@@ -92,14 +92,12 @@ def corrected_for_edge(found: RefinedArea, estimator: Estimator, *, video: bool 
 
 
 def _by_opening(found: RefinedArea, *, video: bool) -> bool:
-    """Return whether an edge is seen whose width is not its own: codec or demosaicing widened it."""
+    """Return whether an edge is seen whose width says nothing of a film: a codec widens it and narrows it.
+
+    Demosaicing makes edges wider only, so that their width still bounds the film.
+    """
     seen = not (found.unseen or found.scattering.length_px) and found.perimeter_mm > 0
-    return seen and _widened(found, video=video)
-
-
-def _widened(found: RefinedArea, *, video: bool) -> bool:
-    """Return whether codec or demosaicing widened the edge: the law of the film by its width holds for others alone."""
-    return video or (found.colour_uncertainty_px > 0 and not found.mosaic)
+    return seen and video
 
 
 def _own_components(
@@ -111,8 +109,7 @@ def _own_components(
     if _by_opening(found, video=video):
         points = np.concatenate([estimator.plate.to_plate(curve) for curve in found.contours])
         film = film_of_contact(found.area_mm2, found.perimeter_mm, float(ConvexHull(points).volume))
-    # the law of the film by the edge's width holds for edges that neither codec nor demosaicing widened
-    spread = None if _widened(found, video=video) else found.excess_mm
+    spread = None if video else found.excess_mm
     return refined_components(
         math.sqrt(estimator.plate.middle_area), scale, video=video, finger=finger, spread_mm=spread,
         shape_mm=shape, narrow=found.narrow_share, synthesised=found.synthesised, unresolved=found.unresolved,

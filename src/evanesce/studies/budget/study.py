@@ -57,8 +57,10 @@ class Shot:
     true_mm2 : float
     contours : list of ndarray (n, 2)
         Of the refined estimator, (x, y) in the frame as taken [px].
-    spread_mm : float or None
-        Of its edge (:class:`~evanesce.measurement.refined.estimator.RefinedArea`).
+    spread_mm, sharp_spread_mm : float or None
+        Of its edge, and of a sharp contact's (:class:`~evanesce.measurement.refined.estimator.RefinedArea`).
+    corrected : float
+        Area as read over that within the contours [1].
     pixels : int
     perimeter_px, away_px : float
         Of the reference segmentation (:func:`~evanesce.measurement.uncertainty.area.reference_boundary`).
@@ -82,6 +84,8 @@ class Shot:
     blur_uncertainty_px: float = 0.0
     colour_uncertainty_px: float = 0.0
     camera_percent: dict[str, float] = field(default_factory=dict)
+    sharp_spread_mm: float | None = None
+    corrected: float = 1.0
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data, from which :meth:`of` makes the same shot to the last bit.
@@ -209,6 +213,8 @@ def shots_of(
                     unseen=found.unseen, scattering=found.scattering, blur_uncertainty_px=found.blur_uncertainty_px,
                     colour_uncertainty_px=found.colour_uncertainty_px,
                     camera_percent=deviations(press, voltage, noise, estimator, found.area_mm2),
+                    sharp_spread_mm=found.sharp_spread_mm,
+                    corrected=found.area_mm2 / within if (within := estimator.plate.area(found.contours)) > 0 else 1.0,
                 )
             )  # fmt: skip
     return shots
@@ -337,9 +343,10 @@ def _measure(
     on_plate = [plate.to_plate(curve) for curve in shot.contours]
     perimeter = sum(float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum()) for curve in on_plate)
     found = RefinedArea(
-        area_mm2=plate.area(shot.contours), perimeter_mm=perimeter, contours=shot.contours,
+        area_mm2=shot.corrected * plate.area(shot.contours), perimeter_mm=perimeter, contours=shot.contours,
         mask=np.zeros((0, 0), np.bool_), scattering=shot.scattering, saturated_pixels=0, islands=1, dropped=0, step=0.0,
-        spread_mm=shot.spread_mm, unseen=shot.unseen, blur_uncertainty_px=shot.blur_uncertainty_px,
+        spread_mm=shot.spread_mm, sharp_spread_mm=shot.sharp_spread_mm, unseen=shot.unseen,
+        blur_uncertainty_px=shot.blur_uncertainty_px,
         colour_uncertainty_px=shot.colour_uncertainty_px,
     )  # fmt: skip
     cards = [*card_components(), *camera_components(shot.camera_percent, found)]

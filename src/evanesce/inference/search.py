@@ -115,11 +115,11 @@ class Search:
         self.first = base.misfit
         now = self._grown(base)
         while True:
-            posterior = self.judge.posterior(now, self.unknown, self._behind)
+            posterior, compared = self.judge.posterior(now, self.unknown, self._behind), len(self._behind)
             moved = self._dropped(now, posterior) or self._exchanged(now, posterior)
-            if moved is None or len(self.steps) >= MOVES:
-                return now, self.judge.posterior(now, self.unknown, self._behind)
-            now = self._grown(moved)
+            if len(self.steps) >= MOVES or (moved is None and len(self._behind) == compared):
+                return now, posterior
+            now = now if moved is None else self._grown(moved)
 
     def share(self, misfit: float) -> float:
         """Return a misfit over what there was to explain."""
@@ -237,17 +237,24 @@ class Search:
         return None
 
     def _exchanged(self, now: JointFit, posterior: Posterior) -> JointFit | None:
-        """Return the fit with another cause in a place, where that leaves less: those that come near are tried."""
+        """Return the fit with another cause in a place, where that leaves less.
+
+        Fitted are all of a place's credible set, and once those that come near by their forms.
+        """
         for name, place in posterior.places.items():
             own = place.log_bayes.get(name, 0.0)
-            near = [n for n, b in place.log_bayes.items() if n not in (name, UNKNOWN) and b > (1.0 - SUBSTITUTE) * own]
-            near = [n for n in near if (name, n) not in self._behind]
+            near = sorted(place.log_bayes, key=lambda n: -place.log_bayes[n])
+            if any(taken == name for taken, _ in self._behind):
+                near = list(place.credible_set)
+            else:
+                near = [n for n in near if n in place.credible_set or place.log_bayes[n] > (1.0 - SUBSTITUTE) * own]
+            near = [n for n in near if n not in (name, UNKNOWN) and (name, n) not in self._behind]
             if not near:
                 continue
             without = self._refitted(now, name, fine=False)
             if without is None:
                 continue
-            for other in sorted(near, key=lambda n: -place.log_bayes[n])[:TRIED]:
+            for other in near[:TRIED]:
                 better = self._in_place(now, without, other)
                 if better is not None and better.misfit < now.misfit:
                     self._behind[other, name] = 0.5 * (now.misfit - better.misfit)
@@ -255,7 +262,6 @@ class Search:
                     self.tell(self._words(better))
                     return better
                 self._behind[name, other] = np.inf if better is None else 0.5 * (better.misfit - now.misfit)
-            self.fitter.model.anchor(now.point)
         return None
 
     def _in_place(self, now: JointFit, without: JointFit, other: str) -> JointFit | None:
@@ -266,9 +272,12 @@ class Search:
         if tried is None or tried.misfit > now.misfit:
             return tried
         try:
-            return self.fitter.relinearised(tried.taken, tried.point)
+            better = self.fitter.relinearised(tried.taken, tried.point)
         except InputError:
-            return None
+            better = None
+        if better is None or better.misfit >= now.misfit:
+            self.fitter.model.anchor(now.point)
+        return better
 
     def _refitted(self, now: JointFit, name: str, *, fine: bool = True) -> JointFit | None:
         """Return the fit without a cause; coarse derivatives about the present anchor will do to try others in it."""

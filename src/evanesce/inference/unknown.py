@@ -174,7 +174,7 @@ def left_of(data: DataVector, residual: Array, by_light: Array, mm_per_bin: floa
     chosen = [opened[n] for n in touching]
     valid = data.valid[chosen]
     best: tuple[str, Array, Array, Array] | None = None
-    gained = -1.0
+    gained = -np.inf
     for follows, shape in (("light", by_light[chosen]), ("level", np.ones_like(by_light[chosen]))):
         weight = np.where(valid, shape / data.sd[chosen], 0.0)
         power = (weight**2).sum(axis=0)
@@ -182,18 +182,19 @@ def left_of(data: DataVector, residual: Array, by_light: Array, mm_per_bin: floa
         field = np.where(known, (weight * cube).sum(axis=0) / np.where(known, power, 1.0), np.nan)
         sd = np.where(known, 1.0 / np.sqrt(np.where(known, power, 1.0)), np.nan)
         value = float(np.nansum((field / sd) ** 2))
-        if value > gained:
-            gained, best = value, (follows, field, sd, weight)
+        # Noise has one for each bin, of which light shows in fewer.
+        if value - known.sum() > gained:
+            gained, best = value - known.sum(), (follows, field, sd, weight)
     assert best is not None
     follows, field, sd, weight = best
     standard = np.nan_to_num(field / sd)
-    count = int(np.isfinite(field).sum())
+    count, square = int(np.isfinite(field).sum()), float(np.nansum((field / sd) ** 2))
     amplitudes = _amplitudes(cube, weight, np.nan_to_num(field))
     views = [data.views[k] for k in chosen]
     middle, radial = _around(standard, np.abs(by_light[chosen]).sum(axis=0))
     rows, cols = field.shape
     return Left(
-        follows, field, sd, gained / count, float(stats.chi2.sf(gained, count)), radial,
+        follows, field, sd, square / count, float(stats.chi2.sf(square, count)), radial,
         _concentrated(standard[np.isfinite(field)] ** 2),
         ((middle[1] - (cols - 1) / 2) * mm_per_bin, (middle[0] - (rows - 1) / 2) * mm_per_bin),
         _correlation(amplitudes, [v.voltage_V for v in views]),

@@ -187,6 +187,7 @@ def _none():
     ("name", "strength"),
     [pytest.param("vignetting", 7.0, marks=pytest.mark.slow), ("black_level", 20.0), ("modulus", 10.0)],
 )
+@pytest.mark.slow  # draws of the whole rig: 30 s
 def test_strength_is_the_norm_that_noise_gives(name: str, strength: float) -> None:
     """The matched filter's output on drawn frames has mean s and deviation 1: s is a signal-to-noise ratio."""
     spec = CaseSpec(set="dev", group="single", causes=(name,), strengths=(strength,))

@@ -74,6 +74,7 @@ def test_frequencies_that_cannot_be_seen_are_not_tried() -> None:
     assert found is None or found.frequency_hz > 160.0
 
 
+@pytest.mark.slow  # 6 s
 def test_bands_average_out_and_cards_have_none() -> None:
     scene = load_scene("thesis", {"camera.resolution_px": [48, 36], "camera.scale_px_per_mm": 1.7})
     views = (

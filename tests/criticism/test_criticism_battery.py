@@ -127,6 +127,7 @@ def test_wider_or_stiffer_contact_rings_beside_its_edge() -> None:
     assert all("distance from contact" in o.name or "outline" in o.name for o in found.outcomes[:2])
 
 
+@pytest.mark.slow  # thousands of draws: 10 s
 @pytest.mark.parametrize("blur", [0.0, 0.8])
 def test_false_alarms_stay_at_their_level_when_draws_share_the_correlation(blur: float) -> None:
     tests = battery_tests(geometry(noise(1, 1)[0]))

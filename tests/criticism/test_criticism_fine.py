@@ -38,6 +38,7 @@ def scene() -> Scene:
     return coarse()
 
 
+@pytest.mark.slow  # 6 s
 def test_a_dark_view_needs_no_finer_pixels(scene: Scene) -> None:
     quick = Predictor(model_scene(scene), VIEWS).cube({})
     fine = FineFrames(scene, VIEWS, model_factor(scene), {}).cube()

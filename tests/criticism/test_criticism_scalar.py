@@ -174,6 +174,7 @@ def nothing_hidden(tmp_path_factory: pytest.TempPathFactory) -> Bundle:
     return read_bundle(root)
 
 
+@pytest.mark.slow  # its bundle takes 8 s
 def test_areas_of_a_simulated_bundle_are_predicted_as_they_were_read(nothing_hidden: Bundle) -> None:
     """Larger pixels read 1 to 7 % more: with nothing hidden p was 2e-300."""
     table = Table.of(list(nothing_hidden.series.values()))

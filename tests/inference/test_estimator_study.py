@@ -65,6 +65,7 @@ def test_command_refined_prints_the_interval(tmp_path):
     assert frame["area_low_mm2"] < true < frame["area_high_mm2"]
 
 
+@pytest.mark.slow  # 8 s; the fit itself has quick tests
 def test_command_fits_the_edge_of_a_contact_and_keeps_it_in_the_record(tmp_path):
     """A calibration with a board's edge profile, clear silicone 1.5 to 4 times above full scale, light that rises in
     two steps at the edge: tuned on a press that does not saturate the command is right to 0.5 %, else it errs by over
@@ -120,6 +121,7 @@ def scattering_frame(path, over: float, middle: tuple[float, float]):
     return np.pi * 71.2 * 57.7 / 29.2**2
 
 
+@pytest.mark.slow  # 7 s; the fit itself has quick tests
 def test_command_fits_the_scattering_length_to_an_unsaturated_frame(tmp_path):
     """Rationale: scattered light beside a saturated contact cannot be separated from contact without the scattering
     length. Tuned on another press of the same finger the command is right to 1 %; otherwise it errs by over 5 %."""

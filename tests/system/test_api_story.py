@@ -136,8 +136,8 @@ def test_the_programme_gives_the_bytes_of_the_command_line(camera: ev.Camera, tm
     for shot, row in zip(shots, result["frames"], strict=True):
         write_png(tmp_path / "frame.png", shot.frame)
         write_png(tmp_path / "raw.png", shot.raw)
-        for kind in ("frame", "raw"):
-            written = tmp_path / f"{kind}_{shot.index:06d}.png"
+        for kind, name in (("frame", "frame_"), ("raw", "raw/")):
+            written = tmp_path / f"{name}{shot.index:06d}.png"
             assert (tmp_path / f"{kind}.png").read_bytes() == written.read_bytes()
         assert (shot.truth.area_mm2, shot.time_s) == (row["true_area_mm2"], row["time_s"])
     assert json.loads(json.dumps(shots[0].provenance)) == result["provenance"]

@@ -217,6 +217,7 @@ KILLED = """
 """
 
 
+@pytest.mark.slow  # a process killed and begun again: 8 s
 def test_a_killed_search_resumes_with_the_exact_number_of_trials(synthetic_rig, tmp_path):
     """SIGKILL in the middle of a trial: that one is done again with its own figures, none is lost or counted twice."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(TESTS), *sys.path]), "SYNTHETIC_PAUSE_S": "0.15"}

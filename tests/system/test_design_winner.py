@@ -76,6 +76,7 @@ def tolerances(job):
     return winner.tolerances(job, {})
 
 
+@pytest.mark.slow  # 6 s
 def test_rigs_drawn_anew_are_others_and_each_measures_every_case(job):
     found = winner.assessed(job, {}, 8)
     assert [len(errors) for errors in found["errors_percent"].values()] == [8, 8]

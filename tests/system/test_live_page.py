@@ -485,6 +485,7 @@ def test_own_frame_stands_beside_with_its_own_area(page: Any, tmp_path: Path) ->
     page.locator("#picture-own img").wait_for(state="hidden", timeout=PATIENCE_MS)
 
 
+@pytest.mark.slow  # a browser and a film: 9 s
 def test_a_film_from_the_command_line_and_no_broken_picture(browser: Any, tmp_path: Path) -> None:
     """Own film from the start, at its largest contact; a picture is drawn, or the place says it is in preparation."""
     radii = (0, 20, 45, 61, 30)

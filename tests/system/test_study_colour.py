@@ -245,6 +245,7 @@ def test_without_clipping_a_wrong_green_response_moves_no_edge() -> None:
     assert (moved[1].low < 0, moved[1].high) == (True, 0.0)
 
 
+@pytest.mark.slow  # the whole study: 10 s
 @pytest.mark.system
 def test_voltage_study_prints_both_readings(tmp_path: Path) -> None:
     file = tmp_path / "r.json"

@@ -155,6 +155,7 @@ def test_an_interval_spans_all_that_may_be_and_the_error() -> None:
     assert one.as_list() == pytest.approx([1.0, 0.65, 1.05])
 
 
+@pytest.mark.slow  # the whole study: 8 s
 @pytest.mark.system
 def test_the_command_prints_writes_and_plots(tmp_path: Path) -> None:
     file = tmp_path / "found.json"

@@ -107,9 +107,7 @@ def compare_scales(
     )
     known = on_glass is not None or len(result.distinct) == 1
     if off > np.log1p(MAX_LENGTH) and (known or off > np.log(MAX_HELD)):
-        allowed = (
-            f"within {100 * MAX_LENGTH:g} % of the card; another --on-glass if {view.name} did not lie on it, or none"
-        )
+        allowed = f"within {100 * MAX_LENGTH:g} % of the card; --on-glass NAME or --on-glass none if {view.name} did not lie on it"
         raise InputError(text, key="checker_side_mm", allowed=allowed)
     if not known:
         text += "; or no board lay on the glass (--on-glass none) or another one (--on-glass NAME)"

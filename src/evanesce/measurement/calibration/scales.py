@@ -107,7 +107,8 @@ def compare_scales(
     )
     known = on_glass is not None or len(result.distinct) == 1
     if off > np.log1p(MAX_LENGTH) and (known or off > np.log(MAX_HELD)):
-        allowed = f"within {100 * MAX_LENGTH:g} % of the card; --on-glass NAME or --on-glass none if {view.name} did not lie on it"
+        other = f"--on-glass NAME or --on-glass none if {view.name} did not lie on it"
+        allowed = f"within {100 * MAX_LENGTH:g} % of the card; {other}"
         raise InputError(text, key="checker_side_mm", allowed=allowed)
     if not known:
         text += "; or no board lay on the glass (--on-glass none) or another one (--on-glass NAME)"

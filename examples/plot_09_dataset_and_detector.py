@@ -13,15 +13,15 @@ import numpy as np
 import evanesce as ev
 
 # %%
-# Small frames are enough for a detector of a handful of numbers. The data set splits by friction level, so that no
-# level is in two splits.
+# Small frames are enough for a detector of a handful of numbers. The data set splits by finger, rig and friction, so that no
+# level, finger or rig is in two splits.
 
 samples = ev.make_dataset(
     ev.load("thesis").with_(leds__voltage_V=9.2),
     trials=14,
     seed=3,
     trial={"frames": 24, "frame_rate_hz": 12.0},
-    split={"by": "friction", "validation": 0.0, "test": 0.4},
+    split={"by": "finger_rig_friction", "validation": 0.0, "test": 0.4},
     friction__levels=8,
     finger__ridge_height_um={"uniform": [80.0, 160.0]},
     rig__draw={},

@@ -13,8 +13,8 @@ import numpy as np
 import evanesce as ev
 
 # %%
-# Small frames are enough for a detector of a handful of numbers. The data set splits by finger, rig and friction, so that no
-# level, finger or rig is in two splits.
+# Small frames are enough for a detector of a handful of numbers. The data set splits by finger, rig and friction, so
+# that none of them is in two splits.
 
 samples = ev.make_dataset(
     ev.load("thesis").with_(leds__voltage_V=9.2),

@@ -13,12 +13,12 @@ from evanesce.criticism.critic import require_monochrome
 from evanesce.criticism.observe import observe
 from evanesce.criticism.views import BIN_PX
 from evanesce.inference.answer import answer, named_causes
-from evanesce.inference.causes import causes_of
+from evanesce.inference.causes import Cause, causes_of
 from evanesce.inference.consequence import AreaReader
 from evanesce.inference.data import DataVector, data_vector
 from evanesce.inference.discrepancy import Discrepancy
 from evanesce.inference.gain import held_out
-from evanesce.inference.gate import GrossDifference, gate_of
+from evanesce.inference.gate import Gate, GrossDifference, gate_of
 from evanesce.inference.joint import Fitter, JointFit
 from evanesce.inference.model import AnchoredModel
 from evanesce.inference.next_shot import doubtful, next_shot
@@ -103,13 +103,8 @@ def shapes_of(bundle: Bundle, *, tell: Tell = lambda line: None) -> tuple[list[F
         With frames of a monochrome camera.
     tell : callable
     """
-    _require_frames(bundle)
-    observation = observe(bundle)
-    data = data_vector(observation)
-    model = AnchoredModel(observation, data)
-    gate = gate_of(observation, model.coarse)
-    causes, _ = causes_of(observation)
-    return FormBank(model.coarse, _place(gate.start), tell).of(causes), data
+    model, gate, causes = _nominal(bundle)
+    return FormBank(model.coarse, _place(gate.start), tell).of(causes), model.data
 
 
 def nominal_judge(bundle: Bundle, *, tell: Tell = lambda line: None) -> tuple[Judge, JointFit]:
@@ -121,15 +116,19 @@ def nominal_judge(bundle: Bundle, *, tell: Tell = lambda line: None) -> tuple[Ju
         With frames of a monochrome camera.
     tell : callable
     """
-    _require_frames(bundle)
-    observation = observe(bundle)
-    model = AnchoredModel(observation, data_vector(observation))
-    gate = gate_of(observation, model.coarse)
-    causes, _ = causes_of(observation)
+    model, gate, causes = _nominal(bundle)
     fitter = Fitter(model)
     base = fitter.relinearised([], gate.start)
     bank = FormBank(model.coarse, _place(gate.start), tell)
     return Judge(fitter, causes, bank, Discrepancy(model)), base
+
+
+def _nominal(bundle: Bundle) -> tuple[AnchoredModel, Gate, tuple[Cause, ...]]:
+    """Return the nominal rig's model, its first look, and the causes that its data can be asked for."""
+    _require_frames(bundle)
+    observation = observe(bundle)
+    model = AnchoredModel(observation, data_vector(observation))
+    return model, gate_of(observation, model.coarse), causes_of(observation)[0]
 
 
 def _require_frames(bundle: Bundle) -> None:

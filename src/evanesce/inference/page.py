@@ -152,7 +152,7 @@ def _left(result: Mapping[str, Any], pictures: Pictures) -> Section:
     text.append(f"{told[0].upper()}{told[1:]}." if left.found else "All views together show no more than noise.")
     further = result["posterior"]["further"]
     text.append(
-        f"Noise would ask for a further cause as loudly with probability {further['p_value']:.2g};"
+        f"Noise alone would give as much evidence for a further cause with probability {further['p_value']:.2g};"
         f" the first asked for would be {', '.join(further['credible_set'][:3])}."
     )
     return Section("What is not explained", text, [Picture(figure_png(figure), "Residual of all views together.")])

@@ -53,7 +53,7 @@ class Posterior:
 
     @property
     def asks(self) -> bool:
-        """Whether a further cause is asked for louder than noise would."""
+        """Whether noise alone would hardly give as much evidence for a further cause."""
         return self.further_p < DETECTED
 
     @property
@@ -96,8 +96,8 @@ class Further:
         The discrepancy marginalised: decides whether there is any.
     p_value : float
         Of that, against noise.
-    loud : Place
-        Without the discrepancy: who takes most of the misfit. While most of it is there, what a loud cause's form may
+    by_misfit : Place
+        Without the discrepancy: who takes most of the misfit. While most of it is there, what a strong cause's form may
         be off by hides which cause comes next.
     unknown : float
         Strength of an unknown field.
@@ -105,7 +105,7 @@ class Further:
 
     place: Place
     p_value: float
-    loud: Place
+    by_misfit: Place
     unknown: float
 
 
@@ -174,14 +174,14 @@ class Judge:
         space, _ = self._space(fitted, ())
         marginal, rest = _marginal(fitted.ids, unknown), self._rest(fitted.ids, unknown)
         place, p = self._judged(space, marginal, rest, 0, with_p=True)
-        loud, _ = self._judged(space, {n: s for n, s in marginal.items() if n != DISCREPANCY}, rest, 0)
+        by_misfit, _ = self._judged(space, {n: s for n, s in marginal.items() if n != DISCREPANCY}, rest, 0)
         strength = 0.0
         if UNKNOWN in rest:
             gram, along = space.marginalised(marginal, [UNKNOWN], 0)
             shapes = Shapes.of(UNKNOWN, gram)
-            # Rows are used as they are: each of them as loud as their sum's strength asks for on average.
+            # Rows are used as they are: each with the mean amplitude that the strength of their sum asks for.
             strength = shapes.strength(shapes.coordinates(along)) * float(np.mean(shapes.scale[shapes.scale > 0]))
-        return Further(place, p, loud, strength)
+        return Further(place, p, by_misfit, strength)
 
     def weights(self, fitted: JointFit, name: str, unknown: float = 0.0) -> dict[str, Weights]:
         """Return the weights of the forms of every cause that may fill a place: that of a taken cause, or one more.

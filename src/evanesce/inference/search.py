@@ -1,7 +1,7 @@
 """Moves from the nominal rig's fit to the extended one's: causes are added one at a time, dropped, and exchanged.
 
 What is tried is what the evidences of all causes' forms say (:mod:`evanesce.inference.posterior`); what is taken is
-decided by the joint fit about the fine model, made anew after each move, so that a loud cause's curvature is not taken
+decided by the joint fit about the fine model, made anew after each move, so that a strong cause's curvature is not taken
 for a further cause.
 """
 
@@ -133,7 +133,7 @@ class Search:
             place = asked.place
             if asked.p_value > DETECTED or place.probability[NONE] > 0.5:
                 return now
-            if 2.0 * max(asked.loud.log_bayes.values()) < LEAST_SHARE * self.first:
+            if 2.0 * max(asked.by_misfit.log_bayes.values()) < LEAST_SHARE * self.first:
                 return now
             better = self._added(now, asked)
             if better is not None:
@@ -151,7 +151,7 @@ class Search:
         """Return the fit with the cause that leaves least among those of most evidence; None if none is worth it."""
         place, p = asked.place, asked.p_value
         wanted: list[str] = []
-        for bayes in (asked.loud.log_bayes, place.log_bayes):
+        for bayes in (asked.by_misfit.log_bayes, place.log_bayes):
             ranked = [n for n in sorted(bayes, key=lambda n: -bayes[n]) if n != UNKNOWN and n not in self.refused]
             wanted += [n for n in ranked[:TRIED] if n not in wanted]
         metric, believed = everything_marginalised(now)

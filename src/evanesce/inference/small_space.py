@@ -12,7 +12,7 @@ from scipy import linalg
 Array = NDArray[Any]
 
 CHUNK = 16_384
-"""Bins at a time: sums of squares of loud rows need double precision, the rows themselves do not."""
+"""Bins at a time: sums of squares of large rows need double precision, the rows themselves do not."""
 
 
 def products(left: Array, right: Array) -> Array:

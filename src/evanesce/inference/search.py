@@ -1,8 +1,8 @@
 """Moves from the nominal rig's fit to the extended one's: causes are added one at a time, dropped, and exchanged.
 
 What is tried is what the evidences of all causes' forms say (:mod:`evanesce.inference.posterior`); what is taken is
-decided by the joint fit about the fine model, made anew after each move, so that a strong cause's curvature is not taken
-for a further cause.
+decided by the joint fit about the fine model, made anew after each move, so that a strong cause's curvature is not
+taken for a further cause.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from scipy import stats
 
 from evanesce.criticism.linear import Metric
 from evanesce.criticism.views import View
-from evanesce.inference.answer import verdict_of
+from evanesce.inference.answer import verdict_of, warnings_of
 from evanesce.inference.constants import STRENGTHS
 from evanesce.inference.data import DataVector
 from evanesce.inference.posterior import Posterior
@@ -124,6 +124,15 @@ def test_verdict_never_contradicts_the_probabilities():
             if place.present > 0:
                 held = sum(place.probability[n] for n in place.credible_set)
                 assert held >= 0.95 * place.present - 1e-9
+
+
+def test_doubts_are_said_before_probabilities_are_believed():
+    assert warnings_of("causes", True, replicates=True) == []
+    (noise,) = warnings_of("none", False, replicates=False)
+    assert "false alarms" in noise
+    (unknown,) = warnings_of("causes and unknown", True, replicates=True)
+    assert "stand in" in unknown
+    assert warnings_of("unknown", False, replicates=True) == []
 
 
 def test_a_fit_stands_above_drawn_forms():

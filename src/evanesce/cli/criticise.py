@@ -115,6 +115,8 @@ def _draw_shapes(bundle: Any, target: Path) -> None:
 
 def _show_jointly(result: dict[str, Any]) -> None:
     console.print(escape(result["first_line"]))
+    for warning in result["warnings"]:
+        messages.print(escape(f"warning: {warning}"))
     table = Table(title="Fitted, with 90 % intervals", box=box.SIMPLE_HEAD)
     for heading in ("cause", "parameter", "value", "from", "to", "unit", "area, mm^2", "area, %", "probability"):
         table.add_column(heading, justify="left" if heading in ("cause", "parameter", "unit") else "right")

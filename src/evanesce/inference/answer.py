@@ -198,6 +198,7 @@ def answer(
         "method": "joint",
         "verdict": verdict,
         "first_line": first_line(verdict, named, explained, left, gain),
+        "warnings": warnings_of(verdict, bool(named), replicates=model.data.noise.measured),
         "gate": [line.as_dict() for line in gate.lines],
         "causes": [n.as_dict() for n in named],
         "posterior": posterior.as_dict(),
@@ -215,6 +216,26 @@ def answer(
         "seconds": seconds,
     }  # fmt: skip
     return result, dump_scene(extended_scene(model, fitted))
+
+
+def warnings_of(verdict: str, named: bool, *, replicates: bool) -> list[str]:
+    """Return what a reader has to know before believing the probabilities.
+
+    Parameters
+    ----------
+    verdict : str
+        See :func:`verdict_of`.
+    named : bool
+        Whether any cause is.
+    replicates : bool
+        Whether frames of a held state say how much the data scatter.
+    """
+    found = []
+    if not replicates:
+        found.append("no replicate frames: noise is the camera model's, so that false alarms are not controlled")
+    if named and "unknown" in verdict:
+        found.append("probabilities are among the library's causes: those named may stand in for what is unknown")
+    return found
 
 
 def first_line(verdict: str, named: list[Named], explained: float, left: Left, gain: HeldOut | None) -> str:

@@ -39,7 +39,8 @@ def page(
         Nominal and extended scene as TOML.
     provenance : mapping
     """
-    sections = [_residuals(pictures), _causes(result), _left(result, pictures), *_next(result), _gain(result)]
+    sections = [Section("Before you believe it", list(result["warnings"]))] if result["warnings"] else []
+    sections += [_residuals(pictures), _causes(result), _left(result, pictures), *_next(result), _gain(result)]
     sections += [_gate(result), _moves(result), _scene(*scenes)]
     return Page(f"What the simulation gets wrong: {name}", result["first_line"], sections, provenance)
 

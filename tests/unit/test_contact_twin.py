@@ -16,7 +16,7 @@ from evanesce.rig import load_scene
 from evanesce.sensor.codec import write_png
 from evanesce.sensor.colour import ImageProcessor, colour_of_level, exact_colour_of_level
 from evanesce.sensor.response import led_response
-from evanesce.studies.contact_twin.fit import fit, log_score, response_of, streak_start
+from evanesce.studies.contact_twin.fit import _covariance, fit, log_score, response_of, streak_start
 from evanesce.studies.contact_twin.light import press_of
 from evanesce.studies.contact_twin.model import Believed, Model
 from evanesce.studies.contact_twin.picture import Outline, outline_of, picture_of, regions
@@ -179,3 +179,18 @@ def test_the_command_refuses_a_grey_picture_and_a_monochrome_scene(tmp_path: Pat
     )
     assert found.exit_code == 2
     assert not (tmp_path / "b" / "report.html").exists()
+
+
+def test_a_number_that_nothing_but_its_prior_tells_of_leaves_the_others_as_they_are():
+    """Its one row has no residual, so that its gradient is 0: no overflow, the prior's variance, others as without."""
+    rng = np.random.default_rng(2)
+    jacobian, residual, blocks = np.zeros((61, 3)), np.zeros(61), np.repeat(np.arange(10), 6)
+    jacobian[:60, :2], residual[:60] = rng.standard_normal((60, 2)), 3.0 * rng.standard_normal(60)
+    jacobian[60, 2] = 1e-4
+    found = _covariance(jacobian, residual, blocks)
+    assert np.isfinite(found).all()
+    np.testing.assert_allclose(found[:2, :2], _covariance(jacobian[:60, :2], residual[:60], blocks), rtol=1e-6)
+    assert found[2, 2] == pytest.approx(1e8 * np.mean(residual[:60] ** 2), rel=1e-6)
+    # Independent residuals in a plain regression: the variance of least squares, or the blocks' where that is larger.
+    plain = np.linalg.inv(jacobian[:60, :2].T @ jacobian[:60, :2]) * np.mean(residual[:60] ** 2)
+    assert np.all(np.diag(found)[:2] >= np.diag(plain) * (1 - 1e-6))

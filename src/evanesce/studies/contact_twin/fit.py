@@ -139,10 +139,13 @@ def _covariance(jacobian: Array, residual: Array, blocks: NDArray[np.int64]) -> 
     gradients = np.zeros((int(numbers.max()) + 1, jacobian.shape[1]))
     np.add.at(gradients, numbers, jacobian * residual[:, None])
     clustered = inverse @ (gradients.T @ gradients) @ inverse
-    ratio = np.sqrt(np.maximum(np.abs(np.diag(plain)) / np.maximum(np.diag(clustered), 1e-300), 1.0))
-    wide = clustered * np.outer(ratio, ratio)
-    np.fill_diagonal(wide, np.maximum(np.diag(wide), np.abs(np.diag(plain))))
-    return np.asarray(wide)
+    variance = np.diag(clustered)
+    # A number that no block tells anything of has no correlation with others, and the curvature's variance.
+    own = np.where(variance > 0, 1.0 / np.sqrt(np.where(variance > 0, variance, 1.0)), 0.0)
+    correlation = np.clip(own[:, None] * clustered * own, -1.0, 1.0)
+    np.fill_diagonal(correlation, 1.0)
+    deviation = np.sqrt(np.maximum(variance, np.abs(np.diag(plain))))
+    return np.asarray(deviation[:, None] * correlation * deviation)
 
 
 def _is(name: str, ending: str) -> bool:

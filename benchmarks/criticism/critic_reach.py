@@ -23,9 +23,9 @@ from tests.criticism.challenge.strength import OutOfReach, amplitude_for, depart
 
 from evanesce.bundle import read_bundle
 from evanesce.criticism.case import prepare
-from evanesce.criticism.linear import Metric
-from evanesce.criticism.observe import observe
 from evanesce.criticism.signatures import Signature, signatures_of
+from evanesce.prediction.linear import Metric
+from evanesce.prediction.observe import observe
 
 STRENGTH, OUTSIDE = 7.0, 15.0
 

@@ -15,8 +15,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
 from evanesce.bundle import read_bundle
-from evanesce.criticism.candidates import candidates_of
 from evanesce.criticism.scalar import SeriesPredictor, Table, fit_series
+from evanesce.prediction.candidates import candidates_of
 
 SHOWN = {
     "lateral_glow": ("light", "length_mm"),

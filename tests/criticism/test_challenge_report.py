@@ -9,7 +9,7 @@ import pytest
 
 from challenge.report import judged, main, markdown, picture, read
 from challenge.score import Rate, summary
-from evanesce.criticism.frozen import FROZEN
+from evanesce.prediction.frozen import FROZEN
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 RUNS = DOCS / "criticism" / "runs"

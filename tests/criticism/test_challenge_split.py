@@ -6,7 +6,7 @@ import pytest
 
 from challenge.rig import BELIEVED, believed, views
 from evanesce.bundle.protocol import default_protocol
-from evanesce.criticism.observe import locked_conditions
+from evanesce.prediction.observe import locked_conditions
 
 
 @pytest.mark.parametrize("name", sorted(BELIEVED))

@@ -7,8 +7,8 @@ import pytest
 
 from evanesce.chain.simulate import simulate_card
 from evanesce.criticism.bands import brightest_bands, row_times
-from evanesce.criticism.predict import Predictor
-from evanesce.criticism.views import View
+from evanesce.prediction.predict import Predictor
+from evanesce.prediction.views import View
 from evanesce.rig import load_scene
 
 ROWS, COLS, READOUT_S = 61, 17, 0.0211

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evanesce.criticism.fine import FineFrames, FinePredictor, placed
-from evanesce.criticism.observe import model_factor, model_scene
-from evanesce.criticism.predict import Predictor
-from evanesce.criticism.views import View
+from evanesce.prediction.fine import FineFrames, FinePredictor, placed
+from evanesce.prediction.observe import model_factor, model_scene
+from evanesce.prediction.predict import Predictor
+from evanesce.prediction.views import View
 from evanesce.rig import Scene, load_scene
 
 VIEWS = (
@@ -49,7 +49,7 @@ def test_finer_pixels_converge(scene: Scene, monkeypatch: pytest.MonkeyPatch) ->
     """Twice as fine again changes much less than the first step did: away from the edge next to nothing."""
     quick = Predictor(model_scene(scene), VIEWS).cube({})
     fine = FineFrames(scene, VIEWS, model_factor(scene), {}).cube()
-    monkeypatch.setattr("evanesce.criticism.fine.FINE_PX", 6)
+    monkeypatch.setattr("evanesce.prediction.fine.FINE_PX", 6)
     finer = FineFrames(scene, VIEWS, model_factor(scene), {}).cube()
     first, second = (np.sqrt(np.mean((a - b) ** 2)) for a, b in ((quick, fine), (fine, finer)))
     assert second < 0.35 * first

@@ -12,17 +12,17 @@ from scipy import ndimage, stats
 import evanesce.effects
 from evanesce.core.errors import InputError
 from evanesce.criticism import case
-from evanesce.criticism.candidates import Candidate, candidates_of
 from evanesce.criticism.case import FAR, PLACES, ROUGH, anchored, finely_fitted, left_by_derivatives, settled
 from evanesce.criticism.extend import NEARER, Extension, _nearer, at_bound, condition_of_bins, extend, held_out_gain
-from evanesce.criticism.noise import noise_of
-from evanesce.criticism.parameters import Parameter, derivative
-from evanesce.criticism.predict import scene_with
 from evanesce.criticism.problem import Problem, fit
 from evanesce.criticism.residuals import noise_draws
 from evanesce.criticism.score import score_test
 from evanesce.criticism.signatures import Signature, signature_of
-from evanesce.criticism.views import View
+from evanesce.prediction.candidates import Candidate, candidates_of
+from evanesce.prediction.noise import noise_of
+from evanesce.prediction.parameters import Parameter, derivative
+from evanesce.prediction.predict import scene_with
+from evanesce.prediction.views import View
 from evanesce.rig import load_scene
 
 SHAPE = (24, 32)

@@ -22,8 +22,8 @@ from challenge.run import strip_pixels
 from evanesce.bundle import read_bundle
 from evanesce.cli.app import app
 from evanesce.criticism.critic import criticise
-from evanesce.criticism.observe import observe
 from evanesce.criticism.scalar_critic import criticise_series
+from evanesce.prediction.observe import observe
 from evanesce.rig import load_scene
 from evanesce.sensor.codec import write_png
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from evanesce.criticism.likeness import Likeness, likeness_of
-from evanesce.criticism.views import View
+from evanesce.prediction.views import View
 
 SHAPE = (30, 41)
 SD = 2.0

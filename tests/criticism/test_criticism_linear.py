@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from evanesce.criticism.gain import bootstrap_sum, leave_one_out, log_scores
 from evanesce.criticism.isolability import Cause, absorbed, confusion, group_of
-from evanesce.criticism.linear import Metric, distance2, score
-from evanesce.criticism.parameters import Parameter
 from evanesce.criticism.posterior import UNKNOWN, log_bayes_of_p, posterior, tempering
+from evanesce.prediction.linear import Metric, distance2, score
+from evanesce.prediction.parameters import Parameter
+from evanesce.prediction.scores import bootstrap_sum, leave_one_out, log_scores
 
 BINS = 400
 

@@ -10,14 +10,14 @@ import pytest
 
 from evanesce.criticism.features import cosine_features
 from evanesce.criticism.locked import flexible_part, locked_gain, without_numerics
-from evanesce.criticism.noise import noise_of
 from evanesce.criticism.numerics import EDGE
-from evanesce.criticism.parameters import Parameter
 from evanesce.criticism.problem import Problem, fit
 from evanesce.criticism.residuals import residuals_of
 from evanesce.criticism.score import metric_of
 from evanesce.criticism.unknown import fit_flexible
-from evanesce.criticism.views import View
+from evanesce.prediction.noise import noise_of
+from evanesce.prediction.parameters import Parameter
+from evanesce.prediction.views import View
 from evanesce.rig import load_scene
 
 SHAPE = (24, 32)

@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 from evanesce.core.errors import InputError
 from evanesce.core.states import PlateLight, SensorLight
 from evanesce.criticism.blots import MOVES, STRIPED, brightest_blot, left_of_spot
-from evanesce.criticism.candidates import candidates_of
 from evanesce.criticism.extend import Extension
-from evanesce.criticism.linear import Metric
 from evanesce.criticism.lines import brightest_line
 from evanesce.criticism.marks import BESIDE, cells, left_at_places, left_beside, standing_out, without_places
-from evanesce.criticism.predict import Predictor
-from evanesce.criticism.views import BIN_PX, View, binned
 from evanesce.effects import Context, active_effects, all_effects
+from evanesce.prediction.candidates import candidates_of
+from evanesce.prediction.linear import Metric
+from evanesce.prediction.predict import Predictor
+from evanesce.prediction.views import BIN_PX, View, binned
 from evanesce.render.fast.defects import contact_radiance, pixel_area, view_position
 from evanesce.rig import Scene, load_scene
 

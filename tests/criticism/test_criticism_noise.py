@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy import ndimage, stats
 
-from evanesce.criticism.noise import jitter_of, noise_of
-from evanesce.criticism.tone import expected_tone
-from evanesce.criticism.views import binned
 from evanesce.evaluation.agreement import coarser
+from evanesce.prediction.noise import jitter_of, noise_of
+from evanesce.prediction.tone import expected_tone
+from evanesce.prediction.views import binned
 from evanesce.rig import load_scene
 from evanesce.sensor.readout import quantise
 from evanesce.sensor.tone import develop

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from evanesce.criticism.noise_scale import noise_scale_of
-from evanesce.criticism.observe import pixel_scatter
+from evanesce.prediction.noise_scale import noise_scale_of
+from evanesce.prediction.observe import pixel_scatter
 from evanesce.rig import Camera, load_scene
 from evanesce.rig.coarser import coarser_camera
 from evanesce.sensor.tone import CURVES

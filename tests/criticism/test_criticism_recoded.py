@@ -9,15 +9,15 @@ from scipy import ndimage, stats
 
 from evanesce.criticism.codec import codec_parameters, noise_by_bins
 from evanesce.criticism.isolability import nuisance_words
-from evanesce.criticism.nuisance import nuisance_parameters
 from evanesce.criticism.numerics import numerics_parameters
-from evanesce.criticism.observe import pixel_scatter
 from evanesce.criticism.problem import fit
 from evanesce.criticism.recoded import Codec, Recoded, Shooting, codec_of, recoded
 from evanesce.criticism.residuals import noise_draws
 from evanesce.criticism.score import score_test
-from evanesce.criticism.tone import expected_tone
-from evanesce.criticism.views import View, binned
+from evanesce.prediction.nuisance import nuisance_parameters
+from evanesce.prediction.observe import pixel_scatter
+from evanesce.prediction.tone import expected_tone
+from evanesce.prediction.views import View, binned
 from evanesce.rig import load_scene
 from test_criticism_fit import SHAPE, Toy, parameter, problem_of, signatures
 

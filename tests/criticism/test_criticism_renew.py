@@ -13,14 +13,14 @@ from evanesce.core.errors import InputError
 from evanesce.criticism import renew, search
 from evanesce.criticism.answer import Findings
 from evanesce.criticism.extend import Extension
-from evanesce.criticism.fine import FineFrames, in_pixels
-from evanesce.criticism.frozen import FROZEN
-from evanesce.criticism.linear import Score
-from evanesce.criticism.observe import model_factor, model_scene
-from evanesce.criticism.parameters import Parameter
-from evanesce.criticism.predict import Predictor
 from evanesce.criticism.score import Scored, ScoreTest
-from evanesce.criticism.views import View
+from evanesce.prediction.fine import FineFrames, in_pixels
+from evanesce.prediction.frozen import FROZEN
+from evanesce.prediction.linear import Score
+from evanesce.prediction.observe import model_factor, model_scene
+from evanesce.prediction.parameters import Parameter
+from evanesce.prediction.predict import Predictor
+from evanesce.prediction.views import View
 from evanesce.rig import load_scene
 
 VIEWS = (
@@ -137,7 +137,7 @@ def test_a_centre_in_pixels_stays_where_it_is_on_finer_ones() -> None:
     none = FineFrames(believed, views, factor, {}).cube()
     off = np.abs(FineFrames(believed, views, factor, point).cube() - none - changed).mean()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("evanesce.criticism.fine.in_pixels", lambda point, smaller: dict(point))
+        patch.setattr("evanesce.prediction.fine.in_pixels", lambda point, smaller: dict(point))
         wrong = np.abs(FineFrames(believed, views, factor, point).cube() - none - changed).mean()
     assert off < 0.5 * wrong, (off, wrong)
     real = in_pixels({"vignetting:centre_offset_px[0]": 31.0, "vignetting:k": 0.6, "@pose_x[0]": 1.0}, 5.0)

@@ -16,8 +16,6 @@ from evanesce.bundle.layout import Series, Shot
 from evanesce.bundle.protocol import Protocol
 from evanesce.bundle.write import write_bundle
 from evanesce.core.errors import InputError
-from evanesce.criticism.candidates import candidates_of
-from evanesce.criticism.parameters import Parameter
 from evanesce.criticism.scalar import (
     SeriesPredictor,
     Table,
@@ -29,6 +27,8 @@ from evanesce.criticism.scalar import (
 )
 from evanesce.criticism.scalar_critic import criticise_series, hear, kind_of
 from evanesce.effects import all_effects
+from evanesce.prediction.candidates import candidates_of
+from evanesce.prediction.parameters import Parameter
 from evanesce.rig import load_scene
 
 

@@ -16,10 +16,10 @@ from evanesce.criticism import critic, search
 from evanesce.criticism.answer import Findings, extended_scene, verdict, warnings
 from evanesce.criticism.battery import BatteryResult, Outcome
 from evanesce.criticism.extend import Extension
-from evanesce.criticism.frozen import FROZEN
-from evanesce.criticism.linear import Score
 from evanesce.criticism.locked import LockedGain
 from evanesce.criticism.score import Scored, ScoreTest
+from evanesce.prediction.frozen import FROZEN
+from evanesce.prediction.linear import Score
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import dump_scene, load_scene
 

@@ -11,11 +11,6 @@ import pytest
 from scipy import ndimage, optimize
 
 from evanesce.core.errors import InputError
-from evanesce.criticism.candidates import Candidate
-from evanesce.criticism.linear import Metric
-from evanesce.criticism.noise import Noise
-from evanesce.criticism.parameters import Parameter
-from evanesce.criticism.views import View
 from evanesce.inference.causes import Cause, Entry
 from evanesce.inference.data import DataVector
 from evanesce.inference.discrepancy import Discrepancy, cosines, tied_rows
@@ -24,6 +19,11 @@ from evanesce.inference.joint import Fitter, JointFit, taken_from
 from evanesce.inference.posterior import Judge, Posterior
 from evanesce.inference.search import Search, everything_marginalised, loss_of, removal
 from evanesce.inference.shapes import Forms
+from evanesce.prediction.candidates import Candidate
+from evanesce.prediction.linear import Metric
+from evanesce.prediction.noise import Noise
+from evanesce.prediction.parameters import Parameter
+from evanesce.prediction.views import View
 
 SHAPE = (20, 28)
 VIEWS = tuple(View(kind="press", force_N=1.0 + k, voltage_V=9.0, condition=k, index=k) for k in range(5))

@@ -13,7 +13,6 @@ from typer.testing import CliRunner
 
 from evanesce.bundle.read import read_bundle
 from evanesce.cli.app import app
-from evanesce.criticism.observe import observe
 from evanesce.effects import all_effects
 from evanesce.inference.causes import causes_of
 from evanesce.inference.critic import criticise_jointly
@@ -27,6 +26,7 @@ from evanesce.inference.shape_picture import mean_and_variation, shape_figure
 from evanesce.inference.shapes import FormBank
 from evanesce.inference.single_effects import NONE, Place
 from evanesce.optics.projection import Projection
+from evanesce.prediction.observe import observe
 from evanesce.rig import load_scene
 
 runner = CliRunner()

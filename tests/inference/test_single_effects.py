@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from evanesce.criticism.linear import Metric
-from evanesce.criticism.views import View
 from evanesce.inference.answer import verdict_of, warnings_of
 from evanesce.inference.constants import STRENGTHS
 from evanesce.inference.data import DataVector
@@ -18,6 +16,8 @@ from evanesce.inference.power import expected_power
 from evanesce.inference.single_effects import NONE, UNKNOWN, Place, Shapes, null_statistics, p_value, place_of
 from evanesce.inference.small_space import SmallSpace
 from evanesce.inference.unknown import left_of
+from evanesce.prediction.linear import Metric
+from evanesce.prediction.views import View
 
 BINS = 80
 

@@ -18,8 +18,6 @@ from evanesce.bundle.write import Rig
 from evanesce.chain.fast import FastCamera
 from evanesce.chain.simulate import simulate, simulate_card, solve_contact
 from evanesce.core.states import PlateLight
-from evanesce.criticism.predict import Nuisances, Predictor
-from evanesce.criticism.views import View
 from evanesce.dataset.rigs import RigCamera, rig_with_effects
 from evanesce.effects.protocol import Context
 from evanesce.effects.rig import glass_dispersion
@@ -39,6 +37,8 @@ from evanesce.optics.spectrum import (
     spectrum_of,
     white_bands,
 )
+from evanesce.prediction.predict import Nuisances, Predictor
+from evanesce.prediction.views import View
 from evanesce.render.bands import banded, bands_of, in_band
 from evanesce.render.fast.transport import render_fast
 from evanesce.render.reference.path import render

@@ -14,18 +14,18 @@ from evanesce.criticism.battery_data import Residuals
 from evanesce.criticism.blots import MOVES, STRIPED
 from evanesce.criticism.evidence import Evidence, Ranked, Shown
 from evanesce.criticism.extend import Extension, intervals
-from evanesce.criticism.fine import in_pixels
-from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.locked import LockedGain
 from evanesce.criticism.marks import BESIDE
-from evanesce.criticism.observe import model_factor
 from evanesce.criticism.posterior import Posterior
-from evanesce.criticism.predict import scene_with
 from evanesce.criticism.score import ScoreTest
 from evanesce.criticism.signatures import Signature
 from evanesce.criticism.unknown import Flexible
-from evanesce.criticism.views import View
 from evanesce.effects import all_effects
+from evanesce.prediction.fine import in_pixels
+from evanesce.prediction.frozen import FROZEN
+from evanesce.prediction.observe import model_factor
+from evanesce.prediction.predict import scene_with
+from evanesce.prediction.views import View
 from evanesce.rig import Scene, dump_scene
 
 Array = NDArray[Any]

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.criticism.candidates import Candidate
 from evanesce.criticism.problem import Fit, Problem
-from evanesce.criticism.views import BIN_PX
+from evanesce.prediction.candidates import Candidate
+from evanesce.prediction.views import BIN_PX
 
 Array = NDArray[Any]
 

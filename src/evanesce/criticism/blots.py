@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy import fft, ndimage, stats
 
 from evanesce.criticism.features import smoothed
-from evanesce.criticism.linear import Metric
 from evanesce.criticism.problem import Problem
+from evanesce.prediction.linear import Metric
 
 Array = NDArray[Any]
 

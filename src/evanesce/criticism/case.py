@@ -12,22 +12,22 @@ from numpy.typing import NDArray
 
 from evanesce.core.rng import generator
 from evanesce.criticism.bands import with_bands
-from evanesce.criticism.candidates import Candidate, candidates_of
 from evanesce.criticism.codec import codec_parameters, codec_variance, noise_by_bins
-from evanesce.criticism.fine import FineFrames
-from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.likeness import Likeness, likeness_of
 from evanesce.criticism.marks import with_places, without_places
-from evanesce.criticism.noise import noise_of
-from evanesce.criticism.noise_scale import LOOSE, NoiseScale, noise_scale_of
-from evanesce.criticism.nuisance import nuisance_parameters
 from evanesce.criticism.numerics import edge_template, leftover_variance, numerics_parameters, quick_variance
-from evanesce.criticism.observe import Observation, model_factor
-from evanesce.criticism.parameters import Parameter, derivative
-from evanesce.criticism.predict import Point, Predictor
 from evanesce.criticism.problem import Fit, Problem, derivatives, fit, predicted_part, stepped
 from evanesce.criticism.recoded import Codec, Shooting, codec_of, recoded
-from evanesce.criticism.tone import expected_tone
+from evanesce.prediction.candidates import Candidate, candidates_of
+from evanesce.prediction.fine import FineFrames
+from evanesce.prediction.frozen import FROZEN
+from evanesce.prediction.noise import noise_of
+from evanesce.prediction.noise_scale import LOOSE, NoiseScale, noise_scale_of
+from evanesce.prediction.nuisance import nuisance_parameters
+from evanesce.prediction.observe import Observation, model_factor
+from evanesce.prediction.parameters import Parameter, derivative
+from evanesce.prediction.predict import Point, Predictor
+from evanesce.prediction.tone import expected_tone
 
 Array = NDArray[Any]
 

@@ -1,6 +1,6 @@
 """What a lossy codec does to means: weak contrasts vanish, dark noise settles at another level, noise outlives a frame.
 
-None of it follows from the rig. Where the noise gives a codec away (:mod:`evanesce.criticism.noise_scale`), these join
+None of it follows from the rig. Where the noise gives a codec away (:mod:`evanesce.prediction.noise_scale`), these join
 the nuisances, and faint departures of their shape are given up.
 """
 
@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from evanesce.criticism.frozen import FROZEN
-from evanesce.criticism.parameters import Parameter
 from evanesce.criticism.problem import Fit, Problem
-from evanesce.criticism.views import View
+from evanesce.prediction.frozen import FROZEN
+from evanesce.prediction.parameters import Parameter
+from evanesce.prediction.views import View
 
 Array = NDArray[Any]
 

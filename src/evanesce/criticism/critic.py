@@ -12,23 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.bundle.bundle import Bundle
-from evanesce.core.errors import InputError
 from evanesce.criticism.answer import Findings, answer, verdict
 from evanesce.criticism.battery_data import Residuals
 from evanesce.criticism.case import Case, prepare
 from evanesce.criticism.evidence import Evidence
 from evanesce.criticism.extend import Extension
-from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.isolability import absorbed
 from evanesce.criticism.locked import locked_gain
 from evanesce.criticism.next_shot import next_measurement
-from evanesce.criticism.observe import observe
 from evanesce.criticism.posterior import UNKNOWN, log_bayes_of_p, posterior, tempering, with_mimics
 from evanesce.criticism.problem import Fit
 from evanesce.criticism.score import metric_of
 from evanesce.criticism.search import joint_p, ring, rivals, rivals_without_best, search, test
 from evanesce.criticism.signatures import Signature, signatures_of
 from evanesce.criticism.unknown import Flexible, describe_unknown, fit_flexible
+from evanesce.prediction.frozen import FROZEN
+from evanesce.prediction.observe import observe, require_monochrome
 
 Array = NDArray[Any]
 Tick = Callable[[str], None]
@@ -77,20 +76,6 @@ def criticise(
     tick("locked part")
     findings.gain = locked_gain(case.observation, case.problem, case.base, findings.best, confirmed_term(findings))
     return answer(case, signatures, findings)
-
-
-def require_monochrome(bundle: Bundle) -> None:
-    """Refuse the frames of a colour camera, which this critic has no model of.
-
-    Raises
-    ------
-    InputError
-    """
-    if bundle.scene.camera.colour is not None:
-        raise InputError(
-            "frames of a colour camera cannot be criticised yet", file=bundle.path / "scene.toml", key="camera.colour",
-            allowed="a scene without this table, for a monochrome camera",
-        )  # fmt: skip
 
 
 def confirmed_term(findings: Findings) -> Flexible | None:

@@ -13,17 +13,17 @@ from scipy import stats
 
 from evanesce.core.errors import InputError
 from evanesce.criticism.blots import MOVES, STRIPED, left_of_spot
-from evanesce.criticism.candidates import Candidate
-from evanesce.criticism.frozen import FROZEN
-from evanesce.criticism.gain import leave_one_out
 from evanesce.criticism.isolability import Cause
 from evanesce.criticism.marks import BESIDE, left_at_places, left_beside
-from evanesce.criticism.observe import DWELL_FRAMES
-from evanesce.criticism.parameters import Parameter, moved, value_of
-from evanesce.criticism.predict import scene_with
 from evanesce.criticism.problem import Fit, Problem, derivatives, fit, predicted_part
 from evanesce.criticism.score import Scored, from_belief, inflation_along, metric_of
 from evanesce.effects import Context, Stage, active_effects, apply_stage
+from evanesce.prediction.candidates import Candidate
+from evanesce.prediction.frozen import FROZEN
+from evanesce.prediction.observe import DWELL_FRAMES
+from evanesce.prediction.parameters import Parameter, moved, value_of
+from evanesce.prediction.predict import scene_with
+from evanesce.prediction.scores import leave_one_out
 from evanesce.rig import Scene
 
 Array = NDArray[Any]

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.criticism.linear import Metric, distance2
-from evanesce.criticism.parameters import Parameter
+from evanesce.prediction.linear import Metric, distance2
+from evanesce.prediction.parameters import Parameter
 
 Array = NDArray[Any]
 

@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 
 from evanesce.core.rng import generator
 from evanesce.criticism.extend import Extension
-from evanesce.criticism.gain import area_error_percent, bootstrap_sum, log_scores, rmse
-from evanesce.criticism.linear import Metric
-from evanesce.criticism.nuisance import nuisance_parameters
 from evanesce.criticism.numerics import is_numerics
-from evanesce.criticism.observe import Observation
-from evanesce.criticism.parameters import derivative
 from evanesce.criticism.problem import Fit, Problem, fit, predicted_part
 from evanesce.criticism.residuals import with_places
 from evanesce.criticism.unknown import Flexible
 from evanesce.measurement.reference.segment import Chain, segment
+from evanesce.prediction.linear import Metric
+from evanesce.prediction.nuisance import nuisance_parameters
+from evanesce.prediction.observe import Observation
+from evanesce.prediction.parameters import derivative
+from evanesce.prediction.scores import area_error_percent, bootstrap_sum, log_scores, rmse
 
 Array = NDArray[Any]
 

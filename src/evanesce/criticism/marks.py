@@ -16,15 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.criticism.blots import brightest_blot
-from evanesce.criticism.candidates import Candidate
 from evanesce.criticism.features import smoothed
-from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.lines import brightest_line
-from evanesce.criticism.parameters import Parameter, moved
 from evanesce.criticism.problem import Fit, Problem, predicted_part
-from evanesce.criticism.views import BIN_PX
 from evanesce.effects import Marks
 from evanesce.optics.projection import Projection
+from evanesce.prediction.candidates import Candidate
+from evanesce.prediction.frozen import FROZEN
+from evanesce.prediction.parameters import Parameter, moved
+from evanesce.prediction.views import BIN_PX
 from evanesce.rig import Scene
 
 Array = NDArray[Any]

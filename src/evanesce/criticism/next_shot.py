@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from evanesce.core.errors import InputError
 from evanesce.criticism.extend import Extension
-from evanesce.criticism.linear import Metric
-from evanesce.criticism.nuisance import nuisance_parameters
-from evanesce.criticism.observe import Observation
-from evanesce.criticism.parameters import derivative
-from evanesce.criticism.predict import Predictor
 from evanesce.criticism.problem import Problem, predicted_part
-from evanesce.criticism.views import View
 from evanesce.effects import Stage
+from evanesce.prediction.linear import Metric
+from evanesce.prediction.nuisance import nuisance_parameters
+from evanesce.prediction.observe import Observation
+from evanesce.prediction.parameters import derivative
+from evanesce.prediction.predict import Predictor
+from evanesce.prediction.views import View
 
 Array = NDArray[Any]
 

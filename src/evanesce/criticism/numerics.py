@@ -1,7 +1,7 @@
 """What the critic's own computation leaves undecided, as directions that every fit may use and no cause may claim.
 
 A discretised edge of contact is coherent over all bins and frames, so that a variance could not stand for it: what
-finer pixels change (:mod:`evanesce.criticism.fine`) is put right, and a share of it stays a nuisance with an amplitude
+finer pixels change (:mod:`evanesce.prediction.fine`) is put right, and a share of it stays a nuisance with an amplitude
 of its own. So is the place of the edge to half a micrometre, where a film too thin to be resolved couples light.
 """
 
@@ -16,9 +16,9 @@ from scipy import ndimage
 
 from evanesce.contact.solve import contact_state
 from evanesce.core.errors import InputError
-from evanesce.criticism.frozen import FROZEN
-from evanesce.criticism.parameters import Parameter
-from evanesce.criticism.views import View
+from evanesce.prediction.frozen import FROZEN
+from evanesce.prediction.parameters import Parameter
+from evanesce.prediction.views import View
 from evanesce.rig import Scene
 
 Array = NDArray[Any]

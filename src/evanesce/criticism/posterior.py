@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import logsumexp
 
-from evanesce.criticism.frozen import FROZEN
+from evanesce.prediction.frozen import FROZEN
 
 NONE, UNKNOWN = "none", "unknown"
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.criticism.linear import Metric
-from evanesce.criticism.noise import Noise
-from evanesce.criticism.parameters import Parameter, derivative, moved, value_of
-from evanesce.criticism.predict import Point, Predictor
 from evanesce.criticism.recoded import Recoded
-from evanesce.criticism.views import View
+from evanesce.prediction.linear import Metric
+from evanesce.prediction.noise import Noise
+from evanesce.prediction.parameters import Parameter, derivative, moved, value_of
+from evanesce.prediction.predict import Point, Predictor
+from evanesce.prediction.views import View
 
 Array = NDArray[Any]
 

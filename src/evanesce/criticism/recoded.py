@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from evanesce.core.states import Frame
-from evanesce.criticism.frozen import FROZEN
-from evanesce.criticism.observe import pixel_scatter
-from evanesce.criticism.tone import expected_tone, signal_sd
-from evanesce.criticism.views import BIN_PX, View, binned
+from evanesce.prediction.frozen import FROZEN
+from evanesce.prediction.observe import pixel_scatter
+from evanesce.prediction.tone import expected_tone, signal_sd
+from evanesce.prediction.views import BIN_PX, View, binned
 from evanesce.rig import Camera
 from evanesce.sensor.codec import VideoWriter
 from evanesce.sensor.expose import frame_of
@@ -311,7 +311,7 @@ def codec_of(
         Those of the states that were filmed before them, each made when it is asked for and cut at once: what a video
         made of them it hands on.
     held, scatter
-        Binned replicates, and scatter of their pixels: :class:`evanesce.criticism.observe.Observation`.
+        Binned replicates, and scatter of their pixels: :class:`evanesce.prediction.observe.Observation`.
     rng : numpy.random.Generator
     """
     side = BIN_PX * shooting.factor

@@ -1,6 +1,6 @@
 """Loud causes: the fine prediction made anew where each of them ended, before they are compared.
 
-What finer pixels change (:mod:`evanesce.criticism.fine`) is put right where the believed rig was fitted. A cause that
+What finer pixels change (:mod:`evanesce.prediction.fine`) is put right where the believed rig was fitted. A cause that
 moves the edge of contact by a pixel leaves it behind, and so do its derivatives: some hundredths of the change are
 wrong then. Where noise is larger, nobody sees them. Where it is not, they decide between causes that share a shape, a
 softer finger and a stiffening bone, by which of the two happens to have the better derivative.
@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from evanesce.core.errors import InputError
 from evanesce.criticism.case import Case
 from evanesce.criticism.extend import Extension, extend_again
-from evanesce.criticism.fine import FineFrames
-from evanesce.criticism.frozen import FROZEN
-from evanesce.criticism.observe import model_factor
 from evanesce.criticism.problem import Fit, Problem, predicted_part
 from evanesce.criticism.score import Scored
+from evanesce.prediction.fine import FineFrames
+from evanesce.prediction.frozen import FROZEN
+from evanesce.prediction.observe import model_factor
 
 Array = NDArray[Any]
 

@@ -12,12 +12,12 @@ from scipy import ndimage
 from evanesce.contact.solve import contact_state
 from evanesce.core.errors import InputError
 from evanesce.criticism.battery_data import Draws, Residuals
-from evanesce.criticism.noise import chunks
-from evanesce.criticism.predict import Point
 from evanesce.criticism.problem import Fit, Problem
 from evanesce.criticism.score import metric_of
-from evanesce.criticism.views import BIN_PX, View, binned
 from evanesce.optics.projection import Projection
+from evanesce.prediction.noise import chunks
+from evanesce.prediction.predict import Point
+from evanesce.prediction.views import BIN_PX, View, binned
 from evanesce.rig import Scene
 
 Array = NDArray[Any]

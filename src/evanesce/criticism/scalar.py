@@ -22,11 +22,11 @@ from evanesce.bundle.area import AreaReading, contact_area
 from evanesce.bundle.layout import SERIES_FOLDER, Series
 from evanesce.chain.simulate import solve_contact
 from evanesce.core.errors import InputError
-from evanesce.criticism.fine import FinePredictor
-from evanesce.criticism.observe import model_factor, model_scene
-from evanesce.criticism.parameters import Parameter
-from evanesce.criticism.predict import Nuisances, Point, Predictor, scene_with
-from evanesce.criticism.views import View
+from evanesce.prediction.fine import FinePredictor
+from evanesce.prediction.observe import model_factor, model_scene
+from evanesce.prediction.parameters import Parameter
+from evanesce.prediction.predict import Nuisances, Point, Predictor, scene_with
+from evanesce.prediction.views import View
 from evanesce.render.fast.rig_fields import unit_digest
 from evanesce.rig import Scene
 

@@ -14,12 +14,8 @@ from evanesce.bundle.bundle import Bundle
 from evanesce.bundle.layout import Series
 from evanesce.chain.simulate import solve_contact
 from evanesce.core.errors import InputError
-from evanesce.criticism.candidates import Candidate, candidates_of
 from evanesce.criticism.evidence import Evidence, Ranked
-from evanesce.criticism.frozen import FROZEN
-from evanesce.criticism.parameters import Parameter
 from evanesce.criticism.posterior import UNKNOWN, log_bayes_of_p, posterior, with_mimics
-from evanesce.criticism.predict import Point, scene_with
 from evanesce.criticism.scalar import (
     ASSUMED_SIGMA,
     SeriesFit,
@@ -32,6 +28,10 @@ from evanesce.criticism.scalar import (
     pairs_of,
 )
 from evanesce.effects import Effect, Stage
+from evanesce.prediction.candidates import Candidate, candidates_of
+from evanesce.prediction.frozen import FROZEN
+from evanesce.prediction.parameters import Parameter
+from evanesce.prediction.predict import Point, scene_with
 from evanesce.rig import Scene, dump_scene
 
 Array = NDArray[Any]

@@ -13,7 +13,6 @@ from evanesce.criticism.battery import BatteryResult, run_battery
 from evanesce.criticism.battery_data import Residuals
 from evanesce.criticism.case import Case
 from evanesce.criticism.extend import Extension, extend
-from evanesce.criticism.frozen import FROZEN
 from evanesce.criticism.isolability import confusion, group_of
 from evanesce.criticism.posterior import Posterior, posterior
 from evanesce.criticism.problem import Fit, Problem
@@ -21,6 +20,7 @@ from evanesce.criticism.renew import change_of, is_loud, renewed, undecided
 from evanesce.criticism.residuals import noise_draws, residuals_of
 from evanesce.criticism.score import Scored, ScoreTest, score_test
 from evanesce.criticism.signatures import Signature
+from evanesce.prediction.frozen import FROZEN
 
 
 def test(case: Case, signatures: Sequence[Signature], base: Fit, number: int) -> ScoreTest:

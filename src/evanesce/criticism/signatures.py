@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.errors import InputError
-from evanesce.criticism.candidates import Candidate
-from evanesce.criticism.parameters import moved
-from evanesce.criticism.predict import Point
 from evanesce.criticism.problem import Fit, Problem, derivatives, predicted_part
+from evanesce.prediction.candidates import Candidate
+from evanesce.prediction.parameters import moved
+from evanesce.prediction.predict import Point
 
 Array = NDArray[Any]
 

@@ -9,10 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.criticism.fine import in_pixels
-from evanesce.criticism.linear import Metric
-from evanesce.criticism.parameters import value_of
-from evanesce.criticism.predict import scene_with
 from evanesce.inference.consequence import NINETY, AreaReader, Consequence
 from evanesce.inference.constants import LEAST_AREA
 from evanesce.inference.gain import HeldOut
@@ -24,6 +20,10 @@ from evanesce.inference.posterior import Posterior
 from evanesce.inference.search import Search, loss_of
 from evanesce.inference.single_effects import NONE, UNKNOWN
 from evanesce.inference.unknown import Left
+from evanesce.prediction.fine import in_pixels
+from evanesce.prediction.linear import Metric
+from evanesce.prediction.parameters import value_of
+from evanesce.prediction.predict import scene_with
 from evanesce.rig import Scene, dump_scene
 
 Array = NDArray[Any]

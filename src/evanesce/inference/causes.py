@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.errors import InputError
-from evanesce.criticism.candidates import Candidate, candidates_of
-from evanesce.criticism.observe import Observation
-from evanesce.criticism.parameters import Parameter
-from evanesce.criticism.predict import scene_with
 from evanesce.effects import Context, Stage, active_effects, apply_stage
 from evanesce.inference.model import AnchoredModel
+from evanesce.prediction.candidates import Candidate, candidates_of
+from evanesce.prediction.observe import Observation
+from evanesce.prediction.parameters import Parameter
+from evanesce.prediction.predict import scene_with
 from evanesce.rig import Scene
 
 Array = NDArray[Any]

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from evanesce.bundle.area import contact_area
 from evanesce.core.errors import InputError
-from evanesce.criticism.observe import model_scene
 from evanesce.inference.joint import JointFit
 from evanesce.inference.model import AnchoredModel
+from evanesce.prediction.observe import model_scene
 
 Array = NDArray[Any]
 

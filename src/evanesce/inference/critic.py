@@ -9,9 +9,6 @@ from typing import Any
 
 from evanesce.bundle.bundle import Bundle
 from evanesce.core.errors import InputError
-from evanesce.criticism.critic import require_monochrome
-from evanesce.criticism.observe import observe
-from evanesce.criticism.views import BIN_PX
 from evanesce.inference.answer import answer, named_causes
 from evanesce.inference.causes import Cause, causes_of
 from evanesce.inference.consequence import AreaReader
@@ -27,6 +24,8 @@ from evanesce.inference.posterior import Judge
 from evanesce.inference.search import Search, everything_marginalised
 from evanesce.inference.shapes import FormBank, Forms
 from evanesce.inference.unknown import left_of
+from evanesce.prediction.observe import observe, require_monochrome
+from evanesce.prediction.views import BIN_PX
 
 Tell = Callable[[str], None]
 

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.criticism.frozen import FROZEN
-from evanesce.criticism.noise import Noise, noise_of
-from evanesce.criticism.observe import Observation
-from evanesce.criticism.tone import ExpectedTone, expected_tone
-from evanesce.criticism.views import View
 from evanesce.inference.constants import STEP_SHARE
+from evanesce.prediction.frozen import FROZEN
+from evanesce.prediction.noise import Noise, noise_of
+from evanesce.prediction.observe import Observation
+from evanesce.prediction.tone import ExpectedTone, expected_tone
+from evanesce.prediction.views import View
 
 Array = NDArray[Any]
 

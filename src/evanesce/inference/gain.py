@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.rng import generator
-from evanesce.criticism.gain import bootstrap_sum, log_scores, rmse
-from evanesce.criticism.linear import Metric
-from evanesce.criticism.nuisance import nuisance_parameters
-from evanesce.criticism.parameters import derivative
-from evanesce.criticism.views import binned
 from evanesce.inference.consequence import AreaReader
 from evanesce.inference.joint import JointFit
 from evanesce.inference.model import AnchoredModel
+from evanesce.prediction.linear import Metric
+from evanesce.prediction.nuisance import nuisance_parameters
+from evanesce.prediction.parameters import derivative
+from evanesce.prediction.scores import bootstrap_sum, log_scores, rmse
+from evanesce.prediction.views import binned
 
 Array = NDArray[Any]
 

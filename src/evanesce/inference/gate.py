@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from evanesce.core.errors import EvanesceError
-from evanesce.criticism.observe import Observation
-from evanesce.criticism.predict import Predictor
-from evanesce.criticism.views import View
 from evanesce.inference.constants import GROSS_AREA, GROSS_AXES, GROSS_FIELD, GROSS_LEVEL
 from evanesce.measurement.calibration.corners import find_corners
 from evanesce.optics.projection import Projection
+from evanesce.prediction.observe import Observation
+from evanesce.prediction.predict import Predictor
+from evanesce.prediction.views import View
 from evanesce.rig import Scene
 
 Array = NDArray[Any]

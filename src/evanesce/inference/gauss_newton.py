@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.errors import InputError
-from evanesce.criticism.linear import Metric
+from evanesce.prediction.linear import Metric
 
 Array = NDArray[Any]
 Model = Callable[[Array], Array]

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.criticism.linear import Metric
-from evanesce.criticism.nuisance import nuisance_parameters
-from evanesce.criticism.parameters import Parameter, value_of
 from evanesce.inference.causes import Cause, Entry
 from evanesce.inference.constants import FAR
 from evanesce.inference.data import DataVector
 from evanesce.inference.gauss_newton import Prior, Solution, fit
 from evanesce.inference.model import AnchoredModel
+from evanesce.prediction.linear import Metric
+from evanesce.prediction.nuisance import nuisance_parameters
+from evanesce.prediction.parameters import Parameter, value_of
 
 Array = NDArray[Any]
 

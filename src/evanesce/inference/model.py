@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.criticism.fine import FINE_PX, FineFrames
-from evanesce.criticism.observe import Observation, model_factor
-from evanesce.criticism.parameters import Parameter, derivative
-from evanesce.criticism.predict import Predictor
 from evanesce.inference.data import DataVector
+from evanesce.prediction.fine import FINE_PX, FineFrames
+from evanesce.prediction.observe import Observation, model_factor
+from evanesce.prediction.parameters import Parameter, derivative
+from evanesce.prediction.predict import Predictor
 
 Array = NDArray[Any]
 Point = Mapping[str, float]

@@ -15,11 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.rng import generator
-from evanesce.criticism.linear import Metric
-from evanesce.criticism.nuisance import nuisance_parameters
-from evanesce.criticism.parameters import derivative
-from evanesce.criticism.predict import Predictor
-from evanesce.criticism.views import View
 from evanesce.inference.causes import Cause
 from evanesce.inference.constants import LEAST_PROBABLE
 from evanesce.inference.data import rounding_sd
@@ -27,6 +22,11 @@ from evanesce.inference.model import AnchoredModel
 from evanesce.inference.posterior import Weights
 from evanesce.inference.shapes import FormBank
 from evanesce.inference.single_effects import NONE, UNKNOWN, Place
+from evanesce.prediction.linear import Metric
+from evanesce.prediction.nuisance import nuisance_parameters
+from evanesce.prediction.parameters import derivative
+from evanesce.prediction.predict import Predictor
+from evanesce.prediction.views import View
 
 Array = NDArray[Any]
 

@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.errors import InputError
-from evanesce.criticism.linear import Metric
 from evanesce.inference.causes import Cause, Entry, entries_of
 from evanesce.inference.constants import DETECTED, FITTED, LEAST_SHARE, SUBSTITUTE, TRIED
 from evanesce.inference.gauss_newton import bounded_step
 from evanesce.inference.joint import Fitter, JointFit, taken_from
 from evanesce.inference.posterior import Further, Judge, Posterior
 from evanesce.inference.single_effects import NONE, UNKNOWN
+from evanesce.prediction.linear import Metric
 
 Array = NDArray[Any]
 Tell = Callable[[str], None]

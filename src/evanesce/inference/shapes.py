@@ -14,13 +14,13 @@ from evanesce.core.errors import InputError
 from evanesce.core.provenance import digest
 from evanesce.core.rng import generator
 from evanesce.core.version import __version__
-from evanesce.criticism.parameters import Parameter
-from evanesce.criticism.predict import Predictor
-from evanesce.criticism.tone import expected_tone
 from evanesce.inference.causes import Cause
 from evanesce.inference.constants import DRAWS
 from evanesce.inference.data import DataVector
 from evanesce.inference.laws import Law, Seen, all_laws
+from evanesce.prediction.parameters import Parameter
+from evanesce.prediction.predict import Predictor
+from evanesce.prediction.tone import expected_tone
 from evanesce.render.fast.field_files import Folder, read_arrays, write_arrays
 
 Array = NDArray[Any]

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.criticism.views import View
+from evanesce.prediction.views import View
 from evanesce.rig import Scene
 
 Array = NDArray[Any]

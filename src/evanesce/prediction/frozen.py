@@ -30,7 +30,7 @@ class Frozen:
 
 def load_frozen() -> Frozen:
     """Read the file that stands beside this module."""
-    data = resources.files("evanesce.criticism").joinpath("frozen.toml").read_bytes()
+    data = resources.files("evanesce.prediction").joinpath("frozen.toml").read_bytes()
     tables = tomllib.loads(data.decode("utf-8"))
     return Frozen(
         levels=tables["levels"],

@@ -2,7 +2,7 @@
 
 A departure is a point: a mapping of parameter names to values, where a missing name means "as believed". Parameters
 of effects are named ``effect:parameter`` (``vignetting:k``, ``vignetting:centre_offset_px[0]``); nuisances start with
-``@`` (:mod:`evanesce.criticism.nuisance`). The chain is that of :mod:`evanesce.chain.simulate`, its steps kept apart
+``@`` (:mod:`evanesce.prediction.nuisance`). The chain is that of :mod:`evanesce.chain.simulate`, its steps kept apart
 so that what a change does not touch is computed once.
 """
 
@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from evanesce.bundle.card_light import card_light, plane_points
 from evanesce.contact.solve import contact_state
 from evanesce.core.states import ContactState, Frame, PlateLight, SensorLight
-from evanesce.criticism.tone import expected_tone
-from evanesce.criticism.views import View, binned
 from evanesce.effects import Active, Context, Stage, active_effects, all_effects
 from evanesce.optics.led import led_positions, led_radiances
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.optics.seen import seen_at, under_lamp
+from evanesce.prediction.tone import expected_tone
+from evanesce.prediction.views import View, binned
 from evanesce.render.cards import Pose, checkerboard_of, pose_of, square_of
 from evanesce.render.fast.fields import fields_of
 from evanesce.render.fast.transport import render_fast
@@ -162,12 +162,12 @@ class Predictor:
     Parameters
     ----------
     scene : Scene
-        The believed rig, at the critic's resolution (:func:`evanesce.criticism.observe.model_scene`).
+        The believed rig, at the critic's resolution (:func:`evanesce.prediction.observe.model_scene`).
     views : sequence of View
     finer : int
         The light is computed on so many times as many rays along each side.
     noise_scale : float
-        Real over modelled noise before the tone curve (:mod:`evanesce.criticism.noise_scale`).
+        Real over modelled noise before the tone curve (:mod:`evanesce.prediction.noise_scale`).
     """
 
     def __init__(self, scene: Scene, views: Sequence[View], *, finer: int = 1, noise_scale: float = 1.0) -> None:

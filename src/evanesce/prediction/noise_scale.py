@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from evanesce.criticism.frozen import FROZEN
-from evanesce.criticism.tone import expected_tone
+from evanesce.prediction.frozen import FROZEN
+from evanesce.prediction.tone import expected_tone
 from evanesce.rig import Camera
 
 Array = NDArray[Any]

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from evanesce.bundle.layout import MIN_REPLICATES
-from evanesce.criticism.tone import ExpectedTone
-from evanesce.criticism.views import BIN_PX
+from evanesce.prediction.tone import ExpectedTone
+from evanesce.prediction.views import BIN_PX
 
 Array = NDArray[Any]
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.criticism.predict import Point, Predictor
+from evanesce.prediction.predict import Point, Predictor
 
 Array = NDArray[Any]
 

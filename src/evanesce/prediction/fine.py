@@ -1,6 +1,6 @@
 """The believed rig predicted as finely as its pixels need, to put right what the quick predictor's resolution leaves.
 
-The quick predictor (:mod:`evanesce.criticism.predict`) blurs pictures of the model camera's own pixels. A lens that
+The quick predictor (:mod:`evanesce.prediction.predict`) blurs pictures of the model camera's own pixels. A lens that
 is sharper than those, the edge of contact, and a tone curve that bends within a pixel of the model camera are all
 beyond it; each of them would be found as a cause. Here light is gathered by pixels at least three times finer, and
 added up to the real pixels before charge and tone, and to the model's only after.
@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.states import PlateLight, SensorLight
-from evanesce.criticism.predict import Kept, Nuisances, Point, Predictor
-from evanesce.criticism.views import BIN_PX, View, binned
 from evanesce.effects import Active, Context
+from evanesce.prediction.predict import Kept, Nuisances, Point, Predictor
+from evanesce.prediction.views import BIN_PX, View, binned
 from evanesce.rig import Scene
 from evanesce.rig.coarser import finer_pixels
 
@@ -113,7 +113,7 @@ class FineFrames:
     point : mapping
         Lengths in pixels are the model camera's.
     fixed : mapping, optional
-        Settings of effects that the scene does not have: :attr:`evanesce.criticism.predict.Predictor.fixed`.
+        Settings of effects that the scene does not have: :attr:`evanesce.prediction.predict.Predictor.fixed`.
     fine_px : int
         See :data:`FINE_PX`; of cards it is :data:`CARD_PX`.
     """

@@ -6,8 +6,8 @@ import itertools
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
-from evanesce.criticism.parameters import STEP_SHARE, Parameter
 from evanesce.effects import Effect, active_effects, all_effects
+from evanesce.prediction.parameters import STEP_SHARE, Parameter
 from evanesce.rig import Scene
 
 MAX_STARTS = 24

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from evanesce.bundle.bundle import Bundle
 from evanesce.bundle.layout import Series, Shot
 from evanesce.core.errors import InputError
-from evanesce.criticism.views import BIN_PX, View, binned
+from evanesce.prediction.views import BIN_PX, View, binned
 from evanesce.rig import Scene
 
 Array = NDArray[Any]
@@ -169,6 +169,20 @@ def observe(bundle: Bundle) -> Observation:
         series=dict(bundle.series),
         available=bundle.available,
     )
+
+
+def require_monochrome(bundle: Bundle) -> None:
+    """Refuse the frames of a colour camera, which the prediction has no model of.
+
+    Raises
+    ------
+    InputError
+    """
+    if bundle.scene.camera.colour is not None:
+        raise InputError(
+            "frames of a colour camera cannot be criticised yet", file=bundle.path / "scene.toml", key="camera.colour",
+            allowed="a scene without this table, for a monochrome camera",
+        )  # fmt: skip
 
 
 def pixel_scatter(frames: Sequence[Array], factor: int) -> tuple[Array, Array]:

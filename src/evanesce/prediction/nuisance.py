@@ -11,16 +11,16 @@
 ``@card_light``    the room's light on a card, and its slope    log 1; 0.1 over half the frame
 =================  ==========================================  ==========================================
 
-What they absorb cannot be found; :mod:`evanesce.criticism.isolability` says so.
+What they absorb cannot be found.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from evanesce.criticism.frozen import FROZEN
-from evanesce.criticism.parameters import Parameter
-from evanesce.criticism.views import View
+from evanesce.prediction.frozen import FROZEN
+from evanesce.prediction.parameters import Parameter
+from evanesce.prediction.views import View
 
 
 def nuisance_parameters(views: Sequence[View], flicker: float, noise: float = 0.0) -> tuple[Parameter, ...]:

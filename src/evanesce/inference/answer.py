@@ -147,7 +147,7 @@ def named_causes(search: Search, areas: AreaReader, fitted: JointFit, tied: Arra
 def extended_scene(model: AnchoredModel, fitted: JointFit) -> Scene:
     """Return the nominal scene with the causes at their fitted values, lengths in pixels of the real camera."""
     point = {name: value for name, value in fitted.point.items() if ":" in name}
-    return scene_with(model.observation.believed, in_pixels(point, model.factor))
+    return scene_with(model.observation.believed, in_pixels(point, model.factor), model.fixed)
 
 
 def verdict_of(posterior: Posterior, left_found: bool) -> str:

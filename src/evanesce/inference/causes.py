@@ -42,6 +42,17 @@ class Cause:
         return self.candidate.id
 
     @property
+    def placed(self) -> bool:
+        """Whether it is of defects whose places only data know, so that it has no form before they are found."""
+        effect = self.candidate.effect
+        return effect.marks is not None or effect.line is not None
+
+    @property
+    def local(self) -> bool:
+        """Whether defects are sought for it."""
+        return self.placed or self.candidate.effect.blot is not None
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Of the effect."""
         return self.candidate.parameters
@@ -105,8 +116,6 @@ def causes_of(observation: Observation, exclude: Collection[str] = ()) -> tuple[
     for candidate in candidates_of(observation.scene, observation.available, exclude):
         if candidate.missing:
             left_out[candidate.id] = "needs " + ", ".join(candidate.missing)
-        elif candidate.effect.marks is not None:
-            left_out[candidate.id] = "localised defects are not sought by the joint fit"
         else:
             found.append(Cause(candidate, changes_plate_light(observation.scene, candidate)))
     return tuple(found), left_out

@@ -17,6 +17,7 @@ from evanesce.inference.discrepancy import Discrepancy
 from evanesce.inference.gain import held_out
 from evanesce.inference.gate import Gate, GrossDifference, gate_of
 from evanesce.inference.joint import Fitter, JointFit
+from evanesce.inference.marks import MarkSearch
 from evanesce.inference.model import AnchoredModel
 from evanesce.inference.next_shot import doubtful, next_shot
 from evanesce.inference.pictures import Pictures, pictures_of
@@ -72,8 +73,10 @@ def criticise_jointly(bundle: Bundle, *, tell: Tell = lambda line: None, exclude
     causes, left_out = causes_of(observation, exclude)
     areas, discrepancy = AreaReader(model), Discrepancy(model)
     bank = FormBank(model.coarse, _place(gate.start), tell)
-    judge = Judge(fitter, causes, bank, discrepancy)
-    search = Search(fitter, causes, judge, tell)
+    smooth = [cause for cause in causes if not cause.placed]
+    judge = Judge(fitter, smooth, bank, discrepancy)
+    marks = MarkSearch(model, [cause for cause in causes if cause.local])
+    search = Search(fitter, smooth, judge, tell, marks=marks)
     best, posterior = search.run(base)
     tell("consequences and held-out conditions")
     fine = model.anchor(best.point)
@@ -83,7 +86,8 @@ def criticise_jointly(bundle: Bundle, *, tell: Tell = lambda line: None, exclude
     scale = observation.scene.camera.scale_px_per_mm
     left = left_of(data, rest, bank.seen.by_light, BIN_PX / scale)
     advice = None
-    doubt = doubtful({**posterior.places, FURTHER: posterior.further} if posterior.asks else posterior.places)
+    judged = {name: place for name, place in posterior.places.items() if name not in search.scan.by_cause}
+    doubt = doubtful({**judged, FURTHER: posterior.further} if posterior.asks else judged)
     if doubt:
         tell("what to measure next")
         place = posterior.places.get(doubt, posterior.further)
@@ -103,7 +107,7 @@ def shapes_of(bundle: Bundle, *, tell: Tell = lambda line: None) -> tuple[list[F
     tell : callable
     """
     model, gate, causes = _nominal(bundle)
-    return FormBank(model.coarse, _place(gate.start), tell).of(causes), model.data
+    return FormBank(model.coarse, _place(gate.start), tell).of([c for c in causes if not c.placed]), model.data
 
 
 def nominal_judge(bundle: Bundle, *, tell: Tell = lambda line: None) -> tuple[Judge, JointFit]:
@@ -119,7 +123,7 @@ def nominal_judge(bundle: Bundle, *, tell: Tell = lambda line: None) -> tuple[Ju
     fitter = Fitter(model)
     base = fitter.relinearised([], gate.start)
     bank = FormBank(model.coarse, _place(gate.start), tell)
-    return Judge(fitter, causes, bank, Discrepancy(model)), base
+    return Judge(fitter, [c for c in causes if not c.placed], bank, Discrepancy(model)), base
 
 
 def _nominal(bundle: Bundle) -> tuple[AnchoredModel, Gate, tuple[Cause, ...]]:

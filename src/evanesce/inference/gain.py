@@ -73,7 +73,7 @@ def held_out(model: AnchoredModel, areas: AreaReader, base: JointFit, best: Join
     measured = [areas.read(model.observation.images[k]) for k in views]
     scores, errors, off = [], [], []
     for fitted in (base, best):
-        frames = {k: frame for k, frame in zip(views, _fine_frames(model, fitted.point, views), strict=True)}
+        frames = {k: frame for k, frame in zip(views, model.frames(fitted.point, views), strict=True)}
         cube = np.full_like(data.cube, np.nan)
         for k, frame in frames.items():
             cube[k] = binned(frame)
@@ -85,16 +85,6 @@ def held_out(model: AnchoredModel, areas: AreaReader, base: JointFit, best: Join
     gained = bootstrap_sum(scores[1] - scores[0], level=0.95, count=BOOTSTRAPS, rng=generator(0, "inference", "gain"))
     before, after = (100.0 * float(np.mean(o)) if o else float("nan") for o in off)
     return HeldOut(gained, (errors[0], errors[1]), (before, after), len(views))
-
-
-def _fine_frames(model: AnchoredModel, point: Mapping[str, float], views: list[int]) -> list[Array]:
-    """Return fine frames at the model camera's resolution [DN]."""
-    fine = model.fine(point)
-    found = []
-    for k in views:
-        picture = fine.picture(k)
-        found.append(binned(picture, model.factor) if model.factor > 1 else picture)
-    return found
 
 
 def _standardised(model: AnchoredModel, point: Mapping[str, float], cube: Array, views: list[int]) -> Array:

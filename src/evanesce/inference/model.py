@@ -14,6 +14,7 @@ from evanesce.prediction.fine import FINE_PX, FineFrames
 from evanesce.prediction.observe import Observation, model_factor
 from evanesce.prediction.parameters import Parameter, derivative
 from evanesce.prediction.predict import Predictor
+from evanesce.prediction.views import binned
 
 Array = NDArray[Any]
 Point = Mapping[str, float]
@@ -46,9 +47,22 @@ class AnchoredModel:
         self.observation, self.data = observation, data
         self.factor = model_factor(observation.believed)
         self.coarse = Predictor(observation.scene, data.views, noise_scale=data.scale)
+        self.fixed: dict[str, Mapping[str, Any]] = {}
+        """Settings of effects that list defects: places that data showed."""
         self.discretisation = np.zeros_like(data.cube)
         """What extrapolation to finer pixels added at the anchor (views, rows, cols) [DN]."""
         self._cards: tuple[Array, Array] | None = None
+
+    def list_defects(self, effect: str, settings: Mapping[str, Any]) -> None:
+        """Hand over the places of an effect's defects; they act where a point names the effect.
+
+        Parameters
+        ----------
+        effect : str
+        settings : mapping
+        """
+        self.fixed = {**self.fixed, effect: settings}
+        self.coarse.fixed = dict(self.fixed)
 
     def anchor(self, point: Point) -> Array:
         """Evaluate the fine model at a point, from where on changes are counted; return its bins (views, rows, cols).
@@ -101,12 +115,34 @@ class AnchoredModel:
                 renamed[f"@{name}[{new}]"] = point.get(f"@{name}[{old}]", 0.0)
         scale = self.data.scale
         return FineFrames(
-            self.observation.believed, chosen, self.factor, renamed, noise_scale=scale, fine_px=fine_px
+            self.observation.believed,
+            chosen,
+            self.factor,
+            renamed,
+            noise_scale=scale,
+            fixed=self.fixed,
+            fine_px=fine_px,
         ).cube()
 
     def fine(self, point: Point) -> FineFrames:
         """Return the fine model at a point."""
-        return FineFrames(self.observation.believed, self.data.views, self.factor, point, noise_scale=self.data.scale)
+        return FineFrames(
+            self.observation.believed,
+            self.data.views,
+            self.factor,
+            point,
+            noise_scale=self.data.scale,
+            fixed=self.fixed,
+        )
+
+    def frames(self, point: Point, views: Sequence[int]) -> Array:
+        """Return fine frames of some views (chosen views, rows, cols), at the model camera's pixels [DN]."""
+        fine = self.fine(point)
+        found = []
+        for k in views:
+            picture = fine.picture(k)
+            found.append(binned(picture, self.factor) if self.factor > 1 else picture)
+        return np.array(found)
 
     def cube(self, point: Point, only: Sequence[int] | None = None) -> Array:
         """Return the bins (views, rows, cols) [DN]; NaN in views that are not in ``only`` (the open ones)."""

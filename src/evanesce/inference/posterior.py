@@ -9,7 +9,7 @@ taken, something unknown, or nothing. One more place asks for a further cause. S
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,10 @@ NUISANCES, DISCREPANCY, FITTED = "nuisances", "discrepancy", "fitted "
 """Blocks of rows; a cause's name and its own block are the same."""
 
 
+DEFECTS = "localised defects"
+"""Place of those that behave like no cause."""
+
+
 @dataclass(frozen=True)
 class Posterior:
     """Probabilities of the causes.
@@ -50,6 +54,17 @@ class Posterior:
     places: Mapping[str, Place]
     further: Place
     further_p: float
+
+    def with_defects(self, found: Mapping[str, Place]) -> Posterior:
+        """Return it with the places of localised defects as their scan has them.
+
+        Parameters
+        ----------
+        found : mapping of str to Place
+            By the cause that explains them best, ``unknown`` for those that behave like none.
+        """
+        named = {name if name != UNKNOWN else DEFECTS: place for name, place in found.items()}
+        return replace(self, places={**self.places, **named})
 
     @property
     def asks(self) -> bool:

@@ -18,8 +18,11 @@ from numpy.typing import NDArray
 from evanesce.core.errors import InputError
 from evanesce.inference.causes import Cause, Entry, entries_of
 from evanesce.inference.constants import DETECTED, FITTED, LEAST_SHARE, SUBSTITUTE, TRIED
+from evanesce.inference.explained import Scan
 from evanesce.inference.gauss_newton import bounded_step
 from evanesce.inference.joint import Fitter, JointFit, taken_from
+from evanesce.inference.listing import taken_of
+from evanesce.inference.marks import MarkSearch
 from evanesce.inference.posterior import Further, Judge, Posterior
 from evanesce.inference.single_effects import NONE, UNKNOWN
 from evanesce.prediction.linear import Metric
@@ -98,6 +101,9 @@ class Search:
     tell: Tell = lambda line: None
     steps: list[Step] = field(default_factory=list)
     refused: dict[str, str] = field(default_factory=dict)
+    marks: MarkSearch | None = None
+    scan: Scan = field(default_factory=Scan)
+    """Defects that were found."""
     first: float = 0.0
     unknown: float = 0.0
     """Strength at which an unknown field has been taken; 0: none."""
@@ -113,9 +119,10 @@ class Search:
             Of the nominal model, the model anchored about it.
         """
         self.first = base.misfit
-        now = self._grown(base)
+        now = self._with_defects(self._grown(base))
         while True:
             posterior, compared = self.judge.posterior(now, self.unknown, self._behind), len(self._behind)
+            posterior = posterior.with_defects(self.scan.places())
             moved = self._dropped(now, posterior) or self._exchanged(now, posterior)
             if len(self.steps) >= MOVES or (moved is None and len(self._behind) == compared):
                 return now, posterior
@@ -146,6 +153,30 @@ class Search:
             else:
                 return now
         return now
+
+    def _with_defects(self, now: JointFit) -> JointFit:
+        """Return the fit with the localised defects that stand out of it, and what is worth being added then."""
+        if self.marks is None:
+            return now
+        self.tell("localised defects")
+        self.scan = self.marks.scan(now.point)
+        model, taken, start = self.fitter.model, list(now.taken), dict(now.point)
+        for cause in self.marks.causes:
+            found = self.scan.by_cause.get(cause.id, ())
+            if not found or cause.id in now.ids:
+                continue
+            own, settings, point = taken_of(cause, found, model.observation.scene)
+            model.list_defects(cause.id, settings)
+            taken.append(own)
+            start |= point
+            self.refused[cause.id] = "its places were found"
+        if len(taken) == len(now.taken):
+            return now
+        better = self.fitter.relinearised(taken, start)
+        for own in taken[len(now.taken) :]:
+            self._note("add", own.id, better, now, f"{len(self.scan.by_cause[own.id])} places stand out")
+            self.tell(self._words(better))
+        return self._grown(better)
 
     def _added(self, now: JointFit, asked: Further) -> JointFit | None:
         """Return the fit with the cause that leaves least among those of most evidence; None if none is worth it."""
@@ -227,7 +258,7 @@ class Search:
     def _dropped(self, now: JointFit, posterior: Posterior) -> JointFit | None:
         """Return the fit without a cause whose place is more probably empty."""
         for name, place in posterior.places.items():
-            if place.probability[NONE] > 0.5:
+            if name in now.ids and place.probability[NONE] > 0.5:
                 without = self._refitted(now, name)
                 if without is not None:
                     self.refused[name] = "dropped: its place is more probably empty"
@@ -242,6 +273,8 @@ class Search:
         Fitted are all of a place's credible set, and once those that come near by their forms.
         """
         for name, place in posterior.places.items():
+            if name not in now.ids or name in self.scan.by_cause:
+                continue
             own = place.log_bayes.get(name, 0.0)
             near = sorted(place.log_bayes, key=lambda n: -place.log_bayes[n])
             if any(taken == name for taken, _ in self._behind):

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import linalg, ndimage
 
 from evanesce.bundle.bundle import Bundle
 from evanesce.bundle.layout import Series, Shot
@@ -25,6 +26,12 @@ GRID_SAMPLES = 512
 
 LOCKED_EVERY = 4
 """One in so many conditions is locked."""
+
+MOST_FIELDS = 8
+"""Fields of pixel noise that are kept."""
+
+AROUND_PX = 6.0
+"""Scatter of a pixel is that of so many about it."""
 
 DWELL_FRAMES = 3
 """A condition with so many frames is a dwell: all that tells of time, so it stays open."""
@@ -47,6 +54,8 @@ class Observation:
         Binned frames of states that were held still, by kind: their differences are noise [DN].
     scatter : mapping of str to tuple of ndarray (bin rows, bin cols)
         Of the same states, level [DN] and variance of single real pixels [DN^2] in bins.
+    pixel_noise : ndarray of float32 (fields, rows, cols), optional
+        Noise of single pixels as replicates show it, of unit variance.
     series : mapping of str to Series
     available : frozenset of str
         Observables, in the words of :data:`evanesce.effects.OBSERVABLES`.
@@ -58,6 +67,7 @@ class Observation:
     images: Array
     held: Mapping[str, Array] = field(default_factory=dict)
     scatter: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
+    pixel_noise: Array | None = None
     series: Mapping[str, Series] = field(default_factory=dict)
     available: frozenset[str] = frozenset()
 
@@ -136,11 +146,13 @@ def observe(bundle: Bundle) -> Observation:
         views.append(_press_view(shot, locked=shot.condition in locked))
         images.append(binned(bundle.frame(shot), factor))
     scatter: dict[str, tuple[Array, Array]] = {}
+    pixel_noise: Array | None = None
     raw = list(bundle.replicate_frames)
     replicates = [binned(frame, factor) for frame in raw]
     if len(replicates) > 1:
         held["replicate"] = binned(np.array(replicates))
         scatter["replicate"] = pixel_scatter(raw, factor)
+        pixel_noise = noise_fields(np.array(replicates, np.float32))
     if replicates and bundle.replicates.shots:
         first = bundle.replicates.shots[0]
         whole = replace(_press_view(first, locked=False), kind="replicate", frames=len(replicates))
@@ -166,6 +178,7 @@ def observe(bundle: Bundle) -> Observation:
         images=np.array(images, np.float32),
         held=held,
         scatter=scatter,
+        pixel_noise=pixel_noise,
         series=dict(bundle.series),
         available=bundle.available,
     )
@@ -194,6 +207,20 @@ def pixel_scatter(frames: Sequence[Array], factor: int) -> tuple[Array, Array]:
     mean = total / len(frames)
     variance = (square - len(frames) * mean**2) / (len(frames) - 1)
     return binned(mean, BIN_PX * factor), binned(variance, BIN_PX * factor)
+
+
+def noise_fields(frames: Array) -> Array:
+    """Return independent fields (frames - 1, rows, cols) of noise of unit variance from frames of one state.
+
+    Contrasts of the frames, each pixel over the scatter about it; at most :data:`MOST_FIELDS`.
+
+    Parameters
+    ----------
+    frames : ndarray (frames, rows, cols)
+    """
+    contrasts = np.tensordot(linalg.helmert(len(frames)), frames, 1)[:MOST_FIELDS]
+    variance = ndimage.gaussian_filter((contrasts**2).mean(axis=0), AROUND_PX)
+    return np.asarray(contrasts / np.sqrt(np.maximum(variance, 1.0 / 12.0)), np.float32)
 
 
 def _press_view(shot: Shot, *, locked: bool) -> View:

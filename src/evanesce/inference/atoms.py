@@ -1,0 +1,337 @@
+"""Atoms of localised defects as matched filters: maps over views summed along behaviours, responses, and peaks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.inference.causes import Cause
+from evanesce.inference.data import DataVector
+
+Array = NDArray[Any]
+
+DISCS_PX = (0.0, 1.5, 3.0)
+"""Radii of round atoms: a point, and shadows of grains above the sensor."""
+LINES_PX = (24.0, 48.0, 96.0)
+DIRECTIONS = 24
+"""Of lines: neighbours of the longest are 12 pixels apart at their ends, half as far as lengths differ."""
+BLOBS_PX = (6.0, 12.0, 24.0)
+"""Standard deviations of soft blobs: up to what smooth causes vary over."""
+BLOB_REACH = 3.0
+"""Smooth misfit of a blob varies over more than so many of its radii."""
+HALF_WIDTH_PX = 3
+"""Of a point's footprint: what lies nearer belongs to the same defect."""
+LEAST_INFORMATION = 1e-3
+"""Of the largest: elsewhere a defect shows too little to be sought."""
+ROBUST = 1.4826
+"""Standard deviation over median absolute deviation of normal numbers."""
+
+Kind = Literal["point", "line", "blob"]
+
+
+@dataclass(frozen=True, eq=False)
+class Atom:
+    """A form of defect.
+
+    Attributes
+    ----------
+    kind : {"point", "line", "blob"}
+    size_px : float
+        Radius of a disc, length of a line, standard deviation of a blob.
+    angle : float
+        Of a line, from +column towards +row [rad].
+    causes : mapping of str to str
+        Causes that look like it -> the effect whose behaviour each has.
+    kernels : mapping of str to ndarray
+        By behaviour: kernel of a point (rows, cols), or profile across a line (n,); sum 1. Empty for blobs.
+    """
+
+    kind: Kind
+    size_px: float
+    angle: float
+    causes: Mapping[str, str]
+    kernels: Mapping[str, Array]
+
+    @property
+    def area(self) -> float:
+        """Pixels over which it can be moved without being another one."""
+        return self.size_px * HALF_WIDTH_PX if self.kind == "line" else max(1.0, self.size_px) ** 2
+
+    def image(self, row: float, col: float, shape: tuple[int, int], kind: str) -> Array:
+        """Return its image (rows, cols), sum 1, seen by the behaviour of an effect."""
+        blank = np.zeros(shape, np.float32)
+        y, x = round(row), round(col)
+        if self.kind == "line":
+            count = 2 * round(self.size_px)
+            along = (np.arange(count) + 0.5) / count * self.size_px - self.size_px / 2
+            rows, cols = np.rint(row + along * np.sin(self.angle)), np.rint(col + along * np.cos(self.angle))
+            inside = (rows >= 0) & (rows < shape[0]) & (cols >= 0) & (cols < shape[1])
+            np.add.at(blank, (rows[inside].astype(int), cols[inside].astype(int)), 1.0 / count)
+            profile = next(iter(self.kernels.values())).astype(np.float32)
+            return np.asarray(cv2.sepFilter2D(blank, -1, profile, profile, borderType=cv2.BORDER_CONSTANT))
+        if 0 <= y < shape[0] and 0 <= x < shape[1]:
+            blank[y, x] = 1.0
+        if self.kind == "blob":
+            return np.asarray(cv2.GaussianBlur(blank, (0, 0), self.size_px, borderType=cv2.BORDER_CONSTANT))
+        kernel = self.kernels.get(kind, next(iter(self.kernels.values()))).astype(np.float32)
+        return np.asarray(cv2.filter2D(blank, -1, kernel[::-1, ::-1], borderType=cv2.BORDER_CONSTANT))
+
+    def wide(self, least: float) -> float:
+        """Return over how many pixels smooth misfit varies at least."""
+        return BLOB_REACH * self.size_px if self.kind == "blob" else least
+
+    def footprint(self, row: float, col: float, shape: tuple[int, int]) -> NDArray[np.bool_]:
+        """Return the pixels that belong to it (rows, cols)."""
+        y, x = np.ogrid[: shape[0], : shape[1]]
+        if self.kind == "line":
+            along = (x - col) * np.cos(self.angle) + (y - row) * np.sin(self.angle)
+            across = -(x - col) * np.sin(self.angle) + (y - row) * np.cos(self.angle)
+            return np.asarray((np.abs(along) <= self.size_px / 2 + 2) & (np.abs(across) <= HALF_WIDTH_PX))
+        reach = 2.0 * self.size_px + HALF_WIDTH_PX
+        return np.asarray((x - col) ** 2 + (y - row) ** 2 <= reach**2)
+
+
+def disc_offsets(radius: float) -> Array:
+    """Return points (n, 2) that stand for a disc: its middle and two hexagons."""
+    if radius == 0.0:
+        return np.zeros((1, 2))
+    angles = np.arange(6) * np.pi / 3
+    inner = 0.45 * radius * np.array([np.sin(angles), np.cos(angles)]).T
+    outer = 0.85 * radius * np.array([np.sin(angles + np.pi / 6), np.cos(angles + np.pi / 6)]).T
+    return np.concatenate([np.zeros((1, 2)), inner, outer])
+
+
+def atoms_of(causes: Sequence[Cause], spread: Mapping[str, Array]) -> list[Atom]:
+    """Return all atoms of some causes.
+
+    Parameters
+    ----------
+    causes : sequence of Cause
+    spread : mapping of str to ndarray (rows, cols)
+        Image of a point by the effect whose behaviour it has, sum 1.
+    """
+    points = {c.id: c.id for c in causes if c.candidate.effect.marks is not None and c.id in spread}
+    lines = {c.id: c.candidate.effect.line.like for c in causes if c.candidate.effect.line is not None}
+    blobs = {c.id: c.candidate.effect.blot.like for c in causes if c.candidate.effect.blot is not None}
+    found = [Atom("point", r, 0.0, points, {n: _disc(spread[n], r) for n in points}) for r in DISCS_PX if points]
+    lines = {name: like for name, like in lines.items() if like in spread}
+    if lines:
+        across = {like: spread[like].sum(axis=1) for like in lines.values()}
+        turns = np.arange(DIRECTIONS) * np.pi / DIRECTIONS
+        found += [Atom("line", length, float(a), lines, across) for length in LINES_PX for a in turns]
+    blobs = {name: like for name, like in blobs.items() if like in spread}
+    return found + [Atom("blob", size, 0.0, blobs, {}) for size in BLOBS_PX if blobs]
+
+
+def _disc(spread: Array, radius: float) -> Array:
+    reach = int(np.ceil(radius))
+    wide = np.pad(spread, reach).astype(np.float32)
+    rows, cols = wide.shape
+    total = np.zeros_like(wide)
+    offsets = disc_offsets(radius)
+    for down, right in offsets:
+        total += cv2.warpAffine(wide, np.array([[1.0, 0.0, right], [0.0, 1.0, down]]), (cols, rows))
+    return np.asarray(total / len(offsets))
+
+
+def smoothed(image: Array, weight: Array, size: float) -> Array:
+    """Return an image (rows, cols) averaged with weights over a Gaussian of a standard deviation [px]."""
+    below = cv2.GaussianBlur(weight, (0, 0), size, borderType=cv2.BORDER_REFLECT)
+    above = cv2.GaussianBlur(weight * image, (0, 0), size, borderType=cv2.BORDER_REFLECT)
+    return np.asarray(above / np.maximum(below, 1e-12 * float(weight.max()) + 1e-30))
+
+
+GROUPS: Mapping[str, str] = {
+    "press": "=contact", "replicate": "=contact", "led_off": "=dark", "lens_cap": "=dark",
+    "checkerboard": "=card", "square": "=card",
+}  # fmt: skip
+"""Kinds of views in which what behaves like no cause has an amplitude of its own."""
+
+
+@dataclass
+class Maps:
+    """Data and behaviours summed over views.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Effects whose behaviours they are, then groups of views.
+    product : ndarray of float32 (kinds, rows, cols)
+        With the data.
+    information : ndarray of float32 (kinds, kinds, rows, cols)
+        Of each two.
+    """
+
+    names: tuple[str, ...]
+    product: Array
+    information: Array
+
+    @classmethod
+    def of(cls, behaviours: Mapping[str, Array], whitened: Array, weight: Array, data: DataVector) -> Maps:
+        """Return the maps of whitened data (views, rows, cols) and weights, one over the noise."""
+        groups = [GROUPS[data.views[k].kind] for k in data.open]
+        rows = {name: behaviour * weight for name, behaviour in behaviours.items()}
+        for group in dict.fromkeys(groups):
+            rows[group] = weight * np.array([g == group for g in groups])[:, None, None]
+        product = np.array([np.einsum("vrc,vrc->rc", row, whitened) for row in rows.values()], np.float32)
+        pairs = [[np.einsum("vrc,vrc->rc", a, b) for b in rows.values()] for a in rows.values()]
+        return cls(tuple(rows), product, np.array(pairs, np.float32))
+
+    def noise(self, fields: Array) -> Array:
+        """Return products (kinds, rows, cols) with noise, from one field of unit variance for each kind."""
+        if not hasattr(self, "_root"):
+            gram = np.moveaxis(self.information, (0, 1), (2, 3)).astype(float)
+            size = np.sqrt(np.maximum(np.einsum("rckk->rck", gram), 1e-12))
+            alike = gram / (size[..., :, None] * size[..., None, :])
+            factor = np.linalg.cholesky(alike + 1e-4 * np.eye(len(self.names)))
+            self._root = (size[..., None] * factor).astype(np.float32)
+        return np.einsum("rckl,lrc->krc", self._root, fields)
+
+    def own(self, kind: str) -> Array:
+        """Return a kind's information with itself (rows, cols)."""
+        k = self.names.index(kind)
+        return np.asarray(self.information[k, k])
+
+
+@dataclass(frozen=True)
+class Peak:
+    """A local maximum of a response.
+
+    Attributes
+    ----------
+    atom : Atom
+    kind : str
+        Whose response it is.
+    row, col : float
+        Of its middle [px].
+    z : float
+        Over the standard deviation.
+    amounts : mapping of str to float
+        By behaviour, in the unit of its effect's list.
+    """
+
+    atom: Atom
+    kind: str
+    row: float
+    col: float
+    z: float
+    amounts: Mapping[str, float]
+
+
+def _top(values: Array, at: int) -> float:
+    """Return where a parabola through three values has its top, from the middle one [px]."""
+    if not 0 < at < len(values) - 1:
+        return 0.0
+    below, own, above = (float(v) for v in values[at - 1 : at + 2])
+    bend = 2.0 * own - below - above
+    return float(np.clip(0.5 * (above - below) / bend, -0.5, 0.5)) if bend > 0 else 0.0
+
+
+class Responses:
+    """Matched filters of maps.
+
+    Parameters
+    ----------
+    maps : Maps
+    atoms : sequence of Atom
+    """
+
+    def __init__(self, maps: Maps, atoms: Sequence[Atom]) -> None:
+        self.maps, self.atoms = maps, list(atoms)
+        rows, cols = maps.product.shape[1:]
+        self.trials = float(sum(rows * cols / atom.area for atom in atoms)) * max(len(maps.names), 1)
+        """Places and forms that could be told apart."""
+        self._below: dict[tuple[Atom, str], Array] = {}
+        self._louder: dict[tuple[Atom, str], float] = {}
+        for atom, kind in self._pairs():
+            z = self._z(self.maps.product, atom, kind)
+            seen = z[z != 0.0]
+            spread = ROBUST * float(np.median(np.abs(seen))) if seen.size else 1.0
+            self._louder[atom, kind] = max(1.0, spread)
+
+    def _pairs(self) -> Iterator[tuple[Atom, str]]:
+        groups = [name for name in self.maps.names if name.startswith("=")]
+        for atom in self.atoms:
+            # What is no point and behaves like no cause is left to the unknown field.
+            own = groups if atom.kind == "point" else []
+            yield from ((atom, kind) for kind in [*dict.fromkeys(atom.causes.values()), *own])
+
+    def largest(self, product: Array) -> float:
+        """Return the largest response to products (kinds, rows, cols) [standard deviations]."""
+        return max(float(self._z(product, atom, kind).max()) / self._louder[atom, kind] for atom, kind in self._pairs())
+
+    def peaks(self, least: float) -> list[Peak]:
+        """Return the local maxima above a size."""
+        found = []
+        for atom, kind in self._pairs():
+            z = self._z(self.maps.product, atom, kind) / self._louder[atom, kind]
+            high = np.argwhere((z > least) & (z >= cv2.dilate(z, np.ones((5, 5), np.uint8))))
+            if not len(high):
+                continue
+            amounts = {like: self._amounts(atom, like) for like in dict.fromkeys(atom.causes.values())}
+            for row, col in high:
+                at = self._turned_back(atom, row + _top(z[:, col], row), col + _top(z[row], col))
+                own = {like: float(amount[row, col]) for like, amount in amounts.items()}
+                found.append(Peak(atom, kind, *at, float(z[row, col]), own))
+        return found
+
+    def _amounts(self, atom: Atom, kind: str) -> Array:
+        above = self._filtered(self.maps.product[self.maps.names.index(kind)], atom, kind)
+        below = self._information(atom, kind)
+        return np.asarray(above / np.where(below > 0, below, np.inf))
+
+    def hide(self, pixels: NDArray[np.bool_]) -> None:
+        """Take pixels (rows, cols) out of the data."""
+        self.maps.product[:, pixels] = 0.0
+        self.maps.information[:, :, pixels] = 0.0
+        self._below.clear()
+
+    def _information(self, atom: Atom, kind: str) -> Array:
+        if (atom, kind) not in self._below:
+            self._below[atom, kind] = self._filtered(self.maps.own(kind), atom, kind, squared=True)
+        return self._below[atom, kind]
+
+    def _z(self, product: Array, atom: Atom, kind: str) -> Array:
+        above = self._filtered(product[self.maps.names.index(kind)], atom, kind)
+        below = self._information(atom, kind)
+        seen = below > LEAST_INFORMATION * float(below.max()) + 1e-12
+        z = np.where(seen, above / np.sqrt(np.where(seen, below, 1.0)), 0.0)
+        # What behaves like no cause may be dark as well as bright.
+        return np.asarray(np.abs(z) if kind.startswith("=") else z)
+
+    def _filtered(self, image: Array, atom: Atom, kind: str, *, squared: bool = False) -> Array:
+        power = 2 if squared else 1
+        if atom.kind == "blob":
+            # The square of a Gaussian of unit sum is one that is narrower by the root of 2, of sum 1 / (4 pi s^2).
+            size = atom.size_px / np.sqrt(power)
+            share = 1.0 / (4.0 * np.pi * atom.size_px**2) if squared else 1.0
+            return np.asarray(share * cv2.GaussianBlur(image, (0, 0), size, borderType=cv2.BORDER_CONSTANT))
+        kernel = atom.kernels.get(kind, next(iter(atom.kernels.values()))).astype(np.float32) ** power
+        if atom.kind == "point":
+            return np.asarray(cv2.filter2D(image, -1, kernel, borderType=cv2.BORDER_CONSTANT))
+        turned = cv2.warpAffine(image, *self._turn(atom))
+        along = np.ones(round(atom.size_px) // 2 * 2 + 1, np.float32)
+        along /= along.size**power
+        return np.asarray(cv2.sepFilter2D(turned, -1, along, kernel, borderType=cv2.BORDER_CONSTANT))
+
+    def _turn(self, atom: Atom) -> tuple[Array, tuple[int, int]]:
+        """Return the affine map that lays a line's direction along the columns, and the size of what it makes."""
+        rows, cols = self.maps.product.shape[1:]
+        c, s = np.cos(atom.angle), np.sin(atom.angle)
+        width, height = int(np.ceil(cols * abs(c) + rows * abs(s))), int(np.ceil(cols * abs(s) + rows * abs(c)))
+        turn = np.array([[c, s, 0.0], [-s, c, 0.0]])
+        middle = turn[:, :2] @ np.array([(cols - 1) / 2, (rows - 1) / 2])
+        turn[:, 2] = np.array([(width - 1) / 2, (height - 1) / 2]) - middle
+        return turn, (width, height)
+
+    def _turned_back(self, atom: Atom, row: float, col: float) -> tuple[float, float]:
+        if atom.kind != "line":
+            return row, col
+        turn = self._turn(atom)[0]
+        x, y = np.linalg.solve(turn[:, :2], np.array([col, row]) - turn[:, 2])
+        return float(y), float(x)

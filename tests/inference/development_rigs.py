@@ -152,6 +152,23 @@ RIGS: Mapping[str, DevelopmentRig] = {
         protocol={"replicates": 6, "led_off": 3, "lens_cap": 3, "checkerboard": 0, "square": 0},
         finer=4,
     ),
+    # Frames proportional to light, for tests that add to them.
+    "linear": DevelopmentRig(
+        {
+            "plate.size_mm": [90.0, 70.0],
+            "finger.tip_radius_mm": 8.0,
+            "finger.position_mm": [0.6, 0.4],
+            "camera.resolution_px": [120, 88],
+            "camera.scale_px_per_mm": 6.0,
+            "camera.exposure_ms": 6.0,
+            "camera.tone_curve": "linear",
+            "camera.lens.defocus_um": 60.0,
+            "press.forces_N": [5.0],
+        },
+        {},
+        protocol={"replicates": 6, "led_off": 3, "lens_cap": 3, "checkerboard": 0, "square": 0},
+        finer=4,
+    ),
 }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import cv2
@@ -20,6 +20,8 @@ DISCS_PX = (0.0, 1.5, 3.0)
 LINES_PX = (24.0, 48.0, 96.0)
 DIRECTIONS = 24
 """Of lines: neighbours of the longest are 12 pixels apart at their ends, half as far as lengths differ."""
+TURNS = 7
+"""Directions about the best one that are tried."""
 BLOBS_PX = (6.0, 12.0, 24.0)
 """Standard deviations of soft blobs: up to what smooth causes vary over."""
 BLOB_REACH = 3.0
@@ -97,13 +99,14 @@ class Atom:
 
 
 def disc_offsets(radius: float) -> Array:
-    """Return points (n, 2) that stand for a disc: its middle and two hexagons."""
-    if radius == 0.0:
-        return np.zeros((1, 2))
-    angles = np.arange(6) * np.pi / 3
-    inner = 0.45 * radius * np.array([np.sin(angles), np.cos(angles)]).T
-    outer = 0.85 * radius * np.array([np.sin(angles + np.pi / 6), np.cos(angles + np.pi / 6)]).T
-    return np.concatenate([np.zeros((1, 2)), inner, outer])
+    """Return points (n, 2) that stand for a disc: hexagonal rings about its middle, a pixel apart or less."""
+    count = int(np.ceil(radius))
+    found = [np.zeros((1, 2))]
+    for ring in range(1, count + 1):
+        angles = np.arange(6 * ring) * np.pi / (3 * ring)
+        # Equal areas for all points: rings lie in the middle of theirs.
+        found.append(radius * ring / (count + 0.5) * np.array([np.sin(angles), np.cos(angles)]).T)
+    return np.concatenate(found)
 
 
 def atoms_of(causes: Sequence[Cause], spread: Mapping[str, Array]) -> list[Atom]:
@@ -198,7 +201,7 @@ class Maps:
         return np.asarray(self.information[k, k])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Peak:
     """A local maximum of a response.
 
@@ -221,6 +224,18 @@ class Peak:
     col: float
     z: float
     amounts: Mapping[str, float]
+
+
+def _best_interval(product: Array, information: Array) -> tuple[float, int, int, float]:
+    """Return the largest squared significance of an interval, its first and last + 1, and the amount per pixel."""
+    above, below = (np.concatenate([[0.0], np.cumsum(part, dtype=float)]) for part in (product, information))
+    total, size = above[None, :] - above[:, None], below[None, :] - below[:, None]
+    # Shorter ones are points.
+    first, last = np.indices(total.shape)
+    allowed = (last - first >= LINES_PX[0] / 2) & (total > 0) & (size > 0)
+    square = np.where(allowed, total**2 / np.where(size > 0, size, 1.0), 0.0)
+    i, j = np.unravel_index(int(np.argmax(square)), square.shape)
+    return float(square[i, j]), int(i), int(j), float(total[i, j] / size[i, j]) if square[i, j] > 0 else 0.0
 
 
 def _top(values: Array, at: int) -> float:
@@ -261,9 +276,12 @@ class Responses:
             own = groups if atom.kind == "point" else []
             yield from ((atom, kind) for kind in [*dict.fromkeys(atom.causes.values()), *own])
 
-    def largest(self, product: Array) -> float:
-        """Return the largest response to products (kinds, rows, cols) [standard deviations]."""
-        return max(float(self._z(product, atom, kind).max()) / self._louder[atom, kind] for atom, kind in self._pairs())
+    def largest(self, noise: Array | None = None) -> float:
+        """Return the largest response to the data, or to products (kinds, rows, cols) with noise."""
+        if noise is not None:
+            return max(float(self._z(noise, atom, kind).max()) for atom, kind in self._pairs())
+        own = self.maps.product
+        return max(float(self._z(own, atom, kind).max()) / self._louder[atom, kind] for atom, kind in self._pairs())
 
     def peaks(self, least: float) -> list[Peak]:
         """Return the local maxima above a size."""
@@ -279,6 +297,34 @@ class Responses:
                 own = {like: float(amount[row, col]) for like, amount in amounts.items()}
                 found.append(Peak(atom, kind, *at, float(z[row, col]), own))
         return found
+
+    def refined(self, peak: Peak) -> Peak:
+        """Return a line with the ends and direction that explain most; anything else as it is."""
+        if peak.atom.kind != "line":
+            return peak
+        k, profile = self.maps.names.index(peak.kind), next(iter(peak.atom.kernels.values())).astype(np.float32)
+        best: tuple[float, Peak] | None = None
+        for turn in np.linspace(-0.5, 0.5, TURNS) * np.pi / DIRECTIONS:
+            atom = replace(peak.atom, angle=peak.atom.angle + float(turn))
+            affine, size = self._turn(atom)
+            at = affine @ np.array([peak.col, peak.row, 1.0])
+            along = [
+                cv2.filter2D(cv2.warpAffine(image, affine, size), -1, power[:, None], borderType=cv2.BORDER_CONSTANT)
+                for image, power in ((self.maps.product[k], profile), (self.maps.own(peak.kind), profile**2))
+            ]
+            for row in range(max(round(at[1]) - 2, 0), min(round(at[1]) + 3, size[1])):
+                square, first, last, amount = _best_interval(along[0][row], along[1][row])
+                if best is None or square > best[0]:
+                    line = replace(atom, size_px=float(last - first))
+                    middle = self._turned_back(line, float(row), 0.5 * (first + last - 1))
+                    best = (
+                        square,
+                        replace(
+                            peak, atom=line, row=middle[0], col=middle[1], amounts={peak.kind: amount * (last - first)}
+                        ),
+                    )
+        assert best is not None
+        return best[1]
 
     def _amounts(self, atom: Atom, kind: str) -> Array:
         above = self._filtered(self.maps.product[self.maps.names.index(kind)], atom, kind)

@@ -43,9 +43,9 @@ class Cause:
 
     @property
     def placed(self) -> bool:
-        """Whether it is of defects whose places only data know, so that it has no form before they are found."""
+        """Whether only data know its places (or frequency), so that it has no form before they are found."""
         effect = self.candidate.effect
-        return effect.marks is not None or effect.line is not None
+        return effect.marks is not None or effect.line is not None or effect.bands is not None
 
     @property
     def local(self) -> bool:

@@ -21,7 +21,7 @@ from evanesce.inference.marks import MarkSearch
 from evanesce.inference.model import AnchoredModel
 from evanesce.inference.next_shot import doubtful, next_shot
 from evanesce.inference.pictures import Pictures, pictures_of
-from evanesce.inference.posterior import Judge
+from evanesce.inference.posterior import DEFECTS, Judge
 from evanesce.inference.search import Search, everything_marginalised
 from evanesce.inference.shapes import FormBank, Forms
 from evanesce.inference.unknown import left_of
@@ -86,7 +86,9 @@ def criticise_jointly(bundle: Bundle, *, tell: Tell = lambda line: None, exclude
     scale = observation.scene.camera.scale_px_per_mm
     left = left_of(data, rest, bank.seen.by_light, BIN_PX / scale)
     advice = None
-    judged = {name: place for name, place in posterior.places.items() if name not in search.scan.by_cause}
+    judged = {
+        name: place for name, place in posterior.places.items() if name not in search.scan.places() and name != DEFECTS
+    }
     doubt = doubtful({**judged, FURTHER: posterior.further} if posterior.asks else judged)
     if doubt:
         tell("what to measure next")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from evanesce.inference.atoms import Peak, Responses, smoothed
 from evanesce.inference.causes import Cause
 from evanesce.inference.constants import STRENGTHS
-from evanesce.inference.listing import Mark, taken_of
+from evanesce.inference.listing import Listed, Mark, listed
 from evanesce.inference.model import AnchoredModel
 from evanesce.inference.single_effects import UNKNOWN, Place
 
@@ -41,11 +41,17 @@ class Scan:
         Size that the largest response to noise alone exceeds in DETECTED of all scans [standard deviations].
     largest : float
         In the data.
+    listed : tuple of Listed
+        Causes with what was found of them.
+    ripples : mapping of str to float
+        Log Bayes factors of causes that ripple the light from row to row [nats].
     """
 
     marks: tuple[Mark, ...] = ()
     threshold: float = np.inf
     largest: float = 0.0
+    listed: tuple[Listed, ...] = ()
+    ripples: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def by_cause(self) -> dict[str, tuple[Mark, ...]]:
@@ -55,7 +61,7 @@ class Scan:
 
     def places(self) -> dict[str, Place]:
         """Return, for the defects of each cause, which cause they are: their log Bayes factors add up."""
-        found = {}
+        found = {name: Place.of({name: value}) for name, value in self.ripples.items()}
         for name, marks in self.by_cause.items():
             every = {n for mark in marks for n in mark.log_bayes}
             # What one mark cannot be, the list cannot be.
@@ -110,16 +116,21 @@ class Explained:
         cost = [float(np.log(r.trials)) for r in responses]
         bayes: list[dict[str, float]] = [{} for _ in peaks]
         amounts: dict[str, Array] = {}
+        images: dict[str, Array] = {}
         for cause in self.causes:
             kind = peaks[0].atom.causes.get(cause.id)
             if kind is None:
                 continue
             start = np.array([p.amounts[kind] for p in peaks])
-            amounts[cause.id], each = self._by_cause(cause, peaks, windows, start, whitened, wide)
+            amounts[cause.id], each, images[cause.id] = self._by_cause(cause, peaks, windows, start, whitened, wide)
             for own, value, paid in zip(bayes, each, cost, strict=True):
                 own[cause.id] = value - paid
         for own, peak, window, paid in zip(bayes, peaks, windows, cost, strict=True):
-            own[UNKNOWN] = self._unknown(peak, window, whitened) - paid
+            best = max(own, key=lambda name: own[name], default=None)
+            # The same form for all, so that behaviour from view to view alone decides.
+            known = best is not None and np.isfinite(own[best])
+            image = images[best] if best is not None and known else self._image(peak)
+            own[UNKNOWN] = self._unknown(image[window], window, whitened) - paid
         chosen = _assigned(bayes)
         return [
             Mark(name, p.atom, p.row, p.col, 0.0 if name == UNKNOWN else float(amounts[name][k]), p.z, bayes[k])
@@ -134,11 +145,11 @@ class Explained:
         start: Array,
         whitened: Array,
         wide: float,
-    ) -> tuple[Array, list[float]]:
-        """Return amounts (peaks,) and log Bayes factors over nothing."""
+    ) -> tuple[Array, list[float], Array]:
+        """Return amounts (peaks,), log Bayes factors over nothing, and what it looks like (rows, cols)."""
         amounts = np.where(start > 0, start, 0.0)
         if not np.any(amounts):
-            return amounts, [-np.inf] * len(peaks)
+            return amounts, [-np.inf] * len(peaks), np.zeros(whitened.shape[1:])
         for number in range(AMOUNTS + 1):
             change = self._change(cause, peaks, amounts)
             change = flattened(change, self.weight, wide) * self.weight
@@ -153,30 +164,32 @@ class Explained:
         for k, window in enumerate(windows):
             own, data = change[(slice(None), *window)], whitened[(slice(None), *window)]
             found.append(_log_bayes(own, data) if amounts[k] > 0 else -np.inf)
-        return amounts, found
+        return amounts, found, (change / np.maximum(self.weight, 1e-12)).sum(axis=0)
 
     def _change(self, cause: Cause, peaks: Sequence[Peak], amounts: Array) -> Array:
         """Return what a list of defects changes in the open views (views, rows, cols) [DN]."""
         model = self.model
-        listed = [
+        marks = [
             Mark(cause.id, p.atom, p.row, p.col, float(a), p.z, {})
             for p, a in zip(peaks, amounts, strict=True)
             if a > 0
         ]
-        _, settings, start = taken_of(cause, listed, model.observation.scene)
+        own = listed(cause, marks, model.observation.scene)
         before = {name: v for name, v in self.point.items() if not name.startswith(f"{cause.id}:")}
         base = [model.coarse.image(before, k) for k in model.data.open]
         kept = dict(model.coarse.fixed)
-        model.coarse.fixed = {**kept, cause.id: settings}
+        model.coarse.fixed = {**kept, cause.id: own.settings}
         try:
-            after = [model.coarse.image({**before, **start}, k) for k in model.data.open]
+            after = [model.coarse.image({**before, **own.start}, k) for k in model.data.open]
         finally:
             model.coarse.fixed = kept
         return np.array(after, np.float32) - np.array(base, np.float32)
 
-    def _unknown(self, peak: Peak, window: tuple[slice, slice], whitened: Array) -> float:
+    def _image(self, peak: Peak) -> Array:
+        return peak.atom.image(peak.row, peak.col, (self.left.shape[1], self.left.shape[2]), peak.kind)
+
+    def _unknown(self, image: Array, window: tuple[slice, slice], whitened: Array) -> float:
         """Return the log Bayes factor of an amplitude of its own in each view, all of one random size."""
-        image = peak.atom.image(peak.row, peak.col, (whitened.shape[1], whitened.shape[2]), peak.kind)[window]
         rows = image * self.weight[(slice(None), *window)]
         size = np.sqrt((rows**2).sum(axis=(1, 2)))
         along = np.where(

@@ -154,8 +154,26 @@ def point_spread(model: AnchoredModel, point: Mapping[str, float], cause: Cause,
     return np.asarray(np.maximum(patch / total, 0.0))
 
 
-def taken_of(cause: Cause, found: Sequence[Mark], scene: Scene) -> tuple[Taken, dict[str, Any], dict[str, float]]:
-    """Return a cause with the places of its defects as it enters the joint fit, its settings, and where it starts.
+@dataclass(frozen=True)
+class Listed:
+    """A cause with the places that data showed, as it enters the joint fit.
+
+    Attributes
+    ----------
+    taken : Taken
+    settings : mapping
+        Of its effect: the places.
+    start : mapping of str to float
+        Where its free parameter starts.
+    """
+
+    taken: Taken
+    settings: Mapping[str, Any]
+    start: Mapping[str, float]
+
+
+def listed(cause: Cause, found: Sequence[Mark], scene: Scene) -> Listed:
+    """Return a cause with the places of its defects.
 
     Parameters
     ----------
@@ -177,9 +195,14 @@ def taken_of(cause: Cause, found: Sequence[Mark], scene: Scene) -> tuple[Taken, 
             _line(cause, found[0], scene) if effect.line is not None else _blob(cause, found[0], scene)
         )
         own = next(p for p in cause.parameters if p.name == f"{cause.id}:{name}")
-        start = float(np.clip(start, *own.bounds))
-    listed = Cause(replace(cause.candidate, parameters=(own,), starts=({own.name: start},)), cause.costly)
-    return Taken(listed, (own,)), settings, {own.name: start}
+    return placed(cause, own, settings, start)
+
+
+def placed(cause: Cause, own: Parameter, settings: Mapping[str, Any], start: float) -> Listed:
+    """Return a cause with settings from data, one parameter of which is free."""
+    point = {own.name: float(np.clip(start, *own.bounds))}
+    there = Cause(replace(cause.candidate, parameters=(own,), starts=(point,)), cause.costly)
+    return Listed(Taken(there, (own,)), settings, point)
 
 
 def _listed(marks: Marks, found: Sequence[Mark], scene: Scene) -> dict[str, Any]:

@@ -13,7 +13,7 @@ share of a pixel.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -25,14 +25,17 @@ from evanesce.inference.causes import Cause
 from evanesce.inference.constants import DETECTED
 from evanesce.inference.data import SATURATED_DN
 from evanesce.inference.explained import WIDER_PX, Explained, Scan, flattened
-from evanesce.inference.listing import behaviour_of, point_spread
+from evanesce.inference.listing import behaviour_of, listed, point_spread
 from evanesce.inference.model import AnchoredModel
+from evanesce.inference.row_waves import ripple_of
 from evanesce.prediction.views import BIN_PX
 
 Array = NDArray[Any]
 
 EDGE_PX = 0.2
 """By so much a predicted edge may be displaced in a view; a fit of the finger's place leaves less than a tenth."""
+NEAR = 3.0
+"""Standard deviations of noise."""
 NULLS = 24
 """Scans of noise; the largest of each follows Gumbel's law, whose two figures they give to a tenth."""
 MOST = 300
@@ -64,6 +67,17 @@ class MarkSearch:
         ----------
         point : mapping
         """
+        left, sd = self._left(point)
+        weight = 1.0 / sd
+        found = self._of_defects(point, left, weight)
+        by_cause, scene = found.by_cause, self.model.observation.scene
+        own = [listed(c, by_cause[c.id], scene) for c in self.causes if c.id in by_cause]
+        rippling = [ripple_of(self.model, c, left, weight) for c in self.causes if c.candidate.effect.bands]
+        ripples = [ripple for ripple in rippling if ripple is not None]
+        worth = {ripple.taken.id: value for ripple, value in ripples}
+        return replace(found, listed=(*own, *(ripple for ripple, _ in ripples)), ripples=worth)
+
+    def _of_defects(self, point: Mapping[str, float], left: Array, weight: Array) -> Scan:
         behaviours = {c.id: behaviour_of(self.model, point, c) for c in self.causes if c.candidate.effect.marks}
         behaviours = {name: b for name, b in behaviours.items() if np.any(b)}
         if not behaviours:
@@ -71,8 +85,6 @@ class MarkSearch:
         for cause in self.causes:
             if cause.id in behaviours and cause.id not in self._spread:
                 self._spread[cause.id] = point_spread(self.model, point, cause, behaviours[cause.id])
-        left, sd = self._left(point)
-        weight = 1.0 / sd
         rng = generator(0, "marks")
         atoms = atoms_of(self.causes, self._spread)
         nulls, scans = np.zeros(NULLS), []
@@ -89,7 +101,7 @@ class MarkSearch:
         # Gumbel's law by its mean and standard deviation.
         scale = float(np.std(nulls, ddof=1)) * np.sqrt(6.0) / np.pi
         threshold = float(np.mean(nulls)) - np.euler_gamma * scale - scale * np.log(-np.log1p(-DETECTED))
-        largest = max(r.largest(r.maps.product) for r in scans)
+        largest = max(r.largest() for r in scans)
         peaks = self._peaks(scans, threshold)
         return Scan(tuple(Explained(self.model, self.causes, point, left, weight).marks(peaks)), threshold, largest)
 
@@ -102,9 +114,10 @@ class MarkSearch:
             if not peaks or len(found) >= MOST:
                 break
             taken = np.zeros((rows, cols), bool)
-            for peak, responses in peaks:
-                if peak.z < STRONGEST * peaks[0][0].z:
+            for standing, responses in peaks:
+                if standing.z < STRONGEST * peaks[0][0].z:
                     break
+                peak = responses.refined(standing)
                 footprint = peak.atom.footprint(peak.row, peak.col, (rows, cols))
                 if not taken[footprint].any():
                     taken[footprint] = True
@@ -122,7 +135,8 @@ class MarkSearch:
         variance = BIN_PX**2 * data.noise.variance(measured, count)
         slope = np.hypot(np.gradient(frames, axis=1), np.gradient(frames, axis=2))
         sd = np.sqrt(variance + (EDGE_PX * slope) ** 2 + 1.0 / 12.0 / count)
-        sd[measured >= SATURATED_DN] = np.inf
+        # Near the end of the scale the quick prediction may be clipped where the frame is not.
+        sd[np.maximum(measured, frames) + NEAR * np.sqrt(variance) >= SATURATED_DN] = np.inf
         return (measured - frames).astype(np.float32), sd.astype(np.float32)
 
     def _noise_fields(self, wide: float, shape: tuple[int, ...], rng: np.random.Generator) -> Array:

@@ -21,7 +21,6 @@ from evanesce.inference.constants import DETECTED, FITTED, LEAST_SHARE, SUBSTITU
 from evanesce.inference.explained import Scan
 from evanesce.inference.gauss_newton import bounded_step
 from evanesce.inference.joint import Fitter, JointFit, taken_from
-from evanesce.inference.listing import taken_of
 from evanesce.inference.marks import MarkSearch
 from evanesce.inference.posterior import Further, Judge, Posterior
 from evanesce.inference.single_effects import NONE, UNKNOWN
@@ -161,20 +160,20 @@ class Search:
         self.tell("localised defects")
         self.scan = self.marks.scan(now.point)
         model, taken, start = self.fitter.model, list(now.taken), dict(now.point)
-        for cause in self.marks.causes:
-            found = self.scan.by_cause.get(cause.id, ())
-            if not found or cause.id in now.ids:
-                continue
-            own, settings, point = taken_of(cause, found, model.observation.scene)
-            model.list_defects(cause.id, settings)
-            taken.append(own)
-            start |= point
-            self.refused[cause.id] = "its places were found"
+        for found in self.scan.listed:
+            own = found.taken
+            self.refused[own.id] = "its places were found"
+            if own.id not in now.ids:
+                model.list_defects(own.id, found.settings)
+                taken.append(own)
+                start |= found.start
         if len(taken) == len(now.taken):
             return now
         better = self.fitter.relinearised(taken, start)
         for own in taken[len(now.taken) :]:
-            self._note("add", own.id, better, now, f"{len(self.scan.by_cause[own.id])} places stand out")
+            self._note(
+                "add", own.id, better, now, f"{max(len(self.scan.by_cause.get(own.id, ())), 1)} places stand out"
+            )
             self.tell(self._words(better))
         return self._grown(better)
 
@@ -273,7 +272,7 @@ class Search:
         Fitted are all of a place's credible set, and once those that come near by their forms.
         """
         for name, place in posterior.places.items():
-            if name not in now.ids or name in self.scan.by_cause:
+            if name not in now.ids or name in self.scan.places():
                 continue
             own = place.log_bayes.get(name, 0.0)
             near = sorted(place.log_bayes, key=lambda n: -place.log_bayes[n])

@@ -1,0 +1,150 @@
+"""The bands of a rippling light in frames read row by row: their frequency and phase, from what a model leaves.
+
+Rows tell the frequency to some hertz, frames that are minutes apart tell it to millihertz; other frequencies that agree
+at all frames' times do as well. Nothing but the data can say which, so they choose, and the choice is paid for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.inference.causes import Cause
+from evanesce.inference.listing import Listed, placed
+from evanesce.inference.model import AnchoredModel
+from evanesce.prediction.tone import expected_tone
+
+Array = NDArray[Any]
+
+RANGE_HZ = (40.0, 440.0)
+"""Of frequencies that are tried: one period over a frame's rows to ten; wider bands are slopes, narrower ones bins."""
+FINER = 4
+"""Trial frequencies for each that rows, and that the whole time, tell apart."""
+LEAST_SHARE = 0.02
+"""Of a ripple that an exposure must leave: a light that is averaged out cannot be seen, whatever it does."""
+MOVING = 0.3
+"""Least share of the bands' power that moves from frame to frame: with less they are a pattern that stands."""
+
+
+@dataclass(frozen=True)
+class Ripple:
+    """A ripple of the light.
+
+    Attributes
+    ----------
+    frequency_hz : float
+    phase_deg : float
+        Of the crest at time 0.
+    amplitude : float
+        Of the rows' light over its mean.
+    log_bayes : float
+        Over nothing, the choice of frequency and phase paid for [nats].
+    """
+
+    frequency_hz: float
+    phase_deg: float
+    amplitude: float
+    log_bayes: float
+
+
+def ripple_of(model: AnchoredModel, cause: Cause, left: Array, weight: Array) -> tuple[Listed, float] | None:
+    """Return a cause with the ripple that stands out and its log Bayes factor; None if there is none.
+
+    Parameters
+    ----------
+    model : AnchoredModel
+    cause : Cause
+        Of an effect that modulates rows.
+    left, weight : ndarray (open views, rows, cols)
+        Data less prediction [DN]; one over the standard deviation.
+    """
+    bands, scene, data = cause.candidate.effect.bands, model.observation.scene, model.data
+    assert bands is not None
+    views = [data.views[k] for k in data.open]
+    single = [n for n, view in enumerate(views) if view.touches and view.frames == 1]
+    if not single:
+        return None
+    measured = model.observation.images[list(data.open)][single]
+    light = expected_tone(scene.camera, data.scale).slope_by_light(measured) * weight[single]
+    exposure_s = scene.camera.exposure_ms * 1e-3
+    readout_s = getattr(cause.candidate.effect.parameters(), bands.readout) * 1e-3
+    found = brightest_ripple(
+        left[single] * weight[single],
+        light,
+        np.array([views[n].time_s for n in single]),
+        row_times(left.shape[1], readout_s),
+        lambda frequency_hz: abs(bands.share(frequency_hz, exposure_s)) > LEAST_SHARE,
+    )
+    if found is None:
+        return None
+    share = bands.share(found.frequency_hz, exposure_s)
+    phase = found.phase_deg if share > 0 else found.phase_deg + 180.0
+    settings = {bands.frequency: found.frequency_hz, bands.phase: (phase + 180.0) % 360.0 - 180.0}
+    own = next(p for p in cause.parameters if p.name == f"{cause.id}:{bands.amount}")
+    return placed(cause, own, settings, found.amplitude / abs(share)), found.log_bayes
+
+
+def row_times(rows: int, readout_s: float) -> Array:
+    """Return when each row is exposed, after the frame's middle one [s]."""
+    return np.asarray((np.arange(rows) - (rows - 1) / 2) / rows * readout_s)
+
+
+def brightest_ripple(
+    residual: Array, light: Array, times_s: Array, late_s: Array, possible: Callable[[float], bool] = lambda f: True
+) -> Ripple | None:
+    """Return the ripple that explains most, None where that is not worth its choice.
+
+    Parameters
+    ----------
+    residual, light : ndarray (frames, rows, cols)
+        Whitened; the second is what a rise of all light changes, per unit of its logarithm.
+    times_s : ndarray (frames,)
+    late_s : ndarray (rows,)
+        When a row is exposed, after its frame's time.
+    possible : callable
+        Whether a ripple of a frequency [Hz] could be seen at all.
+    """
+    product, weight = (np.einsum("vrc,vrc->vr", a, light, dtype=float) for a in (residual, light))
+    # Rows that are brighter in all frames alike are no ripple's, or of one whose rate nobody could tell from that.
+    product = product - weight * (product.sum(axis=0) / np.maximum(weight.sum(axis=0), 1e-300))
+    readout, span = float(np.ptp(late_s)), float(np.ptp(times_s))
+    coarse = np.arange(RANGE_HZ[0], RANGE_HZ[1], 1.0 / (FINER * readout))
+    # No finer than a frame's rows tell where there is no other frame.
+    step = 1.0 / (FINER * max(span, readout))
+    offsets = np.arange(0.0, coarse[1] - coarse[0], step)
+
+    def along(tried: Array, sums: Array, size: Array) -> tuple[Array, Array]:
+        """Return complex sums over all frames, and how large what moves from frame to frame can make them."""
+        turn = np.exp(-2j * np.pi * np.outer(tried, times_s))
+        moving = size.sum() - np.abs(turn @ size) ** 2 / max(float(size.sum()), 1e-300)
+        return turn @ sums, np.where(moving > MOVING * size.sum(), moving, np.inf)
+
+    best, at = 0.0, 0.0
+    for start in coarse:
+        tried = start + offsets
+        sums, moving = along(tried, *_sums(product, weight, late_s, start + 0.5 * offsets[-1]))
+        squares = 2.0 * np.abs(sums) ** 2 / moving
+        k = int(np.argmax(squares))
+        if squares[k] > best and possible(float(tried[k])):
+            best, at = float(squares[k]), float(tried[k])
+    (whole,), (size,) = along(np.array([at]), *_sums(product, weight, late_s, at))
+    square = float(2.0 * abs(whole) ** 2 / size)
+    # One frequency among those that can be told apart, and a phase that may as well have been another one.
+    number = (RANGE_HZ[1] - RANGE_HZ[0]) * max(span, readout)
+    worth = 0.5 * square - float(np.log(number) + 0.5 * np.log1p(square))
+    if worth <= 0.0:
+        return None
+    # The sums hold exp(-i phase) of a crest: cos(2 pi f t + phase) has the sum's own angle.
+    return Ripple(at, float(np.degrees(np.angle(whole))), float(2.0 * abs(whole) / size), worth)
+
+
+def _sums(product: Array, weight: Array, late_s: Array, frequency_hz: float) -> tuple[Array, Array]:
+    """Return each frame's complex sum (frames,) and twice what noise makes of its square, its mean light taken off."""
+    wave = np.exp(-2j * np.pi * frequency_hz * late_s)
+    total = np.maximum(weight.sum(axis=1, keepdims=True), 1e-300)
+    about = wave - (weight @ wave)[:, None] / total
+    return (product * about).sum(axis=1), (weight * np.abs(about) ** 2).sum(axis=1)

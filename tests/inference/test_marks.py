@@ -120,7 +120,7 @@ def test_a_scratch_is_one_line(seen: Any) -> None:
         return out
 
     scan = planted(seen, add)
-    best = max(scan.marks, key=lambda m: m.z)
+    (best,) = scan.marks
     assert best.atom.kind == "line"
     assert best.atom.size_px == pytest.approx(length, rel=0.15)
     assert best.cause == "scratch"

@@ -116,25 +116,26 @@ class Explained:
         cost = [float(np.log(r.trials)) for r in responses]
         bayes: list[dict[str, float]] = [{} for _ in peaks]
         amounts: dict[str, Array] = {}
-        images: dict[str, Array] = {}
+        changes: dict[str, Array] = {}
         for cause in self.causes:
             kind = peaks[0].atom.causes.get(cause.id)
             if kind is None:
                 continue
             start = np.array([p.amounts[kind] for p in peaks])
-            amounts[cause.id], each, images[cause.id] = self._by_cause(cause, peaks, windows, start, whitened, wide)
+            amounts[cause.id], each, changes[cause.id] = self._by_cause(cause, peaks, windows, start, whitened, wide)
             for own, value, paid in zip(bayes, each, cost, strict=True):
                 own[cause.id] = value - paid
         for own, peak, window, paid in zip(bayes, peaks, windows, cost, strict=True):
             best = max(own, key=lambda name: own[name], default=None)
             # The same form for all, so that behaviour from view to view alone decides.
             known = best is not None and np.isfinite(own[best])
-            image = images[best] if best is not None and known else self._image(peak)
-            own[UNKNOWN] = self._unknown(image[window], window, whitened) - paid
+            change = changes[best] if best is not None and known else np.zeros_like(whitened)
+            own[UNKNOWN] = self._unknown(peak, change, window, whitened) - paid
         chosen = _assigned(bayes)
         return [
             Mark(name, p.atom, p.row, p.col, 0.0 if name == UNKNOWN else float(amounts[name][k]), p.z, bayes[k])
             for k, (name, p) in enumerate(zip(chosen, peaks, strict=True))
+            if bayes[k][name] > 0.0
         ]
 
     def _by_cause(
@@ -146,10 +147,10 @@ class Explained:
         whitened: Array,
         wide: float,
     ) -> tuple[Array, list[float], Array]:
-        """Return amounts (peaks,), log Bayes factors over nothing, and what it looks like (rows, cols)."""
+        """Return amounts (peaks,), log Bayes factors over nothing, and whitened changes (views, rows, cols)."""
         amounts = np.where(start > 0, start, 0.0)
         if not np.any(amounts):
-            return amounts, [-np.inf] * len(peaks), np.zeros(whitened.shape[1:])
+            return amounts, [-np.inf] * len(peaks), np.zeros_like(whitened)
         for number in range(AMOUNTS + 1):
             change = self._change(cause, peaks, amounts)
             change = flattened(change, self.weight, wide) * self.weight
@@ -164,7 +165,7 @@ class Explained:
         for k, window in enumerate(windows):
             own, data = change[(slice(None), *window)], whitened[(slice(None), *window)]
             found.append(_log_bayes(own, data) if amounts[k] > 0 else -np.inf)
-        return amounts, found, (change / np.maximum(self.weight, 1e-12)).sum(axis=0)
+        return amounts, found, change
 
     def _change(self, cause: Cause, peaks: Sequence[Peak], amounts: Array) -> Array:
         """Return what a list of defects changes in the open views (views, rows, cols) [DN]."""
@@ -185,12 +186,14 @@ class Explained:
             model.coarse.fixed = kept
         return np.array(after, np.float32) - np.array(base, np.float32)
 
-    def _image(self, peak: Peak) -> Array:
-        return peak.atom.image(peak.row, peak.col, (self.left.shape[1], self.left.shape[2]), peak.kind)
+    def _unknown(self, peak: Peak, change: Array, window: tuple[slice, slice], whitened: Array) -> float:
+        """Return the log Bayes factor of an amplitude of its own in each view, all of one random size.
 
-    def _unknown(self, image: Array, window: tuple[slice, slice], whitened: Array) -> float:
-        """Return the log Bayes factor of an amplitude of its own in each view, all of one random size."""
-        rows = image * self.weight[(slice(None), *window)]
+        The form is that of a cause's change (views, rows, cols), or the atom's where that shows nothing.
+        """
+        image = peak.atom.image(peak.row, peak.col, (self.left.shape[1], self.left.shape[2]), peak.kind)[window]
+        rows, own = image * self.weight[(slice(None), *window)], change[(slice(None), *window)]
+        rows = np.where((own**2).sum(axis=(1, 2), keepdims=True) > 1.0, own, rows)
         size = np.sqrt((rows**2).sum(axis=(1, 2)))
         along = np.where(
             size > 0, (rows * whitened[(slice(None), *window)]).sum(axis=(1, 2)) / np.where(size > 0, size, 1.0), 0.0

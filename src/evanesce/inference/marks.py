@@ -16,6 +16,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -41,6 +42,8 @@ NULLS = 24
 MOST = 300
 """Defects of a list; the strongest."""
 ROUNDS = 8
+SHADOW, LEAST_NEAR = 0.1, 1e-4
+"""What taking off smooth misfit makes about a defect is less than this share of it; how far that reaches."""
 STRONGEST = 0.5
 """Defects of one round have at least this share of the largest: weaker ones may be the tails of stronger ones."""
 
@@ -109,6 +112,7 @@ class MarkSearch:
         """Return what stands out, the largest first; what has been taken is hidden, and the rest sought again."""
         found: list[tuple[Peak, Responses]] = []
         rows, cols = scans[0].maps.product.shape[1:]
+        shadow = np.zeros((rows, cols))
         for _ in range(ROUNDS):
             peaks = sorted(((p, r) for r in scans for p in r.peaks(threshold)), key=lambda pair: -pair[0].z)
             if not peaks or len(found) >= MOST:
@@ -121,7 +125,10 @@ class MarkSearch:
                 footprint = peak.atom.footprint(peak.row, peak.col, (rows, cols))
                 if not taken[footprint].any():
                     taken[footprint] = True
-                    found.append((peak, responses))
+                    if peak.z > shadow[footprint].max():
+                        found.append((peak, responses))
+                    near = cv2.GaussianBlur(footprint.astype(np.float32), (0, 0), WIDER_PX) > LEAST_NEAR
+                    shadow[near] = np.maximum(shadow[near], SHADOW * peak.z)
             for responses in scans:
                 responses.hide(taken)
         return found[:MOST]

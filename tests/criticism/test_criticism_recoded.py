@@ -11,7 +11,7 @@ from evanesce.criticism.codec import codec_parameters, noise_by_bins
 from evanesce.criticism.isolability import nuisance_words
 from evanesce.criticism.numerics import numerics_parameters
 from evanesce.criticism.problem import fit
-from evanesce.criticism.recoded import Codec, Recoded, Shooting, codec_of, recoded
+from evanesce.prediction.recoded import Codec, Recoded, Shooting, codec_of, recoded
 from evanesce.criticism.residuals import noise_draws
 from evanesce.criticism.score import score_test
 from evanesce.prediction.nuisance import nuisance_parameters

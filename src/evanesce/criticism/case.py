@@ -17,7 +17,6 @@ from evanesce.criticism.likeness import Likeness, likeness_of
 from evanesce.criticism.marks import with_places, without_places
 from evanesce.criticism.numerics import edge_template, leftover_variance, numerics_parameters, quick_variance
 from evanesce.criticism.problem import Fit, Problem, derivatives, fit, predicted_part, stepped
-from evanesce.criticism.recoded import Codec, Shooting, codec_of, recoded
 from evanesce.prediction.candidates import Candidate, candidates_of
 from evanesce.prediction.fine import FineFrames
 from evanesce.prediction.frozen import FROZEN
@@ -27,6 +26,7 @@ from evanesce.prediction.nuisance import nuisance_parameters
 from evanesce.prediction.observe import Observation, model_factor
 from evanesce.prediction.parameters import Parameter, derivative
 from evanesce.prediction.predict import Point, Predictor
+from evanesce.prediction.recoded import Codec, Shooting, codec_of, recoded
 from evanesce.prediction.tone import expected_tone
 
 Array = NDArray[Any]

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.criticism.recoded import Recoded
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.noise import Noise
 from evanesce.prediction.parameters import Parameter, derivative, moved, value_of
 from evanesce.prediction.predict import Point, Predictor
+from evanesce.prediction.recoded import Recoded
 from evanesce.prediction.views import View
 
 Array = NDArray[Any]

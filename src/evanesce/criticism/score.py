@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from evanesce.criticism.problem import Fit, Problem
-from evanesce.criticism.recoded import Recoded
 from evanesce.criticism.signatures import Signature, visible
 from evanesce.prediction.frozen import FROZEN
 from evanesce.prediction.linear import Metric, Score, score
 from evanesce.prediction.noise import SHIFT_BINS
 from evanesce.prediction.parameters import value_of
+from evanesce.prediction.recoded import Recoded
 
 Array = NDArray[Any]
 

@@ -11,6 +11,7 @@ from evanesce.bundle.bundle import Bundle
 from evanesce.core.errors import InputError
 from evanesce.inference.answer import answer, named_causes
 from evanesce.inference.causes import Cause, causes_of
+from evanesce.inference.codec import filmed, with_roughness
 from evanesce.inference.consequence import AreaReader
 from evanesce.inference.data import DataVector, data_vector
 from evanesce.inference.discrepancy import Discrepancy
@@ -25,7 +26,7 @@ from evanesce.inference.posterior import DEFECTS, Judge
 from evanesce.inference.search import Search, everything_marginalised
 from evanesce.inference.shapes import FormBank, Forms
 from evanesce.inference.unknown import left_of
-from evanesce.prediction.observe import observe, require_monochrome
+from evanesce.prediction.observe import Observation, observe, require_monochrome
 from evanesce.prediction.views import BIN_PX
 
 Tell = Callable[[str], None]
@@ -58,18 +59,8 @@ def criticise_jointly(bundle: Bundle, *, tell: Tell = lambda line: None, exclude
     """
     began = time.monotonic()
     _require_frames(bundle)
-    observation = observe(bundle)
-    data = data_vector(observation)
-    model = AnchoredModel(observation, data)
-    tell("first look: board, field of view, contact, level")
-    gate = gate_of(observation, model.coarse)
-    for line in gate.lines:
-        tell(f"{line.name}: measured {line.measured:.4g}, predicted {line.predicted:.4g} {line.unit}".rstrip())
-    if gate.gross:
-        raise GrossDifference(gate)
-    fitter = Fitter(model)
-    tell("nominal model and its nuisances")
-    base = fitter.relinearised([], gate.start)
+    start = started(bundle, tell)
+    observation, model, gate, fitter, base = start.observation, start.model, start.gate, start.fitter, start.base
     causes, left_out = causes_of(observation, exclude)
     areas, discrepancy = AreaReader(model), Discrepancy(model)
     bank = FormBank(model.coarse, _place(gate.start), tell)
@@ -84,7 +75,7 @@ def criticise_jointly(bundle: Bundle, *, tell: Tell = lambda line: None, exclude
     gain = held_out(model, areas, base, best)
     rest = everything_marginalised(best)[0].project(best.residual)
     scale = observation.scene.camera.scale_px_per_mm
-    left = left_of(data, rest, bank.seen.by_light, BIN_PX / scale)
+    left = left_of(model.data, rest, bank.seen.by_light, BIN_PX / scale)
     advice = None
     judged = {
         name: place for name, place in posterior.places.items() if name not in search.scan.places() and name != DEFECTS
@@ -97,6 +88,61 @@ def criticise_jointly(bundle: Bundle, *, tell: Tell = lambda line: None, exclude
     seconds = time.monotonic() - began
     result, scene = answer(model, search, gate, best, posterior, named, left, gain, advice, left_out, seconds)
     return Criticism(result, scene, pictures_of(model, base, best, left))
+
+
+@dataclass(frozen=True)
+class Start:
+    """The nominal rig's own fit, from which causes are sought.
+
+    Attributes
+    ----------
+    observation : Observation
+    model : AnchoredModel
+        Anchored about the fit.
+    gate : Gate
+    fitter : Fitter
+    base : JointFit
+    """
+
+    observation: Observation
+    model: AnchoredModel
+    gate: Gate
+    fitter: Fitter
+    base: JointFit
+
+
+def started(bundle: Bundle, tell: Tell = lambda line: None) -> Start:
+    """Return the nominal fit of a bundle, with what a codec makes of it where the noise gives one away.
+
+    Parameters
+    ----------
+    bundle : Bundle
+    tell : callable
+
+    Raises
+    ------
+    GrossDifference
+        If another rig was measured than the scene's.
+    """
+    observation = observe(bundle)
+    model = AnchoredModel(observation, data_vector(observation))
+    tell("first look: board, field of view, contact, level")
+    gate = gate_of(observation, model.coarse)
+    for line in gate.lines:
+        tell(f"{line.name}: measured {line.measured:.4g}, predicted {line.predicted:.4g} {line.unit}".rstrip())
+    if gate.gross:
+        raise GrossDifference(gate)
+    fitter = Fitter(model)
+    tell("nominal model and its nuisances")
+    base = fitter.relinearised([], gate.start)
+    film = filmed(model, base.point)
+    if film is not None:
+        tell(f"frames came through a codec like {film.codec}")
+        model = AnchoredModel(observation, with_roughness(model.data, base.residual))
+        model.codec_bias, model.codec_rows = film.bias, film.rows(model.data)
+        fitter = Fitter(model)
+        base = fitter.relinearised([], base.point)
+    return Start(observation, model, gate, fitter, base)
 
 
 def shapes_of(bundle: Bundle, *, tell: Tell = lambda line: None) -> tuple[list[Forms], DataVector]:

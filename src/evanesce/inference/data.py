@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from evanesce.inference.constants import STEP_SHARE
 from evanesce.prediction.frozen import FROZEN
 from evanesce.prediction.noise import Noise, noise_of
+from evanesce.prediction.noise_scale import noise_scale_of
 from evanesce.prediction.observe import Observation
 from evanesce.prediction.tone import ExpectedTone, expected_tone
 from evanesce.prediction.views import View
@@ -136,6 +137,10 @@ def lit_noise_scale(observation: Observation) -> tuple[float, float]:
     observation : Observation
     """
     known = FROZEN.noise
+    size = noise_scale_of(observation.believed.camera, observation.scatter)
+    if size.codec:
+        # What scatter a codec left says nothing of the noise before the tone curve.
+        return size.value, size.deviation
     parts = list(observation.scatter.values())
     if not parts:
         return 1.0, known["scale_loose"]

@@ -76,7 +76,7 @@ def held_out(model: AnchoredModel, areas: AreaReader, base: JointFit, best: Join
         frames = {k: frame for k, frame in zip(views, model.frames(fitted.point, views), strict=True)}
         cube = np.full_like(data.cube, np.nan)
         for k, frame in frames.items():
-            cube[k] = binned(frame)
+            cube[k] = binned(frame) + model.codec_bias[k]
         errors.append(rmse(data.cube[views], cube[views]))
         left = _standardised(model, fitted.point, cube, views)
         scores.append(log_scores(left, data.valid[views]))

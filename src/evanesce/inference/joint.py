@@ -194,7 +194,8 @@ class Fitter:
     def jitter_metric(self, point: Mapping[str, float]) -> Metric:
         """Return the inner product with the light and load of single views marginalised."""
         rows = np.array([self.model.derivative(point, p) for p in self.jitter])
-        return Metric.of(rows, np.array([p.deviation for p in self.jitter]))
+        deviations = [p.deviation for p in self.jitter] + [1.0] * len(self.model.codec_rows)
+        return Metric.of(np.concatenate([rows, self.model.codec_rows]), np.array(deviations))
 
 
 def taken_from(entry: Entry) -> Taken:

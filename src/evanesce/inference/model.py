@@ -49,6 +49,10 @@ class AnchoredModel:
         self.coarse = Predictor(observation.scene, data.views, noise_scale=data.scale)
         self.fixed: dict[str, Mapping[str, Any]] = {}
         """Settings of effects that list defects: places that data showed."""
+        self.codec_bias = np.zeros_like(data.cube)
+        """Mean change by a codec (views, rows, cols) [DN]."""
+        self.codec_rows = np.zeros((0, int(data.valid[list(data.open)].sum())), np.float32)
+        """What that may be off by: whitened rows (k, bins) of its covariance."""
         self.discretisation = np.zeros_like(data.cube)
         """What extrapolation to finer pixels added at the anchor (views, rows, cols) [DN]."""
         self._cards: tuple[Array, Array] | None = None
@@ -90,6 +94,7 @@ class AnchoredModel:
             if self._cards is None or np.abs(coarse[cards] - self._cards[0]).max() > CARD_STAYS_DN:
                 self._cards = coarse[cards], self.fine_cube(point, cards) - coarse[cards]
             correction[cards] = self._cards[1]
+        correction += self.codec_bias
         self.coarse.correction = correction
         return np.asarray(coarse + correction)
 

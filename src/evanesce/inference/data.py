@@ -88,7 +88,8 @@ class DataVector:
         """Return whitened bins as a cube (chosen views, rows, cols) of whitened values, 0 where not valid."""
         chosen = list(self.open if views is None else views)
         cube = np.zeros((len(chosen), *self.cube.shape[1:]))
-        cube[self.valid[chosen]] = row
+        # Rows of series, where there are any, follow those of the bins.
+        cube[self.valid[chosen]] = row[: int(self.valid[chosen].sum())]
         return cube
 
     @property

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.inference.data import DataVector
 from evanesce.prediction.fine import FINE_PX, FineFrames
+from evanesce.prediction.nuisance import nuisance_parameters
 from evanesce.prediction.observe import Observation, model_factor
 from evanesce.prediction.parameters import Parameter, derivative
 from evanesce.prediction.predict import Predictor
@@ -26,6 +27,39 @@ ORDER = 2.4
 CARD_STAYS_DN = 4.0
 """Change of a calibration target's bins up to which what the fine model adds to them is kept: their ink is sharp, and
 evaluating it takes as long as all presses."""
+
+
+class Model(Protocol):
+    """What a joint fit asks of a prediction, whatever the data are.
+
+    Attributes
+    ----------
+    observation : Observation
+    data : object
+        What is compared.
+    factor : int
+        Real pixels along each of the model camera's.
+    """
+
+    observation: Observation
+    data: Any
+    factor: int
+
+    @property
+    def observed(self) -> Array:
+        """Whitened data (d,)."""
+
+    def nuisances(self) -> tuple[Parameter, ...]:
+        """Return what every fit varies."""
+
+    def anchor(self, point: Point) -> Array:
+        """Evaluate the fine model at a point, from where on changes are counted."""
+
+    def vector(self, point: Point) -> Array:
+        """Return the whitened prediction (d,)."""
+
+    def derivative(self, point: Point, parameter: Parameter) -> Array:
+        """Return its derivative (d,) by a parameter."""
 
 
 class AnchoredModel:
@@ -49,6 +83,17 @@ class AnchoredModel:
         self.discretisation = np.zeros_like(data.cube)
         """What extrapolation to finer pixels added at the anchor (views, rows, cols) [DN]."""
         self._cards: tuple[Array, Array] | None = None
+
+    @property
+    def observed(self) -> Array:
+        """Whitened bins (bins,) of the open views."""
+        return self.data.whitened(self.data.cube)
+
+    def nuisances(self) -> tuple[Parameter, ...]:
+        """Return the nuisances that touch any open view."""
+        data = self.data
+        every = nuisance_parameters(data.views, data.noise.flicker, data.scale_deviation)
+        return tuple(p for p in every if p.views is None or set(p.views) & set(data.open))
 
     def anchor(self, point: Point) -> Array:
         """Evaluate the fine model at a point, from where on changes are counted; return its bins (views, rows, cols).

@@ -89,7 +89,10 @@ def criticise_jointly(bundle: Bundle, *, tell: Tell = lambda line: None, exclude
         place = posterior.places.get(doubt, posterior.further)
         advice = next_shot(model, bank, causes, place, judge.weights(best, doubt, search.unknown))
     seconds = time.monotonic() - began
-    result, scene = answer(model, search, gate, best, posterior, named, left, gain, advice, left_out, seconds)
+    known = data.noise.measured
+    result, scene = answer(
+        model, search, gate, best, posterior, named, left, gain, advice, left_out, seconds, replicates=known
+    )
     return Criticism(result, scene, pictures_of(model, base, best, left))
 
 

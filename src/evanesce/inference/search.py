@@ -90,12 +90,16 @@ class Search:
     judge : Judge
     tell : callable
         Told each move and the time left.
+    entered, fitted : int
+        Causes that are entered for each reason in each round, and fitted: see TRIED and FITTED.
     """
 
     fitter: Fitter
     causes: Sequence[Cause]
     judge: Judge
     tell: Tell = lambda line: None
+    entered: int = TRIED
+    fitted: int = FITTED
     steps: list[Step] = field(default_factory=list)
     refused: dict[str, str] = field(default_factory=dict)
     first: float = 0.0
@@ -153,11 +157,11 @@ class Search:
         wanted: list[str] = []
         for bayes in (asked.by_misfit.log_bayes, place.log_bayes):
             ranked = [n for n in sorted(bayes, key=lambda n: -bayes[n]) if n != UNKNOWN and n not in self.refused]
-            wanted += [n for n in ranked[:TRIED] if n not in wanted]
+            wanted += [n for n in ranked[: self.entered] if n not in wanted]
         metric, believed = everything_marginalised(now)
         entered = [e for e in (self._entered(now, name, metric, believed) for name in wanted) if e is not None]
         entered.sort(key=lambda e: -e.removed)
-        tried = [t for t in (self._tried(now, e, metric, believed) for e in entered[:FITTED]) if t is not None]
+        tried = [t for t in (self._tried(now, e, metric, believed) for e in entered[: self.fitted]) if t is not None]
         unknown = place.log_bayes.get(UNKNOWN, 0.0)
         for fitted in sorted(tried, key=lambda t: t.misfit):
             cause = fitted.taken[-1].id

@@ -13,7 +13,6 @@ from evanesce.inference.answer import answer, named_causes
 from evanesce.inference.causes import Cause, causes_of
 from evanesce.inference.consequence import AreaReader
 from evanesce.inference.data import DataVector, data_vector
-from evanesce.inference.discrepancy import Discrepancy
 from evanesce.inference.gain import held_out
 from evanesce.inference.gate import Gate, GrossDifference, gate_of
 from evanesce.inference.joint import Fitter, JointFit
@@ -22,6 +21,7 @@ from evanesce.inference.next_shot import doubtful, next_shot
 from evanesce.inference.pictures import Pictures, pictures_of
 from evanesce.inference.posterior import Judge
 from evanesce.inference.search import Search, everything_marginalised
+from evanesce.inference.series.beside import bank_of, discrepancy_of, with_series
 from evanesce.inference.shapes import FormBank, Forms
 from evanesce.inference.unknown import left_of
 from evanesce.prediction.observe import observe, require_monochrome
@@ -59,7 +59,7 @@ def criticise_jointly(bundle: Bundle, *, tell: Tell = lambda line: None, exclude
     _require_frames(bundle)
     observation = observe(bundle)
     data = data_vector(observation)
-    model = AnchoredModel(observation, data)
+    model = with_series(observation, data, bundle)
     tell("first look: board, field of view, contact, level")
     gate = gate_of(observation, model.coarse)
     for line in gate.lines:
@@ -70,8 +70,8 @@ def criticise_jointly(bundle: Bundle, *, tell: Tell = lambda line: None, exclude
     tell("nominal model and its nuisances")
     base = fitter.relinearised([], gate.start)
     causes, left_out = causes_of(observation, exclude)
-    areas, discrepancy = AreaReader(model), Discrepancy(model)
-    bank = FormBank(model.coarse, _place(gate.start), tell)
+    areas, discrepancy = AreaReader(model), discrepancy_of(model)
+    bank = bank_of(model, _place(gate.start), tell)
     judge = Judge(fitter, causes, bank, discrepancy)
     search = Search(fitter, causes, judge, tell)
     best, posterior = search.run(base)
@@ -121,15 +121,15 @@ def nominal_judge(bundle: Bundle, *, tell: Tell = lambda line: None) -> tuple[Ju
     model, gate, causes = _nominal(bundle)
     fitter = Fitter(model)
     base = fitter.relinearised([], gate.start)
-    bank = FormBank(model.coarse, _place(gate.start), tell)
-    return Judge(fitter, causes, bank, Discrepancy(model)), base
+    bank = bank_of(model, _place(gate.start), tell)
+    return Judge(fitter, causes, bank, discrepancy_of(model)), base
 
 
 def _nominal(bundle: Bundle) -> tuple[AnchoredModel, Gate, tuple[Cause, ...]]:
     """Return the nominal rig's model, its first look, and the causes that its data can be asked for."""
     _require_frames(bundle)
     observation = observe(bundle)
-    model = AnchoredModel(observation, data_vector(observation))
+    model = with_series(observation, data_vector(observation), bundle)
     return model, gate_of(observation, model.coarse), causes_of(observation)[0]
 
 

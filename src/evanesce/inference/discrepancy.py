@@ -103,8 +103,11 @@ class Discrepancy:
 
     def every_row(self, fitted: JointFit) -> Array:
         """Return the rows (k, bins), with that of what extrapolation to finer pixels added at the anchor."""
-        extrapolated = self.model.data.whitened(self.model.discretisation)[None] * EXTRAPOLATED
-        return np.concatenate([self.rows(fitted), extrapolated])
+        return np.concatenate([self.rows(fitted), self.extrapolated()])
+
+    def extrapolated(self) -> Array:
+        """Return the row (1, bins) of what extrapolation to finer pixels added at the anchor."""
+        return np.asarray(self.model.data.whitened(self.model.discretisation)[None] * EXTRAPOLATED)
 
     def _share(self, fine: Array, whole: Array, without: Mapping[str, float], change: Array) -> float:
         """Return the relative difference of a cause's change between the fine and the coarse model."""

@@ -119,11 +119,15 @@ class Search:
         self.first = base.misfit
         now = self._grown(base)
         while True:
-            posterior, compared = self.judge.posterior(now, self.unknown, self._behind), len(self._behind)
+            posterior, compared = self.posterior(now), len(self._behind)
             moved = self._dropped(now, posterior) or self._exchanged(now, posterior)
             if len(self.steps) >= MOVES or (moved is None and len(self._behind) == compared):
                 return now, posterior
             now = now if moved is None else self._grown(moved)
+
+    def posterior(self, now: JointFit) -> Posterior:
+        """Return the probabilities of all causes at a joint fit, about which the model is anchored."""
+        return self.judge.posterior(now, self.unknown, self._behind)
 
     def share(self, misfit: float) -> float:
         """Return a misfit over what there was to explain."""

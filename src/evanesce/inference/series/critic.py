@@ -19,7 +19,6 @@ from evanesce.inference.answer import answer, named_causes, scaled, widened_cova
 from evanesce.inference.causes import Cause, causes_of
 from evanesce.inference.consequence import NINETY, AreaReader
 from evanesce.inference.constants import FAR, LEFT
-from evanesce.inference.critic import FURTHER
 from evanesce.inference.gate import Gate
 from evanesce.inference.joint import Fitter, JointFit
 from evanesce.inference.next_shot import advice_of, doubtful, entropy, entropy_left, rivals
@@ -27,6 +26,7 @@ from evanesce.inference.posterior import Judge, Posterior
 from evanesce.inference.search import Search, everything_marginalised
 from evanesce.inference.series.model import SeriesBank, SeriesDiscrepancy, SeriesModel
 from evanesce.inference.series.rows import ASSUMED_SIGMA, Rows, rows_of
+from evanesce.inference.series.search import SeriesSearch
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.observe import Observation, model_scene
 
@@ -43,6 +43,7 @@ MENU: Sequence[tuple[str, float, str, str, Mapping[str, float], Array]] = (
 """Further series that a lab could take: what, minutes, abscissa, ordinate, what is held, values."""
 FITTED_HERE = 6
 """Causes that are fitted in each round, of all that are entered: a fit of some rows takes seconds."""
+FURTHER = "a further cause"
 UNITS = {"force": "N", "displacement": "mm", "voltage": "V", "time": "s", "area": "mm2"}
 
 
@@ -122,7 +123,7 @@ def criticise_series(
     bank, discrepancy, areas = SeriesBank(model, tell), SeriesDiscrepancy(model), SeriesAreas(model)
     judge = Judge(fitter, causes, bank, discrepancy, reach=FAR)
     silent = {c.id: "moves none of these series" for c in causes if c.id not in judge.known}
-    search = Search(fitter, causes, judge, tell, entered=len(causes), fitted=FITTED_HERE)
+    search = SeriesSearch(fitter, causes, judge, tell, entered=len(causes), fitted=FITTED_HERE)
     best, posterior = search.run(base)
     tell("consequences and held-out rows")
     model.anchor(best.point)
@@ -344,14 +345,14 @@ def _shown(model: SeriesModel, held: Rows, base: JointFit, best: JointFit, covar
         nominal, extended = (np.exp(whole.anchor(fitted.point)) for fitted in (base, best))
         slopes = np.array([whole.derivative(best.point, p) for p in best.parameters]).reshape(-1, x.size) * data.sd
         spread = NINETY * np.sqrt(np.einsum("kn,kl,ln->n", slopes, covariance, slopes))
-        locked = np.arange(x.size) >= len(one)
+        locked, order = np.arange(x.size) >= len(one), np.argsort(x)
         held_words = ", ".join(f"{k.partition('_')[0]} {v:g}" for k, v in one.held.items())
         curves.append(
             Curve(
                 one.name + (f" ({held_words})" if held_words else ""), f"{one.x_name} [{one.x_unit}]",
-                f"{one.y_name} [{one.y_unit}]",
-                *(a[np.argsort(x)] for a in (x, y, data.sd * y, nominal, extended)),
-                *((extended * np.exp(side * spread))[np.argsort(x)] for side in (-1.0, 1.0)), locked[np.argsort(x)],
+                f"{one.y_name} [{one.y_unit}]", x[order], y[order], (data.sd * y)[order], nominal[order],
+                extended[order], (extended * np.exp(-spread))[order], (extended * np.exp(spread))[order],
+                locked[order],
             )
         )  # fmt: skip
     return tuple(curves)

@@ -30,7 +30,7 @@ Point = Mapping[str, float]
 Tell = Callable[[str], None]
 
 READING_SHARE = 0.1
-"""Of what larger pixels read wrongly about the anchor: as much may be left of it where a fit has moved to."""
+"""Of what larger pixels read wrongly of the nominal rig: as much may be left of it where a fit has moved to."""
 ZERO_MM = 0.02
 """Standard deviation of the place of first contact, from which displacement counts: a load cell that tells a few mN
 knows it to so much."""
@@ -51,13 +51,15 @@ class SeriesModel:
     """
 
     def __init__(self, observation: Observation, data: Rows) -> None:
-        self.observation, self.data = observation, data
+        self.observation = observation
         self.factor = model_factor(observation.believed)
         self.coarse = SeriesPredictor(observation.believed)
         self.finest = SeriesPredictor(observation.believed, fine=True)
         self.correction: Array = np.zeros(data.sd.size)
-        self._own = self.nuisances()
-        self._names = {p.name for p in self._own}
+        self.data = data
+        self._names = {p.name for p in self.nuisances()}
+        self.anchor({})
+        self.data = data.widened(READING_SHARE * np.abs(self.correction))
 
     @property
     def observed(self) -> Array:
@@ -187,7 +189,7 @@ class SeriesBank:
 
 
 class SeriesDiscrepancy:
-    """Rows of the discrepancy: the nominal light, each cause's own change, and what fine frames have put right.
+    """Rows of the discrepancy: of the nominal light, and of each cause's own change.
 
     Parameters
     ----------
@@ -210,7 +212,7 @@ class SeriesDiscrepancy:
             except InputError:
                 continue
         tied = [smooth * change / np.sqrt(WAVES) for change in changes]
-        return np.concatenate([*tied, np.diag(READING_SHARE * np.abs(model.correction) / data.sd)])
+        return np.concatenate([np.zeros((0, data.sd.size)), *tied])
 
 
 def cosines(data: Rows, count: int, *, normed: bool = False) -> Array:

@@ -62,6 +62,10 @@ class Rows:
         log_y = np.log(np.concatenate([np.ones(0), *y]))
         return cls(tuple(series), log_y, np.concatenate([np.zeros(0), *sd]), assumed)
 
+    def widened(self, spread: Array) -> Rows:
+        """Return rows with a further standard deviation (rows,) of the logarithm: what a prediction may be off by."""
+        return replace(self, sd=np.hypot(self.sd, spread))
+
     @property
     def parts(self) -> tuple[slice, ...]:
         """Where each series stands."""

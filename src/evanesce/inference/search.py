@@ -90,15 +90,14 @@ class Search:
     judge : Judge
     tell : callable
         Told each move and the time left.
-    entered, fitted : int
-        Causes that are entered for each reason in each round, and fitted: see TRIED and FITTED.
+    fitted : int
+        Causes that are fitted in each round, of those that are entered.
     """
 
     fitter: Fitter
     causes: Sequence[Cause]
     judge: Judge
     tell: Tell = lambda line: None
-    entered: int = TRIED
     fitted: int = FITTED
     steps: list[Step] = field(default_factory=list)
     refused: dict[str, str] = field(default_factory=dict)
@@ -161,7 +160,7 @@ class Search:
         wanted: list[str] = []
         for bayes in (asked.by_misfit.log_bayes, place.log_bayes):
             ranked = [n for n in sorted(bayes, key=lambda n: -bayes[n]) if n != UNKNOWN and n not in self.refused]
-            wanted += [n for n in ranked[: self.entered] if n not in wanted]
+            wanted += [n for n in self._worth_entering(ranked) if n not in wanted]
         metric, believed = everything_marginalised(now)
         entered = [e for e in (self._entered(now, name, metric, believed) for name in wanted) if e is not None]
         entered.sort(key=lambda e: -e.removed)
@@ -183,6 +182,10 @@ class Search:
             self.refused[cause] = f"brings {0.5 * removed:.1f} nats at the fine model's optimum"
             self.fitter.model.anchor(now.point)
         return None
+
+    def _worth_entering(self, ranked: Sequence[str]) -> Sequence[str]:
+        """Return which causes of a list, the likeliest first, are entered."""
+        return ranked[:TRIED]
 
     def _occam(self, tried: int) -> float:
         """Return what a fitted cause must bring [nats]: the choice among all causes, and its own strength."""

@@ -25,6 +25,7 @@ from evanesce.inference.next_shot import advice_of, doubtful, entropy, entropy_l
 from evanesce.inference.posterior import Judge, Posterior
 from evanesce.inference.search import Search, everything_marginalised
 from evanesce.inference.series.model import SeriesBank, SeriesDiscrepancy, SeriesModel
+from evanesce.inference.series.picture import Curve
 from evanesce.inference.series.rows import ASSUMED_SIGMA, Rows, rows_of
 from evanesce.inference.series.search import SeriesSearch
 from evanesce.prediction.linear import Metric
@@ -45,31 +46,6 @@ FITTED_HERE = 6
 """Causes that are fitted in each round, of all that are entered: a fit of some rows takes seconds."""
 FURTHER = "a further cause"
 UNITS = {"force": "N", "displacement": "mm", "voltage": "V", "time": "s", "area": "mm2"}
-
-
-@dataclass(frozen=True)
-class Curve:
-    """One series for the page.
-
-    Attributes
-    ----------
-    title, x_label, y_label : str
-    x, measured, sd, nominal, extended, low, high : ndarray (n,)
-        In the series' units; a 90 % interval of the extended model.
-    held_out : ndarray of bool (n,)
-    """
-
-    title: str
-    x_label: str
-    y_label: str
-    x: Array
-    measured: Array
-    sd: Array
-    nominal: Array
-    extended: Array
-    low: Array
-    high: Array
-    held_out: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -123,7 +99,7 @@ def criticise_series(
     bank, discrepancy, areas = SeriesBank(model, tell), SeriesDiscrepancy(model), SeriesAreas(model)
     judge = Judge(fitter, causes, bank, discrepancy, reach=FAR)
     silent = {c.id: "moves none of these series" for c in causes if c.id not in judge.known}
-    search = SeriesSearch(fitter, causes, judge, tell, entered=len(causes), fitted=FITTED_HERE)
+    search = SeriesSearch(fitter, causes, judge, tell, fitted=FITTED_HERE)
     best, posterior = search.run(base)
     tell("consequences and held-out rows")
     model.anchor(best.point)

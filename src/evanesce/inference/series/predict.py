@@ -39,13 +39,18 @@ class SeriesPredictor:
     """
 
     def __init__(self, believed: Scene, *, fine: bool = False) -> None:
-        real = model_factor(believed)
+        self.believed, self._fine = believed, fine
         self.scene = believed if fine else model_scene(believed)
-        self.factor = 1 if fine else real
+        self.factor = 1 if fine else model_factor(believed)
         """Real pixels along each of the frames'."""
-        self._frames = FinePredictor(believed, (), real) if fine else Predictor(self.scene, ())
-        self._smaller = real * self._frames.before if isinstance(self._frames, FinePredictor) else 1
+        self._frames = self._predictor()
+        self._smaller = self._frames.before * self._frames.factor if isinstance(self._frames, FinePredictor) else 1
         self._kept = Kept(KEPT)
+
+    def _predictor(self) -> Predictor:
+        if self._fine:
+            return FinePredictor(self.believed, (), model_factor(self.believed))
+        return Predictor(self.scene, ())
 
     def log(self, series: Series, point: Point) -> Array:
         """Return the logarithm of one series' values (n,).
@@ -94,11 +99,13 @@ class SeriesPredictor:
             black_DN=point.get("@black", 0.0),
             log_force=point.get(f"@load[{series.name}]", 0.0),
         )
+        # Pictures of fine frames are large, and a fit asks for no point twice: none are kept.
+        frames = self._predictor() if self._fine else self._frames
         found = []
         for force, voltage, time in zip(*(states[n] for n in ("force", "voltage", "time")), strict=True):
             view = View(kind="press", force_N=float(force), voltage_V=float(voltage), time_s=float(time))
-            frame = np.floor(np.clip(self._frames.picture(scene, view, nuisances), 0, 255) + 0.5).astype(np.uint8)
-            found.append(contact_area(frame, self._frames.scene, reading))
+            frame = np.floor(np.clip(frames.picture(scene, view, nuisances), 0, 255) + 0.5).astype(np.uint8)
+            found.append(contact_area(frame, frames.scene, reading))
         return np.maximum(np.array(found) * self._card_scale(scene), LEAST_AREA_MM2)
 
     def _card_scale(self, scene: Scene) -> float:

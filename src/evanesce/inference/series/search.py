@@ -7,10 +7,12 @@ then with each other cause in its place, by Laplace's evidence of those fits.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from evanesce.inference.constants import TRIED
 from evanesce.inference.joint import JointFit
 from evanesce.inference.posterior import Posterior
 from evanesce.inference.search import Search, everything_marginalised
@@ -28,6 +30,11 @@ class SeriesSearch(Search):
         found = super().posterior(now)
         places = {name: self._place(now, name, place) for name, place in found.places.items()}
         return replace(found, places=places)
+
+    def _worth_entering(self, ranked: Sequence[str]) -> Sequence[str]:
+        """Return all causes but those whose light takes seconds and that are not among the likeliest."""
+        costly = {c.id for c in self.causes if c.costly}
+        return [name for number, name in enumerate(ranked) if number < TRIED or name not in costly]
 
     def _place(self, now: JointFit, name: str, by_forms: Place) -> Place:
         key = (name, *now.ids, f"{now.misfit:.6g}")

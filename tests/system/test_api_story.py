@@ -338,7 +338,7 @@ def test_a_bundle_goes_to_the_critic_of_its_kind(with_frames: bool, monkeypatch:
         )  # fmt: skip
 
     monkeypatch.setattr("evanesce.criticism.critic.criticise", critic("frames"))
-    monkeypatch.setattr("evanesce.criticism.scalar_critic.criticise_series", critic("series"))
+    monkeypatch.setattr("evanesce.inference.series.critic.criticise_series", critic("series"))
     bundle = ev.Bundle(path=Path("x"), scene=small_rig())
     monkeypatch.setattr(ev.Bundle, "has_frames", with_frames)
     found = ev.criticise(bundle, seed=5)

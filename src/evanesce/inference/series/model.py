@@ -48,9 +48,11 @@ class SeriesModel:
     observation : Observation
         Nominal rig; its views are not used.
     data : Rows
+    widened : bool
+        Whether the rows' standard deviations get what larger pixels may leave, for which fine frames are evaluated.
     """
 
-    def __init__(self, observation: Observation, data: Rows) -> None:
+    def __init__(self, observation: Observation, data: Rows, *, widened: bool = True) -> None:
         self.observation = observation
         self.factor = model_factor(observation.believed)
         self.coarse = SeriesPredictor(observation.believed)
@@ -58,8 +60,9 @@ class SeriesModel:
         self.correction: Array = np.zeros(data.sd.size)
         self.data = data
         self._names = {p.name for p in self.nuisances()}
-        self.anchor({})
-        self.data = data.widened(READING_SHARE * np.abs(self.correction))
+        if widened:
+            self.anchor({})
+            self.data = data.widened(READING_SHARE * np.abs(self.correction))
 
     @property
     def observed(self) -> Array:
@@ -119,7 +122,7 @@ class SeriesModel:
 
     def of_other_rows(self, data: Rows) -> SeriesModel:
         """Return the model of other rows of the same rig."""
-        return SeriesModel(self.observation, data)
+        return SeriesModel(self.observation, data, widened=False)
 
     def _relevant(self, point: Point) -> dict[str, float]:
         """Return the part of a point that a series knows: causes, and its own nuisances."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from evanesce.inference.constants import TRIED
+from evanesce.inference.constants import SUBSTITUTE, TRIED
 from evanesce.inference.joint import JointFit
 from evanesce.inference.posterior import Posterior
 from evanesce.inference.search import Search, everything_marginalised
@@ -47,9 +47,11 @@ class SeriesSearch(Search):
         refused = dict(self.refused)
         metric, believed = everything_marginalised(without)
         bayes = dict(self.judge.further(without, self.unknown).place.log_bayes)
+        least = (1.0 - SUBSTITUTE) * max(bayes.values())
         sides = {c.id: np.log(2.0) if c.one_sided else 0.0 for c in self.causes}
         for cause in self.causes:
-            if cause.costly or cause.id in without.ids or cause.id not in bayes:
+            known = cause.id in bayes and not cause.costly
+            if cause.id != name and not (known and bayes[cause.id] > least):
                 continue
             found: JointFit | None = now
             if cause.id != name:

@@ -197,11 +197,11 @@ def test_gain_is_that_of_rows_that_no_fit_saw(by_depth, tmp_path):
     assert used.log_y.size == 5
 
 
+@pytest.mark.slow  # forms of the whole library
 def test_the_command_answers_series_alone(tmp_path):
     """JSON, page and extended scene; one picture of the series and one of the causes."""
     folder = written(tmp_path / "b", Truth(modulus=0.4), 3, only=("force_depth",))
     answer, page = tmp_path / "answer.json", tmp_path / "page.html"
-    # Frames of area that only the consequence needs are the price of this test.
     result = CliRunner().invoke(app, ["criticise", str(folder), "--json", str(answer), "--report", str(page)])
     assert result.exit_code == 0, result.output
     said = json.loads(answer.read_text(encoding="utf-8"))
@@ -217,7 +217,10 @@ def test_the_command_answers_series_alone(tmp_path):
 def test_series_beside_frames_raise_the_evidence_of_what_they_tell_better(tmp_path):
     """Areas over 1000 s tell of creep, of which frames of one moment know nothing."""
     rigs.write_rig("tiny", tmp_path / "tiny")
-    bundle = replace(read_bundle(tmp_path / "tiny"), series={})
+    bundle = read_bundle(tmp_path / "tiny")
+    # What the frames hide is known here: they are left with nothing to tell.
+    told = bundle.scene.model_copy(update={"effects": {n: dict(v) for n, v in rigs.RIGS["tiny"].hidden.items()}})
+    bundle = replace(bundle, scene=told, series={})
     time_s = np.array([1.0, 10.0, 100.0, 300.0, 1000.0])
     held = {"force_N": 2.2, "voltage_V": bundle.scene.leds.voltage_V}
     nominal = series(time_s, np.ones(5), None, ("time", "s", "area", "mm2"), **held)
@@ -227,7 +230,7 @@ def test_series_beside_frames_raise_the_evidence_of_what_they_tell_better(tmp_pa
     both = replace(bundle, series={"a": replace(nominal, y=grown, sigma=0.01 * grown)})
     observation = observe(bundle)
     data = data_vector(observation)
-    causes, _ = causes_of(observation, set(all_effects()) - {"creep", "modulus", "vignetting"})
+    causes, _ = causes_of(observation, set(all_effects()) - {"creep", "vignetting"})
     evidence, models = [], []
     for one in (bundle, both):
         model = with_series(observation, data, one)
@@ -240,7 +243,7 @@ def test_series_beside_frames_raise_the_evidence_of_what_they_tell_better(tmp_pa
     assert type(models[0]) is AnchoredModel
     assert models[1].observed.size == models[0].observed.size + 4
     assert evidence[1]["creep"] > evidence[0]["creep"] + 30.0
-    gained = {name: evidence[1][name] - evidence[0][name] for name in ("creep", "modulus", "vignetting")}
+    gained = {name: evidence[1][name] - evidence[0][name] for name in ("creep", "vignetting")}
     assert max(gained, key=lambda name: gained[name]) == "creep"
     assert isinstance(Search(fitter, causes, judge).posterior(fitted).further.probability["creep"], float)
 
@@ -261,3 +264,17 @@ def test_three_series_together(tmp_path, truth, cause):
         assert (cause or "none") in result["verdict"]
     else:
         assert cause in {name for c in result["causes"] for name in c["credible_set"]}
+
+
+@pytest.mark.slow  # minutes
+def test_the_thesis_areas_are_explained_by_light_and_not_by_mechanics():
+    """1.66 times Hertz, as the thesis gives it: one cause brings the areas within a few per cent, none of mechanics."""
+    result = criticise_series(read_bundle(BUNDLE)).result
+    assert result["verdict"] == "causes"
+    assert [c["id"] for c in result["causes"]] == ["lateral_glow"]
+    length = result["causes"][0]["parameters"]["length_mm"]
+    assert 0.3 < length["value"] < 1.5
+    assert result["misfit"]["removed_share"] > 0.95
+    assert sum(result["posterior"]["inclusion"].get(name, 0.0) for name in MECHANICS) < 0.5
+    before, after = result["held_out"]["area_error_percent"]
+    assert after < 0.2 * before

@@ -1,4 +1,4 @@
-"""Areas of Silskin 20 % from the thesis beside the believed rig and beside single causes fitted to them.
+"""Areas of Silskin 20 % from the thesis beside the nominal model and beside single causes fitted to them.
 
 Run: python docs/validation/criticism_thesis.py BUNDLE PICTURE (some minutes)
 """
@@ -15,16 +15,15 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
 from evanesce.bundle import read_bundle
-from evanesce.criticism.scalar import SeriesPredictor, Table, fit_series
-from evanesce.prediction.candidates import candidates_of
+from evanesce.effects import all_effects
+from evanesce.inference.causes import causes_of
+from evanesce.inference.joint import Fitter, Taken
+from evanesce.inference.series.critic import observation_of
+from evanesce.inference.series.model import SeriesModel
+from evanesce.inference.series.rows import rows_of
 
-SHOWN = {
-    "lateral_glow": ("light", "length_mm"),
-    "led_edge_reflections": ("light", "relative_radiance"),
-    "modulus": ("mechanics", "relative"),
-    "creep": ("mechanics", "per_decade"),
-}
-"""Kind of each cause, and its one parameter that is fitted here."""
+SHOWN = ("lateral_glow", "led_edge_reflections", "modulus", "creep")
+COLOURS = ("tab:blue", "tab:cyan", "tab:red", "tab:orange")
 
 
 def main() -> None:
@@ -34,30 +33,38 @@ def main() -> None:
     parser.add_argument("picture", type=Path)
     given = parser.parse_args()
     bundle = read_bundle(given.bundle)
-    table = Table.of(list(bundle.series.values()))
-    series = table.series[0]
-    predict = SeriesPredictor(bundle.scene, table.series)
-    table = table.widened(predict.refine(bundle.scene))
-    base = fit_series(predict, table, (), (), {})
-    print(f"believed: chi-square {base.chi_square:.1f} of {table.log_y.size} points at {table.sigma[0]:.0%}")
+    rows, held_out, _ = rows_of(bundle.series)
+    model = SeriesModel(observation_of(bundle), rows)
+    fitter = Fitter(model)
+    base = fitter.relinearised([], {})
+    nominal = model.log(base.point)
+    series, sd = rows.series[0], rows.sd
+    light = base.point["@light"]
+    print(f"nominal model: misfit {base.misfit:.1f} of {len(series)} rows at {sd[0]:.0%}; light {light:.2f}")
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
-    left.errorbar(series.x, series.y, yerr=table.sigma * series.y, fmt="ko", ms=4, label="thesis")
-    left.plot(series.x, np.exp(base.predicted), "k--", label="believed rig")
-    for (name, (kind, parameter)), colour in zip(
-        SHOWN.items(), ("tab:blue", "tab:cyan", "tab:red", "tab:orange"), strict=True
-    ):
-        candidate = next(c for c in candidates_of(bundle.scene, bundle.testable) if c.id == name)
-        chosen = tuple(p for p in candidate.parameters if p.name == f"{name}:{parameter}")
-        start = {p.name: float(np.clip(p.null + p.deviation, *p.bounds)) for p in chosen}
-        found = fit_series(predict, table, (name,), chosen, start)
-        values = ", ".join(f"{p.name} {found.point[p.name]:.3g} {p.unit}" for p in chosen)
-        off = np.exp(table.log_y - found.predicted) - 1.0
+    left.errorbar(series.x, series.y, yerr=sd * series.y, fmt="ko", ms=4, label="thesis")
+    left.plot(held_out.series[0].x, held_out.series[0].y, "o", color="black", mfc="white", ms=4, label="held out")
+    left.plot(series.x, np.exp(nominal), "k--", label="nominal model")
+    right.plot(series.x, np.exp(rows.log_y - nominal), "k--", label="nominal model")
+    causes, _ = causes_of(model.observation, set(all_effects()) - set(SHOWN))
+    for name, colour in zip(SHOWN, COLOURS, strict=True):
+        cause = next(c for c in causes if c.id == name)
+        first = {p.name: float(np.clip(p.null + p.deviation, *p.bounds)) for p in cause.parameters}
+        fits = []
+        for start in cause.candidate.starts[:4] or (first,):
+            model.anchor({**base.point, **start})
+            metric = fitter.jitter_metric(base.point)
+            fits.append(fitter.fitted([Taken(cause, cause.parameters)], {**base.point, **start}, metric=metric))
+        best = min(fits, key=lambda f: f.misfit)
+        found = fitter.relinearised(best.taken, best.point)
+        predicted = model.log(found.point)
+        off = np.exp(rows.log_y - predicted) - 1.0
+        values = ", ".join(f"{p.name.partition(':')[2]} {found.point[p.name]:.3g} {p.unit}" for p in cause.parameters)
         spread = f"thesis over model {off.min():+.0%} to {off.max():+.0%}"
-        print(f"{name} ({kind}): chi-square {found.chi_square:.1f}; {values}; {spread}")
-        left.plot(series.x, np.exp(found.predicted), color=colour, label=f"{name} ({kind})")
-        right.plot(series.x, np.exp(table.log_y - found.predicted), "o-", ms=3, color=colour, label=name)
-    right.plot(series.x, np.exp(table.log_y - base.predicted), "k--", label="believed rig")
-    right.fill_between(series.x, 1 - table.sigma, 1 + table.sigma, color="0.85")
+        print(f"{name}: misfit {found.misfit:.1f}; {values}; light {found.point['@light']:.2f}; {spread}")
+        left.plot(series.x, np.exp(predicted), color=colour, label=name)
+        right.plot(series.x, np.exp(rows.log_y - predicted), "o-", ms=3, color=colour, label=name)
+    right.fill_between(series.x, 1 - sd, 1 + sd, color="0.85")
     left.set(xlabel="normal force [N]", ylabel="area by the reference segmentation [mm$^2$]")
     right.set(xlabel="normal force [N]", ylabel="thesis over model [1]")
     left.legend(fontsize=8)

@@ -22,7 +22,6 @@ from challenge.run import strip_pixels
 from evanesce.bundle import read_bundle
 from evanesce.cli.app import app
 from evanesce.criticism.critic import criticise
-from evanesce.criticism.scalar_critic import criticise_series
 from evanesce.prediction.observe import observe
 from evanesce.rig import load_scene
 from evanesce.sensor.codec import write_png
@@ -236,18 +235,3 @@ def test_the_command_writes_answer_page_and_a_scene_that_loads(tmp_path: Path) -
     extended = load_scene(answer["extended_scene"])
     assert extended.effects["vignetting"]["k"] > 0
     assert "vignetting" in report.read_text()
-
-
-@pytest.mark.slow
-def test_the_thesis_areas_are_explained_by_light_and_not_by_mechanics() -> None:
-    """Real data (c): 1.66 times Hertz, as the thesis gives it; which is which must not hang on the assumed 5 %."""
-    bundle = Path(__file__).resolve().parents[2] / "bundles" / "thesis_silskin_20"
-    answer, _ = criticise_series(read_bundle(bundle))
-    assert answer["verdict"] in ("named", "ambiguous")
-    assert said(answer) >= {"lateral_glow"}
-    glow = next(e for e in answer["effects"] if e["id"] == "lateral_glow")["parameters"]["length_mm"]
-    assert 0.3 < glow["value"] < 1.5  # longer where a smaller share of the light wanders
-    mechanical = {name for name, kind in answer["kinds"].items() if kind == "mechanical"}
-    assert {"modulus", "adhesion", "creep"} <= mechanical
-    assert not mechanical & {"lateral_glow", "tone_curve"}
-    assert sum(answer["probabilities"].get(name, 0.0) for name in mechanical) < 0.5

@@ -11,11 +11,11 @@ from evanesce.criticism.codec import codec_parameters, noise_by_bins
 from evanesce.criticism.isolability import nuisance_words
 from evanesce.criticism.numerics import numerics_parameters
 from evanesce.criticism.problem import fit
-from evanesce.prediction.recoded import Codec, Recoded, Shooting, codec_of, recoded
 from evanesce.criticism.residuals import noise_draws
 from evanesce.criticism.score import score_test
 from evanesce.prediction.nuisance import nuisance_parameters
 from evanesce.prediction.observe import pixel_scatter
+from evanesce.prediction.recoded import Codec, Recoded, Shooting, codec_of, recoded
 from evanesce.prediction.tone import expected_tone
 from evanesce.prediction.views import View, binned
 from evanesce.rig import load_scene

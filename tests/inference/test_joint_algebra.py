@@ -18,7 +18,7 @@ from evanesce.inference.gauss_newton import Prior, bounded_step, broyden, fit
 from evanesce.inference.joint import Fitter, JointFit, taken_from
 from evanesce.inference.posterior import Judge, Posterior
 from evanesce.inference.search import Search, everything_marginalised, loss_of, removal
-from evanesce.inference.shapes import Forms
+from evanesce.inference.shapes import FormBank, Forms
 from evanesce.prediction.candidates import Candidate
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.noise import Noise
@@ -166,6 +166,8 @@ class ToyBank:
     def __init__(self, model: ToyModel, rng: Any) -> None:
         self.model, self.rng = model, rng
         self.nominal = model.cube({})
+
+    blocks = FormBank.blocks
 
     def of(self, causes: Any) -> list[Forms]:
         found = []

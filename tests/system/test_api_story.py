@@ -338,11 +338,20 @@ def test_a_bundle_goes_to_the_critic_of_its_kind(with_frames: bool, monkeypatch:
         )  # fmt: skip
 
     monkeypatch.setattr("evanesce.criticism.critic.criticise", critic("frames"))
-    monkeypatch.setattr("evanesce.criticism.scalar_critic.criticise_series", critic("series"))
+    joint = {"verdict": "causes", "causes": [{"id": "defocus"}], "posterior": {"inclusion": {"defocus": 0.9}},
+             "next_measurement": {"what": "a press at 3 N"}}  # fmt: skip
+
+    def by_series(bundle: Any, **options: Any) -> Any:
+        asked.append(("series", bundle, options))
+        return SimpleNamespace(result=joint, scene="title = ''")
+
+    monkeypatch.setattr("evanesce.inference.series.critic.criticise_series", by_series)
     bundle = ev.Bundle(path=Path("x"), scene=small_rig())
     monkeypatch.setattr(ev.Bundle, "has_frames", with_frames)
     found = ev.criticise(bundle, seed=5)
     assert asked[0][:2] == ("frames" if with_frames else "series", bundle)
-    assert asked[0][2]["seed"] == 5
-    assert (found.verdict, found.next_measurement, found.extended_scene) == ("named", "a press at 3 N", "title = ''")
-    assert repr(found) == "Criticism('named', effects ['defocus'])"
+    verdict = "named" if with_frames else "causes"
+    assert asked[0][2].get("seed") == (5 if with_frames else None)
+    assert (found.verdict, found.next_measurement, found.extended_scene) == (verdict, "a press at 3 N", "title = ''")
+    assert found.probabilities == {"defocus": 0.9}
+    assert repr(found) == f"Criticism({verdict!r}, effects ['defocus'])"

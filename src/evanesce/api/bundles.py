@@ -36,12 +36,13 @@ class Criticism:
     @property
     def effects(self) -> list[Mapping[str, Any]]:
         """Effects that are named, with fitted values and 90 % intervals, units beside them."""
-        return list(self.result["effects"])
+        return list(self.result["causes" if "causes" in self.result else "effects"])
 
     @property
     def probabilities(self) -> Mapping[str, float]:
         """Probability of each candidate."""
-        found: Mapping[str, float] = self.result["probabilities"]
+        joint = "posterior" in self.result
+        found: Mapping[str, float] = self.result["posterior"]["inclusion"] if joint else self.result["probabilities"]
         return found
 
     @property
@@ -53,7 +54,7 @@ class Criticism:
     @property
     def extended_scene(self) -> str:
         """The scene with the named effects switched on, as TOML text."""
-        return str(self.evidence.scene_after)
+        return str(self.evidence.scene if "posterior" in self.result else self.evidence.scene_after)
 
 
 def criticise(
@@ -86,9 +87,12 @@ def criticise(
     >>> found.verdict, found.next_measurement  # doctest: +SKIP
     """
     from evanesce.criticism.critic import criticise as by_frames
-    from evanesce.criticism.scalar_critic import criticise_series
+    from evanesce.inference.series.critic import criticise_series
 
     if not isinstance(bundle, Bundle):
         bundle = read_bundle(bundle)
-    result, evidence = (by_frames if bundle.has_frames else criticise_series)(bundle, seed=seed, tick=tick)
+    if not bundle.has_frames:
+        found = criticise_series(bundle, tell=tick)
+        return Criticism(result=found.result, evidence=found)
+    result, evidence = by_frames(bundle, seed=seed, tick=tick)
     return Criticism(result=result, evidence=evidence)

@@ -50,7 +50,6 @@ def register(app: typer.Typer) -> None:
         """Find what a nominal model gets wrong about measured data: name causes, extend the scene, measure gain."""
         from evanesce.bundle import read_bundle
         from evanesce.criticism.critic import criticise as by_frames
-        from evanesce.criticism.scalar_critic import criticise_series
 
         for target in (json_file, report, scene, shapes):
             check_json_target(target)
@@ -60,12 +59,11 @@ def register(app: typer.Typer) -> None:
         if shapes is not None:
             _draw_shapes(bundle, shapes)
             return
-        if joint:
+        if joint or not bundle.has_frames:
             _jointly(bundle, json_file, report, scene)
             return
-        run = by_frames if bundle.has_frames else criticise_series
         with progress() as bar:
-            result, evidence = run(bundle, seed=seed, tick=_ticker(bar))
+            result, evidence = by_frames(bundle, seed=seed, tick=_ticker(bar))
             bar.update(bar.task_ids[0], completed=100)
         target = scene or _beside(json_file or report)
         if target is not None:
@@ -80,14 +78,16 @@ def register(app: typer.Typer) -> None:
 def _jointly(bundle: Any, json_file: Path | None, report: Path | None, scene: Path | None) -> None:
     """Run the joint fit, tell its progress on standard error, write and show its answer."""
     from evanesce.core.provenance import record
-    from evanesce.inference.critic import criticise_jointly
+    from evanesce.inference.critic import Criticism, criticise_jointly
     from evanesce.inference.gate import GrossDifference
     from evanesce.inference.page import page
+    from evanesce.inference.series.critic import SeriesCriticism, criticise_series
     from evanesce.report.html import write
     from evanesce.rig import dump_scene
 
     try:
-        found = criticise_jointly(bundle, tell=lambda line: messages.print(escape(line)))
+        run = criticise_jointly if bundle.has_frames else criticise_series
+        found: Criticism | SeriesCriticism = run(bundle, tell=lambda line: messages.print(escape(line)))
     except GrossDifference as error:
         write_json(json_file, error.as_dict())
         raise
@@ -137,11 +137,11 @@ def _show_jointly(result: dict[str, Any]) -> None:
         console.print(escape(f"Next: {advice['what']}, to tell whether it is {between}."))
     gain = result["held_out"]
     if gain is not None:
-        (rms, rms_after), (area, area_after) = gain["rms_DN"], gain["area_error_percent"]
-        console.print(
-            f"Held out ({gain['views']} views): residual {rms:.2f} to {rms_after:.2f} DN RMS, error of the predicted"
-            f" area {area:.2f} to {area_after:.2f} %"
-        )
+        unit, what = ("DN", "views") if "rms_DN" in gain else ("standard deviations", "rows")
+        rms, rms_after = gain["rms_DN" if unit == "DN" else "rms_sd"]
+        area = [f"{a:.2f}" for a in gain["area_error_percent"] if a is not None]
+        more = f", error of the predicted area {' to '.join(area)} %" if area else ""
+        console.print(f"Held out ({gain['views']} {what}): residual {rms:.2f} to {rms_after:.2f} {unit} RMS{more}")
 
 
 SHARES = {

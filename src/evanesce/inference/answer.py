@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.inference.consequence import NINETY, AreaReader, Consequence
 from evanesce.inference.constants import LEAST_AREA
-from evanesce.inference.gain import HeldOut
 from evanesce.inference.gate import Gate
 from evanesce.inference.groups import group_of
 from evanesce.inference.joint import JointFit
-from evanesce.inference.model import AnchoredModel
+from evanesce.inference.model import Model
 from evanesce.inference.posterior import Posterior
 from evanesce.inference.search import Search, loss_of
 from evanesce.inference.single_effects import NONE, UNKNOWN
-from evanesce.inference.unknown import Left
 from evanesce.prediction.fine import in_pixels
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.parameters import value_of
@@ -30,6 +28,35 @@ Array = NDArray[Any]
 
 VERSION = 1
 """Of the answer's form."""
+
+
+class Unexplained(Protocol):
+    """What an extended model leaves of the data."""
+
+    @property
+    def found(self) -> bool:
+        """Whether it is more than noise."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it in the answer's form."""
+
+    def sentence(self) -> str:
+        """Return what it looks like."""
+
+
+class Gain(Protocol):
+    """Gain on held-out data."""
+
+    @property
+    def worse(self) -> bool:
+        """Whether the extension makes the area worse."""
+
+    @property
+    def area_percent(self) -> tuple[float, float]:
+        """Mean absolute error of the area before and after [%]."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it in the answer's form."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +171,7 @@ def named_causes(search: Search, areas: AreaReader, fitted: JointFit, tied: Arra
     return sorted(found, key=lambda n: (-n.consequence.largest, -n.removed))
 
 
-def extended_scene(model: AnchoredModel, fitted: JointFit) -> Scene:
+def extended_scene(model: Model, fitted: JointFit) -> Scene:
     """Return the nominal scene with the causes at their fitted values, lengths in pixels of the real camera."""
     point = {name: value for name, value in fitted.point.items() if ":" in name}
     return scene_with(model.observation.believed, in_pixels(point, model.factor), model.fixed)
@@ -170,19 +197,31 @@ def verdict_of(posterior: Posterior, left_found: bool) -> str:
 
 
 def answer(
-    model: AnchoredModel,
+    model: Model,
     search: Search,
     gate: Gate,
     fitted: JointFit,
     posterior: Posterior,
     named: list[Named],
-    left: Left,
-    gain: HeldOut | None,
+    left: Unexplained,
+    gain: Gain | None,
     advice: dict[str, Any] | None,
     left_out: Mapping[str, str],
     seconds: float,
+    *,
+    replicates: bool,
+    notes: Sequence[str] = (),
 ) -> tuple[dict[str, Any], str]:
     """Return the result, and the extended scene as TOML.
+
+    Parameters
+    ----------
+    model, search, gate, fitted, posterior, named, left, gain, advice, left_out, seconds
+        What came out.
+    replicates : bool
+        Whether the data themselves say how much they scatter.
+    notes : sequence of str
+        To be read before the probabilities are believed.
 
     Returns
     -------
@@ -198,7 +237,7 @@ def answer(
         "method": "joint",
         "verdict": verdict,
         "first_line": first_line(verdict, named, explained, left, gain),
-        "warnings": warnings_of(verdict, bool(named), replicates=model.data.noise.measured),
+        "warnings": [*notes, *warnings_of(verdict, bool(named), replicates=replicates)],
         "gate": [line.as_dict() for line in gate.lines],
         "causes": [n.as_dict() for n in named],
         "posterior": posterior.as_dict(),
@@ -238,11 +277,11 @@ def warnings_of(verdict: str, named: bool, *, replicates: bool) -> list[str]:
     return found
 
 
-def first_line(verdict: str, named: list[Named], explained: float, left: Left, gain: HeldOut | None) -> str:
+def first_line(verdict: str, named: list[Named], explained: float, left: Unexplained, gain: Gain | None) -> str:
     """Return the sentence that a reader needs if they read no other."""
     told = left.sentence() if left.found else "something that no cause of the library makes"
     if verdict == "none":
-        return "The frames are what the scene predicts, as far as their noise lets anything be seen."
+        return "The data are what the scene predicts, as far as their scatter lets anything be seen."
     if not named:
         return f"There is {told}." if "unknown" in verdict else "There is a cause that could not be fitted."
     warning = ""

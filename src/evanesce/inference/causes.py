@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from evanesce.core.errors import InputError
 from evanesce.effects import Context, Stage, active_effects, apply_stage
-from evanesce.inference.model import AnchoredModel
+from evanesce.inference.model import Model
 from evanesce.prediction.candidates import Candidate, candidates_of
 from evanesce.prediction.observe import Observation
 from evanesce.prediction.parameters import Parameter
@@ -56,6 +56,12 @@ class Cause:
     def parameters(self) -> tuple[Parameter, ...]:
         """Of the effect."""
         return self.candidate.parameters
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether its amplitudes (or all parameters, where it has none) can only grow, or only fall, from nothing."""
+        grown = [p for p in self.parameters if p.name in self.amplitudes] or list(self.parameters)
+        return all(p.null in p.bounds for p in grown)
 
     @property
     def amplitudes(self) -> frozenset[str]:
@@ -143,7 +149,7 @@ def changes_plate_light(scene: Scene, candidate: Candidate) -> bool:
 
 
 def entries_of(
-    model: AnchoredModel,
+    model: Model,
     point: Mapping[str, float],
     base: Array,
     cause: Cause,
@@ -156,7 +162,7 @@ def entries_of(
 
     Parameters
     ----------
-    model : AnchoredModel
+    model : Model
     point : mapping
     base : ndarray (bins,)
         Whitened prediction there.
@@ -196,7 +202,7 @@ def _prior(parameter: Parameter) -> tuple[float, float, float]:
 
 
 def _by_departure(
-    model: AnchoredModel, point: Mapping[str, float], base: Array, cause: Cause, start: Mapping[str, float]
+    model: Model, point: Mapping[str, float], base: Array, cause: Cause, start: Mapping[str, float]
 ) -> Entry | None:
     try:
         row = model.vector({**point, **start}) - base

@@ -14,7 +14,6 @@ from evanesce.inference.causes import Cause, causes_of
 from evanesce.inference.codec import filmed, with_roughness
 from evanesce.inference.consequence import AreaReader
 from evanesce.inference.data import DataVector, data_vector
-from evanesce.inference.discrepancy import Discrepancy
 from evanesce.inference.gain import held_out
 from evanesce.inference.gate import Gate, GrossDifference, gate_of
 from evanesce.inference.joint import Fitter, JointFit
@@ -24,6 +23,7 @@ from evanesce.inference.next_shot import doubtful, next_shot
 from evanesce.inference.pictures import Pictures, pictures_of
 from evanesce.inference.posterior import DEFECTS, Judge
 from evanesce.inference.search import Search, everything_marginalised
+from evanesce.inference.series.beside import bank_of, discrepancy_of, with_series
 from evanesce.inference.shapes import FormBank, Forms
 from evanesce.inference.unknown import left_of
 from evanesce.prediction.observe import Observation, observe, require_monochrome
@@ -62,8 +62,8 @@ def criticise_jointly(bundle: Bundle, *, tell: Tell = lambda line: None, exclude
     start = started(bundle, tell)
     observation, model, gate, fitter, base = start.observation, start.model, start.gate, start.fitter, start.base
     causes, left_out = causes_of(observation, exclude)
-    areas, discrepancy = AreaReader(model), Discrepancy(model)
-    bank = FormBank(model.coarse, _place(gate.start), tell)
+    areas, discrepancy = AreaReader(model), discrepancy_of(model)
+    bank = bank_of(model, _place(gate.start), tell)
     smooth = [cause for cause in causes if not cause.placed]
     judge = Judge(fitter, smooth, bank, discrepancy)
     marks = MarkSearch(model, [cause for cause in causes if cause.local])
@@ -86,7 +86,10 @@ def criticise_jointly(bundle: Bundle, *, tell: Tell = lambda line: None, exclude
         place = posterior.places.get(doubt, posterior.further)
         advice = next_shot(model, bank, causes, place, judge.weights(best, doubt, search.unknown))
     seconds = time.monotonic() - began
-    result, scene = answer(model, search, gate, best, posterior, named, left, gain, advice, left_out, seconds)
+    known = model.data.noise.measured
+    result, scene = answer(
+        model, search, gate, best, posterior, named, left, gain, advice, left_out, seconds, replicates=known
+    )
     return Criticism(result, scene, pictures_of(model, base, best, left))
 
 
@@ -125,7 +128,8 @@ def started(bundle: Bundle, tell: Tell = lambda line: None) -> Start:
         If another rig was measured than the scene's.
     """
     observation = observe(bundle)
-    model = AnchoredModel(observation, data_vector(observation))
+    data = data_vector(observation)
+    model = with_series(observation, data, bundle)
     tell("first look: board, field of view, contact, level")
     gate = gate_of(observation, model.coarse)
     for line in gate.lines:
@@ -138,7 +142,7 @@ def started(bundle: Bundle, tell: Tell = lambda line: None) -> Start:
     film = filmed(model, base.point)
     if film is not None:
         tell(f"frames came through a codec like {film.codec}")
-        model = AnchoredModel(observation, with_roughness(model.data, base.residual))
+        model = with_series(observation, with_roughness(model.data, base.residual), bundle)
         model.codec_bias, model.codec_rows = film.bias, film.rows(model.data)
         fitter = Fitter(model)
         base = fitter.relinearised([], base.point)
@@ -170,15 +174,15 @@ def nominal_judge(bundle: Bundle, *, tell: Tell = lambda line: None) -> tuple[Ju
     model, gate, causes = _nominal(bundle)
     fitter = Fitter(model)
     base = fitter.relinearised([], gate.start)
-    bank = FormBank(model.coarse, _place(gate.start), tell)
-    return Judge(fitter, [c for c in causes if not c.placed], bank, Discrepancy(model)), base
+    bank = bank_of(model, _place(gate.start), tell)
+    return Judge(fitter, [c for c in causes if not c.placed], bank, discrepancy_of(model)), base
 
 
 def _nominal(bundle: Bundle) -> tuple[AnchoredModel, Gate, tuple[Cause, ...]]:
     """Return the nominal rig's model, its first look, and the causes that its data can be asked for."""
     _require_frames(bundle)
     observation = observe(bundle)
-    model = AnchoredModel(observation, data_vector(observation))
+    model = with_series(observation, data_vector(observation), bundle)
     return model, gate_of(observation, model.coarse), causes_of(observation)[0]
 
 

@@ -1,6 +1,6 @@
 """One vector of whitened data for everything that is compared: here the bins of a bundle's frames.
 
-Weights follow the measured level, not a prediction, so that a nominal model far from the truth does not choose what it
+Weights follow the measured level about a bin, not a prediction, so that a nominal model far from the truth does not choose what it
 is judged by.
 """
 
@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from evanesce.inference.constants import STEP_SHARE
 from evanesce.prediction.frozen import FROZEN
@@ -27,6 +28,8 @@ SATURATED_DN = 254.0
 """Mean level from which on a bin shows the end of the scale and nothing else."""
 LIT_DN = 40.0
 """Level from which on the place of black makes no difference to the scatter."""
+LEVEL_BINS = 5
+"""Side of the square of bins whose mean level says how large the noise of its middle is."""
 LEAST_BINS = 20
 LEAST_SD_DN = 1e-3
 """Where black is clipped and nothing scatters; rounding makes it larger before anything is weighed by it."""
@@ -89,7 +92,8 @@ class DataVector:
         """Return whitened bins as a cube (chosen views, rows, cols) of whitened values, 0 where not valid."""
         chosen = list(self.open if views is None else views)
         cube = np.zeros((len(chosen), *self.cube.shape[1:]))
-        cube[self.valid[chosen]] = row
+        # Rows of series, where there are any, follow those of the bins.
+        cube[self.valid[chosen]] = row[: int(self.valid[chosen].sum())]
         return cube
 
     @property
@@ -122,7 +126,9 @@ def data_vector(observation: Observation) -> DataVector:
     # No floor that counts: what the model may be off by is said by the discretisation below and by the discrepancy.
     noise = noise_of(observation.held, tone, cube.shape[1:], floor_DN=LEAST_SD_DN, flicker=known["flicker"])
     frames = np.array([v.frames for v in observation.views])[:, None, None]
-    variance = noise.variance(cube, frames) + (STEP_SHARE * bin_steps(cube)) ** 2 + rounding_sd(tone, cube) ** 2
+    # At a level that does not follow the noise of the bin itself: high ones would count for less than low ones.
+    level = ndimage.uniform_filter(cube, (0, LEVEL_BINS, LEVEL_BINS), mode="nearest")
+    variance = noise.variance(level, frames) + (STEP_SHARE * bin_steps(cube)) ** 2 + rounding_sd(tone, level) ** 2
     return DataVector(cube, np.sqrt(variance), cube < SATURATED_DN, observation.views, noise, scale, deviation)
 
 

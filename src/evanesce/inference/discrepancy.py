@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.errors import InputError
-from evanesce.inference.constants import OWN_LIGHT, TIED_SHARE, WAVES
+from evanesce.inference.constants import EXTRAPOLATED, OWN_LIGHT, TIED_SHARE, WAVES
 from evanesce.inference.data import DataVector
 from evanesce.inference.joint import JointFit
 from evanesce.inference.model import AnchoredModel
@@ -100,6 +100,14 @@ class Discrepancy:
                 continue
             found.append(tied_rows(data, change, self.shares.get(taken.id, TIED_SHARE)))
         return np.concatenate(found)
+
+    def every_row(self, fitted: JointFit) -> Array:
+        """Return the rows (k, bins), with that of what extrapolation to finer pixels added at the anchor."""
+        return np.concatenate([self.rows(fitted), self.extrapolated()])
+
+    def extrapolated(self) -> Array:
+        """Return the row (1, bins) of what extrapolation to finer pixels added at the anchor."""
+        return np.asarray(self.model.data.whitened(self.model.discretisation)[None] * EXTRAPOLATED)
 
     def _share(self, fine: Array, whole: Array, without: Mapping[str, float], change: Array) -> float:
         """Return the relative difference of a cause's change between the fine and the coarse model."""

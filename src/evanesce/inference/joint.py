@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 
 from evanesce.inference.causes import Cause, Entry
 from evanesce.inference.constants import FAR
-from evanesce.inference.data import DataVector
 from evanesce.inference.gauss_newton import Prior, Solution, fit
-from evanesce.inference.model import AnchoredModel
+from evanesce.inference.model import Model
 from evanesce.prediction.linear import Metric
-from evanesce.prediction.nuisance import nuisance_parameters
 from evanesce.prediction.parameters import Parameter, value_of
 
 Array = NDArray[Any]
@@ -99,27 +97,16 @@ class Fitter:
 
     Parameters
     ----------
-    model : AnchoredModel
+    model : Model
     """
 
-    def __init__(self, model: AnchoredModel) -> None:
+    def __init__(self, model: Model) -> None:
         self.model = model
-        data = model.data
-        self.observed = data.whitened(data.cube)
-        opened = set(data.open)
-        every = [
-            p
-            for p in nuisance_parameters(data.views, data.noise.flicker, data.scale_deviation)
-            if p.views is None or set(p.views) & opened
-        ]
+        self.observed = model.observed
+        every = model.nuisances()
         self.nuisances = tuple(_bounded(p) for p in every if not p.linear)
         self.jitter = tuple(p for p in every if p.linear)
         self._evaluated_at: dict[str, float] = {}
-
-    @property
-    def data(self) -> DataVector:
-        """What is fitted."""
-        return self.model.data
 
     def fitted(
         self,
@@ -193,9 +180,10 @@ class Fitter:
 
     def jitter_metric(self, point: Mapping[str, float]) -> Metric:
         """Return the inner product with the light and load of single views marginalised."""
-        rows = np.array([self.model.derivative(point, p) for p in self.jitter])
-        deviations = [p.deviation for p in self.jitter] + [1.0] * len(self.model.codec_rows)
-        return Metric.of(np.concatenate([rows, self.model.codec_rows]), np.array(deviations))
+        rows = np.array([self.model.derivative(point, p) for p in self.jitter]).reshape(-1, self.observed.size)
+        known = self.model.further_rows()
+        deviations = [p.deviation for p in self.jitter] + [1.0] * len(known)
+        return Metric.of(np.concatenate([rows, known]), np.array(deviations))
 
 
 def taken_from(entry: Entry) -> Taken:

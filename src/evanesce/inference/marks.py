@@ -139,7 +139,7 @@ class MarkSearch:
         frames = model.frames(point, data.open)
         measured = model.observation.images[list(data.open)]
         count = np.array([data.views[k].frames for k in data.open])[:, None, None]
-        variance = BIN_PX**2 * data.noise.variance(measured, count)
+        variance = BIN_PX**2 * data.noise.variance(frames, count)
         slope = np.hypot(np.gradient(frames, axis=1), np.gradient(frames, axis=2))
         sd = np.sqrt(variance + (EDGE_PX * slope) ** 2 + 1.0 / 12.0 / count)
         # Near the end of the scale the quick prediction may be clipped where the frame is not.

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.inference.data import DataVector
 from evanesce.prediction.fine import FINE_PX, FineFrames
+from evanesce.prediction.nuisance import nuisance_parameters
 from evanesce.prediction.observe import Observation, model_factor
 from evanesce.prediction.parameters import Parameter, derivative
 from evanesce.prediction.predict import Predictor
@@ -27,6 +28,45 @@ ORDER = 2.4
 CARD_STAYS_DN = 4.0
 """Change of a calibration target's bins up to which what the fine model adds to them is kept: their ink is sharp, and
 evaluating it takes as long as all presses."""
+
+
+class Model(Protocol):
+    """What a joint fit asks of a prediction, whatever the data are.
+
+    Attributes
+    ----------
+    observation : Observation
+    data : object
+        What is compared.
+    factor : int
+        Real pixels along each of the model camera's.
+    fixed : mapping
+        Settings of effects that data showed.
+    """
+
+    observation: Observation
+    data: Any
+    factor: int
+    fixed: Mapping[str, Mapping[str, Any]]
+
+    @property
+    def observed(self) -> Array:
+        """Whitened data (d,)."""
+
+    def nuisances(self) -> tuple[Parameter, ...]:
+        """Return what every fit varies."""
+
+    def anchor(self, point: Point) -> Array:
+        """Evaluate the fine model at a point, from where on changes are counted."""
+
+    def vector(self, point: Point) -> Array:
+        """Return the whitened prediction (d,)."""
+
+    def derivative(self, point: Point, parameter: Parameter) -> Array:
+        """Return its derivative (d,) by a parameter."""
+
+    def further_rows(self) -> Array:
+        """Return rows (k, d) whose outer products add to the covariance of the noise."""
 
 
 class AnchoredModel:
@@ -47,15 +87,21 @@ class AnchoredModel:
         self.observation, self.data = observation, data
         self.factor = model_factor(observation.believed)
         self.coarse = Predictor(observation.scene, data.views, noise_scale=data.scale)
-        self.fixed: dict[str, Mapping[str, Any]] = {}
+        self.fixed: Mapping[str, Mapping[str, Any]] = {}
         """Settings of effects that list defects: places that data showed."""
         self.codec_bias = np.zeros_like(data.cube)
         """Mean change by a codec (views, rows, cols) [DN]."""
-        self.codec_rows = np.zeros((0, int(data.valid[list(data.open)].sum())), np.float32)
+        self.codec_rows: Array | None = None
         """What that may be off by: whitened rows (k, bins) of its covariance."""
         self.discretisation = np.zeros_like(data.cube)
         """What extrapolation to finer pixels added at the anchor (views, rows, cols) [DN]."""
         self._cards: tuple[Array, Array] | None = None
+
+    def further_rows(self) -> Array:
+        """Return rows (k, bins) of the covariance of what a codec does."""
+        if self.codec_rows is not None:
+            return self.codec_rows
+        return np.zeros((0, int(self.data.valid[list(self.data.open)].sum())), np.float32)
 
     def list_defects(self, effect: str, settings: Mapping[str, Any]) -> None:
         """Hand over the places of an effect's defects; they act where a point names the effect.
@@ -67,6 +113,17 @@ class AnchoredModel:
         """
         self.fixed = {**self.fixed, effect: settings}
         self.coarse.fixed = dict(self.fixed)
+
+    @property
+    def observed(self) -> Array:
+        """Whitened bins (bins,) of the open views."""
+        return self.data.whitened(self.data.cube)
+
+    def nuisances(self) -> tuple[Parameter, ...]:
+        """Return the nuisances that touch any open view."""
+        data = self.data
+        every = nuisance_parameters(data.views, data.noise.flicker, data.scale_deviation)
+        return tuple(p for p in every if p.views is None or set(p.views) & set(data.open))
 
     def anchor(self, point: Point) -> Array:
         """Evaluate the fine model at a point, from where on changes are counted; return its bins (views, rows, cols).

@@ -92,7 +92,7 @@ def doubtful(places: Mapping[str, Place]) -> str:
     ----------
     places : mapping of str to Place
     """
-    entropies = {name: _entropy(np.array(list(_members(place).values()))) for name, place in places.items()}
+    entropies = {name: entropy(np.array(list(_members(place).values()))) for name, place in places.items()}
     most = max(entropies, key=lambda n: entropies[n], default="")
     return most if most and len(_members(places[most])) > 1 else ""
 
@@ -116,25 +116,43 @@ def next_shot(
     weights : mapping of str to Weights
         Of each cause's forms, as the present data have narrowed them.
     """
-    members = {n: p for n, p in _members(place).items() if n in weights}
-    chosen = [c for c in causes if c.id in members]
-    prior = np.array([members[c.id] for c in chosen])
-    prior = prior / prior.sum()
-    before = _entropy(prior)
-    rows: list[tuple[float, Shot]] = []
+    chosen, prior = rivals(causes, place, weights)
+    before = entropy(prior)
+    rows: list[tuple[float, str, float]] = []
     for shot in menu(model.data.views):
         predictor = Predictor(model.coarse.scene, [shot.view], noise_scale=model.data.scale)
         forms = {f.id: f for f in FormBank(predictor, bank.point).of(chosen)}
         left = before
         if forms:
             left = _entropy_after(model, predictor, shot.view, bank.point, forms, chosen, prior, weights)
-        rows.append((max(before - left, 0.0), shot))
-    rows.sort(key=lambda r: (-round(r[0], 2), r[1].minutes))
-    best = rows[0][1] if rows and rows[0][0] > WORTH * before else None
+        rows.append((max(before - left, 0.0), shot.what, shot.minutes))
+    return advice_of(chosen, before, rows)
+
+
+def rivals(causes: Sequence[Cause], place: Place, weights: Mapping[str, Weights]) -> tuple[list[Cause], Array]:
+    """Return the causes that may fill a place, and their probabilities among themselves."""
+    members = {n: p for n, p in _members(place).items() if n in weights}
+    chosen = [c for c in causes if c.id in members]
+    prior = np.array([members[c.id] for c in chosen])
+    return chosen, prior / prior.sum()
+
+
+def advice_of(chosen: Sequence[Cause], before: float, rows: Sequence[tuple[float, str, float]]) -> dict[str, Any]:
+    """Return the advice in the answer's form.
+
+    Parameters
+    ----------
+    chosen : sequence of Cause
+    before : float
+        Entropy now [nats].
+    rows : sequence of tuple
+        Expected fall of the entropy [nats], what to measure, minutes that it costs.
+    """
+    ordered = sorted(rows, key=lambda r: (-round(r[0], 2), r[2]))
+    best = ordered[0][1] if ordered and ordered[0][0] > WORTH * before else None
     return {
-        "between": [c.id for c in chosen], "entropy_nats": before,
-        "what": None if best is None else best.what,
-        "menu": [{"what": s.what, "minutes": s.minutes, "gain_nats": gain} for gain, s in rows],
+        "between": [c.id for c in chosen], "entropy_nats": before, "what": best,
+        "menu": [{"what": what, "minutes": minutes, "gain_nats": gain} for gain, what, minutes in ordered],
     }  # fmt: skip
 
 
@@ -142,7 +160,8 @@ def _members(place: Place) -> dict[str, float]:
     return {n: p for n, p in place.probability.items() if n not in (NONE, UNKNOWN) and p > LEAST_PROBABLE}
 
 
-def _entropy(probability: Array) -> float:
+def entropy(probability: Array) -> float:
+    """Return the entropy of probabilities (n,), which need not sum to 1 [nats]."""
     total = probability.sum()
     if total <= 0:
         return 0.0
@@ -172,21 +191,43 @@ def _entropy_after(
         if c.id in forms and len(forms[c.id].changes) == weights[c.id].forms:
             whitened = (forms[c.id].changes.astype(float) / sd).reshape(weights[c.id].forms, -1)
             shown[c.id] = metric.whiten(whitened)
-    size = base.size
-    means = [weights[c.id].mean @ shown[c.id] if c.id in shown else np.zeros(size) for c in chosen]
-    spreads = [weights[c.id].root.T @ shown[c.id] if c.id in shown else np.zeros((0, size)) for c in chosen]
+    return entropy_left(shown, base.size, [c.id for c in chosen], prior, weights, generator(0, "next shot", view.kind))
+
+
+def entropy_left(
+    shown: Mapping[str, Array],
+    size: int,
+    chosen: Sequence[str],
+    prior: Array,
+    weights: Mapping[str, Weights],
+    rng: np.random.Generator,
+) -> float:
+    """Return the mean entropy after further data, over data drawn under each cause in proportion to its probability.
+
+    Parameters
+    ----------
+    shown : mapping of str to ndarray (forms, size)
+        Whitened forms of causes in those data; causes that do not show are not in it.
+    size : int
+    chosen : sequence of str
+        Causes.
+    prior : ndarray (causes,)
+    weights : mapping of str to Weights
+    rng : numpy.random.Generator
+    """
+    means = [weights[n].mean @ shown[n] if n in shown else np.zeros(size) for n in chosen]
+    spreads = [weights[n].root.T @ shown[n] if n in shown else np.zeros((0, size)) for n in chosen]
     every = np.concatenate([np.array(means), *spreads])
     _, values, axes = np.linalg.svd(every, full_matrices=False)
     axes = axes[values > 1e-9 * max(values[0], 1e-300)]
     small = [(m @ axes.T, s @ axes.T) for m, s in zip(means, spreads, strict=True)]
-    rng = generator(0, "next shot", view.kind)
     left = 0.0
     for number in range(DRAWN):
         truth = int(np.searchsorted(np.cumsum(prior), (number + 0.5) / DRAWN))
         mean, spread = small[min(truth, len(small) - 1)]
         drawn = mean + rng.standard_normal(len(spread)) @ spread + rng.standard_normal(len(axes))
         log = np.array([_log_density(drawn - m, s) for m, s in small]) + np.log(prior)
-        left += _entropy(np.exp(log - log.max()))
+        left += entropy(np.exp(log - log.max()))
     return left / DRAWN
 
 

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from evanesce.inference.constants import CREDIBLE, LEAST_AREA
 from evanesce.inference.pictures import Pictures
+from evanesce.inference.series.picture import Curve, series_figure
 from evanesce.report.html import Page, Picture, Section, Table, figure_png
 
 RANGE = 5.0
@@ -21,7 +22,7 @@ MOST_PROBABLE = 8
 
 def page(
     result: Mapping[str, Any],
-    pictures: Pictures,
+    pictures: Pictures | tuple[Curve, ...],
     name: str,
     scenes: tuple[str, str],
     provenance: Mapping[str, Any],
@@ -32,7 +33,8 @@ def page(
     ----------
     result : mapping
         The JSON of ``evanesce criticise``.
-    pictures : Pictures
+    pictures : Pictures, or tuple of Curve
+        Of frames, or of series alone.
     name : str
         Of the bundle.
     scenes : tuple of str
@@ -41,7 +43,7 @@ def page(
     """
     sections = [Section("Before you believe it", list(result["warnings"]))] if result["warnings"] else []
     sections += [_residuals(pictures), _causes(result), _left(result, pictures), *_next(result), _gain(result)]
-    sections += [_gate(result), _moves(result), _scene(*scenes)]
+    sections += [*([_gate(result)] if result["gate"] else []), _moves(result), _scene(*scenes)]
     return Page(f"What the simulation gets wrong: {name}", result["first_line"], sections, provenance)
 
 
@@ -100,7 +102,10 @@ def _largest(cause: Mapping[str, Any]) -> tuple[float, float, float, float]:
     return float(np.nan_to_num(percent)), float(low), float(high), float(area["force_N"][k])
 
 
-def _residuals(pictures: Pictures) -> Section:
+def _residuals(pictures: Pictures | tuple[Curve, ...]) -> Section:
+    if isinstance(pictures, tuple):
+        caption = "Rows and their standard deviations; below, measured over predicted. No fit saw the open circles."
+        return Section("Before and after", pictures=[Picture(figure_png(series_figure(pictures)), caption)])
     caption = (
         "Red: brighter than predicted, blue: darker. In the middle what the scene leaves after place of the finger,"
         " light and black level were fitted; below what it leaves with the causes. Structure there is unexplained."
@@ -139,8 +144,24 @@ def _causes(result: Mapping[str, Any]) -> Section:
     )  # fmt: skip
 
 
-def _left(result: Mapping[str, Any], pictures: Pictures) -> Section:
-    left, share = pictures.left, result["misfit"]["left_share"]
+def _further(result: Mapping[str, Any]) -> str:
+    further = result["posterior"]["further"]
+    return (
+        f"Noise alone would give as much evidence for a further cause with probability {further['p_value']:.2g};"
+        f" the first asked for would be {', '.join(further['credible_set'][:3])}."
+    )
+
+
+def _left(result: Mapping[str, Any], pictures: Pictures | tuple[Curve, ...]) -> Section:
+    share = result["misfit"]["left_share"]
+    if isinstance(pictures, tuple):
+        text = [f"{100 * share:.2g} % of the misfit that could be explained is left.", _further(result)]
+        left = result["unknown"]
+        rows = [(name, *(f"{v:.3g}" for v in part.values())) for name, part in left["series"].items()]
+        caption = f"Noise alone would leave as much with probability {left['p_value']:.2g}."
+        columns = ("series", "measured over predicted, mean", "exponent along the abscissa")
+        return Section("What is not explained", text, tables=[Table(columns, rows, caption)])
+    left = pictures.left
     figure = Figure(figsize=(5.2, 3.6), layout="constrained")
     FigureCanvasAgg(figure)
     axis = figure.subplots()
@@ -151,11 +172,7 @@ def _left(result: Mapping[str, Any], pictures: Pictures) -> Section:
     text = [f"{100 * share:.2g} % of the misfit that could be explained is left."]
     told = left.sentence()
     text.append(f"{told[0].upper()}{told[1:]}." if left.found else "All views together show no more than noise.")
-    further = result["posterior"]["further"]
-    text.append(
-        f"Noise alone would give as much evidence for a further cause with probability {further['p_value']:.2g};"
-        f" the first asked for would be {', '.join(further['credible_set'][:3])}."
-    )
+    text.append(_further(result))
     return Section("What is not explained", text, [Picture(figure_png(figure), "Residual of all views together.")])
 
 
@@ -177,13 +194,16 @@ def _gain(result: Mapping[str, Any]) -> Section:
     gain = result["held_out"]
     if gain is None:
         return Section("Gain on held-out conditions", ["No condition was held out, so that no gain can be claimed."])
-    (rms, rms_after), (area, area_after), score = gain["rms_DN"], gain["area_error_percent"], gain["log_score"]
+    unit, what = ("DN", "views") if "rms_DN" in gain else ("standard deviations", "rows")
+    (rms, rms_after), score = gain["rms_DN" if unit == "DN" else "rms_sd"], gain["log_score"]
     rows = [
-        ("residual, RMS [DN]", f"{rms:.3g}", f"{rms_after:.3g}"),
-        ("error of the predicted area, mean [%]", f"{area:.3g}", f"{area_after:.3g}"),
+        (f"residual, RMS [{unit}]", f"{rms:.3g}", f"{rms_after:.3g}"),
         ("log score [nats]", "0", f"{score[0]:+.4g} ({score[1]:+.4g} to {score[2]:+.4g})"),
     ]
-    text = [f"{gain['views']} views whose conditions no fit and no choice saw."]
+    if None not in gain["area_error_percent"]:
+        area, area_after = gain["area_error_percent"]
+        rows.insert(1, ("error of the predicted area, mean [%]", f"{area:.3g}", f"{area_after:.3g}"))
+    text = [f"{gain['views']} {what} whose conditions no fit and no choice saw."]
     if gain["area_worse"]:
         text.insert(
             0, "The extension makes the area of conditions that it has not seen worse: do not use it for areas."

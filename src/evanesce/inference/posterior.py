@@ -10,22 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.rng import generator
 from evanesce.inference.causes import Cause
-from evanesce.inference.constants import DETECTED, EXTRAPOLATED
-from evanesce.inference.data import DataVector
-from evanesce.inference.discrepancy import Discrepancy
+from evanesce.inference.constants import DETECTED
 from evanesce.inference.joint import Fitter, JointFit
 from evanesce.inference.power import Power, expected_power
-from evanesce.inference.shapes import FormBank
 from evanesce.inference.single_effects import NONE, UNKNOWN, Place, Shapes, null_statistics, p_value, place_of
 from evanesce.inference.small_space import SmallSpace
-from evanesce.inference.unknown import unknown_rows
 
 Array = NDArray[Any]
 
@@ -141,6 +137,20 @@ class Weights:
     root: Array
 
 
+class Bank(Protocol):
+    """Forms of causes for some kind of data."""
+
+    def blocks(self, causes: Sequence[Cause], data: Any) -> dict[str, Array]:
+        """Return the whitened forms (forms, d) of causes that show, and rows of something unknown."""
+
+
+class Rows(Protocol):
+    """Discrepancy for some kind of data."""
+
+    def every_row(self, fitted: JointFit) -> Array:
+        """Return the rows (k, d) of a joint fit, the model anchored about it."""
+
+
 class Judge:
     """Weighs causes against each other at a joint fit.
 
@@ -148,17 +158,31 @@ class Judge:
     ----------
     fitter : Fitter
     causes : sequence of Cause
-    bank : FormBank
-    discrepancy : Discrepancy
+    bank : Bank
+    discrepancy : Rows
+    reach : float
+        Prior deviations up to which a cause may be there; strengths end where its largest form would be exceeded by
+        that. Data of few rows tell causes apart by how much of each is plausible.
     """
 
-    def __init__(self, fitter: Fitter, causes: Sequence[Cause], bank: FormBank, discrepancy: Discrepancy) -> None:
-        self.fitter, self.discrepancy = fitter, discrepancy
-        data = fitter.data
-        blocks = {forms.id: forms.rows(data) for forms in bank.of(causes)}
-        blocks[UNKNOWN] = unknown_rows(data, bank.nominal)
+    def __init__(
+        self,
+        fitter: Fitter,
+        causes: Sequence[Cause],
+        bank: Bank,
+        discrepancy: Rows,
+        *,
+        reach: float = np.inf,
+    ) -> None:
+        self.fitter, self.discrepancy, self.reach = fitter, discrepancy, reach
+        self.grown = frozenset(c.id for c in causes if c.one_sided) if np.isfinite(reach) else frozenset()
+        blocks = bank.blocks(causes, fitter.model.data)
         self.known = tuple(blocks)
-        self._forms = SmallSpace(blocks, np.zeros((0, data_size(data))))
+        self._forms = SmallSpace(blocks, np.zeros((0, fitter.observed.size)))
+
+    def _shapes(self, name: str, gram: Array) -> Shapes:
+        reach = np.inf if name == UNKNOWN else self.reach
+        return Shapes.of(name, gram, reach=reach, one_sided=name in self.grown)
 
     def posterior(
         self, fitted: JointFit, unknown: float = 0.0, behind: Mapping[tuple[str, str], float] | None = None
@@ -193,7 +217,7 @@ class Judge:
         strength = 0.0
         if UNKNOWN in rest:
             gram, along = space.marginalised(marginal, [UNKNOWN], 0)
-            shapes = Shapes.of(UNKNOWN, gram)
+            shapes = self._shapes(UNKNOWN, gram)
             # Rows are used as they are: each with the mean amplitude that the strength of their sum asks for.
             strength = shapes.strength(shapes.coordinates(along)) * float(np.mean(shapes.scale[shapes.scale > 0]))
         return Further(place, p, by_misfit, strength)
@@ -219,7 +243,7 @@ class Judge:
             start += len(cut)
             if cause in judged:
                 cut = cut[:-1]  # its relinearised form is known in the present views alone
-            shapes = Shapes.of(cause, gram[np.ix_(cut, cut)])
+            shapes = self._shapes(cause, gram[np.ix_(cut, cut)])
             if not shapes.eigenvalues.size:
                 continue
             strength = shapes.strength(shapes.coordinates(along[cut]))
@@ -245,8 +269,7 @@ class Judge:
         blocks: dict[str, Array] = {NUISANCES: np.concatenate([fitted.metric.rows, _scaled(fitted, "@")])}
         for taken in fitted.taken:
             blocks[f"{FITTED}{taken.id}"] = _scaled(fitted, f"{taken.id}:")
-        tied = [self.discrepancy.rows(fitted), self.fitter.data.whitened(model.discretisation)[None] * EXTRAPOLATED]
-        blocks[DISCREPANCY] = np.concatenate(tied)
+        blocks[DISCREPANCY] = self.discrepancy.every_row(fitted)
         secants: dict[str, Array] = {}
         if judged:
             whole = model.vector(fitted.point)
@@ -269,18 +292,13 @@ class Judge:
         shapes, products, start = [], {}, 0
         for name in candidates:
             cut = slice(start, start + len(space.places[name]))
-            shapes.append(Shapes.of(name, gram[cut, cut]))
+            shapes.append(self._shapes(name, gram[cut, cut]))
             products[name] = along[cut]
             start = cut.stop
         place = place_of(shapes, products)
         if not with_p:
             return place, 0.0
         return place, p_value(place, null_statistics(shapes, gram, generator(0, "null statistics")))
-
-
-def data_size(data: DataVector) -> int:
-    """Return the number of whitened bins of the open views."""
-    return int(data.valid[list(data.open)].sum())
 
 
 def _marginal(taken: Iterable[str], unknown: float) -> dict[str, float]:

@@ -92,12 +92,15 @@ class Search:
     judge : Judge
     tell : callable
         Told each move and the time left.
+    fitted : int
+        Causes that are fitted in each round, of those that are entered.
     """
 
     fitter: Fitter
     causes: Sequence[Cause]
     judge: Judge
     tell: Tell = lambda line: None
+    fitted: int = FITTED
     steps: list[Step] = field(default_factory=list)
     refused: dict[str, str] = field(default_factory=dict)
     marks: MarkSearch | None = None
@@ -120,12 +123,15 @@ class Search:
         self.first = base.misfit
         now = self._with_defects(self._grown(base))
         while True:
-            posterior, compared = self.judge.posterior(now, self.unknown, self._behind), len(self._behind)
-            posterior = posterior.with_defects(self.scan.places())
+            posterior, compared = self.posterior(now).with_defects(self.scan.places()), len(self._behind)
             moved = self._dropped(now, posterior) or self._exchanged(now, posterior)
             if len(self.steps) >= MOVES or (moved is None and len(self._behind) == compared):
                 return now, posterior
             now = now if moved is None else self._grown(moved)
+
+    def posterior(self, now: JointFit) -> Posterior:
+        """Return the probabilities of all causes at a joint fit, about which the model is anchored."""
+        return self.judge.posterior(now, self.unknown, self._behind)
 
     def share(self, misfit: float) -> float:
         """Return a misfit over what there was to explain."""
@@ -159,7 +165,7 @@ class Search:
             return now
         self.tell("localised defects")
         self.scan = self.marks.scan(now.point)
-        model, taken, start = self.fitter.model, list(now.taken), dict(now.point)
+        model, taken, start = self.marks.model, list(now.taken), dict(now.point)
         for found in self.scan.listed:
             own = found.taken
             self.refused[own.id] = "its places were found"
@@ -183,11 +189,11 @@ class Search:
         wanted: list[str] = []
         for bayes in (asked.by_misfit.log_bayes, place.log_bayes):
             ranked = [n for n in sorted(bayes, key=lambda n: -bayes[n]) if n != UNKNOWN and n not in self.refused]
-            wanted += [n for n in ranked[:TRIED] if n not in wanted]
+            wanted += [n for n in self._worth_entering(ranked) if n not in wanted]
         metric, believed = everything_marginalised(now)
         entered = [e for e in (self._entered(now, name, metric, believed) for name in wanted) if e is not None]
         entered.sort(key=lambda e: -e.removed)
-        tried = [t for t in (self._tried(now, e, metric, believed) for e in entered[:FITTED]) if t is not None]
+        tried = [t for t in (self._tried(now, e, metric, believed) for e in entered[: self.fitted]) if t is not None]
         unknown = place.log_bayes.get(UNKNOWN, 0.0)
         for fitted in sorted(tried, key=lambda t: t.misfit):
             cause = fitted.taken[-1].id
@@ -205,6 +211,10 @@ class Search:
             self.refused[cause] = f"brings {0.5 * removed:.1f} nats at the fine model's optimum"
             self.fitter.model.anchor(now.point)
         return None
+
+    def _worth_entering(self, ranked: Sequence[str]) -> Sequence[str]:
+        """Return which causes of a list, the likeliest first, are entered."""
+        return ranked[:TRIED]
 
     def _occam(self, tried: int) -> float:
         """Return what a fitted cause must bring [nats]: the choice among all causes, and its own strength."""

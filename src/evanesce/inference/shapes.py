@@ -18,6 +18,8 @@ from evanesce.inference.causes import Cause
 from evanesce.inference.constants import DRAWS
 from evanesce.inference.data import DataVector
 from evanesce.inference.laws import Law, Seen, all_laws
+from evanesce.inference.single_effects import UNKNOWN
+from evanesce.inference.unknown import unknown_rows
 from evanesce.prediction.parameters import Parameter
 from evanesce.prediction.predict import Predictor
 from evanesce.prediction.tone import expected_tone
@@ -81,6 +83,26 @@ def drawn_point(cause: Cause, rng: np.random.Generator) -> dict[str, float]:
     return point
 
 
+def drawn_points(cause: Cause, rng: np.random.Generator) -> list[dict[str, float]]:
+    """Return the points at which a cause's forms are made, beside those of its laws.
+
+    Parameters
+    ----------
+    cause : Cause
+    rng : numpy.random.Generator
+    """
+    laws = all_laws().get(cause.id, ())
+    # Another light of the plate takes seconds, and its form hardly depends on how much there is of it.
+    count = COSTLY_DRAWS if cause.costly else max(DRAWS - len(laws), DRAWS // 2)
+    return [drawn_point(cause, rng) for _ in range(count)]
+
+
+def sources_of(cause: Cause) -> list[Any]:
+    """Return the source of a cause's effect and of its laws: forms kept on disk are those of this source."""
+    laws = [inspect.getsource(inspect.getmodule(law.change or law.rig)) for law in all_laws().get(cause.id, ())]  # type: ignore[arg-type]
+    return [inspect.getsource(inspect.getmodule(cause.candidate.effect.apply)), laws]  # type: ignore[arg-type]
+
+
 def _within(parameter: Parameter, *wanted: float) -> float:
     """Return the first wanted value within a parameter's bounds, or the last one clipped."""
     low, high = parameter.bounds
@@ -127,13 +149,16 @@ class FormBank:
         every = [self._found[c.id] for c in causes]
         return [forms for forms in every if np.any(forms.changes)]
 
+    def blocks(self, causes: Sequence[Cause], data: DataVector) -> dict[str, Array]:
+        """Return the whitened forms (forms, bins) of causes that show, and rows of something unknown."""
+        found = {forms.id: forms.rows(data) for forms in self.of(causes)}
+        return {**found, UNKNOWN: unknown_rows(data, self.nominal)}
+
     def _key(self, cause: Cause) -> str:
         coarse = self.coarse
         views = [[v.kind, v.force_N, v.voltage_V, v.time_s, v.index, v.session, v.frames] for v in coarse.views]
-        laws = [inspect.getsource(inspect.getmodule(law.change or law.rig)) for law in all_laws().get(cause.id, ())]  # type: ignore[arg-type]
-        effect = inspect.getsource(inspect.getmodule(cause.candidate.effect.apply))  # type: ignore[arg-type]
         known = [FORMAT, __version__, DRAWS, coarse.scene.model_dump(mode="json"), views, dict(self.point)]
-        return digest([*known, coarse.noise_scale, effect, laws])
+        return digest([*known, coarse.noise_scale, *sources_of(cause)])
 
     def _cube(self, coarse: Predictor, point: Mapping[str, float]) -> Array:
         correction, coarse.correction = coarse.correction, None
@@ -146,10 +171,7 @@ class FormBank:
         rng = generator(0, "forms", cause.id)
         laws = all_laws().get(cause.id, ())
         changes, names = [], []
-        # Another light of the plate takes seconds, and its form hardly depends on how much there is of it.
-        count = COSTLY_DRAWS if cause.costly else max(DRAWS - len(laws), DRAWS // 2)
-        for _ in range(count):
-            point = drawn_point(cause, rng)
+        for point in drawn_points(cause, rng):
             try:
                 changes.append(self._cube(self.coarse, point) - self.nominal)
             except InputError:

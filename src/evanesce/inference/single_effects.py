@@ -18,12 +18,12 @@ share one place and form its credible set.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
+from scipy import linalg, special
 
 from evanesce.inference.constants import CREDIBLE, NONE_PRIOR, STRENGTHS
 
@@ -53,24 +53,41 @@ class Shapes:
         Of the scaled rows' inner products, the smallest left out; empty if nothing shows.
     axes : ndarray (k, m)
         Eigenvectors.
+    strengths : ndarray (n,)
+        At which it is weighed.
+    one_sided : bool
+        Whether the sum of its rows' weights is positive: of a cause that can only grow.
     """
 
     id: str
     scale: Array
     eigenvalues: Array
     axes: Array
+    strengths: Array = field(default_factory=lambda: STRENGTHS)
+    one_sided: bool = False
 
     @classmethod
-    def of(cls, name: str, gram: Array) -> Shapes:
-        """Return the shapes of rows with the given inner products (k, k) in the metric."""
+    def of(cls, name: str, gram: Array, *, reach: float = np.inf, one_sided: bool = False) -> Shapes:
+        """Return the shapes of rows with the given inner products (k, k) in the metric.
+
+        Parameters
+        ----------
+        name : str
+        gram : ndarray (k, k)
+        reach : float
+            Times the largest row's norm beyond which no strength is plausible.
+        one_sided : bool
+        """
         norms = np.sqrt(np.maximum(np.diag(gram), 0.0))
         seen = norms > LEAST_NORM
         scale = np.where(seen, 1.0 / (np.where(seen, norms, 1.0) * np.sqrt(max(seen.sum(), 1))), 0.0)
         if not seen.any():
             return cls(name, scale, np.zeros(0), np.zeros((len(norms), 0)))
+        low, high = (min(float(end), reach * float(norms.max())) for end in STRENGTHS[[0, -1]])
+        strengths = np.geomspace(low, high, len(STRENGTHS))
         values, axes = np.linalg.eigh(scale[:, None] * gram * scale)
         kept = values > LEAST_EIGENVALUE * values[-1]
-        return cls(name, scale, values[kept], axes[:, kept])
+        return cls(name, scale, values[kept], axes[:, kept], strengths, one_sided)
 
     @property
     def directions(self) -> Array:
@@ -85,16 +102,26 @@ class Shapes:
         """Return the log Bayes factor over none (...) for unit coordinates (..., m) [nats]."""
         if not self.eigenvalues.size:
             return np.full(np.shape(coordinates)[:-1], -np.inf)
-        size2 = np.square(STRENGTHS)[:, None] * self.eigenvalues
-        square = np.square(np.asarray(coordinates))[..., None, :]
-        each = 0.5 * (square * (size2 / (1.0 + size2)) - np.log1p(size2)).sum(axis=-1)
-        return np.asarray(np.logaddexp.reduce(each, axis=-1) - np.log(len(STRENGTHS)))
+        each = self._by_strength(np.asarray(coordinates))
+        return np.asarray(np.logaddexp.reduce(each, axis=-1) - np.log(len(self.strengths)))
+
+    def _by_strength(self, coordinates: Array) -> Array:
+        """Return the log Bayes factor (..., n) at each strength for unit coordinates (..., m)."""
+        size2 = np.square(self.strengths)[:, None] * self.eigenvalues
+        square = np.square(coordinates)[..., None, :]
+        each = np.asarray(0.5 * (square * (size2 / (1.0 + size2)) - np.log1p(size2)).sum(axis=-1))
+        if not self.one_sided:
+            return each
+        # Weights whose sum is positive had half the prior; the factor is what data make of that half.
+        total = self.axes.T @ (self.scale > 0)
+        mean = (coordinates[..., None, :] * np.sqrt(size2) / (1.0 + size2)) @ total
+        hidden = max(float((self.scale > 0).sum() - total @ total), 0.0)
+        spread = np.sqrt(hidden + (1.0 / (1.0 + size2)) @ np.square(total))
+        return np.asarray(each + special.log_ndtr(mean / spread) + np.log(2.0))
 
     def strength(self, coordinates: Array) -> float:
         """Return the most probable strength for unit coordinates (m,) [1]."""
-        size2 = np.square(STRENGTHS)[:, None] * self.eigenvalues
-        each = 0.5 * (np.square(coordinates) * (size2 / (1.0 + size2)) - np.log1p(size2)).sum(axis=-1)
-        return float(STRENGTHS[int(np.argmax(each))])
+        return float(self.strengths[int(np.argmax(self._by_strength(np.asarray(coordinates))))])
 
 
 @dataclass(frozen=True)

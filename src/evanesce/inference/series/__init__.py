@@ -1,0 +1,1 @@
+"""Scalar series, alone or beside frames, as data of the critic."""

@@ -1,0 +1,162 @@
+"""Series beside frames: one data vector, the whitened rows after the whitened bins.
+
+:func:`with_series` gives the three things that a joint fit of frames is made of; where a bundle holds no series that
+says more than its frames they are those of the frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.bundle.bundle import Bundle
+from evanesce.inference.causes import Cause
+from evanesce.inference.data import DataVector
+from evanesce.inference.discrepancy import Discrepancy
+from evanesce.inference.joint import JointFit
+from evanesce.inference.model import AnchoredModel
+from evanesce.inference.series.model import SeriesBank, SeriesDiscrepancy, SeriesModel, unknown_rows
+from evanesce.inference.series.rows import rows_of
+from evanesce.inference.shapes import FormBank
+from evanesce.inference.single_effects import UNKNOWN
+from evanesce.prediction.observe import Observation
+from evanesce.prediction.parameters import Parameter
+
+Array = NDArray[Any]
+Point = Mapping[str, float]
+Tell = Callable[[str], None]
+
+
+def with_series(observation: Observation, data: DataVector, bundle: Bundle) -> AnchoredModel:
+    """Return the model of a bundle's frames and of the series that were not read from them.
+
+    Parameters
+    ----------
+    observation : Observation
+    data : DataVector
+    bundle : Bundle
+    """
+    used, _, _ = rows_of(bundle.series, bundle.press)
+    return FramesAndSeries(observation, data, SeriesModel(observation, used)) if used.series else AnchoredModel(
+        observation, data
+    )  # fmt: skip
+
+
+def bank_of(model: AnchoredModel, point: Point, tell: Tell = lambda line: None) -> FormBank:
+    """Return the forms for a model of :func:`with_series`; arguments as of :class:`FormBank`."""
+    if not isinstance(model, FramesAndSeries):
+        return FormBank(model.coarse, point, tell)
+    bank = FramesAndSeriesBank(model.coarse, point, tell)
+    bank.rows = SeriesBank(model.series)
+    return bank
+
+
+def discrepancy_of(model: AnchoredModel) -> Discrepancy:
+    """Return the discrepancy for a model of :func:`with_series`."""
+    return FramesAndSeriesDiscrepancy(model) if isinstance(model, FramesAndSeries) else Discrepancy(model)
+
+
+class FramesAndSeries(AnchoredModel):
+    """Predicts the bins of frames and the rows of series; light and black level are one for both.
+
+    Parameters
+    ----------
+    observation : Observation
+    data : DataVector
+    series : SeriesModel
+    """
+
+    def __init__(self, observation: Observation, data: DataVector, series: SeriesModel) -> None:
+        super().__init__(observation, data)
+        self.series = series
+
+    @property
+    def observed(self) -> Array:
+        """Whitened bins of the open views, then rows (bins + rows,)."""
+        return np.concatenate([super().observed, self.series.observed])
+
+    def nuisances(self) -> tuple[Parameter, ...]:
+        """Return those of the frames, and those that the series have by themselves."""
+        frames = super().nuisances()
+        shared = {p.name for p in frames}
+        return (*frames, *(p for p in self.series.nuisances() if p.name not in shared))
+
+    def anchor(self, point: Point) -> Array:
+        """Evaluate the fine model of both at a point; return its bins (views, rows, cols)."""
+        self.series.anchor(point)
+        return super().anchor(point)
+
+    def vector(self, point: Point) -> Array:
+        """Return the whitened prediction (bins + rows,)."""
+        return np.concatenate([super().vector(point), self.series.vector(point)])
+
+    def derivative(self, point: Point, parameter: Parameter) -> Array:
+        """Return its derivative (bins + rows,) by a parameter."""
+        series = self.series.derivative(point, parameter)
+        own = parameter.name in {p.name for p in self.series.nuisances()} - {p.name for p in super().nuisances()}
+        size = self.observed.size - series.size
+        frames = np.zeros(size, np.float32) if own else super().derivative(point, parameter)
+        return np.concatenate([frames, series])
+
+    def further_rows(self) -> Array:
+        """Return rows (k, bins + rows); no codec touches the series."""
+        frames = super().further_rows()
+        return np.pad(frames, [(0, 0), (0, self.series.observed.size)])
+
+
+class FramesAndSeriesBank(FormBank):
+    """Forms in bins and rows, drawn at the same points."""
+
+    rows: SeriesBank
+
+    def blocks(self, causes: Sequence[Cause], data: DataVector) -> dict[str, Array]:
+        """Return the whitened forms (forms, bins + rows), and rows of something unknown in either."""
+        frames = super().blocks(causes, data)
+        sd = self.rows.model.data.sd
+        found = {}
+        for cause in causes:
+            changes = self.rows.changes(cause)
+            if cause.id not in frames:
+                if not np.any(np.nan_to_num(changes)):
+                    continue
+                frames[cause.id] = np.zeros((len(changes), next(iter(frames.values())).shape[1]), np.float32)
+            count = len(frames[cause.id])
+            # Either both could have a drawn rig or neither; a law of the frames alone is no change of a row.
+            known = changes[~np.isnan(changes).any(axis=1)] if len(changes) != count else np.nan_to_num(changes)
+            own = np.zeros((count, sd.size))
+            own[: len(known)] = known[:count]
+            found[cause.id] = np.concatenate([frames[cause.id], own / sd], axis=1)
+        unknown, rows = frames[UNKNOWN], unknown_rows(self.rows.model.data)
+        found[UNKNOWN] = np.block(
+            [
+                [unknown, np.zeros((len(unknown), sd.size))],
+                [np.zeros((len(rows), unknown.shape[1])), rows],
+            ]
+        )
+        return found
+
+
+class FramesAndSeriesDiscrepancy(Discrepancy):
+    """Rows of the discrepancy in bins and rows; they are independent of each other."""
+
+    model: FramesAndSeries
+
+    def rows(self, fitted: JointFit, fine: Array | None = None) -> Array:
+        """Return the rows (k, bins + rows)."""
+        return self._padded(super().rows(fitted, fine), SeriesDiscrepancy(self.model.series).every_row(fitted))
+
+    def every_row(self, fitted: JointFit) -> Array:
+        """Return the rows (k, bins + rows), with that of what extrapolation to finer pixels added at the anchor."""
+        frames = self.extrapolated()
+        return np.concatenate([self.rows(fitted), self._padded(frames, np.zeros((0, self.model.series.observed.size)))])
+
+    def _padded(self, frames: Array, series: Array) -> Array:
+        return np.block(
+            [
+                [frames, np.zeros((len(frames), series.shape[1]))],
+                [np.zeros((len(series), frames.shape[1])), series],
+            ]
+        )

@@ -1,0 +1,139 @@
+"""Scalar series as a rig with departures would give them: areas by the whole chain, forces by the contact law."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.bundle.area import AreaReading, contact_area
+from evanesce.bundle.layout import Series
+from evanesce.chain.simulate import solve_contact
+from evanesce.core.errors import InputError
+from evanesce.inference.series.rows import LEAST_AREA_MM2, LEAST_FORCE_N
+from evanesce.prediction.fine import FinePredictor, in_pixels
+from evanesce.prediction.observe import model_factor, model_scene
+from evanesce.prediction.predict import Kept, Nuisances, Predictor, scene_with
+from evanesce.prediction.views import View
+from evanesce.rig import Scene
+
+Array = NDArray[Any]
+Point = Mapping[str, float]
+
+FORCES_FOR_DEPTH = np.geomspace(0.02, 12.0, 14)
+DEFAULT_FORCE_N = 3.0
+KEPT = 400
+
+
+class SeriesPredictor:
+    """Predicts the logarithm of series at a point, a mapping of parameter names to values.
+
+    Parameters
+    ----------
+    believed : Scene
+    fine : bool
+        Whether frames have the real camera's pixels and finer light, or are the model camera's.
+    """
+
+    def __init__(self, believed: Scene, *, fine: bool = False) -> None:
+        self.believed, self._fine = believed, fine
+        self.scene = believed if fine else model_scene(believed)
+        self.factor = 1 if fine else model_factor(believed)
+        """Real pixels along each of the frames'."""
+        self._frames = self._predictor()
+        self._smaller = self._frames.before * self._frames.factor if isinstance(self._frames, FinePredictor) else 1
+        self._kept = Kept(KEPT)
+
+    def _predictor(self) -> Predictor:
+        if self._fine:
+            return FinePredictor(self.believed, (), model_factor(self.believed))
+        return Predictor(self.scene, ())
+
+    def log(self, series: Series, point: Point) -> Array:
+        """Return the logarithm of one series' values (n,).
+
+        Raises
+        ------
+        InputError
+            If the rig cannot have these values.
+        """
+        what = (series.x_name, series.y_name, tuple(series.x), tuple(series.held.items()), series.name)
+        key = (what, tuple(sorted(point.items())))
+        found: Array = self._kept.get(key, lambda: self._values(self.scene, series, point))
+        return found
+
+    def of_rig(self, scene: Scene, series: Series) -> Array:
+        """Return the logarithm of one series' values (n,) for another rig at this resolution."""
+        return self._values(scene, series, {})
+
+    def _values(self, own: Scene, series: Series, point: Point) -> Array:
+        scene = scene_with(own, in_pixels(point, self._smaller))
+        if series.y_name == "force":
+            force = self._force(scene, series, point)
+            return np.log(np.maximum(force * math.exp(-point.get(f"@load[{series.name}]", 0.0)), LEAST_FORCE_N))
+        return np.log(self._areas(scene, series, point))
+
+    def _areas(self, scene: Scene, series: Series, point: Point) -> Array:
+        """Return areas by the reference segmentation of predicted frames [mm^2]."""
+        held = series.held
+        states = {
+            "force": np.full(len(series), held.get("force_N", DEFAULT_FORCE_N)),
+            "voltage": np.full(len(series), held.get("voltage_V", self.scene.leds.voltage_V)),
+            "time": np.full(len(series), held.get("time_s", 0.0)),
+        }
+        if series.x_name == "displacement":
+            states["force"] = self._force(scene, series, point)
+        else:
+            states[series.x_name] = np.asarray(series.x, float)
+        reading = AreaReading(
+            threshold=held.get("threshold", AreaReading.threshold),
+            # Pixels of the model camera are larger, the blur's are the lab's.
+            blur_px=held.get("blur_px", AreaReading.blur_px) / self.factor,
+            min_blob_mm2=held.get("min_blob_mm2", AreaReading.min_blob_mm2),
+        )
+        nuisances = Nuisances(
+            log_light=point.get("@light", 0.0),
+            black_DN=point.get("@black", 0.0),
+            log_force=point.get(f"@load[{series.name}]", 0.0),
+        )
+        # Pictures of fine frames are large, and a fit asks for no point twice: none are kept.
+        frames = self._predictor() if self._fine else self._frames
+        found = []
+        for force, voltage, time in zip(*(states[n] for n in ("force", "voltage", "time")), strict=True):
+            view = View(kind="press", force_N=float(force), voltage_V=float(voltage), time_s=float(time))
+            frame = np.floor(np.clip(frames.picture(scene, view, nuisances), 0, 255) + 0.5).astype(np.uint8)
+            found.append(contact_area(frame, frames.scene, reading))
+        return np.maximum(np.array(found) * self._card_scale(scene), LEAST_AREA_MM2)
+
+    def _card_scale(self, scene: Scene) -> float:
+        """Return what areas are off by, where the square that set mm^2 per pixel has not the side it should have."""
+        rig, _ = solve_contact(scene, None, seed=0)
+        return float((self.scene.card.square_side_mm / rig.card.square_side_mm) ** 2)
+
+    def _force(self, scene: Scene, series: Series, point: Point) -> Array:
+        """Return the force at displacements, by turning the law's depth at forces around [N]."""
+        forces, depths = [], []
+        for force in FORCES_FOR_DEPTH:
+            try:
+                _, state = solve_contact(scene, float(force), seed=0, time_s=series.held.get("time_s", 0.0))
+            except InputError:
+                continue  # beyond what the law knows
+            if state is not None and np.isfinite(state.depth):
+                forces.append(float(force))
+                depths.append(float(state.depth))
+        if len(forces) < 2:
+            raise InputError(
+                "has no depth", key="contact.law", allowed="a law with a depth, for series of displacement"
+            )
+        order = np.argsort(depths)
+        depth = np.asarray(series.x, float) + point.get(f"@zero[{series.name}]", 0.0)
+        log_depth, log_force = (np.log(np.maximum(np.array(x)[order], 1e-6)) for x in (depths, forces))
+        return np.exp(np.interp(np.log(np.maximum(depth, 1e-6)), log_depth, log_force))
+
+
+def log_of(predictor: SeriesPredictor, series: Sequence[Series], point: Point) -> Array:
+    """Return the logarithm of the values of several series, one after the other (rows,)."""
+    return np.concatenate([np.zeros(0), *(predictor.log(one, point) for one in series)])

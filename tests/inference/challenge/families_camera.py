@@ -8,7 +8,7 @@ from scipy.interpolate import PchipInterpolator
 
 from .camera import Knee
 from .hidden import Hidden
-from .rig import COLS, FINER, ROWS, View
+from .rig import FINER, View
 
 
 def moved(fine: np.ndarray, du: np.ndarray, dv: np.ndarray) -> np.ndarray:
@@ -29,8 +29,12 @@ class BlackLevel(Hidden):
         self.sign = 1.0 if self.plain else self.sign
 
     def offset_DN(self, view: View, a: float) -> np.ndarray:
-        row = np.linspace(-1, 1, ROWS)[:, None]
-        return self.sign * a * (1 + self.slope * (row if self.form == 0 else row * row)) * np.ones((1, COLS))
+        rows, cols = self.rig.shape
+        row = np.linspace(-1, 1, rows)[:, None]
+        return self.sign * a * (1 + self.slope * (row if self.form == 0 else row * row)) * np.ones((1, cols))
+
+    def parameter(self, a: float) -> tuple[str, float]:
+        return "offset_DN", self.sign * a * (1.0 + (0.0 if self.form == 0 else self.slope / 3.0))
 
 
 class ToneCurve(Hidden):
@@ -128,13 +132,14 @@ class DistortionDrift(Hidden):
 class HotPixels(Hidden):
     """A few pixels that leak: rates spread over a decade (form 1: in pairs along a row)."""
 
-    id, unit, start, limit = "hot_pixels", "e-", 20.0, 20000.0
+    id, unit, start, limit, mark = "hot_pixels", "e-", 20.0, 20000.0, True
 
     def draw(self) -> None:
         count = int(self.rng.integers(8, 30))
-        rows, cols = self.rng.integers(0, ROWS, count), self.rng.integers(0, COLS - 1, count)
+        shape = self.rig.shape
+        rows, cols = self.rng.integers(0, shape[0], count), self.rng.integers(0, shape[1] - 1, count)
         rates = 10 ** self.rng.uniform(-1, 0, count)
-        self.map = np.zeros((ROWS, COLS))
+        self.map = np.zeros(shape)
         self.map[rows, cols] = rates
         if self.form:
             self.map[rows, cols + 1] = 0.5 * rates
@@ -146,7 +151,7 @@ class HotPixels(Hidden):
 class RollingShutter(Hidden):
     """LEDs dimmed by a triangle wave (form 1: a rectified sine) while the rows are exposed one after the other."""
 
-    id, start, limit = "rolling_shutter", 0.01, 0.9
+    id, start, limit, mark = "rolling_shutter", 0.01, 0.9, True
     still = False
 
     def draw(self) -> None:
@@ -176,11 +181,11 @@ class Saturation(Hidden):
 class SensorDust(Hidden):
     """Soft dark discs at fixed pixels: error-function rims (form 1: a brighter ring around, as by diffraction)."""
 
-    id, start, limit = "sensor_dust", 0.02, 1.0
+    id, start, limit, mark = "sensor_dust", 0.02, 1.0, True
 
     def draw(self) -> None:
         count = int(self.rng.integers(6, 14))
-        shape = (ROWS * FINER, COLS * FINER)
+        shape = self.rig.at.u.shape
         v, u = np.mgrid[: shape[0], : shape[1]].astype(float)
         left = np.zeros(shape)
         # Dust that shadows no contact is seen on the cards alone; half of it is where the finger presses.
@@ -231,6 +236,9 @@ class SquareSize(Hidden):
     def light(self, fine: np.ndarray, view: View, a: float) -> np.ndarray:
         return fine + self.sign * a * self.rig.base.cards["by_log_side"] if view.kind == "square" else fine
 
+    def parameter(self, a: float) -> tuple[str, float]:
+        return "square", float(np.exp(self.sign * a) - 1.0)
+
 
 class CardOffset(Hidden):
     """The cards lie on a sheet: farther from the lens, so smaller about the optical axis."""
@@ -245,6 +253,9 @@ class CardOffset(Hidden):
         distance = camera.lens.focal_length_mm * 1e3 / camera.pixel.pitch_um / camera.scale_px_per_mm
         shrink = distance / (distance + a) - 1
         return moved(fine, half * at.u * shrink, half * at.v * shrink)
+
+    def parameter(self, a: float) -> tuple[str, float]:
+        return "height_mm", a
 
 
 class OffAxisLoad(Hidden):

@@ -17,6 +17,8 @@ from evanesce.sensor.tone import CURVES
 from .rig import FINER
 
 BIN = 4
+CORRELATED = {"lowpass": 0.6}
+"""Standard deviation of the sensor's own low-pass on its noise [px], by noise class."""
 FEW_E = 50.0
 
 
@@ -210,7 +212,7 @@ def noisy_frame(
     Parameters
     ----------
     electronics : Electronics
-    charge_e : ndarray (300, 400)
+    charge_e : ndarray (rows, cols)
         Mean charge [e-].
     offset_DN : float or ndarray
         On the raw numbers [DN].

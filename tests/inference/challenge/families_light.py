@@ -26,6 +26,10 @@ def blurred_points(shape: tuple[int, int], u: np.ndarray, v: np.ndarray, flux: n
     return ndimage.gaussian_filter(image, sigma)
 
 
+MIDDLE_S = 100.0
+"""Middle of the ramp and its holds."""
+
+
 class LightField(Hidden):
     """LEDs of other powers than believed: the guided light's share from each LED, by the rig's own plate."""
 
@@ -184,7 +188,7 @@ class Marked(Hidden):
 class Specks(Marked):
     """Points with power-law brightness (form 1: two sizes)."""
 
-    id, start, limit = "specks", 0.5, 500.0
+    id, start, limit, mark = "specks", 0.5, 500.0, True
 
     def pattern(self) -> np.ndarray:
         count = int(self.rng.integers(25, 60))
@@ -197,7 +201,7 @@ class Specks(Marked):
 class Scratch(Marked):
     """A scratch that bends: part of a circle, fading at its ends (form 1: two of them)."""
 
-    id, start, limit = "scratch", 0.05, 30.0
+    id, start, limit, mark = "scratch", 0.05, 30.0, True
 
     def pattern(self) -> np.ndarray:
         shape = self.rig.at.u.shape
@@ -217,7 +221,7 @@ class Scratch(Marked):
 class ResidueFilm(Marked):
     """A haze whose brightness falls as a Lorentzian, oval (form 1: with a hole in its middle)."""
 
-    id, start, limit = "residue_film", 0.005, 2.0
+    id, start, limit, mark = "residue_film", 0.005, 2.0, True
 
     def pattern(self) -> np.ndarray:
         at = self.rig.at
@@ -274,6 +278,10 @@ class Modulus(Pressing):
         strain = (view.shot.force_N / max(self.rig.base.forces)) ** (1 / 3)
         return self.sign * a * (1 + (-0.2 if self.form == 0 else 0.2) * strain)
 
+    def parameter(self, a: float) -> tuple[str, float]:
+        strain = float(np.mean(np.linspace(1 / 6, 1, 6) ** (1 / 3)))
+        return "relative", float(np.exp(-self.sign * a * (1.0 + (-0.2 if self.form == 0 else 0.2) * strain)) - 1.0)
+
 
 class Adhesion(Pressing):
     """Attraction adds to the load a part that is constant and a part that goes with the contact's radius."""
@@ -329,8 +337,14 @@ class ForceOffset(Pressing):
     def log_force(self, view: View, a: float) -> float:
         if not view.touches:
             return 0.0
-        drift = 1 - (0.1 if self.form == 0 else 0.2) * view.shot.time_s / 200.0
-        return float(np.log(max(1 + self.sign * a * drift / view.shot.force_N, 0.05)))
+        return float(np.log(max(1 + self.sign * a * self.drift(view.shot.time_s) / view.shot.force_N, 0.05)))
+
+    def drift(self, time_s: float) -> float:
+        """Return the share of the offset that is left."""
+        return 1.0 - (0.1 if self.form == 0 else 0.2) * time_s / 200.0
+
+    def parameter(self, a: float) -> tuple[str, float]:
+        return "offset_N", -self.sign * a * self.drift(MIDDLE_S)
 
 
 class LedBin(Hidden):

@@ -59,9 +59,9 @@ def draw_nuisances(rng: np.random.Generator, shots: Sequence[int]) -> Nuisances:
 
 
 def rig_of(name: str, pose: int) -> Rig:
-    """Return a set's rig at one pose of its pool."""
+    """Return a nominal rig at one pose of its pool."""
     scene: Scene = believed(name)
-    return Rig(name, scene, base_light(name, pose), geometry(name), Electronics.of(scene), views(name))
+    return Rig(name, pose, scene, base_light(name, pose), geometry(name), Electronics.of(scene), views(name))
 
 
 def fine_light(rig: Rig, view: View, causes: Causes, nuisances: Nuisances) -> np.ndarray:

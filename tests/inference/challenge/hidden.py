@@ -20,7 +20,9 @@ class Rig:
     Attributes
     ----------
     name : str
-        Of the set.
+        Of the nominal rig.
+    pose : int
+        Of its pool.
     scene : Scene
         Believed, with the finger at its real pose.
     base : BaseLight
@@ -30,11 +32,18 @@ class Rig:
     """
 
     name: str
+    pose: int
     scene: Scene
     base: BaseLight
     at: Geometry
     electronics: Electronics
     views: tuple[View, ...]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the frame [px]."""
+        cols, rows = self.scene.camera.resolution_px
+        return rows, cols
 
     @property
     def finger_mm(self) -> tuple[float, float]:
@@ -57,7 +66,7 @@ class Hidden:
         Of the shape; the strength is set apart.
     rig : Rig
     form : int
-        0 in development cases, 1 in scored ones: another functional family or another range.
+        0 in development cases, 1 in scored ones: another functional family or another range. Recipes have one form.
     plain : bool
         Without what would give it away beside its decoy: ambient light even, glow narrow, a vignette with a slope.
     """
@@ -68,6 +77,7 @@ class Hidden:
     limit = 1.0
     signs = (1,)
     still = True  # two views of one kind, force and voltage look alike whatever their time
+    mark = False  # seen on single pixels: its strength is that of a matched filter on the full frame
 
     def __init__(self, rng: np.random.Generator, rig: Rig, form: int, plain: bool = False) -> None:
         self.rng, self.rig, self.form, self.plain = rng, rig, form, plain
@@ -84,6 +94,10 @@ class Hidden:
 
     def draw(self) -> None:
         """Draw the shape's parameters."""
+
+    def parameter(self, a: float) -> tuple[str, float] | None:
+        """Return the library's parameter that is this cause's own amount, and its value; None where there is none."""
+        return None
 
     def log_force(self, view: View, a: float) -> float:
         """Return the change of the logarithm of the force that really presses."""

@@ -2,7 +2,9 @@
 
 Means and variances are those of the injector's own camera, on bins of 4 x 4 pixels, over all auxiliary shots and the
 press frames that a critic does not hold back. Nuisances are marginalised with their prior widths (a ridge), so that a
-flicker of 0.2 % hides only so much. For compressed cases the strength is that before the codec.
+flicker of 0.2 % hides only so much. Marks (specks, hot pixels, dust, scratches, films, bands) are measured on full
+pixels: to the norm of the bins comes that of what changes within them, against which no nuisance stands. What a codec
+leaves of a strength is measured on drawn frames (:mod:`make`).
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .camera import binned
+from .camera import BIN, CORRELATED, binned
 from .chain import Causes, Nuisances, development, expose, rig_of
 from .hidden import Hidden, Rig
 from .rig import BaseLight, View, power
@@ -29,8 +31,8 @@ BENT, ROUNDS = 20.0, 3
 """A change so many times larger than what is left of it is looked at with the exposure refitted, so often."""
 
 
-def means(rig: Rig, causes: Causes, nuisances: Nuisances | None = None) -> np.ndarray:
-    """Return binned mean pictures (views, 75, 100) [DN]."""
+def levels(rig: Rig, causes: Causes, nuisances: Nuisances | None = None, *, side: int = 1) -> np.ndarray:
+    """Return mean pictures (views, rows / side, cols / side) [DN], of blocks of ``side`` pixels to each side."""
     nuisances = nuisances or Nuisances()
     table = development(rig, causes)
     kept: dict[object, np.ndarray] = {}
@@ -40,9 +42,21 @@ def means(rig: Rig, causes: Causes, nuisances: Nuisances | None = None) -> np.nd
         kind = "press" if view.touches else view.kind
         same = (kind, view.shot.force_N, view.shot.voltage_V) if still and not nuisances.flicker else view
         if same not in kept:
-            kept[same] = binned(expose(rig, view, causes, nuisances).level(table))
+            picture = expose(rig, view, causes, nuisances).level(table)
+            kept[same] = binned(picture, side) if side > 1 else picture
         found.append(kept[same])
     return np.array(found)
+
+
+def means(rig: Rig, causes: Causes, nuisances: Nuisances | None = None) -> np.ndarray:
+    """Return binned mean pictures (views, bin rows, bin cols) [DN]."""
+    return levels(rig, causes, nuisances, side=BIN)
+
+
+@functools.lru_cache(maxsize=2)
+def base_levels(name: str, pose: int) -> np.ndarray:
+    """Return mean pictures (views, rows, cols) with nothing hidden [DN]."""
+    return levels(rig_of(name, pose), ())
 
 
 @dataclass(frozen=True)
@@ -51,16 +65,18 @@ class Ruler:
 
     Attributes
     ----------
-    base : ndarray (views, 75, 100)
+    base : ndarray (views, bin rows, bin cols)
         Mean pictures with nothing hidden [DN].
-    weight : ndarray (views, 75, 100)
+    weight : ndarray (views, bin rows, bin cols)
         One over the variance; 0 for views that are held back.
-    columns : list of (names, ndarray (n, 75, 100))
+    columns : list of (names, ndarray (n, bin rows, bin cols))
         Derivatives by the nuisances, by view.
     names : tuple of str
         Of all nuisances.
     hat : ndarray
         Inverse of information plus prior.
+    frames : tuple of int
+        Of which each picture is the mean.
     """
 
     base: np.ndarray
@@ -68,6 +84,7 @@ class Ruler:
     columns: list[tuple[tuple[int, ...], np.ndarray]]
     names: tuple[str, ...]
     hat: np.ndarray
+    frames: tuple[int, ...]
 
     def _onto(self, signal: np.ndarray) -> np.ndarray:
         onto = np.zeros(len(self.names))
@@ -76,7 +93,7 @@ class Ruler:
         return onto
 
     def inner(self, one: np.ndarray, other: np.ndarray) -> float:
-        """Return the whitened product of two changes (views, 75, 100), nuisances taken off."""
+        """Return the whitened product of two changes (views, bin rows, bin cols), nuisances taken off."""
         return float((self.weight * one * other).sum() - self._onto(one) @ self.hat @ self._onto(other))
 
     def norm(self, signal: np.ndarray) -> float:
@@ -99,7 +116,7 @@ class Ruler:
         for k, view in enumerate(views):
             if view.kind in kinds:
                 weight[k] = 0.0
-        return _ruler(self.base, weight, self.columns, self.names)
+        return _ruler(self.base, weight, self.columns, self.names, self.frames)
 
     def held_back(self, views: Sequence[View], variance: np.ndarray) -> Ruler:
         """Return the ruler of the press frames that are held back, of whose nuisances their own jitter alone is new."""
@@ -109,17 +126,21 @@ class Ruler:
         for places, own in self.columns:
             chosen = [k for k, place in enumerate(places) if self.names[place] in names]
             columns.append((tuple(names.index(self.names[places[k]]) for k in chosen), own[chosen]))
-        return _ruler(self.base, keep[:, None, None] / variance, columns, names)
+        return _ruler(self.base, keep[:, None, None] / variance, columns, names, self.frames)
 
 
 def _ruler(
-    base: np.ndarray, weight: np.ndarray, columns: list[tuple[tuple[int, ...], np.ndarray]], names: tuple[str, ...]
+    base: np.ndarray,
+    weight: np.ndarray,
+    columns: list[tuple[tuple[int, ...], np.ndarray]],
+    names: tuple[str, ...],
+    frames: tuple[int, ...],
 ) -> Ruler:
     information = np.diag([1.0 / PRIOR[name.partition("[")[0]] ** 2 for name in names])
     for k, (places, own) in enumerate(columns):
         flat = own.reshape(len(places), weight[k].size)
         information[np.ix_(places, places)] += (flat * weight[k].ravel()) @ flat.T
-    return Ruler(base, weight, columns, names, np.linalg.inv(information))
+    return Ruler(base, weight, columns, names, np.linalg.inv(information), frames)
 
 
 @functools.lru_cache(maxsize=4)
@@ -145,11 +166,11 @@ def ruler(name: str, pose: int) -> Ruler:
         columns.append((tuple(places), np.array([binned(d) for d in found.values()])))
     weight = 1.0 / np.maximum(variance, LEAST_VARIANCE)
     weight[[k for k, view in enumerate(rig.views) if view.spare]] = 0.0
-    return _ruler(np.array(base), weight, columns, tuple(names))
+    return _ruler(np.array(base), weight, columns, tuple(names), tuple(view.frames for view in rig.views))
 
 
 def variances(name: str, pose: int) -> np.ndarray:
-    """Return the variance of the binned pictures (views, 75, 100) [DN^2]."""
+    """Return the variance of the binned pictures (views, bin rows, bin cols) [DN^2]."""
     rig = rig_of(name, pose)
     table = development(rig, ())
     charges = [expose(rig, view, (), Nuisances()).charge_e for view in rig.views]
@@ -199,7 +220,7 @@ def _card_derivatives(
 
 
 def departure(rig: Rig, measure: Ruler, causes: Causes) -> np.ndarray:
-    """Return what causes change (views, 75, 100) [DN], the exposure set to what hides most of it.
+    """Return what causes change (views, bin rows, bin cols) [DN], the exposure set to what hides most of it.
 
     Nuisances are taken off as straight lines. A plate that takes a fifth of all light moves so far along the exposure
     that the tone curve's bend alone would pass for a strength of 20, which whoever fits the exposure never sees.
@@ -214,11 +235,47 @@ def departure(rig: Rig, measure: Ruler, causes: Causes) -> np.ndarray:
     return change
 
 
+def within_bins(measure: Ruler, change: np.ndarray, noise: str) -> float:
+    """Return the squared norm of what a change (views, rows, cols) [DN] has within the bins.
+
+    Noise that the sensor has low-passed has the spectrum (1 - r) |G|^2 + r over that of independent pixels, G the
+    low-pass and r rounding's share of the variance; the matched filter weighs by its inverse.
+    """
+    if noise not in CORRELATED:
+        return float((measure.weight * (binned(change * change) - binned(change) ** 2)).sum())
+    rows, cols = change.shape[1:]
+    f2 = np.fft.fftfreq(rows)[:, None] ** 2 + np.fft.rfftfreq(cols)[None, :] ** 2
+    low_pass = np.exp(-4 * np.pi**2 * CORRELATED[noise] ** 2 * f2)
+    twice = np.full(f2.shape, 2.0)
+    twice[:, [0, -1]] = 1.0
+    block, total = np.ones((BIN, BIN)), 0.0
+    for own, weight, frames in zip(change, measure.weight, measure.frames, strict=True):
+        if not weight.any():
+            continue
+        whitened = (own - np.kron(binned(own), block)) * np.sqrt(np.kron(weight, block)) / BIN
+        rounding = min(float(weight.mean()) / (12 * BIN**2 * frames), 1.0)
+        spectrum = np.abs(np.fft.rfft2(whitened)) ** 2 / ((1 - rounding) * low_pass + rounding)
+        total += float((twice * spectrum).sum()) / whitened.size
+    return total
+
+
+def strength_of(rig: Rig, measure: Ruler, causes: Causes, noise: str = "plain") -> float:
+    """Return the strength of causes together, marks on full pixels."""
+    change = departure(rig, measure, causes)
+    squared = measure.inner(change, change)
+    if any(cause.mark for cause, _ in causes):
+        whole = levels(rig, causes) - base_levels(rig.name, rig.pose)
+        squared += within_bins(measure, whole, noise)
+    return float(np.sqrt(max(squared, 0.0)))
+
+
 class OutOfReach(Exception):
     """A cause cannot be made as strong as asked for within its limits: the nuisances absorb it."""
 
 
-def amplitude_for(rig: Rig, measure: Ruler, cause: Hidden, strength: float, tolerance: float = 0.01) -> float:
+def amplitude_for(
+    rig: Rig, measure: Ruler, cause: Hidden, strength: float, tolerance: float = 0.01, noise: str = "plain"
+) -> float:
     """Return the amplitude at which a cause alone has the strength asked for.
 
     Raises
@@ -230,7 +287,7 @@ def amplitude_for(rig: Rig, measure: Ruler, cause: Hidden, strength: float, tole
     low: tuple[float, float] = (0.0, 0.0)
     high: tuple[float, float] | None = None
     for _ in range(40):
-        found = measure.norm(departure(rig, measure, [(cause, a)]))
+        found = strength_of(rig, measure, [(cause, a)], noise)
         if abs(found / strength - 1) < tolerance:
             return a
         if found < strength:

@@ -27,7 +27,7 @@ def areas(rig: Rig, causes: Causes, nuisances: Nuisances) -> dict[float, float]:
 
 
 def consequences(rig: Rig, causes: Causes, nuisances: Nuisances) -> list[dict[str, Any]]:
-    """Return for each cause what it changes, all others there: forces [N], areas [mm^2], shares [%], the largest [1]."""
+    """Return for each cause what it changes, all others there: forces [N], areas [mm^2], shares [%], largest [1]."""
     whole, found = areas(rig, causes, nuisances), []
     for k in range(len(causes)):
         less = areas(rig, [*causes[:k], *causes[k + 1 :]], nuisances)

@@ -307,7 +307,7 @@ def base_light(name: str, pose: int) -> BaseLight:
         cards = {kind: kept[kind] for kind in ("checkerboard", "square", "by_log_side")}
         base = kept["press"], kept["by_log_force"]
 
-    @functools.lru_cache(maxsize=200)
+    @functools.lru_cache(maxsize=60)
     def harder(k: int, knots: int) -> np.ndarray:
         own = path.with_name(f"{path.stem}-{k}-{knots}.npz")
         if not own.is_file():

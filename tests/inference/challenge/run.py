@@ -1,4 +1,4 @@
-"""Run cases through the critic: ``python -m tests.criticism.challenge.run --set dev --workers 2 --budget-s 3600``.
+"""Run cases through the critic: ``python -m tests.inference.challenge.run --set dev --workers 2 --budget 3600``.
 
 Each case is made, judged and deleted; its outcome is a line of ``outputs/challenge/<run>.jsonl``. A run that is started
 again goes on where it stopped. Nothing is ever overwritten: another critic, another ``--run``.
@@ -28,11 +28,12 @@ from evanesce.bundle import read_bundle
 from evanesce.sensor.codec import write_png
 
 from .baselines import BASELINES
-from .cases import CaseSpec, cases, slice_of
+from .cases import CaseSpec, cases
 from .isolable import table
 from .make import write_case
-from .rig import CACHE, base_light
-from .score import lines, summary
+from .report import markdown
+from .rig import CACHE
+from .score import said
 from .strength import OutOfReach
 
 
@@ -40,7 +41,8 @@ class MixedRun(Exception):
     """A run goes on by the code that began it, so that one critic is judged."""
 
 
-CRITIC = "evanesce.criticism.critic:criticise"
+CRITIC = "evanesce.inference.critic:criticise_jointly"
+GROSS = "another rig"
 Judge = Callable[..., dict[str, Any]]
 
 
@@ -57,8 +59,13 @@ def judge_of(name: str) -> Judge:
         if exclude and "exclude" not in parameters:
             raise OutOfReach(f"{function} cannot leave members out of its library")
         options = {"exclude": exclude} if exclude else {}
-        answer = found(read_bundle(path) if wants_bundle else path, **options)
-        return dict(answer[0] if isinstance(answer, tuple) else answer)
+        try:
+            answer = found(read_bundle(path) if wants_bundle else path, **options)
+        except Exception as error:
+            if not hasattr(error, "as_dict"):
+                raise
+            return {"verdict": GROSS, **error.as_dict()}  # another rig was measured, it says
+        return dict(answer.result if hasattr(answer, "result") else answer)
 
     return judge
 
@@ -137,25 +144,26 @@ def read_records(path: Path) -> list[dict[str, Any]]:
 
 
 def specs_of(name: str) -> list[CaseSpec]:
-    """Return the cases of ``dev``, ``scored`` or ``slice`` in an order that tells nothing."""
-    found = slice_of() if name == "slice" else cases(name)
-    return sorted(found, key=lambda spec: spec.id)
+    """Return the cases of ``dev`` or ``scored`` in an order that tells nothing."""
+    return cases(name)
 
 
 def run(
-    name: str, out: Path, *, judge: str = CRITIC, workers: int = 2, budget_s: float = 1e9, groups: Iterable[str] = (),
-    causes: Iterable[str] = (), strengths: Iterable[float] = (), spent: Iterable[str] = (), strip: str = "",
-    keep: Path | None = None, beside: tuple[str, ...] = (), show: Callable[[str], None] = print,
+    name: str, out: Path, *, judge: str = CRITIC, workers: int = 2, budget_s: float = 1e9, limit: int = 0,
+    groups: Iterable[str] = (), causes: Iterable[str] = (), strengths: Iterable[float] = (), spent: Iterable[str] = (),
+    strip: str = "", keep: Path | None = None, beside: tuple[str, ...] = (), show: Callable[[str], None] = print,
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Run what is not done yet, within a budget, and return all outcomes.
 
     Parameters
     ----------
     name : str
-        ``dev``, ``scored`` or ``slice``.
+        ``dev`` or ``scored``.
     out : Path
         JSONL; appended to.
     judge, budget_s, strip, keep, beside
+    limit : int
+        Cases judged at the most; 0 is all.
     workers : int
         Processes; 0 works in this one.
     groups : iterable of str
@@ -175,7 +183,7 @@ def run(
     wanted.append((set(strengths), lambda s: set(s.strengths)))
     specs = [spec for spec in specs_of(name) if all(not chosen or chosen & of(spec) for chosen, of in wanted)]
     done = {record["truth"]["id"] for record in read_records(out) if "error" not in record} | set(spent)
-    todo = [spec for spec in specs if spec.id not in done]
+    todo = [spec for spec in specs if spec.id not in done][: limit or None]
     out.parent.mkdir(parents=True, exist_ok=True)
     start, origin = time.monotonic(), commit()
     begun = {record["commit"] for record in read_records(out) if "commit" in record}
@@ -183,19 +191,20 @@ def run(
         raise MixedRun(
             f"{out} was begun by the code of {', '.join(sorted(begun))}, this is {origin}: name another --run"
         )
-    for set_name in sorted({spec.set for spec in todo}) if workers > 1 else ():
-        for pose in sorted({spec.pose for spec in todo if spec.set == set_name}):
-            base_light(set_name, pose)  # once, before workers would make it side by side
     finished = 0
 
     def put(record: dict[str, Any], stream: TextIO) -> None:
         nonlocal finished
         stream.write(json.dumps(record | {"judge": judge, "commit": origin, "strip": strip}) + "\n")
         stream.flush()
+        os.fsync(stream.fileno())
         finished += 1
         left = (time.monotonic() - start) / finished * (len(todo) - finished)
-        said = record.get("answer", {}).get("verdict", record.get("skipped") or record.get("error"))
-        show(f"{finished}/{len(todo)}  {said}  about {left / 60:.0f} min left")
+        truth = record["truth"]
+        told = said(record) if "answer" in record else record.get("skipped") or record.get("error")
+        hidden = "+".join(truth["causes"]) or "nothing"
+        show(f"{finished}/{len(todo)}  {truth['group']} {hidden}: {told}, {record.get('seconds', 0):.0f} s; "
+             f"about {left / 60:.0f} min left")  # fmt: skip
 
     cut = out.is_file() and not out.read_bytes().endswith(b"\n")  # the last run was killed while it wrote
     with out.open("a", encoding="utf-8") as stream:
@@ -218,7 +227,7 @@ def _results(
     fresh = multiprocessing.get_context("spawn")  # what has threads must not be forked
     if workers > 1:
         # One thread for each: linear algebra that takes all cores in every worker made a case six times as slow.
-        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
             os.environ.setdefault(name, "1")
     queue = iter(todo)
     waiting: set[Future[dict[str, Any]]] = set()
@@ -238,12 +247,13 @@ def _results(
 
 def main(arguments: list[str] | None = None) -> int:
     """Command line."""
-    parser = argparse.ArgumentParser(prog="python -m tests.criticism.challenge.run", description=__doc__)
-    parser.add_argument("--set", choices=("dev", "scored", "slice"), default="slice")
+    parser = argparse.ArgumentParser(prog="python -m tests.inference.challenge.run", description=__doc__)
+    parser.add_argument("--set", choices=("dev", "scored"), default="dev")
     parser.add_argument("--judge", default=CRITIC, help=f"module:function, or {', '.join(BASELINES)}")
     parser.add_argument("--run", default="", help="name of the run; by default set and judge")
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--budget-s", type=float, default=1e9)
+    parser.add_argument("--budget", type=float, default=1e9, help="seconds after which no case is begun")
+    parser.add_argument("--limit", type=int, default=0, help="cases judged at the most")
     parser.add_argument("--groups", nargs="*", default=())
     parser.add_argument("--causes", nargs="*", default=(), help="only cases that hide one of these")
     parser.add_argument("--strengths", nargs="*", type=float, default=(), help="only cases as strong as that")
@@ -253,48 +263,27 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--beside", nargs="*", choices=BASELINES, default=(), help="baselines asked about each bundle, too"
     )
-    parser.add_argument("--score-only", action="store_true")
     given = parser.parse_args(arguments)
     judge_name = "critic" if given.judge == CRITIC else given.judge.replace(":", "-")
     run_name = given.run or f"{given.set}-{judge_name}" + (f"-{given.strip}" if given.strip else "")
     out = CACHE / f"{run_name}.jsonl"
-    records = read_records(out)
     spent = {record["truth"]["id"] for path in given.spent for record in read_records(path)}
-    if not given.score_only:
-        try:
-            records = run(
-                given.set, out, judge=given.judge, workers=given.workers, budget_s=given.budget_s, groups=given.groups,
-                causes=given.causes, strengths=given.strengths, spent=spent, strip=given.strip, keep=given.keep,
-                beside=tuple(given.beside), show=lambda text: print(text, file=sys.stderr, flush=True),
-            )  # fmt: skip
-        except MixedRun as error:
-            print(error, file=sys.stderr)
-            return 2
+    try:
+        records = run(
+            given.set, out, judge=given.judge, workers=given.workers, budget_s=given.budget, limit=given.limit,
+            groups=given.groups, causes=given.causes, strengths=given.strengths, spent=spent, strip=given.strip,
+            keep=given.keep, beside=tuple(given.beside), show=lambda text: print(text, file=sys.stderr, flush=True),
+        )  # fmt: skip
+    except MixedRun as error:
+        print(error, file=sys.stderr)
+        return 2
     latest = {record["truth"]["id"]: record for record in records}
     judged = [record for record in latest.values() if "skipped" not in record]
-    # A slice is too small for a rate over what is isolable, and the table takes minutes to make.
-    found = summary(judged, None if given.set == "slice" else table(given.set))
-    found["skipped"] = {r["truth"]["id"]: r["skipped"] for r in latest.values() if "skipped" in r}
-    (CACHE / f"{run_name}.summary.json").write_text(json.dumps(found, indent=1), encoding="utf-8")
-    print("\n".join([*lines(found), f"out of reach: {len(found['skipped'])}"]))
-    below = below_floors(found) if given.set == "slice" and given.judge == CRITIC and not given.strip else []
-    print("".join(f"below what a slice has to reach: {line}\n" for line in below), end="")
-    return 1 if found["failed"] or below else 0
-
-
-def below_floors(found: dict[str, Any]) -> list[str]:
-    """Return what of a slice is worse than chance lets a critic be that works: all of few cases, or most of them."""
-    alarms, strong = found["false_alarms"]["all"], found["in_set"]
-    checks = (
-        ("false alarms", alarms["hits"] <= 1, alarms),
-        ("truth in the set, strong causes", 2 * strong["hits"] >= strong["cases"], strong),
-        *(
-            (f"called unknown, {group}", entry["called_unknown"]["hits"] >= 1, entry["called_unknown"])
-            for group, entry in found["unknown"].items()
-            if entry["called_unknown"]["cases"] > 1
-        ),
-    )
-    return [f"{what} {entry['hits']} of {entry['cases']}" for what, good, entry in checks if not good]
+    # The table of what is isolable takes minutes to make: for a whole set, not for a look at some cases.
+    whole = len(latest) >= len(specs_of(given.set)) // 2
+    print(markdown(judged, table(given.set) if whole else None))
+    print(f"out of reach: {len(latest) - len(judged)}")
+    return 1 if any("error" in record for record in judged) else 0
 
 
 if __name__ == "__main__":

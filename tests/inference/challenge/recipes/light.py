@@ -38,8 +38,11 @@ class Fans(Hidden):
                 x0, y0 = (sx * width / 2, place) if sx else (place, sy * height / 2)
                 distance = np.hypot(at.x - x0, at.y - y0)
                 inward = np.abs((at.x - x0) * sx + (at.y - y0) * sy)
-                yield edge, float((place - min(positions)) / max(np.ptp(positions), 1e-9)), distance, inward / (
-                    distance**2
+                yield (
+                    edge,
+                    float((place - min(positions)) / max(np.ptp(positions), 1e-9)),
+                    distance,
+                    inward / (distance**2),
                 )
 
     def shape(self) -> None:
@@ -281,7 +284,9 @@ class LedBin(Hidden):
             return fine
         ratio = view.shot.voltage_V / self.rig.scene.leds.voltage_V
         other = self.threshold + self.sign * 0.05 * a
-        return fine * max((ratio - other) / (1 - other), 0.0) / max((ratio - self.threshold) / (1 - self.threshold), 1e-3)
+        return (
+            fine * max((ratio - other) / (1 - other), 0.0) / max((ratio - self.threshold) / (1 - self.threshold), 1e-3)
+        )
 
 
 LIGHT = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-import json
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -14,19 +14,29 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from challenge import families_camera, families_light
+from challenge import families_camera, families_light, recipes
+from challenge import rig as rigs
+from challenge.baselines import matched_filters
 from challenge.camera import Developed, Electronics, binned, filled, noisy_frame, true_curve
-from challenge.cases import CaseSpec, cases, slice_of
-from challenge.chain import curve_of, expose, rig_of
+from challenge.cases import CaseSpec, cases
+from challenge.chain import Nuisances, curve_of, expose, rig_of
 from challenge.codec import by_video
+from challenge.consequence import consequences
 from challenge.hidden import Hidden
-from challenge.library import NAMED, NOT_IN_LIBRARY, NOT_INJECTED, make_cause
-from challenge.make import oracle_gain, pictures, prepare, write_case
+from challenge.library import MARKS, NAMED, NOT_IN_LIBRARY, NOT_INJECTED, make_cause
+from challenge.make import oracle_gain, pictures, prepare, strength_behind, write_case
 from challenge.rig import KNOT, BaseLight, View, believed
-from challenge.run import main, run, strip_pixels
-from challenge.score import Rate, covered, summary, top, wilson
-from challenge.strength import departure, means, ruler
-from challenge.told import told
+from challenge.run import GROSS, judge_of, run, strip_pixels
+from challenge.strength import (
+    amplitude_for,
+    base_levels,
+    departure,
+    levels,
+    means,
+    ruler,
+    strength_of,
+    within_bins,
+)
 from evanesce.bundle import read_bundle
 from evanesce.effects import all_effects
 from evanesce.effects.readout.saturation import softened
@@ -35,8 +45,10 @@ from evanesce.effects.readout.tone_curve import departed
 FOLDER = Path(__file__).parent / "challenge"
 FORBIDDEN = (
     "evanesce.effects",
+    "evanesce.inference",
+    "evanesce.prediction",
     "evanesce.criticism",
-    "evanesce.chain.simulate",
+    "evanesce.chain",
     "evanesce.studies",
     "evanesce.evaluation",
 )
@@ -76,11 +88,36 @@ PROMISED = {
 }
 
 
+TINY = {
+    "camera.resolution_px": [80, 60],
+    "camera.scale_px_per_mm": 2.6,
+    "card.checkerboard_squares": [6, 4],
+}
+"""A rig that is rendered in seconds."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def tiny(tmp_path_factory):
+    """Let cases be made of a tiny rig, its light kept in a folder of this test."""
+    patch = pytest.MonkeyPatch()
+    patch.setitem(rigs.BELIEVED, "tiny", TINY)
+    patch.setattr(rigs, "CACHE", tmp_path_factory.mktemp("light"))
+    patch.setattr("challenge.baselines.CACHE", tmp_path_factory.mktemp("bank"))
+    yield
+    patch.undo()
+
+
+def case(**given) -> CaseSpec:
+    """Return a case of the tiny rig at pose 0."""
+    every = (CaseSpec(set="dev", rig="tiny", **{"number": n, **given}) for n in range(40))
+    return next(spec for spec in every if spec.pose == 0)
+
+
 # --- nothing shared --------------------------------------------------------------------------------------------------
 
 
 def test_no_module_of_the_challenge_imports_effects_or_critic() -> None:
-    modules = sorted(FOLDER.glob("*.py"))
+    modules = sorted(FOLDER.rglob("*.py"))
     assert len(modules) > 10
     for path in modules:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -96,7 +133,7 @@ def test_no_module_of_the_challenge_imports_effects_or_critic() -> None:
 def test_nor_does_anything_that_they_import() -> None:
     program = (
         "import sys, pkgutil, importlib, challenge\n"
-        "for m in pkgutil.iter_modules(challenge.__path__): importlib.import_module('challenge.' + m.name)\n"
+        "for m in pkgutil.walk_packages(challenge.__path__, 'challenge.'): importlib.import_module(m.name)\n"
         f"print([m for m in sys.modules if m.startswith({FORBIDDEN!r})])"
     )
     done = subprocess.run(
@@ -109,23 +146,50 @@ def test_every_promised_effect_is_hidden_or_said_not_to_be() -> None:
     assert set(NAMED) | set(NOT_INJECTED) >= PROMISED
     assert not set(NAMED) & set(NOT_INJECTED)
     assert not set(NOT_IN_LIBRARY) & set(all_effects())
-    assert len(NOT_IN_LIBRARY) >= 6
+    assert len(NOT_IN_LIBRARY) == 15
+
+
+def test_every_cause_has_a_recipe_with_its_source_and_nothing_of_the_families() -> None:
+    assert set(recipes.RECIPES) == set(NAMED)
+    for name, recipe in recipes.RECIPES.items():
+        assert re.search(r"(19|20)\d\d", " ".join(_lineage_docs(recipe))), f"{name} names no source"
+        assert recipe.unit == NAMED[name].unit, name
+        assert recipe.mark is NAMED[name].mark, name
+    for path in (FOLDER / "recipes").glob("*.py"):
+        lines = path.read_text(encoding="utf-8").splitlines()
+        assert not [line for line in lines if "import" in line and ("families" in line or "unknown" in line)]
+
+
+def _lineage_docs(kind: type) -> list[str]:
+    return [c.__doc__ or "" for c in kind.__mro__ if c.__module__.startswith("challenge.recipes")]
 
 
 # --- cases -----------------------------------------------------------------------------------------------------------
 
 
 def test_case_lists_hold_what_they_promise() -> None:
-    for name in ("dev", "scored"):
+    for name, least in (("dev", 200), ("scored", 300)):
         every = cases(name)
-        assert len({c.id for c in every}) == len(every)
-        nulls = [c for c in every if c.group == "null"]
-        assert sum(c.noise not in ("plain", "lowpass") for c in nulls) * 2 == len(nulls)
+        assert len({c.id for c in every}) == len(every) >= least
+        nulls = [c.noise for c in every if c.group == "null"]
+        assert len(set(nulls)) == 5
+        assert len({nulls.count(noise) for noise in nulls}) == 1
         singles = {(c.causes[0], c.strengths[0]) for c in every if c.group == "single"}
-        assert len(singles) == 6 * len(NAMED)
+        assert len(singles) == 5 * len(NAMED)
+        assert {c for spec in every if spec.group == "unknown" for c in spec.causes} == set(NOT_IN_LIBRARY)
         assert any(c.cancelling for c in every)
+        recipe = [c.recipe(k) for c in every for k in range(len(c.causes))]
+        assert 0.4 < np.mean(recipe) < 0.6
+        many = [c for c in every if c.group == "rig"]
+        assert all(5 <= len(c.causes) <= 10 and min(c.strengths) >= 30 and max(c.strengths) <= 300 for c in many)
+        assert sum(c.causes[-1] in NOT_IN_LIBRARY for c in many) * 2 == len(many)
+    assert len({c.rig for c in many}) == 3
+    assert len(many) == 60
     assert not {c.seed for c in cases("dev")} & {c.seed for c in cases("scored")}
-    assert {c.group for c in slice_of()} == {c.group for c in cases("dev")}
+    # Any beginning is a fair sample: groups come as often in the first half as in the second.
+    groups = [c.group for c in cases("scored")]
+    half = len(groups) // 2
+    assert abs(groups[:half].count("single") - groups[half:].count("single")) < 4 * np.sqrt(half / 4)
 
 
 # --- camera ----------------------------------------------------------------------------------------------------------
@@ -159,56 +223,110 @@ def test_video_keeps_levels_and_loses_detail() -> None:
 
 
 @pytest.fixture(scope="module")
-def rig():
-    return rig_of("dev", 0)
+def rig(tiny):
+    return rig_of("tiny", 0)
 
 
-@pytest.mark.whole_case
+@pytest.mark.parametrize("recipe", [False, True])
 @pytest.mark.parametrize("name", [*NAMED, *NOT_IN_LIBRARY])
-def test_nothing_is_changed_at_amplitude_zero(rig, name: str) -> None:
+def test_nothing_is_changed_at_amplitude_zero(rig, name: str, recipe: bool) -> None:
     some = replace(rig, views=tuple(rig.views[k] for k in (0, 12, 18, 20, 21)))
-    cause = make_cause(name, some, 4, 1)
+    cause = make_cause(name, rig, 4, 1, recipe=recipe)
     for view in some.views:
-        one, other = expose(some, view, [(cause, 0.0)], _none()), expose(some, view, (), _none())
-        np.testing.assert_array_equal(one.charge_e, other.charge_e)
-        np.testing.assert_array_equal(
-            one.offset_DN + np.zeros_like(one.charge_e), other.offset_DN + np.zeros_like(one.charge_e)
-        )
+        one, other = expose(some, view, [(cause, 0.0)], Nuisances()), expose(some, view, (), Nuisances())
+        np.testing.assert_allclose(one.charge_e, other.charge_e, rtol=1e-9, atol=1e-9)
+        np.testing.assert_array_equal(one.offset_DN + 0.0 * one.charge_e, other.offset_DN + 0.0 * other.charge_e)
     np.testing.assert_allclose(curve_of(some, [(cause, 0.0)]), curve_of(some, ()), atol=1e-8)
 
 
-def _none():
-    from challenge.chain import Nuisances
+@pytest.mark.parametrize("recipe", [False, True])
+@pytest.mark.parametrize("name", [*NAMED, *NOT_IN_LIBRARY])
+def test_every_cause_shows_and_is_a_number_everywhere(rig, name: str, recipe: bool) -> None:
+    cause = make_cause(name, rig, 7, 1, recipe=recipe)
+    change = means(rig, [(cause, min(5 * cause.start, 0.5 * cause.limit))]) - ruler("tiny", 0).base
+    assert np.isfinite(change).all()
+    assert ruler("tiny", 0).norm(change) > 0.01
 
-    return Nuisances()
 
-
-@pytest.mark.parametrize(
-    ("name", "strength"),
-    [pytest.param("vignetting", 7.0, marks=pytest.mark.slow), ("black_level", 20.0), ("modulus", 10.0)],
-)
-@pytest.mark.slow  # draws of the whole rig: 30 s
-def test_strength_is_the_norm_that_noise_gives(name: str, strength: float) -> None:
+@pytest.mark.parametrize(("name", "recipe"), [("black_level", False), ("modulus", True)])
+def test_strength_is_the_norm_that_noise_gives(rig, name: str, recipe: bool) -> None:
     """The matched filter's output on drawn frames has mean s and deviation 1: s is a signal-to-noise ratio."""
-    spec = CaseSpec(set="dev", group="single", causes=(name,), strengths=(strength,))
-    object.__setattr__(spec, "number", next(n for n in range(50) if replace(spec, number=n).pose == 0))
-    made, measure = prepare(spec), ruler("dev", 0)
-    assert made.truth["strength_together"] == pytest.approx(strength, rel=0.015)
-    change = means(made.rig, made.causes) - measure.base
-    made = replace(made, nuisances=_none())
+    measure, strength = ruler("tiny", 0), 10.0
+    cause = make_cause(name, rig, 3, 0, recipe=recipe)
+    a = amplitude_for(rig, measure, cause, strength)
+    made, change = _bare(rig, [(cause, a)]), means(rig, [(cause, a)]) - measure.base
     outputs = []
-    for seed in range(6):
+    for seed in range(12):
         frames = pictures(made, "plain", seed)
         seen = np.array([np.mean([binned(f.astype(float)) for f in frames[k]], axis=0) for k in frames])
         outputs.append(measure.inner(change, seen - measure.base) / strength)
-    # Six outputs of deviation 1; the marginalised filter's own variance is below 1.
-    assert abs(np.mean(outputs) - strength) < 4 / np.sqrt(6) + 0.03 * strength
-    assert np.std(outputs, ddof=1) < 2.2
+    # Twelve outputs of deviation 1; the marginalised filter's own variance is below 1.
+    assert abs(np.mean(outputs) - strength) < 4 / np.sqrt(12) + 0.03 * strength
+    assert np.std(outputs, ddof=1) < 1.8
 
 
-@pytest.mark.whole_case
+def _bare(rig, causes):
+    """Return a case without nuisances."""
+    return replace(prepare(case(group="null")), rig=rig, causes=tuple(causes), nuisances=Nuisances())
+
+
+@pytest.mark.parametrize("noise", ["plain", "lowpass"])
+def test_strength_of_marks_is_that_of_a_matched_filter_on_pixels(rig, noise: str) -> None:
+    """What hot pixels change within bins: the whitened filter on drawn frames has that mean and deviation 1."""
+    measure = ruler("tiny", 0)
+    cause = make_cause("hot_pixels", rig, 2, 0)
+    a = amplitude_for(rig, measure, cause, 12.0, noise=noise)
+    assert strength_of(rig, measure, [(cause, a)], noise) == pytest.approx(12.0, rel=0.02)
+    whole, made, outputs = levels(rig, [(cause, a)]) - base_levels("tiny", 0), _bare(rig, [(cause, a)]), []
+    expected = within_bins(rig, measure, whole, noise)
+    assert expected > 0.5 * 12.0**2
+    for seed in range(10):
+        frames = pictures(made, noise, seed)
+        seen = np.array([np.mean(frames[k], axis=0) for k in range(len(rig.views))]) - base_levels("tiny", 0)
+        # The filter is bilinear: 2 <a, b> = |a + b|^2 - |a|^2 - |b|^2 of the same whitened norm.
+        both = within_bins(rig, measure, whole + seen, noise) - within_bins(rig, measure, seen, noise)
+        outputs.append(0.5 * (both - expected) / np.sqrt(expected))
+    assert abs(np.mean(outputs) - np.sqrt(expected)) < 4 / np.sqrt(10) + 0.05 * np.sqrt(expected)
+    assert np.std(outputs, ddof=1) < 1.9
+
+
+def test_a_codec_leaves_less_of_a_cause_and_none_leaves_all(rig) -> None:
+    measure = ruler("tiny", 0)
+    cause = make_cause("hot_pixels", rig, 2, 0)
+    pair = (cause, amplitude_for(rig, measure, cause, 20.0))
+    untouched = strength_behind(rig, measure, pair, "plain")
+    # Eight outputs give their scatter to a quarter.
+    assert untouched == pytest.approx(20.0, rel=0.6)
+    assert strength_behind(rig, measure, pair, "h264-strong") < 0.5 * untouched
+
+
+def test_consequence_is_what_the_force_law_says(rig) -> None:
+    """A softer finger's area grows as the force to 2/3 (Hertz); what the lens cap alone shows moves no area."""
+    softer, level = make_cause("modulus", rig, 3, 0), make_cause("square_size", rig, 3, 0)
+    grown = 0.3
+    found = consequences(rig, [(softer, grown), (level, 0.05)], Nuisances())
+    strongest = found[0]["percent"][-1]
+    law = 100 * (np.exp(2 / 3 * softer.sign * grown * 0.8) - 1)
+    assert strongest == pytest.approx(law, abs=6.0)
+    assert found[0]["largest"] >= abs(strongest) / 100 - 1e-12
+    assert found[1]["largest"] == 0.0
+
+
+def test_truth_of_a_rig_holds_many_causes_at_their_strengths(rig) -> None:
+    spec = case(group="rig", causes=("black_level", "tone_curve", "modulus", "square_size", "moire"),
+                strengths=(60.0, 40.0, 90.0, 30.0, 50.0))  # fmt: skip
+    truth = prepare(spec).truth
+    assert truth["outside"] == ["moire"]
+    assert len(truth["causes"]) == 5
+    np.testing.assert_allclose(truth["strengths_made"], spec.strengths, rtol=0.06)
+    level = truth["parameters"][truth["causes"].index("black_level")]
+    assert level[0] == "offset_DN"
+    assert abs(level[1]) == pytest.approx(truth["amplitudes"][truth["causes"].index("black_level")], rel=0.35)
+    assert truth["unexplainable_DN2"] > prepare(case(group="null")).truth["unexplainable_DN2"]
+
+
 def test_nuisances_hide_what_they_can_absorb(rig) -> None:
-    measure = ruler("dev", 0)
+    measure = ruler("tiny", 0)
     brighter = make_cause("led_bin", rig, 1, 0)  # any cause: only its change is replaced
     change = means(rig, [(brighter, 1e-9)]) - measure.base
     assert measure.norm(change) < 1e-3
@@ -236,7 +354,6 @@ def _misfit(values: np.ndarray, model, start) -> float:
     return float(np.sqrt(np.mean(found.fun**2) / np.mean((values - values.mean()) ** 2)))
 
 
-@pytest.mark.whole_case
 def test_tone_table_is_no_gamma_and_contrast(rig) -> None:
     for seed in range(3):
         for form in (0, 1):
@@ -261,7 +378,6 @@ def test_knees_are_no_p_norm() -> None:
         assert left > 0.05
 
 
-@pytest.mark.whole_case
 def test_hidden_creep_is_no_logarithm(rig) -> None:
     """The library's grows with the logarithm of time since an onset: here both forms bend away from one."""
     held = np.linspace(0.0, 130.0, 200)
@@ -277,16 +393,14 @@ def test_hidden_creep_is_no_logarithm(rig) -> None:
         assert _misfit(grown, logarithm, [0.1, 0.5]) > 0.05
 
 
-@pytest.mark.whole_case
 def test_mask_is_no_parabola(rig) -> None:
     for form in (0, 1):
         cause = families_camera.Vignetting(np.random.default_rng(2), rig, form)
         free = cause.free(0.6)
-        r2 = ((rig.at.u - cause.centre[0]) ** 2 + (rig.at.v - cause.centre[1]) ** 2).ravel()[::97]
-        assert _misfit(free.ravel()[::97], lambda k, r2=r2: 1 - k * r2, [0.1]) > 0.05
+        r2 = ((rig.at.u - cause.centre[0]) ** 2 + (rig.at.v - cause.centre[1]) ** 2).ravel()[::17]
+        assert _misfit(free.ravel()[::17], lambda k, r2=r2: 1 - k * r2, [0.1]) > 0.05
 
 
-@pytest.mark.whole_case
 def test_glow_is_two_gaussians_and_no_exponential(rig) -> None:
     cause = families_light.LateralGlow(np.random.default_rng(3), rig, 0)
     r = np.linspace(0, 60, 300)
@@ -299,176 +413,41 @@ def test_glow_is_two_gaussians_and_no_exponential(rig) -> None:
 
 
 def test_a_case_is_a_bundle_that_tells_nothing(tmp_path: Path) -> None:
-    spec = next(c for c in cases("dev") if c.group == "double" and c.pose == 0)
+    spec = case(group="double", causes=("vignetting", "defocus"), strengths=(10.0, 10.0))
     path, truth = write_case(spec, tmp_path / "one")
     again, _ = write_case(spec, tmp_path / "two")
     assert path.name != again.name
     bundle = read_bundle(path)
-    assert bundle.scene == believed("dev")
+    assert bundle.scene == believed("tiny")
     assert bundle.available >= {"press", "force", "voltage", "time", "replicates", "lens_cap", "square"}
     words = {*NAMED, *NOT_IN_LIBRARY, spec.id, "seed", "truth"} - {"saturation"}
     for file in sorted(p for p in path.rglob("*") if p.is_file()):
         other = again / file.relative_to(path)
         assert file.read_bytes() == other.read_bytes()
         if file.suffix == ".png":
-            assert cv2.imread(str(file), cv2.IMREAD_UNCHANGED).shape == (300, 400)
+            assert cv2.imread(str(file), cv2.IMREAD_UNCHANGED).shape == (60, 80)
             chunks = file.read_bytes()
             assert b"tEXt" not in chunks
             assert b"tIME" not in chunks
         elif file.name != "scene.toml":
             assert not [w for w in words if w in file.read_text(encoding="utf-8")]
     assert bundle.scene.effects == {}
-    assert truth["causes"] == spec.causes
+    assert truth["causes"] == list(spec.causes)
 
 
 def test_stripping_takes_the_picture_away(tmp_path: Path) -> None:
-    path, _ = write_case(next(c for c in cases("dev") if c.group == "null" and c.pose == 0), tmp_path)
+    path, _ = write_case(case(group="null"), tmp_path)
     before = read_bundle(path).press
     whole = read_bundle(path).frame(before[5]).astype(float)
     strip_pixels(path, "shuffle")
     shuffled = read_bundle(path).frame(before[5]).astype(float)
     np.testing.assert_array_equal(np.sort(whole, axis=None), np.sort(shuffled, axis=None))
-    assert abs(np.corrcoef(whole.ravel(), shuffled.ravel())[0, 1]) < 0.02
+    assert abs(np.corrcoef(whole.ravel(), shuffled.ravel())[0, 1]) < 0.06
     strip_pixels(path, "flat")
     assert len(np.unique(read_bundle(path).frame(before[5]))) == 1
 
 
-# --- scores ----------------------------------------------------------------------------------------------------------
-
-
-def test_wilson_intervals_cover() -> None:
-    # Exact figures: Newcombe, Stat. Med. 17 (1998) 857, table I: 81/263 and 15/148, 0/20, 1/29.
-    for hits, count, low, high in (
-        (81, 263, 0.2553, 0.3662),
-        (15, 148, 0.0624, 0.1605),
-        (0, 20, 0.0, 0.1611),
-        (1, 29, 0.0061, 0.1718),
-    ):
-        found = wilson(hits, count)
-        assert found == pytest.approx((low, high), abs=6e-5)
-
-
-def record(cause: str, answer: dict, group: str = "single", strength: float = 20.0, **more: object) -> dict:
-    truth = {"id": cause + str(more), "group": group, "causes": [cause] if cause else [], "strengths": [strength],
-             "noise": "plain", "drop": [], "decoy": "", "cancelling": False, "oracle_gain": 10.0} | more  # fmt: skip
-    return {"truth": truth, "answer": answer, "seconds": 1.0}
-
-
-def named(cause: str, p: float = 0.9, **more: object) -> dict:
-    return {"verdict": "named", "probabilities": {cause: p, "none": 1 - p}, "effects": [{"id": cause}]} | more
-
-
-def test_an_interval_is_scored_where_form_and_library_share_a_number() -> None:
-    """A square whose drawn logarithm of the side is 0.01 must be called exp(+-0.01) - 1, by the sign that was drawn."""
-    scored = [c for c in cases("scored") if c.group == "single" and c.causes == ("square_size",)]
-    signs, held = set(), []
-    for spec in scored:
-        truth = spec.as_dict() | {"amplitudes": [0.01], "oracle_gain": 1.0}
-        known = told(truth)
-        assert known is not None
-        assert known[0] == "square"
-        assert np.log1p(known[1]) == pytest.approx(0.01 * np.sign(known[1]))
-        cause = make_cause("square_size", None, spec.seed, 1)  # type: ignore[arg-type]
-        assert np.sign(known[1]) == cause.sign
-        signs.add(cause.sign)
-        for centre in (known[1], -known[1]):
-            answer = named("square_size")
-            answer["effects"][0]["parameters"] = {
-                "square": {"value": centre, "lo": centre - 0.008, "hi": centre + 0.008}
-            }
-            found = covered({"truth": truth, "answer": answer})
-            assert found is not None
-            held.append(found[0])
-    assert signs == {-1.0, 1.0}
-    assert held == [True, False] * len(scored)
-    assert covered(record("specks", named("specks"))) is None
-    assert told(record("vignetting", {})["truth"]) is None
-
-
-def test_a_case_that_breaks_counts_as_answered_wrongly() -> None:
-    broken = {"error": "ValueError: no"}
-    single, null = ({**record(c, {}, group=g), **broken} for c, g in (("vignetting", "single"), ("", "null")))
-    for one in (single, null):
-        del one["answer"], one["seconds"]
-    found = summary([single, null, record("vignetting", named("vignetting"), number=2)])
-    assert found["detection"]["20"]["hits"] == 1
-    assert found["detection"]["20"]["cases"] == 2
-    assert found["false_alarms"]["all"]["hits"] == 1
-    assert found["top1_all"]["20"]["cases"] == 2
-    assert found["in_set"]["hits"] == 1
-    assert found["confusion"]["none"] == {"error": 1}
-
-
-def test_scores_of_made_up_answers() -> None:
-    silent = {"verdict": "none", "probabilities": {"none": 0.9, "vignetting": 0.1}, "effects": []}
-    doubt = {"verdict": "ambiguous", "probabilities": {"defocus": 0.5, "lateral_glow": 0.5},
-             "effects": [{"id": "defocus"}], "ambiguous_with": ["lateral_glow"],
-             "next_measurement": {"what": "checkerboard"}}  # fmt: skip
-    found = summary(
-        [
-            record("vignetting", named("vignetting", gain={"log_score": [9.0, 5.0, 12.0]})),
-            record("vignetting", named("defocus"), number=1),
-            record("vignetting", silent, strength=4.0),
-            record("", silent, group="null"),
-            record("", named("specks", gain={"log_score": [3.0, 1.0, 5.0]}), group="null", noise="h264"),
-            record("", named("compression"), group="null", noise="h264", number=2),
-            record("lateral_glow", doubt, group="decoy", drop=["checkerboard"], decoy="defocus"),
-            record("moire", {"verdict": "unknown", "probabilities": {"unknown": 0.8}, "effects": []}, group="unknown"),
-            {"truth": record("x", {})["truth"], "error": "broke"},
-        ]
-    )
-    assert found["detection"]["20"]["hits"] == 2
-    assert found["detection"]["4"]["hits"] == 0
-    # The one that broke among them.
-    assert found["top1_all"]["20"] == Rate(1, 3).as_dict()
-    assert found["false_alarms"]["all"]["hits"] == 1
-    assert found["false_alarms"]["h264"]["cases"] == 2
-    assert found["decoys"]["answered_as_set_without_the_shot"]["hits"] == 1
-    assert found["decoys"]["right_shot_advised"]["hits"] == 1
-    assert found["unknown"]["unknown"]["called_unknown"]["hits"] == 1
-    assert found["gain"]["named"]["median"] == pytest.approx(0.9)
-    assert found["gain"]["null_interval_above_0"]["hits"] == 1
-    assert found["failed"] == {"x{}": "broke"}
-    assert found["confusion"]["vignetting"] == {"vignetting": 1, "defocus": 1, "none": 1}
-    # Said 0.9 and right twice of four (named right, named wrong, two nulls: one right), said 0.8 and right once.
-    assert 0 < found["calibration"]["error"] < 1
-    # It is written to disk at the end of a run that took hours.
-    assert json.loads(json.dumps(found))["calibration"]["cases"] == found["calibration"]["cases"]
-
-
-def test_the_score_itself_gives_chance_where_truths_are_shuffled() -> None:
-    """Of the score alone."""
-    rng, names = np.random.default_rng(1), list(NAMED)
-    answers = [record(c, named(c), number=k) for k, c in enumerate(names * 20)]
-    order = rng.permutation(len(answers))
-    shuffled = [
-        a | {"truth": a["truth"] | {"causes": answers[o]["truth"]["causes"]}}
-        for a, o in zip(answers, order, strict=True)
-    ]
-    right = np.mean([top(r) == r["truth"]["causes"][0] for r in shuffled])
-    assert np.mean([top(r) == r["truth"]["causes"][0] for r in answers]) == 1.0
-    chance = 1 / len(names)
-    assert abs(right - chance) < 4 * np.sqrt(chance / len(answers))
-
-
-def test_a_slice_that_answers_wrongly_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    wrong = {"verdict": "named", "probabilities": {"scratch": 1.0}, "effects": [{"id": "scratch"}]}
-
-    def judged(answered: bool) -> list[dict]:
-        found = []
-        for spec in slice_of():
-            right = {"null": "none", "unknown": "unknown", "removed": "unknown"}.get(spec.group)
-            answer = wrong if not answered else named(spec.causes[0]) if right is None else {
-                "verdict": right, "probabilities": {right: 1.0}, "effects": []}  # fmt: skip
-            found.append(
-                {"truth": spec.as_dict() | {"oracle_gain": 1.0, "amplitudes": [0.01]}, "answer": answer, "seconds": 1.0}
-            )
-        return found
-
-    monkeypatch.setattr("challenge.run.CACHE", tmp_path)
-    for answered, code in ((True, 0), (False, 1)):
-        monkeypatch.setattr("challenge.run.run", lambda *a, answered=answered, **k: judged(answered))
-        assert main(["--set", "slice"]) == code
+# --- exposure, force, what is held back ------------------------------------------------------------------------------
 
 
 def test_what_an_exposure_hides_is_no_strength() -> None:
@@ -483,10 +462,10 @@ def test_what_an_exposure_hides_is_no_strength() -> None:
         def light(self, fine: np.ndarray, view: View, a: float) -> np.ndarray:
             return fine * (1.0 - a) if view.touches else fine
 
-    rig, measure = rig_of("dev", 0), ruler("dev", 0)
+    rig, measure = rig_of("tiny", 0), ruler("tiny", 0)
     dimmer = Dimmer(np.random.default_rng(1), rig, 0)
     straight = measure.norm(means(rig, [(dimmer, 0.4)]) - measure.base)
-    assert straight > 10.0
+    assert straight > 5.0
     assert measure.norm(departure(rig, measure, [(dimmer, 0.4)])) < 0.05 * straight
     # What is not nearly all exposure is left alone.
     level = make_cause("black_level", rig, 3, 0)
@@ -505,51 +484,72 @@ def test_a_run_keeps_every_outcome_and_does_none_twice(tmp_path: Path, monkeypat
         return record | ({"error": "broke"} if len(begun) == 2 else {"answer": {"verdict": "none"}, "seconds": 0.1})
 
     monkeypatch.setattr(runner, "one_case", outcome)
-    out = tmp_path / "run.jsonl"
-    count = len(slice_of())
-    assert run("slice", out, workers=0, budget_s=0.0, show=lambda text: None) == []
-    first = run("slice", out, workers=0, show=lambda text: None)
-    assert len(first) == count == len(begun)
+    out, told = tmp_path / "run.jsonl", []
+    some = {"workers": 0, "groups": ["double"], "show": told.append}
+    count = sum(c.group == "double" for c in cases("dev"))
+    assert run("dev", out, budget_s=0.0, **some) == []
+    assert len(run("dev", out, limit=3, **some)) == 3
+    assert "min left" in told[-1]
+    first = run("dev", out, **some)
+    # The one that broke among the first three is tried again.
+    assert len(first) == count + 1 == len(begun)
     out.write_text(out.read_text()[:-7])  # killed while it wrote
-    again = run("slice", out, workers=0, show=lambda text: None)
-    # The case that broke and the one that was cut off are done once more; what failed stays on record.
+    again = run("dev", out, **some)
     assert len(begun) == count + 2
     assert len({record["truth"]["id"] for record in again if "answer" in record}) == count
     assert sum("error" in record for record in again) == 1
+    assert [record["truth"]["id"] for record in again[:3]] == [c.id for c in cases("dev") if c.group == "double"][:3]
     # A scored run is one critic's.
     monkeypatch.setattr(runner, "commit", lambda: "other")
     with pytest.raises(runner.MixedRun, match="begun by the code of"):
         run("scored", out, workers=0, show=lambda text: None)
     # Cases that somebody has looked at are left out of another run.
     spent = {record["truth"]["id"] for record in first[:5]}
-    fresh = run("slice", tmp_path / "fresh.jsonl", workers=0, spent=spent, show=lambda text: None)
-    assert len(fresh) == count - 5
+    fresh = run("dev", tmp_path / "fresh.jsonl", spent=spent, **some)
+    assert len(fresh) == count - len(spent)
     assert not spent & {record["truth"]["id"] for record in fresh}
 
 
-@pytest.mark.slow
-@pytest.mark.system
-def test_a_run_goes_on_where_it_stopped_and_beats_no_stripped_pixels(tmp_path: Path, monkeypatch) -> None:
-    """Nearest signature finds most loud causes; with the pixels shuffled it is at chance, and names say nothing."""
-    import challenge.run as runner
+def test_an_answer_that_another_rig_was_measured_is_an_answer(tmp_path: Path, monkeypatch) -> None:
+    class AnotherRig(Exception):
+        def as_dict(self) -> dict:
+            return {"causes": []}
 
-    # One loud case of each of some causes, whose shapes are not drawn anew at random places.
+    def critic(path: Path, exclude: tuple = ()) -> dict:
+        if exclude:
+            raise ValueError("broken")
+        raise AnotherRig
+
+    monkeypatch.setattr("challenge.baselines.critic", critic, raising=False)
+    judge = judge_of("challenge.baselines:critic")
+    assert judge(tmp_path) == {"verdict": GROSS, "causes": []}
+    with pytest.raises(ValueError, match="broken"):
+        judge(tmp_path, exclude=("specks",))
+
+
+@pytest.mark.whole_case
+def test_matched_filters_find_strong_causes_and_nothing_in_shuffled_ones(tmp_path: Path, monkeypatch) -> None:
+    """The baseline names most strong causes of the tiny rig, says none of a null, and has no name for noise."""
+    monkeypatch.setattr("challenge.baselines.POSES", 1)
     some = ("black_level", "tone_curve", "defocus", "led_warmup", "modulus", "creep", "square_size", "card_offset")
-    loud = [c for c in cases("dev") if c.group == "single" and c.strengths == (40.0,) and c.causes[0] in some]
-    monkeypatch.setattr(runner, "specs_of", lambda name: loud)
-    out = tmp_path / "a.jsonl"
-    first = run("dev", out, judge="nearest-signature", workers=1, budget_s=0.5, show=lambda text: None)
-    assert 1 <= len(first) < len(loud)
-    whole = run("dev", out, judge="nearest-signature", workers=1, show=lambda text: None)
-    assert len(whole) == len(loud) == len(out.read_text().splitlines())
-    right = sum(top(r) == r["truth"]["causes"][0] for r in whole)
-    stripped = run(
-        "dev", tmp_path / "b.jsonl", judge="nearest-signature", workers=1, strip="shuffle", show=lambda t: None
-    )
-    chance = sum(top(r) == r["truth"]["causes"][0] for r in stripped)
+    right, shuffled = 0, 0
+    for name in some:
+        path, _ = write_case(
+            case(
+                group="single",
+                causes=(name,),
+                strengths=(40.0,),
+            ),
+            tmp_path,
+        )
+        said = matched_filters(path)
+        right += said["verdict"] == "causes" and said["causes"][0]["id"] == name
+        assert sum(said["posterior"]["inclusion"].values()) <= 1 + 1e-9
+        strip_pixels(path, "shuffle")
+        said = matched_filters(path)
+        shuffled += said["verdict"] == "causes" and said["causes"][0]["id"] == name
     assert right >= 5
-    assert chance <= 2
-    assert json.loads(out.read_text().splitlines()[0])["judge"] == "nearest-signature"
+    assert shuffled <= 2
 
 
 def test_an_edge_moves_with_the_force_and_is_no_share_of_a_slope() -> None:
@@ -572,8 +572,8 @@ def test_an_edge_moves_with_the_force_and_is_no_share_of_a_slope() -> None:
 
 
 def test_knowing_what_fitted_nuisances_take_gains_nothing_on_frames_held_back() -> None:
-    rig, measure = rig_of("dev", 0), ruler("dev", 0)
-    spec = next(c for c in cases("dev") if c.pose == 0)
+    rig, measure = rig_of("tiny", 0), ruler("tiny", 0)
+    spec = case(group="null")
     seen = {name for places, _ in measure.columns for name in (measure.names[p] for p in places)}
     assert {"black", "light"} <= seen
     black = np.zeros_like(measure.base)
@@ -587,9 +587,5 @@ def test_knowing_what_fitted_nuisances_take_gains_nothing_on_frames_held_back() 
     assert unseen > 10.0
 
 
-@pytest.mark.whole_case
-@pytest.mark.parametrize("form", [0, 1])
-def test_every_scratch_is_a_number_everywhere(rig, form: int) -> None:
-    """Rationale: the ends of an arc, where rounding made a cosine negative, once made one in some of them NaN."""
-    for seed in range(12):
-        assert np.isfinite(families_light.Scratch(np.random.default_rng(seed), rig, form).map).all()
+def test_marks_are_those_that_issue_and_page_list() -> None:
+    assert {"specks", "hot_pixels", "sensor_dust", "scratch", "residue_film", "rolling_shutter"} == MARKS

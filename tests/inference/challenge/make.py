@@ -198,7 +198,7 @@ def strength_behind(rig: Rig, measure: Ruler, pair: tuple[Hidden, float], noise:
         [output(_without(rig.name, rig.pose, noise, n)), output(pictures(made, noise, n))] for n in range(DRAWS)
     ])  # fmt: skip
     behind = (outputs[:, 1] - outputs[:, 0]).mean() / np.sqrt(outputs.var(axis=0, ddof=1).mean())
-    inside = within_bins(measure, whole, "plain") if whole is not None else 0.0
+    inside = within_bins(rig, measure, whole, "plain") if whole is not None else 0.0
     squared = measure.inner(change, change) + inside
     before = squared / np.sqrt(float((measure.weight * left**2).sum()) + inside)
     return float(max(behind, 0.0) * np.sqrt(squared) / before)

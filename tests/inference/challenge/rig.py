@@ -72,6 +72,7 @@ BELIEVED: dict[str, dict[str, object]] = {
         "plate.refractive_index": 1.49,
         "leds.pitch_mm": 12.4,
         "finger.tip_radius_mm": 6.4,
+        "finger.material": "own",
         "finger.modulus_MPa": 0.11,
         "camera.resolution_px": [320, 240],
         "camera.scale_px_per_mm": 9.6,
@@ -85,6 +86,7 @@ BELIEVED: dict[str, dict[str, object]] = {
         "plate.refractive_index": 1.517,
         "leds.pitch_mm": 15.1,
         "finger.tip_radius_mm": 10.0,
+        "finger.material": "own",
         "finger.modulus_MPa": 0.2,
         "camera.resolution_px": [360, 272],
         "camera.scale_px_per_mm": 10.4,
@@ -106,6 +108,7 @@ BELIEVED: dict[str, dict[str, object]] = {
         "leds.edges": ["left", "right", "top"],
         "leds.pitch_mm": 11.0,
         "finger.tip_radius_mm": 8.8,
+        "finger.material": "own",
         "finger.modulus_MPa": 0.17,
         "camera.resolution_px": [384, 288],
         "camera.scale_px_per_mm": 10.9,
@@ -195,6 +198,7 @@ def _spare(shots: tuple[Shot, ...]) -> set[int]:
     return {inner[round((k + 0.5) * len(inner) / count - 0.5)][2] for k in range(count)}
 
 
+@functools.cache
 def power(name: str, voltage_V: float) -> float:
     """Return LED power over that at the believed voltage [1]."""
     scene = believed(name)

@@ -367,7 +367,7 @@ def summary(records: Sequence[Record], known: Mapping[str, Any] | None = None) -
         },
         "calibration": calibration(good),
         "gain": _spread([s for s in map(gain_share, good) if s is not None]),
-        "gain_named": _spread([s for r in good if first_right(r) and (s := gain_share(r)) is not None]),
+        "gain_named": _spread([s for r in singles if first_right(r) and (s := gain_share(r)) is not None]),
         "intervals": coverage(good),
         "rig": rigs(group["rig"]),
         "seconds": _spread([r["seconds"] for r in good]),

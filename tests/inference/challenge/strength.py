@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .camera import BIN, CORRELATED, binned
-from .chain import Causes, Nuisances, development, expose, rig_of
+from .camera import BIN, CORRELATED, binned, noisy_frame
+from .chain import Causes, Nuisances, curve_of, development, expose, rig_of
 from .hidden import Hidden, Rig
 from .rig import BaseLight, View, power
 
@@ -27,6 +27,8 @@ PRIOR = {
 GLOBAL = ("light", "black", "pose_x", "pose_y")
 JITTER = ("flicker", "force")
 LEAST_VARIANCE = 1e-4
+SPECTRA, RINGS = 6, 32
+"""Frames drawn for a spectrum of noise, and rings of frequency in it."""
 BENT, ROUNDS = 20.0, 3
 """A change so many times larger than what is left of it is looked at with the exposure refitted, so often."""
 
@@ -75,8 +77,6 @@ class Ruler:
         Of all nuisances.
     hat : ndarray
         Inverse of information plus prior.
-    frames : tuple of int
-        Of which each picture is the mean.
     """
 
     base: np.ndarray
@@ -84,7 +84,6 @@ class Ruler:
     columns: list[tuple[tuple[int, ...], np.ndarray]]
     names: tuple[str, ...]
     hat: np.ndarray
-    frames: tuple[int, ...]
 
     def _onto(self, signal: np.ndarray) -> np.ndarray:
         onto = np.zeros(len(self.names))
@@ -116,7 +115,7 @@ class Ruler:
         for k, view in enumerate(views):
             if view.kind in kinds:
                 weight[k] = 0.0
-        return _ruler(self.base, weight, self.columns, self.names, self.frames)
+        return _ruler(self.base, weight, self.columns, self.names)
 
     def held_back(self, views: Sequence[View], variance: np.ndarray) -> Ruler:
         """Return the ruler of the press frames that are held back, of whose nuisances their own jitter alone is new."""
@@ -126,7 +125,7 @@ class Ruler:
         for places, own in self.columns:
             chosen = [k for k, place in enumerate(places) if self.names[place] in names]
             columns.append((tuple(names.index(self.names[places[k]]) for k in chosen), own[chosen]))
-        return _ruler(self.base, keep[:, None, None] / variance, columns, names, self.frames)
+        return _ruler(self.base, keep[:, None, None] / variance, columns, names)
 
 
 def _ruler(
@@ -134,13 +133,12 @@ def _ruler(
     weight: np.ndarray,
     columns: list[tuple[tuple[int, ...], np.ndarray]],
     names: tuple[str, ...],
-    frames: tuple[int, ...],
 ) -> Ruler:
     information = np.diag([1.0 / PRIOR[name.partition("[")[0]] ** 2 for name in names])
     for k, (places, own) in enumerate(columns):
         flat = own.reshape(len(places), weight[k].size)
         information[np.ix_(places, places)] += (flat * weight[k].ravel()) @ flat.T
-    return Ruler(base, weight, columns, names, np.linalg.inv(information), frames)
+    return Ruler(base, weight, columns, names, np.linalg.inv(information))
 
 
 @functools.lru_cache(maxsize=4)
@@ -166,7 +164,7 @@ def ruler(name: str, pose: int) -> Ruler:
         columns.append((tuple(places), np.array([binned(d) for d in found.values()])))
     weight = 1.0 / np.maximum(variance, LEAST_VARIANCE)
     weight[[k for k, view in enumerate(rig.views) if view.spare]] = 0.0
-    return _ruler(np.array(base), weight, columns, tuple(names), tuple(view.frames for view in rig.views))
+    return _ruler(np.array(base), weight, columns, tuple(names))
 
 
 def variances(name: str, pose: int) -> np.ndarray:
@@ -235,27 +233,44 @@ def departure(rig: Rig, measure: Ruler, causes: Causes) -> np.ndarray:
     return change
 
 
-def within_bins(measure: Ruler, change: np.ndarray, noise: str) -> float:
+@functools.lru_cache(maxsize=4)
+def spectra(name: str, pose: int, noise: str) -> tuple[np.ndarray, ...]:
+    """Return the power of a pixel's noise over frequency in each view, 1 for independent pixels (rfft2's layout).
+
+    Of drawn frames, as means over rings of frequency: a low-pass before black is clipped leaves more at high
+    frequencies than its own transfer.
+    """
+    rig, rng = rig_of(name, pose), np.random.default_rng([5, pose])
+    table, curve, found = development(rig, ()), curve_of(rig, ()), []
+    rows, cols = rig.shape
+    f = np.hypot(np.fft.fftfreq(rows)[:, None], np.fft.rfftfreq(cols)[None, :])
+    ring = np.minimum((f / f.max() * RINGS).astype(int), RINGS - 1)
+    for view in rig.views:
+        charge = expose(rig, view, (), Nuisances()).charge_e
+        level, deviation = table.level(charge), np.sqrt(np.maximum(table.spread(charge), LEAST_VARIANCE))
+        power_of = np.zeros(f.shape)
+        for _ in range(SPECTRA):
+            frame = noisy_frame(rig.electronics, charge, 0.0, curve, rng, correlated=CORRELATED[noise])
+            power_of += np.abs(np.fft.rfft2((frame - level) / deviation)) ** 2 / frame.size / SPECTRA
+        mean = np.bincount(ring.ravel(), power_of.ravel()) / np.bincount(ring.ravel())
+        found.append(np.maximum(mean, LEAST_VARIANCE)[ring])
+    return tuple(found)
+
+
+def within_bins(rig: Rig, measure: Ruler, change: np.ndarray, noise: str) -> float:
     """Return the squared norm of what a change (views, rows, cols) [DN] has within the bins.
 
-    Noise that the sensor has low-passed has the spectrum (1 - r) |G|^2 + r over that of independent pixels, G the
-    low-pass and r rounding's share of the variance; the matched filter weighs by its inverse.
+    The matched filter in noise that the sensor has low-passed weighs frequencies by its inverse power.
     """
     if noise not in CORRELATED:
         return float((measure.weight * (binned(change * change) - binned(change) ** 2)).sum())
-    rows, cols = change.shape[1:]
-    f2 = np.fft.fftfreq(rows)[:, None] ** 2 + np.fft.rfftfreq(cols)[None, :] ** 2
-    low_pass = np.exp(-4 * np.pi**2 * CORRELATED[noise] ** 2 * f2)
-    twice = np.full(f2.shape, 2.0)
-    twice[:, [0, -1]] = 1.0
+    twice = np.full(rig.shape[1] // 2 + 1, 2.0)
+    twice[[0, -1]] = 1.0
     block, total = np.ones((BIN, BIN)), 0.0
-    for own, weight, frames in zip(change, measure.weight, measure.frames, strict=True):
-        if not weight.any():
-            continue
-        whitened = (own - np.kron(binned(own), block)) * np.sqrt(np.kron(weight, block)) / BIN
-        rounding = min(float(weight.mean()) / (12 * BIN**2 * frames), 1.0)
-        spectrum = np.abs(np.fft.rfft2(whitened)) ** 2 / ((1 - rounding) * low_pass + rounding)
-        total += float((twice * spectrum).sum()) / whitened.size
+    for own, weight, spectrum in zip(change, measure.weight, spectra(rig.name, rig.pose, noise), strict=True):
+        if weight.any():
+            whitened = (own - np.kron(binned(own), block)) * np.sqrt(np.kron(weight, block)) / BIN
+            total += float((twice * np.abs(np.fft.rfft2(whitened)) ** 2 / spectrum).sum()) / whitened.size
     return total
 
 
@@ -265,7 +280,7 @@ def strength_of(rig: Rig, measure: Ruler, causes: Causes, noise: str = "plain") 
     squared = measure.inner(change, change)
     if any(cause.mark for cause, _ in causes):
         whole = levels(rig, causes) - base_levels(rig.name, rig.pose)
-        squared += within_bins(measure, whole, noise)
+        squared += within_bins(rig, measure, whole, noise)
     return float(np.sqrt(max(squared, 0.0)))
 
 

@@ -1,4 +1,4 @@
-"""Figures of the page on the challenge: ``python -m tests.criticism.challenge.figures`` [decoys]."""
+"""Figures of the page on the challenge: ``python -m tests.inference.challenge.figures`` [decoys]."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ def _residual(name: str, pose: int, frames: dict[str, list[np.ndarray]]) -> tupl
     return measure, residual, tuple(lacking)
 
 
-@functools.lru_cache(maxsize=4)
+@functools.lru_cache(maxsize=1)
 def bank(name: str, pose: int) -> dict[str, np.ndarray]:
     """Return the bank's shapes, "cause/kind" to float32 (views, bin rows, bin cols); made once, kept on disk."""
     path = CACHE / "bank" / f"{name}-{pose}.npz"
@@ -92,7 +92,7 @@ def _localised(measure: Ruler, left: np.ndarray) -> float:
     return float(np.abs(ndimage.uniform_filter(whitened, (1, PATCH, PATCH), mode="constant")).max() * PATCH)
 
 
-@functools.lru_cache(maxsize=6)
+@functools.lru_cache(maxsize=3)
 def _tests(name: str, pose: int, lacking: tuple[str, ...]) -> tuple[list[str], np.ndarray, np.ndarray, np.ndarray]:
     """Return the bank's names, its filters (tests, data), and the largest of each kind of test over null draws."""
     measure = ruler(name, pose).without(lacking, rig_of(name, pose).views)

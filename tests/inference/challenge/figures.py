@@ -1,10 +1,12 @@
-"""Figures of the page on the challenge: ``python -m tests.inference.challenge.figures`` [decoys]."""
+"""Figures about the challenge: ``python -m tests.inference.challenge.figures forms`` (decoys, resolution, forces)."""
 
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from evanesce.contact.solve import contact_state
 from evanesce.optics.projection import IdealView, Projection
@@ -16,9 +18,11 @@ from .cases import DECOYS, SEPARATES, cause_shot
 from .chain import development, rig_of
 from .library import make_cause
 from .rig import KNOT, believed, fine_scene, pose_of_case, power, presser
-from .strength import Ruler, amplitude_for, means, ruler
+from .strength import OutOfReach, Ruler, amplitude_for, base_levels, levels, means, ruler
 
 DRAWS = range(21, 26)
+SHOWN = ("sensor_dust", "led_imbalance", "lateral_glow", "residue_film", "scratch", "rolling_shutter")
+PICTURE = Path("docs/pictures/challenge-forms.png")
 
 
 def decoys(name: str = "dev", strength: float = 10.0) -> None:
@@ -92,5 +96,26 @@ def forces(name: str = "dev") -> None:
                   f"between pictures {100 * wrong[0]:.1f} %, by a line {100 * wrong[1]:.0f} %", flush=True)  # fmt: skip
 
 
+def forms(name: str = "dev", strength: float = 40.0) -> None:
+    """Draw what some causes of one strength change in the frame of the largest force, by family and by recipe."""
+    rig, measure = rig_of(name, 0), ruler(name, 0)
+    largest = max(view.shot.force_N for view in rig.views)
+    view = next(k for k, v in enumerate(rig.views) if v.kind == "press" and v.shot.force_N == largest)
+    figure = Figure(figsize=(14, 4.2), layout="constrained")
+    for row, axes in enumerate(figure.subplots(2, len(SHOWN))):
+        for cause, axis in zip(SHOWN, axes, strict=True):
+            hidden = make_cause(cause, rig, 8, 0, recipe=bool(row))
+            try:
+                a = amplitude_for(rig, measure, hidden, strength, tolerance=0.05)
+            except OutOfReach:
+                a = hidden.limit
+            change = (levels(rig, [(hidden, a)]) - base_levels(name, 0))[view]
+            most = max(float(np.percentile(np.abs(change), 99.97)), 1e-6)
+            axis.imshow(change, cmap="RdBu_r", vmin=-most, vmax=most)
+            axis.set(xticks=(), yticks=())
+            axis.set_title(f"{cause}\n{('family', 'recipe')[row]}, within {most:.2g} DN", fontsize=9)
+    figure.savefig(PICTURE, dpi=90)
+
+
 if __name__ == "__main__":
-    {"decoys": decoys, "resolution": resolution, "forces": forces}[sys.argv[1]]()
+    {"forms": forms, "decoys": decoys, "resolution": resolution, "forces": forces}[sys.argv[1]]()

@@ -93,15 +93,18 @@ def one_case(
             return {"truth": spec.as_dict(), "skipped": str(error)}
         if strip:
             strip_pixels(path, strip)
-        start = time.perf_counter()
+        start, busy = time.perf_counter(), time.process_time()
         try:
             answer = judge_of(judge)(path, exclude=spec.exclude)
         except OutOfReach as error:
             return {"truth": spec.as_dict(), "skipped": str(error)}
         except Exception as error:  # a critic that breaks has failed this case, not the run
             return {"truth": truth, "error": f"{type(error).__name__}: {error}", "load": os.getloadavg()[0]}
-        seconds = time.perf_counter() - start
-        found = {"truth": truth, "answer": _plain(answer), "seconds": seconds, "load": os.getloadavg()[0]}
+        seconds, busy = time.perf_counter() - start, time.process_time() - busy
+        found = {
+            "truth": truth, "answer": _plain(answer), "seconds": seconds, "processor_s": busy,
+            "load": os.getloadavg()[0],
+        }  # fmt: skip
         return found | {"beside": {name: _plain(judge_of(name)(path)) for name in beside}} if beside else found
 
 

@@ -78,6 +78,7 @@ BELIEVED: dict[str, dict[str, object]] = {
         "camera.scale_px_per_mm": 9.6,
         "camera.lens.focal_length_mm": 8.0,
         "camera.lens.defocus_um": 170.0,
+        "camera.exposure_ms": 0.14,
         "press.forces_N": [3.0],
     },
     "thick": {
@@ -102,6 +103,7 @@ BELIEVED: dict[str, dict[str, object]] = {
         "camera.scale_px_per_mm": 9.2,
         "camera.lens.f_number": 5.0,
         "camera.lens.defocus_um": 155.0,
+        "camera.exposure_ms": 0.16,
     },
     "wide": {
         "plate.size_mm": [132.0, 88.0],

@@ -75,6 +75,7 @@ def test_another_finger_is_told_before_anything_is_fitted(tmp_path):
     assert measured["contact area"]["measured"] == pytest.approx(49.0, rel=0.05)
 
 
+@pytest.mark.whole_case
 def test_three_causes_at_once_are_named(tiny):
     """Modulus, black level and droop, beside a tone curve that may stand in for two of them."""
     exclude = set(all_effects()) - set(CONSIDERED)

@@ -15,7 +15,7 @@ from evanesce.bundle.read import read_bundle
 from evanesce.cli.app import app
 from evanesce.effects import all_effects
 from evanesce.inference.causes import causes_of
-from evanesce.inference.critic import criticise_jointly
+from evanesce.inference.critic import criticise_frames
 from evanesce.inference.data import data_vector
 from evanesce.inference.gate import _PlateReader
 from evanesce.inference.laws import all_laws
@@ -64,7 +64,7 @@ def test_another_finger_is_told_before_anything_is_fitted(tmp_path):
     """An ellipse drawn with NumPy where the scene has a round contact: exit code 1, one line, JSON all the same."""
     folder, answer = tmp_path / "other", tmp_path / "answer.json"
     rigs.write_other_finger(folder, "tiny")
-    result = runner.invoke(app, ["criticise", str(folder), "--joint", "--json", str(answer)])
+    result = runner.invoke(app, ["criticise", str(folder), "--json", str(answer)])
     assert result.exit_code == 1
     said = json.loads(answer.read_text(encoding="utf-8"))
     assert "elliptic" in said["first_line"]
@@ -79,7 +79,7 @@ def test_another_finger_is_told_before_anything_is_fitted(tmp_path):
 def test_three_causes_at_once_are_named(tiny):
     """Modulus, black level and droop, beside a tone curve that may stand in for two of them."""
     exclude = set(all_effects()) - set(CONSIDERED)
-    criticism = criticise_jointly(read_bundle(tiny), exclude=exclude)
+    criticism = criticise_frames(read_bundle(tiny), exclude=exclude)
     result, scene = criticism.result, criticism.scene
     found = {cause["id"]: cause for cause in result["causes"]}
     assert set(found) == {"modulus", "black_level", "led_droop"}
@@ -179,7 +179,7 @@ def test_the_command_writes_answer_and_scene(tiny, tmp_path):
     """All causes of the library; the extended scene loads and carries what was named. Two minutes."""
     answer = tmp_path / "answer.json"
     page = tmp_path / "page.html"
-    result = runner.invoke(app, ["criticise", str(tiny), "--joint", "--json", str(answer), "--report", str(page)])
+    result = runner.invoke(app, ["criticise", str(tiny), "--json", str(answer), "--report", str(page)])
     assert result.exit_code == 0, result.output
     html = page.read_text(encoding="utf-8")
     assert html.count("data:image/png") == 3

@@ -18,43 +18,50 @@ class Criticism:
     ----------
     result : mapping
         JSON-able; its keys stand in docs/criticism/index.md.
-    evidence : object
-        What the HTML report shows: residuals, tests, ranking of the candidates.
+    scene : str
+        The nominal scene with the causes at their fitted values, as TOML text.
+    pictures : object
+        What the HTML report shows.
     """
 
     result: Mapping[str, Any]
-    evidence: Any
+    scene: str
+    pictures: Any
 
     def __repr__(self) -> str:
-        return f"Criticism({self.verdict!r}, effects {[effect['id'] for effect in self.effects]})"
+        return f"Criticism({self.verdict!r}, causes {[cause['id'] for cause in self.causes]})"
 
     @property
     def verdict(self) -> str:
-        """``"none"``, ``"named"``, ``"ambiguous"`` or ``"unknown"``."""
+        """``"none"``, ``"causes"``, ``"causes and unknown"`` or ``"unknown"``."""
         return str(self.result["verdict"])
 
     @property
-    def effects(self) -> list[Mapping[str, Any]]:
-        """Effects that are named, with fitted values and 90 % intervals, units beside them."""
-        return list(self.result["causes" if "causes" in self.result else "effects"])
+    def first_line(self) -> str:
+        """What was found, in a sentence for who reads one only."""
+        return str(self.result["first_line"])
+
+    @property
+    def causes(self) -> list[Mapping[str, Any]]:
+        """Causes with fitted values and 90 % intervals, units beside them, and what each does to the area [mm^2, %]."""
+        return list(self.result["causes"])
 
     @property
     def probabilities(self) -> Mapping[str, float]:
-        """Probability of each candidate."""
-        joint = "posterior" in self.result
-        found: Mapping[str, float] = self.result["posterior"]["inclusion"] if joint else self.result["probabilities"]
+        """Probability of each cause to be in the rig."""
+        found: Mapping[str, float] = self.result["posterior"]["inclusion"]
         return found
 
     @property
     def next_measurement(self) -> str | None:
-        """What to measure next to separate the candidates; None where one remains."""
+        """What to measure next to tell causes apart; None where nothing is in doubt."""
         found = self.result["next_measurement"]
-        return None if found is None else str(found["what"])
+        return None if found is None or found["what"] is None else str(found["what"])
 
     @property
     def extended_scene(self) -> str:
-        """The scene with the named effects switched on, as TOML text."""
-        return str(self.evidence.scene if "posterior" in self.result else self.evidence.scene_after)
+        """The scene with the causes switched on, as TOML text."""
+        return self.scene
 
 
 def criticise(
@@ -67,7 +74,7 @@ def criticise(
     bundle : Bundle, str or Path
         With frames, or with series of figures alone.
     seed : int
-        Of the draws of noise.
+        Of the draws of noise and of the bootstrap.
     tick : callable
         ``tick(step)``, called when a step begins; with frames the whole takes minutes.
 
@@ -86,13 +93,11 @@ def criticise(
     >>> found = ev.criticise("bundle")  # doctest: +SKIP
     >>> found.verdict, found.next_measurement  # doctest: +SKIP
     """
-    from evanesce.criticism.critic import criticise as by_frames
+    from evanesce.inference.critic import criticise_frames
     from evanesce.inference.series.critic import criticise_series
 
     if not isinstance(bundle, Bundle):
         bundle = read_bundle(bundle)
-    if not bundle.has_frames:
-        found = criticise_series(bundle, tell=tick)
-        return Criticism(result=found.result, evidence=found)
-    result, evidence = by_frames(bundle, seed=seed, tick=tick)
-    return Criticism(result=result, evidence=evidence)
+    run = criticise_frames if bundle.has_frames else criticise_series
+    found = run(bundle, seed=seed, tell=tick)
+    return Criticism(result=found.result, scene=found.scene, pictures=found.pictures)

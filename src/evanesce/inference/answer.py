@@ -226,7 +226,7 @@ def answer(
     Returns
     -------
     result : dict
-        See docs/criticism/joint.md.
+        See docs/criticism/index.md.
     scene : str
     """
     noise = float(fitted.residual.size)

@@ -34,13 +34,17 @@ Tell = Callable[[str], None]
 FURTHER = "a further cause"
 
 
-def criticise_jointly(bundle: Bundle, *, tell: Tell = lambda line: None, exclude: Collection[str] = ()) -> Criticism:
+def criticise_frames(
+    bundle: Bundle, *, seed: int = 0, tell: Tell = lambda line: None, exclude: Collection[str] = ()
+) -> Criticism:
     """Find the causes by which a bundle's frames differ from its nominal model, many at once.
 
     Parameters
     ----------
     bundle : Bundle
         With frames of a monochrome camera.
+    seed : int
+        Of the draws of noise and of the bootstrap.
     tell : callable
         Told what is done, with the time left where it is known.
     exclude : collection of str
@@ -65,14 +69,14 @@ def criticise_jointly(bundle: Bundle, *, tell: Tell = lambda line: None, exclude
     areas, discrepancy = AreaReader(model), discrepancy_of(model)
     bank = bank_of(model, _place(gate.start), tell)
     smooth = [cause for cause in causes if not cause.placed]
-    judge = Judge(fitter, smooth, bank, discrepancy)
-    marks = MarkSearch(model, [cause for cause in causes if cause.local])
+    judge = Judge(fitter, smooth, bank, discrepancy, seed=seed)
+    marks = MarkSearch(model, [cause for cause in causes if cause.local], seed)
     search = Search(fitter, smooth, judge, tell, marks=marks)
     best, posterior = search.run(base)
     tell("consequences and held-out conditions")
     fine = model.anchor(best.point)
     named = named_causes(search, areas, best, discrepancy.rows(best, fine), posterior)
-    gain = held_out(model, areas, base, best)
+    gain = held_out(model, areas, base, best, seed)
     rest = everything_marginalised(best)[0].project(best.residual)
     scale = observation.scene.camera.scale_px_per_mm
     left = left_of(model.data, rest, bank.seen.by_light, BIN_PX / scale)
@@ -188,7 +192,7 @@ def _nominal(bundle: Bundle) -> tuple[AnchoredModel, Gate, tuple[Cause, ...]]:
 
 def _require_frames(bundle: Bundle) -> None:
     if not bundle.has_frames:
-        raise InputError("holds no frame", file=bundle.path, key="--joint", allowed="a bundle with press frames")
+        raise InputError("holds no frame", file=bundle.path, key=allowed="a bundle with press frames")
     require_monochrome(bundle)
 
 
@@ -199,7 +203,7 @@ class Criticism:
     Attributes
     ----------
     result : dict
-        See docs/criticism/joint.md.
+        See docs/criticism/index.md.
     scene : str
         The extended scene as TOML.
     pictures : Pictures

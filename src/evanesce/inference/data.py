@@ -1,7 +1,7 @@
 """One vector of whitened data for everything that is compared: here the bins of a bundle's frames.
 
-Weights follow the measured level about a bin, not a prediction, so that a nominal model far from the truth does not choose what it
-is judged by.
+Weights follow the measured level about a bin, not a prediction, so that a nominal model far from the truth does not
+choose what it is judged by.
 """
 
 from __future__ import annotations

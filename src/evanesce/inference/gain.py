@@ -56,7 +56,7 @@ class HeldOut:
         }  # fmt: skip
 
 
-def held_out(model: AnchoredModel, areas: AreaReader, base: JointFit, best: JointFit) -> HeldOut | None:
+def held_out(model: AnchoredModel, areas: AreaReader, base: JointFit, best: JointFit, seed: int = 0) -> HeldOut | None:
     """Return the gain by the fine model of both; None where no view is held out.
 
     The light and load of each view by itself are marginalised, for both models alike.
@@ -66,6 +66,8 @@ def held_out(model: AnchoredModel, areas: AreaReader, base: JointFit, best: Join
     model : AnchoredModel
     areas : AreaReader
     base, best : JointFit
+    seed : int
+        Of the bootstrap.
     """
     data, views = model.data, list(model.data.held_out)
     if not views:
@@ -82,7 +84,7 @@ def held_out(model: AnchoredModel, areas: AreaReader, base: JointFit, best: Join
         scores.append(log_scores(left, data.valid[views]))
         read = [areas.read(frames[k]) for k in views]
         off.append([abs(r / m - 1.0) for r, m in zip(read, measured, strict=True) if m > 0])
-    gained = bootstrap_sum(scores[1] - scores[0], level=0.95, count=BOOTSTRAPS, rng=generator(0, "inference", "gain"))
+    gained = bootstrap_sum(scores[1] - scores[0], level=0.95, count=BOOTSTRAPS, rng=generator(seed, "inference", "gain"))
     before, after = (100.0 * float(np.mean(o)) if o else float("nan") for o in off)
     return HeldOut(gained, (errors[0], errors[1]), (before, after), len(views))
 

@@ -57,10 +57,13 @@ class MarkSearch:
     model : AnchoredModel
     causes : sequence of Cause
         Those whose places only data know.
+    seed : int
+        Of the draws of noise.
     """
 
     model: AnchoredModel
     causes: Sequence[Cause]
+    seed: int = 0
     _spread: dict[str, Array] = field(default_factory=dict)
 
     def scan(self, point: Mapping[str, float]) -> Scan:
@@ -88,7 +91,7 @@ class MarkSearch:
         for cause in self.causes:
             if cause.id in behaviours and cause.id not in self._spread:
                 self._spread[cause.id] = point_spread(self.model, point, cause, behaviours[cause.id])
-        rng = generator(0, "marks")
+        rng = generator(self.seed, "marks")
         atoms = atoms_of(self.causes, self._spread)
         nulls, scans = np.zeros(NULLS), []
         for wide in sorted({atom.wide(WIDER_PX) for atom in atoms}):

@@ -163,6 +163,8 @@ class Judge:
     reach : float
         Prior deviations up to which a cause may be there; strengths end where its largest form would be exceeded by
         that. Data of few rows tell causes apart by how much of each is plausible.
+    seed : int
+        Of the draws of noise.
     """
 
     def __init__(
@@ -173,8 +175,9 @@ class Judge:
         discrepancy: Rows,
         *,
         reach: float = np.inf,
+        seed: int = 0,
     ) -> None:
-        self.fitter, self.discrepancy, self.reach = fitter, discrepancy, reach
+        self.fitter, self.discrepancy, self.reach, self.seed = fitter, discrepancy, reach, seed
         self.grown = frozenset(c.id for c in causes if c.one_sided) if np.isfinite(reach) else frozenset()
         blocks = bank.blocks(causes, fitter.model.data)
         self.known = tuple(blocks)
@@ -298,7 +301,7 @@ class Judge:
         place = place_of(shapes, products)
         if not with_p:
             return place, 0.0
-        return place, p_value(place, null_statistics(shapes, gram, generator(0, "null statistics")))
+        return place, p_value(place, null_statistics(shapes, gram, generator(self.seed, "null statistics")))
 
 
 def _marginal(taken: Iterable[str], unknown: float) -> dict[str, float]:

@@ -41,7 +41,7 @@ class MixedRun(Exception):
     """A run goes on by the code that began it, so that one critic is judged."""
 
 
-CRITIC = "evanesce.inference.critic:criticise_jointly"
+CRITIC = "evanesce.inference.critic:criticise_frames"
 GROSS = "another rig"
 Judge = Callable[..., dict[str, Any]]
 

@@ -65,7 +65,7 @@ class SeriesCriticism:
 
 
 def criticise_series(
-    bundle: Bundle, *, tell: Tell = lambda line: None, exclude: Collection[str] = ()
+    bundle: Bundle, *, seed: int = 0, tell: Tell = lambda line: None, exclude: Collection[str] = ()
 ) -> SeriesCriticism:
     """Find the causes by which a bundle's scalar series differ from its nominal model, many at once.
 
@@ -73,6 +73,8 @@ def criticise_series(
     ----------
     bundle : Bundle
         With series; frames in it are not looked at.
+    seed : int
+        Of the draws of noise.
     tell : callable
         Told what is done.
     exclude : collection of str
@@ -97,7 +99,7 @@ def criticise_series(
     base = fitter.relinearised([], {})
     causes, without = causes_of(model.observation, exclude)
     bank, discrepancy, areas = SeriesBank(model, tell), SeriesDiscrepancy(model), SeriesAreas(model)
-    judge = Judge(fitter, causes, bank, discrepancy, reach=FAR)
+    judge = Judge(fitter, causes, bank, discrepancy, reach=FAR, seed=seed)
     silent = {c.id: "moves none of these series" for c in causes if c.id not in judge.known}
     search = SeriesSearch(fitter, causes, judge, tell, fitted=FITTED_HERE)
     best, posterior = search.run(base)

@@ -11,16 +11,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter, minimum_filter
-from scipy.special import erf
-
-from evanesce.chain.simulate import expose as take
 from evanesce.criticism.photograph import criticise_photograph
 from evanesce.criticism.photograph_light import LightModel, Photograph, binned_mean, prepare, read_photograph
 from evanesce.criticism.photograph_page import views_words
 from evanesce.criticism.photograph_tails import Inverse, Seen, fit_tail, law_of, local_level, log_density, seen_of
 from evanesce.criticism.photograph_views import corner_noise, judge_views, photographed_views
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter, minimum_filter
+from scipy.special import erf
+
+from evanesce.chain.simulate import expose as take
 from evanesce.evaluation.board_geometry import SENSOR_WIDTH_UM, FittedRig, PrintedBoard
 from evanesce.measurement.calibration.board_lines import BoardLines
 from evanesce.measurement.calibration.corners import CornerGrid

@@ -9,7 +9,7 @@ however many bins are looked at, so that the scan is its own trials factor.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,8 +25,6 @@ Mask = NDArray[np.bool_]
 
 DENSITIES = np.geomspace(1e-5, 0.1, 13)
 """Points to a bin: from one in a frame to one in ten bins, beyond which they are no points."""
-TAIL = 1e-3
-"""Share of bins whose residual says how far noise goes: the lesser of both signs, since points have one."""
 OFFSETS = (-1 / 3, 0.0, 1 / 3)
 """Places of a point in its bin [bins]."""
 DUST_BINS = (2.0, 3.0, 4.0)
@@ -47,12 +45,22 @@ class Scan:
         Flat places.
     widened : float
         By which noise was widened: what scatters as far downwards as upwards is texture of the print.
+    shape : tuple of int
+        (rows, cols).
     """
 
     log_bayes: Mapping[str, Array]
     amount: Mapping[str, Array]
     where: NDArray[np.int_]
     widened: float
+    shape: tuple[int, ...]
+
+    def apart_from(self, held: NDArray[np.bool_]) -> Scan:
+        """Return the scan without the neighbourhoods of bins (bins,) that hold a point: it has one cause."""
+        taken = np.zeros(self.shape, bool)
+        taken.ravel()[self.where[held]] = True
+        beside = ndimage.maximum_filter(taken, LOCAL_BINS).ravel()[self.where]
+        return replace(self, log_bayes={n: np.where(beside, -np.inf, b) for n, b in self.log_bayes.items()})
 
 
 def point_forms(spread: float, disc: float) -> dict[str, tuple[float, Array]]:
@@ -94,8 +102,9 @@ def scan_of(left: Array, sd: Array, even: Mask, spread: float, disc: float) -> S
         Of the even blur.
     """
     z = np.where(even, left / sd, 0.0)
-    ends = np.quantile(z[even], (TAIL, 1.0 - TAIL)) if even.any() else np.zeros(2)
-    widened = max(1.0, float(np.abs(ends).min()) / float(stats.norm.isf(TAIL)))
+    # How far noise goes is said by the sign whose largest residual is the lesser: points of one kind have one sign.
+    farthest = min(float(z.max()), float(-z.min()))
+    widened = max(1.0, farthest / float(stats.norm.isf(1.0 / max(int(even.sum()), 2))))
     z = z / widened
     where = np.flatnonzero(even)
     found, amounts = {}, {}
@@ -105,7 +114,8 @@ def scan_of(left: Array, sd: Array, even: Mask, spread: float, disc: float) -> S
         flat = unit.reshape(len(unit), -1)
         shapes = Shapes.of(name, flat @ flat.T)
         along = np.array([ndimage.correlate(z, one, mode="constant") for one in unit])
-        strongest = sign * along.max(axis=0) if sign > 0 else -along.min(axis=0)
+        best = np.abs(along).argmax(axis=0)
+        strongest = sign * np.take_along_axis(along, best[None], 0)[0]
         peak = (strongest >= ndimage.maximum_filter(strongest, LOCAL_BINS)) & (strongest > 0.0)
         bayes = np.full(where.size, -np.inf)
         some = peak.ravel()[where]
@@ -113,10 +123,9 @@ def scan_of(left: Array, sd: Array, even: Mask, spread: float, disc: float) -> S
         coordinates = shapes.coordinates(along.reshape(len(unit), -1)[:, where[some]].T)
         bayes[some] = shapes.log_bayes(coordinates) + np.log(2.0)
         found[name] = bayes
-        best = np.abs(along).argmax(axis=0)
         scale = widened * sd * forms.sum(axis=(1, 2))[best] / norms[best]
-        amounts[name] = (np.take_along_axis(along, best[None], 0)[0] * scale).ravel()[where]
-    return Scan(found, amounts, where, widened)
+        amounts[name] = (sign * strongest * scale).ravel()[where]
+    return Scan(found, amounts, where, widened, z.shape)
 
 
 @dataclass(frozen=True)
@@ -139,24 +148,23 @@ class Points:
 
 
 def points_of(scan: Scan) -> Points:
-    """Return the causes of points, each judged with those that are there already."""
-    taken: dict[str, float] = {}
+    """Return the causes of points, each judged on what those that are there already leave."""
     places: dict[str, Place] = {}
+    held: dict[str, NDArray[np.bool_]] = {}
     while True:
         gains = {
-            name: np.array([_log_likelihood(scan, {**taken, name: d}) for d in DENSITIES])
-            - _log_likelihood(scan, taken)
-            for name in scan.log_bayes
-            if name not in taken
+            name: np.array([_log_likelihood(bayes, density) for density in DENSITIES])
+            for name, bayes in scan.log_bayes.items()
+            if name not in held
         }
         place = Place.of({name: float(special.logsumexp(g) - np.log(len(g))) for name, g in gains.items()})
         if not gains or place.probability[NONE] > 0.5:
             places[""] = place
             break
         best = max(gains, key=lambda name: place.log_bayes[name])
-        taken[best] = float(DENSITIES[int(np.argmax(gains[best]))])
         places[best] = place
-    held = {name: scan.log_bayes[name] + np.log(d) > 0.0 for name, d in taken.items()}
+        held[best] = scan.log_bayes[best] + np.log(DENSITIES[int(np.argmax(gains[best]))]) > 0.0
+        scan = scan.apart_from(held[best])
     density = {}
     for name, which in held.items():
         count, bins = int(which.sum()), max(scan.where.size, 1)
@@ -165,10 +173,6 @@ def points_of(scan: Scan) -> Points:
     return Points(places, density, held)
 
 
-def _log_likelihood(scan: Scan, densities: Mapping[str, float]) -> float:
-    """Return the log likelihood ratio of all bins with points of given densities over none."""
-    none = np.log(max(1.0 - sum(densities.values()), 1e-9))
-    total = np.full(scan.where.size, none)
-    for name, density in densities.items():
-        total = np.logaddexp(total, np.log(density) + scan.log_bayes[name])
-    return float(total.sum())
+def _log_likelihood(log_bayes: Array, density: float) -> float:
+    """Return the log likelihood ratio over none of all bins (bins,) with points of a given density."""
+    return float(np.logaddexp(np.log1p(-density), np.log(density) + log_bayes).sum())

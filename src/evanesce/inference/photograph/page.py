@@ -144,8 +144,12 @@ def _moves(answer: Mapping[str, Any]) -> Section:
     rows = [(m["move"], m["cause"], m["other"], f"{m['misfit']:.4g}", m["reason"]) for m in answer["moves"]]
     columns = ("move", "cause", "in place of", "misfit", "because")
     tables = [Table(columns, rows, f"From a misfit of {answer['misfit']['before']:.4g}.")] if rows else []
-    others = [f"{e['id']}: {e['why']}" for e in answer["not_judged"]]
-    return Section("How it was found", ["Not taken: " + "; ".join(others) + "."], tables=tables)
+    by_reason: dict[str, list[str]] = {}
+    for entry in answer["not_judged"]:
+        by_reason.setdefault(entry["why"], []).append(entry["id"])
+    others = [f"{why}: {', '.join(names)}" for why, names in by_reason.items()]
+    text = ["Not taken:", *(f"{other[0].upper()}{other[1:]}." for other in others)]
+    return Section("How it was found", text, tables=tables)
 
 
 def _views(views: Mapping[str, Any]) -> Section:

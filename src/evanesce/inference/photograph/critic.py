@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from evanesce.inference.joint import JointFit, Taken
 from evanesce.inference.photograph.causes import PhotoForms, photo_causes
 from evanesce.inference.photograph.light import LightModel
 from evanesce.inference.photograph.model import (
+    LOCAL_BINS,
     PhotoDiscrepancy,
     PhotoFitter,
     PhotoJudge,
@@ -78,7 +80,13 @@ class Bench:
         even = even_print(light, mean)
         noise, sd = noise_of_print(one, mean, even)
         left = local_residual(one.data - mean, one.block >= 0)
-        data = photo_data(one, noise, robust_sd(sd, left))
+        # Points are judged by their own scan: what one of them adds near it says nothing of smooth light.
+        scan = scan_of(left, sd, even, point["@blur"], point["@disc"])
+        taken = np.zeros(mean.size, bool)
+        for held in points_of(scan).held.values():
+            taken[scan.where[held]] = True
+        beside = ndimage.maximum_filter(taken.reshape(mean.shape), LOCAL_BINS)
+        data = photo_data(one, noise, robust_sd(sd, left), beside)
         return cls(one, light, mean, sd, PhotoFitter(PhotoModel(light, data)), noise, even, left)
 
     def scan(self, point: Mapping[str, float], where: Mask) -> Scan:

@@ -117,7 +117,7 @@ def noise_of_print(photograph: Photograph, mean: Array, even: Mask) -> tuple[Noi
     return noise, np.sqrt(variance)
 
 
-def photo_data(photograph: Photograph, noise: Noise, sd: Array) -> DataVector:
+def photo_data(photograph: Photograph, noise: Noise, sd: Array, left_out: Mask) -> DataVector:
     """Return the data vector: the open blocks as one view, the held-out ones as another.
 
     Parameters
@@ -126,8 +126,10 @@ def photo_data(photograph: Photograph, noise: Noise, sd: Array) -> DataVector:
     noise : Noise
     sd : ndarray (rows, cols)
         [DN].
+    left_out : ndarray of bool (rows, cols)
+        Bins that are no part of what smooth causes explain.
     """
-    counted = photograph.data < SATURATED_DN
+    counted = (photograph.data < SATURATED_DN) & ~left_out
     valid = np.array([photograph.opened & counted, photograph.locked & (photograph.block >= 0) & counted])
     cube, sds = (np.repeat(x[None], 2, axis=0) for x in (photograph.data, sd))
     return DataVector(cube, sds, valid, VIEWS, noise, 1.0, 0.0)

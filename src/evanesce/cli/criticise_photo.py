@@ -10,7 +10,7 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
-from evanesce.cli.common import JsonOption, check_json_target, console, handles_errors, working, write_json
+from evanesce.cli.common import JsonOption, check_json_target, console, handles_errors, messages, working, write_json
 from evanesce.core.errors import InputError
 
 CURVES = ("libcamera", "bt709", "srgb", "linear")
@@ -30,7 +30,9 @@ def register(app: typer.Typer) -> None:
             str, typer.Option("--scene", help="Scene with the nominal plate, focal length and readout.")
         ] = "thesis",
         curve: Annotated[str, typer.Option("--curve", help=f"Nominal tone curve: {', '.join(CURVES)}.")] = "libcamera",
-        seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of folds and bootstrap.")] = 0,
+        seed: Annotated[
+            int, typer.Option("--seed", min=0, help="Noted in the provenance; nothing is drawn by it.")
+        ] = 0,
         json_file: JsonOption = None,
         report: Annotated[Path | None, typer.Option("--report", help="Write an HTML page to this file.")] = None,
     ) -> None:
@@ -40,44 +42,47 @@ def register(app: typer.Typer) -> None:
         if curve not in CURVES:
             raise InputError(f"'{curve}'", key="--curve", allowed=", ".join(CURVES))
         from evanesce.core.provenance import record
-        from evanesce.criticism.photograph import criticise_photograph
-        from evanesce.criticism.photograph_light import read_photograph
-        from evanesce.criticism.photograph_views import photographed_views
+        from evanesce.inference.photograph.answer import answer
+        from evanesce.inference.photograph.critic import criticise_photograph, judged_views
+        from evanesce.inference.photograph.page import page
+        from evanesce.inference.photograph.picture import read_photograph
         from evanesce.measurement.calibration.points import read_points
         from evanesce.measurement.io.images import read_image
+        from evanesce.report import html
         from evanesce.rig import load_scene
 
         picture, base = read_image(photo), load_scene(scene)
         views = None if corners is None else read_points(corners)
         with working("corners and geometry") as step:
             photograph = read_photograph(picture.data, base, curve)  # type: ignore[arg-type]
-            found, bench = criticise_photograph(photograph, seed=seed, tick=step)
+            found = criticise_photograph(photograph, tell=step)
+            step("held-out blocks")
+            result = answer(found)
             if views is not None:
                 step("views")
-                found.answer["views"] = photographed_views(photograph, views, bench.pixel_noise_DN)
+                result["views"] = judged_views(found.bench, views)
         origin = record(seed=seed, config=base.as_dict(), photograph=photo.name, tone_curve=curve)
-        write_json(json_file, {**found.answer, "provenance": origin})
+        write_json(json_file, {**result, "provenance": origin})
         if report is not None:
-            from evanesce.criticism import photograph_page
-            from evanesce.report import html
-
-            html.write(report, photograph_page.page(found, bench, photo.name, origin))
-        _show(found.answer)
+            html.write(report, page(result, found, photo.name, origin))
+        _show(result)
 
 
-def _show(answer: dict[str, Any]) -> None:
-    from evanesce.criticism.photograph_page import lead, views_words
+def _show(result: dict[str, Any]) -> None:
+    from evanesce.inference.photograph.page import views_words
 
-    console.print(escape(lead(answer)))
-    table = Table(title="Held-out blocks: gain of each cause, 95 % intervals", box=box.SIMPLE_HEAD)
+    console.print(escape(result["first_line"]))
+    for warning in result["warnings"]:
+        messages.print(escape(f"warning: {warning}"))
+    table = Table(title="Held-out blocks: what is lost without each cause, 95 % intervals", box=box.SIMPLE_HEAD)
     for heading in ("without", "log score lost [nats]", "from", "to", "RMS [DN]"):
         table.add_column(heading, justify="left" if heading == "without" else "right")
-    for name, one in answer["dropped"].items():
-        value, low, high = one["loss"]
-        table.add_row(name, f"{value:.0f}", f"{low:.0f}", f"{high:.0f}", f"{one['rmse_dn']:.2f}")
-    if answer["dropped"]:
+    for name, one in result["held_out"]["without"].items():
+        value, low, high = one["log_score_lost"]
+        table.add_row(name, f"{value:.0f}", f"{low:.0f}", f"{high:.0f}", f"{one['rms_DN']:.2f}")
+    if result["held_out"]["without"]:
         console.print(table)
-    for shot in answer["next_measurement"]:
+    for shot in result["next_measurement"]:
         console.print(f"Next: {escape(shot['what'])} Separates: {', '.join(shot['separates'])}.")
-    if "views" in answer:
-        console.print(escape(views_words(answer["views"])))
+    if "views" in result:
+        console.print(escape(views_words(result["views"])))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from evanesce.criticism.photograph_light import Photograph
+from evanesce.measurement.calibration.corners import CornerGrid
 from evanesce.measurement.calibration.distinct import STILL_PX
 from evanesce.measurement.calibration.planar import fit_planar
 from evanesce.measurement.calibration.points import BoardView
@@ -64,21 +64,29 @@ def judge_views(
     }
 
 
-def photographed_views(photograph: Photograph, views: Sequence[BoardView], noise_DN: float) -> dict[str, Any]:
+def photographed_views(
+    grid: CornerGrid, image_size: tuple[int, int], focal_px: float, views: Sequence[BoardView], noise_DN: float
+) -> dict[str, Any]:
     """Judge views of a calibration by the noise that a photograph of the same board shows.
 
     Parameters
     ----------
-    photograph : Photograph
+    grid : CornerGrid
+        Corners of the photograph.
+    image_size : tuple of int
+        (cols, rows).
+    focal_px : float
+        Assumed where none can be found [px].
     views : sequence of BoardView
     noise_DN : float
-        Of a pixel of the full picture.
+        Of a pixel.
+
+    Returns
+    -------
+    dict
+        See :func:`judge_views`.
     """
-    rows, cols = photograph.full.shape
-    camera = photograph.rig.camera
-    focal = camera.lens.focal_length_mm * 1e3 / camera.pixel.pitch_um
-    noise = corner_noise(photograph.grid.fit, photograph.grid.lattice, noise_DN)
-    return judge_views(views, (cols, rows), focal, noise)
+    return judge_views(views, image_size, focal_px, corner_noise(grid.fit, grid.lattice, noise_DN))
 
 
 def _groups(views: Sequence[BoardView]) -> list[list[int]]:

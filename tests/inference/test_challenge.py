@@ -47,7 +47,6 @@ FORBIDDEN = (
     "evanesce.effects",
     "evanesce.inference",
     "evanesce.prediction",
-    "evanesce.criticism",
     "evanesce.chain",
     "evanesce.studies",
     "evanesce.evaluation",

@@ -328,30 +328,22 @@ def test_keys_of_a_dataset_are_changed_like_those_of_a_scene() -> None:
 @pytest.mark.parametrize("with_frames", [True, False])
 def test_a_bundle_goes_to_the_critic_of_its_kind(with_frames: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """The critics are tested where they live; here it is which one is asked, and how its answer reads."""
-    answer = {"verdict": "named", "effects": [{"id": "defocus"}], "probabilities": {"defocus": 0.9},
-              "next_measurement": {"what": "a press at 3 N"}}  # fmt: skip
+    answer = {"verdict": "causes", "first_line": "1 cause", "causes": [{"id": "defocus"}],
+              "posterior": {"inclusion": {"defocus": 0.9}}, "next_measurement": {"what": "a press at 3 N"}}  # fmt: skip
     asked: list[Any] = []
 
     def critic(kind: str) -> Any:
-        return lambda bundle, **options: asked.append((kind, bundle, options)) or (
-            answer, SimpleNamespace(scene_after="title = ''")
+        return lambda bundle, **options: asked.append((kind, bundle, options)) or SimpleNamespace(
+            result=answer, scene="title = ''", pictures=None
         )  # fmt: skip
 
-    monkeypatch.setattr("evanesce.criticism.critic.criticise", critic("frames"))
-    joint = {"verdict": "causes", "causes": [{"id": "defocus"}], "posterior": {"inclusion": {"defocus": 0.9}},
-             "next_measurement": {"what": "a press at 3 N"}}  # fmt: skip
-
-    def by_series(bundle: Any, **options: Any) -> Any:
-        asked.append(("series", bundle, options))
-        return SimpleNamespace(result=joint, scene="title = ''")
-
-    monkeypatch.setattr("evanesce.inference.series.critic.criticise_series", by_series)
+    monkeypatch.setattr("evanesce.inference.critic.criticise_frames", critic("frames"))
+    monkeypatch.setattr("evanesce.inference.series.critic.criticise_series", critic("series"))
     bundle = ev.Bundle(path=Path("x"), scene=small_rig())
     monkeypatch.setattr(ev.Bundle, "has_frames", with_frames)
     found = ev.criticise(bundle, seed=5)
     assert asked[0][:2] == ("frames" if with_frames else "series", bundle)
-    verdict = "named" if with_frames else "causes"
-    assert asked[0][2].get("seed") == (5 if with_frames else None)
-    assert (found.verdict, found.next_measurement, found.extended_scene) == (verdict, "a press at 3 N", "title = ''")
+    assert asked[0][2]["seed"] == 5
+    assert (found.verdict, found.next_measurement, found.extended_scene) == ("causes", "a press at 3 N", "title = ''")
     assert found.probabilities == {"defocus": 0.9}
-    assert repr(found) == f"Criticism({verdict!r}, effects ['defocus'])"
+    assert repr(found) == "Criticism('causes', causes ['defocus'])"

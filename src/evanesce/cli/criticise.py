@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich import box
 from rich.markup import escape
-from rich.progress import Progress
 from rich.table import Table
 
 from evanesce.cli.common import (
@@ -18,7 +16,6 @@ from evanesce.cli.common import (
     console,
     handles_errors,
     messages,
-    progress,
     write_json,
     write_text,
 )

@@ -10,7 +10,7 @@ from typing import Any
 from evanesce.bundle.bundle import Bundle
 from evanesce.core.errors import InputError
 from evanesce.inference.answer import answer, named_causes
-from evanesce.inference.causes import Cause, causes_of
+from evanesce.inference.causes import causes_of
 from evanesce.inference.codec import filmed, with_roughness
 from evanesce.inference.consequence import AreaReader
 from evanesce.inference.data import DataVector, data_vector
@@ -62,7 +62,6 @@ def criticise_frames(
         If another rig was measured than the scene's.
     """
     began = time.monotonic()
-    _require_frames(bundle)
     start = started(bundle, tell)
     observation, model, gate, fitter, base = start.observation, start.model, start.gate, start.fitter, start.base
     causes, left_out = causes_of(observation, exclude)
@@ -131,11 +130,7 @@ def started(bundle: Bundle, tell: Tell = lambda line: None) -> Start:
     GrossDifference
         If another rig was measured than the scene's.
     """
-    observation = observe(bundle)
-    data = data_vector(observation)
-    model = with_series(observation, data, bundle)
-    tell("first look: board, field of view, contact, level")
-    gate = gate_of(observation, model.coarse)
+    observation, model, gate = _nominal(bundle, tell)
     for line in gate.lines:
         tell(f"{line.name}: measured {line.measured:.4g}, predicted {line.predicted:.4g} {line.unit}".rstrip())
     if gate.gross:
@@ -162,7 +157,8 @@ def shapes_of(bundle: Bundle, *, tell: Tell = lambda line: None) -> tuple[list[F
         With frames of a monochrome camera.
     tell : callable
     """
-    model, gate, causes = _nominal(bundle)
+    observation, model, gate = _nominal(bundle, tell)
+    causes, _ = causes_of(observation)
     return FormBank(model.coarse, _place(gate.start), tell).of([c for c in causes if not c.placed]), model.data
 
 
@@ -175,24 +171,29 @@ def nominal_judge(bundle: Bundle, *, tell: Tell = lambda line: None) -> tuple[Ju
         With frames of a monochrome camera.
     tell : callable
     """
-    model, gate, causes = _nominal(bundle)
+    observation, model, gate = _nominal(bundle, tell)
+    causes, _ = causes_of(observation)
     fitter = Fitter(model)
     base = fitter.relinearised([], gate.start)
     bank = bank_of(model, _place(gate.start), tell)
     return Judge(fitter, [c for c in causes if not c.placed], bank, discrepancy_of(model)), base
 
 
-def _nominal(bundle: Bundle) -> tuple[AnchoredModel, Gate, tuple[Cause, ...]]:
-    """Return the nominal rig's model, its first look, and the causes that its data can be asked for."""
+def _nominal(bundle: Bundle, tell: Tell) -> tuple[Observation, AnchoredModel, Gate]:
+    """Return the data of a bundle, the nominal rig's model of them, and its first look."""
     _require_frames(bundle)
     observation = observe(bundle)
-    model = with_series(observation, data_vector(observation), bundle)
-    return model, gate_of(observation, model.coarse), causes_of(observation)[0]
+    first = AnchoredModel(observation, data_vector(observation))
+    tell("first look: board, field of view, contact, level")
+    gate = gate_of(observation, first.coarse)
+    model = with_series(observation, data_vector(observation, first.coarse.cube(gate.start)), bundle)
+    model.coarse = first.coarse
+    return observation, model, gate
 
 
 def _require_frames(bundle: Bundle) -> None:
     if not bundle.has_frames:
-        raise InputError("holds no frame", file=bundle.path, key=allowed="a bundle with press frames")
+        raise InputError("holds no frame", file=bundle.path, allowed="a bundle with press frames")
     require_monochrome(bundle)
 
 

@@ -29,7 +29,7 @@ SATURATED_DN = 254.0
 LIT_DN = 40.0
 """Level from which on the place of black makes no difference to the scatter."""
 LEVEL_BINS = 5
-"""Side of the square of bins whose mean level says how large the noise of its middle is."""
+"""Side of the square of bins whose mean residual is added to a prediction: how large noise is goes by that level."""
 LEAST_BINS = 20
 LEAST_SD_DN = 1e-3
 """Where black is clipped and nothing scatters; rounding makes it larger before anything is weighed by it."""
@@ -108,12 +108,14 @@ class DataVector:
         return np.repeat([number[name] for name in names], counts)
 
 
-def data_vector(observation: Observation) -> DataVector:
+def data_vector(observation: Observation, predicted: Array | None = None) -> DataVector:
     """Return the data of an observation's frames.
 
     Parameters
     ----------
     observation : Observation
+    predicted : ndarray (views, rows, cols), optional
+        By the nominal model; what it leaves, smoothed, is added before levels are read off it [DN].
 
     Returns
     -------
@@ -127,7 +129,8 @@ def data_vector(observation: Observation) -> DataVector:
     noise = noise_of(observation.held, tone, cube.shape[1:], floor_DN=LEAST_SD_DN, flicker=known["flicker"])
     frames = np.array([v.frames for v in observation.views])[:, None, None]
     # At a level that does not follow the noise of the bin itself: high ones would count for less than low ones.
-    level = ndimage.uniform_filter(cube, (0, LEVEL_BINS, LEVEL_BINS), mode="nearest")
+    about = np.zeros_like(cube) if predicted is None else predicted
+    level = about + ndimage.uniform_filter(cube - about, (0, LEVEL_BINS, LEVEL_BINS), mode="nearest")
     variance = noise.variance(level, frames) + (STEP_SHARE * bin_steps(cube)) ** 2 + rounding_sd(tone, level) ** 2
     return DataVector(cube, np.sqrt(variance), cube < SATURATED_DN, observation.views, noise, scale, deviation)
 

@@ -84,7 +84,9 @@ def held_out(model: AnchoredModel, areas: AreaReader, base: JointFit, best: Join
         scores.append(log_scores(left, data.valid[views]))
         read = [areas.read(frames[k]) for k in views]
         off.append([abs(r / m - 1.0) for r, m in zip(read, measured, strict=True) if m > 0])
-    gained = bootstrap_sum(scores[1] - scores[0], level=0.95, count=BOOTSTRAPS, rng=generator(seed, "inference", "gain"))
+    gained = bootstrap_sum(
+        scores[1] - scores[0], level=0.95, count=BOOTSTRAPS, rng=generator(seed, "inference", "gain")
+    )
     before, after = (100.0 * float(np.mean(o)) if o else float("nan") for o in off)
     return HeldOut(gained, (errors[0], errors[1]), (before, after), len(views))
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.inference.causes import Cause
+from evanesce.inference.constants import DETECTED
 from evanesce.inference.listing import Listed, placed
 from evanesce.inference.model import AnchoredModel
 from evanesce.prediction.tone import expected_tone
@@ -135,9 +136,9 @@ def brightest_ripple(
     square = float(2.0 * abs(whole) ** 2 / size)
     # One frequency among those that can be told apart, and a phase that may as well have been another one.
     number = (RANGE_HZ[1] - RANGE_HZ[0]) * max(span, readout)
-    worth = 0.5 * square - float(np.log(number) + 0.5 * np.log1p(square))
-    if worth <= 0.0:
+    if number * np.exp(-0.5 * square) > DETECTED:
         return None
+    worth = 0.5 * square - float(np.log(number) + 0.5 * np.log1p(square))
     # The sums hold exp(-i phase) of a crest: cos(2 pi f t + phase) has the sum's own angle.
     return Ripple(at, float(np.degrees(np.angle(whole))), float(2.0 * abs(whole) / size), worth)
 

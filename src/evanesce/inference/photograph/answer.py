@@ -92,7 +92,7 @@ def _not_tried() -> dict[str, str]:
 def _smooth(found: PhotoCriticism) -> list[dict[str, Any]]:
     """Return the fitted causes, those that take most of the misfit first."""
     best, search = found.best, found.search
-    tied = search.judge.discrepancy.rows(best)
+    tied = search.judge.discrepancy.every_row(best)
     covariance = widened_covariance(best, tied) * scaled(best.metric, best.residual)
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     rows = []

@@ -13,10 +13,13 @@ from numpy.typing import NDArray
 from evanesce.core.rng import generator
 from evanesce.effects import all_effects
 from evanesce.inference.constants import DRAWS
+from evanesce.inference.data import DataVector
 from evanesce.inference.laws import Seen, all_laws
 from evanesce.inference.photograph.light import COSINES, SHIFTS, SIDES, UNEVEN, LightModel
 from evanesce.inference.photograph.picture import Photograph
 from evanesce.inference.shapes import Forms, drawn_point
+from evanesce.inference.single_effects import UNKNOWN
+from evanesce.inference.unknown import unknown_rows
 from evanesce.optics.projection import Projection
 from evanesce.prediction.parameters import STEP_SHARE, Parameter
 from evanesce.prediction.views import View
@@ -231,6 +234,11 @@ class PhotoForms:
         rows, cols = one.data.shape
         x, y = np.meshgrid((np.arange(cols) + 0.5) * 2 / cols - 1, (np.arange(rows) + 0.5 - rows / 2) * 2 / cols)
         return Seen(one.scene, self.views, level, by_light, np.zeros_like(level), x, y)
+
+    def blocks(self, causes: Sequence[PhotoCause], data: DataVector) -> dict[str, Array]:
+        """Return the whitened forms (forms, bins) of causes that show, and rows of something unknown."""
+        found = {forms.id: forms.rows(data) for forms in self.of(causes)}
+        return {**found, UNKNOWN: unknown_rows(data, self.nominal)}
 
     def of(self, causes: Sequence[PhotoCause]) -> list[Forms]:
         """Return the forms of causes: drawn from their parameters, and by the other laws that they may follow."""

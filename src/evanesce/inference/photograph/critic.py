@@ -156,7 +156,7 @@ def criticise_photograph(photograph: Photograph, *, tell: Tell = lambda line: No
         bench = Bench.about(light, point)
         fitter = bench.fitter
         base = fitter.relinearised([], nominal.point)
-        bank = PhotoForms(light, base.point, fitter.data.views)
+        bank = PhotoForms(light, base.point, fitter.model.data.views)
         judge = PhotoJudge(fitter, causes, bank, PhotoDiscrepancy(fitter.model))  # type: ignore[arg-type]
         search = PhotoSearch(fitter, causes, judge, tell)  # type: ignore[arg-type]
         if taken:
@@ -173,7 +173,7 @@ def criticise_photograph(photograph: Photograph, *, tell: Tell = lambda line: No
     points = points_of(scans[0])
     rest = everything_marginalised(best)[0].project(best.residual)
     mm = 1.0 / photograph.scene.camera.scale_px_per_mm
-    left = left_of(fitter.data, rest, bank.seen.by_light, mm)
+    left = left_of(fitter.model.data, rest, bank.seen.by_light, mm)
     dropped = {
         name: fitter.relinearised([t for t in best.taken if t.id != name], best.without(name)).point
         for name in best.ids

@@ -179,7 +179,7 @@ class PhotoFitter(Fitter):
 
     def __init__(self, model: PhotoModel) -> None:
         self.model = model  # type: ignore[assignment]
-        self.observed = self.data.whitened(self.data.cube)
+        self.observed = model.data.whitened(model.data.cube)
         self.nuisances = photo_nuisances(model.light.photograph)
         self.jitter = ()
         self._evaluated_at = {}

@@ -1,1 +1,0 @@
-"""Criticism: from measured data to what the simulation gets wrong."""

@@ -112,10 +112,11 @@ def behaviour_of(model: AnchoredModel, point: Mapping[str, float], cause: Cause)
     height, width = model.observation.images.shape[1:]
     # One in each bin: what spreads to neighbours comes back from them.
     every = change * (BIN_PX**2 / unit)
-    return np.array([_enlarged(one, (height, width)) for one in every], np.float32)
+    return np.array([enlarged(one, (height, width)) for one in every], np.float32)
 
 
-def _enlarged(bins: Array, shape: tuple[int, int]) -> Array:
+def enlarged(bins: Array, shape: tuple[int, int]) -> Array:
+    """Return bins (rows, cols) as pixels, interpolated."""
     whole = cv2.resize(bins.astype(np.float32), None, fx=BIN_PX, fy=BIN_PX, interpolation=cv2.INTER_LINEAR)
     missing = [(0, n - m) for n, m in zip(shape, whole.shape, strict=True)]
     return np.pad(whole, missing)

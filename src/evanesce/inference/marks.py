@@ -78,7 +78,7 @@ class MarkSearch:
         found = self._of_defects(point, left, weight)
         by_cause, scene = found.by_cause, self.model.observation.scene
         own = [listed(c, by_cause[c.id], scene) for c in self.causes if c.id in by_cause]
-        rippling = [ripple_of(self.model, c, left, weight) for c in self.causes if c.candidate.effect.bands]
+        rippling = [ripple_of(self.model, point, c, left, weight) for c in self.causes if c.candidate.effect.bands]
         ripples = [ripple for ripple in rippling if ripple is not None]
         worth = {ripple.taken.id: value for ripple, value in ripples}
         return replace(found, listed=(*own, *(ripple for ripple, _ in ripples)), ripples=worth)

@@ -6,7 +6,7 @@ at all frames' times do as well. Nothing but the data can say which, so they cho
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from evanesce.inference.causes import Cause
 from evanesce.inference.constants import DETECTED
-from evanesce.inference.listing import Listed, placed
+from evanesce.inference.listing import Listed, enlarged, placed
 from evanesce.inference.model import AnchoredModel
+from evanesce.prediction.parameters import derivative
 from evanesce.prediction.tone import expected_tone
 
 Array = NDArray[Any]
@@ -27,6 +28,8 @@ FINER = 4
 """Trial frequencies for each that rows, and that the whole time, tell apart."""
 LEAST_SHARE = 0.02
 """Of a ripple that an exposure must leave: a light that is averaged out cannot be seen, whatever it does."""
+SMOOTH = 3
+"""Powers of the row by which light may vary in a frame by itself: what a smooth cause leaves."""
 MOVING = 0.3
 """Least share of the bands' power that moves from frame to frame: with less they are a pattern that stands."""
 
@@ -52,12 +55,15 @@ class Ripple:
     log_bayes: float
 
 
-def ripple_of(model: AnchoredModel, cause: Cause, left: Array, weight: Array) -> tuple[Listed, float] | None:
+def ripple_of(
+    model: AnchoredModel, point: Mapping[str, float], cause: Cause, left: Array, weight: Array
+) -> tuple[Listed, float] | None:
     """Return a cause with the ripple that stands out and its log Bayes factor; None if there is none.
 
     Parameters
     ----------
     model : AnchoredModel
+    point : mapping
     cause : Cause
         Of an effect that modulates rows.
     left, weight : ndarray (open views, rows, cols)
@@ -79,6 +85,7 @@ def ripple_of(model: AnchoredModel, cause: Cause, left: Array, weight: Array) ->
         np.array([views[n].time_s for n in single]),
         row_times(left.shape[1], readout_s),
         lambda frequency_hz: abs(bands.share(frequency_hz, exposure_s)) > LEAST_SHARE,
+        _of_load(model, point, single, left.shape[1:]) * weight[single][:, None],
     )
     if found is None:
         return None
@@ -89,13 +96,29 @@ def ripple_of(model: AnchoredModel, cause: Cause, left: Array, weight: Array) ->
     return placed(cause, own, settings, found.amplitude / abs(share)), found.log_bayes
 
 
+def _of_load(model: AnchoredModel, point: Mapping[str, float], views: Sequence[int], shape: tuple[int, ...]) -> Array:
+    """Return what a frame's own load changes, by open views (views, 1, rows, cols) [DN]."""
+    found = np.zeros((len(views), 1, *shape), np.float32)
+    for parameter in model.nuisances():
+        own = [n for n, k in enumerate(views) if parameter.views == (model.data.open[k],)]
+        if parameter.linear and own and parameter.name.startswith("@force"):
+            change = derivative(model.coarse, point, parameter, model.data.open)[model.data.open[views[own[0]]]]
+            found[own[0], 0] = enlarged(change, (shape[0], shape[1]))
+    return found
+
+
 def row_times(rows: int, readout_s: float) -> Array:
     """Return when each row is exposed, after the frame's middle one [s]."""
     return np.asarray((np.arange(rows) - (rows - 1) / 2) / rows * readout_s)
 
 
 def brightest_ripple(
-    residual: Array, light: Array, times_s: Array, late_s: Array, possible: Callable[[float], bool] = lambda f: True
+    residual: Array,
+    light: Array,
+    times_s: Array,
+    late_s: Array,
+    possible: Callable[[float], bool] = lambda f: True,
+    beside: Array | None = None,
 ) -> Ripple | None:
     """Return the ripple that explains most, None where that is not worth its choice.
 
@@ -108,10 +131,16 @@ def brightest_ripple(
         When a row is exposed, after its frame's time.
     possible : callable
         Whether a ripple of a frequency [Hz] could be seen at all.
+    beside : ndarray (frames, k, rows, cols), optional
+        What else may vary from frame to frame, whitened.
     """
     product, weight = (np.einsum("vrc,vrc->vr", a, light, dtype=float) for a in (residual, light))
     # Rows that are brighter in all frames alike are no ripple's, or of one whose rate nobody could tell from that.
     product = product - weight * (product.sum(axis=0) / np.maximum(weight.sum(axis=0), 1e-300))
+    powers = (late_s / max(float(np.ptp(late_s)), 1e-12)) ** np.arange(SMOOTH)[:, None]
+    own = weight[:, None, :] * powers
+    if beside is not None:
+        own = np.concatenate([own, np.einsum("vkrc,vrc->vkr", beside, light, dtype=float)], axis=1)
     readout, span = float(np.ptp(late_s)), float(np.ptp(times_s))
     coarse = np.arange(RANGE_HZ[0], RANGE_HZ[1], 1.0 / (FINER * readout))
     # No finer than a frame's rows tell where there is no other frame.
@@ -127,12 +156,12 @@ def brightest_ripple(
     best, at = 0.0, 0.0
     for start in coarse:
         tried = start + offsets
-        sums, moving = along(tried, *_sums(product, weight, late_s, start + 0.5 * offsets[-1]))
+        sums, moving = along(tried, *_sums(product, weight, late_s, start + 0.5 * offsets[-1], own))
         squares = 2.0 * np.abs(sums) ** 2 / moving
         k = int(np.argmax(squares))
         if squares[k] > best and possible(float(tried[k])):
             best, at = float(squares[k]), float(tried[k])
-    (whole,), (size,) = along(np.array([at]), *_sums(product, weight, late_s, at))
+    (whole,), (size,) = along(np.array([at]), *_sums(product, weight, late_s, at, own))
     square = float(2.0 * abs(whole) ** 2 / size)
     # One frequency among those that can be told apart, and a phase that may as well have been another one.
     number = (RANGE_HZ[1] - RANGE_HZ[0]) * max(span, readout)
@@ -143,9 +172,17 @@ def brightest_ripple(
     return Ripple(at, float(np.degrees(np.angle(whole))), float(2.0 * abs(whole) / size), worth)
 
 
-def _sums(product: Array, weight: Array, late_s: Array, frequency_hz: float) -> tuple[Array, Array]:
-    """Return each frame's complex sum (frames,) and twice what noise makes of its square, its mean light taken off."""
-    wave = np.exp(-2j * np.pi * frequency_hz * late_s)
-    total = np.maximum(weight.sum(axis=1, keepdims=True), 1e-300)
-    about = wave - (weight @ wave)[:, None] / total
-    return (product * about).sum(axis=1), (weight * np.abs(about) ** 2).sum(axis=1)
+def _sums(product: Array, weight: Array, late_s: Array, frequency_hz: float, beside: Array) -> tuple[Array, Array]:
+    """Return each frame's complex sum (frames,) and twice what noise makes of its square.
+
+    What else may vary from frame to frame, ``beside`` (frames, k, rows), is projected out of the wave.
+    """
+    root = np.sqrt(np.maximum(weight, 1e-300))
+    wave = root * np.exp(-2j * np.pi * frequency_hz * late_s)
+    basis = np.linalg.qr(np.moveaxis(beside / root[:, None, :], 1, 2))[0]
+    about = wave - np.einsum("vrk,vk->vr", basis, np.einsum("vrk,vr->vk", basis, wave))
+    left = product / root
+    left = left - np.einsum("vrk,vk->vr", basis, np.einsum("vrk,vr->vk", basis, left))
+    # Rows of a frame scatter by more than noise where a model leaves something of it.
+    excess = np.maximum((left**2).sum(axis=1) / (left.shape[1] - basis.shape[2]), 1.0)
+    return (left * about).sum(axis=1) / excess, (np.abs(about) ** 2).sum(axis=1) / excess

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from evanesce.inference.constants import STEP_SHARE
-from evanesce.prediction.frozen import FROZEN
+from evanesce.prediction import priors
 from evanesce.prediction.noise import Noise, noise_of
 from evanesce.prediction.noise_scale import noise_scale_of
 from evanesce.prediction.observe import Observation
@@ -124,9 +124,8 @@ def data_vector(observation: Observation, predicted: Array | None = None) -> Dat
     scale, deviation = lit_noise_scale(observation)
     cube = observation.cube
     tone = expected_tone(observation.scene.camera, scale)
-    known = FROZEN.noise
     # No floor that counts: what the model may be off by is said by the discretisation below and by the discrepancy.
-    noise = noise_of(observation.held, tone, cube.shape[1:], floor_DN=LEAST_SD_DN, flicker=known["flicker"])
+    noise = noise_of(observation.held, tone, cube.shape[1:], floor_DN=LEAST_SD_DN, flicker=priors.FLICKER)
     frames = np.array([v.frames for v in observation.views])[:, None, None]
     # At a level that does not follow the noise of the bin itself: high ones would count for less than low ones.
     about = np.zeros_like(cube) if predicted is None else predicted
@@ -145,20 +144,19 @@ def lit_noise_scale(observation: Observation) -> tuple[float, float]:
     ----------
     observation : Observation
     """
-    known = FROZEN.noise
     size = noise_scale_of(observation.believed.camera, observation.scatter)
     if size.codec:
         # What scatter a codec left says nothing of the noise before the tone curve.
         return size.value, size.deviation
     parts = list(observation.scatter.values())
     if not parts:
-        return 1.0, known["scale_loose"]
+        return 1.0, priors.SCALE_LOOSE
     level, variance = (np.concatenate([np.ravel(part[k]) for part in parts]) for k in (0, 1))
     lit = (level > LIT_DN) & (level < SATURATED_DN)
     if lit.sum() < LEAST_BINS:
-        return 1.0, known["scale_loose"]
+        return 1.0, priors.SCALE_LOOSE
     modelled = float(expected_tone(observation.believed.camera, 1.0).variance_at(level[lit]).mean())
-    return float(np.clip(np.sqrt(variance[lit].mean() / modelled), 0.1, 3.0)), known["scale_close"]
+    return float(np.clip(np.sqrt(variance[lit].mean() / modelled), 0.1, 3.0)), priors.SCALE_CLOSE
 
 
 def rounding_sd(tone: ExpectedTone, level_DN: Array) -> Array:

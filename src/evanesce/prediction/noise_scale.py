@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from evanesce.prediction.frozen import FROZEN
+from evanesce.prediction import priors
 from evanesce.prediction.tone import expected_tone
 from evanesce.rig import Camera
 
@@ -35,7 +35,7 @@ LIT_DN = 40.0
 QUIET_DN2 = 3.0 / 12.0
 """Variance in the light, three times that of rounding itself, below which noise is seldom seen [DN^2]."""
 
-CLOSE, LOOSE = FROZEN.noise["scale_close"], FROZEN.noise["scale_loose"]
+CLOSE, LOOSE = priors.SCALE_CLOSE, priors.SCALE_LOOSE
 """Prior standard deviations of the logarithm: both figures agree, or one alone is there."""
 
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from evanesce.prediction.frozen import FROZEN
+from evanesce.prediction import priors
 from evanesce.prediction.parameters import Parameter
 from evanesce.prediction.views import View
 
@@ -34,33 +34,32 @@ def nuisance_parameters(views: Sequence[View], flicker: float, noise: float = 0.
     noise : float
         Prior standard deviation of the logarithm of the noise's size before the tone curve; 0: known.
     """
-    known = FROZEN.nuisances
     lit = [k for k, v in enumerate(views) if v.touches]
     found: list[Parameter] = []
     if lit:
-        found.append(Parameter(name="@light", deviation=known["light"], step=0.01, views=tuple(lit)))
-    found.append(Parameter(name="@black", unit="DN", deviation=known["black_DN"], step=0.1))
+        found.append(Parameter(name="@light", deviation=priors.LIGHT, step=0.01, views=tuple(lit)))
+    found.append(Parameter(name="@black", unit="DN", deviation=priors.BLACK_DN, step=0.1))
     if noise > 0:
         found.append(Parameter(name="@noise", deviation=noise, step=0.02, linear=True))
     for session in sorted({views[k].session for k in lit}):
         own = tuple(k for k in lit if views[k].session == session)
         for axis in "xy":
             name = f"@pose_{axis}[{session}]"
-            found.append(Parameter(name=name, unit="mm", deviation=known["pose_mm"], step=0.02, views=own))
+            found.append(Parameter(name=name, unit="mm", deviation=priors.POSE_MM, step=0.02, views=own))
     for k in lit:
         # Not less for the mean of many frames: they share what their state's light is.
-        jitter = max(flicker, known["least_flicker"])
+        jitter = max(flicker, priors.LEAST_FLICKER)
         found.append(Parameter(name=f"@flicker[{k}]", deviation=jitter, step=0.01, views=(k,), linear=True))
-        found.append(Parameter(name=f"@force[{k}]", deviation=known["force"], step=0.01, views=(k,), linear=True))
+        found.append(Parameter(name=f"@force[{k}]", deviation=priors.LOAD, step=0.01, views=(k,), linear=True))
     for kind in sorted({v.kind for v in views if v.is_card}):
         own = tuple(k for k, v in enumerate(views) if v.kind == kind)
         for name, unit, deviation, step in (
-            (f"@pose_x[{kind}]", "mm", known["pose_mm"], 0.03),
-            (f"@pose_y[{kind}]", "mm", known["pose_mm"], 0.03),
-            (f"@turn[{kind}]", "deg", known["card_turn_deg"], 0.1),
-            (f"@card_light[{kind}]", "1", known["card_light"], 0.02),
-            (f"@card_slope_x[{kind}]", "1", known["card_slope"], 0.02),
-            (f"@card_slope_y[{kind}]", "1", known["card_slope"], 0.02),
+            (f"@pose_x[{kind}]", "mm", priors.POSE_MM, 0.03),
+            (f"@pose_y[{kind}]", "mm", priors.POSE_MM, 0.03),
+            (f"@turn[{kind}]", "deg", priors.CARD_TURN_DEG, 0.1),
+            (f"@card_light[{kind}]", "1", priors.CARD_LIGHT, 0.02),
+            (f"@card_slope_x[{kind}]", "1", priors.CARD_SLOPE, 0.02),
+            (f"@card_slope_y[{kind}]", "1", priors.CARD_SLOPE, 0.02),
         ):
             found.append(Parameter(name=name, unit=unit, deviation=deviation, step=step, views=own))
     return tuple(found)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from evanesce.core.states import Frame
-from evanesce.prediction.frozen import FROZEN
+from evanesce.prediction import priors
 from evanesce.prediction.observe import pixel_scatter
 from evanesce.prediction.tone import expected_tone, signal_sd
 from evanesce.prediction.views import BIN_PX, View, binned
@@ -336,7 +336,7 @@ def codec_of(
         back = list(codec.through(film()))[-len(held) :]
         found, sd = _traits(np.array([shooting.binned(b) for b in back]), pixel_scatter(back, shooting.factor))
         unlike = float(np.nansum(((seen - found) / np.hypot(sd, seen_sd)) ** 2))
-        tried[codec, scale] = unlike + (np.log(scale / shooting.scale) / FROZEN.noise["scale_codec"]) ** 2
+        tried[codec, scale] = unlike + (np.log(scale / shooting.scale) / priors.SCALE_CODEC) ** 2
 
     for kind, qualities in QUALITIES.items():
         for quality in qualities:

@@ -20,7 +20,7 @@ from evanesce.inference.series.predict import SeriesPredictor, log_of
 from evanesce.inference.series.rows import Rows
 from evanesce.inference.shapes import SHAPES, drawn_points, sources_of
 from evanesce.inference.single_effects import UNKNOWN
-from evanesce.prediction.frozen import FROZEN
+from evanesce.prediction import priors
 from evanesce.prediction.observe import Observation, model_factor
 from evanesce.prediction.parameters import Parameter, value_of
 from evanesce.render.fast.field_files import read_arrays, write_arrays
@@ -74,9 +74,9 @@ class SeriesModel:
         """Return light, load of each series, and zero of each displacement."""
         found = []
         if any(one.y_name == "area" for one in self.data.series):
-            found.append(Parameter(name="@light", deviation=FROZEN.nuisances["light"], step=0.1))
+            found.append(Parameter(name="@light", deviation=priors.LIGHT, step=0.1))
         for one in self.data.series:
-            load = FROZEN.nuisances["force"]
+            load = priors.LOAD
             found.append(Parameter(name=f"@load[{one.name}]", deviation=load, step=0.02, linear=True))
             if one.x_name == "displacement":
                 found.append(Parameter(name=f"@zero[{one.name}]", unit="mm", deviation=ZERO_MM, step=ZERO_MM))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -66,8 +67,15 @@ def _run(bundle: Any, json_file: Path | None, report: Path | None, scene: Path |
     from evanesce.rig import dump_scene
 
     try:
-        run = criticise_frames if bundle.has_frames else criticise_series
-        found: Criticism | SeriesCriticism = run(bundle, seed=seed, tell=lambda line: messages.print(escape(line)))
+
+        def tell(line: str) -> None:
+            messages.print(escape(line))
+
+        found: Criticism | SeriesCriticism
+        if bundle.has_frames:
+            found = criticise_frames(bundle, seed=seed, tell=tell, workers=len(os.sched_getaffinity(0)))
+        else:
+            found = criticise_series(bundle, seed=seed, tell=tell)
     except GrossDifference as error:
         write_json(json_file, error.as_dict())
         raise

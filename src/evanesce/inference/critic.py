@@ -14,6 +14,7 @@ from evanesce.inference.causes import causes_of
 from evanesce.inference.codec import filmed, with_roughness
 from evanesce.inference.consequence import AreaReader
 from evanesce.inference.data import DataVector, data_vector
+from evanesce.inference.form_workers import made
 from evanesce.inference.gain import held_out
 from evanesce.inference.gate import Gate, GrossDifference, gate_of
 from evanesce.inference.joint import Fitter, JointFit
@@ -37,7 +38,12 @@ CODEC_CAUSES = ("compression",)
 
 
 def criticise_frames(
-    bundle: Bundle, *, seed: int = 0, tell: Tell = lambda line: None, exclude: Collection[str] = ()
+    bundle: Bundle,
+    *,
+    seed: int = 0,
+    tell: Tell = lambda line: None,
+    exclude: Collection[str] = (),
+    workers: int = 1,
 ) -> Criticism:
     """Find the causes by which a bundle's frames differ from its nominal model, many at once.
 
@@ -51,6 +57,8 @@ def criticise_frames(
         Told what is done, with the time left where it is known.
     exclude : collection of str
         Effects that are not considered.
+    workers : int
+        Processes by which forms of a rig that is new are made.
 
     Returns
     -------
@@ -70,6 +78,7 @@ def criticise_frames(
     areas, discrepancy = AreaReader(model), discrepancy_of(model)
     bank = bank_of(model, _place(gate.start), tell)
     smooth = [cause for cause in causes if not cause.placed]
+    made(bank, smooth, workers, tell)
     judge = Judge(fitter, smooth, bank, discrepancy, seed=seed)
     marks = MarkSearch(model, [cause for cause in causes if cause.local], seed)
     search = Search(fitter, smooth, judge, tell, marks=marks)

@@ -33,7 +33,6 @@ FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--dis
 WIDTH_PX = 1000
 NOT_SHOWN = "What is not explained"
 """The section at which the picture ends."""
-COLOURS = 128
 
 
 def main() -> None:
@@ -47,7 +46,8 @@ def main() -> None:
         write(target, page(found.result, found.pictures, bundle.path.name, scenes, record(seed=0)))
         print(found.result["first_line"])
         picture = screenshot(target.as_uri())
-    shown = Image.open(io.BytesIO(picture)).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+    whole = Image.open(io.BytesIO(picture)).convert("RGB")
+    shown = whole.quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
     shown.save(HERE / "critic-report.png", optimize=True)
 
 

@@ -283,6 +283,12 @@ class Responses:
         own = self.maps.product
         return max(float(self._z(own, atom, kind).max()) / self._louder[atom, kind] for atom, kind in self._pairs())
 
+    def wrong_side(self) -> float:
+        """Return the largest response of the sign that no cause can make."""
+        own = self.maps.product
+        pairs = [(atom, kind) for atom, kind in self._pairs() if not kind.startswith("=")]
+        return max(float(-self._z(own, atom, kind).min()) / self._louder[atom, kind] for atom, kind in pairs)
+
     def peaks(self, least: float) -> list[Peak]:
         """Return the local maxima above a size."""
         found = []

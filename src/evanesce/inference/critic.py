@@ -32,6 +32,8 @@ from evanesce.prediction.views import BIN_PX
 Tell = Callable[[str], None]
 
 FURTHER = "a further cause"
+CODEC_CAUSES = ("compression",)
+"""Effects that stand for a codec: told by what it does to noise, and not sought again."""
 
 
 def criticise_frames(
@@ -64,7 +66,7 @@ def criticise_frames(
     began = time.monotonic()
     start = started(bundle, tell)
     observation, model, gate, fitter, base = start.observation, start.model, start.gate, start.fitter, start.base
-    causes, left_out = causes_of(observation, exclude)
+    causes, left_out = causes_of(observation, {*exclude, *(CODEC_CAUSES if start.codec else ())})
     areas, discrepancy = AreaReader(model), discrepancy_of(model)
     bank = bank_of(model, _place(gate.start), tell)
     smooth = [cause for cause in causes if not cause.placed]
@@ -93,6 +95,7 @@ def criticise_frames(
     result, scene = answer(
         model, search, gate, best, posterior, named, left, gain, advice, left_out, seconds, replicates=known
     )
+    result["codec"] = start.codec or None
     return Criticism(result, scene, pictures_of(model, base, best, left))
 
 
@@ -108,6 +111,8 @@ class Start:
     gate : Gate
     fitter : Fitter
     base : JointFit
+    codec : str
+        Like which the frames came through one; empty where noise gives none away.
     """
 
     observation: Observation
@@ -115,6 +120,7 @@ class Start:
     gate: Gate
     fitter: Fitter
     base: JointFit
+    codec: str = ""
 
 
 def started(bundle: Bundle, tell: Tell = lambda line: None) -> Start:
@@ -145,7 +151,7 @@ def started(bundle: Bundle, tell: Tell = lambda line: None) -> Start:
         model.codec_bias, model.codec_rows = film.bias, film.rows(model.data)
         fitter = Fitter(model)
         base = fitter.relinearised([], base.point)
-    return Start(observation, model, gate, fitter, base)
+    return Start(observation, model, gate, fitter, base, "" if film is None else str(film.codec))
 
 
 def shapes_of(bundle: Bundle, *, tell: Tell = lambda line: None) -> tuple[list[Forms], DataVector]:

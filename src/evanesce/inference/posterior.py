@@ -181,7 +181,7 @@ class Judge:
         self.grown = frozenset(c.id for c in causes if c.one_sided) if np.isfinite(reach) else frozenset()
         blocks = bank.blocks(causes, fitter.model.data)
         self.known = tuple(blocks)
-        self._forms = SmallSpace(blocks, np.zeros((0, fitter.observed.size)))
+        self._forms = SmallSpace(blocks, np.zeros((0, fitter.observed.size)), coarse=True)
 
     def _shapes(self, name: str, gram: Array) -> Shapes:
         reach = np.inf if name == UNKNOWN else self.reach

@@ -11,6 +11,8 @@ from scipy import linalg
 
 Array = NDArray[Any]
 
+MOST = 6e4
+"""Of a row, which half precision can hold: where nothing scatters a bin is no better known than that."""
 CHUNK = 16_384
 """Bins at a time: sums of squares of large rows need double precision, the rows themselves do not."""
 
@@ -20,7 +22,8 @@ def products(left: Array, right: Array) -> Array:
     total = np.zeros((len(left), len(right)))
     for start in range(0, left.shape[1], CHUNK):
         part = slice(start, start + CHUNK)
-        total += left[:, part].astype(float) @ right[:, part].astype(float).T
+        # Single precision within a chunk, double over chunks.
+        total += left[:, part].astype(np.float32) @ right[:, part].astype(np.float32).T
     return total
 
 
@@ -32,23 +35,30 @@ class SmallSpace:
     blocks : mapping of str to ndarray (k, bins)
     vectors : ndarray (n, bins)
         May be none.
+    coarse : bool
+        Whether to keep the rows in half precision: forms are known worse than to a thousandth, and there are hundreds.
     """
 
-    def __init__(self, blocks: Mapping[str, Array], vectors: Array) -> None:
-        self.rows = np.concatenate([np.asarray(block, np.float32) for block in blocks.values()])
+    def __init__(self, blocks: Mapping[str, Array], vectors: Array, *, coarse: bool = False) -> None:
         self.places = _places(blocks, 0)
+        count = sum(len(block) for block in blocks.values())
+        self.rows = np.empty((count, vectors.shape[1]), np.float16 if coarse else np.float32)
+        for name, place in self.places.items():
+            self.rows[place] = np.clip(blocks[name], -MOST, MOST)
         self.gram = products(self.rows, self.rows)
         self.along = products(vectors, self.rows)
 
     def joined(self, blocks: Mapping[str, Array], vectors: Array) -> SmallSpace:
         """Return a space with further blocks, and other vectors; what is known of the present blocks is not made anew.
 
+        Nothing can be joined to what is returned.
+
         A block whose name is there already has its rows added to it.
         """
         more = SmallSpace(blocks, vectors)
         both = SmallSpace.__new__(SmallSpace)
         cross = products(self.rows, more.rows)
-        both.rows = np.concatenate([self.rows, more.rows])
+        both.rows = more.rows  # the others stay where they are: hundreds of megabytes
         both.gram = np.block([[self.gram, cross], [cross.T, more.gram]])
         both.along = np.concatenate([products(vectors, self.rows), more.along], axis=1)
         both.places = dict(self.places)

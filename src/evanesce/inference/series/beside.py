@@ -126,16 +126,10 @@ class FramesAndSeriesBank(FormBank):
             count = len(frames[cause.id])
             # Either both could have a drawn rig or neither; a law of the frames alone is no change of a row.
             known = changes[~np.isnan(changes).any(axis=1)] if len(changes) != count else np.nan_to_num(changes)
-            own = np.zeros((count, sd.size))
+            own = np.zeros((count, sd.size), np.float32)
             own[: len(known)] = known[:count]
-            found[cause.id] = np.concatenate([frames[cause.id], own / sd], axis=1)
-        unknown, rows = frames[UNKNOWN], unknown_rows(self.rows.model.data)
-        found[UNKNOWN] = np.block(
-            [
-                [unknown, np.zeros((len(unknown), sd.size))],
-                [np.zeros((len(rows), unknown.shape[1])), rows],
-            ]
-        )
+            found[cause.id] = np.concatenate([frames.pop(cause.id), own / sd.astype(np.float32)], axis=1)
+        found[UNKNOWN] = _beside(frames.pop(UNKNOWN), unknown_rows(self.rows.model.data))
         return found
 
 
@@ -154,9 +148,12 @@ class FramesAndSeriesDiscrepancy(Discrepancy):
         return np.concatenate([self.rows(fitted), self._padded(frames, np.zeros((0, self.model.series.observed.size)))])
 
     def _padded(self, frames: Array, series: Array) -> Array:
-        return np.block(
-            [
-                [frames, np.zeros((len(frames), series.shape[1]))],
-                [np.zeros((len(series), frames.shape[1])), series],
-            ]
-        )
+        return _beside(frames, series)
+
+
+def _beside(frames: Array, series: Array) -> Array:
+    """Return rows of bins and rows of series in one data vector, each without the other."""
+    found = np.zeros((len(frames) + len(series), frames.shape[1] + series.shape[1]), np.float32)
+    found[: len(frames), : frames.shape[1]] = frames
+    found[len(frames) :, frames.shape[1] :] = series
+    return found

@@ -1,4 +1,4 @@
-"""Picture of docs/criticism/joint.md: what every cause may look like in the frames of a small rig.
+"""Picture of docs/criticism/index.md: what every cause may look like in the frames of a small rig.
 
 Run: python docs/pictures/critic_shapes.py
 """

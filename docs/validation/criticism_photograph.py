@@ -1,6 +1,6 @@
-"""Pictures and figures of docs/criticism/photograph.md: one run of the critic on the rig's photograph.
+"""Figures of docs/criticism/photograph.md, and pictures: one run of the critic on the rig's photograph.
 
-Run: python docs/validation/criticism_photograph.py PHOTO_FOLDER [--out docs/pictures]
+Run: python docs/validation/criticism_photograph.py PHOTO_FOLDER [--out outputs]
 """
 
 from __future__ import annotations
@@ -24,8 +24,9 @@ def main() -> None:
     """Run the critic, draw and print."""
     parser = argparse.ArgumentParser(description="The critic on the rig's photograph.")
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--out", type=Path, default=Path("docs/pictures"))
+    parser.add_argument("--out", type=Path, default=Path("outputs"))
     given = parser.parse_args()
+    given.out.mkdir(parents=True, exist_ok=True)
     begun, used = time.time(), time.process_time()
     picture = read_image(given.folder / "checkerboard_1mm.png")
     photograph = read_photograph(picture.data, load_scene("thesis"), "libcamera")

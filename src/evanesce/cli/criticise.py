@@ -110,7 +110,7 @@ def _show(result: dict[str, Any]) -> None:
         table.add_column(heading, justify="left" if heading in ("cause", "parameter", "unit") else "right")
     for cause in result["causes"]:
         area = cause["area"]
-        largest = max(range(len(area["mm2"])), key=lambda k: abs(area["mm2"][k]), default=None)
+        largest = max(range(len(area["percent"])), key=lambda k: abs(area["percent"][k]), default=None)
         moved = ["", ""] if largest is None else [f"{area['mm2'][largest]:+.2f}", f"{area['percent'][largest]:+.1f}"]
         for number, (name, p) in enumerate(cause["parameters"].items()):
             own = [*moved, f"{cause['probability']:.2f}"] if number == 0 else ["", "", ""]

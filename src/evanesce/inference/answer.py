@@ -290,10 +290,12 @@ def first_line(verdict: str, named: list[Named], explained: float, left: Unexpla
         warning = f"CAUTION: the extension makes the held-out area worse ({before:.2f} to {after:.2f} %). "
     words = [_told(cause) for cause in named if not cause.listed]
     without = ", ".join(cause.told for cause in named if cause.listed)
-    beside = f"; without effect on the area: {without}" if without else ""
+    beside = ("; without" if words else "; none has an") + f" effect on the area: {without}" if without else ""
     more = f". Beside them there is {told}" if "unknown" in verdict else ""
     count = f"{len(named)} cause{'s' if len(named) > 1 else ''} explain{'' if len(named) > 1 else 's'}"
-    return f"{warning}{count} {100 * explained:.1f} % of the misfit: {', '.join(words)}{beside}{more}"
+    return (
+        f"{warning}{count} {100 * explained:.1f} % of the misfit{': ' if words else ''}{', '.join(words)}{beside}{more}"
+    )
 
 
 def _told(cause: Named) -> str:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from evanesce.core.rng import generator
 from evanesce.inference.consequence import AreaReader
+from evanesce.inference.constants import LEAST_AREA
 from evanesce.inference.joint import JointFit
 from evanesce.inference.model import AnchoredModel
 from evanesce.prediction.linear import Metric
@@ -44,9 +45,9 @@ class HeldOut:
 
     @property
     def worse(self) -> bool:
-        """Whether the extension makes the area worse."""
+        """Whether the extension makes the area worse by more than areas are repeated."""
         before, after = self.area_percent
-        return bool(after > before)
+        return bool(after - before > 100.0 * LEAST_AREA)
 
     def as_dict(self) -> dict[str, Any]:
         """Return it in the answer's form."""

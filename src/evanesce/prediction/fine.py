@@ -32,7 +32,7 @@ RAYS = 2
 """Of the pinhole view along each finer pixel; along a real pixel that is fine enough, one, as when it is simulated."""
 
 KEEP_LIGHTS = 2
-"""Of the plate's light on the finer view: tens of megabytes each."""
+"""Of the plate's light on the finer view, and of its images: tens of megabytes each."""
 
 GRID_SAMPLES = 1024
 """Of the contact grid of a smooth finger."""
@@ -68,7 +68,7 @@ class FinePredictor(Predictor):
         # On the real pixels it is the chain of `evanesce simulate`, ray for ray.
         rays = 1 if self.before == 1 else RAYS * self.before
         super().__init__(believed.model_copy(update={"grid": grid}), views, finer=rays, noise_scale=noise_scale)
-        self._lights = Kept(KEEP_LIGHTS)
+        self._lights, self._images = Kept(KEEP_LIGHTS), Kept(KEEP_LIGHTS)
 
     def lens_rig(self, rig: Scene) -> Scene:
         """Return the rig with the pixels at which light is gathered: only the lens sees them."""

@@ -40,7 +40,7 @@ T = TypeVar("T")
 SEED = 0
 """Of effects with random places: the critic takes their scaling and shape from it, never their places."""
 
-KEEP_CONTACTS, KEEP_LIGHTS, KEEP_IMAGES, KEEP_BINS = 100, 200, 200, 400
+KEEP_CONTACTS, KEEP_LIGHTS, KEEP_IMAGES, KEEP_BINS = 40, 80, 80, 400
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,8 @@ BLOBS_PX = (6.0, 12.0, 24.0)
 """Standard deviations of soft blobs: up to what smooth causes vary over."""
 BLOB_REACH = 3.0
 """Smooth misfit of a blob varies over more than so many of its radii."""
+LEAST_WIDTH = 5.0
+"""Pixels to which a Gaussian's standard deviation may be brought by larger pixels: they change it by a hundredth."""
 HALF_WIDTH_PX = 3
 """Of a point's footprint: what lies nearer belongs to the same defect."""
 LEAST_INFORMATION = 1e-3
@@ -144,8 +146,16 @@ def _disc(spread: Array, radius: float) -> Array:
 
 def smoothed(image: Array, weight: Array, size: float) -> Array:
     """Return an image (rows, cols) averaged with weights over a Gaussian of a standard deviation [px]."""
-    below = cv2.GaussianBlur(weight, (0, 0), size, borderType=cv2.BORDER_REFLECT)
-    above = cv2.GaussianBlur(weight * image, (0, 0), size, borderType=cv2.BORDER_REFLECT)
+    # A wide average needs no fine pixels.
+    step = max(1, int(size / LEAST_WIDTH))
+    rows, cols = image.shape
+    small = (max(cols // step, 1), max(rows // step, 1))
+    parts = []
+    for part in (weight, weight * image):
+        coarse = cv2.resize(part, small, interpolation=cv2.INTER_AREA) if step > 1 else part
+        wide = cv2.GaussianBlur(coarse, (0, 0), size * small[0] / cols, borderType=cv2.BORDER_REFLECT)
+        parts.append(cv2.resize(wide, (cols, rows), interpolation=cv2.INTER_LINEAR) if step > 1 else wide)
+    below, above = parts
     return np.asarray(above / np.maximum(below, 1e-12 * float(weight.max()) + 1e-30))
 
 

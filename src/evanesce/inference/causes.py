@@ -208,6 +208,20 @@ def _by_departure(
         row = model.vector({**point, **start}) - base
     except InputError:
         return None
+    return departure(cause, row, start)
+
+
+def departure(cause: Cause, row: Array, start: Mapping[str, float]) -> Entry:
+    """Return the way into a cause along its change from nothing to a point.
+
+    Parameters
+    ----------
+    cause : Cause
+    row : ndarray (bins,)
+        Whitened change.
+    start : mapping of str to float
+        The point.
+    """
     # The coordinate is a share of the start: amplitudes scale alike, so that bounds follow from the first of them.
     grown = [p for p in cause.parameters if p.name in start and p.name in cause.amplitudes]
     shares = [sorted((b - p.null) / (start[p.name] - p.null) for b in p.bounds) for p in grown]

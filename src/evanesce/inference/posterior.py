@@ -19,7 +19,9 @@ from evanesce.core.rng import generator
 from evanesce.inference.causes import Cause
 from evanesce.inference.constants import DETECTED
 from evanesce.inference.joint import Fitter, JointFit
+from evanesce.inference.laws import all_laws
 from evanesce.inference.power import Power, expected_power
+from evanesce.inference.shapes import drawn_points
 from evanesce.inference.single_effects import NONE, UNKNOWN, Place, Shapes, null_statistics, p_value, place_of
 from evanesce.inference.small_space import SmallSpace
 
@@ -186,6 +188,19 @@ class Judge:
     def _shapes(self, name: str, gram: Array) -> Shapes:
         reach = np.inf if name == UNKNOWN else self.reach
         return Shapes.of(name, gram, reach=reach, one_sided=name in self.grown)
+
+    def departures(self, cause: Cause) -> list[tuple[dict[str, float], Array]]:
+        """Return points of a cause at which forms were drawn, and their whitened changes (d,); none if some failed.
+
+        Parameters
+        ----------
+        cause : Cause
+        """
+        points = drawn_points(cause, generator(0, "forms", cause.id))
+        own = self._forms.places.get(cause.id)
+        if own is None or len(own) != len(points) + len(all_laws().get(cause.id, ())):
+            return []
+        return [(point, self._forms.rows[k].astype(np.float32)) for point, k in zip(points, own, strict=False)]
 
     def posterior(
         self, fitted: JointFit, unknown: float = 0.0, behind: Mapping[tuple[str, str], float] | None = None

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.errors import InputError
-from evanesce.inference.causes import Cause, Entry, entries_of
+from evanesce.inference.causes import Cause, Entry, departure, entries_of
 from evanesce.inference.constants import DETECTED, FITTED, LEAST_SHARE, SUBSTITUTE, TRIED
 from evanesce.inference.explained import Scan
 from evanesce.inference.gauss_newton import bounded_step
@@ -225,9 +225,13 @@ class Search:
         cause = next((c for c in self.causes if c.id == name), None)
         if cause is None:
             return None
-        if cause.costly:
+        # Another light of the plate takes seconds; its change about the nominal rig is known from its forms.
+        drawn = self.judge.departures(cause) if cause.costly else []
+        if cause.costly and not drawn:
             self.tell(f"light of the plate for {name}")
-        entries = entries_of(self.fitter.model, now.point, self.fitter.model.vector(now.point), cause)
+        entries = [departure(cause, row, point) for point, row in drawn] or entries_of(
+            self.fitter.model, now.point, self.fitter.model.vector(now.point), cause
+        )
         if not entries:
             self.refused[name] = "no plausible amount of it shows"
             return None

@@ -342,8 +342,9 @@ def test_killed_workers_and_drivers_cost_a_shard_each(tmp_path):
     assert contents(tmp_path / "d") == contents(tmp_path / "whole")
 
 
+@pytest.mark.slow  # 13 s each: processes start, and are left to end
 @pytest.mark.system
-@pytest.mark.parametrize("sent", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
 def test_a_stop_from_outside_is_quiet_and_leaves_nothing_behind(tmp_path, sent):
     """Ctrl-C reaches all processes of a terminal, SIGTERM the driver: no traceback of anyone, no process left."""
     target, script = tmp_path / "d", tmp_path / "make.py"
@@ -381,6 +382,7 @@ def test_a_stop_from_outside_is_quiet_and_leaves_nothing_behind(tmp_path, sent):
     assert (run.returncode, out, err) == (128 + sent, "", "")
 
 
+@pytest.mark.slow  # 13 s: processes start
 def test_a_full_disk_publishes_nothing_half(tmp_path):
     target = tmp_path / "d"
     whole = tmp_path / "whole"

@@ -262,7 +262,9 @@ def test_frames_whose_edge_saturation_hides_are_named():
     assert [warning.code for warning in blind.warnings(4)] == ["saturated_edge", "blur_not_known"]
 
 
-@pytest.mark.parametrize("quality", [18, 28, 33])
+@pytest.mark.parametrize(
+    "quality", [pytest.param(18, marks=pytest.mark.slow), 28, pytest.param(33, marks=pytest.mark.slow)]
+)
 def test_a_codec_moves_the_boundary_by_less_than_the_budget_allows(quality, tmp_path):
     """H.264 of six frames with noise of their own, 0.1 px allowed: the mean over the frames, to a few thousandths."""
     shape = (332, 412)  # H.264 takes even sizes only

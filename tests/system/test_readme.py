@@ -23,6 +23,7 @@ CONSOLE = [
 ]
 
 
+@pytest.mark.slow  # two minutes; CI runs it beside the others
 @pytest.mark.system
 def test_readme_commands_run_one_after_the_other(tmp_path: Path) -> None:
     assert len(CONSOLE) >= 6

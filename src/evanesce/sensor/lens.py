@@ -206,7 +206,7 @@ def prepared_lens(camera: Camera, plate: Plate, view: IdealView) -> PreparedLens
     return _prepare(camera, plate, view, True, True)
 
 
-@functools.lru_cache(maxsize=2)
+@functools.lru_cache(maxsize=4)  # a fit looks through pixels of three sizes
 def _prepare(camera: Camera, plate: Plate, view: IdealView, distortion: bool, blurred: bool) -> PreparedLens:
     projection = Projection.of(camera, plate)
     if not distortion:

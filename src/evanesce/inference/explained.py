@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -103,15 +103,16 @@ class Explained:
             # Points are listed together; of lines and blobs an effect has one.
             by_kind.setdefault("point" if peak.atom.kind == "point" else peak, []).append((peak, responses))
         for members in by_kind.values():
-            found += self._together([p for p, _ in members], [r for _, r in members])
+            wide = members[0][0].atom.wide(WIDER_PX)
+            flat = flattened(self.left, self.weight, wide)
+            # A strong defect is known no better than its form is: the same weights for all that may explain it.
+            known = replace(self, weight=self.weight / np.sqrt(1.0 + (OWN_FORM * flat * self.weight) ** 2))
+            found += known._together([p for p, _ in members], [r for _, r in members], flat * known.weight, wide)
         return sorted(found, key=lambda m: -m.z)
 
-    def _together(self, peaks: Sequence[Peak], responses: Sequence[Responses]) -> list[Mark]:
-        wide = peaks[0].atom.wide(WIDER_PX)
-        flat = flattened(self.left, self.weight, wide)
-        # A strong defect is known no better than its form is: the same weights for all that may explain it.
-        self.weight = self.weight / np.sqrt(1.0 + (OWN_FORM * flat * self.weight) ** 2)
-        whitened = flat * self.weight
+    def _together(
+        self, peaks: Sequence[Peak], responses: Sequence[Responses], whitened: Array, wide: float
+    ) -> list[Mark]:
         windows = [self._window(peak) for peak in peaks]
         cost = [float(np.log(r.trials)) for r in responses]
         bayes: list[dict[str, float]] = [{} for _ in peaks]

@@ -17,6 +17,7 @@ from evanesce.effects import all_effects
 from evanesce.inference.causes import causes_of
 from evanesce.inference.critic import criticise_frames
 from evanesce.inference.data import data_vector
+from evanesce.inference.form_workers import made
 from evanesce.inference.gate import _PlateReader
 from evanesce.inference.laws import all_laws
 from evanesce.inference.model import AnchoredModel
@@ -188,3 +189,22 @@ def test_the_command_writes_answer_and_scene(tiny, tmp_path):
     scene = load_scene(said["extended_scene"])
     assert set(scene.effects) == {cause["id"] for cause in said["causes"]}
     assert scene.effects["modulus"]["relative"] == pytest.approx(0.15, abs=0.02)
+
+
+@pytest.mark.slow  # 20 s: processes start
+def test_forms_by_two_processes_are_those_of_one(tiny, tmp_path, monkeypatch):
+    """They meet in the folder of the cache; light kept from another form rounds the last digit of half precision."""
+    observation = observe(read_bundle(tiny))
+    model = AnchoredModel(observation, data_vector(observation))
+    causes, _ = causes_of(observation, set(all_effects()) - set(CONSIDERED))
+    monkeypatch.setenv("EVANESCE_CACHE", str(tmp_path / "one"))
+    alone = FormBank(model.coarse, {}).of(causes)
+    monkeypatch.setenv("EVANESCE_CACHE", str(tmp_path / "two"))
+    bank = FormBank(model.coarse, {})
+    told: list[str] = []
+    made(bank, causes, 2, told.append)
+    assert len(told) == len(causes)
+    assert all(bank.on_disk(cause) for cause in causes)
+    for one, other in zip(alone, bank.of(causes), strict=True):
+        assert one.names == other.names
+        np.testing.assert_allclose(one.changes.astype(float), other.changes.astype(float), rtol=2e-3, atol=1e-3)

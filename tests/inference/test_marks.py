@@ -14,6 +14,7 @@ from evanesce.bundle.read import read_bundle
 from evanesce.effects import all_effects
 from evanesce.inference.causes import causes_of
 from evanesce.inference.data import data_vector
+from evanesce.inference.explained import Explained
 from evanesce.inference.gate import gate_of
 from evanesce.inference.marks import MarkSearch
 from evanesce.inference.model import AnchoredModel
@@ -139,6 +140,23 @@ def test_what_comes_and_goes_is_no_cause_of_the_library(seen: Any) -> None:
     scan = planted(seen, add)
     assert [m.cause for m in scan.marks] == [UNKNOWN]
     assert (scan.marks[0].row, scan.marks[0].col) == pytest.approx((25.0, 40.0), abs=1.0)
+
+
+def test_weights_of_one_group_do_not_carry_over_to_the_next(seen: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rationale: a line was weighed with what points had been allowed to be off by, and the other way round."""
+    weights: list[bool] = []
+    whole = Explained.marks
+
+    def watched(self: Explained, peaks: Any) -> Any:
+        before = self.weight.copy()
+        found = whole(self, peaks)
+        weights.append(bool(np.array_equal(before, self.weight)))
+        return found
+
+    monkeypatch.setattr(Explained, "marks", watched)
+    scan = planted(seen, lambda view, frame: 0.2 * frame.max() * view.touches * spot(frame.shape, 70.0, 95.0, 0.8))
+    assert scan.marks
+    assert weights == [True]
 
 
 def test_a_ripple_is_read_from_rows() -> None:

@@ -45,12 +45,11 @@ def test_a_dark_view_needs_no_finer_pixels(scene: Scene) -> None:
     np.testing.assert_allclose(fine[2], quick[2], atol=1e-9)
 
 
-def test_finer_pixels_converge(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_finer_pixels_converge(scene: Scene) -> None:
     """Twice as fine again changes much less than the first step did: away from the edge next to nothing."""
     quick = Predictor(model_scene(scene), VIEWS).cube({})
     fine = FineFrames(scene, VIEWS, model_factor(scene), {}).cube()
-    monkeypatch.setattr("evanesce.prediction.fine.FINE_PX", 6)
-    finer = FineFrames(scene, VIEWS, model_factor(scene), {}).cube()
+    finer = FineFrames(scene, VIEWS, model_factor(scene), {}, fine_px=6).cube()
     first, second = (np.sqrt(np.mean((a - b) ** 2)) for a, b in ((quick, fine), (fine, finer)))
     assert second < 0.35 * first
 

@@ -249,6 +249,4 @@ def through_glass(scene: Scene, albedo: Array, cosine: Array, mean_albedo: float
     seen = np.interp(cosine, steps, fresnel_reflectance(steps, 1.0, n))
     mirrored, passed = 2 * seen / (1 + seen), (1 - seen) / (1 + seen)
     returned = 1 - near * albedo - (slab - near) * mean_albedo
-    return np.asarray(
-        mirrored * (albedo > 0) + mirrored * (albedo == 0) + passed * (1 - slab) * absorbed * albedo / returned
-    )
+    return np.asarray(mirrored + passed * (1 - slab) * absorbed * albedo / returned)

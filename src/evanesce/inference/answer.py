@@ -182,7 +182,8 @@ def verdict_of(posterior: Posterior, left_found: bool) -> str:
 
     The rule, on the probabilities and nothing else: there are causes if any place of the sum is more probably filled by
     causes of the library than not, and there is something unknown if that is more probable than not in any place, or if
-    what is left of the views together is more than noise.
+    what is left of the views together is more than noise. The place of a further cause counts where noise alone would
+    hardly give as much evidence for one.
 
     Parameters
     ----------
@@ -190,7 +191,7 @@ def verdict_of(posterior: Posterior, left_found: bool) -> str:
     left_found : bool
         See :attr:`evanesce.inference.unknown.Left.found`.
     """
-    places = [*posterior.places.values(), posterior.further]
+    places = [*posterior.places.values(), *([posterior.further] if posterior.asks else [])]
     causes = any(1.0 - p.probability[NONE] - p.probability.get(UNKNOWN, 0.0) > 0.5 for p in places)
     unknown = left_found or any(p.probability.get(UNKNOWN, 0.0) > 0.5 for p in places)
     return {(0, 0): "none", (1, 0): "causes", (1, 1): "causes and unknown", (0, 1): "unknown"}[causes, unknown]

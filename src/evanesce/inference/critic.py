@@ -85,9 +85,10 @@ def criticise_frames(
     best, posterior = search.run(base)
     tell("consequences and held-out conditions")
     fine = model.anchor(best.point)
-    named = named_causes(search, areas, best, discrepancy.rows(best, fine), posterior)
+    may_be_off = discrepancy.every_row(best, fine)
+    named = named_causes(search, areas, best, may_be_off, posterior)
     gain = held_out(model, areas, base, best, seed)
-    rest = everything_marginalised(best)[0].project(best.residual)
+    rest = everything_marginalised(best)[0].with_rows(may_be_off).project(best.residual)
     scale = observation.scene.camera.scale_px_per_mm
     left = left_of(model.data, rest, bank.seen.by_light, BIN_PX / scale)
     advice = None

@@ -19,6 +19,7 @@ from evanesce.inference.constants import EXTRAPOLATED, OWN_LIGHT, TIED_SHARE, WA
 from evanesce.inference.data import DataVector
 from evanesce.inference.joint import JointFit
 from evanesce.inference.model import AnchoredModel
+from evanesce.prediction.views import binned
 
 Array = NDArray[Any]
 
@@ -101,9 +102,9 @@ class Discrepancy:
             found.append(tied_rows(data, change, self.shares.get(taken.id, TIED_SHARE)))
         return np.concatenate(found)
 
-    def every_row(self, fitted: JointFit) -> Array:
+    def every_row(self, fitted: JointFit, fine: Array | None = None) -> Array:
         """Return the rows (k, bins), with that of what extrapolation to finer pixels added at the anchor."""
-        return np.concatenate([self.rows(fitted), self.extrapolated()])
+        return np.concatenate([self.rows(fitted, fine), self.extrapolated()])
 
     def extrapolated(self) -> Array:
         """Return the row (1, bins) of what extrapolation to finer pixels added at the anchor."""
@@ -113,6 +114,7 @@ class Discrepancy:
         """Return the relative difference of a cause's change between the fine and the coarse model."""
         opened = list(self.model.data.open)
         opened = [k for k in opened if not self.model.data.views[k].is_card]
-        off = fine[opened] - self.model.fine_cube(without, opened) - change[opened]
+        there = binned(self.model.frames(without, opened)) + self.model.codec_bias[opened]
+        off = fine[opened] - there - change[opened]
         size = np.sqrt(np.nanmean(off**2) / max(float(np.nanmean(change[opened] ** 2)), 1e-12))
         return float(np.clip(size, TIED_SHARE, MOST_SHARE))

@@ -4,30 +4,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.inference.anchors import Anchors, Evaluated
 from evanesce.inference.data import DataVector
-from evanesce.prediction.fine import FINE_PX, FineFrames
+from evanesce.prediction.fine import CARD_PX, FINE_PX, FineFrames
 from evanesce.prediction.nuisance import nuisance_parameters
 from evanesce.prediction.observe import Observation, model_factor
 from evanesce.prediction.parameters import Parameter, derivative
 from evanesce.prediction.predict import Predictor
-from evanesce.prediction.views import binned
+from evanesce.prediction.views import View, binned
 
 Array = NDArray[Any]
 Point = Mapping[str, float]
 
 COARSER_PX = 2
 """Of finer pixels along each of the model camera's, for the other end of the extrapolation."""
-ORDER = 2.4
-"""Power of the pixel with which the prediction's error falls; measured: 44, 9 and 3 standard deviations at 1, 2, 3."""
-
-CARD_STAYS_DN = 4.0
-"""Change of a calibration target's bins up to which what the fine model adds to them is kept: their ink is sharp, and
-evaluating it takes as long as all presses."""
+ORDER, CARD_ORDER = 2.4, 2.0
+"""Power of the pixel with which the prediction's error falls, of presses and of cards. Measured: 44, 9 and 3 standard
+deviations at 1, 2, 3 of presses; 6, 3.4, 2 and 1.3 at 3, 4, 5, 6 of cards."""
 
 
 class Model(Protocol):
@@ -95,7 +94,8 @@ class AnchoredModel:
         """What that may be off by: whitened rows (k, bins) of its covariance."""
         self.discretisation = np.zeros_like(data.cube)
         """What extrapolation to finer pixels added at the anchor (views, rows, cols) [DN]."""
-        self._cards: tuple[Array, Array] | None = None
+        groups = [[k for k, v in enumerate(data.views) if v.is_card is card] for card in (False, True)]
+        self._anchors = [(views, Anchors(partial(_size, data, views))) for views in groups if views]
 
     def further_rows(self) -> Array:
         """Return rows (k, bins) of the covariance of what a codec does."""
@@ -137,74 +137,74 @@ class AnchoredModel:
         InputError
             If the rig cannot have these values.
         """
-        cards = [k for k, view in enumerate(self.data.views) if view.is_card]
-        others = [k for k in range(len(self.data.views)) if k not in cards]
         self.coarse.correction = None
         coarse = self.coarse.cube(point)
-        correction = np.zeros_like(coarse)
+        correction = self.codec_bias.copy()
         self.discretisation = np.zeros_like(coarse)
-        if others:
-            finest, change = self.extrapolated(point, others)
-            correction[others] = finest - coarse[others]
-            self.discretisation[others] = change
-        if cards:
-            if self._cards is None or np.abs(coarse[cards] - self._cards[0]).max() > CARD_STAYS_DN:
-                self._cards = coarse[cards], self.fine_cube(point, cards) - coarse[cards]
-            correction[cards] = self._cards[1]
-        correction += self.codec_bias
+        for views, anchors in self._anchors:
+            found = anchors.at(coarse[views], partial(self._evaluated, point, views, coarse))
+            correction[views] += found.correction
+            self.discretisation[views] = found.discretisation
         self.coarse.correction = correction
         return np.asarray(coarse + correction)
 
-    def extrapolated(self, point: Point, views: Sequence[int]) -> tuple[Array, Array]:
-        """Return bins (views, rows, cols) extrapolated to endlessly fine pixels, and what that added [DN].
+    def _evaluated(self, point: Point, views: Sequence[int], coarse: Array) -> Evaluated:
+        """Return what the fine model adds at a point to some views, all of them cards or none.
 
-        Richardson's extrapolation from light gathered by pixels of a third and of a half of the model camera's. Where
-        the real camera's are as small as that, nothing is left to extrapolate.
+        Richardson's extrapolation to endlessly fine pixels from light gathered by pixels of two sizes. Where the real
+        camera's are as small as that, nothing is left to extrapolate.
         """
-        fine = self.fine_cube(point, views, FINE_PX)
-        sides = [math.ceil(px / self.factor) for px in (FINE_PX, COARSER_PX)]
-        if sides[0] == sides[1]:
-            return fine, np.zeros_like(fine)
-        change = (fine - self.fine_cube(point, views, COARSER_PX)) / ((sides[0] / sides[1]) ** ORDER - 1.0)
-        return fine + change, change
+        card = self.data.views[views[0]].is_card
+        px, order = (CARD_PX, CARD_ORDER) if card else (FINE_PX, ORDER)
+        frames = self._fine_frames(point, views, px)
+        sides = [math.ceil(size / self.factor) for size in (px, COARSER_PX)]
+        change = np.zeros_like(frames)
+        if sides[0] != sides[1]:
+            coarser = self._fine_frames(point, views, COARSER_PX)
+            change = (frames - coarser) / np.float32((sides[0] / sides[1]) ** order - 1.0)
+        frames += change
+        added = frames - np.array([self.coarse.image(point, k) for k in views], np.float32)
+        return Evaluated(coarse[views], added, binned(frames) - coarse[views], binned(change))
 
     def fine_cube(self, point: Point, views: Sequence[int], fine_px: int = FINE_PX) -> Array:
         """Return the fine bins of some views (chosen views, rows, cols) [DN]."""
-        chosen = [self.data.views[k] for k in views]
+        return binned(self._fine_frames(point, views, fine_px))
+
+    def _fine_frames(self, point: Point, views: Sequence[int], fine_px: int) -> Array:
         renamed = dict(point)
         for new, old in enumerate(views):
             for name in ("force", "flicker"):
                 renamed[f"@{name}[{new}]"] = point.get(f"@{name}[{old}]", 0.0)
-        scale = self.data.scale
-        return FineFrames(
-            self.observation.believed,
-            chosen,
-            self.factor,
-            renamed,
-            noise_scale=scale,
-            fixed=self.fixed,
-            fine_px=fine_px,
-        ).cube()
+        return self.fine(renamed, [self.data.views[k] for k in views], fine_px).frames()
 
-    def fine(self, point: Point) -> FineFrames:
-        """Return the fine model at a point."""
+    def fine(self, point: Point, views: Sequence[View] | None = None, fine_px: int = FINE_PX) -> FineFrames:
+        """Return the fine model at a point, of all views by default."""
         return FineFrames(
             self.observation.believed,
-            self.data.views,
+            self.data.views if views is None else views,
             self.factor,
             point,
             noise_scale=self.data.scale,
             fixed=self.fixed,
+            fine_px=fine_px,
         )
 
     def frames(self, point: Point, views: Sequence[int]) -> Array:
-        """Return fine frames of some views (chosen views, rows, cols), at the model camera's pixels [DN]."""
-        fine = self.fine(point)
-        found = []
-        for k in views:
-            picture = fine.picture(k)
-            found.append(binned(picture, self.factor) if self.factor > 1 else picture)
-        return np.array(found)
+        """Return frames of some views (chosen views, rows, cols) at the model camera's pixels, as at the anchor [DN].
+
+        Without what a codec makes of them.
+        """
+        correction, self.coarse.correction = self.coarse.correction, None
+        try:
+            coarse = self.coarse.cube(point)
+            found: dict[int, Array] = {}
+            for group, anchors in self._anchors:
+                if set(group) & set(views):
+                    added = anchors.at(coarse[group], partial(self._evaluated, point, group, coarse)).added
+                    found |= dict(zip(group, added, strict=True))
+        finally:
+            self.coarse.correction = correction
+        return np.array([self.coarse.image(point, k) + found[k] for k in views])
 
     def cube(self, point: Point, only: Sequence[int] | None = None) -> Array:
         """Return the bins (views, rows, cols) [DN]; NaN in views that are not in ``only`` (the open ones)."""
@@ -217,3 +217,9 @@ class AnchoredModel:
     def derivative(self, point: Point, parameter: Parameter) -> Array:
         """Return the whitened derivative (bins,) by a parameter."""
         return self.data.whitened(derivative(self.coarse, point, parameter, self.data.open)).astype(np.float32)
+
+
+def _size(data: DataVector, views: Sequence[int], cube: Array) -> float:
+    """Return the root of the sum of squares of bins (views, rows, cols) over their noise."""
+    chosen = list(views)
+    return float(np.linalg.norm((cube / data.sd[chosen])[data.valid[chosen]]))

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from evanesce.core.states import PlateLight, SensorLight
 from evanesce.effects import Active, Context
 from evanesce.prediction.predict import Kept, Nuisances, Point, Predictor
-from evanesce.prediction.views import BIN_PX, View, binned
+from evanesce.prediction.views import View, binned
 from evanesce.rig import Scene
 from evanesce.rig.coarser import finer_pixels
 
@@ -28,8 +28,9 @@ Array = NDArray[Any]
 FINE_PX, CARD_PX = 3, 4
 """Of finer pixels along each of the model camera's. A card's edges lie along rows of pixels and its ink is sharp."""
 
-RAYS = 2
-"""Of the pinhole view along each finer pixel; along a real pixel that is fine enough, one, as when it is simulated."""
+RAYS, CARD_RAYS = 2, 1
+"""Of the pinhole view along each finer pixel; along a real pixel that is fine enough, one, as when it is simulated. A
+card's reflectance is a mean over each of them."""
 
 KEEP_LIGHTS = 2
 """Of the plate's light on the finer view, and of its images: tens of megabytes each."""
@@ -55,10 +56,19 @@ class FinePredictor(Predictor):
         See :class:`Predictor`.
     fine_px : int
         See :data:`FINE_PX`.
+    rays : int
+        See :data:`RAYS`.
     """
 
     def __init__(
-        self, believed: Scene, views: Sequence[View], factor: int, *, noise_scale: float = 1.0, fine_px: int = FINE_PX
+        self,
+        believed: Scene,
+        views: Sequence[View],
+        factor: int,
+        *,
+        noise_scale: float = 1.0,
+        fine_px: int = FINE_PX,
+        rays: int = RAYS,
     ) -> None:
         self.factor, self.before = factor, math.ceil(fine_px / factor)
         samples = believed.grid.samples
@@ -66,8 +76,8 @@ class FinePredictor(Predictor):
             samples = min(max(samples, 1), GRID_SAMPLES)
         grid = believed.grid.model_copy(update={"samples": samples})
         # On the real pixels it is the chain of `evanesce simulate`, ray for ray.
-        rays = 1 if self.before == 1 else RAYS * self.before
-        super().__init__(believed.model_copy(update={"grid": grid}), views, finer=rays, noise_scale=noise_scale)
+        finer = 1 if self.before == 1 else rays * self.before
+        super().__init__(believed.model_copy(update={"grid": grid}), views, finer=finer, noise_scale=noise_scale)
         self._lights, self._images = Kept(KEEP_LIGHTS), Kept(KEEP_LIGHTS)
 
     def lens_rig(self, rig: Scene) -> Scene:
@@ -81,8 +91,16 @@ class FinePredictor(Predictor):
         sensor = super()._gathered(finer, light, nuisances, effects, replace(context, scene=finer))
         return SensorLight(irradiance=binned(sensor.irradiance, self.before))
 
+    def cube(self, point: Point, only: Sequence[int] | None = None) -> Array:
+        """Return the predicted means of the bins (views, rows, cols) [DN]; NaN in views that are not in ``only``."""
+        return binned(self.frames(point, only))
+
+    def frames(self, point: Point, only: Sequence[int] | None = None) -> Array:
+        """Return mean frames (views, rows, cols) at the model camera's pixels [DN]; NaN beside ``only``."""
+        return super().cube(point, only).astype(np.float32)
+
     def _bins_of(self, picture: Array) -> Array:
-        return binned(picture, BIN_PX * self.factor)
+        return binned(picture, self.factor)
 
 
 def in_pixels(point: Point, smaller: float) -> dict[str, float]:
@@ -115,7 +133,7 @@ class FineFrames:
     fixed : mapping, optional
         Settings of effects that the scene does not have: :attr:`evanesce.prediction.predict.Predictor.fixed`.
     fine_px : int
-        See :data:`FINE_PX`; of cards it is :data:`CARD_PX`.
+        See :data:`FINE_PX`.
     """
 
     def __init__(
@@ -138,17 +156,21 @@ class FineFrames:
             shift = [point.get(name, 0.0) for name in names]
             near = tuple(PLACE_MM * round(s / PLACE_MM) for s in shift)
             rest = {**point, **{name: s - n for name, s, n in zip(names, shift, near, strict=True)}}
-            there, own_px = placed(believed, (near[0], near[1])), CARD_PX if card else fine_px
-            fine = FinePredictor(there, views, factor, noise_scale=noise_scale, fine_px=own_px)
+            there, rays = placed(believed, (near[0], near[1])), CARD_RAYS if card else RAYS
+            fine = FinePredictor(there, views, factor, noise_scale=noise_scale, fine_px=fine_px, rays=rays)
             fine.fixed = dict(fixed or {})
             self._predictors[session, card] = fine, in_pixels(rest, factor * fine.before)
 
     def cube(self) -> Array:
         """Return the bins (views, rows, cols) [DN]."""
+        return binned(self.frames())
+
+    def frames(self) -> Array:
+        """Return mean frames (views, rows, cols) at the model camera's pixels, float32 [DN]."""
         found: Array | None = None
         for kind, (fine, rest) in self._predictors.items():
             chosen = [k for k, v in enumerate(self.views) if _kind(v) == kind]
-            part = fine.cube(rest, chosen)
+            part = fine.frames(rest, chosen)
             found = np.full_like(part, np.nan) if found is None else found
             found[chosen] = part[chosen]
         assert found is not None

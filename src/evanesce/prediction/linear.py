@@ -38,6 +38,11 @@ class Metric:
         scaled = np.asarray(rows, float) * np.asarray(deviations, float)[:, None]
         return cls(scaled, linalg.cho_factor(np.eye(len(scaled)) + scaled @ scaled.T, lower=True))
 
+    def with_rows(self, rows: Array) -> Metric:
+        """Return the metric with more nuisances (k, d), of unit prior standard deviation."""
+        every = np.concatenate([self.rows, rows])
+        return Metric.of(every, np.ones(len(every)))
+
     def project(self, vectors: Array) -> Array:
         """Return the metric times vectors (..., d): what no plausible nuisance explains of them."""
         if len(self.rows) == 0:

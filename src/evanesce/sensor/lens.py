@@ -211,7 +211,9 @@ def _prepare(camera: Camera, plate: Plate, view: IdealView, distortion: bool, bl
     projection = Projection.of(camera, plate)
     if not distortion:
         projection = replace(projection, distortion=(0.0, 0.0, 0.0, 0.0, 0.0))
-    maps, direction = _maps(projection, view)
+    maps, direction = _maps(
+        projection.shape, projection.focal_px, projection.principal_point, projection.distortion, view
+    )
     lens = camera.lens
     m = magnification(camera.scale_px_per_mm, camera.pixel.pitch_um)
     gain = irradiance_per_radiance(
@@ -242,14 +244,21 @@ def lens_blur(camera: Camera, plate: Plate) -> FieldBlur:
     )
 
 
+@functools.lru_cache(maxsize=12)  # another focus or fall-off bends no ray
 def _maps(
-    projection: Projection, view: IdealView
+    shape: tuple[int, int],
+    focal_px: float,
+    principal_point: tuple[float, float],
+    distortion: tuple[float, float, float, float, float],
+    view: IdealView,
 ) -> tuple[tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...], tuple[Array, Array]]:
     """Return remap maps, one per sub-sample of the pixel, and the undistorted direction of each pixel's centre.
 
     A frame pixel at the corner of a barrel lens covers more than one pixel of the ideal view; as many sub-samples as
     it covers, per side, keep the mean of the pixel a mean. Where nothing is distorted there is one, and it is exact.
     """
+    # Where the camera stands bends no ray.
+    projection = Projection(shape, focal_px, principal_point, distortion, np.eye(3), np.zeros(3), 0.0, 1.0)
     x, y = projection.ideal_maps(view)
     rows, cols = view.shape
     if min(x.min(), y.min()) < -0.5 or x.max() > cols - 0.5 or y.max() > rows - 0.5:

@@ -142,10 +142,10 @@ class FramesAndSeriesDiscrepancy(Discrepancy):
         """Return the rows (k, bins + rows)."""
         return self._padded(super().rows(fitted, fine), SeriesDiscrepancy(self.model.series).every_row(fitted))
 
-    def every_row(self, fitted: JointFit) -> Array:
+    def every_row(self, fitted: JointFit, fine: Array | None = None) -> Array:
         """Return the rows (k, bins + rows), with that of what extrapolation to finer pixels added at the anchor."""
-        frames = self.extrapolated()
-        return np.concatenate([self.rows(fitted), self._padded(frames, np.zeros((0, self.model.series.observed.size)))])
+        none = np.zeros((0, self.model.series.observed.size))
+        return np.concatenate([self.rows(fitted, fine), self._padded(self.extrapolated(), none)])
 
     def _padded(self, frames: Array, series: Array) -> Array:
         return _beside(frames, series)

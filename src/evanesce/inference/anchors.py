@@ -1,0 +1,81 @@
+"""Where the fine model was evaluated, and how far a point may be from there for what it added to be kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+
+STAYS = 0.3
+"""Standard deviations, of all bins together, up to which what the fine model adds may change unseen: the fine model
+itself is off by 2 to 3."""
+KEEP = 4
+"""Evaluations that are kept, of ten megabytes each."""
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """What the fine model added at a point.
+
+    Attributes
+    ----------
+    coarse : ndarray (views, rows, cols)
+        Bins of the coarse prediction there [DN].
+    added : ndarray of float32 (views, pixel rows, pixel cols)
+        To its frames [DN].
+    correction : ndarray (views, rows, cols)
+        To its bins [DN].
+    discretisation : ndarray (views, rows, cols)
+        Part of it that comes from extrapolation to finer pixels [DN].
+    """
+
+    coarse: Array
+    added: Array
+    correction: Array
+    discretisation: Array
+
+
+class Anchors:
+    """Evaluations of the fine model for some views.
+
+    What it adds changes in proportion to the coarse prediction, by a rate that the evaluations themselves show: a
+    point is evaluated anew only where, by the largest rate seen, the addition would have changed by more than
+    :data:`STAYS`.
+
+    Parameters
+    ----------
+    size : callable
+        ``size(bins (views, rows, cols)) -> float``: root of the sum of squares over the noise.
+    """
+
+    def __init__(self, size: Callable[[Array], float]) -> None:
+        self._size = size
+        self._kept: list[Evaluated] = []
+        self._rate: float | None = None
+
+    def at(self, coarse: Array, evaluate: Callable[[], Evaluated]) -> Evaluated:
+        """Return what the fine model adds where the coarse one predicts some bins: kept, or evaluated.
+
+        Parameters
+        ----------
+        coarse : ndarray (views, rows, cols)
+            [DN].
+        evaluate : callable
+            Evaluates the fine model at that point.
+        """
+        if self._kept:
+            away = [self._size(coarse - one.coarse) for one in self._kept]
+            nearest = int(np.argmin(away))
+            if away[nearest] == 0.0 or (self._rate is not None and self._rate * away[nearest] < STAYS):
+                return self._kept[nearest]
+        made = evaluate()
+        if self._kept:
+            change = self._size(made.correction - self._kept[nearest].correction)
+            self._rate = max(self._rate or 0.0, change / away[nearest])
+        self._kept = [*self._kept, made][-KEEP:]
+        return made

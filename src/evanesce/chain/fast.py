@@ -26,7 +26,7 @@ from evanesce.chain.fast_optics import (
 from evanesce.chain.fast_surroundings import Beside, KeptBeside
 from evanesce.chain.simulate import simulate, solve_contact
 from evanesce.core import rng
-from evanesce.core.states import ContactState, Frame, PlateGrid
+from evanesce.core.states import ContactState, Frame, PlateGrid, embedded
 from evanesce.effects import active_effects
 from evanesce.optics.projection import Projection
 from evanesce.optics.seen import seen_at
@@ -133,11 +133,7 @@ class FastCamera:
             return self._general(state, seed, index, time_s)
         key = rng.seed_sequence(seed, "exposure", index).generate_state(2)
         exposure = self._operators.exposure(self._readout, (int(key[0]), int(key[1])), with_raw)
-        if state is None:
-            alone = np.zeros((0, 0), np.float32) if self._beside is None else self._beside.at(None).whole
-            lit = ChargeBox(0, 0, alone)
-        else:
-            lit = self.mean_charge(state, meanwhile=exposure.begin)
+        lit = self.without_finger() if state is None else self.mean_charge(state, meanwhile=exposure.begin)
         data, raw = exposure.finish(lit)
         if self._processor is not None:
             data = finish_mosaic(data, self._processor, self._mosaic)
@@ -179,7 +175,13 @@ class FastCamera:
         for index, state in enumerate(states):
             yield self.frame(state, seed=seed, index=index, time_s=index / frame_rate_hz, with_raw=with_raw)
 
-    def mean_charge(self, state: ContactState, *, meanwhile: Callable[[], None] = lambda: None) -> ChargeBox:
+    def without_finger(self) -> ChargeBox:
+        """Return the mean charge by light while the finger is away, in a box that may be empty [e-]."""
+        return ChargeBox(0, 0, np.zeros((0, 0), np.float32) if self._beside is None else self._beside.at(None).whole)
+
+    def mean_charge(
+        self, state: ContactState, *, meanwhile: Callable[[], None] = lambda: None, grid: PlateGrid | None = None
+    ) -> ChargeBox:
         """Return the mean charge by light, blurred, in the smallest box that holds it [e-].
 
         Parameters
@@ -187,27 +189,33 @@ class FastCamera:
         state : ContactState
         meanwhile : callable
             Called once between kernels, to start another that does not depend on light.
+        grid : PlateGrid, optional
+            That the state's grid is a part of, or is shifted from by a small way: what the camera keeps is of this
+            one, so that it serves all of them. The feedback between contact and plate takes the shift to a sample.
         """
-        scene = self.scene
+        scene, grid = self.scene, state.grid if grid is None else grid
         if self._fields is None:
             self._fields = fields_of(scene)
         fields = self._fields
         if fields.subsurface is not None:
             # The fast operators have no subsurface scattering; lens and pixel take it from the general chain.
             meanwhile()
-            light = form_image(render_fast(scene, state), scene.camera, scene.plate)
+            light = form_image(render_fast(scene, embedded(state, grid)), scene.camera, scene.plate)
             charge = light.irradiance * charge_per_irradiance(scene)
             return ChargeBox(0, 0, charge.astype(np.float32))
-        optics = self._optics_for(state.grid)
+        optics = self._optics_for(grid)
         end, coarse = float(fields.gaps[-1]), optics.coarse
         found = InterfaceBox.of(state, end, optics.refine)
         coupled = self._operators.coupling(found.gap, found.share, end, optics.decay)
         meanwhile()
-        row, col = found.row, found.col
+        # On the whole grid: of the cell, and of the sample that is read.
+        down, right = (part[0] - whole[0] for part, whole in ((state.grid.y, grid.y), (state.grid.x, grid.x)))
+        cell = found.row // optics.refine + down / grid.pitch, found.col // optics.refine + right / grid.pitch
+        read = 1 if optics.halved else optics.refine
         if optics.halved:
-            row, col, coupled = row // optics.refine, col // optics.refine, block_means(coupled, optics.refine)
-        box = _Box(row, col, coupled, (found.row // optics.refine, found.col // optics.refine), found.cover)
-        mean = coarse_mean(coupled, (row, col), optics.samples, coarse.shape)
+            coupled = block_means(coupled, optics.refine)
+        box = _Box(cell[0] * read, cell[1] * read, coupled, cell, found.cover)
+        mean = coarse_mean(coupled, (round(box.row), round(box.col)), optics.samples, coarse.shape)
         change, taken = feedback(fields, coarse, coarse.contact * mean)
         lit = _on_frame(scene, fields.ghost, optics, box, change, *self._flank_charge(state, fields, optics, taken))
         return lit if self._beside is None else _with(self._beside.at(state), lit, scene, optics, box)
@@ -234,10 +242,10 @@ class FastCamera:
 class _Box:
     """Part of the grid that is read, from (row, col) on: coupling; and cover, on the contact grid itself."""
 
-    row: int
-    col: int
+    row: float
+    col: float
     coupled: Image
-    cover_first: tuple[int, int]
+    cover_first: tuple[float, float]
     cover: Image
 
 
@@ -293,7 +301,7 @@ def _on_frame(
 
 
 def _read(
-    image: Image, maps: Maps, here: tuple[int, int, int, int], first: tuple[int, int], step: int,
+    image: Image, maps: Maps, here: tuple[int, int, int, int], first: tuple[float, float], step: int,
     border: int = cv2.BORDER_CONSTANT,
 ) -> Image:  # fmt: skip
     """Return an image of the grid, whose first sample is ``first``, in part of the frame, every ``step`` pixels."""
@@ -307,7 +315,9 @@ def _contact_charge(
 ) -> Image:
     """Return the charge of contact and of the flank beside it, before blur."""
 
-    def read(image: Image, maps: Maps, first: tuple[int, int], step: int, border: int = cv2.BORDER_CONSTANT) -> Image:
+    def read(
+        image: Image, maps: Maps, first: tuple[float, float], step: int, border: int = cv2.BORDER_CONSTANT
+    ) -> Image:
         return _read(image, maps, here, first, step, border)
 
     first = box.row, box.col

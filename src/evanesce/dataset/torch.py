@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from evanesce.core.extras import require
-from evanesce.dataset.labels import CHANNELS
+from evanesce.dataset.config import CHANNELS
 from evanesce.dataset.read import Dataset, Sample
 from evanesce.dataset.trial import SCALARS
 
@@ -30,18 +30,19 @@ def tensors(sample: Sample) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``frame`` uint8 (1, rows, cols) [DN]; ``state`` int64 (rows, cols); ``labels`` float32 (channels, rows, cols) in
-        the order of :data:`evanesce.dataset.labels.CHANNELS` (the gap is NaN where nothing is near); ``scalars``
-        float32 in the order of :data:`evanesce.dataset.trial.SCALARS`; ``index`` int; where raw frames are stored,
-        ``raw`` int32 (1, rows, cols) [DN].
-
+        ``frame`` uint8 (1, rows, cols) [DN]; ``state`` int64 (rows, cols); ``scalars`` float32 in the order of
+        :data:`evanesce.dataset.trial.SCALARS`; ``index`` int. Where they are stored, ``labels`` float32 (channels,
+        rows, cols), all in the order of :data:`evanesce.dataset.config.CHANNELS` (the gap is NaN where nothing is
+        near), and ``raw`` int32 (1, rows, cols) [DN].
     """
-    box = sample.labels
-    raw = {} if sample.raw is None else {"raw": torch.from_numpy(sample.raw.astype(np.int32)[None])}
-    return raw | {
+    stored: dict[str, Any] = {}
+    if "labels.exr" in sample.members:
+        stored["labels"] = torch.from_numpy(np.stack([sample.labels.whole(name) for name in CHANNELS]))
+    if sample.raw is not None:
+        stored["raw"] = torch.from_numpy(sample.raw.astype(np.int32)[None])
+    return stored | {
         "frame": torch.from_numpy(np.ascontiguousarray(sample.frame)[None]),
         "state": torch.from_numpy(sample.state.astype(np.int64)),
-        "labels": torch.from_numpy(np.stack([box.whole(name) for name in CHANNELS])),
         "scalars": torch.tensor([sample.scalars[name] for name in SCALARS], dtype=torch.float32),
         "index": int(sample.row["frame"]),
     }

@@ -22,12 +22,12 @@ CASES: dict[str, dict[str, Any]] = {
     "320x240, effects on": {"size": "320x240", "share": 0.25, "rigs": 8, "frames": 30, "target": 80.0},
     "2000x1500, effects on": {"size": "", "share": 0.25, "rigs": 4, "frames": 8, "target": 8.0},
 }
-"""Size, share of rigs that each effect acts in, rigs of two trials each, frames a trial, wanted frames/s of two cores."""
+"""Size, share of rigs that an effect acts in, rigs of two trials each, frames a trial, wanted frames/s of two cores."""
 DASK_TASK_S = 1e-3
 """Of the scheduler, a task: https://distributed.dask.org/en/stable/efficiency.html"""
 
 
-# --- one case, in a process of its own with the sources of one commit ---------------------------------------------------
+# --- one case, in a process of its own with the sources of one commit -------------------------------------------------
 
 
 def measure(case: dict[str, Any]) -> dict[str, float]:
@@ -65,7 +65,11 @@ def measure(case: dict[str, Any]) -> dict[str, float]:
             making += time.process_time() - start
             size += sum(len(data) for data in record.members.values())
             count += 1
-    return {"s_a_frame": making / count + ready / case["rigs"], "bytes_a_frame": size / count, "s_a_rig": rigs / trials}
+    return {
+        "s_a_frame": making / count + ready / case["rigs"],
+        "bytes_a_frame": size / count,
+        "s_a_rig": 2 * rigs / trials,
+    }
 
 
 def in_process(sources: Path, case: dict[str, Any]) -> dict[str, float]:
@@ -104,7 +108,7 @@ def against(commit: str, names: list[str]) -> dict[str, Any]:
     return found
 
 
-# --- whole data sets ----------------------------------------------------------------------------------------------------
+# --- whole data sets --------------------------------------------------------------------------------------------------
 
 
 def throughput(frames: int, workers: int) -> dict[str, float]:

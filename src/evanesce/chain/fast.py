@@ -193,6 +193,26 @@ class FastCamera:
             That the state's grid is a part of, or is shifted from by a small way: what the camera keeps is of this
             one, so that it serves all of them. The feedback between contact and plate takes the shift to a sample.
         """
+        lit, beside = self.charge_and_beside(state, meanwhile=meanwhile, grid=grid)
+        if beside is None:
+            return lit
+        charge = beside.copy()
+        high, wide = lit.charge.shape
+        charge[lit.row : lit.row + high, lit.col : lit.col + wide] += lit.charge
+        return ChargeBox(0, 0, charge)
+
+    def charge_and_beside(
+        self, state: ContactState, *, meanwhile: Callable[[], None] = lambda: None, grid: PlateGrid | None = None
+    ) -> tuple[ChargeBox, Image | None]:
+        """Return :meth:`mean_charge` in two parts: what depends on the contact, and what on the approach alone.
+
+        Returns
+        -------
+        ChargeBox
+            By contact and flank, less what they hide of the other part [e-].
+        ndarray of float32 (rows, cols) or None
+            The same array for approaches of a tenth of a millimetre; None without light beside the contact [e-].
+        """
         scene, grid = self.scene, state.grid if grid is None else grid
         if self._fields is None:
             self._fields = fields_of(scene)
@@ -202,7 +222,7 @@ class FastCamera:
             meanwhile()
             light = form_image(render_fast(scene, embedded(state, grid)), scene.camera, scene.plate)
             charge = light.irradiance * charge_per_irradiance(scene)
-            return ChargeBox(0, 0, charge.astype(np.float32))
+            return ChargeBox(0, 0, charge.astype(np.float32)), None
         optics = self._optics_for(grid)
         end, coarse = float(fields.gaps[-1]), optics.coarse
         found = InterfaceBox.of(state, end, optics.refine)
@@ -218,7 +238,10 @@ class FastCamera:
         mean = coarse_mean(coupled, (round(box.row), round(box.col)), optics.samples, coarse.shape)
         change, taken = feedback(fields, coarse, coarse.contact * mean)
         lit = _on_frame(scene, fields.ghost, optics, box, change, *self._flank_charge(state, fields, optics, taken))
-        return lit if self._beside is None else _with(self._beside.at(state), lit, scene, optics, box)
+        if self._beside is None:
+            return lit, None
+        beside = self._beside.at(state)
+        return _less_hidden(beside, lit, scene, optics, box), beside.whole
 
     def _flank_charge(
         self, state: ContactState, fields: Fields, optics: Optics, taken: Array
@@ -337,19 +360,22 @@ def _contact_charge(
     return total
 
 
-def _with(beside: Beside, lit: ChargeBox, scene: Scene, optics: Optics, box: _Box) -> ChargeBox:
-    """Return the charge of contact and flank with that of the light beside the contact, of the whole frame."""
-    charge = beside.whole.copy()
-    rows, cols = charge.shape
+def _less_hidden(beside: Beside, lit: ChargeBox, scene: Scene, optics: Optics, box: _Box) -> ChargeBox:
+    """Return the charge of contact and flank less what the contact hides of the light beside it."""
+    rows, cols = beside.whole.shape
     r0, r1, c0, c1 = _frame_window(scene, optics, box)
-    if r1 > r0 and c1 > c0:
-        cover = spread_blocks(_read(box.cover, optics.cover, (r0, r1, c0, c1), box.cover_first, COVER_STEP), COVER_STEP)
-        r1, c1 = min(r1, rows), min(c1, cols)
-        cover = cover[: r1 - r0, : c1 - c0]
-        charge[r0:r1, c0:c1] -= optics.blur.fold(cover * beside.hidden[r0:r1, c0:c1])
+    if not (r1 > r0 and c1 > c0):
+        return lit
+    cover = spread_blocks(_read(box.cover, optics.cover, (r0, r1, c0, c1), box.cover_first, COVER_STEP), COVER_STEP)
+    r1, c1 = min(r1, rows), min(c1, cols)
+    hidden = optics.blur.fold(cover[: r1 - r0, : c1 - c0] * beside.hidden[r0:r1, c0:c1])
     high, wide = lit.charge.shape
-    charge[lit.row : lit.row + high, lit.col : lit.col + wide] += lit.charge
-    return ChargeBox(0, 0, charge)
+    top, left = min(r0, lit.row), min(c0, lit.col)
+    bottom, right = max(r1, lit.row + high), max(c1, lit.col + wide)
+    charge = np.zeros((bottom - top, right - left), np.float32)
+    charge[lit.row - top : lit.row - top + high, lit.col - left : lit.col - left + wide] = lit.charge
+    charge[r0 - top : r1 - top, c0 - left : c1 - left] -= hidden
+    return ChargeBox(top, left, charge)
 
 
 def _why_general(scene: Scene, active: list[str]) -> str:

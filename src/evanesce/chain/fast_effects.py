@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from evanesce.chain.fast import FastCamera
 from evanesce.chain.fast_optics import charge_per_irradiance
+from evanesce.chain.fast_surroundings import KEPT
 from evanesce.core import rng
 from evanesce.core.states import ContactState, Frame, PlateGrid, PlateLight, SensorLight
 from evanesce.effects import Active, Context, Stage, apply_stage
@@ -73,12 +74,10 @@ class FastEffects:
         self._fast, self._scene, self._seed, self._effects = fast, scene, seed, acting
         self._per_irradiance = charge_per_irradiance(scene)
         self._lens = self._of_lens()
+        self._beside: list[tuple[Image, Image]] = []
         fixed = self._added_light()
-        if fixed is not None:
-            light = SensorLight(irradiance=fixed if self._lens.gain is None else fixed * self._lens.gain)
-            fixed = apply_stage(Stage.SENSOR_LIGHT, light, self._lens.linear, self._context()).irradiance
         hot, self._charge = self._added_charge()
-        self._before = None if fixed is None else np.asarray(fixed * self._per_irradiance, np.float32)
+        self._before = None if fixed is None else self._through(np.asarray(fixed * self._per_irradiance, np.float32))
         self._after = hot
         self._readout, self._signal = self._of_readout(fast._readout)
         # What neither time nor the frame's number changes is added up once.
@@ -99,8 +98,11 @@ class FastEffects:
             See :meth:`FastCamera.mean_charge`.
         """
         fast, context = self._fast, self._context(index, time_s)
-        lit = fast.without_finger() if state is None else fast.mean_charge(state, grid=grid)
-        lit = self._behind_lens(lit, context)
+        if state is None:
+            lit, beside = fast.without_finger(), None
+        else:
+            lit, beside = fast.charge_and_beside(state, grid=grid)
+        lit = self._behind_lens(lit, beside, context)
         keys = tuple(int(k) for k in rng.seed_sequence(self._seed, "exposure", index).generate_state(2))
         of_frame = tuple(e for e in self._effects if e.effect.stage is Stage.FRAME)
         want_raw = with_raw or bool(of_frame)
@@ -199,20 +201,21 @@ class FastEffects:
 
     # --- each frame ---------------------------------------------------------------------------------------------------
 
-    def _behind_lens(self, lit: ChargeBox, context: Context) -> ChargeBox:
-        """Return the mean charge of a frame, of that by the finger's and the contact's light."""
+    def _behind_lens(self, lit: ChargeBox, beside: Image | None, context: Context) -> ChargeBox:
+        """Return the mean charge of a frame, of that by the finger's and the contact's light and by what is beside."""
         lens, rows, cols = self._lens, self._readout.shape[0], self._readout.shape[1]
         charge = lit.charge
         here = np.s_[lit.row : lit.row + charge.shape[0], lit.col : lit.col + charge.shape[1]]
-        if lens.gain is not None:
-            charge = charge * lens.gain[here]
-        if not (lens.linear or lens.each or self._charge) and self._fixed is None:
-            return ChargeBox(lit.row, lit.col, charge)
-        whole = np.zeros((rows, cols), np.float32)
-        whole[here] = charge
+        if not (lens.linear or lens.each or self._charge) and beside is None and self._fixed is None:
+            return ChargeBox(lit.row, lit.col, charge if lens.gain is None else charge * lens.gain[here])
         if lens.linear:
-            light = apply_stage(Stage.SENSOR_LIGHT, SensorLight(irradiance=whole), lens.linear, context)
-            whole = np.asarray(light.irradiance, np.float32)
+            whole = np.zeros((rows, cols), np.float32)
+            whole[here] = charge
+            whole = self._through(whole)
+            whole = whole if beside is None else whole + self._kept_beside(beside)
+        else:
+            whole = np.zeros((rows, cols), np.float32) if beside is None else self._kept_beside(beside).copy()
+            whole[here] += charge if lens.gain is None else charge * lens.gain[here]
         if lens.each:
             whole = whole if self._before is None else whole + self._before
             light = SensorLight(irradiance=whole.astype(float) / self._per_irradiance)
@@ -224,6 +227,21 @@ class FastEffects:
         if self._charge:
             whole = np.asarray(apply_stage(Stage.CHARGE, whole.astype(float), self._charge, context), np.float32)
         return ChargeBox(0, 0, whole)
+
+    def _through(self, charge: Image) -> Image:
+        """Return charge by light after the effects of the lens that no frame changes."""
+        if self._lens.gain is not None:
+            charge = charge * self._lens.gain
+        light = apply_stage(Stage.SENSOR_LIGHT, SensorLight(irradiance=charge), self._lens.linear, self._context())
+        return np.asarray(light.irradiance, np.float32)
+
+    def _kept_beside(self, beside: Image) -> Image:
+        """Return the light beside a contact behind the lens, kept for the last approaches."""
+        found = next((after for before, after in self._beside if before is beside), None)
+        if found is None:
+            found = self._through(beside)
+            self._beside = [*self._beside, (beside, found)][-KEPT:]
+        return found
 
     def _by_signal(
         self, lit: ChargeBox, keys: Sequence[int], context: Context

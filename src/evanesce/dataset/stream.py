@@ -48,7 +48,14 @@ class Stream(Iterable[Sample]):
     def __init__(
         self, job: Job, *, trials: int | None, split: str | None = None, workers: int = 0, first: int = 0, step: int = 1
     ) -> None:
-        self.job, self.trials, self.split, self.workers, self.first, self.step = job, trials, split, workers, first, step
+        self.job, self.trials, self.split, self.workers, self.first, self.step = (
+            job,
+            trials,
+            split,
+            workers,
+            first,
+            step,
+        )
 
     def part(self, first: int, step: int) -> Stream:
         """Return every so many of the trials, made in this process."""
@@ -149,7 +156,10 @@ def stream(
     seen = load_scene(scene) if isinstance(scene, str) else scene
     count = PLANNED_TRIALS if trials is None else trials
     return Stream(
-        new_job(seen, config, frames=count * config.trial.frames, seed=seed), trials=trials, split=split, workers=workers
+        new_job(seen, config, frames=count * config.trial.frames, seed=seed),
+        trials=trials,
+        split=split,
+        workers=workers,
     )
 
 

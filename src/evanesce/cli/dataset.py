@@ -181,7 +181,9 @@ def audit(folder: FolderArgument, json_file: JsonOption = None) -> None:
 
 def export(
     folder: FolderArgument,
-    to: Annotated[str, typer.Option("--to", help="hdf5, lerobot, coco or parquet.", show_default=False)],
+    to: Annotated[
+        str, typer.Option("--to", help="hdf5, lerobot, coco, parquet, rrd, mcap or tiff.", show_default=False)
+    ],
     out: Annotated[Path | None, typer.Option("--out", help="New folder; `FOLDER/../NAME-FORMAT` by default.")] = None,
     split: Annotated[str | None, typer.Option("--split", help="Only train, validation or test.")] = None,
     partial: Annotated[bool, typer.Option("--partial", help="The finished part of an unfinished dataset.")] = False,

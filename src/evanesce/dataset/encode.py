@@ -130,6 +130,34 @@ def decode_exr(data: bytes) -> tuple[LabelBox, dict[str, Any]]:
     return box, entries
 
 
+def decoded(name: str, data: bytes) -> Any:
+    """Decode a member as a handler of ``WebDataset(urls).decode(decoded)``.
+
+    Parameters
+    ----------
+    name : str
+        Extension of the member, with or without a dot before it.
+    data : bytes
+
+    Returns
+    -------
+    ndarray, LabelBox, dict or None
+        Frames as 8 bits [DN], raw frames as 16 bits [DN], the mask as surface states, labels in their units, the
+        numbers; None for other members, which a later handler may know.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be decoded.
+    """
+    extension = name.lstrip(".")
+    if extension in ("frame.png", "raw.png", "mask.png"):
+        return decode_png(data)
+    if extension in ("labels.exr", "plate.exr"):
+        return decode_exr(data)[0]
+    return json.loads(data) if extension == "json" else None
+
+
 def _window(row: int, col: int, high: int, wide: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     return np.array([col, row], np.int32), np.array([col + wide - 1, row + high - 1], np.int32)
 

@@ -122,7 +122,7 @@ class SlideStates(Sequence[ContactState]):
         index : int
         """
         rates = None if self._rates is None else self._rates[index]
-        return self._state(self._slide.frames[index], grid, rates)
+        return self.of(self._slide.frames[index], grid, rates)
 
     def centre(self, index: int) -> tuple[float, float]:
         """Return the middle (x, y) of a frame's contact [mm].
@@ -135,7 +135,16 @@ class SlideStates(Sequence[ContactState]):
         -------
         tuple of float
         """
-        return self._outline(self._slide.frames[index]).centre
+        return self.centre_of(self._slide.frames[index])
+
+    def centre_of(self, frame: SlideFrame) -> tuple[float, float]:
+        """Return the middle (x, y) of the contact of any frame on the slide's springs [mm].
+
+        Parameters
+        ----------
+        frame : SlideFrame
+        """
+        return self._outline(frame).centre
 
     def _outline(self, frame: SlideFrame) -> _Ellipse:
         """Return the outline: the lost area shortens the circle along the slide, about its leading edge."""
@@ -150,7 +159,16 @@ class SlideStates(Sequence[ContactState]):
         )
         return _Ellipse((float(centre[0]), float(centre[1])), a, float(shortening), view.direction)
 
-    def _state(self, frame: SlideFrame, grid: PlateGrid, rates: Floats | None) -> ContactState:
+    def of(self, frame: SlideFrame, grid: PlateGrid, rates: Floats | None = None) -> ContactState:
+        """Return the state of any frame on the slide's springs, on a grid of the same pitch that holds its contact.
+
+        Parameters
+        ----------
+        frame : SlideFrame
+        grid : PlateGrid
+        rates : ndarray (springs,), optional
+            Speed of the springs over the glass [mm/s].
+        """
         contact, outline = frame.contact, self._outline(frame)
         rho, normal_x, normal_y = _round_radius(grid, outline)
         gap = contact.gap(rho)

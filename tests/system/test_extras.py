@@ -101,8 +101,8 @@ def test_extras_are_those_of_the_project_file():
 
 
 ADAPTERS = {
-    "torch", "export_hdf5", "export_lerobot", "export_parquet", "export_rrd", "export_mcap", "export_tiff", "grip", "layout",
-    "page", "server", "widgets",
+    "torch", "export_hdf5", "export_lerobot", "export_parquet", "export_rrd", "export_mcap", "export_tiff", "grip",
+    "layout", "page", "server", "widgets",
 }  # fmt: skip
 """Modules that are for one optional library, and import it."""
 

@@ -1,6 +1,6 @@
-"""Label-complete 2000 x 1500 frames per second, bytes a frame, scaling over workers, and where a frame's time goes.
+"""Labelled frames per second of a core, bytes a frame, against an earlier commit; workers, and what many would take.
 
-python benchmarks/dataset.py [--frames 160] [--workers 1 2] [--json FILE]
+python benchmarks/dataset.py [--against COMMIT] [--cases NAME ...] [--workers 1 2] [--json FILE]
 """
 
 from __future__ import annotations
@@ -8,154 +8,207 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import resource
+import subprocess
+import sys
 import tempfile
 import time
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from evanesce.core import provenance
-from evanesce.dataset import layout
-from evanesce.dataset.config import DatasetConfig
-from evanesce.dataset.encode import exr, png
-from evanesce.dataset.job import Job, new_job
-from evanesce.dataset.labels import plate_labels
-from evanesce.dataset.manifest import Manifest
-from evanesce.dataset.produce import Producer
-from evanesce.dataset.run import Engine, make
-from evanesce.dataset.shard import ShardWriter
-from evanesce.dataset.verify import verify
-from evanesce.dataset.worker import single_threaded
-from evanesce.rig import load_scene
+BEFORE = "c9c10816"
+"""The commit that the targets are stated against."""
+CASES: dict[str, dict[str, Any]] = {
+    "320x240, effects off": {"size": "320x240", "share": 0.0, "rigs": 3, "frames": 40, "target": 200.0},
+    "320x240, effects on": {"size": "320x240", "share": 0.25, "rigs": 8, "frames": 30, "target": 80.0},
+    "2000x1500, effects on": {"size": "", "share": 0.25, "rigs": 4, "frames": 10, "target": 8.0},
+}
+"""Size, share of rigs that an effect acts in, rigs of two trials each, frames a trial, wanted frames/s of two cores."""
+DASK_TASK_S = 1e-3
+"""Of the scheduler, a task: https://distributed.dask.org/en/stable/efficiency.html"""
 
 
-def job(frames: int, probability: float) -> Job:
-    """Return slides of the thesis's rig; one rig, so that its light fields are computed once."""
-    config = DatasetConfig.model_validate(
-        {
-            "trial": {"frames": 40},
-            "trials_per_shard": 1,
-            "kinds": {name: 0.0 for name in ("load_stop", "wiggle", "rotation", "ramp", "release", "change")},
-            "rig": {"count": 1, "draw": {}},
-            "randomisation": {"probability": probability},
-        }
-    )
-    return new_job(load_scene("thesis"), config, frames=frames, seed=5)
+# --- one case, in a process of its own with the sources of one commit -------------------------------------------------
 
 
-def profile(frames: int = 12) -> dict[str, float]:
-    """Return processor seconds of each part of a frame, the least of several [s]."""
-    single_threaded()
-    producer = Producer(job(80, 0.0))
-    producer.record(20)
-    current = producer.trial(0)
-    spent: dict[str, float] = {}
+def measure(case: dict[str, Any]) -> dict[str, float]:
+    """Return processor time and bytes a frame, and the processor time that a rig takes once.
 
-    def timed(name: str, action: Callable[[], Any]) -> Any:
-        start = time.process_time()
-        found = action()
-        spent[name] = min(spent.get(name, 1e9), time.process_time() - start)
-        return found
-
-    for i in range(20, 20 + frames):
-        truth = timed("contact state", lambda i=i: current.trial.truth(i))
-        frame = timed(
-            "camera", lambda i=i, t=truth: current.ready.camera.frame(t.state, index=i, time_s=0.1, with_raw=False)
-        )
-        seen = timed("labels", lambda t=truth: current.ready.labeller.labels(t, 0.5))
-        flat = timed("plate labels", lambda t=truth: plate_labels(t, current.ready.grid, 0.5))
-        timed("PNG", lambda f=frame: png(f.data))
-        timed("mask PNG", lambda s=seen: png(s.whole("state").astype("uint8")))
-        timed("EXR", lambda s=seen: exr(s, "half", {}))
-        timed("plate EXR", lambda s=flat: exr(s, "half", {}))
-    return spent
-
-
-def storing(frames: int = 40) -> dict[str, float]:
-    """Return seconds a frame of what comes after the encoding, the least of three shards [s].
-
-    Processor time of tar and SHA-256 (of members and of the shard), wall-clock time of making the file last, and of the
-    rows in the manifest.
+    Uses what this commit and :data:`BEFORE` have in common. Frames are from the middle of their trials, in contact.
+    What the first frame of a rig computes for all others is the rig's.
     """
-    kept = [Producer(job(80, 0.0)).record(20)]
-    found: dict[str, float] = {}
+    from evanesce.dataset.config import DatasetConfig, with_size
+    from evanesce.dataset.job import new_job
+    from evanesce.dataset.produce import Producer
+    from evanesce.dataset.worker import single_threaded
+    from evanesce.rig import load_scene
+
+    single_threaded()
+    given = {
+        "rig": {"count": case["rigs"], "trials_in_a_row": 2},
+        "randomisation": {"probability": case["share"]},
+    }
+    config, trials, length = with_size(DatasetConfig.model_validate(given), case["size"]), 2 * case["rigs"], 80
+    job = new_job(load_scene("thesis"), config, frames=trials * length, seed=7)
+    producer = Producer(job)
+    rigs, ready, making, size, count = 0.0, 0.0, 0.0, 0, 0
+    for trial in range(trials):
+        start = time.process_time()
+        producer.trial(trial)
+        if trial % 2 == 0:
+            producer.record(trial * length + 30)
+            rigs += time.process_time() - start
+        else:
+            ready += (time.process_time() - start) / length
+        for k in range(case["frames"]):
+            start = time.process_time()
+            record = producer.record(trial * length + 31 + k)
+            making += time.process_time() - start
+            size += sum(len(data) for data in record.members.values())
+            count += 1
+    return {
+        "s_a_frame": making / count + ready / case["rigs"],
+        "bytes_a_frame": size / count,
+        "s_a_rig": 2 * rigs / trials,
+    }
+
+
+def in_process(sources: Path, case: dict[str, Any]) -> dict[str, float]:
+    """Return :func:`measure` of the sources of a commit."""
+    threads = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
+    call = [sys.executable, str(Path(__file__).resolve()), "--measure", json.dumps(case)]
+    done = subprocess.run(
+        call, env={**os.environ, **threads, "PYTHONPATH": str(sources)}, check=True, capture_output=True, text=True
+    )
+    found: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
+def against(commit: str, names: list[str]) -> dict[str, Any]:
+    """Measure each case with this tree and with a commit, one after the other, and print the ratios."""
+    root = Path(__file__).resolve().parents[1]
+    found: dict[str, Any] = {}
+    with tempfile.TemporaryDirectory() as scratch:
+        tree = Path(scratch) / "before"
+        subprocess.run(["git", "-C", str(root), "worktree", "add", "-q", "--detach", str(tree), commit], check=True)
+        try:
+            for name in names:
+                pair = [in_process(source, CASES[name]) for source in (tree / "src", root / "src")]
+                found[name] = {"before": pair[0], "now": pair[1]}
+                old, new = pair
+                print(
+                    f"{name}: {1e3 * new['s_a_frame']:.1f} ms of a core a frame ({1e3 * old['s_a_frame']:.1f} before:"
+                    f" {old['s_a_frame'] / new['s_a_frame']:.1f} times as fast), {2 / new['s_a_frame']:.0f} frames/s of"
+                    f" two cores (wanted {CASES[name]['target']:.0f}), {new['bytes_a_frame'] / 1e3:.1f} kB a frame"
+                    f" ({old['bytes_a_frame'] / 1e3:.0f}), {new['s_a_rig']:.1f} s a rig ({old['s_a_rig']:.1f});"
+                    f" load {os.getloadavg()[0]:.1f}",
+                    flush=True,
+                )
+        finally:
+            subprocess.run(["git", "-C", str(root), "worktree", "remove", "--force", str(tree)], check=True)
+    return found
+
+
+# --- whole data sets --------------------------------------------------------------------------------------------------
+
+
+def throughput(frames: int, workers: int) -> dict[str, float]:
+    """Make a data set of 320 x 240 px without effects; return frames per second after the start, and bytes on disk."""
+    from evanesce.dataset.config import DatasetConfig, with_size
+    from evanesce.dataset.job import new_job
+    from evanesce.dataset.run import Engine, make
+    from evanesce.rig import load_scene
+
+    config = DatasetConfig.model_validate({"randomisation": {"probability": 0.0}, "rig": {"count": 3}})
+    job = new_job(load_scene("thesis"), with_size(config, "320x240"), frames=frames, seed=5)
+    with tempfile.TemporaryDirectory() as scratch:
+        ticks: list[tuple[float, int]] = []
+        outcome = make(
+            Path(scratch) / "d",
+            job,
+            Engine(workers=workers),
+            lambda r: ticks.append((time.perf_counter(), r["frames"])),
+        )
+    # From the first round of shards on: start of processes and light fields are behind.
+    steady = ticks[workers:]
+    rate = sum(n for _, n in steady[1:]) / (steady[-1][0] - steady[0][0]) if len(steady) > 1 else float("nan")
+    return {"frames_per_s": rate, "bytes_on_disk_a_frame": outcome.size / outcome.frames}
+
+
+def storing(shards: int = 20) -> dict[str, float]:
+    """Return what one process takes for all others, a shard of 160 frames: of the manifest, and of its file [s]."""
+    from dataclasses import replace
+
+    from evanesce.dataset import layout
+    from evanesce.dataset.config import DatasetConfig, with_size
+    from evanesce.dataset.job import new_job
+    from evanesce.dataset.manifest import Manifest
+    from evanesce.dataset.produce import Producer
+    from evanesce.dataset.shard import ShardWriter
+    from evanesce.rig import load_scene
+
+    job = new_job(load_scene("thesis"), with_size(DatasetConfig(), "320x240"), frames=80, seed=5)
+    kept, found = Producer(job).record(40), {"manifest": 0.0, "file": 0.0}
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         layout.make_folders(folder)
         manifest = Manifest.create(folder / "m.sqlite", {})
-        for shard in range(3):
+        for shard in range(shards):
             with ShardWriter(folder, shard) as writer:
-                start = time.process_time()
-                for k in range(frames):
-                    writer.add(replace(kept[0], frame=shard * frames + k))
-                found["tar, SHA-256"] = min(found.get("tar, SHA-256", 1e9), time.process_time() - start)
+                for k in range(160):
+                    writer.add(replace(kept, frame=shard * 160 + k))
                 start = time.perf_counter()
                 index = writer.publish()
-                found["fsync, rename"] = min(found.get("fsync, rename", 1e9), time.perf_counter() - start)
+                found["file"] += (time.perf_counter() - start) / shards
             start = time.perf_counter()
             manifest.add(index)
-            found["manifest"] = min(found.get("manifest", 1e9), time.perf_counter() - start)
+            found["manifest"] += (time.perf_counter() - start) / shards
+        found["rows_MB"] = (folder / "m.sqlite").stat().st_size / shards / 1e6
         manifest.close()
-    return {name: seconds / frames for name, seconds in found.items()}
+    return found
 
 
-def spent_cores() -> float:
-    """Return processor seconds of this process and of those that it has waited for."""
-    both = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    return sum(use.ru_utime + use.ru_stime for use in both)
-
-
-def throughput(frames: int, workers: int) -> dict[str, float]:
-    """Make a dataset; return frames per second with and without the start, processor time and bytes a frame."""
-    with tempfile.TemporaryDirectory() as scratch:
-        folder, ticks = Path(scratch) / "d", []
-        before = spent_cores()
-        outcome = make(
-            folder,
-            job(frames, 0.0),
-            Engine(workers=workers),
-            lambda r: ticks.append((time.perf_counter(), r["frames"])),
+def on_paper(s_a_frame: float, bytes_a_frame: float, kept: dict[str, float], frames_a_shard: int = 160) -> None:
+    """Print what manifest, scheduler and file system would take with many workers, a shard a task."""
+    print(f"on paper, shards of {frames_a_shard} frames: manifest {1e3 * kept['manifest']:.1f} ms a shard,")
+    print(f"  file {1e3 * kept['file']:.1f} ms, Dask {1e3 * DASK_TASK_S:.0f} ms")
+    for workers in (2, 100, 1000):
+        shards = workers / (s_a_frame * frames_a_shard)
+        print(
+            f"  {workers:5d} workers: {shards * frames_a_shard:8.0f} frames/s, {shards:6.1f} shards/s, manifest busy"
+            f" {100 * shards * kept['manifest']:5.0f} %, scheduler {100 * shards * DASK_TASK_S:4.0f} %,"
+            f" {shards * frames_a_shard * bytes_a_frame / 1e6:6.0f} MB/s"
         )
-        cores = spent_cores() - before
-        # From the first round of shards on: start of processes and light fields are behind.
-        steady = ticks[workers:]
-        rate = sum(n for _, n in steady[1:]) / (steady[-1][0] - steady[0][0]) if len(steady) > 1 else float("nan")
-        report = verify(folder)
-    return {
-        "frames_per_s": outcome.made / outcome.seconds,
-        "steady_frames_per_s": rate,
-        "processor_s_per_frame": cores / outcome.made,
-        "bytes_per_frame": outcome.size / outcome.frames,
-        "verify_MB_per_s": report.size / report.seconds / 1e6,
-    }
+    most = 1.0 / (kept["manifest"] / (s_a_frame * frames_a_shard))
+    print(f"  the one writer of the manifest is busy at {most:.0f} workers, however large a shard: rows are frames;")
+    print("  beyond, each task of a job array (--shard i/n) writes its own files, and `resume` adds their rows after.")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--frames", type=int, default=320)
+    parser.add_argument("--against", default=BEFORE)
+    parser.add_argument("--cases", nargs="*", choices=list(CASES), default=list(CASES))
+    parser.add_argument("--frames", type=int, default=1600)
     parser.add_argument("--workers", type=int, nargs="*", default=[1, 2])
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--measure", type=json.loads, help=argparse.SUPPRESS)
     given = parser.parse_args()
-    parts = profile()
-    for name, seconds in parts.items():
-        print(f"{name:14s} {1e3 * seconds:7.1f} ms")
-    making = sum(parts[n] for n in ("contact state", "camera", "labels", "plate labels"))
-    writing = sum(parts.values()) - making
-    print(f"making {1e3 * making:.0f} ms, writing {1e3 * writing:.0f} ms of a core; load {os.getloadavg()[0]:.1f}")
-    stored = storing()
-    for name, seconds in stored.items():
-        print(f"{name:14s} {1e3 * seconds:7.2f} ms a frame; load {os.getloadavg()[0]:.1f}")
-    rates = {}
+    if given.measure:
+        print(json.dumps(measure(given.measure)))
+        return
+    found: dict[str, Any] = {"cases": against(given.against, given.cases) if given.cases else {}, "workers": {}}
     for workers in given.workers:
-        rates[workers] = throughput(given.frames, workers)
-        print(
-            workers, {k: round(v, 2) for k, v in rates[workers].items()}, f"load {os.getloadavg()[0]:.1f}", flush=True
-        )
+        found["workers"][workers] = throughput(given.frames, workers)
+        print(workers, found["workers"][workers], f"load {os.getloadavg()[0]:.1f}", flush=True)
+    quick = found["cases"].get("320x240, effects off")
+    if quick and found["workers"]:
+        disk = next(iter(found["workers"].values()))["bytes_on_disk_a_frame"]
+        found["storing"] = storing()
+        on_paper(quick["now"]["s_a_frame"], disk, found["storing"])
     if given.json:
-        result = {"profile_s": parts, "storing_s": stored, "rates": rates, "provenance": dict(provenance.record())}
-        given.json.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+        from evanesce.core import provenance
+
+        found["provenance"] = dict(provenance.record())
+        given.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -14,9 +14,10 @@ from typer.testing import CliRunner
 
 from evanesce.cli.app import app
 from evanesce.dataset import layout, worker
+from evanesce.dataset.config import CHANNELS
 from evanesce.dataset.encode import exr, png
 from evanesce.dataset.job import Job
-from evanesce.dataset.labels import CHANNELS, LabelBox
+from evanesce.dataset.labels import LabelBox
 from evanesce.dataset.produce import Record
 from evanesce.dataset.run import make
 from support.datasets import paper_meta, tiny_job
@@ -193,7 +194,7 @@ FAULTS = {
     "motion": (creeping, "share of stick cells with motion", 1),
     # of five frames that have one before them four slide
     "velocity": (scaled("slip_velocity", 1.3), "slip gained in the inner half against slip_velocity", 4),
-    "pixels": (other_pixels, "pixels of mask.png that differ from labels.exr", 1),
+    "pixels": (other_pixels, "pixels of mask.png that differ from the labels", 1),
     "finger": (shared("finger"), "fingers and rigs that are in two splits", 1),
     "rig": (shared("rig"), "fingers and rigs that are in two splits", 1),
 }

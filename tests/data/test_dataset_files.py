@@ -28,12 +28,12 @@ from evanesce.cli.app import app
 from evanesce.core import provenance
 from evanesce.core.errors import InputError, WorkError
 from evanesce.dataset import baselines, layout, run, worker
-from evanesce.dataset.config import NOT_DRAWN
+from evanesce.dataset.config import CHANNELS, NOT_DRAWN
 from evanesce.dataset.data_card import _effects, schema
-from evanesce.dataset.encode import decode_exr, decode_png, exr
+from evanesce.dataset.encode import decode_exr, decode_png, decoded, exr
 from evanesce.dataset.export import FORMATS, export
 from evanesce.dataset.info import describe, effects
-from evanesce.dataset.labels import CHANNELS, LabelBox
+from evanesce.dataset.labels import LabelBox
 from evanesce.dataset.manifest import Manifest
 from evanesce.dataset.run import Deaths, Engine, make, resume
 from evanesce.dataset.trial import SCALARS
@@ -198,6 +198,25 @@ def test_webdataset_reads_the_shards(whole):
             assert {k for k in sample if not k.startswith("__")} == set(mine.members)
             for name in mine.members:
                 assert sample[name] == mine.bytes_of(name)
+
+
+def test_webdataset_decodes_masks_and_labels_as_they_are(whole):
+    webdataset = pytest.importorskip("webdataset")
+    urls = [str(layout.shard_path(whole, i)) for i in range(2)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResourceWarning)  # its reader leaves files to the collector
+        found = list(webdataset.WebDataset(urls, shardshuffle=False).decode(decoded))
+        gc.collect()
+    with dataset.open(whole) as data:
+        for sample, mine in zip(found, data, strict=False):
+            assert sample["mask.png"].dtype == np.uint8
+            np.testing.assert_array_equal(sample["mask.png"], mine.state)
+            np.testing.assert_array_equal(sample["frame.png"], mine.frame)
+            for name, box in (("labels.exr", mine.labels), ("plate.exr", mine.plate)):
+                for channel in CHANNELS:
+                    np.testing.assert_array_equal(sample[name].whole(channel), box.whole(channel))
+            assert sample["json"]["scalars"] == mine.scalars
+    assert len(found) == 12
 
 
 @pytest.mark.parametrize("workers", [0, pytest.param(2, marks=pytest.mark.slow)])
@@ -927,7 +946,7 @@ def test_exports_refuse_what_they_cannot_do(whole, tmp_path):
         export(whole, tmp_path / "x", "tfrecord")
     with pytest.raises(InputError, match="exists"):
         export(whole, tmp_path, "parquet")
-    assert FORMATS == ("hdf5", "lerobot", "coco", "parquet")
+    assert FORMATS == ("hdf5", "lerobot", "coco", "parquet", "rrd", "mcap", "tiff")
     with pytest.raises(InputError, match="split that has some"):
         export(whole, tmp_path / "y", "parquet", split="validation")
     assert list(tmp_path.iterdir()) == []

@@ -15,16 +15,19 @@ from evanesce.contact.patch import axisymmetric_state
 from evanesce.contact.ridges.heightmap import RidgeRow
 from evanesce.contact.ridges.ridged import with_ridges
 from evanesce.contact.sliding.torsion import sliding_torque, twisted, twisted_state
-from evanesce.core.states import PlateGrid, PlateLight, SurfaceState
-from evanesce.dataset.config import KINDS
-from evanesce.dataset.design import trial_plan
-from evanesce.dataset.labels import CHANNELS, FrameLabeller, plate_labels
+from evanesce.core.states import PlateGrid, PlateLight, SurfaceState, embedded
+from evanesce.dataset.config import CHANNELS, KINDS, DatasetConfig, with_size
+from evanesce.dataset.design import RigPlan, trial_plan
+from evanesce.dataset.job import new_job
+from evanesce.dataset.labels import FrameLabeller, plate_labels
 from evanesce.dataset.rigs import RigCamera, plate_grid, rig_scene, rig_with_effects
 from evanesce.dataset.slip_scores import Series, alarms, choose_threshold, score
 from evanesce.dataset.trial import Trial
 from evanesce.evaluation.labels import label, view_geometry
 from evanesce.materials.friction import InterfaceFriction, coulomb
 from evanesce.optics.projection import Projection
+from evanesce.render.fast.transport import render_fast
+from evanesce.rig import Scene, load_scene
 from evanesce.sensor.lens import form_image
 from support.datasets import tiny_config
 from support.rigs import small_rig
@@ -200,7 +203,7 @@ def test_numbers_agree_with_the_fields(kind):
         assert 0 <= s["real_area_mm2"] <= s["nominal_area_mm2"] * (1 + 1e-12)
         assert 0 <= s["stick_ratio"] <= 1
         assert -1e-9 <= s["margin"] <= 1 + 1e-6
-        x, y = trial.grid.x[None, :] - s["centre_x_mm"], trial.grid.y[:, None] - s["centre_y_mm"]
+        x, y = state.grid.x[None, :] - s["centre_x_mm"], state.grid.y[:, None] - s["centre_y_mm"]
         torque = (x * state.traction[1] - y * state.traction[0]).sum() * cell
         assert torque == pytest.approx(s["torque_N_mm"], rel=1e-9, abs=1e-12)
         if kind == "rotation" and s["margin"] > 0:
@@ -252,7 +255,7 @@ def test_slip_is_the_sum_of_its_velocity():
         x0, y0 = trial._origin(0)
         along = np.array([math.cos(angle), math.sin(angle)])
         x, y = np.array([x0, y0]) + s["tip_displacement_mm"] * along
-        at = tuple(round(float(v)) for v in trial.grid.index(x, y))
+        at = tuple(round(float(v)) for v in truth.state.grid.index(x, y))
         total += float(along @ truth.slip_velocity[:, at[0], at[1]]) / 30.0
         middle = float(along @ np.asarray(truth.state.slip)[:, at[0], at[1]])
     assert middle > 0.5
@@ -304,13 +307,14 @@ def test_labels_on_the_plate_are_the_state_itself():
     truth = trial.truth(20)
     box = plate_labels(truth, trial.grid, 0.5)
     assert box.shape == trial.grid.shape
-    np.testing.assert_array_equal(box.whole("pressure"), np.float32(truth.state.pressure))
-    np.testing.assert_array_equal(box.whole("slip_velocity.y"), np.float32(truth.slip_velocity[1]))
+    state = embedded(truth.state, trial.grid)
+    np.testing.assert_array_equal(box.whole("pressure"), np.float32(state.pressure))
+    np.testing.assert_array_equal(box.whole("slip_velocity.y"), np.float32(state.slip_velocity[1]))
     kept = ~np.isnan(box.whole("gap"))
-    np.testing.assert_array_equal(box.whole("gap")[kept], np.float32(truth.state.gap)[kept])
+    np.testing.assert_array_equal(box.whole("gap")[kept], np.float32(state.gap)[kept])
     assert set(box.channels) == set(CHANNELS)
     # the margin is kept around the contact
-    rows = np.flatnonzero((np.asarray(truth.state.contact_mask) > 0).any(axis=1))
+    rows = np.flatnonzero((np.asarray(state.contact_mask) > 0).any(axis=1))
     assert rows[0] - box.row == math.ceil(0.5 / trial.grid.pitch)
 
 
@@ -331,7 +335,7 @@ def test_labels_follow_a_state_on_a_moved_grid():
     trial = trial_of("slide")
     truth = trial.truth(20)
     labeller = FrameLabeller(trial.scene, trial.grid)
-    grid = trial.grid
+    grid = truth.state.grid
     moved = PlateGrid(grid.shape, grid.pitch, (grid.centre[0] + 0.31, grid.centre[1] - 0.22))
     there = labeller.labels(replace(truth, state=replace(truth.state, grid=moved)), 0.5)
     exact = label(replace(truth.state, grid=moved), view_geometry(Projection.of(trial.scene.camera, trial.scene.plate)))
@@ -367,15 +371,66 @@ def test_behind_the_lens_is_the_general_chain():
     [
         ({}, "fast"),
         ({"modulus": {"relative": 0.1}}, "fast"),
-        ({"vignetting": {"k": 0.1}}, "charge"),
-        ({"vignetting": {"k": 0.0}}, "fast"),
-        ({"specks": {"per_cm2": 100.0}}, "general"),
-        ({"off_axis_load": {"shift_x_mm_per_N": 0.1}}, "general"),
+        ({"vignetting": {"k": 0.1}}, "fast"),
+        ({"specks": {"per_cm2": 100.0}}, "fast"),
+        ({"off_axis_load": {"shift_x_mm_per_N": 0.1}}, "fast"),
+        ({"rolling_shutter": {"ripple": 0.1}}, "fast"),
     ],
 )
 def test_the_camera_takes_the_fastest_way_that_is_right(effects, way):
     scene = small_rig().model_copy(update={"effects": effects})
     assert RigCamera(rig_with_effects(scene, 3), 3).method == way
+
+
+FOLDED = [
+    {},
+    {"specks": {"per_cm2": 300.0}, "scratch": {"relative_radiance": 0.3}, "vignetting": {"k": 0.4}},
+    {"defocus": {"blur_um": 6.0, "corner_blur_um": 9.0}, "sensor_dust": {"per_cm2": 2000.0}, "residue_film": {
+        "relative_radiance": 0.1, "middle_mm": [1.0, 0.5], "radius_mm": 2.0}},
+    {"ambient_light": {"radiance_W_per_mm2_sr": 2e-7}, "rolling_shutter": {"ripple": 0.3, "readout_ms": 9.0},
+     "vignetting": {"k": 0.2}},
+    {"hot_pixels": {"fraction": 0.02, "rate_e_per_s": 1e7}, "black_level": {"offset_DN": 40.0},
+     "led_edge_reflections": {"relative_radiance": 0.1}},
+    {"saturation": {"well_loss": 0.6, "knee": 0.2, "bloom": 0.3}, "tone_curve": {"gamma": 0.1}},
+    {"off_axis_load": {"shift_x_mm_per_N": 0.31, "shift_y_mm_per_N": -0.17}, "compression": {"step_DN": 6.0}},
+    {"plate_haze": {"top_share": 0.01, "bottom_share": 0.01}, "backdrop": {"reflectance": 0.2}, "led_spill": {
+        "share": 0.1}},
+    {"lateral_glow": {"length_mm": 0.6, "share": 0.5}},
+]  # fmt: skip
+
+
+@functools.cache
+def seen_trial() -> tuple[Scene, Trial]:
+    """Return the thesis's rig as a data set of 320 x 240 px sees it, and a slide."""
+    job = new_job(load_scene("thesis"), with_size(DatasetConfig(), "320x240"), frames=80, seed=8)
+    plan = next(p for i in range(200) if (p := trial_plan(job.config, 8, i)).kind == "slide" and p.finger.pattern)
+    scene = rig_scene(job.scene, RigPlan(0, 3, {}, {}), plan.finger, job.config)
+    return scene, Trial(plan, job.config, scene, plate_grid(scene, job.config))
+
+
+@pytest.mark.parametrize("effects", FOLDED, ids=lambda effects: "+".join(effects) or "none")
+def test_effects_folded_into_the_fast_camera_are_those_of_the_general_chain(effects):
+    scene, trial = seen_trial()
+    camera = RigCamera(rig_with_effects(scene.model_copy(update={"effects": effects}), 3), 3)
+    assert camera.method == "fast"
+    touched = camera.contact(trial.truth(20).state, 5, 0.6)
+    light = render_fast(camera.scene, embedded(touched, trial.grid))
+    count, blocks = 8, (60, 4, 80, 4)
+    fast, general, variance = np.zeros((60, 80)), np.zeros((60, 80)), np.zeros((60, 80))
+    for i in range(count):
+        found = camera.frame(touched, index=i, time_s=0.6, with_raw=False, grid=trial.grid).data.astype(float)
+        exact = expose(camera.scene, light, seed=3, time_s=0.6, index=1000 + i)[1].data.astype(float)
+        found, exact = (frame.reshape(blocks).mean(axis=(1, 3)) for frame in (found, exact))
+        fast, general, variance = fast + found / count, general + exact / count, variance + exact**2 / count
+    noise = np.sqrt(np.maximum(variance - general**2, 0.0) * 2.0 / (count - 1))
+    # Means over 4 x 4 pixels: two noises of eight frames, and 2.5 % of the white at edges, after a curve that is steep
+    # in the dark.
+    excess = np.abs(fast - general) - 5.0 * noise - 0.025 * general.max()
+    assert excess.max() < 0.5
+    assert abs(float((fast - general).mean())) < 0.003 * float(general.max())
+    if effects:  # seen at all: another frame than that of the rig without them
+        plain = RigCamera(rig_with_effects(scene, 3), 3).frame(touched, index=0, time_s=0.6, with_raw=False).data
+        assert np.abs(plain.reshape(blocks).mean(axis=(1, 3)) - general).max() > 2.0
 
 
 def test_effects_that_refuse_a_finger_are_left_out_and_named():

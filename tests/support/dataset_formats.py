@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 
 import evanesce.dataset as dataset
+from evanesce.dataset.config import CHANNELS
 from evanesce.dataset.encode import decode_png
 from evanesce.dataset.export import export
 from evanesce.dataset.export_lerobot import LABELS
-from evanesce.dataset.labels import CHANNELS
 from evanesce.dataset.trial import SCALARS
 
 

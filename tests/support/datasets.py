@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from evanesce.dataset import worker
-from evanesce.dataset.config import DatasetConfig
+from evanesce.dataset.config import CHANNELS, DatasetConfig
 from evanesce.dataset.encode import exr, png
 from evanesce.dataset.job import Job, new_job
-from evanesce.dataset.labels import CHANNELS, LabelBox, empty_box
+from evanesce.dataset.labels import LabelBox, empty_box
 from evanesce.dataset.layout import frame_key
 from evanesce.dataset.produce import Record
 from evanesce.dataset.trial import SCALARS
@@ -27,7 +27,7 @@ def tiny_config(**changes: object) -> DatasetConfig:
         "title": "tiny",
         "trial": {"frames": 6, "frame_rate_hz": 8.0},
         "trials_per_shard": 1,
-        "labels": {"grid_samples": 96, "grid_size_mm": 12.0},
+        "labels": {"grid_samples": 96, "grid_size_mm": 12.0, "frame": ("all",), "plate": ("all",)},
         "programme": {
             "normal_force_N": {"uniform": (0.4, 1.2)},
             "distance_mm": {"uniform": (1.0, 2.0)},

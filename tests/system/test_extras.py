@@ -92,7 +92,7 @@ def test_extras_are_those_of_the_project_file():
     assert set(optional) >= {*EXTRAS, "all", "dev"}
     (everything,) = (text for text in optional["all"])
     inside = set(everything.removeprefix("evanesce[").removesuffix("]").split(","))
-    assert inside == set(EXTRAS) - {"fem", "torch"}, "fem has GPL parts, torch is large: asked for by name"
+    assert inside == set(EXTRAS) - {"fem", "torch", "rerun"}, "fem has GPL parts, the others are large: by name"
     assert "evanesce[all]" in optional["dev"]
     assert not names(data["dependencies"]) & {distribution_name(name) for name in OPTIONAL}
 
@@ -100,7 +100,10 @@ def test_extras_are_those_of_the_project_file():
 # --- without any extra ------------------------------------------------------------------------------------------------
 
 
-ADAPTERS = {"torch", "export_hdf5", "export_lerobot", "export_parquet", "layout", "page", "server", "widgets"}
+ADAPTERS = {
+    "torch", "export_hdf5", "export_lerobot", "export_parquet", "export_rrd", "export_mcap", "export_tiff", "grip",
+    "layout", "page", "server", "widgets",
+}  # fmt: skip
 """Modules that are for one optional library, and import it."""
 
 

@@ -55,7 +55,7 @@ class MemoryDataset(Sequence[Sample]):
         frame = range(len(self))[index]
         record = self._producer.record(frame)
         row = {"frame": frame, "trial": record.trial, "key": frame_key(frame), **record.row}
-        return Sample(row, record.members, lambda data: data)
+        return Sample(row, record.members, lambda data: data, lambda: self._producer.make(frame, exposed=False))
 
     def trials(self) -> dict[int, list[int]]:
         """Return the indices of each trial's frames, in order of time."""

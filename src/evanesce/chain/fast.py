@@ -26,7 +26,7 @@ from evanesce.chain.fast_optics import (
 from evanesce.chain.fast_surroundings import Beside, KeptBeside
 from evanesce.chain.simulate import simulate, solve_contact
 from evanesce.core import rng
-from evanesce.core.states import ContactState, Frame, PlateGrid
+from evanesce.core.states import ContactState, Frame, PlateGrid, embedded
 from evanesce.effects import active_effects
 from evanesce.optics.projection import Projection
 from evanesce.optics.seen import seen_at
@@ -133,11 +133,7 @@ class FastCamera:
             return self._general(state, seed, index, time_s)
         key = rng.seed_sequence(seed, "exposure", index).generate_state(2)
         exposure = self._operators.exposure(self._readout, (int(key[0]), int(key[1])), with_raw)
-        if state is None:
-            alone = np.zeros((0, 0), np.float32) if self._beside is None else self._beside.at(None).whole
-            lit = ChargeBox(0, 0, alone)
-        else:
-            lit = self.mean_charge(state, meanwhile=exposure.begin)
+        lit = self.without_finger() if state is None else self.mean_charge(state, meanwhile=exposure.begin)
         data, raw = exposure.finish(lit)
         if self._processor is not None:
             data = finish_mosaic(data, self._processor, self._mosaic)
@@ -179,7 +175,13 @@ class FastCamera:
         for index, state in enumerate(states):
             yield self.frame(state, seed=seed, index=index, time_s=index / frame_rate_hz, with_raw=with_raw)
 
-    def mean_charge(self, state: ContactState, *, meanwhile: Callable[[], None] = lambda: None) -> ChargeBox:
+    def without_finger(self) -> ChargeBox:
+        """Return the mean charge by light while the finger is away, in a box that may be empty [e-]."""
+        return ChargeBox(0, 0, np.zeros((0, 0), np.float32) if self._beside is None else self._beside.at(None).whole)
+
+    def mean_charge(
+        self, state: ContactState, *, meanwhile: Callable[[], None] = lambda: None, grid: PlateGrid | None = None
+    ) -> ChargeBox:
         """Return the mean charge by light, blurred, in the smallest box that holds it [e-].
 
         Parameters
@@ -187,30 +189,59 @@ class FastCamera:
         state : ContactState
         meanwhile : callable
             Called once between kernels, to start another that does not depend on light.
+        grid : PlateGrid, optional
+            That the state's grid is a part of, or is shifted from by a small way: what the camera keeps is of this
+            one, so that it serves all of them. The feedback between contact and plate takes the shift to a sample.
         """
-        scene = self.scene
+        lit, beside = self.charge_and_beside(state, meanwhile=meanwhile, grid=grid)
+        if beside is None:
+            return lit
+        charge = beside.copy()
+        high, wide = lit.charge.shape
+        charge[lit.row : lit.row + high, lit.col : lit.col + wide] += lit.charge
+        return ChargeBox(0, 0, charge)
+
+    def charge_and_beside(
+        self, state: ContactState, *, meanwhile: Callable[[], None] = lambda: None, grid: PlateGrid | None = None
+    ) -> tuple[ChargeBox, Image | None]:
+        """Return :meth:`mean_charge` in two parts: what depends on the contact, and what on the approach alone.
+
+        Returns
+        -------
+        ChargeBox
+            By contact and flank, less what they hide of the other part [e-].
+        ndarray of float32 (rows, cols) or None
+            The same array for approaches of a tenth of a millimetre; None without light beside the contact [e-].
+        """
+        scene, grid = self.scene, state.grid if grid is None else grid
         if self._fields is None:
             self._fields = fields_of(scene)
         fields = self._fields
         if fields.subsurface is not None:
             # The fast operators have no subsurface scattering; lens and pixel take it from the general chain.
             meanwhile()
-            light = form_image(render_fast(scene, state), scene.camera, scene.plate)
+            light = form_image(render_fast(scene, embedded(state, grid)), scene.camera, scene.plate)
             charge = light.irradiance * charge_per_irradiance(scene)
-            return ChargeBox(0, 0, charge.astype(np.float32))
-        optics = self._optics_for(state.grid)
+            return ChargeBox(0, 0, charge.astype(np.float32)), None
+        optics = self._optics_for(grid)
         end, coarse = float(fields.gaps[-1]), optics.coarse
         found = InterfaceBox.of(state, end, optics.refine)
         coupled = self._operators.coupling(found.gap, found.share, end, optics.decay)
         meanwhile()
-        row, col = found.row, found.col
+        # On the whole grid: of the cell, and of the sample that is read.
+        down, right = (part[0] - whole[0] for part, whole in ((state.grid.y, grid.y), (state.grid.x, grid.x)))
+        cell = found.row // optics.refine + down / grid.pitch, found.col // optics.refine + right / grid.pitch
+        read = 1 if optics.halved else optics.refine
         if optics.halved:
-            row, col, coupled = row // optics.refine, col // optics.refine, block_means(coupled, optics.refine)
-        box = _Box(row, col, coupled, (found.row // optics.refine, found.col // optics.refine), found.cover)
-        mean = coarse_mean(coupled, (row, col), optics.samples, coarse.shape)
+            coupled = block_means(coupled, optics.refine)
+        box = _Box(cell[0] * read, cell[1] * read, coupled, cell, found.cover)
+        mean = coarse_mean(coupled, (round(box.row), round(box.col)), optics.samples, coarse.shape)
         change, taken = feedback(fields, coarse, coarse.contact * mean)
         lit = _on_frame(scene, fields.ghost, optics, box, change, *self._flank_charge(state, fields, optics, taken))
-        return lit if self._beside is None else _with(self._beside.at(state), lit, scene, optics, box)
+        if self._beside is None:
+            return lit, None
+        beside = self._beside.at(state)
+        return _less_hidden(beside, lit, scene, optics, box), beside.whole
 
     def _flank_charge(
         self, state: ContactState, fields: Fields, optics: Optics, taken: Array
@@ -234,10 +265,10 @@ class FastCamera:
 class _Box:
     """Part of the grid that is read, from (row, col) on: coupling; and cover, on the contact grid itself."""
 
-    row: int
-    col: int
+    row: float
+    col: float
     coupled: Image
-    cover_first: tuple[int, int]
+    cover_first: tuple[float, float]
     cover: Image
 
 
@@ -293,7 +324,7 @@ def _on_frame(
 
 
 def _read(
-    image: Image, maps: Maps, here: tuple[int, int, int, int], first: tuple[int, int], step: int,
+    image: Image, maps: Maps, here: tuple[int, int, int, int], first: tuple[float, float], step: int,
     border: int = cv2.BORDER_CONSTANT,
 ) -> Image:  # fmt: skip
     """Return an image of the grid, whose first sample is ``first``, in part of the frame, every ``step`` pixels."""
@@ -307,7 +338,9 @@ def _contact_charge(
 ) -> Image:
     """Return the charge of contact and of the flank beside it, before blur."""
 
-    def read(image: Image, maps: Maps, first: tuple[int, int], step: int, border: int = cv2.BORDER_CONSTANT) -> Image:
+    def read(
+        image: Image, maps: Maps, first: tuple[float, float], step: int, border: int = cv2.BORDER_CONSTANT
+    ) -> Image:
         return _read(image, maps, here, first, step, border)
 
     first = box.row, box.col
@@ -327,19 +360,22 @@ def _contact_charge(
     return total
 
 
-def _with(beside: Beside, lit: ChargeBox, scene: Scene, optics: Optics, box: _Box) -> ChargeBox:
-    """Return the charge of contact and flank with that of the light beside the contact, of the whole frame."""
-    charge = beside.whole.copy()
-    rows, cols = charge.shape
+def _less_hidden(beside: Beside, lit: ChargeBox, scene: Scene, optics: Optics, box: _Box) -> ChargeBox:
+    """Return the charge of contact and flank less what the contact hides of the light beside it."""
+    rows, cols = beside.whole.shape
     r0, r1, c0, c1 = _frame_window(scene, optics, box)
-    if r1 > r0 and c1 > c0:
-        cover = spread_blocks(_read(box.cover, optics.cover, (r0, r1, c0, c1), box.cover_first, COVER_STEP), COVER_STEP)
-        r1, c1 = min(r1, rows), min(c1, cols)
-        cover = cover[: r1 - r0, : c1 - c0]
-        charge[r0:r1, c0:c1] -= optics.blur.fold(cover * beside.hidden[r0:r1, c0:c1])
+    if not (r1 > r0 and c1 > c0):
+        return lit
+    cover = spread_blocks(_read(box.cover, optics.cover, (r0, r1, c0, c1), box.cover_first, COVER_STEP), COVER_STEP)
+    r1, c1 = min(r1, rows), min(c1, cols)
+    hidden = optics.blur.fold(cover[: r1 - r0, : c1 - c0] * beside.hidden[r0:r1, c0:c1])
     high, wide = lit.charge.shape
-    charge[lit.row : lit.row + high, lit.col : lit.col + wide] += lit.charge
-    return ChargeBox(0, 0, charge)
+    top, left = min(r0, lit.row), min(c0, lit.col)
+    bottom, right = max(r1, lit.row + high), max(c1, lit.col + wide)
+    charge = np.zeros((bottom - top, right - left), np.float32)
+    charge[lit.row - top : lit.row - top + high, lit.col - left : lit.col - left + wide] = lit.charge
+    charge[r0 - top : r1 - top, c0 - left : c1 - left] -= hidden
+    return ChargeBox(top, left, charge)
 
 
 def _why_general(scene: Scene, active: list[str]) -> str:

@@ -32,7 +32,7 @@ ShardOption = Annotated[
 def register(app: typer.Typer) -> None:
     """Add the group ``dataset``."""
     group = typer.Typer(help="Labelled sequences for slip detectors.", no_args_is_help=True)
-    for command in (make, resume, verify, audit, export, info, preview):
+    for command in (make, resume, verify, audit, score, export, info, preview):
         group.command()(handles_errors(command))
     app.add_typer(group, name="dataset")
 
@@ -181,7 +181,9 @@ def audit(folder: FolderArgument, json_file: JsonOption = None) -> None:
 
 def export(
     folder: FolderArgument,
-    to: Annotated[str, typer.Option("--to", help="hdf5, lerobot, coco or parquet.", show_default=False)],
+    to: Annotated[
+        str, typer.Option("--to", help="hdf5, lerobot, coco, parquet, rrd, mcap or tiff.", show_default=False)
+    ],
     out: Annotated[Path | None, typer.Option("--out", help="New folder; `FOLDER/../NAME-FORMAT` by default.")] = None,
     split: Annotated[str | None, typer.Option("--split", help="Only train, validation or test.")] = None,
     partial: Annotated[bool, typer.Option("--partial", help="The finished part of an unfinished dataset.")] = False,
@@ -202,6 +204,39 @@ def export(
     lost = f"; {bad} are quarantined" if bad else ""
     part = f" ({split})" if split else ""
     console.print(f"{count} of {asked} frames{part} as {to} in {target}{lost}", highlight=False)
+
+
+def score(
+    folder: FolderArgument,
+    predictions: Annotated[
+        Path, typer.Argument(help="CSV file: key, and slip or stick_ratio or both.", show_default=False)
+    ],
+    threshold: Annotated[
+        float | None, typer.Option("--threshold", help="Of `slip`; 0.5 by default, of 1 - stick_ratio 0.05.")
+    ] = None,
+    hold: Annotated[int, typer.Option("--hold", help="Frames above the threshold that an alarm needs.")] = 1,
+    json_file: JsonOption = None,
+) -> None:
+    """Score a detector's predictions: onset of slip, false alarms, stick ratio, by split."""
+    check_json_target(json_file)
+    from evanesce.dataset.score import read_predictions
+    from evanesce.dataset.score import score as judge
+
+    rows = judge(folder, read_predictions(predictions), threshold=threshold, hold=hold, file=predictions)
+    write_json(json_file, {"splits": [row.as_dict() for row in rows]})
+    table = Table(title=f"{predictions} on {folder}")
+    for name in (
+        "split", "trials", "slips found", "onset, median [ms]", "onset, mean error [ms]", "false alarms [1/min]",
+        "minutes without slip", "stick ratio, mean error",
+    ):  # fmt: skip
+        table.add_column(name, justify="left" if name == "split" else "right")
+    for row in rows:
+        table.add_row(
+            row.split, str(row.trials), f"{row.found} of {row.slips}", f"{row.onset_bias_ms:.0f}",
+            f"{row.onset_error_ms:.0f}", f"{row.false_per_minute:.1f}", f"{row.minutes:.2f}",
+            f"{row.stick_ratio_error:.3f} +- {row.stick_ratio_se:.3f}",
+        )  # fmt: skip
+    console.print(table)
 
 
 def info(folder: FolderArgument, json_file: JsonOption = None) -> None:

@@ -18,6 +18,10 @@ EXTRAS: Mapping[str, tuple[str, ...]] = {
     "fem": ("felupe", "pypardiso", "meshio"),
     "baseline": ("sklearn",),
     "torch": ("torch",),
+    "rerun": ("rerun",),
+    "mcap": ("mcap", "mcap_ros2"),
+    "tiff": ("tifffile",),
+    "grip": ("gymnasium",),
 }
 """Import names of the packages of each extra of ``pyproject.toml``."""
 
@@ -29,9 +33,13 @@ PURPOSES: Mapping[str, str] = {
     "fem": "finite elements, VTK files",
     "baseline": "the two slip detectors of benchmarks/baseline.py",
     "torch": "data sets as PyTorch tensors",
+    "rerun": "data sets as Rerun recordings",
+    "mcap": "data sets as MCAP with ROS 2 messages",
+    "tiff": "data sets as TIFF stacks",
+    "grip": "control of a grip as a Gymnasium environment",
 }
 
-_DISTRIBUTIONS = {"sklearn": "scikit-learn"}
+_DISTRIBUTIONS = {"sklearn": "scikit-learn", "rerun": "rerun-sdk", "mcap_ros2": "mcap-ros2-support"}
 
 
 class MissingExtraError(InputError, ImportError):

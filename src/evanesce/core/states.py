@@ -9,7 +9,7 @@ nothing is mirrored.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Any
 
@@ -170,6 +170,38 @@ class ContactState:
             if array.shape[-2:] != self.grid.shape:
                 raise ValueError(f"ContactState.{name} has shape {array.shape}, the grid {self.grid.shape}")
             object.__setattr__(self, name, _frozen(array))
+
+
+def embedded(state: ContactState, grid: PlateGrid) -> ContactState:
+    """Return a state of a part of a grid on all of it: beyond the part nothing touches.
+
+    Parameters
+    ----------
+    state : ContactState
+        The sides of its grid lie within the other one's, and its gap at them is too wide for light to pass.
+    grid : PlateGrid
+        Of the same pitch; where the state's samples lie between its samples, the whole is shifted by so much.
+
+    Returns
+    -------
+    ContactState
+        The gap is at least as wide as anywhere in the part.
+    """
+    if state.grid.shape == grid.shape:
+        return state
+    part = state.grid
+    at = [(a[0] - b[0]) / grid.pitch for a, b in ((part.y, grid.y), (part.x, grid.x))]
+    row, col = (round(n) for n in at)
+    centre = (grid.centre[0] + (at[1] - col) * grid.pitch, grid.centre[1] + (at[0] - row) * grid.pitch)
+    here = np.s_[..., row : row + part.shape[0], col : col + part.shape[1]]
+    changes: dict[str, Any] = {}
+    for name in _FIELDS:
+        array = getattr(state, name)
+        if array is not None:
+            beyond = array.max() if name == "gap" else 1.0 if name == "real_contact_fraction" else 0
+            changes[name] = np.full((*array.shape[:-2], *grid.shape), beyond, array.dtype)
+            changes[name][here] = array
+    return replace(state, grid=PlateGrid(grid.shape, grid.pitch, centre), **changes)
 
 
 @dataclass(frozen=True, kw_only=True)

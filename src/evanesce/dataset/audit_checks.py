@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.states import SurfaceState
-from evanesce.dataset.encode import decode_exr
 from evanesce.dataset.labels import LabelBox
 from evanesce.dataset.read import Sample
 
@@ -31,7 +30,7 @@ ROUNDING = 2.0**-9
 
 
 class AuditFrame:
-    """A frame with its maps on the plate plane; maps are zero beyond the contact's box.
+    """A frame with its maps on the plate plane, stored or computed again; zero beyond the contact's box.
 
     Parameters
     ----------
@@ -46,12 +45,11 @@ class AuditFrame:
     def __init__(self, sample: Sample) -> None:
         self.row, self.key, self.meta = sample.row, sample.key, sample.meta
         self.scalars: dict[str, float] = self.meta["scalars"]
-        self.box, header = decode_exr(sample.bytes_of("plate.exr"))
-        geometry = header["geometry"]
-        self.pitch = float(geometry["pitch_mm"])
+        self.box = sample.plate
+        self.pitch, x0, y0 = sample.plate_geometry
         high, wide = self.map("state").shape
-        self.x = float(geometry["x0_mm"]) + (self.box.col + np.arange(wide)) * self.pitch
-        self.y = float(geometry["y0_mm"]) + (self.box.row + np.arange(high)) * self.pitch
+        self.x = x0 + (self.box.col + np.arange(wide)) * self.pitch
+        self.y = y0 + (self.box.row + np.arange(high)) * self.pitch
         self.pixels, self.pixel_labels = sample.state, sample.labels
 
     def map(self, name: str) -> Floats:
@@ -217,7 +215,7 @@ FRAME_CHECKS = (
     FrameCheck("share of slip cells without motion", 0.001, _slip_without_motion),
     FrameCheck("share of stick cells with motion", 0.001, _motion_without_slip),
     FrameCheck("slip gained in the inner half against slip_velocity", 0.15, _displacement),
-    FrameCheck("pixels of mask.png that differ from labels.exr", 0.0, _pixels),
+    FrameCheck("pixels of mask.png that differ from the labels", 0.0, _pixels),
 )
 """Identities of held frames; errors are relative."""
 

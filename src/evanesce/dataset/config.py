@@ -236,9 +236,34 @@ class Trial(Strict):
     frame_rate_hz: float = field(30.0, unit="hz", bounds=(1.0, 10_000.0), source="thesis, chapter 5")
 
 
-class Labels(Strict):
-    """Label options."""
+CHANNELS: dict[str, str] = {
+    "contact_mask": "1",
+    "state": "0 none, 1 near, 2 stick, 3 slip",
+    "pressure": "MPa",
+    "gap": "mm",
+    "traction.x": "MPa",
+    "traction.y": "MPa",
+    "strength": "MPa",
+    "slip.x": "mm",
+    "slip.y": "mm",
+    "slip_velocity.x": "mm/s",
+    "slip_velocity.y": "mm/s",
+}
+"""Channels of the labels and their units. Traction: of the finger on the glass; strength: the traction
+at which it slips; slip: of its skin over the glass."""
+ALL = "all"
+MAPS: tuple[Literal["frame", "plate"], ...] = ("frame", "plate")
+"""Where labels may be stored: in the distorted frame, on the plate plane."""
 
+
+class Labels(Strict):
+    """Label options; ``frame`` and ``plate`` name the channels that are stored of each frame, or ``all``.
+
+    Those that are not stored are computed again where a frame is read.
+    """
+
+    frame: tuple[str, ...] = ()
+    plate: tuple[str, ...] = ()
     precision: Literal["half", "float"] = "half"
     raw: bool = False
     grid_size_mm: float = field(10.0, unit="mm", bounds=(1.0, 200.0), doc="side of the contact plane that is sampled")
@@ -246,6 +271,19 @@ class Labels(Strict):
     margin_mm: float = field(0.5, unit="mm", bounds=(0.0, 50.0), doc="around the contact, in which the gap is kept")
     near_gap_mm: float = field(0.01, unit="mm", bounds=(1e-6, 1.0), doc="below which a surface counts as near")
     first_slip_share: float = field(0.05, unit="1", bounds=(1e-4, 0.9), doc="slipping share of area: first slip")
+
+    @model_validator(mode="after")
+    def _known(self) -> Self:
+        for key in ("frame", "plate"):
+            for name in getattr(self, key):
+                if name not in (*CHANNELS, ALL):
+                    raise ValueError(f"labels.{key} names {name!r} (allowed: {ALL}, {', '.join(CHANNELS)})")
+        return self
+
+    def channels(self, key: Literal["frame", "plate"]) -> tuple[str, ...]:
+        """Return the stored channels, in their order."""
+        asked = getattr(self, key)
+        return tuple(name for name in CHANNELS if ALL in asked or name in asked)
 
 
 class CameraOptions(Strict):

@@ -8,10 +8,9 @@ from typing import Any
 from evanesce.contact.analytic.hertz import hertz_pressure, hertz_radius
 from evanesce.contact.ridges.profile import closure_pressure, profile_exponent
 from evanesce.dataset import baselines, layout
-from evanesce.dataset.config import KINDS
+from evanesce.dataset.config import CHANNELS, KINDS
 from evanesce.dataset.design import TrialPlan, trial_plan
 from evanesce.dataset.job import Job
-from evanesce.dataset.labels import CHANNELS
 from evanesce.dataset.manifest import Manifest
 from evanesce.dataset.trial import MEANINGS, SCALARS
 from evanesce.materials import material
@@ -77,7 +76,11 @@ def croissant(job: Job, manifest: Manifest) -> dict[str, Any]:
         _field("images/frame", "frame-png-files", "sc:ImageObject", "8-bit frame [DN]"),
     ]
     kinds, (cols, rows) = ", ".join(KINDS[1:]), job.resolution
-    units = "; ".join(f"{name} [{unit}]" for name, unit in CHANNELS.items())
+    labels = job.config.labels
+    names = [
+        name for name in CHANNELS if name == "state" or name in labels.channels("frame") + labels.channels("plate")
+    ]
+    units = "; ".join(f"{name} [{CHANNELS[name]}]" for name in names)
     return {
         "@context": _CONTEXT,
         "@type": "sc:Dataset",
@@ -86,8 +89,8 @@ def croissant(job: Job, manifest: Manifest) -> dict[str, Any]:
         "description": (
             f"{len(manifest.frames())} simulated frames of {job.trials} presses and slides of a silicone finger on an"
             f" FTIR tactile plate at {job.config.trial.frame_rate_hz:g} Hz, {cols} x {rows} px, with per-pixel truth:"
-            f" {units}. Negatives: {kinds}. Labels are in the distorted frame (labels.exr, mask.png) and on the"
-            " undistorted plate plane (plate.exr), on a fixed physical scale. No"
+            f" {units}. Negatives: {kinds}. Labels are in the distorted frame (mask.png, and where asked for"
+            " labels.exr) and on the undistorted plate plane (where asked for plate.exr), on a fixed physical scale. No"
             f" {' and no '.join(job.config.split.by.split('_'))} is in two splits. {_composition(job)}"
             " Simulated, not measured: Hertz with partial slip, ridges in two scales."
             f" {_effects(job)}"
@@ -176,7 +179,9 @@ def _stays_open(plan: TrialPlan) -> bool:
 
 
 def _members(job: Job) -> dict[str, str]:
-    found = {"frame.png": "image/png", "labels.exr": "image/x-exr", "plate.exr": "image/x-exr", "mask.png": "image/png"}
+    found = {"frame.png": "image/png", "mask.png": "image/png"}
+    files = {"labels.exr": job.config.labels.frame, "plate.exr": job.config.labels.plate}
+    found |= {name: "image/x-exr" for name, channels in files.items() if channels}
     if job.config.labels.raw:
         found["raw.png"] = "image/png"
     return {**found, "json": "application/json"}

@@ -12,9 +12,17 @@ from evanesce.core.errors import InputError, WorkError
 from evanesce.core.extras import require
 from evanesce.dataset.read import Dataset
 
-FORMATS = ("hdf5", "lerobot", "coco", "parquet")
+FORMATS = ("hdf5", "lerobot", "coco", "parquet", "rrd", "mcap", "tiff")
 
-_PACKAGES = {"hdf5": ("h5py",), "lerobot": ("pandas", "pyarrow"), "parquet": ("pyarrow",)}
+_NEEDED = {
+    "hdf5": ("export", "h5py"),
+    "lerobot": ("export", "pandas", "pyarrow"),
+    "parquet": ("export", "pyarrow"),
+    "rrd": ("rerun",),
+    "mcap": ("mcap",),
+    "tiff": ("tiff",),
+}
+"""Extra of a format, and the modules of it that it needs; all where none is named."""
 
 Advance = Callable[[int], None]
 
@@ -52,8 +60,8 @@ def export(
         raise InputError(f"{to!r}", key="--to", allowed=", ".join(FORMATS))
     if target.exists():
         raise InputError("exists", file=target, key="--out", allowed="a new folder")
-    if needed := _PACKAGES.get(to):
-        require("export", f"export to {to}", *needed)
+    if needed := _NEEDED.get(to):
+        require(needed[0], f"export to {to}", *needed[1:])
     module = importlib.import_module(f"evanesce.dataset.export_{to}")
     part = target.with_name(f".{target.name}.{os.getpid()}.part")
     try:

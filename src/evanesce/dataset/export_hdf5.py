@@ -8,8 +8,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from evanesce.dataset.config import CHANNELS
 from evanesce.dataset.export import Advance
-from evanesce.dataset.labels import CHANNELS
 from evanesce.dataset.read import Dataset
 from evanesce.dataset.trial import SCALARS
 

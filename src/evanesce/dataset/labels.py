@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -10,27 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.states import ContactState, PlateGrid
+from evanesce.dataset.config import CHANNELS
 from evanesce.dataset.trial import FrameTruth
 from evanesce.optics.projection import Projection
 from evanesce.rig import Scene
 
 Image = NDArray[np.float32]
-
-CHANNELS: dict[str, str] = {
-    "contact_mask": "1",
-    "state": "0 none, 1 near, 2 stick, 3 slip",
-    "pressure": "MPa",
-    "gap": "mm",
-    "traction.x": "MPa",
-    "traction.y": "MPa",
-    "strength": "MPa",
-    "slip.x": "mm",
-    "slip.y": "mm",
-    "slip_velocity.x": "mm/s",
-    "slip_velocity.y": "mm/s",
-}
-"""Channels of the labels and their units. Traction: of the finger on the glass; strength: the traction
-at which it slips; slip: of its skin over the glass."""
 
 _MEANS = ("contact_mask", "pressure", "gap", "traction.x", "traction.y", "strength")
 _POINTS = ("slip.x", "slip.y", "slip_velocity.x", "slip_velocity.y")
@@ -47,7 +33,7 @@ class LabelBox:
     shape : tuple of int
         (rows, cols) of the whole frame or grid.
     channels : dict of ndarray (rows, cols)
-        See :data:`CHANNELS`; of size 0 without any contact.
+        Some of :data:`~evanesce.dataset.config.CHANNELS`; of size 0 without any contact.
     """
 
     row: int
@@ -63,20 +49,36 @@ class LabelBox:
         return found
 
 
-def empty_box(shape: tuple[int, int]) -> LabelBox:
+def empty_box(shape: tuple[int, int], names: Sequence[str] = tuple(CHANNELS)) -> LabelBox:
     """Return the labels of a frame without contact."""
-    return LabelBox(0, 0, shape, {name: np.zeros((0, 0), np.float32) for name in CHANNELS})
+    return LabelBox(0, 0, shape, {name: np.zeros((0, 0), np.float32) for name in names})
 
 
-def plate_labels(truth: FrameTruth, grid: PlateGrid, margin_mm: float) -> LabelBox:
-    """Return the labels on the plate's grid: the contact and a margin around it."""
+def offset(part: PlateGrid, grid: PlateGrid) -> tuple[float, float]:
+    """Return row and column, on a grid, of the first sample of another one of the same pitch.
+
+    Raises
+    ------
+    ValueError
+        If the pitch is another one.
+    """
+    if abs(part.pitch / grid.pitch - 1.0) > 1e-12:
+        raise ValueError("the state is on a grid of another pitch")
+    return (part.y[0] - grid.y[0]) / grid.pitch, (part.x[0] - grid.x[0]) / grid.pitch
+
+
+def plate_labels(
+    truth: FrameTruth, grid: PlateGrid, margin_mm: float, names: Sequence[str] = tuple(CHANNELS)
+) -> LabelBox:
+    """Return the labels on the plate's grid, of which the state is a part: the contact and a margin around it."""
     state = truth.state
     box = None if state is None else _contact_box(state, margin_mm)
     if state is None or box is None:
-        return empty_box(grid.shape)
+        return empty_box(grid.shape, names)
     fields = _fields(state)
-    channels = {name: np.ascontiguousarray(fields[name][box], np.float32) for name in CHANNELS}
-    return LabelBox(box[0].start, box[1].start, grid.shape, channels)
+    channels = {name: np.ascontiguousarray(fields[name][box], np.float32) for name in names}
+    down, right = (round(n) for n in offset(state.grid, grid))
+    return LabelBox(box[0].start + down, box[1].start + right, grid.shape, channels)
 
 
 def _contact_box(state: ContactState, margin_mm: float) -> tuple[slice, slice] | None:
@@ -152,48 +154,46 @@ class FrameLabeller:
         pixel = float(np.abs(np.diff(self._col, axis=1)).max()) if self.high and self.wide else 1.0
         self.supersample = int(np.clip(math.ceil(2.0 * pixel), 2, 8))
 
-    def labels(self, truth: FrameTruth, margin_mm: float) -> LabelBox:
+    def labels(self, truth: FrameTruth, margin_mm: float, names: Sequence[str] = tuple(CHANNELS)) -> LabelBox:
         """Return the labels in the distorted frame."""
         state = truth.state
         box = None if state is None else _contact_box(state, margin_mm)
         if state is None or box is None or not (self.high and self.wide):
-            return empty_box(self.shape)
-        part = self._pixels(box, self._shift(state))
+            return empty_box(self.shape, names)
+        shift = self._shift(state)
+        part = self._pixels(box, shift)
         if part is None:
-            return empty_box(self.shape)
+            return empty_box(self.shape, names)
         rows, cols = part
-        fields, (down, right) = _fields(state), self._shift(state)
-        channels = self._means(fields, rows, cols, (down, right))
-        centre = self._centre[1][part] - right, self._centre[0][part] - down
-        points = np.dstack([fields[name] for name in _POINTS]).astype(np.float32)
-        sampled = cv2.remap(points, *centre, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
-        channels |= {name: sampled[..., i] for i, name in enumerate(_POINTS)}
-        channels["state"] = cv2.remap(
-            fields["state"], *centre, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=0
-        )
-        ordered = {name: np.ascontiguousarray(channels[name], np.float32) for name in CHANNELS}
+        fields = _fields(state)
+        channels = self._means(fields, rows, cols, shift, [name for name in _MEANS if name in names])
+        centre = self._centre[1][part] - shift[1], self._centre[0][part] - shift[0]
+        if points := [name for name in _POINTS if name in names]:
+            stacked = np.dstack([fields[name] for name in points]).astype(np.float32)
+            sampled = cv2.remap(stacked, *centre, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+            channels |= dict(zip(points, np.atleast_3d(sampled).transpose(2, 0, 1), strict=True))
+        if "state" in names:
+            channels["state"] = cv2.remap(
+                fields["state"], *centre, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=0
+            )
+        ordered = {name: np.ascontiguousarray(channels[name], np.float32) for name in names}
         return LabelBox(self.row + rows.start, self.col + cols.start, self.shape, ordered)
 
     def _shift(self, state: ContactState) -> tuple[np.float32, np.float32]:
         """Return the offset (rows, cols) in samples of a state's grid from that of the maps."""
-        if state.grid.shape != self.grid.shape or state.grid.pitch != self.grid.pitch:
-            raise ValueError("the state is on a grid of another shape or pitch")
-        (x, y), (x0, y0), pitch = state.grid.centre, self.grid.centre, self.grid.pitch
-        return np.float32((y - y0) / pitch), np.float32((x - x0) / pitch)
+        down, across = offset(state.grid, self.grid)
+        return np.float32(down), np.float32(across)
 
     def _pixels(self, box: tuple[slice, slice], shift: tuple[np.float32, np.float32]) -> tuple[slice, slice] | None:
         """Return the part of the window whose pixel centres lie in a box of the state's grid."""
-        row, col = self._centre[0] - shift[0], self._centre[1] - shift[1]
-        inside = (
-            (row >= box[0].start - 0.5)
-            & (row < box[0].stop - 0.5)
-            & (col >= box[1].start - 0.5)
-            & (col < box[1].stop - 0.5)
+        row, col = self._centre
+        (top, bottom), (left, right) = (
+            (part.start - 0.5 + off, part.stop - 0.5 + off) for part, off in zip(box, shift, strict=True)
         )
-        rows, cols = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
-        if rows.size == 0:
-            return None
-        return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(cols[0]), int(cols[-1]) + 1)
+        inside = cv2.inRange(row, float(top), float(bottom))
+        inside &= cv2.inRange(col, float(left), float(right))
+        x, y, wide, high = cv2.boundingRect(inside)
+        return (slice(y, y + high), slice(x, x + wide)) if wide else None
 
     def _means(
         self,
@@ -201,11 +201,15 @@ class FrameLabeller:
         rows: slice,
         cols: slice,
         shift: tuple[np.float32, np.float32],
+        names: list[str],
     ) -> dict[str, Image]:
+        if not names:
+            return {}
         corners = np.s_[rows.start : rows.stop + 1, cols.start : cols.stop + 1]
         at_row, at_col = self._row[corners] - shift[0], self._col[corners] - shift[1]
         # OpenCV remaps at most four channels at once.
-        layers = [np.dstack([fields[name] for name in part]).astype(np.float32) for part in (_MEANS[:4], _MEANS[4:])]
+        parts = [names[k : k + 4] for k in range(0, len(names), 4)]
+        layers = [np.dstack([fields[name] for name in part]).astype(np.float32) for part in parts]
         shape = rows.stop - rows.start, cols.stop - cols.start
         sums = [np.zeros((*shape, layer.shape[2]), np.float32) for layer in layers]
         fractions = (np.arange(self.supersample) + 0.5) / self.supersample
@@ -213,12 +217,13 @@ class FrameLabeller:
             for right in fractions:
                 y, x = _within(at_row, down, right), _within(at_col, down, right)
                 for total, layer in zip(sums, layers, strict=True):
-                    total += cv2.remap(layer, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        count = np.float32(1.0 / self.supersample**2)
-        means = np.dstack(sums) * count
-        found = {name: means[..., i] for i, name in enumerate(_MEANS)}
-        found["contact_mask"] = np.clip(found["contact_mask"], 0.0, 1.0)
-        return found
+                    found = cv2.remap(layer, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+                    total += found.reshape(total.shape)
+        means = np.dstack(sums) * np.float32(1.0 / self.supersample**2)
+        result = {name: means[..., i] for i, name in enumerate(names)}
+        if "contact_mask" in result:
+            result["contact_mask"] = np.clip(result["contact_mask"], 0.0, 1.0)
+        return result
 
 
 def _within(corners: Image, down: float, right: float) -> Image:

@@ -5,16 +5,19 @@ from __future__ import annotations
 import json
 import math
 from collections import OrderedDict
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from evanesce.core.states import ContactState, PlateGrid
+from evanesce.core.states import ContactState, Frame, PlateGrid
+from evanesce.dataset.config import CHANNELS, MAPS
 from evanesce.dataset.design import TrialPlan, trial_plan
-from evanesce.dataset.encode import exr, png
+from evanesce.dataset.encode import exr, mask_png, png
 from evanesce.dataset.job import Job
-from evanesce.dataset.labels import FrameLabeller, plate_labels
+from evanesce.dataset.labels import FrameLabeller, LabelBox, offset, plate_labels
 from evanesce.dataset.layout import frame_key
 from evanesce.dataset.rigs import (
     RigCamera,
@@ -29,6 +32,8 @@ from evanesce.dataset.shutter import smeared
 from evanesce.dataset.trial import SCALARS, FrameTruth, Trial, measured, slip_labelled
 from evanesce.effects import Stage
 from evanesce.effects.contact.rolling_skew import lateness
+
+Floats = NDArray[np.float64]
 
 CACHED_CAMERAS = 2
 """Number of cameras that a process caches; one at 2000 x 1500 takes some 150 MB."""
@@ -54,6 +59,39 @@ class Record:
     members: dict[str, bytes]
 
 
+@dataclass(frozen=True)
+class Made:
+    """A frame and its labels in memory.
+
+    Attributes
+    ----------
+    frame, trial : int
+    picture : Frame or None
+        None where only labels were asked for.
+    seen : LabelBox
+        Labels in the distorted frame.
+    plate : LabelBox
+        On the plate plane.
+    plate_grid : PlateGrid
+        Its grid.
+    meta : dict
+        What ``KEY.json`` holds.
+    """
+
+    frame: int
+    trial: int
+    picture: Frame | None
+    seen: LabelBox
+    plate: LabelBox
+    plate_grid: PlateGrid
+    meta: dict[str, Any]
+
+    @property
+    def mask(self) -> NDArray[np.uint8]:
+        """Surface state of each pixel, (rows, cols)."""
+        return self.seen.whole("state").astype(np.uint8)
+
+
 @dataclass
 class _Ready:
     camera: RigCamera
@@ -69,7 +107,7 @@ class _Current:
     plan: TrialPlan
     trial: Trial
     ready: _Ready
-    left_out: tuple[str, ...]
+    described: dict[str, Any]
 
 
 class Producer:
@@ -81,48 +119,84 @@ class Producer:
     """
 
     def __init__(self, job: Job) -> None:
-        self.job = job
+        self.job, self._digest = job, job.digest
         self._cameras: OrderedDict[tuple[int, str], _Ready] = OrderedDict()
         self._trial: _Current | None = None
 
     def record(self, frame: int) -> Record:
-        """Make a frame.
+        """Make a frame and encode it.
 
         Raises
         ------
         Exception
             Whatever the physics or an effect raises; the caller handles the frame.
         """
-        job = self.job
-        number = frame // job.config.trial.frames
-        current = self.trial(number)
-        plan, trial, ready = current.plan, current.trial, current.ready
-        i = frame - job.frames_of(number).start
-        truth = trial.truth(i)
-        time_s = float(trial.time[i])
-        lit, visible = self._visible(current, i, truth.state)
-        if truth.state is not None:
-            truth = self._with_contact_effects(truth, ready, frame, time_s)
-            lit, visible = (
-                truth.state if s is None else _acted_on(ready.camera, s, frame, time_s) for s in (lit, visible)
-            )
-        labels = job.config.labels
-        picture = ready.camera.frame(lit, index=frame, time_s=time_s, with_raw=labels.raw)
-        seen = ready.labeller.labels(FrameTruth(visible, truth.scalars), labels.margin_mm)
-        flat = plate_labels(truth, ready.grid, labels.margin_mm)
-        meta = self.describe(current, frame, i, truth)
+        labels, stored = self.job.config.labels, {k: self.job.config.labels.channels(k) for k in MAPS}
+        made = self.make(frame, stored["frame"], stored["plate"])
+        meta, picture = made.meta, made.picture
+        assert picture is not None
         header = {"scalars": meta["scalars"], "scalar_units": SCALARS, "key": meta["key"]}
         members = {"frame.png": png(picture.data)}
         if labels.raw:
             assert picture.raw is not None
             members["raw.png"] = png(picture.raw)
-        members["labels.exr"] = exr(seen, labels.precision, {**header, "geometry": frame_geometry(ready)})
-        grid = ready.grid if truth.state is None else truth.state.grid
-        members["plate.exr"] = exr(flat, labels.precision, {**header, "geometry": plate_geometry(grid)})
-        members["mask.png"] = png(seen.whole("state").astype(np.uint8))
-        members["json"] = (json.dumps(meta, sort_keys=True, allow_nan=False) + "\n").encode()
-        row = {"split": plan.split, "kind": plan.kind, "seed": plan.rig.seed, "time_s": time_s}
-        return Record(frame, number, row, members)
+        if stored["frame"]:
+            seen = replace(made.seen, channels={n: made.seen.channels[n] for n in stored["frame"]})
+            geometry = frame_geometry(self.trial(made.trial).ready)
+            members["labels.exr"] = exr(seen, labels.precision, {**header, "geometry": geometry})
+        if stored["plate"]:
+            geometry = plate_geometry(made.plate_grid)
+            members["plate.exr"] = exr(made.plate, labels.precision, {**header, "geometry": geometry})
+        members["mask.png"] = mask_png(made.mask)
+        text = json.dumps(meta, sort_keys=True, allow_nan=False, separators=(",", ":"))
+        members["json"] = (text + "\n").encode()
+        row = {name: meta[name] for name in ("split", "kind")}
+        row |= {"seed": meta["rig"]["seed"], "time_s": meta["scalars"]["time_s"]}
+        return Record(frame, made.trial, row, members)
+
+    def make(
+        self,
+        frame: int,
+        frame_channels: Sequence[str] = tuple(CHANNELS),
+        plate_channels: Sequence[str] = tuple(CHANNELS),
+        *,
+        exposed: bool = True,
+    ) -> Made:
+        """Make a frame.
+
+        Parameters
+        ----------
+        frame : int
+        frame_channels, plate_channels : sequence of str
+            Labels in the distorted frame, to which the state always belongs, and on the plate plane.
+        exposed : bool
+            Whether a picture is taken; labels alone take a third of the time.
+
+        Raises
+        ------
+        Exception
+            Whatever the physics or an effect raises.
+        """
+        number = frame // self.job.config.trial.frames
+        current = self.trial(number)
+        ready, i = current.ready, frame - self.job.frames_of(number).start
+        truth, time_s = current.trial.truth(i), float(current.trial.time[i])
+        lit, visible = self._visible(current, i, truth.state)
+        if truth.state is not None:
+            plain = truth.state
+            truth = self._with_contact_effects(truth, ready, frame, time_s)
+            lit, visible = (
+                truth.state if s is plain or s is None else _acted_on(ready.camera, s, frame, time_s)
+                for s in (lit, visible)
+            )
+        labels, picture = self.job.config.labels, None
+        if exposed:
+            picture = ready.camera.frame(lit, index=frame, time_s=time_s, with_raw=labels.raw, grid=ready.grid)
+        wanted = [name for name in CHANNELS if name == "state" or name in frame_channels]
+        seen = ready.labeller.labels(FrameTruth(visible, truth.scalars), labels.margin_mm, wanted)
+        grid = ready.grid if truth.state is None else shifted(ready.grid, truth.state.grid)
+        flat = plate_labels(truth, grid, labels.margin_mm, plate_channels)
+        return Made(frame, number, picture, seen, flat, grid, self.describe(current, frame, i, truth))
 
     def trial(self, number: int) -> _Current:
         """Return a trial with its camera, made ready."""
@@ -143,7 +217,8 @@ class Producer:
                 tried = rig_with_effects(scene, plan.rig.seed, contact)
                 if tried.left_out != rig.left_out:
                     rig, ready = tried, self._camera(plan, tried)
-            current = _Current(number, plan, trial, ready, rig.left_out)
+            described = self._describe_trial(plan, trial, rig.left_out)
+            current = _Current(number, plan, trial, ready, described)
             self._trial = current
             return current
         return self._trial
@@ -164,17 +239,22 @@ class Producer:
     def _visible(
         current: _Current, i: int, state: ContactState | None
     ) -> tuple[ContactState | None, ContactState | None]:
-        """Return what a rolling shutter makes light and frame labels of; None: the state at the frame's time."""
+        """Return what light and frame labels are made of: the state, or what a rolling shutter sees of it."""
         camera = current.ready.camera
         if state is None or camera.readout_s == 0.0:
-            return None, None
+            return state, state
         scene, exposure = camera.scene, 1e-3 * camera.scene.camera.exposure_ms
         late = lateness(scene, state.grid, camera.readout_s)
         trial, motion = current.trial, current.trial.motion(i)
         slip = 0.0 if state.slip_velocity is None else float(np.hypot(*np.asarray(state.slip_velocity)).max())
         speed = max(math.hypot(*motion.velocity), slip)
-        lit = smeared(lambda t: trial.state(i, t), late, exposure, speed * exposure, 1.0 / scene.camera.scale_px_per_mm)
-        return lit, trial.state(i, late)
+        visible = trial.state(i, late)
+
+        def at(moment: Floats) -> ContactState:
+            return visible if np.array_equal(moment, late) else trial.state(i, moment)
+
+        lit = smeared(at, late, exposure, speed * exposure, 1.0 / scene.camera.scale_px_per_mm)
+        return lit, visible
 
     @staticmethod
     def _with_contact_effects(truth: FrameTruth, ready: _Ready, frame: int, time_s: float) -> FrameTruth:
@@ -190,27 +270,32 @@ class Producer:
 
     def describe(self, current: _Current, frame: int, i: int, truth: FrameTruth) -> dict[str, Any]:
         """Return the content of ``KEY.json``, which ``schema.json`` validates."""
-        plan, trial = current.plan, current.trial
+        return {
+            **current.described,
+            "key": frame_key(frame),
+            "index": frame,
+            "frame_in_trial": i,
+            "scalars": {name: _rounded(truth.scalars[name]) for name in SCALARS},
+        }
+
+    def _describe_trial(self, plan: TrialPlan, trial: Trial, left_out: tuple[str, ...]) -> dict[str, Any]:
+        """Return what all frames of a trial have in ``KEY.json``."""
         onsets = {
             "onset_first_slip_s": trial.onset_first_slip_s,
             "onset_gross_slip_s": trial.onset_gross_slip_s,
         }
         plans = plan.as_dict()
         return {
-            "key": frame_key(frame),
-            "index": frame,
             "trial": plan.index,
-            "frame_in_trial": i,
             "kind": plan.kind,
             "split": plan.split,
-            "scalars": {name: _rounded(truth.scalars[name]) for name in SCALARS},
             **{name: None if math.isnan(value) else value for name, value in onsets.items()},
             "finger": plans["finger"],
             "friction": plans["friction"],
-            "rig": {**plans["rig"], "effects": all_of(self.job.scene, plan.rig), "left_out": list(current.left_out)},
+            "rig": {**plans["rig"], "effects": all_of(self.job.scene, plan.rig), "left_out": list(left_out)},
             "programme": plans["programme"],
             "seed": self.job.seed,
-            "config_sha256": self.job.digest,
+            "config_sha256": self._digest,
         }
 
 
@@ -218,6 +303,14 @@ def _acted_on(camera: RigCamera, state: ContactState, frame: int, time_s: float)
     """Return a contact after the rig's effects; what they stretch is labelled anew."""
     changed = camera.contact(state, frame, time_s)
     return state if changed is state else slip_labelled(changed)
+
+
+def shifted(grid: PlateGrid, part: PlateGrid) -> PlateGrid:
+    """Return a grid shifted by less than a sample, so that the samples of a part of it are among its own."""
+    down, right = (at - round(at) for at in offset(part, grid))
+    if down == right == 0.0:
+        return grid
+    return replace(grid, centre=(grid.centre[0] + right * grid.pitch, grid.centre[1] + down * grid.pitch))
 
 
 def _rounded(value: float) -> float:

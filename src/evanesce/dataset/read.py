@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, overload
+from typing import Any, cast, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 from evanesce.core.errors import InputError
 from evanesce.dataset import layout
 from evanesce.dataset.archive import header_fault, open_shard
+from evanesce.dataset.config import CHANNELS
 from evanesce.dataset.encode import decode_exr, decode_png
 from evanesce.dataset.job import Job, load_job
 from evanesce.dataset.labels import LabelBox
 from evanesce.dataset.manifest import Manifest
+from evanesce.dataset.produce import Made, Producer
 from evanesce.dataset.shard import Member
 
 MAX_MEMBER_BYTES = 2_000_000_000
@@ -37,6 +39,8 @@ class Sample:
         By name, whatever ``read`` takes: places in a shard (:class:`~evanesce.dataset.shard.Member`), or the bytes.
     read : callable
         ``read(member) -> bytes``.
+    compute : callable, optional
+        ``compute() -> Made``: the labels of the frame, where they are not stored.
 
     Attributes
     ----------
@@ -44,8 +48,14 @@ class Sample:
     key : str
     """
 
-    def __init__(self, row: dict[str, Any], members: Mapping[str, Any], read: Callable[[Any], bytes]) -> None:
-        self.row, self.key, self._members, self._read = row, str(row["key"]), members, read
+    def __init__(
+        self,
+        row: dict[str, Any],
+        members: Mapping[str, Any],
+        read: Callable[[Any], bytes],
+        compute: Callable[[], Made] | None = None,
+    ) -> None:
+        self.row, self.key, self._members, self._read, self._compute = row, str(row["key"]), members, read, compute
 
     def bytes_of(self, name: str) -> bytes:
         """Return a member's bytes, e.g. of ``frame.png``.
@@ -79,13 +89,38 @@ class Sample:
 
     @cached_property
     def labels(self) -> LabelBox:
-        """Labels in the distorted frame."""
-        return decode_exr(self.bytes_of("labels.exr"))[0]
+        """Labels in the distorted frame: as they are stored, all of them, or computed again."""
+        stored = self._stored("labels.exr")
+        return stored[0] if stored else self._made.seen
 
     @cached_property
     def plate(self) -> LabelBox:
-        """Labels on the undistorted plate plane."""
-        return decode_exr(self.bytes_of("plate.exr"))[0]
+        """Labels on the undistorted plate plane: as they are stored, all of them, or computed again."""
+        stored = self._stored("plate.exr")
+        return stored[0] if stored else self._made.plate
+
+    @property
+    def plate_geometry(self) -> tuple[float, float, float]:
+        """Pitch of the grid of :attr:`plate`, x and y of its first sample [mm]."""
+        stored = self._stored("plate.exr")
+        if stored is None:
+            grid = self._made.plate_grid
+            return grid.pitch, float(grid.x[0]), float(grid.y[0])
+        geometry = stored[1]["geometry"]
+        return float(geometry["pitch_mm"]), float(geometry["x0_mm"]), float(geometry["y0_mm"])
+
+    def _stored(self, name: str) -> tuple[LabelBox, dict[str, Any]] | None:
+        """Return stored labels and their header; None where some channel is not stored."""
+        if name not in self._members:
+            return None
+        found = decode_exr(self.bytes_of(name))
+        return found if found[0].channels.keys() == CHANNELS.keys() or self._compute is None else None
+
+    @cached_property
+    def _made(self) -> Made:
+        if self._compute is None:
+            raise InputError("labels that are not stored, in a frame without its data set", key=self.key)
+        return self._compute()
 
     @cached_property
     def meta(self) -> dict[str, Any]:
@@ -148,7 +183,7 @@ class Dataset(Sequence[Sample]):
             raise InputError(f"names the frame {wrong[0]!r}", file=folder / layout.MANIFEST, allowed="nine digits")
         self._frames = [_Frame(row, members.get(row["frame"], {})) for row in rows]
         self._handles: dict[int, int] = {}
-        self._owner = os.getpid()
+        self._owner, self._producer = os.getpid(), cast(Producer | None, None)
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -161,7 +196,22 @@ class Dataset(Sequence[Sample]):
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
         entry = self._frames[index]
-        return Sample(entry.row, entry.members, lambda member: self._read(entry.row["shard"], member))
+        number = int(entry.row["frame"])
+        return Sample(
+            entry.row, entry.members, lambda m: self._read(entry.row["shard"], m), lambda: self.computed(number)
+        )
+
+    def computed(self, frame: int) -> Made:
+        """Return the labels of a frame, made again from the data set's description.
+
+        Raises
+        ------
+        InputError
+            If the data set is of other versions, whose labels may be others.
+        """
+        if self._producer is None:
+            self._producer = Producer(load_job(self.folder, check_versions=True))
+        return self._producer.make(frame, exposed=False)
 
     def trials(self) -> dict[int, list[int]]:
         """Return the indices of each trial's frames, in order of time."""
@@ -206,7 +256,7 @@ class Dataset(Sequence[Sample]):
         self.close()
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_handles": {}}
+        return {**self.__dict__, "_handles": {}, "_producer": None}
 
 
 def open(path: str | Path, *, split: str | None = None, check: bool = False) -> Dataset:

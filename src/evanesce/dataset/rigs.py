@@ -5,25 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from evanesce.chain.fast import FastCamera
-from evanesce.chain.simulate import expose, expose_light
+from evanesce.chain.fast_effects import FastEffects, NotFast
+from evanesce.chain.simulate import expose
 from evanesce.core.errors import InputError
-from evanesce.core.states import ContactState, Frame, PlateGrid, SensorLight
+from evanesce.core.states import ContactState, Frame, PlateGrid, embedded
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.design import ITS_TRIALS_MOTION, FingerPlan, RigPlan
 from evanesce.dataset.region import crop
 from evanesce.effects import Active, Context, Stage, active_effects, all_effects, apply_stage
 from evanesce.optics.seen import seen_at
-from evanesce.render.fast.readout import ChargeBox
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
 from evanesce.rig.finger import OWN_FIGURES, Finger
 from evanesce.rig.load import validate
-from evanesce.sensor.expose import charge_of
-
-LATE = (Stage.PLATE_LIGHT, Stage.SENSOR_LIGHT, Stage.CHARGE, Stage.READOUT, Stage.FRAME)
 
 
 def rig_scene(base: Scene, rig: RigPlan, finger: FingerPlan, config: DatasetConfig) -> Scene:
@@ -186,14 +181,6 @@ def optical_scene(scene: Scene) -> Scene:
     return scene.model_copy(update={"finger": Finger(**seen)})
 
 
-def method_of(effects: tuple[Active, ...]) -> str:
-    """Return the method of :class:`RigCamera` that effects need; a lens or a camera may need a slower one."""
-    acting = {e.effect.stage for e in effects if not e.effect.is_null(e.parameters)}
-    if acting & {Stage.PLATE_LIGHT, Stage.CONTACT}:
-        return "general"
-    return "charge" if acting & set(LATE) else "fast"
-
-
 class RigCamera:
     """Camera, light and plate of one rig.
 
@@ -211,21 +198,25 @@ class RigCamera:
         The rig with its effects, by :func:`optical_scene`, as its LEDs' light sees it.
     readout_s : float
         From the first row's exposure to the last row's [s]; 0: all at once.
-    method : {"fast", "charge", "general"}
-        ``fast``: the fast camera. ``charge``: the fast camera up to the mean charge, then the general chain.
-        ``general``: the general chain, where an effect changes the light before the lens, or the contact's grid.
+    method : {"fast", "general"}
+        ``fast``: the fast camera, effects folded into it (:class:`~evanesce.chain.fast_effects.FastEffects`).
+        ``general``: the general chain, where camera or effects need it.
+    why : str
+        What needs the general chain; empty if nothing does.
     """
 
     def __init__(self, rig: RigWithEffects, seed: int, backend: str = "numpy") -> None:
         self._effects, self.seed = rig.effects, seed
         self.readout_s = sum(1e-3 * readout_ms(e) for e in rig.effects if e.effect.id in ITS_TRIALS_MOTION)
         self.scene = seen_at(optical_scene(rig.scene))
-        self._fast = FastCamera(self.scene.model_copy(update={"effects": {}}), backend)  # type: ignore[arg-type]
-        self.method = method_of(self._effects)
-        if _needs_field_blur(self._fast) or self.scene.surroundings is not None:
-            self.method = "general"
-        elif self.method == "fast" and self._fast.falls_back:
-            self.method = "charge"
+        fast = FastCamera(self.scene.model_copy(update={"effects": {}}), backend)  # type: ignore[arg-type]
+        self.why, self._fast = fast.falls_back, None
+        if not self.why:
+            try:
+                self._fast = FastEffects(fast, self.scene, self._effects, seed)
+            except NotFast as reason:
+                self.why = f"effects: {reason}"
+        self.method = "general" if self.why else "fast"
 
     def load(self, index: int, time_s: float, force_N: float) -> float:
         """Return the actual normal force for a commanded one [N]."""
@@ -236,41 +227,23 @@ class RigCamera:
         changed: ContactState = apply_stage(Stage.CONTACT, state, self._effects, self._context(index, time_s))
         return changed
 
-    def frame(self, state: ContactState | None, *, index: int, time_s: float, with_raw: bool) -> Frame:
-        """Expose a frame; ``index`` is its number in the dataset, so that no two frames share their noise."""
-        if self.method == "fast":
-            return self._fast.frame(state, seed=self.seed, index=index, time_s=time_s, with_raw=with_raw)
-        if self.method == "general":
-            light = render_fast(self.scene, state)
-            return expose(self.scene, light, seed=self.seed, time_s=time_s, index=index)[1]
-        lit = None if state is None else self._fast.mean_charge(state)
-        return expose_light(self.scene, self._light(lit), seed=self.seed, time_s=time_s, index=index)
+    def frame(
+        self, state: ContactState | None, *, index: int, time_s: float, with_raw: bool, grid: PlateGrid | None = None
+    ) -> Frame:
+        """Expose a frame; ``index`` is its number in the dataset, so that no two frames share their noise.
+
+        ``grid`` is the whole of which the states of a rig have parts; by default the state's own.
+        """
+        if self._fast is not None:
+            return self._fast.frame(state, index=index, time_s=time_s, with_raw=with_raw, grid=grid)
+        whole = state if state is None or grid is None else embedded(state, grid)
+        light = render_fast(self.scene, whole)
+        return expose(self.scene, light, seed=self.seed, time_s=time_s, index=index)[1]
 
     def _context(self, index: int, time_s: float) -> Context:
         return Context(self.scene, self.seed, time_s, index)
-
-    def _light(self, lit: ChargeBox | None) -> SensorLight:
-        """Return the irradiance of a mean charge."""
-        cols, rows = self.scene.camera.resolution_px
-        irradiance = np.zeros((rows, cols))
-        if lit is not None and lit.charge.size:
-            high, wide = lit.charge.shape
-            irradiance[lit.row : lit.row + high, lit.col : lit.col + wide] = lit.charge / _charge_per_irradiance(
-                self.scene
-            )
-        return SensorLight(irradiance=irradiance)
 
 
 def readout_ms(entry: Active) -> float:
     """Return the time from the first row's exposure to the last row's of an effect of a rolling shutter [ms]."""
     return float(entry.parameters.model_dump()["readout_ms"])
-
-
-def _needs_field_blur(camera: FastCamera) -> bool:
-    return camera.scene.camera.lens.field_curvature_um != 0.0
-
-
-def _charge_per_irradiance(scene: Scene) -> float:
-    unfiltered = scene.camera.model_copy(update={"colour": None})
-    dark, lit = (float(charge_of(SensorLight(irradiance=np.full((1, 1), v)), unfiltered)[0, 0]) for v in (0.0, 1e-6))
-    return (lit - dark) * 1e6

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from evanesce.contact.analytic.partial_slip import tangential_modulus
 from evanesce.contact.analytic.roughness import persson_contact_fraction
 from evanesce.contact.laws import smooth_contact
-from evanesce.contact.patch import AxisymmetricContact
+from evanesce.contact.patch import AxisymmetricContact, box_around, grid_part
 from evanesce.contact.ridges.ridged import with_ridges
 from evanesce.contact.sliding.area_loss import area_loss_for
 from evanesce.contact.sliding.solver import Slide, march
@@ -37,6 +37,10 @@ Floats = NDArray[np.float64]
 
 LIFTED_N = 1e-6
 """Below this normal force the finger counts as lifted [N]."""
+SPRINGS = 512
+"""Of a contact's radius: six of them are as wide as a cell of the default grid for contacts of up to 2.6 mm."""
+ENLARGED = 1.1
+"""Contact radius over the smooth solution's, up to which effects of the finger may enlarge it [1]."""
 SLIP_SPEED_MM_PER_S = 1e-3
 """A surface element slips where its mean speed since the frame before is at least this; a pixel is 50,000 times as
 large as the way it then makes between two frames."""
@@ -113,7 +117,7 @@ class Trial:
         self._sampled: Sampled = sampled
         self.time = sampled.time
         self._slide, self._rates = self._march(shear)
-        self._states, self._velocity = self._views()
+        self._states = self._views()
         self._ridges = ridge_row(scene)
         self._twists = self._twist(shear)
         self.onset_first_slip_s, self.onset_gross_slip_s = self._onsets()
@@ -129,12 +133,17 @@ class Trial:
         return FrameTruth(state, {**self._scalars(i, state), **measured(state, self.centre(i))})
 
     def state(self, i: int, late_s: Floats | None = None) -> ContactState:
-        """Return the contact of a held finger at frame ``i``; with ``late_s`` [s] each cell as much later."""
+        """Return the contact of a held finger at frame ``i``, on :meth:`part` of the grid.
+
+        With ``late_s`` [s], of that part's shape, each cell as much later.
+        """
         state = self._smooth(i)
-        outer: tuple[Any, Any] = self._outer(i, self._slide)
+        outer: tuple[Any, Any] = self._outer(i, self._slide.frames[i].spring_slip)
         if late_s is not None:
             state = slip_labelled(advanced(state, self.motion(i), late_s))
-            outer = tuple(slip + rate * late_s for slip, rate in zip(outer, self._outer(i, self._rates), strict=True))
+            outer = tuple(
+                slip + rate * late_s for slip, rate in zip(outer, self._outer(i, self._rates[i]), strict=True)
+            )
         if self._ridges is not None:
             state = with_ridges(
                 state, self._ridges, self._modulus, origin=self._origin(int(self._sampled.placement[i])),
@@ -145,34 +154,46 @@ class Trial:
             state = replace(state, real_contact_fraction=persson_contact_fraction(state.pressure, self._modulus, slope))
         return state
 
+    def part(self, i: int) -> PlateGrid:
+        """Return the part of the grid that holds the contact of frame ``i``, and what is seen and labelled about it.
+
+        Half a frame's time around it the contact stays there, and so does one that an effect enlarges by as much as
+        :data:`ENLARGED`.
+        """
+        motion, time = self.motion(i), 0.5 / self.config.trial.frame_rate_hz
+        radius = self._slide.frames[i].contact.contact_radius * (ENLARGED + abs(motion.growth_per_s) * time)
+        radius += self.config.labels.margin_mm + math.hypot(*motion.velocity) * time + 4.0 * self.grid.pitch
+        return grid_part(self.grid, box_around(self.grid, motion.centre, radius))
+
     def _smooth(self, i: int) -> ContactState:
         """Return the contact of the same finger without ridges; what moves is labelled slip."""
         if self._twists is not None and self._twists[i] is not None:
             state, velocity = self._twisted(i)
-        else:
-            at = int(self._sampled.placement[i])
-            state, velocity = self._states[at][i], np.asarray(self._velocity[at][i].slip, dtype=float)
-        return slip_labelled(replace(state, slip_velocity=velocity))
+            return slip_labelled(replace(state, slip_velocity=velocity))
+        return slip_labelled(self._states[int(self._sampled.placement[i])].on(self.part(i), i))
 
     # --- solution ----------------------------------------------------------------------------------------------------
 
     def _contact(self, force: float) -> AxisymmetricContact:
         return smooth_contact(self.scene, max(force, 0.0))[0]
 
-    def _march(self, shear: float) -> tuple[Slide, Slide]:
-        """Return the slide, and the same with slip velocities instead of slips."""
+    def _march(self, shear: float) -> tuple[Slide, list[Floats]]:
+        """Return the slide, and the mean speed of each frame's springs since the frame before [mm/s]."""
         s, plan = self._sampled, self.plan
         known = {f: self._contact(f) for f in dict.fromkeys(s.force.tolist())}
         contacts = [known[f] for f in s.force.tolist()]
-        full = self._limit(self._contact(plan.programme["normal_force_N"]))
-        area = math.pi * self._contact(plan.programme["normal_force_N"]).contact_radius ** 2
-        loss = area_loss_for(area, full, plan.friction.area_left) if plan.friction.area_left < 1.0 else 0.0
-        slide = march(contacts, s.time, s.drive, self._friction, shear, drive_stiffness=self._shaft, area_loss=loss)
-        rates = [replace(slide.frames[0], spring_slip=np.zeros_like(slide.frames[0].spring_slip))]
+        held = self._contact(plan.programme["normal_force_N"])
+        area = math.pi * held.contact_radius**2
+        loss = area_loss_for(area, self._limit(held), plan.friction.area_left) if plan.friction.area_left < 1.0 else 0.0
+        slide = march(
+            contacts, s.time, s.drive, self._friction, shear, drive_stiffness=self._shaft, area_loss=loss,
+            springs=SPRINGS,
+        )  # fmt: skip
+        rates = [np.zeros_like(slide.frames[0].spring_slip)]
         for before, now in zip(slide.frames[:-1], slide.frames[1:], strict=True):
             moved = np.where(now.spring_slip != 0.0, now.spring_slip - before.spring_slip, 0.0)
-            rates.append(replace(now, spring_slip=moved / (now.time - before.time)))
-        return slide, Slide(tuple(rates), slide.edges)
+            rates.append(moved / (now.time - before.time))
+        return slide, rates
 
     def _origin(self, placement: int) -> tuple[float, float]:
         """Return the position of the tip before sliding [mm], so that a slide passes the finger's position half way."""
@@ -182,37 +203,37 @@ class Trial:
         shift = p["shift_mm"] if placement else 0.0
         return x - back * math.cos(angle) + shift, y - back * math.sin(angle) - 0.5 * shift
 
-    def _views(self) -> tuple[list[SlideStates], list[SlideStates]]:
+    def _views(self) -> list[SlideStates]:
         direction = math.radians(self.plan.programme["direction_deg"])
-        states, velocities = [], []
+        states = []
         for placement in range(int(self._sampled.placement.max()) + 1):
             view = SlideView(
                 centre=self._origin(placement), direction=direction, near_gap=self.config.labels.near_gap_mm
             )
-            states.append(SlideStates(self._slide, self.grid, view, law="hertz+sliding"))
-            velocities.append(SlideStates(self._rates, self.grid, view, law="hertz+sliding"))
-        return states, velocities
+            states.append(SlideStates(self._slide, self.grid, view, law="hertz+sliding", rates=self._rates))
+        return states
 
     def _twist(self, shear: float) -> list[Twist | None] | None:
         if self.plan.kind != "rotation":
             return None
         modulus = 0.25 * self._modulus  # G of an incompressible half-space: E*/4
         found: list[Twist | None] = []
-        for force, share in zip(self._sampled.force, self._sampled.twist_share, strict=True):
+        shares = self._sampled.twist_share.tolist()
+        for frame, force, share in zip(self._slide.frames, self._sampled.force, shares, strict=True):
             held = force > LIFTED_N and share > 0.0
-            found.append(twisted(self._contact(float(force)), self._friction, modulus, float(share)) if held else None)
+            found.append(twisted(frame.contact, self._friction, modulus, share) if held else None)
         return found
 
     def _twisted(self, i: int) -> tuple[ContactState, Floats]:
         assert self._twists is not None
-        twist, contact = self._twists[i], self._contact(float(self._sampled.force[i]))
+        twist, contact, grid = self._twists[i], self._slide.frames[i].contact, self.part(i)
         assert twist is not None
         near = self.config.labels.near_gap_mm
-        state = twisted_state(self.grid, self._origin(0), contact, twist, near_gap=near, time=float(self.time[i]))
+        state = twisted_state(grid, self._origin(0), contact, twist, near_gap=near, time=float(self.time[i]))
         before = self._twists[i - 1]
         velocity = np.asarray(state.slip, dtype=float)
         if before is not None:
-            earlier = twisted_state(self.grid, self._origin(0), contact, before, near_gap=near)
+            earlier = twisted_state(grid, self._origin(0), contact, before, near_gap=near)
             velocity = velocity - np.asarray(earlier.slip)
         return state, velocity / float(self.time[i] - self.time[i - 1])
 
@@ -231,12 +252,11 @@ class Trial:
         growth = (radius[2] - radius[0]) / (elapsed * radius[1]) if radius[1] > 0 else 0.0
         return Motion(centre, (float(velocity[0]), float(velocity[1])), growth)
 
-    def _outer(self, i: int, slide: Slide) -> tuple[float, float]:
+    def _outer(self, i: int, springs: Floats) -> tuple[float, float]:
         """Return the slip (or its rate) of the skin beside the contact: that of the outermost spring in contact."""
-        frame = slide.frames[i]
-        angle = math.radians(self.plan.programme["direction_deg"])
-        count = int(np.searchsorted(slide.edges[:-1], frame.contact.contact_radius))
-        edge = float(frame.spring_slip[count - 1]) if 0 < count <= len(frame.spring_slip) else 0.0
+        angle, radius = math.radians(self.plan.programme["direction_deg"]), self._slide.frames[i].contact.contact_radius
+        count = int(np.searchsorted(self._slide.edges[:-1], radius))
+        edge = float(springs[count - 1]) if 0 < count <= len(springs) else 0.0
         return edge * math.cos(angle), edge * math.sin(angle)
 
     def centre(self, i: int) -> tuple[float, float]:
@@ -271,7 +291,7 @@ class Trial:
     def _may_slip(self, i: int, anywhere: bool) -> bool:
         if self._twists is not None:
             return anywhere and self._twists[i] is not None
-        speeds = np.abs(self._rates.frames[i].spring_slip)
+        speeds = np.abs(self._rates[i])
         return bool((speeds.max() if anywhere else speeds[0]) >= SLIP_SPEED_MM_PER_S)
 
     def _scalars(self, i: int, state: ContactState | None) -> dict[str, float]:

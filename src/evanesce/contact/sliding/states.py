@@ -65,6 +65,8 @@ class SlideStates(Sequence[ContactState]):
         Name of the normal law.
     parameters : mapping, optional
         Recorded in each state.
+    rates : sequence of ndarray (springs,), optional
+        Of each frame the speed of its springs over the glass [mm/s]; states have a slip velocity then.
 
     Raises
     ------
@@ -80,8 +82,9 @@ class SlideStates(Sequence[ContactState]):
         *,
         law: str = "sliding",
         parameters: Mapping[str, Any] | None = None,
+        rates: Sequence[Floats] | None = None,
     ) -> None:
-        self._slide, self._grid, self._view = slide, grid, view or SlideView()
+        self._slide, self._grid, self._view, self._rates = slide, grid, view or SlideView(), rates
         self._law, self._parameters = law, dict(parameters or {})
         for frame in slide:
             outline = self._outline(frame)
@@ -108,7 +111,18 @@ class SlideStates(Sequence[ContactState]):
     def __getitem__(self, index: int | slice) -> ContactState | list[ContactState]:
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
-        return self._state(self._slide.frames[index])
+        return self.on(self._grid, index)
+
+    def on(self, grid: PlateGrid, index: int) -> ContactState:
+        """Return the state of a frame on another grid of the same pitch, which holds the frame's contact.
+
+        Parameters
+        ----------
+        grid : PlateGrid
+        index : int
+        """
+        rates = None if self._rates is None else self._rates[index]
+        return self.of(self._slide.frames[index], grid, rates)
 
     def centre(self, index: int) -> tuple[float, float]:
         """Return the middle (x, y) of a frame's contact [mm].
@@ -121,7 +135,16 @@ class SlideStates(Sequence[ContactState]):
         -------
         tuple of float
         """
-        return self._outline(self._slide.frames[index]).centre
+        return self.centre_of(self._slide.frames[index])
+
+    def centre_of(self, frame: SlideFrame) -> tuple[float, float]:
+        """Return the middle (x, y) of the contact of any frame on the slide's springs [mm].
+
+        Parameters
+        ----------
+        frame : SlideFrame
+        """
+        return self._outline(frame).centre
 
     def _outline(self, frame: SlideFrame) -> _Ellipse:
         """Return the outline: the lost area shortens the circle along the slide, about its leading edge."""
@@ -136,12 +159,21 @@ class SlideStates(Sequence[ContactState]):
         )
         return _Ellipse((float(centre[0]), float(centre[1])), a, float(shortening), view.direction)
 
-    def _state(self, frame: SlideFrame) -> ContactState:
-        grid, contact, outline = self._grid, frame.contact, self._outline(frame)
+    def of(self, frame: SlideFrame, grid: PlateGrid, rates: Floats | None = None) -> ContactState:
+        """Return the state of any frame on the slide's springs, on a grid of the same pitch that holds its contact.
+
+        Parameters
+        ----------
+        frame : SlideFrame
+        grid : PlateGrid
+        rates : ndarray (springs,), optional
+            Speed of the springs over the glass [mm/s].
+        """
+        contact, outline = frame.contact, self._outline(frame)
         rho, normal_x, normal_y = _round_radius(grid, outline)
         gap = contact.gap(rho)
         mask = _coverage(grid, outline, rho, normal_x, normal_y)
-        fields = self._fields(frame, outline, rho, mask)
+        fields = self._fields(frame, rates, outline, rho, mask)
         cos, sin = np.cos(outline.direction), np.sin(outline.direction)
         touching = mask >= 0.5
         state = np.where(gap < self._view.near_gap, np.uint8(SurfaceState.NEAR), np.uint8(SurfaceState.NONE))
@@ -158,6 +190,7 @@ class SlideStates(Sequence[ContactState]):
             depth=contact.depth,
             traction=np.stack([fields["traction"] * cos, fields["traction"] * sin]),
             slip=np.stack([fields["slip"] * cos, fields["slip"] * sin]),
+            slip_velocity=None if rates is None else np.stack([fields["speed"] * cos, fields["speed"] * sin]),
             strength=fields["strength"],
             state=state,
             tangential_force=(float(q * cos), float(q * sin)),
@@ -171,7 +204,9 @@ class SlideStates(Sequence[ContactState]):
             },
         )
 
-    def _fields(self, frame: SlideFrame, outline: _Ellipse, rho: Floats, mask: Floats) -> dict[str, Floats]:
+    def _fields(
+        self, frame: SlideFrame, rates: Floats | None, outline: _Ellipse, rho: Floats, mask: Floats
+    ) -> dict[str, Floats]:
         """Return pressure, traction, strength and slip on the grid; the stresses rise as the area shrinks."""
         contact = frame.contact
         pressure = (contact.force_within(self._outer) - contact.force_within(self._inner)) / self._annulus_area
@@ -179,8 +214,10 @@ class SlideStates(Sequence[ContactState]):
             "pressure": (pressure / outline.shortening, contact.normal_force),
             "traction": (self._traction @ frame.force_density / outline.shortening, frame.tangential_force),
             "strength": (np.maximum(self._traction @ frame.limit_density / outline.shortening, 0.0), None),
-            "slip": (self._slip @ self._continued(frame), None),
+            "slip": (self._slip @ self._continued(frame, frame.spring_slip), None),
         }
+        if rates is not None:
+            tables["speed"] = (self._slip @ self._continued(frame, rates), None)
         inside = np.flatnonzero(rho.ravel() < self._radii[-2])
         at = rho.ravel()[inside] / self._radii[1]
         cell = at.astype(np.int64)
@@ -188,7 +225,7 @@ class SlideStates(Sequence[ContactState]):
         result = {}
         for name, (table, total) in tables.items():
             values = table[cell] + share * (table[cell + 1] - table[cell])
-            if name == "slip":
+            if name in ("slip", "speed"):
                 values[mask.ravel()[inside] <= 0.0] = 0.0
             elif total:
                 carried = float(values.sum()) * self._grid.pitch**2
@@ -199,10 +236,10 @@ class SlideStates(Sequence[ContactState]):
             result[name] = full.reshape(rho.shape)
         return result
 
-    def _continued(self, frame: SlideFrame) -> Floats:
-        """Return the springs' slips, the outermost one's continued outside, so that tables are smooth there."""
+    def _continued(self, frame: SlideFrame, slips: Floats) -> Floats:
+        """Return the springs' slips (or rates), the outermost one's continued outside, so that tables are smooth."""
         count = int(np.searchsorted(self._slide.edges[:-1], frame.contact.contact_radius))
-        slips = frame.spring_slip.copy()
+        slips = slips.copy()
         if 0 < count < len(slips):
             slips[count:] = slips[count - 1]
         return slips

@@ -16,6 +16,7 @@ K. L. Johnson, Contact Mechanics (1985).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +74,7 @@ def sliding_torque(contact: AxisymmetricContact, friction: InterfaceFriction) ->
     float
         [N mm].
     """
-    r, strength = _strength(contact, friction)
+    r, strength = _tables(contact, friction)[:2]
     return float(2.0 * np.pi * np.trapezoid(r**2 * strength, r))
 
 
@@ -103,12 +104,7 @@ def twisted(contact: AxisymmetricContact, friction: InterfaceFriction, shear_mod
     a = contact.contact_radius
     if not (a > 0 and shear_modulus > 0 and 0 <= share < 1):
         raise ValueError(f"contact radius {a:g} mm, G {shear_modulus:g} MPa, share {share:g}")
-    r, strength = _strength(contact, friction)
-    # Nodes crowd at the edge, where the pressure falls as a root.
-    x = a * np.sin(np.linspace(0.0, np.pi / 2, NODES + 1))
-    integral = np.array([_abel(float(at), a, r, strength) for at in x[1:]])
-    integral = np.append(integral[0], integral)  # logarithmic at the middle, where x^2 takes it away
-    below = cumulative_trapezoid(x**2 * integral, x, initial=0.0)
+    r, strength, x, integral, below = _tables(contact, friction)
 
     def torque_at(c: float) -> float:
         i = float(np.interp(c, x, integral))
@@ -121,6 +117,21 @@ def twisted(contact: AxisymmetricContact, friction: InterfaceFriction, shear_mod
     angle = float(np.interp(c, x, integral)) / (2.0 * shear_modulus)
     traction, slip = _traction(x, c, a, r, strength, integral), _slip(x, c, integral, shear_modulus)
     return Twist(wanted, angle, c, x, traction, slip, np.interp(x, r, strength))
+
+
+@lru_cache(maxsize=4)  # a twist grows at one force
+def _tables(contact: AxisymmetricContact, friction: InterfaceFriction) -> tuple[Floats, ...]:
+    """Return radii and strength; nodes x with I(x), and the integral of x^2 I up to x."""
+    a = contact.contact_radius
+    r, strength = _strength(contact, friction)
+    # Nodes crowd at the edge, where the pressure falls as a root.
+    x = a * np.sin(np.linspace(0.0, np.pi / 2, NODES + 1))
+    integral = np.array([_abel(float(at), a, r, strength) for at in x[1:]])
+    integral = np.append(integral[0], integral)  # logarithmic at the middle, where x^2 takes it away
+    tables = r, strength, x, integral, cumulative_trapezoid(x**2 * integral, x, initial=0.0)
+    for table in tables:
+        table.setflags(write=False)
+    return tables
 
 
 def twisted_state(

@@ -60,9 +60,14 @@ def discrete_gaussian(variance: float) -> Array:
     ----------
     T. Lindeberg, "Scale-space for discrete signals", IEEE Trans. Pattern Anal. Machine Intell. 12 (1990) 234.
     """
-    reach = max(1, math.ceil(4.5 * math.sqrt(variance) + 1.0))
+    reach = reach_of(variance)
     kernel = ive(np.abs(np.arange(-reach, reach + 1)), variance)
     return np.asarray(kernel / kernel.sum())
+
+
+def reach_of(variance: float) -> int:
+    """Return how far the kernel of a variance [px^2] carries light [px]."""
+    return max(1, math.ceil(4.5 * math.sqrt(variance) + 1.0))
 
 
 def spread_by(image: Array, variance: Array) -> Array:
@@ -83,11 +88,19 @@ def spread_by(image: Array, variance: Array) -> Array:
     ndarray (rows, cols)
     """
     low, high = math.sqrt(float(variance.min())), math.sqrt(float(variance.max()))
+    whole, here = np.zeros_like(image), lit_part(image, high**2)
     if high - low < 1e-9:
-        return _blurred(image, high**2)
+        whole[here] = _blurred(image[here], high**2)
+        return whole
     knots = np.linspace(low, high, min(MAX_ZONES, math.ceil((high - low) / ZONE_STEP_PX) + 1)) ** 2
+    image, variance = np.ascontiguousarray(image[here]), np.ascontiguousarray(variance[here])
+    if not image.size:
+        return whole
     total, part, slope = np.zeros_like(image), np.empty_like(image), np.empty_like(image)
+    first, last = np.searchsorted(knots, [variance.min(), variance.max()])
     for i, knot in enumerate(knots):
+        if not first - 1 <= i <= last:  # no pixel has a share of it
+            continue
         # Shares fall linearly to the neighbouring knots; together they are 1.
         part.fill(1.0)
         for neighbour in (*knots[max(i - 1, 0) : i], *knots[i + 1 : i + 2]):
@@ -97,11 +110,32 @@ def spread_by(image: Array, variance: Array) -> Array:
         np.maximum(part, 0.0, out=part)
         part *= image
         total += _blurred(part, float(knot))
-    return total
+    whole[here] = total
+    return whole
+
+
+def lit_part(image: Array, variance: float) -> tuple[slice, slice]:
+    """Return rows and columns outside which an image is dark after a blur, as far as its kernel reaches.
+
+    Parameters
+    ----------
+    image : ndarray (rows, cols)
+    variance : float
+        Largest of the blur [px^2].
+    """
+    lit, reach = image != 0.0, reach_of(variance)
+    sides = []
+    for axis in (1, 0):
+        there = np.flatnonzero(lit.any(axis=axis))
+        low, high = (int(there[0]), int(there[-1]) + 1) if there.size else (0, 0)
+        sides.append(
+            slice(max(0, low - reach), min(image.shape[1 - axis], high + reach)) if there.size else slice(0, 0)
+        )
+    return sides[0], sides[1]
 
 
 def _blurred(image: Array, variance: float) -> Array:
-    if variance == 0.0:
+    if variance == 0.0 or not image.size:
         return image
     kernel = discrete_gaussian(variance)
     return np.asarray(cv2.sepFilter2D(image, cv2.CV_64F, kernel, kernel, borderType=cv2.BORDER_REPLICATE))

@@ -12,7 +12,12 @@ from evanesce.render.fast.threads import in_threads
 
 Image = NDArray[np.float32]
 
-_ROWS = 24  # of a block: what fits into a core's cache
+_BLOCK_PX = 48_000  # what fits into a core's cache
+
+
+def _rows_of(shape: tuple[int, int]) -> int:
+    """Return the rows of a block."""
+    return max(1, _BLOCK_PX // shape[1])
 
 
 def _mix(x: NDArray[np.uint32], work: NDArray[np.uint32]) -> None:
@@ -103,13 +108,61 @@ def _look_up(values: NDArray[np.uint16], first: tuple[int, int], readout: Readou
 
 def _quantised(charge: Image, bits: NDArray[np.uint32], readout: Readout) -> NDArray[np.uint16]:
     """Return raw numbers of mean charges."""
-    table = normal_table()
-    z = table.take(bits & np.uint32(NORMALS - 1))
+    return raw_numbers(_collected(charge, bits, readout), normal_table().take(bits >> np.uint32(16)), readout)
+
+
+def _collected(charge: Image, bits: NDArray[np.uint32], readout: Readout) -> Image:
+    """Return the charges of one exposure of mean charges [e-], up to the full well."""
+    z = normal_table().take(bits & np.uint32(NORMALS - 1))
     charge = np.maximum(charge, np.float32(0))
     collected = charge + np.sqrt(charge) * z
     collected += (z * z - np.float32(1)) * np.minimum(charge, np.float32(1)) * np.float32(1 / 6)
-    np.minimum(collected, np.float32(readout.full_well_e), out=collected)
-    return raw_numbers(collected, table.take(bits >> np.uint32(16)), readout)
+    return np.minimum(collected, np.float32(readout.full_well_e), out=collected)
+
+
+def signal_numpy(lit: ChargeBox, readout: Readout, keys: tuple[int, int]) -> Image:
+    """Return the signal of a frame before quantisation, with the noise of :func:`expose_numpy` [DN].
+
+    Parameters
+    ----------
+    lit : ChargeBox
+    readout : Readout
+    keys : tuple of int
+
+    Returns
+    -------
+    ndarray of float32 (rows, cols)
+    """
+    out = np.empty(readout.shape, np.float32)
+
+    def work(rows: range) -> None:
+        here, cols = slice(rows.start, rows.stop), readout.shape[1]
+        bits = pixel_bits(rows.start * cols, len(rows) * cols, keys).reshape(len(rows), cols)
+        charge = np.full(bits.shape, readout.dark_e, np.float32)
+        r0, r1 = max(rows.start, lit.row), min(rows.stop, lit.row + lit.charge.shape[0])
+        if r1 > r0:
+            some = lit.charge[r0 - lit.row : r1 - lit.row]
+            lit_part = charge[r0 - rows.start : r1 - rows.start, lit.col : lit.col + some.shape[1]]
+            lit_part += _filtered(some, (r0, lit.col), readout)
+        read = normal_table().take(bits >> np.uint32(16)) * np.float32(readout.read_noise_e)
+        out[here] = (_collected(charge, bits, readout) + read) * np.float32(readout.gain) + np.float32(readout.black_DN)
+
+    in_threads(work, readout.shape[0], _rows_of(readout.shape))
+    return out
+
+
+def developed_numpy(raw: NDArray[np.uint16], readout: Readout) -> NDArray[Any]:
+    """Return what raw numbers of a whole frame stand for: 8 bits, of a colour camera the balanced mosaic.
+
+    Parameters
+    ----------
+    raw : ndarray of uint16 (rows, cols)
+        [DN].
+    readout : Readout
+    """
+    out = np.empty(raw.shape, readout.tone.dtype)
+    _look_up(raw, (0, 0), readout, out)
+    return out
 
 
 def expose_numpy(
@@ -133,7 +186,7 @@ def expose_numpy(
     """
     out = np.empty(readout.shape, readout.tone.dtype)
     raw = np.empty(readout.shape, np.uint16) if with_raw else None
-    in_threads(lambda rows: _expose_rows(out, raw, rows, lit, readout, keys), readout.shape[0], _ROWS)
+    in_threads(lambda rows: _expose_rows(out, raw, rows, lit, readout, keys), readout.shape[0], _rows_of(readout.shape))
     return out, raw
 
 

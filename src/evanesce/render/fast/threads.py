@@ -27,4 +27,9 @@ def in_threads(work: Callable[[range], None], rows: int, block: int) -> None:
     block : int
         Rows of a block.
     """
-    list(_pool().map(work, [range(r, min(r + block, rows)) for r in range(0, rows, block)]))
+    blocks = [range(r, min(r + block, rows)) for r in range(0, rows, block)]
+    if THREADS == 1 or len(blocks) == 1:
+        for some in blocks:
+            work(some)
+        return
+    list(_pool().map(work, blocks))

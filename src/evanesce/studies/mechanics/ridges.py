@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 
 GRID = PlateGrid(shape=(256, 256), pitch=9.0 / 256)
 WIDTH, HEIGHT = 0.5011, 0.04767  # thesis, section 3.5.1, table 4: as moulded [mm]
-# Crest to crest: furrows as wide as the ridges; half as wide, or twice [mm]. The thesis does not state it.
+# Crest to crest: furrows as wide as the ridges; half as wide, or twice [mm]. Not printed.
 LIKELY_PITCH = 2 * WIDTH
 PITCHES = (LIKELY_PITCH, 1.5 * WIDTH, 3 * WIDTH)
 

@@ -1,7 +1,7 @@
 """The thesis's own experiments in simulation: predictions, then a table per figure.
 
-Nothing is fitted. Inputs are the thesis's shapes, materials, coefficients and programmes; what it does not state (the
-bone, first of all) is varied over its range, which makes the interval. An entry that disagrees names its reason.
+Nothing is fitted. Inputs are the thesis's shapes, materials, coefficients and programmes; what it does not print (the
+bone's size, first of all) is varied over its range, which makes the interval. An entry that disagrees names its reason.
 """
 
 from __future__ import annotations

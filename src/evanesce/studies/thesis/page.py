@@ -45,13 +45,14 @@ def findings(found: ThesisStudy) -> Findings:
     verdict = [
         f"{agreed} of the thesis's figures that were simulated lie in the interval that its own inputs leave; of those"
         f" that only compare the thesis's own laws, without simulation, {published}. Intervals are no"
-        " 95 % intervals: they are the hull of what the thesis leaves open, the bone's size above all, and many are wide.",
+        " 95 % intervals: they are the hull of what the thesis leaves open, the bone's size above all, and many are"
+        " wide.",
         f"Outside lie: {'; '.join(f'{figure} ({count})' for figure, count in far.items())}. Reasons are in the tables."
         if far
         else "None lies outside.",
         _scattering_sentence(seen),
-        "Textured against smooth, short against long, the larger tip and the bone are predictions from its inputs: the thesis's own"
-        " figures of them were not used.",
+        "Textured against smooth, short against long, the larger tip and the bone are predictions from its inputs: the"
+        " thesis's own figures of them were not used.",
     ]
     tables = [_prediction_table(stated)]
     for figure in dict.fromkeys(entry.figure for entry in entries):

@@ -18,6 +18,7 @@ from evanesce.contact.analytic.roughness import persson_contact_fraction
 from evanesce.contact.laws import apply_law, finger_modulus, knows_adhesion
 from evanesce.contact.patch import AxisymmetricContact
 from evanesce.contact.programme import press_programme, slide_programme
+from evanesce.contact.rate import as_loaded, rate_factor
 from evanesce.contact.ridges.heightmap import RidgeRow
 from evanesce.contact.ridges.skin import ridge_row_of, skin_of
 from evanesce.contact.scaling import stiffness_factor
@@ -87,6 +88,7 @@ def contact_state(scene: Scene, force_N: float, *, time_s: float = 0.0) -> Conta
     if not (math.isfinite(force_N) and force_N >= 0):
         raise InputError(f"normal force of {force_N:g} N", key="press.forces_N", allowed="a finite force, not negative")
     if scene.slide is None:
+        scene = as_loaded(scene, force_N)
         state = pressed_state(scene, contact_grid(scene), force_N, time_s)
     else:
         state = _slide_frame(scene, force_N, time_s)
@@ -204,18 +206,24 @@ def _solve_slide(scene: Scene) -> SlideStates:
     programme, angle = slide_programme(scene), math.radians(slide.contact_angle_deg)
 
     @cache
-    def contact_law(force: float) -> AxisymmetricContact:
-        return apply_law(scene, force).contact
+    def pressed(force: float, factor: float) -> tuple[AxisymmetricContact, float]:
+        loaded = scene.model_copy(
+            update={"finger": finger.model_copy(update={"modulus_factor": factor * finger.modulus_factor})}
+        )
+        return apply_law(loaded, force).contact, finger_modulus(loaded, force)
 
     poisson = silicone_of(finger).poisson_ratio
-    forces = programme.sample()[1].tolist()
-    widest = max(contact_law(force).contact_radius for force in forces)
+    times, forces = (column.tolist() for column in programme.sample()[:2])
+    pairs = [(force, rate_factor(scene, force, time)) for time, force in zip(times, forces, strict=True)]
+    contacts = [pressed(*pair)[0] for pair in pairs]
+    moduli = [float(tangential_modulus(pressed(*pair)[1], poisson)) for pair in pairs]
+    widest = max(contact.contact_radius for contact in contacts)
     if not tip_contact_fits(widest, finger.tip_radius_mm, angle):
         raise InputError(
             f"a contact of {widest:.3g} mm leaves the tip", key="slide.contact_angle_deg", allowed="a smaller angle"
         )
     friction = _friction(finger, slide)
-    stiffness = _drive_stiffness(finger, slide, programme.normal_force, contact_law(forces[-1]).depth, angle)
+    stiffness = _drive_stiffness(finger, slide, programme.normal_force, contacts[-1].depth, angle)
     parameters = {
         "material": finger.material,
         "tip_radius_mm": finger.tip_radius_mm,
@@ -230,14 +238,18 @@ def _solve_slide(scene: Scene) -> SlideStates:
         centre=finger.position_mm, direction=math.radians(slide.direction_deg), follows=not slide.glass_moves
     )
     return slide_states(
-        contact_grid(scene), programme, friction, contact_law,
-        lambda force: float(tangential_modulus(finger_modulus(scene, force), poisson)),
+        contact_grid(scene), programme, friction, contacts, moduli,
         drive_stiffness=stiffness, area_loss=slide.area_loss_mm2_per_N2, view=view,
         law=f"{scene.contact.law}+sliding", parameters=parameters,
     )  # fmt: skip
 
 
 def _friction(finger: Finger, slide: Slide) -> InterfaceFriction:
+    friction = _rest_friction(finger, slide)
+    return friction if slide.speed_exponent is None else replace(friction, speed_exponent=slide.speed_exponent)
+
+
+def _rest_friction(finger: Finger, slide: Slide) -> InterfaceFriction:
     if slide.friction_coefficient is not None:
         return coulomb(slide.friction_coefficient)
     try:
@@ -249,7 +261,13 @@ def _friction(finger: Finger, slide: Slide) -> InterfaceFriction:
 
 
 def _drive_stiffness(finger: Finger, slide: Slide, force: float, depth: float, angle: float) -> float:
-    """Return the stiffness of the finger's shaft along the slide [N/mm]; infinite for a rigid one."""
+    """Return the stiffness of shaft and machine along the slide [N/mm]; infinite where both are rigid."""
+    shaft = _shaft_stiffness(finger, slide, force, depth, angle)
+    machine = slide.drive_stiffness_N_per_mm
+    return shaft if machine is None else 1.0 / (1.0 / shaft + 1.0 / machine)
+
+
+def _shaft_stiffness(finger: Finger, slide: Slide, force: float, depth: float, angle: float) -> float:
     if slide.shaft == "rigid":
         return math.inf
     silicone = silicone_of(finger)

@@ -2,6 +2,7 @@
 
 from evanesce.rig.camera import Camera, Distortion
 from evanesce.rig.card import Cards
+from evanesce.rig.environment import Environment
 from evanesce.rig.finger import Contact, Finger, Ridges, ScannedSkin
 from evanesce.rig.height_map import copy_height_map
 from evanesce.rig.leds import LedCircuit, Leds
@@ -18,6 +19,7 @@ __all__ = [
     "Cards",
     "Contact",
     "Distortion",
+    "Environment",
     "Finger",
     "Haze",
     "LedCircuit",

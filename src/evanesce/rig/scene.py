@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 from evanesce.core.quantities import Strict, field
 from evanesce.rig.camera import Camera
 from evanesce.rig.card import Cards
+from evanesce.rig.environment import Environment
 from evanesce.rig.finger import OWN, Contact, Finger, HertzLaw
 from evanesce.rig.leds import Leds
 from evanesce.rig.plate import Plate
@@ -63,6 +64,7 @@ class Scene(Strict):
     card: Cards = Cards()
     press: Press
     slide: Slide | None = None
+    environment: Environment | None = None
     grid: ContactGrid = ContactGrid()
     render: RenderSettings = RenderSettings()
     figures_at_nm: float | None = field(
@@ -158,6 +160,11 @@ class Scene(Strict):
         forces = self.press.forces_N
         if forces is None or len(forces) != 1 or forces[0] <= self.slide.preload_N:
             raise ValueError("a slide needs press.forces_N with one force, above slide.preload_N")
+        if self.press.rate_mm_per_min is not None or self.press.dwell_s is not None:
+            raise ValueError(
+                "press.rate_mm_per_min and press.dwell_s are not those of a slide"
+                " (allowed: slide.press_time_s and slide.hold_time_s)"
+            )
         if not self.finger.is_smooth or self.contact.law == "halfspace":
             raise ValueError("a slide needs a smooth finger and a law other than halfspace: a slide has round contacts")
 

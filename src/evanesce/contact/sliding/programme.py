@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -86,8 +86,8 @@ def slide_states(
     grid: PlateGrid,
     programme: SlideProgramme,
     friction: InterfaceFriction,
-    contact_law: Callable[[float], AxisymmetricContact],
-    shear_modulus: Callable[[float], float],
+    contacts: Sequence[AxisymmetricContact],
+    moduli: Sequence[float],
     *,
     drive_stiffness: float = float("inf"),
     area_loss: float = 0.0,
@@ -102,10 +102,10 @@ def slide_states(
     grid : PlateGrid
     programme : SlideProgramme
     friction : InterfaceFriction
-    contact_law : callable
-        Normal force [N] -> contact of the smooth finger.
-    shear_modulus : callable
-        Normal force [N] -> G* [MPa] (:func:`~evanesce.contact.analytic.partial_slip.tangential_modulus`).
+    contacts : sequence of AxisymmetricContact (frames,)
+        Of the smooth finger, in each frame of the programme.
+    moduli : sequence of float (frames,)
+        G* [MPa] (:func:`~evanesce.contact.analytic.partial_slip.tangential_modulus`).
     drive_stiffness : float
         Of shaft and drive along the slide [N/mm].
     area_loss : float
@@ -123,14 +123,10 @@ def slide_states(
     InputError
         If the programme cannot run or the contact leaves the grid.
     """
-    time, force, drive = programme.sample()
-    loads = dict.fromkeys(force.tolist())
-    contacts = {load: contact_law(load) for load in loads}
-    moduli = {load: shear_modulus(load) for load in loads}
+    time, _, drive = programme.sample()
     slide = march(
-        [contacts[load] for load in force.tolist()], time, drive, friction,
-        np.array([moduli[load] for load in force.tolist()]), drive_stiffness=drive_stiffness, area_loss=area_loss,
-    )  # fmt: skip
+        contacts, time, drive, friction, np.asarray(moduli), drive_stiffness=drive_stiffness, area_loss=area_loss
+    )
     return SlideStates(slide, grid, view, law=law, parameters=parameters)
 
 
@@ -189,6 +185,9 @@ def press_and_slide(
     def shear_modulus(load: float) -> float:
         return float(tangential_modulus(material.reduced_modulus(load), material.poisson_ratio))
 
+    loads = programme.sample()[1].tolist()
+    law = contact_law or hertz
+    contact = {load: law(load) for load in dict.fromkeys(loads)}
     stiffness = float("inf")
     if np.isfinite(shaft_stiffness).all():
         stiffness = 1.0 / float(tilted_compliance(*shaft_stiffness, contact_angle)[0, 0])
@@ -202,6 +201,7 @@ def press_and_slide(
         "contact_angle_deg": float(np.degrees(contact_angle)),
     }
     return slide_states(
-        grid, programme, friction, contact_law or hertz, shear_modulus, drive_stiffness=stiffness, area_loss=area_loss,
-        view=view, law="hertz+sliding" if contact_law is None else "sliding", parameters=parameters,
+        grid, programme, friction, [contact[load] for load in loads], [shear_modulus(load) for load in loads],
+        drive_stiffness=stiffness, area_loss=area_loss, view=view,
+        law="hertz+sliding" if contact_law is None else "sliding", parameters=parameters,
     )  # fmt: skip

@@ -171,7 +171,18 @@ class Finger(Strict):
         return self.ridges is None and self.height_map is None
 
 
-class HertzLaw(Strict):
+class Tilted(Strict):
+    """How the finger stands on the glass, whatever the law."""
+
+    tilt_deg: float | None = field(
+        None, unit="deg", bounds=(0.0, 60.0), null=0.0, doc="of the finger's axis from the plate's normal; of a press"
+    )
+    tilt_direction_deg: float | None = field(
+        None, unit="deg", bounds=(-180.0, 180.0), doc="to which the finger's top leans, from x towards y; none: x"
+    )
+
+
+class HertzLaw(Tilted):
     """Hertz with E* = intercept + slope F; both from the material unless given here."""
 
     law: Literal["hertz"]
@@ -179,7 +190,7 @@ class HertzLaw(Strict):
     reduced_modulus_slope_MPa_per_N: float | None = field(None, unit="MPa/N", bounds=(-10.0, 10.0))
 
 
-class ScaledHertzLaw(Strict):
+class ScaledHertzLaw(Tilted):
     """Hertz whose area is multiplied by a factor (thesis, section 5.5.1: 1.66 for Silskin 20 %)."""
 
     law: Literal["scaled_hertz"]
@@ -188,7 +199,7 @@ class ScaledHertzLaw(Strict):
     reduced_modulus_slope_MPa_per_N: float | None = field(None, unit="MPa/N", bounds=(-10.0, 10.0))
 
 
-class JkrLaw(Strict):
+class JkrLaw(Tilted):
     """Johnson, Kendall and Roberts: Hertz with adhesion. 0.001 N/mm is 1 J/m^2."""
 
     law: Literal["jkr"]
@@ -197,7 +208,7 @@ class JkrLaw(Strict):
     reduced_modulus_slope_MPa_per_N: float | None = field(None, unit="MPa/N", bounds=(-10.0, 10.0))
 
 
-class XydasKaoLaw(Strict):
+class XydasKaoLaw(Tilted):
     """Power law a = c N^gamma of Xydas and Kao for soft fingers."""
 
     law: Literal["xydas_kao"]
@@ -205,7 +216,7 @@ class XydasKaoLaw(Strict):
     gamma: float = field(unit="1", bounds=(0.0, 1.0 / 3.0))
 
 
-class HalfspaceLaw(Strict):
+class HalfspaceLaw(Tilted):
     """Elastic half-space carrying tip and ridges as a height map, solved on the contact grid."""
 
     law: Literal["halfspace"]
@@ -217,7 +228,7 @@ class HalfspaceLaw(Strict):
     reduced_modulus_slope_MPa_per_N: float | None = field(None, unit="MPa/N", bounds=(-10.0, 10.0))
 
 
-class FemLaw(Strict):
+class FemLaw(Tilted):
     """Finite elements: the solved press of the thesis's finger that ships with the project, ridges by a half-space."""
 
     law: Literal["fem"]

@@ -165,6 +165,8 @@ class Scene(Strict):
                 "press.rate_mm_per_min and press.dwell_s are not those of a slide"
                 " (allowed: slide.press_time_s and slide.hold_time_s)"
             )
+        if self.contact.tilt_deg:
+            raise ValueError("contact.tilt_deg is that of a press (allowed: slide.contact_angle_deg)")
         if not self.finger.is_smooth or self.contact.law == "halfspace":
             raise ValueError("a slide needs a smooth finger and a law other than halfspace: a slide has round contacts")
 

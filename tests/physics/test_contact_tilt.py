@@ -43,7 +43,7 @@ def test_no_tilt_changes_no_bit() -> None:
 
 
 def test_a_tilted_flat_punch_shifts_its_pressure() -> None:
-    # p = E*(d + 2 t x)/(pi sqrt(a^2 - r^2)): F = 2 E* a d, moment 4 E* t a^3/3 (Johnson 1985, section 5.1 by superposition)
+    # p = E*(d + 2 t x)/(pi sqrt(a^2 - r^2)): F = 2 E* a d, moment 4 E* t a^3/3
     a, modulus, tilt, force, pitch = 2.0, 0.4, 0.03, 1.1, 0.05
     axis = (np.arange(128) - 63.5) * pitch
     x, y = np.meshgrid(axis, axis)

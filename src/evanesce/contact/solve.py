@@ -16,6 +16,7 @@ from typing import overload
 from evanesce.contact.analytic.partial_slip import tangential_modulus
 from evanesce.contact.analytic.roughness import persson_contact_fraction
 from evanesce.contact.laws import apply_law, finger_modulus, knows_adhesion
+from evanesce.contact.liquid import lubricated, wetted_state
 from evanesce.contact.patch import AxisymmetricContact
 from evanesce.contact.programme import press_programme, slide_programme
 from evanesce.contact.rate import as_loaded, rate_factor
@@ -93,6 +94,8 @@ def contact_state(scene: Scene, force_N: float, *, time_s: float = 0.0) -> Conta
     else:
         state = _slide_frame(scene, force_N, time_s)
     _require_on_finger(scene, state)
+    if scene.liquid is not None:
+        state = wetted_state(state, scene.liquid)
     slope = scene.finger.roughness_rms_slope
     if slope == 0:
         return state
@@ -223,6 +226,12 @@ def _solve_slide(scene: Scene) -> SlideStates:
             f"a contact of {widest:.3g} mm leaves the tip", key="slide.contact_angle_deg", allowed="a smaller angle"
         )
     friction = _friction(finger, slide)
+    if scene.liquid is not None:
+        contact, modulus = contacts[-1], pressed(*pairs[-1])[1]
+        friction = lubricated(
+            friction, scene.liquid, force=contact.normal_force, area=math.pi * contact.contact_radius**2,
+            radius=finger.tip_radius_mm, modulus=modulus,
+        )  # fmt: skip
     stiffness = _drive_stiffness(finger, slide, programme.normal_force, contacts[-1].depth, angle)
     parameters = {
         "material": finger.material,

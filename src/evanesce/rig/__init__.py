@@ -6,6 +6,7 @@ from evanesce.rig.environment import Environment
 from evanesce.rig.finger import Contact, Finger, Ridges, ScannedSkin
 from evanesce.rig.height_map import copy_height_map
 from evanesce.rig.leds import LedCircuit, Leds
+from evanesce.rig.liquid import Liquid
 from evanesce.rig.load import dump_scene, load_scene, scene_path
 from evanesce.rig.plate import Plate
 from evanesce.rig.programme import Press, Ramp, Slide
@@ -24,6 +25,7 @@ __all__ = [
     "Haze",
     "LedCircuit",
     "Leds",
+    "Liquid",
     "Plate",
     "Press",
     "Ramp",

@@ -15,6 +15,7 @@ from evanesce.rig.card import Cards
 from evanesce.rig.environment import Environment
 from evanesce.rig.finger import OWN, Contact, Finger, HertzLaw
 from evanesce.rig.leds import Leds
+from evanesce.rig.liquid import Liquid
 from evanesce.rig.plate import Plate
 from evanesce.rig.programme import Press, Slide
 from evanesce.rig.surroundings import Surroundings
@@ -65,6 +66,7 @@ class Scene(Strict):
     press: Press
     slide: Slide | None = None
     environment: Environment | None = None
+    liquid: Liquid | None = None
     grid: ContactGrid = ContactGrid()
     render: RenderSettings = RenderSettings()
     figures_at_nm: float | None = field(

@@ -71,6 +71,20 @@ class Slide(Strict):
         bounds=(1e-3, 1e6),
         doc="of the machine along the slide, in series with the shaft; none: rigid",
     )
+    spin_deg_per_s: float | None = field(
+        None,
+        unit="deg/s",
+        bounds=(-3600.0, 3600.0),
+        null=0.0,
+        doc="of the sliding finger about the plate's normal",
+    )
+    ridge_friction_ratio: float | None = field(
+        None,
+        unit="1",
+        bounds=(0.1, 10.0),
+        null=1.0,
+        doc="friction along the ridges over that across; not published",
+    )
     contact_angle_deg: float = field(0.0, unit="deg", bounds=(0.0, 45.0), source="thesis, chapter 6: 0 and 45 deg")
     preload_N: float = field(0.05, unit="N", bounds=(0.0, 1000.0), source="thesis, chapter 6")
     press_time_s: float = field(2.0, unit="s", bounds=(1e-3, 1e4), doc="from preload to the held force")

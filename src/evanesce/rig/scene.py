@@ -169,8 +169,13 @@ class Scene(Strict):
             )
         if self.contact.tilt_deg:
             raise ValueError("contact.tilt_deg is that of a press (allowed: slide.contact_angle_deg)")
-        if not self.finger.is_smooth or self.contact.law == "halfspace":
-            raise ValueError("a slide needs a smooth finger and a law other than halfspace: a slide has round contacts")
+        if self.finger.height_map is not None or self.contact.law == "halfspace":
+            raise ValueError("a slide needs a law other than halfspace and no height map: a slide has round contacts")
+        ridges = self.finger.ridges
+        if ridges is not None and (self.slide.glass_moves or ridges.rounding_um is not None):
+            raise ValueError("a ridged finger slides itself, without rounding (allowed: glass_moves = false)")
+        if self.slide.ridge_friction_ratio is not None and (ridges is None or ridges.pattern != "parallel"):
+            raise ValueError('slide.ridge_friction_ratio needs finger.ridges (allowed: pattern "parallel")')
 
     def _has(self, dotted: str) -> bool:
         """Return whether a dotted key names something in this scene."""

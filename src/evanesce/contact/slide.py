@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache, lru_cache
 from typing import Any
@@ -21,13 +22,14 @@ from evanesce.contact.scaling import stiffness_factor
 from evanesce.contact.sliding.limit_surface import directional_friction, sliding_wrench
 from evanesce.contact.sliding.programme import slide_states
 from evanesce.contact.sliding.shaft import shaft_stiffness, tilted_compliance, tip_contact_fits
+from evanesce.contact.sliding.shear_area import Share, bulging_share, peeling_share
 from evanesce.contact.sliding.states import SlideStates, SlideView
 from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState, PlateGrid
 from evanesce.materials import silicone_of
 from evanesce.materials.friction import InterfaceFriction, coulomb, interface_of
 from evanesce.rig import Finger, Scene, Slide
-from evanesce.rig.finger import OWN
+from evanesce.rig.finger import OWN, FemLaw, HertzLaw, JkrLaw
 
 
 def slide_frame(scene: Scene, grid: PlateGrid, force: float, time: float) -> ContactState:
@@ -161,7 +163,7 @@ def _solve_slide(scene: Scene, grid: PlateGrid) -> SlideStates:
         assert slide.ridge_friction_ratio is not None  # for the type checker
         along, _ = directional_friction(slide.ridge_friction_ratio, _ridge_angle(scene))
         friction = replace(friction, tau0=along * friction.tau0, alpha=along * friction.alpha)
-    stiffness = _drive_stiffness(finger, slide, programme.normal_force, contacts[-1].depth, angle)
+    stiffness = _drive_stiffness(finger, slide, programme.normal_force, contacts[-1].depth, angle, _has_bone(scene))
     parameters = {
         "material": finger.material,
         "tip_radius_mm": finger.tip_radius_mm,
@@ -178,8 +180,42 @@ def _solve_slide(scene: Scene, grid: PlateGrid) -> SlideStates:
     return slide_states(
         grid, programme, friction, contacts, moduli,
         drive_stiffness=stiffness, area_loss=slide.area_loss_mm2_per_N2, view=view,
+        shares=_shares(scene, contacts, [pressed(*pair)[1] for pair in pairs], moduli),
         law=f"{scene.contact.law}+sliding", parameters=parameters,
     )  # fmt: skip
+
+
+def _shares(
+    scene: Scene, contacts: Sequence[AxisymmetricContact], moduli: Sequence[float], tangential: Sequence[float]
+) -> list[Share] | None:
+    """Return what shear leaves of each contact's area: an adhesive edge peels, a large strain bulges; or neither."""
+    finger, law, slide = scene.finger, scene.contact, scene.slide
+    assert slide is not None  # the caller's
+    if slide.area_under_shear == "constant" or slide.area_loss_mm2_per_N2 > 0:
+        return None
+    if isinstance(law, FemLaw):
+        stiff = silicone_of(finger).mooney_rivlin
+        assert stiff is not None  # law fem has one
+
+        @cache
+        def bulged(radius: float, force: float) -> Share:
+            return bulging_share(
+                math.pi * radius**2, stiff.shear_modulus_MPa * stiffness_factor(finger, force), law.bone
+            )
+
+        return [bulged(one.contact_radius, one.normal_force) for one in contacts]
+    work = finger.work_of_adhesion_N_per_mm + (law.work_of_adhesion_N_per_mm if isinstance(law, JkrLaw) else 0.0)
+    if work == 0.0 or not isinstance(law, HertzLaw | JkrLaw):
+        return None
+
+    @cache
+    def peeled(force: float, modulus: float, stiffness: float) -> Share:
+        return peeling_share(force, finger.tip_radius_mm, modulus, stiffness, work)
+
+    return [
+        peeled(one.normal_force, modulus, stiffness)
+        for one, modulus, stiffness in zip(contacts, moduli, tangential, strict=True)
+    ]
 
 
 def _spun(
@@ -214,15 +250,20 @@ def _rest_friction(finger: Finger, slide: Slide) -> InterfaceFriction:
         raise InputError(str(error), key="slide.friction_coefficient", allowed="a coefficient") from None
 
 
-def _drive_stiffness(finger: Finger, slide: Slide, force: float, depth: float, angle: float) -> float:
+def _has_bone(scene: Scene) -> bool:
+    """Return whether a bone, rigid beside silicone, holds the finger: its shaft does not bend."""
+    return isinstance(scene.contact, FemLaw) and scene.contact.bone != "none"
+
+
+def _drive_stiffness(finger: Finger, slide: Slide, force: float, depth: float, angle: float, boned: bool) -> float:
     """Return the stiffness of shaft and machine along the slide [N/mm]; infinite where both are rigid."""
-    shaft = _shaft_stiffness(finger, slide, force, depth, angle)
+    shaft = _shaft_stiffness(finger, slide, force, depth, angle, boned)
     machine = slide.drive_stiffness_N_per_mm
     return shaft if machine is None else 1.0 / (1.0 / shaft + 1.0 / machine)
 
 
-def _shaft_stiffness(finger: Finger, slide: Slide, force: float, depth: float, angle: float) -> float:
-    if slide.shaft == "rigid":
+def _shaft_stiffness(finger: Finger, slide: Slide, force: float, depth: float, angle: float, boned: bool) -> float:
+    if slide.shaft == "rigid" or boned:
         return math.inf
     silicone = silicone_of(finger)
     fit = silicone.mooney_rivlin

@@ -229,10 +229,13 @@ class HalfspaceLaw(Tilted):
 
 
 class FemLaw(Tilted):
-    """Finite elements: the solved press of the thesis's finger that ships with the project, ridges by a half-space."""
+    """Finite elements: the solved press of the thesis's finger that ships with the project, ridges by a half-space.
+
+    The thesis cast a bone in and does not print its size: half the tip's radius is assumed, none is a solid finger.
+    """
 
     law: Literal["fem"]
-    bone: Literal["none", "half"] = "none"
+    bone: Literal["none", "half"] = "half"
     reduced_modulus_MPa: float | None = field(
         None, unit="MPa", bounds=(1e-5, 1e5), doc="at the ridges and the roughness; none: 4 G of the material"
     )

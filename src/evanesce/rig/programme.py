@@ -92,4 +92,7 @@ class Slide(Strict):
     reciprocate: bool = False
     shaft: Literal["silicone", "rigid"] = "silicone"
     glass_moves: bool = False
-    area_loss_mm2_per_N2: float = field(0.0, unit="mm^2/N^2", bounds=(0.0, 1e4), null=0.0, doc="Sahli's alpha_A")
+    area_under_shear: Literal["physics", "constant"] = "physics"
+    area_loss_mm2_per_N2: float = field(
+        0.0, unit="mm^2/N^2", bounds=(0.0, 1e4), null=0.0, doc="Sahli's alpha_A, in place of physics"
+    )

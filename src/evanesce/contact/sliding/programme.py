@@ -13,6 +13,7 @@ from evanesce.contact.analytic.hertz import hertz_contact
 from evanesce.contact.analytic.partial_slip import tangential_modulus
 from evanesce.contact.patch import AxisymmetricContact
 from evanesce.contact.sliding.shaft import tilted_compliance
+from evanesce.contact.sliding.shear_area import Share
 from evanesce.contact.sliding.solver import march
 from evanesce.contact.sliding.states import SlideStates, SlideView
 from evanesce.core.errors import InputError
@@ -91,6 +92,7 @@ def slide_states(
     *,
     drive_stiffness: float = float("inf"),
     area_loss: float = 0.0,
+    shares: Sequence[Share] | None = None,
     view: SlideView | None = None,
     law: str = "sliding",
     parameters: Mapping[str, Any] | None = None,
@@ -110,6 +112,8 @@ def slide_states(
         Of shaft and drive along the slide [N/mm].
     area_loss : float
         Sahli's alpha_A [mm^2/N^2].
+    shares : sequence of callable (frames,), optional
+        As for :func:`~evanesce.contact.sliding.solver.march`.
     view : SlideView, optional
     law, parameters
         Passed on to the states.
@@ -125,7 +129,14 @@ def slide_states(
     """
     time, _, drive = programme.sample()
     slide = march(
-        contacts, time, drive, friction, np.asarray(moduli), drive_stiffness=drive_stiffness, area_loss=area_loss
+        contacts,
+        time,
+        drive,
+        friction,
+        np.asarray(moduli),
+        drive_stiffness=drive_stiffness,
+        area_loss=area_loss,
+        shares=shares,
     )
     return SlideStates(slide, grid, view, law=law, parameters=parameters)
 

@@ -71,6 +71,7 @@ SHAPES = {
     "short": Shape(7.5, 15.0, 7.5),
     "large15": Shape(10.0, 15.0, 25.0),
     "large20": Shape(10.0, 20.0, 25.0),
+    "stout": Shape(10.0, 20.0, 10.0),
 }
 
 

@@ -73,7 +73,7 @@ def _analytic(scene: Scene, grid: PlateGrid, force: float, time: float) -> Conta
         raise InputError("a relief on the tip needs a law without adhesion", key="contact.law", allowed=allowed)
     if ridges is None:
         smooth = axisymmetric_state(grid, centre, contact, law=law, parameters=parameters, time=time)
-        skin = None if scene.finger.height_map is None else skin_of(turned_skin(scene), grid)
+        skin = None if scene.finger.is_smooth else skin_of(turned_skin(scene), grid)
         return smooth if skin is None else _with_relief(scene, smooth, skin, modulus, parameters)
     if ridges.rounding_um is not None:
         allowed = 'law "halfspace", or no rounding'
@@ -107,14 +107,26 @@ def _halfspace(scene: Scene, law: HalfspaceLaw, grid: PlateGrid, force: float, t
     }
     if not upright:
         parameters |= {"tilt_deg": law.tilt_deg}
+    if law.layer_mm is not None:
+        parameters["layer_mm"] = law.layer_mm
     skin = skin_of(turned_skin(scene), grid)
+    if skin is not None and law.skin_modulus_MPa is not None:
+        # two scales: tissue on bone carries the finger, a stiffer skin its relief
+        smooth = resolved_state(
+            grid, heights, modulus, force, law=law.law, layer=law.layer_mm, parameters=parameters, time=time
+        )
+        return _with_relief(
+            scene, smooth, skin, law.skin_modulus_MPa, parameters | {"skin_modulus_MPa": law.skin_modulus_MPa}
+        )
     if skin is not None:
         heights = heights + skin.depth
         parameters |= skin.parameters
     work = law.work_of_adhesion_N_per_mm + scene.finger.work_of_adhesion_N_per_mm
     adhesion = Adhesion(work, law.cohesive_stress_MPa)
     name = law.law if skin is None else f"{law.law}+{skin.name}"
-    state = resolved_state(grid, heights, modulus, force, law=name, adhesion=adhesion, parameters=parameters, time=time)
+    state = resolved_state(
+        grid, heights, modulus, force, law=name, adhesion=adhesion, layer=law.layer_mm, parameters=parameters, time=time
+    )
     return state if skin is None else require_within_scan(state, skin)
 
 
@@ -155,7 +167,7 @@ def _with_adhesion(scene: Scene, grid: PlateGrid, force: float, time: float) -> 
     work, modulus = scene.finger.work_of_adhesion_N_per_mm, finger_modulus(scene, force)
     dry_finger = scene.finger.model_copy(update={"work_of_adhesion_N_per_mm": 0.0})
     dry = scene.model_copy(update={"finger": dry_finger})
-    smooth_finger = dry_finger.model_copy(update={"ridges": None, "height_map": None})
+    smooth_finger = dry_finger.model_copy(update={"ridges": None, "height_map": None, "fingerprint": None})
     smooth, skin = dry.model_copy(update={"finger": smooth_finger}), skin_of(turned_skin(scene), grid)
     if skin is None:
         contact, dry_force = adhered_contact(lambda load: apply_law(smooth, load).contact, force, modulus, work)

@@ -3,7 +3,7 @@
 from evanesce.rig.camera import Camera, Distortion
 from evanesce.rig.card import Cards
 from evanesce.rig.environment import Environment
-from evanesce.rig.finger import Contact, Finger, Ridges, ScannedSkin
+from evanesce.rig.finger import Contact, Finger, Fingerprint, Ridges, ScannedSkin
 from evanesce.rig.height_map import copy_height_map
 from evanesce.rig.leds import LedCircuit, Leds
 from evanesce.rig.liquid import Liquid
@@ -22,6 +22,7 @@ __all__ = [
     "Distortion",
     "Environment",
     "Finger",
+    "Fingerprint",
     "Haze",
     "LedCircuit",
     "Leds",

@@ -52,6 +52,23 @@ class ScannedSkin(Strict):
     )
 
 
+class Fingerprint(Strict):
+    """A human print that is grown, not scanned: pattern, ridges and pores."""
+
+    pattern: Literal["arch", "loop", "whorl"] = "loop"
+    ridge_period_um: float = field(
+        460.0, unit="um", bounds=(100.0, 2000.0), source="Cummins and Midlo (1943): 20.7 and 23.4 ridges a cm in adults"
+    )
+    ridge_height_um: float = field(60.0, unit="um", bounds=(1.0, 500.0), doc="crest over furrow; not of one finger")
+    pore_spacing_um: float = field(
+        800.0, unit="um", bounds=(0.0, 10000.0), null=0.0, doc="nearest distance along a ridge; 0: no pores"
+    )
+    pore_diameter_um: float = field(150.0, unit="um", bounds=(10.0, 500.0), source="Locard (1912): 88 to 220 um")
+    orientation_deg: float = field(0.0, unit="deg", bounds=(-180.0, 180.0), doc="by which the print is turned")
+    size_mm: float = field(20.0, unit="mm", bounds=(2.0, 60.0), doc="side of the grown skin")
+    seed: int = field(0, unit="1", bounds=(0, 2**62))
+
+
 OWN = "own"
 """Name of the material of a finger whose stiffness stands in the scene itself."""
 
@@ -150,6 +167,7 @@ class Finger(Strict):
     )
     ridges: Ridges | None = None
     height_map: ScannedSkin | None = None
+    fingerprint: Fingerprint | None = None
 
     @model_validator(mode="after")
     def _one_stiffness(self) -> Self:
@@ -167,8 +185,8 @@ class Finger(Strict):
 
     @property
     def is_smooth(self) -> bool:
-        """Whether the tip carries neither ridges nor a height map."""
-        return self.ridges is None and self.height_map is None
+        """Whether the tip carries neither ridges nor a height map nor a print."""
+        return self.ridges is None and self.height_map is None and self.fingerprint is None
 
 
 class Tilted(Strict):
@@ -221,6 +239,15 @@ class HalfspaceLaw(Tilted):
 
     law: Literal["halfspace"]
     work_of_adhesion_N_per_mm: float = field(0.0, unit="N/mm", bounds=(0.0, 0.1), null=0.0)
+    layer_mm: float | None = field(
+        None, unit="mm", bounds=(0.05, 100.0), doc="incompressible tissue of this thickness on bone; none: endless"
+    )
+    skin_modulus_MPa: float | None = field(
+        None,
+        unit="MPa",
+        bounds=(1e-4, 1e5),
+        doc="E* at the relief, of a stiffer skin over layer_mm; none: the tissue's",
+    )
     cohesive_stress_MPa: float | None = field(
         None, unit="MPa", bounds=(1e-6, 1e3), doc="Dugdale's tension; none: as large as the grid resolves"
     )

@@ -21,6 +21,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.spatial import cKDTree
 
 from evanesce.core import rng
 from evanesce.rig.finger import Fingerprint
@@ -108,32 +109,24 @@ def _grown(field: Array, period: float, seed: int) -> NDArray[np.float32]:
 
 
 def _pores(ridges: NDArray[np.float32], pitch: float, skin: Fingerprint) -> Array:
-    """Return the depth of the pores [mm]: round, on the middle of ridges, none nearer to another than the spacing."""
-    random = rng.generator(skin.seed, "pores")
+    """Return the places (column, row) of pores [samples]: on ridges' middles, none nearer than the spacing."""
     smooth = ndimage.gaussian_filter(ridges, 1.0)
     peak = (smooth > 0.6) & (smooth >= 0.98 * ndimage.maximum_filter(smooth, 5))
-    rows, cols = np.nonzero(peak)
-    order = random.permutation(rows.size)
-    free, holes = np.ones(ridges.shape, bool), np.zeros(ridges.shape, bool)
-    reach = max(1, round(1e-3 * skin.pore_spacing_um / pitch))
-    v, u = np.ogrid[-reach : reach + 1, -reach : reach + 1]
-    disc = v**2 + u**2 <= reach**2
-    for k in order:
-        r, c = int(rows[k]), int(cols[k])
-        if not free[r, c]:
-            continue
-        holes[r, c] = True
-        r0, c0 = max(0, r - reach), max(0, c - reach)
-        r1, c1 = min(free.shape[0], r + reach + 1), min(free.shape[1], c + reach + 1)
-        free[r0:r1, c0:c1] &= ~disc[r0 - r + reach : r1 - r + reach, c0 - c + reach : c1 - c + reach]
-    away = ndimage.distance_transform_edt(~holes) * pitch
-    radius = 0.5e-3 * skin.pore_diameter_um
-    return np.asarray(1e-3 * skin.ridge_height_um * np.clip((radius - away) / (0.5 * radius), 0.0, 1.0))
+    places = np.argwhere(peak)[:, ::-1].astype(float)
+    places = rng.generator(skin.seed, "pores").permutation(places)
+    tree, reach = cKDTree(places), 1e-3 * skin.pore_spacing_um / pitch
+    free = np.ones(len(places), bool)
+    kept = []
+    for k, place in enumerate(places):
+        if free[k]:
+            kept.append(place)
+            free[tree.query_ball_point(place, reach)] = False
+    return np.array(kept)
 
 
 @lru_cache(maxsize=4)
-def _relief(text: str) -> tuple[Array, float]:
-    """Return the print's depth below its crests [mm] on a square lattice, and the lattice's pitch [mm]."""
+def _relief(text: str) -> tuple[Array, float, Array | None]:
+    """Return the depth below crests [mm] on a square lattice, its pitch [mm], and where pores are [samples]."""
     skin = Fingerprint.model_validate_json(text)
     pitch = 1e-3 * skin.ridge_period_um / SAMPLES_PER_PERIOD
     half = round(0.5 * skin.size_mm / pitch)
@@ -141,9 +134,8 @@ def _relief(text: str) -> tuple[Array, float]:
     field = orientation_field(skin.pattern, axis[None, :], axis[:, None])
     ridges = _grown(np.broadcast_to(field, (axis.size, axis.size)), SAMPLES_PER_PERIOD, skin.seed)
     furrows = 0.5e-3 * skin.ridge_height_um * (1.0 - ndimage.gaussian_filter(ridges, 0.7))
-    if skin.pore_spacing_um > 0:
-        furrows = np.maximum(furrows, _pores(ridges, pitch, skin))
-    return np.asarray(furrows, dtype=float), pitch
+    pores = _pores(ridges, pitch, skin) if skin.pore_spacing_um > 0 else None
+    return np.asarray(furrows, dtype=float), pitch, pores
 
 
 def fingerprint_depth(skin: Fingerprint, x: Array, y: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -162,11 +154,20 @@ def fingerprint_depth(skin: Fingerprint, x: Array, y: Array) -> tuple[Array, NDA
     known : ndarray of bool
         Within the print.
     """
-    relief, pitch = _relief(skin.model_dump_json())
+    relief, pitch, pores = _relief(skin.model_dump_json())
     x, y = np.broadcast_arrays(x, y)
     turn = math.radians(skin.orientation_deg)
     u, v = x * math.cos(turn) + y * math.sin(turn), y * math.cos(turn) - x * math.sin(turn)
     middle = (relief.shape[0] - 1) / 2
-    depth = ndimage.map_coordinates(relief, [v / pitch + middle, u / pitch + middle], order=3, mode="nearest")
+    column, row = u / pitch + middle, v / pitch + middle
+    depth = ndimage.map_coordinates(relief, [row, column], order=3, mode="nearest")
+    if pores is not None:
+        # round, as deep as the furrows, with a sloping rim of half the radius
+        radius = 0.5e-3 * skin.pore_diameter_um
+        away, _ = cKDTree(pores).query(
+            np.stack([column.ravel(), row.ravel()], axis=1), distance_upper_bound=radius / pitch
+        )
+        hole = np.clip((radius - pitch * away.reshape(x.shape)) / (0.5 * radius), 0.0, 1.0)
+        depth = np.maximum(depth, 1e-3 * skin.ridge_height_um * hole)
     inside = (np.abs(u) <= middle * pitch) & (np.abs(v) <= middle * pitch)
     return np.maximum(depth, 0.0), inside

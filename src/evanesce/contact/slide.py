@@ -68,6 +68,8 @@ def slide_frame(scene: Scene, grid: PlateGrid, force: float, time: float) -> Con
         )
     assert scene.slide is not None  # the caller's
     state = _slide_of(scene.model_dump_json(), grid)[index]
+    if scene.slide.spin_deg_per_s:
+        state = _twisted(state)
     if scene.slide.ridge_friction_ratio not in (None, 1.0):
         state = _pulled_aside(state, scene)
     if scene.finger.ridges is None:
@@ -80,6 +82,15 @@ def _ridge_angle(scene: Scene) -> float:
     assert scene.slide is not None
     assert scene.finger.ridges is not None  # Scene guarantees parallel ones
     return math.radians(scene.finger.ridges.orientation_deg - scene.slide.direction_deg)
+
+
+def _twisted(state: ContactState) -> ContactState:
+    """Record a spinning frame's torque: that of gross slip, by how near the force is to its own."""
+    assert state.strength is not None
+    most = float(np.asarray(state.strength).sum()) * state.grid.pitch**2
+    share = min(math.hypot(*state.tangential_force) / most, 1.0) if most > 0 else 0.0
+    torque = share * float(state.parameters["sliding_torque_N_mm"])
+    return replace(state, parameters={**state.parameters, "torque_N_mm": torque})
 
 
 def _pulled_aside(state: ContactState, scene: Scene) -> ContactState:
@@ -173,6 +184,7 @@ def _solve_slide(scene: Scene, grid: PlateGrid) -> SlideStates:
         "area_loss_mm2_per_N2": slide.area_loss_mm2_per_N2,
         "contact_angle_deg": slide.contact_angle_deg,
         "drive_stiffness_N_per_mm": stiffness,
+        "direction_deg": slide.direction_deg,
     } | spin
     view = SlideView(
         centre=finger.position_mm, direction=math.radians(slide.direction_deg), follows=not slide.glass_moves

@@ -17,7 +17,7 @@ scenes = {
     "Hertz": base,
     "JKR, 0.1 J/m²": base.with_(contact={"law": "jkr", "work_of_adhesion_N_per_mm": 1e-4}),
     "Xydas and Kao": base.with_(contact={"law": "xydas_kao", "c_mm": 1.95, "gamma": 0.28}),
-    "finite elements": base.with_(contact={"law": "fem"}),
+    "finite elements": base.with_(contact={"law": "fem", "bone": "none"}),
 }
 
 # %%

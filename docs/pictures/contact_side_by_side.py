@@ -23,7 +23,7 @@ from evanesce.rig import load_scene
 HERE = Path(__file__).resolve().parent
 MODULUS = {"reduced_modulus_MPa": small_strain_modulus("silskin_0")}
 LAWS = (
-    ("finite elements", {"law": "fem"}),
+    ("finite elements", {"law": "fem", "bone": "none"}),
     ("finite elements, bone of half the radius", {"law": "fem", "bone": "half"}),
     ("half-space", {"law": "halfspace"} | MODULUS),
     ("Hertz", {"law": "hertz"} | MODULUS),

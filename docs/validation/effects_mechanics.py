@@ -23,7 +23,7 @@ LAWS: dict[str, dict[str, object]] = {
     "jkr": {"law": "jkr", "work_of_adhesion_N_per_mm": 2e-5},
     "xydas_kao": {"law": "xydas_kao", "c_mm": 2.1, "gamma": 0.29},
     "halfspace": {"law": "halfspace"},
-    "fem": {"law": "fem"},
+    "fem": {"law": "fem", "bone": "none"},
 }
 
 

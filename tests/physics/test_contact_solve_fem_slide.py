@@ -23,7 +23,7 @@ SLIDE = {"distance_mm": 1.3, "speed_mm_per_s": 2.6, "direction_deg": 30.0, "pres
 
 def fem(name: str = "thesis", law: dict | None = None, **more: object) -> Scene:
     named = {key.replace("__", "."): value for key, value in more.items()}
-    return load_scene(name, UGLY | {"contact": {"law": "fem"} | (law or {})} | named)
+    return load_scene(name, UGLY | {"contact": {"law": "fem", "bone": "none"} | (law or {})} | named)
 
 
 def sliding(slide: dict | None = None, **more: object) -> Scene:
@@ -134,7 +134,8 @@ def test_the_finger_travels_unless_the_glass_does() -> None:
 
 
 def test_a_solved_press_may_slide() -> None:
-    scene = sliding({"preload_N": 0.2}, contact={"law": "fem"})
+    held = {"preload_N": 0.2, "area_under_shear": "constant"}
+    scene = sliding(held, contact={"law": "fem", "bone": "none"})
     last = contact_sequence(scene)[-1]
     press = library_press("silskin_0", "none")
     assert last.nominal_contact_area == pytest.approx(np.pi * press.at(0.9).contact_radius ** 2, rel=1e-6)

@@ -25,7 +25,7 @@ LAWS: dict[str, dict[str, object]] = {
     "jkr": {"law": "jkr", "work_of_adhesion_N_per_mm": 3e-5, "reduced_modulus_MPa": MODULUS},
     "halfspace": {"law": "halfspace", "reduced_modulus_MPa": MODULUS},
     "xydas_kao": {"law": "xydas_kao", "c_mm": 2.1, "gamma": 0.29},
-    "fem": {"law": "fem"},
+    "fem": {"law": "fem", "bone": "none"},
 }
 BASE = {"grid.samples": 150, "grid.size_mm": 15.0, "finger.position_mm": [1.7, -0.9]}
 

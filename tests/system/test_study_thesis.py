@@ -70,7 +70,7 @@ def test_what_was_not_simulated_is_counted_apart_and_wide_hulls_are_named() -> N
             for name in ("silskin_0", "silskin_20")]  # fmt: skip
     volts = {"voltage_V": [8.0, 9.0]} | {key: {"area_mm2": [1.0, 2.0], "true_area_mm2": 2.0} for key in ("1 N", "5 N")}
     empty = CaptionedImage(image=np.zeros((3, 3), np.uint8), caption="")
-    study = ThesisStudy(stated={}, entries=[law, wide, far], seen=seen, volts=volts, picture=empty)
+    study = ThesisStudy(outcomes=(), stated={}, entries=[law, wide, far], seen=seen, volts=volts, picture=empty)
     found = thesis_page.findings(study)
     assert found.verdict[0].startswith("1 of 2 of the thesis's figures that were simulated")
     assert "without simulation, 1 of 1." in found.verdict[0]

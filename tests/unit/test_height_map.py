@@ -311,7 +311,7 @@ def test_a_map_that_leaves_its_place_is_refused(folder: Path) -> None:
         ({"finger.height_map.form_degree": 3}, "at most 2"),
         ({"finger.height_map.offset_mm": [0.0, 1e4]}, "-100 to 100"),
         ({"finger.height_map.sha256": "0" * 64}, "sha256"),
-        ({"slide": {"distance_mm": 3.0}, "press.forces_N": [1.0]}, "smooth finger"),
+        ({"slide": {"distance_mm": 3.0}, "press.forces_N": [1.0]}, "no height map"),
     ],
 )
 def test_keys_that_cannot_be_are_refused(folder: Path, more: dict, message: str) -> None:

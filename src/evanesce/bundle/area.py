@@ -17,7 +17,7 @@ from evanesce.optics.projection import Projection
 from evanesce.rig import Scene
 
 THRESHOLD = 0.15
-"""One of the grey levels that the thesis sets by hand."""
+"""A grey level that an eye may pick from the histogram; the thesis prints none."""
 
 # The segmentation's lengths on the thesis's frames of 58.37 px/mm, in millimetres: coarser frames are treated alike.
 DILATION_MM = 10 / 58.37

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.bundle.layout import CHOSEN, Shot
+from evanesce.bundle.layout import CHOSEN, SHEARED, Shot
 from evanesce.core.errors import InputError, WorkError
 from evanesce.sensor.codec import write_png
 
@@ -54,7 +54,7 @@ def write_shots(path: Path, shots: tuple[Shot, ...] | list[Shot], displacement_m
     """
     known = displacement_mm is not None and bool(np.isfinite(displacement_mm).all())
     depths = displacement_mm if known and displacement_mm is not None else [None] * len(shots)
-    chosen = [name for name in CHOSEN if shots and np.isfinite([getattr(s, name) for s in shots]).all()]
+    chosen = [name for name in (*SHEARED, *CHOSEN) if shots and np.isfinite([getattr(s, name) for s in shots]).all()]
     rows = [
         [s.index, s.time_s, s.force_N, s.voltage_V, "" if d is None else d, s.session]
         + [getattr(s, name) for name in chosen]

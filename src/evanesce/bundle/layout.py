@@ -10,6 +10,8 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.core.states import ContactState
+
 Array = NDArray[np.float64]
 
 MEASUREMENT_FILE = "measurement.toml"
@@ -76,6 +78,9 @@ class Shot:
         Frames of one session, force and voltage share one; counted from 0 in the order of appearance.
     held_s : float
         Time since the first frame of this hold: the unbroken run of frames of one session and force [s].
+    tangential_force_N, slide_mm, torque_Nmm : float
+        Along the slide [N], way of the finger's top over the plate [mm], about the plate's normal [N mm]; NaN where not
+        given.
     exposure_ms, analogue_gain, red_gain, blue_gain : float
         What the camera chose itself: exposure [ms], gain, white balance over green [1]; NaN where not given.
     """
@@ -88,6 +93,9 @@ class Shot:
     session: int = 0
     condition: int = 0
     held_s: float = 0.0
+    tangential_force_N: float = math.nan
+    slide_mm: float = math.nan
+    torque_Nmm: float = math.nan
     exposure_ms: float = math.nan
     analogue_gain: float = math.nan
     red_gain: float = math.nan
@@ -169,6 +177,9 @@ SHOT_COLUMNS: Mapping[str, Column] = MappingProxyType(
         "voltage_V": Column(0.0, 60.0, "V"),
         "displacement_mm": Column(-10.0, 100.0, "mm"),
         "session": Column(0, 9999, "1", whole=True),
+        "tangential_force_N": Column(-1000.0, 1000.0, "N"),
+        "slide_mm": Column(-1000.0, 1000.0, "mm"),
+        "torque_Nmm": Column(-1e5, 1e5, "N mm"),
         "exposure_ms": Column(1e-4, 1e6, "ms"),
         "analogue_gain": Column(1e-3, 1e4, "1"),
         "red_gain": Column(1e-3, 1e3, "1"),
@@ -176,6 +187,9 @@ SHOT_COLUMNS: Mapping[str, Column] = MappingProxyType(
     }
 )
 """Columns of ``press.csv`` and ``replicates.csv``."""
+
+SHEARED = ("tangential_force_N", "slide_mm", "torque_Nmm")
+"""Columns of a rig that slides or twists its finger, written where they are known of all frames."""
 
 CHOSEN = ("exposure_ms", "analogue_gain", "red_gain", "blue_gain")
 """Columns of what a camera with automatic exposure or white balance chose."""
@@ -220,6 +234,30 @@ def with_chosen(shot: Shot, chosen: Mapping[str, float]) -> Shot:
     """
     exposure, gain, red, blue = (chosen.get(name, math.nan) for name in CHOSEN)
     return replace(shot, exposure_ms=exposure, analogue_gain=gain, red_gain=red, blue_gain=blue)
+
+
+def with_shear(shot: Shot, state: ContactState) -> Shot:
+    """Return a shot with what a slide's load cell reads: tangential force, way and torque.
+
+    Parameters
+    ----------
+    shot : Shot
+    state : ContactState
+
+    Returns
+    -------
+    Shot
+        As given for a contact that does not slide.
+    """
+    tip = state.parameters.get("tip_displacement_mm")
+    if tip is None:
+        return shot
+    angle = math.radians(state.parameters.get("direction_deg", 0.0))
+    x, y = state.tangential_force
+    along = x * math.cos(angle) + y * math.sin(angle)
+    drive = float(tip) + along / float(state.parameters.get("drive_stiffness_N_per_mm", math.inf))
+    torque = float(state.parameters.get("torque_N_mm", 0.0))
+    return replace(shot, tangential_force_N=along, slide_mm=drive, torque_Nmm=torque)
 
 
 def conditions(shots: list[Shot]) -> tuple[Shot, ...]:

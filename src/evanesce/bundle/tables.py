@@ -16,6 +16,7 @@ from evanesce.bundle.layout import (
     CHOSEN,
     SERIES_X,
     SERIES_Y,
+    SHEARED,
     SHOT_COLUMNS,
     Column,
     Series,
@@ -159,7 +160,7 @@ def read_shots(path: Path, voltage_V: float) -> tuple[Shot, ...]:
         "voltage_V": [voltage_V] * count,
         "displacement_mm": [math.nan] * count,
         "session": [0.0] * count,
-        **{name: [math.nan] * count for name in CHOSEN},
+        **{name: [math.nan] * count for name in (*SHEARED, *CHOSEN)},
     } | table
     lines = line_numbers(path)
     for name, what in (("index", "frames in the order of the table"), ("time_s", "times that rise: a clock runs on")):
@@ -177,6 +178,9 @@ def read_shots(path: Path, voltage_V: float) -> tuple[Shot, ...]:
             voltage_V=_n(filled["voltage_V"][k]),
             displacement_mm=_n(filled["displacement_mm"][k]),
             session=int(_n(filled["session"][k])),
+            tangential_force_N=_n(filled["tangential_force_N"][k]),
+            slide_mm=_n(filled["slide_mm"][k]),
+            torque_Nmm=_n(filled["torque_Nmm"][k]),
             exposure_ms=_n(filled["exposure_ms"][k]),
             analogue_gain=_n(filled["analogue_gain"][k]),
             red_gain=_n(filled["red_gain"][k]),

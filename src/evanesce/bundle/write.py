@@ -27,6 +27,7 @@ from evanesce.bundle.layout import (
     SERIES_FOLDER,
     Shot,
     with_chosen,
+    with_shear,
 )
 from evanesce.bundle.protocol import Protocol, default_protocol
 from evanesce.chain.simulate import Render, expose, solve_contact
@@ -307,7 +308,7 @@ def _press(part: Path, rig: Rig, protocol: Protocol, written: Callable[[], None]
         write_frame(part, PRESS_FOLDER, shot.index, levels)
         frames.append(levels)
         depths.append(state.depth)
-        shots.append(with_chosen(shot, frame.chosen))
+        shots.append(with_shear(with_chosen(shot, frame.chosen), state))
         written()
     write_shots(part / PRESS_TABLE, shots, depths)
     return frames, depths
@@ -340,11 +341,11 @@ def _replicates(
     for k in range(protocol.replicates):
         time = last + 10.0 + k / rig.scene.press.frame_rate_hz
         shot = Shot(index=k, time_s=time, force_N=held.force_N, voltage_V=held.voltage_V, session=held.session)
-        frame, _ = rig.taken(shot, _FIRST_INDEX[REPLICATES_FOLDER] + k)
+        frame, state = rig.taken(shot, _FIRST_INDEX[REPLICATES_FOLDER] + k)
         levels = np.asarray(frame.data, np.uint8)
         write_frame(part, REPLICATES_FOLDER, k, levels)
         areas.append(contact_area(levels, nominal))
-        shots.append(with_chosen(shot, frame.chosen))
+        shots.append(with_shear(with_chosen(shot, frame.chosen), state))
         written()
     write_shots(part / REPLICATES_FOLDER / REPLICATES_TABLE, shots, [depth] * len(shots))
     return areas

@@ -28,6 +28,7 @@ from evanesce.chain.simulate import simulate, solve_contact
 from evanesce.core import rng
 from evanesce.core.states import ContactState, Frame, PlateGrid, embedded
 from evanesce.effects import active_effects
+from evanesce.optics.liquid import lit_contact
 from evanesce.optics.projection import Projection
 from evanesce.optics.seen import seen_at
 from evanesce.render.fast.feedback import coarse_mean, feedback
@@ -214,6 +215,7 @@ class FastCamera:
             The same array for approaches of a tenth of a millimetre; None without light beside the contact [e-].
         """
         scene, grid = self.scene, state.grid if grid is None else grid
+        state = lit_contact(scene, state)
         if self._fields is None:
             self._fields = fields_of(scene)
         fields = self._fields

@@ -198,11 +198,16 @@ def _row(shot: Shot, force_N: float) -> dict[str, Any]:
     from evanesce.render.reference.passes import relative_error
 
     assert shot.contact is not None
+    slides = {
+        name: shot.contact.parameters[key]
+        for name, key in (("tip_displacement_mm", "tip_displacement_mm"), ("torque_N_mm", "torque_N_mm"))
+        if key in shot.contact.parameters
+    } | ({"tangential_force_N": list(shot.contact.tangential_force)} if shot.contact.traction is not None else {})
     return {
         "index": shot.index, "time_s": shot.time_s, "force_N": force_N, "true_area_mm2": shot.truth.area_mm2,
         "law": shot.contact.law, "brightest_DN": int(shot.frame.max()),
         "full_scale_share": full_scale_share(shot.frame), "paths_per_px": shot.plate_light.samples,
-        "relative_error": relative_error(shot.plate_light), **shot.simulated.frame.chosen,
+        "relative_error": relative_error(shot.plate_light), **slides, **shot.simulated.frame.chosen,
     }  # fmt: skip
 
 

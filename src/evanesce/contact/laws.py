@@ -224,6 +224,10 @@ def _halfspace(scene: Scene, law: HalfspaceLaw, force: float, modulus: float, fa
 
     Ridges do not change how far the smooth tip is pressed in, adhesion as in JKR.
     """
+    if law.layer_mm is not None:
+        raise InputError(
+            "a layer on bone has no depth in closed form", key="contact.layer_mm", allowed="forces, or a ramp in N/s"
+        )
     work = law.work_of_adhesion_N_per_mm + scene.finger.work_of_adhesion_N_per_mm
     return jkr_contact(force, scene.finger.tip_radius_mm, modulus, work), {"reduced_modulus_MPa": modulus}
 

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from evanesce.contact.laws import apply_law
+from evanesce.contact.rate import as_loaded
 from evanesce.contact.sliding.programme import SlideProgramme
 from evanesce.core.errors import InputError
 from evanesce.rig import Scene
@@ -107,7 +108,7 @@ def _require_frames(frames: int, limit: int) -> None:
 
 
 def _depth(scene: Scene, force: float) -> float:
-    depth = apply_law(scene, force).contact.depth
+    depth = apply_law(as_loaded(scene, force), force).contact.depth
     if not math.isfinite(depth):
         raise InputError(
             f"law {scene.contact.law} has no depth, which a ramp in mm/min needs",

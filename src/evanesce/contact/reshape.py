@@ -70,6 +70,7 @@ def reshaped_state(
         slip=optional(state.slip),
         slip_velocity=optional(state.slip_velocity),
         state=labels,
+        wetted=optional(state.wetted),
         real_contact_fraction=optional(state.real_contact_fraction),
     )
 

@@ -10,27 +10,20 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache, lru_cache
 from typing import overload
 
-from evanesce.contact.analytic.partial_slip import tangential_modulus
 from evanesce.contact.analytic.roughness import persson_contact_fraction
-from evanesce.contact.laws import apply_law, finger_modulus, knows_adhesion
-from evanesce.contact.patch import AxisymmetricContact
-from evanesce.contact.programme import press_programme, slide_programme
+from evanesce.contact.laws import finger_modulus
+from evanesce.contact.liquid import wetted_state
+from evanesce.contact.programme import press_programme
+from evanesce.contact.rate import as_loaded
 from evanesce.contact.ridges.heightmap import RidgeRow
 from evanesce.contact.ridges.skin import ridge_row_of, skin_of
-from evanesce.contact.scaling import stiffness_factor
-from evanesce.contact.sliding.programme import slide_states
-from evanesce.contact.sliding.shaft import shaft_stiffness, tilted_compliance, tip_contact_fits
-from evanesce.contact.sliding.states import SlideStates, SlideView
+from evanesce.contact.slide import slide_frame
 from evanesce.contact.statics import pressed_state
 from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState, PlateGrid
-from evanesce.materials import silicone_of
-from evanesce.materials.friction import InterfaceFriction, coulomb, interface_of
-from evanesce.rig import Finger, Scene, Slide
-from evanesce.rig.finger import OWN
+from evanesce.rig import Scene
 
 
 def contact_grid(scene: Scene) -> PlateGrid:
@@ -87,10 +80,13 @@ def contact_state(scene: Scene, force_N: float, *, time_s: float = 0.0) -> Conta
     if not (math.isfinite(force_N) and force_N >= 0):
         raise InputError(f"normal force of {force_N:g} N", key="press.forces_N", allowed="a finite force, not negative")
     if scene.slide is None:
+        scene = as_loaded(scene, force_N)
         state = pressed_state(scene, contact_grid(scene), force_N, time_s)
     else:
-        state = _slide_frame(scene, force_N, time_s)
+        state = slide_frame(scene, contact_grid(scene), force_N, time_s)
     _require_on_finger(scene, state)
+    if scene.liquid is not None:
+        state = wetted_state(state, scene.liquid)
     slope = scene.finger.roughness_rms_slope
     if slope == 0:
         return state
@@ -166,105 +162,3 @@ def _require_on_finger(scene: Scene, state: ContactState) -> None:
             key="press.forces_N",
             allowed=f"at most the finger's cross-section of {largest:.4g} mm^2",
         )
-
-
-def _slide_frame(scene: Scene, force: float, time: float) -> ContactState:
-    """Return the frame of a scene's slide at a time."""
-    if scene.finger.work_of_adhesion_N_per_mm > 0 and not knows_adhesion(scene):
-        raise InputError(
-            f"a slide under law {scene.contact.law} has no adhesion",
-            key="finger.work_of_adhesion_N_per_mm",
-            allowed="0, or law hertz or jkr",
-        )
-    times, forces, _ = slide_programme(scene).sample()
-    index = round(time * scene.press.frame_rate_hz)
-    if not 0 <= index < times.size or abs(times[index] - time) > 1e-6 or abs(forces[index] - force) > 1e-6:
-        raise InputError(
-            f"{force:g} N at {time:g} s is no frame of the slide", key="slide", allowed="a frame of its programme"
-        )
-    return _slide_of(scene.model_dump_json())[index]
-
-
-@lru_cache(maxsize=2)
-def _slide_of(scene_json: str) -> SlideStates:
-    """Return a scene's slide, solved once for all its frames; keyed by text because scenes hold tables."""
-    return _solve_slide(Scene.model_validate_json(scene_json))
-
-
-def _solve_slide(scene: Scene) -> SlideStates:
-    """Return the contact states of a scene's slide.
-
-    Raises
-    ------
-    InputError
-        If friction is unknown, the shaft buckles, or the contact leaves the grid or the tip.
-    """
-    slide, finger = scene.slide, scene.finger
-    assert slide is not None  # the caller's
-    programme, angle = slide_programme(scene), math.radians(slide.contact_angle_deg)
-
-    @cache
-    def contact_law(force: float) -> AxisymmetricContact:
-        return apply_law(scene, force).contact
-
-    poisson = silicone_of(finger).poisson_ratio
-    forces = programme.sample()[1].tolist()
-    widest = max(contact_law(force).contact_radius for force in forces)
-    if not tip_contact_fits(widest, finger.tip_radius_mm, angle):
-        raise InputError(
-            f"a contact of {widest:.3g} mm leaves the tip", key="slide.contact_angle_deg", allowed="a smaller angle"
-        )
-    friction = _friction(finger, slide)
-    stiffness = _drive_stiffness(finger, slide, programme.normal_force, contact_law(forces[-1]).depth, angle)
-    parameters = {
-        "material": finger.material,
-        "tip_radius_mm": finger.tip_radius_mm,
-        "tau0_MPa": friction.tau0,
-        "alpha": friction.alpha,
-        "speed_mm_per_s": slide.speed_mm_per_s,
-        "area_loss_mm2_per_N2": slide.area_loss_mm2_per_N2,
-        "contact_angle_deg": slide.contact_angle_deg,
-        "drive_stiffness_N_per_mm": stiffness,
-    }
-    view = SlideView(
-        centre=finger.position_mm, direction=math.radians(slide.direction_deg), follows=not slide.glass_moves
-    )
-    return slide_states(
-        contact_grid(scene), programme, friction, contact_law,
-        lambda force: float(tangential_modulus(finger_modulus(scene, force), poisson)),
-        drive_stiffness=stiffness, area_loss=slide.area_loss_mm2_per_N2, view=view,
-        law=f"{scene.contact.law}+sliding", parameters=parameters,
-    )  # fmt: skip
-
-
-def _friction(finger: Finger, slide: Slide) -> InterfaceFriction:
-    if slide.friction_coefficient is not None:
-        return coulomb(slide.friction_coefficient)
-    try:
-        if finger.material == OWN:
-            raise ValueError("no friction is known of the scene's own silicone")
-        return interface_of(finger.material)
-    except ValueError as error:
-        raise InputError(str(error), key="slide.friction_coefficient", allowed="a coefficient") from None
-
-
-def _drive_stiffness(finger: Finger, slide: Slide, force: float, depth: float, angle: float) -> float:
-    """Return the stiffness of the finger's shaft along the slide [N/mm]; infinite for a rigid one."""
-    if slide.shaft == "rigid":
-        return math.inf
-    silicone = silicone_of(finger)
-    fit = silicone.mooney_rivlin
-    youngs = silicone.youngs_modulus_MPa if fit is None else fit.youngs_modulus_MPa
-    youngs *= stiffness_factor(finger, force)
-    # the pressed finger is shorter by its depth, where the law has one
-    length = finger.length_mm - (depth if math.isfinite(depth) else 0.0)
-    column = finger.tip_radius_mm if finger.tip_radius_mm < length else 0.0
-    try:
-        axial, bending = shaft_stiffness(
-            youngs, 0.5 * finger.diameter_mm, length, normal_force=force, tip_radius=column
-        )
-    except ValueError as error:
-        raise InputError(
-            str(error), key="slide.shaft", allowed='"rigid", a shorter finger or a smaller force'
-        ) from None
-    return 1.0 / float(tilted_compliance(axial, bending, angle)[0, 0])

@@ -17,6 +17,7 @@ from evanesce.contact.patch import axisymmetric_state, radii
 from evanesce.contact.ridges.ridged import ridged_state
 from evanesce.contact.ridges.skin import Skin, require_within_scan, ridge_row_of, skin_of
 from evanesce.contact.scaling import stiffened_state, stiffness_factor
+from evanesce.contact.tilt import require_on_tip, tilt_of, tilted_heights, turned_skin
 from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState, PlateGrid
 from evanesce.rig import Scene
@@ -63,17 +64,24 @@ def _by_law(scene: Scene, grid: PlateGrid, force: float, time: float) -> Contact
 def _analytic(scene: Scene, grid: PlateGrid, force: float, time: float) -> ContactState:
     found = apply_law(scene, force)
     contact, modulus, parameters = found.contact, found.modulus, found.parameters
+    require_on_tip(scene, contact.contact_radius)
+    if scene.contact.tilt_deg:
+        parameters |= {"tilt_deg": scene.contact.tilt_deg}
     centre, law, ridges = scene.finger.position_mm, scene.contact.law, scene.finger.ridges
     if not scene.finger.is_smooth and isinstance(scene.contact, JkrLaw):
         allowed = "hertz, scaled_hertz, xydas_kao, halfspace, fem"
         raise InputError("a relief on the tip needs a law without adhesion", key="contact.law", allowed=allowed)
     if ridges is None:
         smooth = axisymmetric_state(grid, centre, contact, law=law, parameters=parameters, time=time)
-        skin = None if scene.finger.height_map is None else skin_of(scene.finger, grid)
+        skin = None if scene.finger.is_smooth else skin_of(turned_skin(scene), grid)
         return smooth if skin is None else _with_relief(scene, smooth, skin, modulus, parameters)
     if ridges.rounding_um is not None:
         allowed = 'law "halfspace", or no rounding'
         raise InputError("the first ridged model has its own shape", key="finger.ridges.rounding_um", allowed=allowed)
+    if scene.contact.tilt_deg:
+        raise InputError(
+            "the first ridged model stands upright", key="contact.tilt_deg", allowed='law "halfspace", or 0'
+        )
     row = ridge_row_of(ridges)
     parameters |= row.parameters()
     try:
@@ -86,25 +94,45 @@ def _analytic(scene: Scene, grid: PlateGrid, force: float, time: float) -> Conta
 
 def _halfspace(scene: Scene, law: HalfspaceLaw, grid: PlateGrid, force: float, time: float) -> ContactState:
     modulus = finger_modulus(scene, force)
-    heights = radii(grid, scene.finger.position_mm) ** 2 / (2.0 * scene.finger.tip_radius_mm)
+    upright = tilt_of(scene)[0] == 0.0
+    heights = (
+        radii(grid, scene.finger.position_mm) ** 2 / (2.0 * scene.finger.tip_radius_mm)
+        if upright
+        else tilted_heights(scene, grid)
+    )
     parameters: dict[str, Any] = {
         "tip_radius_mm": scene.finger.tip_radius_mm,
         "material": scene.finger.material,
         "reduced_modulus_MPa": modulus,
     }
-    skin = skin_of(scene.finger, grid)
+    if not upright:
+        parameters |= {"tilt_deg": law.tilt_deg}
+    if law.layer_mm is not None:
+        parameters["layer_mm"] = law.layer_mm
+    skin = skin_of(turned_skin(scene), grid)
+    if skin is not None and law.skin_modulus_MPa is not None:
+        # two scales: tissue on bone carries the finger, a stiffer skin its relief
+        smooth = resolved_state(
+            grid, heights, modulus, force, law=law.law, layer=law.layer_mm, parameters=parameters, time=time
+        )
+        return _with_relief(
+            scene, smooth, skin, law.skin_modulus_MPa, parameters | {"skin_modulus_MPa": law.skin_modulus_MPa}
+        )
     if skin is not None:
         heights = heights + skin.depth
         parameters |= skin.parameters
     work = law.work_of_adhesion_N_per_mm + scene.finger.work_of_adhesion_N_per_mm
     adhesion = Adhesion(work, law.cohesive_stress_MPa)
     name = law.law if skin is None else f"{law.law}+{skin.name}"
-    state = resolved_state(grid, heights, modulus, force, law=name, adhesion=adhesion, parameters=parameters, time=time)
+    state = resolved_state(
+        grid, heights, modulus, force, law=name, adhesion=adhesion, layer=law.layer_mm, parameters=parameters, time=time
+    )
     return state if skin is None else require_within_scan(state, skin)
 
 
 def _fem(scene: Scene, law: FemLaw, grid: PlateGrid, force: float, time: float) -> ContactState:
     """Return the library's press; a relief on it closes as on a half-space of the local stiffness."""
+    tilt_of(scene)  # refuses one
     finger, factor = scene.finger, stiffness_factor(scene.finger, force)
     solved_press(finger, law, force, factor)
     found = library_state(finger.material, force / factor, grid, centre=finger.position_mm, bone=law.bone, time=time)
@@ -139,8 +167,8 @@ def _with_adhesion(scene: Scene, grid: PlateGrid, force: float, time: float) -> 
     work, modulus = scene.finger.work_of_adhesion_N_per_mm, finger_modulus(scene, force)
     dry_finger = scene.finger.model_copy(update={"work_of_adhesion_N_per_mm": 0.0})
     dry = scene.model_copy(update={"finger": dry_finger})
-    smooth_finger = dry_finger.model_copy(update={"ridges": None, "height_map": None})
-    smooth, skin = dry.model_copy(update={"finger": smooth_finger}), skin_of(scene.finger, grid)
+    smooth_finger = dry_finger.model_copy(update={"ridges": None, "height_map": None, "fingerprint": None})
+    smooth, skin = dry.model_copy(update={"finger": smooth_finger}), skin_of(turned_skin(scene), grid)
     if skin is None:
         contact, dry_force = adhered_contact(lambda load: apply_law(smooth, load).contact, force, modulus, work)
         state = _by_law(smooth, grid, dry_force, time)

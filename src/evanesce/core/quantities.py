@@ -54,6 +54,9 @@ UNIT_SUFFIXES: dict[str, str] = {
     "per_K": "1/K",
     "ohm_per_mm": "ohm/mm",
     "per_cm2": "1/cm^2",
+    "deg_per_s": "deg/s",
+    "uL": "uL",
+    "mPa_s": "mPa s",
 }
 
 

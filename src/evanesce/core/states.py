@@ -102,6 +102,7 @@ _FIELDS = (
     "slip",
     "slip_velocity",
     "strength",
+    "wetted",
 )
 
 
@@ -130,6 +131,9 @@ class ContactState:
         Of the skin over the glass (x, y) [mm/s].
     strength : ndarray (rows, cols), optional
         Shear strength: the traction at which a cell slips [MPa].
+    wetted : ndarray (rows, cols), optional
+        Share of each cell where glass and silicone touch, or a liquid bridges them; the liquid's index stands in
+        ``parameters``.
     state : ndarray of uint8 (rows, cols), optional
         :class:`SurfaceState` of each cell.
     real_contact_fraction : ndarray (rows, cols), optional
@@ -156,6 +160,7 @@ class ContactState:
     slip: FloatMap | None = None
     slip_velocity: FloatMap | None = None
     strength: FloatMap | None = None
+    wetted: FloatMap | None = None
     state: NDArray[np.uint8] | None = None
     real_contact_fraction: FloatMap | None = None
     tangential_force: tuple[float, float] = (0.0, 0.0)

@@ -13,8 +13,8 @@ GROUPS: Mapping[str, frozenset[str]] = {
     ),
     "size of the contact": frozenset(
         {
-            "adhesion", "bone_stiffening", "creep", "force_offset", "modulus", "off_axis_load", "real_contact",
-            "ridge_height", "shear_area_loss",
+            "adhesion", "bone_stiffening", "creep", "force_offset", "liquid_film", "modulus", "off_axis_load",
+            "real_contact", "ridge_height", "shear_area_loss",
         }
     ),
     "levels of the camera": frozenset({"ambient_light", "black_level", "saturation", "tone_curve"}),

@@ -2,9 +2,11 @@
 
 from evanesce.rig.camera import Camera, Distortion
 from evanesce.rig.card import Cards
-from evanesce.rig.finger import Contact, Finger, Ridges, ScannedSkin
+from evanesce.rig.environment import Environment
+from evanesce.rig.finger import Contact, Finger, Fingerprint, Ridges, ScannedSkin
 from evanesce.rig.height_map import copy_height_map
 from evanesce.rig.leds import LedCircuit, Leds
+from evanesce.rig.liquid import Liquid
 from evanesce.rig.load import dump_scene, load_scene, scene_path
 from evanesce.rig.plate import Plate
 from evanesce.rig.programme import Press, Ramp, Slide
@@ -18,10 +20,13 @@ __all__ = [
     "Cards",
     "Contact",
     "Distortion",
+    "Environment",
     "Finger",
+    "Fingerprint",
     "Haze",
     "LedCircuit",
     "Leds",
+    "Liquid",
     "Plate",
     "Press",
     "Ramp",

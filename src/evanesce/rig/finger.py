@@ -52,6 +52,23 @@ class ScannedSkin(Strict):
     )
 
 
+class Fingerprint(Strict):
+    """A human print that is grown, not scanned: pattern, ridges and pores."""
+
+    pattern: Literal["arch", "loop", "whorl"] = "loop"
+    ridge_period_um: float = field(
+        460.0, unit="um", bounds=(100.0, 2000.0), source="Cummins and Midlo (1943): 20.7 and 23.4 ridges a cm in adults"
+    )
+    ridge_height_um: float = field(60.0, unit="um", bounds=(1.0, 500.0), doc="crest over furrow; not of one finger")
+    pore_spacing_um: float = field(
+        800.0, unit="um", bounds=(0.0, 10000.0), null=0.0, doc="nearest distance along a ridge; 0: no pores"
+    )
+    pore_diameter_um: float = field(150.0, unit="um", bounds=(10.0, 500.0), source="Locard (1912): 88 to 220 um")
+    orientation_deg: float = field(0.0, unit="deg", bounds=(-180.0, 180.0), doc="by which the print is turned")
+    size_mm: float = field(20.0, unit="mm", bounds=(2.0, 60.0), doc="side of the grown skin")
+    seed: int = field(0, unit="1", bounds=(0, 2**62))
+
+
 OWN = "own"
 """Name of the material of a finger whose stiffness stands in the scene itself."""
 
@@ -150,6 +167,7 @@ class Finger(Strict):
     )
     ridges: Ridges | None = None
     height_map: ScannedSkin | None = None
+    fingerprint: Fingerprint | None = None
 
     @model_validator(mode="after")
     def _one_stiffness(self) -> Self:
@@ -167,11 +185,22 @@ class Finger(Strict):
 
     @property
     def is_smooth(self) -> bool:
-        """Whether the tip carries neither ridges nor a height map."""
-        return self.ridges is None and self.height_map is None
+        """Whether the tip carries neither ridges nor a height map nor a print."""
+        return self.ridges is None and self.height_map is None and self.fingerprint is None
 
 
-class HertzLaw(Strict):
+class Tilted(Strict):
+    """How the finger stands on the glass, whatever the law."""
+
+    tilt_deg: float | None = field(
+        None, unit="deg", bounds=(0.0, 60.0), null=0.0, doc="of the finger's axis from the plate's normal; of a press"
+    )
+    tilt_direction_deg: float | None = field(
+        None, unit="deg", bounds=(-180.0, 180.0), doc="to which the finger's top leans, from x towards y; none: x"
+    )
+
+
+class HertzLaw(Tilted):
     """Hertz with E* = intercept + slope F; both from the material unless given here."""
 
     law: Literal["hertz"]
@@ -179,7 +208,7 @@ class HertzLaw(Strict):
     reduced_modulus_slope_MPa_per_N: float | None = field(None, unit="MPa/N", bounds=(-10.0, 10.0))
 
 
-class ScaledHertzLaw(Strict):
+class ScaledHertzLaw(Tilted):
     """Hertz whose area is multiplied by a factor (thesis, section 5.5.1: 1.66 for Silskin 20 %)."""
 
     law: Literal["scaled_hertz"]
@@ -188,7 +217,7 @@ class ScaledHertzLaw(Strict):
     reduced_modulus_slope_MPa_per_N: float | None = field(None, unit="MPa/N", bounds=(-10.0, 10.0))
 
 
-class JkrLaw(Strict):
+class JkrLaw(Tilted):
     """Johnson, Kendall and Roberts: Hertz with adhesion. 0.001 N/mm is 1 J/m^2."""
 
     law: Literal["jkr"]
@@ -197,7 +226,7 @@ class JkrLaw(Strict):
     reduced_modulus_slope_MPa_per_N: float | None = field(None, unit="MPa/N", bounds=(-10.0, 10.0))
 
 
-class XydasKaoLaw(Strict):
+class XydasKaoLaw(Tilted):
     """Power law a = c N^gamma of Xydas and Kao for soft fingers."""
 
     law: Literal["xydas_kao"]
@@ -205,11 +234,20 @@ class XydasKaoLaw(Strict):
     gamma: float = field(unit="1", bounds=(0.0, 1.0 / 3.0))
 
 
-class HalfspaceLaw(Strict):
+class HalfspaceLaw(Tilted):
     """Elastic half-space carrying tip and ridges as a height map, solved on the contact grid."""
 
     law: Literal["halfspace"]
     work_of_adhesion_N_per_mm: float = field(0.0, unit="N/mm", bounds=(0.0, 0.1), null=0.0)
+    layer_mm: float | None = field(
+        None, unit="mm", bounds=(0.05, 100.0), doc="incompressible tissue of this thickness on bone; none: endless"
+    )
+    skin_modulus_MPa: float | None = field(
+        None,
+        unit="MPa",
+        bounds=(1e-4, 1e5),
+        doc="E* at the relief, of a stiffer skin over layer_mm; none: the tissue's",
+    )
     cohesive_stress_MPa: float | None = field(
         None, unit="MPa", bounds=(1e-6, 1e3), doc="Dugdale's tension; none: as large as the grid resolves"
     )
@@ -217,11 +255,14 @@ class HalfspaceLaw(Strict):
     reduced_modulus_slope_MPa_per_N: float | None = field(None, unit="MPa/N", bounds=(-10.0, 10.0))
 
 
-class FemLaw(Strict):
-    """Finite elements: the solved press of the thesis's finger that ships with the project, ridges by a half-space."""
+class FemLaw(Tilted):
+    """Finite elements: the solved press of the thesis's finger that ships with the project, ridges by a half-space.
+
+    The thesis cast a bone in and does not print its size: half the tip's radius is assumed, none is a solid finger.
+    """
 
     law: Literal["fem"]
-    bone: Literal["none", "half"] = "none"
+    bone: Literal["none", "half"] = "half"
     reduced_modulus_MPa: float | None = field(
         None, unit="MPa", bounds=(1e-5, 1e5), doc="at the ridges and the roughness; none: 4 G of the material"
     )

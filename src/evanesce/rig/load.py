@@ -78,7 +78,18 @@ def load_scene(name: str | Path, overrides: dict[str, Any] | None = None) -> Sce
         raise InputError(f"not valid TOML: {error}", file=path) from None
     for dotted, value in (overrides or {}).items():
         _set(data, dotted, value, path)
+        if isinstance(value, dict):
+            _forget_replaced(data, dotted, value)
     return spectrum_file.located(height_map.located(validate(Scene, data, path), path), path)
+
+
+def _forget_replaced(data: dict[str, Any], dotted: str, table: dict[str, Any]) -> None:
+    """Take out the sentences about keys that the table in their place does not have."""
+    for name in ("sources", "assumptions"):
+        sentences = data.get(name)
+        if isinstance(sentences, dict):
+            inside = {key: key[len(dotted) + 1 :].split(".")[0] for key in sentences if key.startswith(f"{dotted}.")}
+            data[name] = {key: text for key, text in sentences.items() if key not in inside or inside[key] in table}
 
 
 def _set(data: dict[str, Any], dotted: str, value: Any, path: Path) -> None:

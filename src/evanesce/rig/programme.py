@@ -33,6 +33,12 @@ class Press(Strict):
         None, unit="N", bounds=(0.0, 1000.0), doc="held normal forces", min_length=1, max_length=100_000
     )
     ramp: Ramp | None = None
+    rate_mm_per_min: float | None = field(
+        None, unit="mm/min", bounds=(1e-3, 1e5), doc="at which each held force was approached; none: 5 mm/min"
+    )
+    dwell_s: float | None = field(
+        None, unit="s", bounds=(0.0, 1e6), doc="for which each force is held before its frame"
+    )
     frame_rate_hz: float = field(30.0, unit="hz", bounds=(0.01, 10000.0), source="thesis, chapter 5")
     max_frames: int = Field(10_000, ge=1, le=1_000_000)
 
@@ -40,6 +46,10 @@ class Press(Strict):
     def _one_programme(self) -> Self:
         if (self.forces_N is None) == (self.ramp is None):
             raise ValueError("give exactly one of forces_N and ramp")
+        if self.ramp is not None and (self.rate_mm_per_min is not None or self.dwell_s is not None):
+            raise ValueError(
+                "press.rate_mm_per_min and press.dwell_s belong to forces_N (allowed: the ramp's own rate)"
+            )
         return self
 
 
@@ -52,6 +62,29 @@ class Slide(Strict):
     friction_coefficient: float | None = field(
         None, unit="1", bounds=(1e-3, 10.0), doc="Coulomb's; none: tau0/p + alpha of the material"
     )
+    speed_exponent: float | None = field(
+        None, unit="1", bounds=(0.0, 1.0), doc="friction grows as (speed/1 mm/s)^exponent; none: 0; not published"
+    )
+    drive_stiffness_N_per_mm: float | None = field(
+        None,
+        unit="N/mm",
+        bounds=(1e-3, 1e6),
+        doc="of the machine along the slide, in series with the shaft; none: rigid",
+    )
+    spin_deg_per_s: float | None = field(
+        None,
+        unit="deg/s",
+        bounds=(-3600.0, 3600.0),
+        null=0.0,
+        doc="of the sliding finger about the plate's normal",
+    )
+    ridge_friction_ratio: float | None = field(
+        None,
+        unit="1",
+        bounds=(0.1, 10.0),
+        null=1.0,
+        doc="friction along the ridges over that across; not published",
+    )
     contact_angle_deg: float = field(0.0, unit="deg", bounds=(0.0, 45.0), source="thesis, chapter 6: 0 and 45 deg")
     preload_N: float = field(0.05, unit="N", bounds=(0.0, 1000.0), source="thesis, chapter 6")
     press_time_s: float = field(2.0, unit="s", bounds=(1e-3, 1e4), doc="from preload to the held force")
@@ -59,4 +92,7 @@ class Slide(Strict):
     reciprocate: bool = False
     shaft: Literal["silicone", "rigid"] = "silicone"
     glass_moves: bool = False
-    area_loss_mm2_per_N2: float = field(0.0, unit="mm^2/N^2", bounds=(0.0, 1e4), null=0.0, doc="Sahli's alpha_A")
+    area_under_shear: Literal["physics", "constant"] = "physics"
+    area_loss_mm2_per_N2: float = field(
+        0.0, unit="mm^2/N^2", bounds=(0.0, 1e4), null=0.0, doc="Sahli's alpha_A, in place of physics"
+    )

@@ -12,8 +12,10 @@ from pydantic import Field, model_validator
 from evanesce.core.quantities import Strict, field
 from evanesce.rig.camera import Camera
 from evanesce.rig.card import Cards
-from evanesce.rig.finger import OWN, Contact, Finger, HertzLaw
+from evanesce.rig.environment import Environment
+from evanesce.rig.finger import OWN, Contact, Finger, HalfspaceLaw, HertzLaw
 from evanesce.rig.leds import Leds
+from evanesce.rig.liquid import Liquid
 from evanesce.rig.plate import Plate
 from evanesce.rig.programme import Press, Slide
 from evanesce.rig.surroundings import Surroundings
@@ -63,6 +65,8 @@ class Scene(Strict):
     card: Cards = Cards()
     press: Press
     slide: Slide | None = None
+    environment: Environment | None = None
+    liquid: Liquid | None = None
     grid: ContactGrid = ContactGrid()
     render: RenderSettings = RenderSettings()
     figures_at_nm: float | None = field(
@@ -119,6 +123,15 @@ class Scene(Strict):
         ridges = self.finger.ridges
         if ridges is not None and self.finger.height_map is not None:
             raise ValueError("finger.ridges and finger.height_map are both given (allowed: one of them)")
+        if self.finger.fingerprint is not None and not (ridges is None and self.finger.height_map is None):
+            raise ValueError("finger.fingerprint is given beside another relief (allowed: one of them)")
+        law = self.contact
+        if isinstance(law, HalfspaceLaw) and law.skin_modulus_MPa is not None and law.layer_mm is None:
+            raise ValueError("contact.skin_modulus_MPa is given without contact.layer_mm (allowed: both)")
+        if getattr(self.contact, "layer_mm", None) is not None and (
+            self.finger.work_of_adhesion_N_per_mm > 0 or getattr(self.contact, "work_of_adhesion_N_per_mm", 0.0) > 0
+        ):
+            raise ValueError("contact.layer_mm is given beside adhesion (allowed: one of them)")
         if ridges is not None and ridges.width_um > ridges.pitch_um:
             raise ValueError(
                 f"finger.ridges.width_um = {ridges.width_um:g} exceeds the pitch"
@@ -158,8 +171,23 @@ class Scene(Strict):
         forces = self.press.forces_N
         if forces is None or len(forces) != 1 or forces[0] <= self.slide.preload_N:
             raise ValueError("a slide needs press.forces_N with one force, above slide.preload_N")
-        if not self.finger.is_smooth or self.contact.law == "halfspace":
-            raise ValueError("a slide needs a smooth finger and a law other than halfspace: a slide has round contacts")
+        if self.press.rate_mm_per_min is not None or self.press.dwell_s is not None:
+            raise ValueError(
+                "press.rate_mm_per_min and press.dwell_s are not those of a slide"
+                " (allowed: slide.press_time_s and slide.hold_time_s)"
+            )
+        if self.contact.tilt_deg:
+            raise ValueError("contact.tilt_deg is that of a press (allowed: slide.contact_angle_deg)")
+        scanned = self.finger.height_map is not None or self.finger.fingerprint is not None
+        if scanned or self.contact.law == "halfspace":
+            raise ValueError(
+                "a slide needs a law other than halfspace, no height map and no print: a slide has round contacts"
+            )
+        ridges = self.finger.ridges
+        if ridges is not None and (self.slide.glass_moves or ridges.rounding_um is not None):
+            raise ValueError("a ridged finger slides itself, without rounding (allowed: glass_moves = false)")
+        if self.slide.ridge_friction_ratio is not None and (ridges is None or ridges.pattern != "parallel"):
+            raise ValueError('slide.ridge_friction_ratio needs finger.ridges (allowed: pattern "parallel")')
 
     def _has(self, dotted: str) -> bool:
         """Return whether a dotted key names something in this scene."""

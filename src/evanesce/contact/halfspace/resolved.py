@@ -130,6 +130,7 @@ def resolved_state(
     *,
     law: str,
     adhesion: Adhesion | None = None,
+    layer: float | None = None,
     parameters: Mapping[str, Any] | None = None,
     time: float = 0.0,
 ) -> ContactState:
@@ -147,6 +148,8 @@ def resolved_state(
     law, parameters, time
         Passed on.
     adhesion : Adhesion, optional
+    layer : float, optional
+        Thickness [mm] of an incompressible layer on rigid bone, instead of a half-space; without adhesion.
 
     Returns
     -------
@@ -166,7 +169,7 @@ def resolved_state(
         found = press_adhesive_height_map(heights, grid.pitch, modulus, force, adhesion.work, stress)
         reaction = np.where(found.gap == 0, np.maximum(found.pressure + stress, 0.0), 0.0)
     elif force > 0:
-        found = press_height_map(heights, grid.pitch, modulus, force)
+        found = press_height_map(heights, grid.pitch, modulus, force, layer=layer)
         reaction = found.pressure
     else:
         nothing = np.zeros(grid.shape)

@@ -140,6 +140,52 @@ def periodic_operator(shape: tuple[int, int], pitch: float, modulus: float) -> O
     return displacement
 
 
+def layered_operator(shape: tuple[int, int], pitch: float, modulus: float, thickness: float) -> Operator:
+    """Return pressure [MPa] -> displacement [mm] of an incompressible layer bonded to rigid bone.
+
+    u_k = p_k (sinh 2q - 2q)/(2 G k (cosh 2q + 2 q^2 + 1)), q = k thickness, G = E*/4: a half-space for short waves, p_k
+    k^2 thickness^3/(3 G) for long ones. Tissue does not give where it is pressed evenly. The grid is padded by its own
+    size; a layer's influence ends within a few thicknesses.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Of the grid (rows, cols).
+    pitch : float
+        [mm].
+    modulus : float
+        E* of the layer's material [MPa].
+    thickness : float
+        [mm].
+
+    Returns
+    -------
+    callable
+        Pressure (rows, cols) [MPa] -> displacement (rows, cols) [mm].
+
+    References
+    ----------
+    K. L. Johnson, Contact Mechanics (1985), section 5.8; S. A. Chidlow, W. W. F. Chong and M. Teodorescu, Eur. J.
+    Mech. A 43 (2014) 102 (transforms of layers).
+    """
+    rows, cols = shape
+    padded = tuple(fft.next_fast_len(2 * n, real=True) for n in shape)
+    k = np.hypot(
+        2.0 * np.pi * fft.rfftfreq(padded[1], pitch)[None, :], 2.0 * np.pi * fft.fftfreq(padded[0], pitch)[:, None]
+    )
+    q = np.maximum(k * thickness, 1e-4)
+    # divided by cosh 2q, so that nothing overflows
+    decay = 2.0 * np.exp(-2.0 * q) / (1.0 + np.exp(-4.0 * q))
+    share = (np.tanh(2.0 * q) - 2.0 * q * decay) / (1.0 + (2.0 * q**2 + 1.0) * decay)
+    compliance = np.where(k > 0, 2.0 / modulus * share / np.maximum(k, 1e-12), 0.0)
+
+    def displacement(pressure: Array) -> Array:
+        wave = fft.rfft2(pressure, padded, workers=-1) * compliance
+        return np.asarray(fft.irfft2(wave, padded, workers=-1)[:rows, :cols])
+
+    return displacement
+
+
 def press_height_map(
     heights: Array,
     pitch: float,
@@ -147,6 +193,7 @@ def press_height_map(
     force: float,
     *,
     periodic: bool = False,
+    layer: float | None = None,
     tolerance: float = 1e-5,
     max_iterations: int = 2000,
     start: Array | None = None,
@@ -165,6 +212,8 @@ def press_height_map(
         Normal force on the whole map [N], positive.
     periodic : bool
         The map repeats for ever; otherwise nothing outside it is loaded.
+    layer : float, optional
+        Thickness [mm] of an incompressible layer on rigid bone, instead of a half-space.
     tolerance : float
         Relative change of the pressure at which to stop.
     max_iterations : int
@@ -193,7 +242,12 @@ def press_height_map(
     if not np.isfinite(heights).all():
         raise ValueError("heights must be finite")
     if start is None:
-        start = _coarse_start(heights, pitch, modulus, force, periodic, max_iterations)
+        start = _coarse_start(heights, pitch, modulus, force, periodic, max_iterations, layer)
+    if layer is not None:
+        operator = layered_operator(heights.shape, pitch, modulus, layer)
+        return conjugate_gradients(
+            heights, operator, pitch, force, start, tolerance=tolerance, max_iterations=max_iterations
+        )
     if periodic:
         operator = periodic_operator(heights.shape, pitch, modulus)
         return conjugate_gradients(
@@ -277,7 +331,13 @@ def conjugate_gradients(
 
 
 def _coarse_start(
-    heights: Array, pitch: float, modulus: float, force: float, periodic: bool, max_iterations: int
+    heights: Array,
+    pitch: float,
+    modulus: float,
+    force: float,
+    periodic: bool,
+    max_iterations: int,
+    layer: float | None = None,
 ) -> Array:
     """Return the pressure of the half as finely sampled problem, or an even one where that is too coarse."""
     rows, cols = heights.shape
@@ -285,7 +345,7 @@ def _coarse_start(
         return np.zeros(heights.shape)
     halved = heights.reshape(rows // 2, 2, cols // 2, 2).mean(axis=(1, 3))
     coarse = press_height_map(
-        halved, 2 * pitch, modulus, force, periodic=periodic, tolerance=1e-3, max_iterations=max_iterations
+        halved, 2 * pitch, modulus, force, periodic=periodic, layer=layer, tolerance=1e-3, max_iterations=max_iterations
     )
     return np.repeat(np.repeat(coarse.pressure, 2, axis=0), 2, axis=1)
 

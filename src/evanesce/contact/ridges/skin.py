@@ -14,11 +14,12 @@ from scipy import ndimage
 
 from evanesce.bench.relief import HeightMap, RepeatedProfile
 from evanesce.bench.surface_files import read_skin
+from evanesce.contact.ridges.fingerprint import fingerprint_depth
 from evanesce.contact.ridges.heightmap import RidgeRow
-from evanesce.contact.ridges.ridged import require_resolved
+from evanesce.contact.ridges.ridged import MIN_SAMPLES_PER_PITCH, require_resolved
 from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState, PlateGrid
-from evanesce.rig import Finger, Ridges, ScannedSkin
+from evanesce.rig import Finger, Fingerprint, Ridges, ScannedSkin
 from evanesce.rig.height_map import digest_of
 
 Array = NDArray[np.float64]
@@ -34,7 +35,7 @@ class Skin:
     Attributes
     ----------
     name : str
-        ``ridges`` or ``height_map``; ends the name of the contact's law.
+        ``ridges``, ``height_map`` or ``fingerprint``; ends the name of the contact's law.
     depth : ndarray (rows, cols)
         Below the crests, or below the mean crest of a scan [mm].
     known : ndarray of bool (rows, cols)
@@ -69,6 +70,8 @@ def skin_of(finger: Finger, grid: PlateGrid) -> Skin | None:
     x, y = grid.x[None, :] - finger.position_mm[0], grid.y[:, None] - finger.position_mm[1]
     if finger.height_map is not None:
         return _scanned(finger.height_map, x, y, grid.pitch)
+    if finger.fingerprint is not None:
+        return _printed(finger.fingerprint, x, y, grid.pitch)
     if finger.ridges is None:
         return None
     row = ridge_row_of(finger.ridges)
@@ -101,7 +104,7 @@ def require_within_scan(state: ContactState, skin: Skin) -> ContactState:
         raise InputError(
             f"{beyond * state.grid.pitch**2:.3g} mm^2 of contact lie beyond the scan of "
             + " x ".join(f"{side:.4g}" for side in skin.parameters["height_map_size_mm"]) + " mm",
-            key="finger.height_map.file", allowed="a scan that covers the contact, or a smaller force",
+            key=f"finger.{skin.name}", allowed="a scan or print that covers the contact, or a smaller force",
         )  # fmt: skip
     return state
 
@@ -126,6 +129,17 @@ def ridge_row_of(ridges: Ridges) -> RidgeRow:
         rounding=None if ridges.rounding_um is None else 1e-3 * ridges.rounding_um,
         core_length=ridges.core_length_mm,
     )
+
+
+def _printed(skin: Fingerprint, x: Array, y: Array, cell: float) -> Skin:
+    if cell * MIN_SAMPLES_PER_PITCH > 1e-3 * skin.ridge_period_um:
+        raise InputError(
+            f"contact grid of {1e3 * cell:.4g} um per sample is too coarse for a print of {skin.ridge_period_um:g} um",
+            key="grid.samples", allowed=f"at least {MIN_SAMPLES_PER_PITCH} samples per ridge",
+        )  # fmt: skip
+    depth, known = fingerprint_depth(skin, x, y)
+    size = (skin.size_mm, skin.size_mm)
+    return Skin("fingerprint", depth, known, {"fingerprint": skin.pattern, "height_map_size_mm": size})
 
 
 def scanned_depth(

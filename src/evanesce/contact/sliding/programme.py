@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,7 @@ from evanesce.contact.analytic.hertz import hertz_contact
 from evanesce.contact.analytic.partial_slip import tangential_modulus
 from evanesce.contact.patch import AxisymmetricContact
 from evanesce.contact.sliding.shaft import tilted_compliance
+from evanesce.contact.sliding.shear_area import Share
 from evanesce.contact.sliding.solver import march
 from evanesce.contact.sliding.states import SlideStates, SlideView
 from evanesce.core.errors import InputError
@@ -86,11 +87,12 @@ def slide_states(
     grid: PlateGrid,
     programme: SlideProgramme,
     friction: InterfaceFriction,
-    contact_law: Callable[[float], AxisymmetricContact],
-    shear_modulus: Callable[[float], float],
+    contacts: Sequence[AxisymmetricContact],
+    moduli: Sequence[float],
     *,
     drive_stiffness: float = float("inf"),
     area_loss: float = 0.0,
+    shares: Sequence[Share] | None = None,
     view: SlideView | None = None,
     law: str = "sliding",
     parameters: Mapping[str, Any] | None = None,
@@ -102,14 +104,16 @@ def slide_states(
     grid : PlateGrid
     programme : SlideProgramme
     friction : InterfaceFriction
-    contact_law : callable
-        Normal force [N] -> contact of the smooth finger.
-    shear_modulus : callable
-        Normal force [N] -> G* [MPa] (:func:`~evanesce.contact.analytic.partial_slip.tangential_modulus`).
+    contacts : sequence of AxisymmetricContact (frames,)
+        Of the smooth finger, in each frame of the programme.
+    moduli : sequence of float (frames,)
+        G* [MPa] (:func:`~evanesce.contact.analytic.partial_slip.tangential_modulus`).
     drive_stiffness : float
         Of shaft and drive along the slide [N/mm].
     area_loss : float
         Sahli's alpha_A [mm^2/N^2].
+    shares : sequence of callable (frames,), optional
+        As for :func:`~evanesce.contact.sliding.solver.march`.
     view : SlideView, optional
     law, parameters
         Passed on to the states.
@@ -123,14 +127,17 @@ def slide_states(
     InputError
         If the programme cannot run or the contact leaves the grid.
     """
-    time, force, drive = programme.sample()
-    loads = dict.fromkeys(force.tolist())
-    contacts = {load: contact_law(load) for load in loads}
-    moduli = {load: shear_modulus(load) for load in loads}
+    time, _, drive = programme.sample()
     slide = march(
-        [contacts[load] for load in force.tolist()], time, drive, friction,
-        np.array([moduli[load] for load in force.tolist()]), drive_stiffness=drive_stiffness, area_loss=area_loss,
-    )  # fmt: skip
+        contacts,
+        time,
+        drive,
+        friction,
+        np.asarray(moduli),
+        drive_stiffness=drive_stiffness,
+        area_loss=area_loss,
+        shares=shares,
+    )
     return SlideStates(slide, grid, view, law=law, parameters=parameters)
 
 
@@ -189,6 +196,9 @@ def press_and_slide(
     def shear_modulus(load: float) -> float:
         return float(tangential_modulus(material.reduced_modulus(load), material.poisson_ratio))
 
+    loads = programme.sample()[1].tolist()
+    law = contact_law or hertz
+    contact = {load: law(load) for load in dict.fromkeys(loads)}
     stiffness = float("inf")
     if np.isfinite(shaft_stiffness).all():
         stiffness = 1.0 / float(tilted_compliance(*shaft_stiffness, contact_angle)[0, 0])
@@ -202,6 +212,7 @@ def press_and_slide(
         "contact_angle_deg": float(np.degrees(contact_angle)),
     }
     return slide_states(
-        grid, programme, friction, contact_law or hertz, shear_modulus, drive_stiffness=stiffness, area_loss=area_loss,
-        view=view, law="hertz+sliding" if contact_law is None else "sliding", parameters=parameters,
+        grid, programme, friction, [contact[load] for load in loads], [shear_modulus(load) for load in loads],
+        drive_stiffness=stiffness, area_loss=area_loss, view=view,
+        law="hertz+sliding" if contact_law is None else "sliding", parameters=parameters,
     )  # fmt: skip

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
 from evanesce.contact.patch import AxisymmetricContact
+from evanesce.contact.sliding.shear_area import Share
 from evanesce.materials.friction import InterfaceFriction
 
 Floats = NDArray[np.float64]
@@ -188,6 +189,7 @@ def march(
     *,
     drive_stiffness: float = float("inf"),
     area_loss: ArrayLike = 0.0,
+    shares: Sequence[Share] | None = None,
     springs: int = 1024,
     substeps: int = 4,
 ) -> Slide:
@@ -208,6 +210,9 @@ def march(
         Of shaft and drive in series with the contact, along the slide [N/mm].
     area_loss : array_like, scalar or (n,)
         Sahli's alpha_A [mm^2/N^2]; 0 is none.
+    shares : sequence of callable (n,), optional
+        Share of each contact's area that is left under a tangential force [N], besides Sahli's law
+        (:mod:`evanesce.contact.sliding.shear_area`).
     springs, substeps : int
         Springs over the largest contact radius; displacement steps between two frames.
 
@@ -236,6 +241,7 @@ def march(
     load, strength = spring_load(contacts[0], edges), spring_strength(contacts[0].contact_radius, edges)
     at_rest = friction.alpha * load + friction.tau0 * strength
     row = _Springs(edges, np.zeros(springs), np.zeros(springs), np.zeros(springs), at_rest)
+    shares = [_whole] * len(t) if shares is None else shares
     frames = [_rest_frame(contacts[0], float(t[0]), row)]
     force, factor = 0.0, 1.0
     for i in range(1, len(t)):
@@ -256,11 +262,13 @@ def march(
             here = drive[i - 1] + s * (drive[i] - drive[i - 1])
             force, moved = _step(
                 row, now_load, now_strength, friction, factor, float(modulus[i]), float(here), drive_stiffness,
-                float(loss[i]), area, dt, force,
+                float(loss[i]), area, dt, force, shares[i],
             )  # fmt: skip
         load, strength = next_load, next_strength
         frames.append(
-            _frame(contacts[i], float(t[i]), row, force, float(loss[i]), moved, float(drive[i]), drive_stiffness)
+            _frame(
+                contacts[i], float(t[i]), row, force, float(loss[i]), moved, float(drive[i]), drive_stiffness, shares[i]
+            )
         )
     return Slide(tuple(frames), edges)
 
@@ -276,9 +284,14 @@ def _check(contacts: Sequence[AxisymmetricContact], t: Floats, drive: Floats, sp
         raise ValueError("at least 16 springs and 1 substep are needed")
 
 
-def _left(area: float, loss: float, force: float) -> float:
+def _whole(force: float) -> float:
+    """Return the share of a contact that shear does not change."""
+    return 1.0
+
+
+def _left(area: float, loss: float, force: float, share: Share) -> float:
     """Return the area left under shear [mm^2], within the range of the data that the law fits."""
-    return max(area - loss * force**2, MIN_AREA_SHARE * area)
+    return max(share(force) * area - loss * force**2, MIN_AREA_SHARE * area)
 
 
 def _step(
@@ -294,6 +307,7 @@ def _step(
     area: float,
     dt: float,
     force: float,
+    left: Share,
 ) -> tuple[float, Floats]:
     """Find the tangential force at which springs, area and drive agree; move the springs; return (force, slip)."""
     width = np.diff(row.edges)
@@ -301,7 +315,7 @@ def _step(
     inside = strength > 0.0
 
     def limit(q: float) -> Floats:
-        share = _left(area, loss, q) / area if area > 0 else 1.0
+        share = _left(area, loss, q, left) / area if area > 0 else 1.0
         return weak * (friction.alpha * load + friction.tau0 * share * strength)
 
     def excess(q: float) -> float:
@@ -338,9 +352,10 @@ def _frame(
     moved: Floats,
     drive: float,
     stiffness: float,
+    share: Share = _whole,
 ) -> SlideFrame:
     a = contact.contact_radius
-    area = _left(np.pi * a**2, loss, force)
+    area = _left(np.pi * a**2, loss, force, share)
     # A surface point slips as soon as any spring nearer to the middle does.
     slipping = np.flatnonzero(np.abs(moved) > 1e-12)
     stick = min(float(row.edges[slipping[0]]), a) if len(slipping) else a

@@ -72,7 +72,7 @@ def apply(state: ContactState, parameters: Parameters, context: Context) -> Cont
         return cv2.remap(array, col, row, how, borderMode=cv2.BORDER_REPLICATE)
 
     found: dict[str, Any] = {name: moved(getattr(state, name)) for name in ("pressure", "gap", "contact_mask")}
-    for name in ("traction", "slip", "real_contact_fraction"):
+    for name in ("traction", "slip", "real_contact_fraction", "wetted"):
         if getattr(state, name) is not None:
             found[name] = moved(getattr(state, name))
     if state.state is not None:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.states import ContactState, PlateLight
+from evanesce.optics.liquid import lit_contact
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.render.fast.fields import Fields, fields_of
 from evanesce.render.fast.flank import flank_image
@@ -63,6 +64,7 @@ def render_fast(
     view = projection.ideal_view() if view is None else view
     seen, bare = np.zeros(view.shape, np.float32), np.ones((), np.float32)
     if state is not None:
+        state = lit_contact(scene, state)
         fields = fields_of(scene) if fields is None else fields
         pixel_mm = projection.focal_px / (scene.camera.scale_px_per_mm * view.focal_px)
         patch = patch_light(fields, state, refinement(state.grid.pitch, pixel_mm))

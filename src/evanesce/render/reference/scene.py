@@ -13,6 +13,7 @@ from scipy.ndimage import maximum_filter
 
 from evanesce.core.states import ContactState
 from evanesce.optics.led import emitter_radiance, led_positions
+from evanesce.optics.liquid import lit_contact
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.render.reference.bsdf import InterfaceOptics, blended_bsdf, frustrated_bsdf
 from evanesce.render.reference.edge import edge_bsdf
@@ -324,7 +325,7 @@ class PlateModel:
 def _patch(scene: Scene, state: ContactState, jit: bool, medium: Any) -> tuple[Any, Patch]:
     """Return the mesh of the frustrated patch, the contact grid cut to the plate, and its description."""
     optics = interface_optics(scene)
-    gap, share = interface_maps(state, optics.near_gap)
+    gap, share = interface_maps(lit_contact(scene, state), optics.near_gap)
     # Plain floats: numpy's scalars would swallow Dr.Jit's arrays in arithmetic.
     extent = tuple(float(v) for v in state.grid.extent)
     hx, hy = scene.plate.size_mm[0] / 2, scene.plate.size_mm[1] / 2

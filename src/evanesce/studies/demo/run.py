@@ -35,7 +35,7 @@ Tick = Callable[[str, int, int], None]
 """``tick(what, done, total)``, called as work proceeds."""
 
 THRESHOLD = 0.15
-"""One of the grey levels that the thesis sets by hand; 0.0375, 0.35 and 0.6 are the others."""
+"""A grey level that an eye may pick from the histogram; the thesis prints none."""
 
 MARGIN_PX = 60
 """Surroundings of the contact that are shown [px]."""

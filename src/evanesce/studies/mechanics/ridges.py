@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 
 GRID = PlateGrid(shape=(256, 256), pitch=9.0 / 256)
 WIDTH, HEIGHT = 0.5011, 0.04767  # thesis, section 3.5.1, table 4: as moulded [mm]
-# Crest to crest: furrows as wide as the ridges; half as wide, or twice [mm]. The thesis does not state it.
+# Crest to crest: furrows as wide as the ridges; half as wide, or twice [mm]. Not printed.
 LIKELY_PITCH = 2 * WIDTH
 PITCHES = (LIKELY_PITCH, 1.5 * WIDTH, 3 * WIDTH)
 
@@ -38,14 +38,19 @@ class Ridging:
     furrow_at_tip: bool
     direction: float
 
-    def heights(self) -> Floats:
+    def heights(self, height: float = HEIGHT) -> Floats:
         """Return the depth below the crests on :data:`GRID` [mm].
+
+        Parameters
+        ----------
+        height : float
+            Of the ridges [mm].
 
         Returns
         -------
         ndarray (rows, cols)
         """
-        row = RidgeRow("parallel", self.pitch, WIDTH, HEIGHT, self.direction)
+        row = RidgeRow("parallel", self.pitch, WIDTH, height, self.direction)
         shift = 0.5 * self.pitch if self.furrow_at_tip else 0.0
         # moved across the ridges, so that the tip meets a furrow instead of a crest
         dx, dy = -shift * np.sin(self.direction), shift * np.cos(self.direction)
@@ -136,7 +141,7 @@ def slid(found: LibrarySlide, way: float) -> ContactState:
     )
 
 
-def press_ratios(bone: str, modulus: float, force: float = 1.0) -> Floats:
+def press_ratios(bone: str, modulus: float, force: float = 1.0, *, height: float = HEIGHT) -> Floats:
     """Return ridged over smooth area of a press for every guess; the likely pitch makes the first two.
 
     Parameters
@@ -146,6 +151,8 @@ def press_ratios(bone: str, modulus: float, force: float = 1.0) -> Floats:
         E* at the ridges [MPa].
     force : float
         [N].
+    height : float
+        Of the ridges [mm]; as moulded by default.
 
     Returns
     -------
@@ -154,7 +161,7 @@ def press_ratios(bone: str, modulus: float, force: float = 1.0) -> Floats:
     """
     smooth = pressed(bone, force)
     plain = ridged_area(smooth, modulus, np.zeros(GRID.shape))
-    return np.array([ridged_area(smooth, modulus, ridging.heights()) / plain for ridging in ridgings()])
+    return np.array([ridged_area(smooth, modulus, ridging.heights(height)) / plain for ridging in ridgings()])
 
 
 def slide_ratios(found: LibrarySlide, modulus: float) -> Floats:

@@ -65,12 +65,13 @@ class Shape:
         return FingerShape(self.tip_radius, self.diameter, self.length, radius)
 
 
-# The thesis does not say whether the finger of tip radius 10 mm kept its shaft or grew with it: both are solved.
+# Section 6.5 compares D 20 L 10 with D 15 L 7.5; the long fingers of both diameters are solved beside them.
 SHAPES = {
     "standard": Shape(7.5, 15.0, 25.0),
     "short": Shape(7.5, 15.0, 7.5),
     "large15": Shape(10.0, 15.0, 25.0),
     "large20": Shape(10.0, 20.0, 25.0),
+    "stout": Shape(10.0, 20.0, 10.0),
 }
 
 

@@ -1,9 +1,10 @@
 """Predict contact area and sliding from the thesis's inputs alone, with intervals; nothing is fitted.
 
 Inputs: the shapes, Mooney-Rivlin coefficients (table 6), moulded ridges (table 4), coefficients of friction (chapter
-6). Not published, and therefore varied: the bone (none, or rigid with half the shaft's radius), pitch, position and
-direction of the ridges, whether a tip of 10 mm radius has a shaft of 15 or of 20 mm. The finite elements' own error
-comes from second meshes and is added to both ends. A value without further word is that of the solid finger.
+6). A bone was cast in, but its size is not printed: none, or rigid with half the shaft's radius. Varied as well are
+pitch, position and direction of the ridges, and whether a tip of 10 mm radius has a shaft of 15 or of 20 mm. The finite
+elements' own error comes from second meshes and is added to both ends. A value without further word is that of the
+solid finger.
 """
 
 from __future__ import annotations

@@ -21,6 +21,7 @@ from evanesce.studies.mechanics.runs import BONES
 from evanesce.studies.mechanics.study import modulus_at_ridges
 from evanesce.studies.registry import Findings, Progress, Study
 from evanesce.studies.thesis.figures import FORCES, RADIUS, Reproduced, area_laws, observations, published_depth
+from evanesce.studies.thesis.outcomes import Outcome
 from evanesce.studies.thesis.study import ThesisStudy, compute
 
 
@@ -42,18 +43,20 @@ def findings(found: ThesisStudy) -> Findings:
         for some in (simulated, [entry for entry in entries if not entry.simulated])
     )
     far = Counter(entry.figure for entry in entries if not entry.agrees)
+    agreeing = sum(one.agrees for one in found.outcomes)
     verdict = [
         f"{agreed} of the thesis's figures that were simulated lie in the interval that its own inputs leave; of those"
         f" that only compare the thesis's own laws, without simulation, {published}. Intervals are no"
-        " 95 % intervals: they are the hull of what the thesis leaves open, bone or none above all, and many are wide.",
+        " 95 % intervals: they are the hull of what the thesis leaves open, the bone's size above all, and many are"
+        " wide.",
         f"Outside lie: {'; '.join(f'{figure} ({count})' for figure, count in far.items())}. Reasons are in the tables."
         if far
         else "None lies outside.",
         _scattering_sentence(seen),
-        "Textured against smooth, short against long, the larger tip and the bone are predictions: the thesis's own"
-        " figures of them were not used and are not known here.",
+        f"Textured against smooth, short against long, the larger tip and the bone are predictions: {agreeing} of"
+        f" {len(found.outcomes)} of the figures that sections 6.4 to 6.6 report lie in their interval.",
     ]
-    tables = [_prediction_table(stated)]
+    tables = [_outcome_table(found.outcomes), _prediction_table(stated)]
     for figure in dict.fromkeys(entry.figure for entry in entries):
         tables.append(_figure_table(figure, [entry for entry in entries if entry.figure == figure]))
     tables.append(
@@ -72,6 +75,7 @@ def findings(found: ThesisStudy) -> Findings:
         tables=tables,
         data={
             "predictions": {key: dict(one) for key, one in stated.items()},
+            "outcomes": [asdict(one) | {"agrees": one.agrees} for one in found.outcomes],
             "figures": [asdict(entry) | {"agrees": entry.agrees, "wide": entry.wide} for entry in entries],
             "seen": [dict(row) for row in seen],
             "voltage": dict(volts),
@@ -93,6 +97,26 @@ def _scattering_sentence(seen: Sequence[Mapping[str, Any]]) -> str:
         " size of the thesis's from a"
         f" finite-element contact that is much smaller (Silskin 20 %, mm²: {areas}): scattering is a candidate for the"
         " factor of 1.8, beside adhesion."
+    )
+
+
+def _outcome_table(reported: Sequence[Outcome]) -> Table:
+    return Table(
+        columns=("reported", "thesis", "from its inputs", "interval", "moved most by", "from to", "verdict"),
+        rows=[
+            (
+                f"{one.what} [{one.unit}]",
+                f"{one.thesis:.3g}",
+                f"{one.value:.3g}",
+                f"{one.low:.3g} to {one.high:.3g}",
+                one.moved_by,
+                f"{one.moves[0]:.3g} to {one.moves[1]:.3g}",
+                "within" if one.agrees else "outside",
+            )
+            for one in reported
+        ],
+        caption="What sections 6.4 to 6.6 report of the thesis's own finger, beside what follows from its inputs alone:"
+        " nothing is fitted. Value: a bone of half the radius; interval: solid to that bone, and other open inputs.",
     )
 
 

@@ -1,7 +1,7 @@
 """The thesis's own experiments in simulation: predictions, then a table per figure.
 
-Nothing is fitted. Inputs are the thesis's shapes, materials, coefficients and programmes; what it does not state (the
-bone, first of all) is varied over its range, which makes the interval. An entry that disagrees names its reason.
+Nothing is fitted. Inputs are the thesis's shapes, materials, coefficients and programmes; what it does not print (the
+bone's size, first of all) is varied over its range, which makes the interval. An entry that disagrees names its reason.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ from evanesce.studies.thesis.figures import (
     friction_figures,
     voltage_figures,
 )
+from evanesce.studies.thesis.outcomes import Outcome, outcomes
 from evanesce.studies.voltage.analysis import converged, onset
 from evanesce.studies.voltage.press import Press
 from evanesce.studies.voltage.sources import study_scene
@@ -54,6 +55,8 @@ class ThesisStudy:
 
     Attributes
     ----------
+    outcomes : list of Outcome
+        What sections 6.4 to 6.6 report, beside what follows from the inputs.
     stated : mapping
         Predictions by name: value, low, high, basis.
     entries : list of Reproduced
@@ -67,6 +70,7 @@ class ThesisStudy:
     """
 
     stated: Mapping[str, Mapping[str, Any]]
+    outcomes: Sequence[Outcome]
     entries: Sequence[Reproduced]
     seen: Sequence[Mapping[str, Any]]
     volts: Mapping[str, Any]
@@ -90,6 +94,10 @@ def compute(scene: Scene, out: Path, progress: Progress, *, quick: bool = False,
     steps = 5
     progress("thesis: figures", 0, steps)
     stated = ledger.row("predictions", lambda: {k: asdict(p) for k, p in _flat(predictions())})
+    reported = [
+        Outcome(**row | {"moves": tuple(row["moves"])})
+        for row in ledger.row("outcomes", lambda: {"rows": [asdict(one) for one in outcomes()]})["rows"]
+    ]
     progress("thesis: figures", 1, steps)
     entries = [*area_figures(), *depth_figures(), *friction_figures()]
     progress("thesis: figures", 2, steps)
@@ -102,7 +110,7 @@ def compute(scene: Scene, out: Path, progress: Progress, *, quick: bool = False,
     progress("thesis: figures", 4, steps)
     picture = slide_picture(scene, seed)
     progress("thesis: figures", steps, steps)
-    return ThesisStudy(stated=stated, entries=entries, seen=seen, volts=volts, picture=picture)
+    return ThesisStudy(stated=stated, outcomes=reported, entries=entries, seen=seen, volts=volts, picture=picture)
 
 
 def _flat(found: Mapping[str, Any]) -> Iterator[tuple[str, Prediction]]:

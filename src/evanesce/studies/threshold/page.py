@@ -176,7 +176,8 @@ def _range_table(rows: Mapping[tuple[Finger, float], Mapping[str, Any]]) -> Tabl
             "20 % lost from",
         ),
         rows=lines,
-        caption="Area error at the four levels of the thesis; the widest range of levels over which the area stays"
+        caption="Area error at four levels that an eye may pick from a histogram (the thesis prints none); the widest"
+        " range of levels over which the area stays"
         " within 2 %; the level from which on a fifth of the contact is lost.",
     )
 

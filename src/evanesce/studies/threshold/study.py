@@ -34,7 +34,7 @@ Floats = NDArray[np.float64]
 FORCES = (0.5, 1.0, 2.0, 5.0)  # [N]
 QUICK_FORCES = (0.5, 5.0)  # [N]
 THESIS_THRESHOLDS = (0.0375, 0.15, 0.35, 0.6)
-"""Grey levels that the thesis sets by hand."""
+"""Grey levels that an eye may pick from a histogram (thesis, appendix 3, which prints no level)."""
 
 THRESHOLDS = tuple(
     sorted(

@@ -1,0 +1,295 @@
+"""A scene's slide: friction, drive and history of its loading programme, solved once for all frames."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache, lru_cache
+from typing import Any
+
+import numpy as np
+
+from evanesce.contact.analytic.partial_slip import tangential_modulus
+from evanesce.contact.laws import apply_law, finger_modulus, knows_adhesion
+from evanesce.contact.liquid import lubricated
+from evanesce.contact.patch import AxisymmetricContact
+from evanesce.contact.programme import slide_programme
+from evanesce.contact.rate import rate_factor
+from evanesce.contact.ridges.ridged import require_resolved, with_ridges
+from evanesce.contact.ridges.skin import ridge_row_of
+from evanesce.contact.scaling import stiffness_factor
+from evanesce.contact.sliding.limit_surface import directional_friction, sliding_wrench
+from evanesce.contact.sliding.programme import slide_states
+from evanesce.contact.sliding.shaft import shaft_stiffness, tilted_compliance, tip_contact_fits
+from evanesce.contact.sliding.shear_area import Share, bulging_share, peeling_share
+from evanesce.contact.sliding.states import SlideStates, SlideView
+from evanesce.core.errors import InputError
+from evanesce.core.states import ContactState, PlateGrid
+from evanesce.materials import silicone_of
+from evanesce.materials.friction import InterfaceFriction, coulomb, interface_of
+from evanesce.rig import Finger, Scene, Slide
+from evanesce.rig.finger import OWN, FemLaw, HertzLaw, JkrLaw
+
+
+def slide_frame(scene: Scene, grid: PlateGrid, force: float, time: float) -> ContactState:
+    """Return the frame of a scene's slide at a time.
+
+    Parameters
+    ----------
+    scene : Scene
+        With a slide.
+    grid : PlateGrid
+    force : float
+        Normal force at that time [N].
+    time : float
+        Of a frame [s].
+
+    Returns
+    -------
+    ContactState
+
+    Raises
+    ------
+    InputError
+        If friction is unknown, the shaft buckles, or the contact leaves the grid or the tip.
+    """
+    if scene.finger.work_of_adhesion_N_per_mm > 0 and not knows_adhesion(scene):
+        raise InputError(
+            f"a slide under law {scene.contact.law} has no adhesion",
+            key="finger.work_of_adhesion_N_per_mm",
+            allowed="0, or law hertz or jkr",
+        )
+    times, forces, _ = slide_programme(scene).sample()
+    index = round(time * scene.press.frame_rate_hz)
+    if not 0 <= index < times.size or abs(times[index] - time) > 1e-6 or abs(forces[index] - force) > 1e-6:
+        raise InputError(
+            f"{force:g} N at {time:g} s is no frame of the slide", key="slide", allowed="a frame of its programme"
+        )
+    assert scene.slide is not None  # the caller's
+    state = _slide_of(scene.model_dump_json(), grid)[index]
+    if scene.slide.spin_deg_per_s:
+        state = _twisted(state)
+    if scene.slide.ridge_friction_ratio not in (None, 1.0):
+        state = _pulled_aside(state, scene)
+    if scene.finger.ridges is None:
+        return state
+    return _with_moving_ridges(scene, state)
+
+
+def _ridge_angle(scene: Scene) -> float:
+    """Return the angle from the slide to the ridges [rad]."""
+    assert scene.slide is not None
+    assert scene.finger.ridges is not None  # Scene guarantees parallel ones
+    return math.radians(scene.finger.ridges.orientation_deg - scene.slide.direction_deg)
+
+
+def _twisted(state: ContactState) -> ContactState:
+    """Record a spinning frame's torque: that of gross slip, by how near the force is to its own."""
+    assert state.strength is not None
+    most = float(np.asarray(state.strength).sum()) * state.grid.pitch**2
+    share = min(math.hypot(*state.tangential_force) / most, 1.0) if most > 0 else 0.0
+    torque = share * float(state.parameters["sliding_torque_N_mm"])
+    return replace(state, parameters={**state.parameters, "torque_N_mm": torque})
+
+
+def _pulled_aside(state: ContactState, scene: Scene) -> ContactState:
+    """Turn friction from the sliding direction as the ridges ask for it; the machine keeps the finger on its way."""
+    slide = scene.slide
+    assert slide is not None
+    assert slide.ridge_friction_ratio is not None
+    along, across = directional_friction(slide.ridge_friction_ratio, _ridge_angle(scene))
+    aside = across / along
+
+    def turned(x: Any, y: Any) -> tuple[Any, Any]:
+        return x - aside * y, y + aside * x
+
+    assert state.traction is not None
+    assert state.strength is not None
+    x, y = turned(*state.tangential_force)
+    return replace(
+        state, traction=np.stack(turned(*state.traction)), strength=math.hypot(1.0, aside) * state.strength,
+        tangential_force=(x, y),
+    )  # fmt: skip
+
+
+def _with_moving_ridges(scene: Scene, state: ContactState) -> ContactState:
+    """Put the finger's ridges on a frame, where they have moved with the skin."""
+    slide, ridges = scene.slide, scene.finger.ridges
+    assert slide is not None
+    assert ridges is not None
+    row, tip = ridge_row_of(ridges), float(state.parameters["tip_displacement_mm"])
+    require_resolved(state.grid, row)
+    angle = math.radians(slide.direction_deg)
+    modulus = finger_modulus(scene, state.normal_force)
+    return with_ridges(
+        state, row, modulus, origin=scene.finger.position_mm, outer_slip=(tip * math.cos(angle), tip * math.sin(angle))
+    )
+
+
+@lru_cache(maxsize=2)
+def _slide_of(scene_json: str, grid: PlateGrid) -> SlideStates:
+    """Return a scene's slide, solved once for all its frames; keyed by text because scenes hold tables."""
+    return _solve_slide(Scene.model_validate_json(scene_json), grid)
+
+
+def _solve_slide(scene: Scene, grid: PlateGrid) -> SlideStates:
+    """Return the contact states of a scene's slide.
+
+    Raises
+    ------
+    InputError
+        If friction is unknown, the shaft buckles, or the contact leaves the grid or the tip.
+    """
+    slide, finger = scene.slide, scene.finger
+    assert slide is not None  # the caller's
+    programme, angle = slide_programme(scene), math.radians(slide.contact_angle_deg)
+
+    @cache
+    def pressed(force: float, factor: float) -> tuple[AxisymmetricContact, float]:
+        loaded = scene.model_copy(
+            update={"finger": finger.model_copy(update={"modulus_factor": factor * finger.modulus_factor})}
+        )
+        return apply_law(loaded, force).contact, finger_modulus(loaded, force)
+
+    poisson = silicone_of(finger).poisson_ratio
+    times, forces = (column.tolist() for column in programme.sample()[:2])
+    pairs = [(force, rate_factor(scene, force, time)) for time, force in zip(times, forces, strict=True)]
+    contacts = [pressed(*pair)[0] for pair in pairs]
+    moduli = [float(tangential_modulus(pressed(*pair)[1], poisson)) for pair in pairs]
+    widest = max(contact.contact_radius for contact in contacts)
+    if not tip_contact_fits(widest, finger.tip_radius_mm, angle):
+        raise InputError(
+            f"a contact of {widest:.3g} mm leaves the tip", key="slide.contact_angle_deg", allowed="a smaller angle"
+        )
+    friction = _friction(finger, slide)
+    if scene.liquid is not None:
+        contact, modulus = contacts[-1], pressed(*pairs[-1])[1]
+        friction = lubricated(
+            friction, scene.liquid, force=contact.normal_force, area=math.pi * contact.contact_radius**2,
+            radius=finger.tip_radius_mm, modulus=modulus,
+        )  # fmt: skip
+    friction, spin = _spun(friction, contacts[-1], slide)
+    if slide.ridge_friction_ratio not in (None, 1.0):
+        assert slide.ridge_friction_ratio is not None  # for the type checker
+        along, _ = directional_friction(slide.ridge_friction_ratio, _ridge_angle(scene))
+        friction = replace(friction, tau0=along * friction.tau0, alpha=along * friction.alpha)
+    stiffness = _drive_stiffness(finger, slide, programme.normal_force, contacts[-1].depth, angle, _has_bone(scene))
+    parameters = {
+        "material": finger.material,
+        "tip_radius_mm": finger.tip_radius_mm,
+        "tau0_MPa": friction.tau0,
+        "alpha": friction.alpha,
+        "speed_mm_per_s": slide.speed_mm_per_s,
+        "area_loss_mm2_per_N2": slide.area_loss_mm2_per_N2,
+        "contact_angle_deg": slide.contact_angle_deg,
+        "drive_stiffness_N_per_mm": stiffness,
+        "direction_deg": slide.direction_deg,
+    } | spin
+    view = SlideView(
+        centre=finger.position_mm, direction=math.radians(slide.direction_deg), follows=not slide.glass_moves
+    )
+    return slide_states(
+        grid, programme, friction, contacts, moduli,
+        drive_stiffness=stiffness, area_loss=slide.area_loss_mm2_per_N2, view=view,
+        shares=_shares(scene, contacts, [pressed(*pair)[1] for pair in pairs], moduli),
+        law=f"{scene.contact.law}+sliding", parameters=parameters,
+    )  # fmt: skip
+
+
+def _shares(
+    scene: Scene, contacts: Sequence[AxisymmetricContact], moduli: Sequence[float], tangential: Sequence[float]
+) -> list[Share] | None:
+    """Return what shear leaves of each contact's area: an adhesive edge peels, a large strain bulges; or neither."""
+    finger, law, slide = scene.finger, scene.contact, scene.slide
+    assert slide is not None  # the caller's
+    if slide.area_under_shear == "constant" or slide.area_loss_mm2_per_N2 > 0:
+        return None
+    if isinstance(law, FemLaw):
+        stiff = silicone_of(finger).mooney_rivlin
+        assert stiff is not None  # law fem has one
+
+        @cache
+        def bulged(radius: float, force: float) -> Share:
+            return bulging_share(
+                math.pi * radius**2, stiff.shear_modulus_MPa * stiffness_factor(finger, force), law.bone
+            )
+
+        return [bulged(one.contact_radius, one.normal_force) for one in contacts]
+    work = finger.work_of_adhesion_N_per_mm + (law.work_of_adhesion_N_per_mm if isinstance(law, JkrLaw) else 0.0)
+    if work == 0.0 or not isinstance(law, HertzLaw | JkrLaw):
+        return None
+
+    @cache
+    def peeled(force: float, modulus: float, stiffness: float) -> Share:
+        return peeling_share(force, finger.tip_radius_mm, modulus, stiffness, work)
+
+    return [
+        peeled(one.normal_force, modulus, stiffness)
+        for one, modulus, stiffness in zip(contacts, moduli, tangential, strict=True)
+    ]
+
+
+def _spun(
+    friction: InterfaceFriction, contact: AxisymmetricContact, slide: Slide
+) -> tuple[InterfaceFriction, dict[str, float]]:
+    """Return what spinning leaves of friction along the slide, and the torque of gross slip to record."""
+    if not slide.spin_deg_per_s:
+        return friction, {}
+    spin = math.radians(abs(slide.spin_deg_per_s))
+    most, _ = sliding_wrench(contact, friction, 1.0, 0.0)
+    force, torque = sliding_wrench(contact, friction, slide.speed_mm_per_s, spin)
+    left = force / most
+    return replace(friction, tau0=left * friction.tau0, alpha=left * friction.alpha), {
+        "spin_deg_per_s": slide.spin_deg_per_s,
+        "sliding_torque_N_mm": math.copysign(torque, slide.spin_deg_per_s),
+    }
+
+
+def _friction(finger: Finger, slide: Slide) -> InterfaceFriction:
+    friction = _rest_friction(finger, slide)
+    return friction if slide.speed_exponent is None else replace(friction, speed_exponent=slide.speed_exponent)
+
+
+def _rest_friction(finger: Finger, slide: Slide) -> InterfaceFriction:
+    if slide.friction_coefficient is not None:
+        return coulomb(slide.friction_coefficient)
+    try:
+        if finger.material == OWN:
+            raise ValueError("no friction is known of the scene's own silicone")
+        return interface_of(finger.material)
+    except ValueError as error:
+        raise InputError(str(error), key="slide.friction_coefficient", allowed="a coefficient") from None
+
+
+def _has_bone(scene: Scene) -> bool:
+    """Return whether a bone, rigid beside silicone, holds the finger: its shaft does not bend."""
+    return isinstance(scene.contact, FemLaw) and scene.contact.bone != "none"
+
+
+def _drive_stiffness(finger: Finger, slide: Slide, force: float, depth: float, angle: float, boned: bool) -> float:
+    """Return the stiffness of shaft and machine along the slide [N/mm]; infinite where both are rigid."""
+    shaft = _shaft_stiffness(finger, slide, force, depth, angle, boned)
+    machine = slide.drive_stiffness_N_per_mm
+    return shaft if machine is None else 1.0 / (1.0 / shaft + 1.0 / machine)
+
+
+def _shaft_stiffness(finger: Finger, slide: Slide, force: float, depth: float, angle: float, boned: bool) -> float:
+    if slide.shaft == "rigid" or boned:
+        return math.inf
+    silicone = silicone_of(finger)
+    fit = silicone.mooney_rivlin
+    youngs = silicone.youngs_modulus_MPa if fit is None else fit.youngs_modulus_MPa
+    youngs *= stiffness_factor(finger, force)
+    # the pressed finger is shorter by its depth, where the law has one
+    length = finger.length_mm - (depth if math.isfinite(depth) else 0.0)
+    column = finger.tip_radius_mm if finger.tip_radius_mm < length else 0.0
+    try:
+        axial, bending = shaft_stiffness(
+            youngs, 0.5 * finger.diameter_mm, length, normal_force=force, tip_radius=column
+        )
+    except ValueError as error:
+        raise InputError(
+            str(error), key="slide.shaft", allowed='"rigid", a shorter finger or a smaller force'
+        ) from None
+    return 1.0 / float(tilted_compliance(axial, bending, angle)[0, 0])

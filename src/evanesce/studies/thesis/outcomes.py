@@ -1,0 +1,146 @@
+"""What the thesis reports of its own finger (sections 6.4 to 6.6) beside what follows from its inputs alone.
+
+Nothing is fitted, so that there is nothing to leave out. The value is that of the finger with a bone of half its
+radius, which the thesis cast in without printing its size; the interval spans the solid finger and the other open
+inputs. Each row names the assumption that moves it most, and from where to where.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.contact.fem.library import library_press
+from evanesce.materials.tables import material
+from evanesce.studies.mechanics.ridges import press_ratios
+from evanesce.studies.mechanics.runs import BONES, SlideCase, solved_press, solved_slide
+from evanesce.studies.mechanics.study import mesh_error, modulus_at_ridges, overshoot
+
+Floats = NDArray[np.float64]
+
+DESIGNED_MM = 0.1
+"""Height of the ridges as drawn (table 4), which finite elements on the drawing have; moulded: 0.048 mm."""
+RATE_MM_PER_MIN = 5.0
+OVERSHOOT, FORCE = 0.72, 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """A reported figure beside the computed one.
+
+    Attributes
+    ----------
+    what, unit : str
+    thesis, value, low, high : float
+    moved_by : str
+        The named assumption that moves the value most.
+    moves : tuple of float
+        The value at that assumption's two ends.
+    """
+
+    what: str
+    unit: str
+    thesis: float
+    value: float
+    low: float
+    high: float
+    moved_by: str
+    moves: tuple[float, float]
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the reported figure lies in the interval."""
+        return self.low <= self.thesis <= self.high
+
+
+def outcomes() -> Iterator[Outcome]:
+    """Yield every reported figure that an input could decide.
+
+    Yields
+    ------
+    Outcome
+    """
+    yield _ridged()
+    yield from _held_depth()
+    yield from _shapes()
+    yield from _tilted()
+    yield _time()
+
+
+def _outcome(
+    what: str, unit: str, thesis: float, value: float, others: Floats, moved_by: str, ends: tuple[float, float]
+) -> Outcome:
+    every = [value, *np.asarray(others, dtype=float).ravel().tolist()]
+    return Outcome(what=what, unit=unit, thesis=thesis, value=value, low=min(every), high=max(every),
+                   moved_by=moved_by, moves=ends)  # fmt: skip
+
+
+def _ridged() -> Outcome:
+    """Return the ridged finger's area over the smooth one's, moulded and as drawn."""
+    modulus = modulus_at_ridges("silskin_0")
+    moulded = {bone: press_ratios(bone, modulus) for bone in BONES}
+    drawn = {bone: press_ratios(bone, modulus, height=DESIGNED_MM) for bone in BONES}
+    ends = (float(moulded["half"][:2].mean()), float(drawn["half"][:2].mean()))
+    every = np.concatenate([*moulded.values(), *drawn.values()])
+    return _outcome("ridged over smooth area, 1 N, Silskin 0 %", "1", 0.76, ends[0], every,
+                    "ridge height: moulded 48 to drawn 100 um", ends)  # fmt: skip
+
+
+def _held_depth() -> Iterator[Outcome]:
+    for friction in (1.13, 0.82, 0.67):
+        found = {bone: overshoot(solved_slide(SlideCase(friction, bone, "depth"))) for bone in BONES}
+        if friction == 1.13:
+            yield _outcome("normal force at held depth, mu 1.13", "1", OVERSHOOT, found["half"],
+                           np.array(list(found.values())), "bone: none to half the radius",
+                           (found["none"], found["half"]))  # fmt: skip
+        else:
+            # "proportional to the coefficient" is what the thesis says of the other two
+            yield _outcome(f"normal force at held depth, mu {friction:g} (as mu)", "1", OVERSHOOT * friction / 1.13,
+                           found["half"], np.array(list(found.values())), "bone: none to half the radius",
+                           (found["none"], found["half"]))  # fmt: skip
+
+
+def _ratio(name: str, over: str, under: str, bone: str) -> float:
+    pair = [solved_press(name, shape, bone).area(FORCE) for shape in (over, under)]
+    return float(pair[0] / pair[1] - 1.0)
+
+
+def _shapes() -> Iterator[Outcome]:
+    """Yield what length, size and bone do to the area at 1 N (section 6.5)."""
+    name = "silskin_0"
+    mesh = np.array([-1.0, 1.0]) * mesh_error(name)
+    for what, thesis, over, under in (
+        ("area, length 25 over 7.5 mm, less 1", 0.04, "standard", "short"),
+        ("area, D 20 L 10 over D 15 L 7.5, less 1", 0.27, "stout", "short"),
+    ):
+        found = {bone: _ratio(name, over, under, bone) for bone in BONES}
+        spread = np.add.outer(np.array(list(found.values())), mesh)
+        yield _outcome(what, "1", thesis, found["half"], spread, "bone: none to half the radius",
+                       (found["none"], found["half"]))  # fmt: skip
+    pair = [solved_press(name, "short", bone).area(FORCE) for bone in ("half", "none")]
+    change = float(pair[0] / pair[1] - 1.0)
+    yield _outcome("area with bone over without, L 7.5 mm, less 1", "1", 0.0, change, change + mesh,
+                   "bone: none to half the radius", (0.0, change))  # fmt: skip
+
+
+def _tilted() -> Iterator[Outcome]:
+    """Yield static friction of the finger at 45 deg over that at 0: on a sphere the contact is the same."""
+    for name, title, thesis in (("silskin_0", "Silskin 0 %", 0.14), ("silskin_20", "Silskin 20 %", 0.0)):
+        friction = material(name).friction
+        assert friction is not None  # in the tables
+        upright = friction.static_coefficient_smooth
+        # mu = tau0 A/N + alpha: what a tenth more area would do
+        tenth = 0.1 * (upright - friction.alpha) / upright
+        yield _outcome(f"static friction at 45 over 0 deg, less 1, {title}", "1", thesis, 0.0, np.zeros(1),
+                       "area: +0 to +10 %, by tau0 A/N + alpha", (0.0, tenth))  # fmt: skip
+
+
+def _time() -> Outcome:
+    """Return the time of a press of Silskin 20 % to 5 N at 5 mm/min."""
+    seconds = {bone: 60.0 * float(library_press("silskin_20", bone).at(5.0).depth) / RATE_MM_PER_MIN for bone in BONES}
+    return _outcome("press to 5 N at 5 mm/min, Silskin 20 %", "s", 37.0, seconds["half"],
+                    np.array(list(seconds.values())), "bone: none to half the radius",
+                    (seconds["none"], seconds["half"]))  # fmt: skip

@@ -1,0 +1,60 @@
+"""Columns of tangential force, way and torque: from a slide's truth to the table and back; none of a press."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from evanesce.bundle.folder import write_shots
+from evanesce.bundle.layout import Shot, with_shear
+from evanesce.bundle.tables import read_shots
+from evanesce.contact.programme import slide_programme
+from evanesce.contact.solve import contact_sequence, contact_state
+from evanesce.core.errors import InputError
+from evanesce.rig import load_scene
+
+SLIDE = {
+    "contact": {"law": "hertz", "reduced_modulus_MPa": 0.4}, "grid.size_mm": 30.0, "grid.samples": 128,
+    "press.frame_rate_hz": 10.0, "slide.direction_deg": 160.0, "slide.drive_stiffness_N_per_mm": 0.8,
+    "slide.shaft": "rigid", "slide.spin_deg_per_s": 90.0,
+}  # fmt: skip
+
+
+def test_a_slides_load_cell_is_in_the_table(tmp_path: Path) -> None:
+    scene = load_scene("thesis_slide", SLIDE)
+    states, drive = contact_sequence(scene), slide_programme(scene).sample()[2]
+    picked = (0, 12, 14, len(states) - 1)
+    shots = [
+        with_shear(Shot(index=i, time_s=states[i].time, force_N=states[i].normal_force, voltage_V=9.0), states[i])
+        for i in picked
+    ]
+    for i, shot in zip(picked, shots, strict=True):
+        assert shot.slide_mm == pytest.approx(float(drive[i]), abs=1e-6)  # what the machine did, from tip and force
+        assert shot.tangential_force_N == pytest.approx(np.hypot(*states[i].tangential_force), abs=1e-9)
+    assert shots[0].torque_Nmm == 0.0
+    # cells on a coarse grid: the whole contact slips
+    assert shots[-1].torque_Nmm == pytest.approx(states[-1].parameters["sliding_torque_N_mm"], rel=0.02)
+    write_shots(tmp_path / "press.csv", shots)
+    back = read_shots(tmp_path / "press.csv", 9.0)
+    for one, other in zip(shots, back, strict=True):
+        for name in ("tangential_force_N", "slide_mm", "torque_Nmm"):
+            assert getattr(other, name) == pytest.approx(getattr(one, name), rel=1e-8, abs=1e-12)
+
+
+def test_a_press_has_no_such_columns(tmp_path: Path) -> None:
+    state = contact_state(load_scene("thesis", {"grid.samples": 64}), 1.0)
+    shot = Shot(index=0, time_s=0.0, force_N=1.0, voltage_V=9.0)
+    assert with_shear(shot, state) is shot
+    write_shots(tmp_path / "press.csv", [shot])
+    assert (tmp_path / "press.csv").read_text().splitlines()[
+        0
+    ] == "index,time_s,force_N,voltage_V,displacement_mm,session"
+
+
+def test_a_torque_out_of_range_is_refused_by_column(tmp_path: Path) -> None:
+    table = tmp_path / "press.csv"
+    table.write_text("index,time_s,force_N,torque_Nmm\n0,0.0,1.0,1e9\n")
+    with pytest.raises(InputError, match="torque_Nmm"):
+        read_shots(table, 9.0)

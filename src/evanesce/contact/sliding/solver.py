@@ -307,7 +307,7 @@ def _step(
     area: float,
     dt: float,
     force: float,
-    left: Share,
+    left: Share = _whole,
 ) -> tuple[float, Floats]:
     """Find the tangential force at which springs, area and drive agree; move the springs; return (force, slip)."""
     width = np.diff(row.edges)

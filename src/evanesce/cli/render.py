@@ -166,7 +166,6 @@ def _run(
     origin = camera.provenance(seed=seed)
     programme = press_programme(scene)
     numbers = folder / "raw"
-    numbers.mkdir(exist_ok=True)
     rows = []
     with ExitStack() as stack:
         bar = stack.enter_context(progress())
@@ -182,6 +181,7 @@ def _run(
             if exr:
                 write_light(folder / f"light_{index:06d}.exr", shot.scene, shot.plate_light, shot.contact, origin)
             write_png(folder / f"frame_{index:06d}.png", shot.frame)
+            numbers.mkdir(exist_ok=True)
             write_png(numbers / f"{index:06d}.png", shot.raw)
             if film is not None:
                 film.add(shot.as_frame())

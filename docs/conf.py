@@ -41,7 +41,10 @@ templates_path = ["_templates"]
 # Every name that a page or a docstring refers to is found; there is no inventory of other projects without a network.
 nitpicky = True
 nitpick_ignore_regex = [
-    (r"py:.*", r"(abc|numpy|np|scipy|pathlib|collections|typing|enum|pydantic|matplotlib|mitsuba|torch)\b.*"),
+    (
+        r"py:.*",
+        r"(abc|numpy|np|scipy|pathlib|collections|typing|enum|pydantic|matplotlib|mitsuba|torch|rerun|gymnasium)\b.*",
+    ),
 ]
 
 # Pages: Markdown that GitHub shows as well.
@@ -51,7 +54,11 @@ suppress_warnings = ["config.cache"]
 
 # Python API: a page for every public name, a page for every module of the packages below the studies.
 autosummary_generate = True
-autodoc_mock_imports = [name for name in ("felupe", "pypardiso", "torch") if find_spec(name) is None]
+autodoc_mock_imports = [
+    name
+    for name in ("felupe", "pypardiso", "torch", "rerun", "mcap", "mcap_ros2", "gymnasium")
+    if find_spec(name) is None
+]
 autodoc_typehints = "none"
 autodoc_member_order = "bysource"
 numpydoc_show_class_members = False

@@ -45,7 +45,7 @@ class Anchors:
 
     What it adds changes in proportion to the coarse prediction, by a rate that the evaluations themselves show: a
     point is evaluated anew only where, by the largest rate seen, the addition would have changed by more than
-    :data:`STAYS`.
+    :data:`STAYS`, and where it lies farther away than any two points that showed a rate.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Anchors:
     def __init__(self, size: Callable[[Array], float]) -> None:
         self._size = size
         self._kept: list[Evaluated] = []
-        self._rate: float | None = None
+        self._rate, self._reach = 0.0, 0.0
 
     def at(self, coarse: Array, evaluate: Callable[[], Evaluated]) -> Evaluated:
         """Return what the fine model adds where the coarse one predicts some bins: kept, or evaluated.
@@ -71,11 +71,12 @@ class Anchors:
         if self._kept:
             away = [self._size(coarse - one.coarse) for one in self._kept]
             nearest = int(np.argmin(away))
-            if away[nearest] == 0.0 or (self._rate is not None and self._rate * away[nearest] < STAYS):
+            if away[nearest] <= self._reach and self._rate * away[nearest] < STAYS:
                 return self._kept[nearest]
         made = evaluate()
         if self._kept:
             change = self._size(made.correction - self._kept[nearest].correction)
-            self._rate = max(self._rate or 0.0, change / away[nearest])
+            self._rate = max(self._rate, change / away[nearest])
+            self._reach = max(self._reach, away[nearest])
         self._kept = [*self._kept, made][-KEEP:]
         return made

@@ -25,8 +25,7 @@ Point = Mapping[str, float]
 COARSER_PX = 2
 """Of finer pixels along each of the model camera's, for the other end of the extrapolation."""
 ORDER, CARD_ORDER = 2.4, 2.0
-"""Power of the pixel with which the prediction's error falls, of presses and of cards. Measured: 44, 9 and 3 standard
-deviations at 1, 2, 3 of presses; 6, 3.4, 2 and 1.3 at 3, 4, 5, 6 of cards."""
+"""Power of the pixel with which the prediction's error falls, of presses and of cards."""
 
 
 class Model(Protocol):
@@ -166,11 +165,8 @@ class AnchoredModel:
         added = frames - np.array([self.coarse.image(point, k) for k in views], np.float32)
         return Evaluated(coarse[views], added, binned(frames) - coarse[views], binned(change))
 
-    def fine_cube(self, point: Point, views: Sequence[int], fine_px: int = FINE_PX) -> Array:
-        """Return the fine bins of some views (chosen views, rows, cols) [DN]."""
-        return binned(self._fine_frames(point, views, fine_px))
-
     def _fine_frames(self, point: Point, views: Sequence[int], fine_px: int) -> Array:
+        """Return fine frames of some views (chosen views, rows, cols) [DN]; a view's own nuisances go by its number."""
         renamed = dict(point)
         for new, old in enumerate(views):
             for name in ("force", "flicker"):

@@ -36,7 +36,8 @@ _RIDGES = {
     "finger.ridges.orientation_deg": 75.0,
 }  # fmt: skip
 _SLIDE = {
-    "contact": {"law": "hertz"}, "slide.speed_mm_per_s": 4.0, "slide.distance_mm": 12.5, "slide.friction_coefficient": 0.7,
+    "contact": {"law": "hertz"}, "slide.speed_mm_per_s": 4.0, "slide.distance_mm": 12.5,
+    "slide.friction_coefficient": 0.7,
     "slide.direction_deg": DIRECTION_DEG, "slide.preload_N": 0.1, "slide.press_time_s": 0.6, "slide.hold_time_s": 0.2,
 }  # fmt: skip
 

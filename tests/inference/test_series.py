@@ -254,7 +254,7 @@ def test_series_beside_frames_raise_the_evidence_of_what_they_tell_better(tmp_pa
     [
         (Truth(), None),
         (Truth(creep=0.08), "creep"),
-        (Truth(work_N_per_mm=1.5e-4), "adhesion"),
+        (Truth(work_N_per_mm=3e-4), "adhesion"),
         (Truth(wave=0.25), "unknown"),
     ],
 )

@@ -26,7 +26,8 @@ from evanesce.inference.causes import causes_of
 from evanesce.inference.critic import _place
 from evanesce.inference.data import data_vector
 from evanesce.inference.gate import gate_of
-from evanesce.inference.joint import Fitter
+from evanesce.inference.gauss_newton import Solution
+from evanesce.inference.joint import Fitter, JointFit
 from evanesce.inference.model import AnchoredModel
 from evanesce.inference.posterior import Judge
 from evanesce.inference.search import Search
@@ -35,8 +36,8 @@ from evanesce.inference.series.critic import criticise_series, gain_of, observat
 from evanesce.inference.series.model import SeriesModel, cosines, unknown_rows
 from evanesce.inference.series.predict import SeriesPredictor
 from evanesce.inference.series.rows import Rows, rows_of
-from evanesce.inference.series.search import laplace
 from evanesce.inference.single_effects import Shapes
+from evanesce.prediction.linear import Metric
 from evanesce.prediction.observe import observe
 from evanesce.prediction.parameters import Parameter
 from evanesce.rig import load_scene
@@ -136,11 +137,12 @@ def test_evidence_of_a_fit_is_that_of_the_gaussian_it_is():
     values = np.linalg.solve(precision, rows @ y)
     misfit = float(((y - values @ rows) ** 2).sum() + ((values / deviation) ** 2).sum())
     parameters = [Parameter(name=f"c:{k}", deviation=d, step=0.1) for k, d in enumerate(deviation)]
-    solution = SimpleNamespace(precision=precision, held=np.zeros(2, bool))
-    fitted: Any = SimpleNamespace(parameters=parameters, solution=solution, misfit=misfit)
+    solution = Solution(values, values @ rows, rows, misfit, precision, np.zeros(2, bool))
+    metric = Metric.of(np.zeros((0, 9)), np.zeros(0))
+    fitted = JointFit((), tuple(parameters), {}, solution, metric, y - solution.predicted)
     alone, wide = np.eye(9), np.eye(9) + rows.T @ np.diag(deviation**2) @ rows
     expected = stats.multivariate_normal(cov=wide).logpdf(y) - stats.multivariate_normal(cov=alone).logpdf(y)
-    assert laplace(fitted) + 0.5 * float(y @ y) == pytest.approx(expected, rel=1e-9)
+    assert fitted.log_evidence + 0.5 * float(y @ y) == pytest.approx(expected, rel=1e-9)
 
 
 def test_the_unknown_is_smooth_and_of_each_series_alone():

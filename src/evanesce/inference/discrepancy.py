@@ -77,8 +77,12 @@ class Discrepancy:
         self.model = model
         self.shares: dict[str, float] = {}
 
-    def rows(self, fitted: JointFit, fine: Array | None = None) -> Array:
-        """Return the rows (k, bins): of the nominal light, and of each cause.
+    def light(self, fitted: JointFit) -> Array:
+        """Return the rows (k, bins) of the nominal light; that of single views is a nuisance by itself."""
+        return tied_rows(self.model.data, self.model.cube(fitted.point), OWN_LIGHT, by_view=False)
+
+    def tied(self, fitted: JointFit, fine: Array | None = None) -> Array:
+        """Return the rows (k, bins) of each cause, and that of what extrapolation to finer pixels added at the anchor.
 
         Parameters
         ----------
@@ -89,8 +93,7 @@ class Discrepancy:
         """
         data = self.model.data
         whole = self.model.cube(fitted.point)
-        # Light of single views is a nuisance by itself, as the replicates show it.
-        found = [tied_rows(data, whole, OWN_LIGHT, by_view=False)]
+        found = [np.asarray(data.whitened(self.model.discretisation)[None] * EXTRAPOLATED, np.float32)]
         for taken in fitted.taken:
             without = fitted.without(taken.id)
             try:
@@ -103,12 +106,8 @@ class Discrepancy:
         return np.concatenate(found)
 
     def every_row(self, fitted: JointFit, fine: Array | None = None) -> Array:
-        """Return the rows (k, bins), with that of what extrapolation to finer pixels added at the anchor."""
-        return np.concatenate([self.rows(fitted, fine), self.extrapolated()])
-
-    def extrapolated(self) -> Array:
-        """Return the row (1, bins) of what extrapolation to finer pixels added at the anchor."""
-        return np.asarray(self.model.data.whitened(self.model.discretisation)[None] * EXTRAPOLATED)
+        """Return all rows (k, bins)."""
+        return np.concatenate([self.light(fitted), self.tied(fitted, fine)])
 
     def _share(self, fine: Array, whole: Array, without: Mapping[str, float], change: Array) -> float:
         """Return the relative difference of a cause's change between the fine and the coarse model."""

@@ -87,6 +87,19 @@ class JointFit:
         """Return the parameters' distances (n,) from their priors' means."""
         return self.solution.values - np.array([p.null for p in self.parameters])
 
+    @property
+    def log_evidence(self) -> float:
+        """Log evidence by Laplace's approximation, up to what all fits of the same data share [nats].
+
+        ``-(misfit + log det (D H D)) / 2`` with H the posterior's precision, D the prior standard deviations: the
+        misfit holds the priors' squares already (MacKay, Information Theory, Inference, and Learning Algorithms, 2003,
+        ch. 27).
+        """
+        deviation = np.array([p.deviation for p in self.parameters])
+        free = ~self.solution.held
+        scaled = (self.solution.precision * np.outer(deviation, deviation))[np.ix_(free, free)]
+        return -0.5 * (self.misfit + float(np.linalg.slogdet(scaled)[1]))
+
     def of_cause(self, cause: str) -> NDArray[np.int_]:
         """Return the places of a cause's parameters."""
         return np.flatnonzero([p.name.startswith(f"{cause}:") for p in self.parameters])
@@ -174,7 +187,7 @@ class Fitter:
             before = self.observed - self.model.vector(point)
             first = float(metric.project(before) @ before)
             point = dict(found.point)
-            if first - found.misfit < STAYED * found.misfit:
+            if first - found.misfit < max(STAYED * (found.misfit - self.observed.size), 1.0):
                 break
         return found
 

@@ -27,7 +27,7 @@ from evanesce.inference.small_space import SmallSpace
 
 Array = NDArray[Any]
 
-NUISANCES, DISCREPANCY, FITTED = "nuisances", "discrepancy", "fitted "
+NUISANCES, DISCREPANCY, LIGHT, FITTED = "nuisances", "discrepancy", "light", "fitted "
 """Blocks of rows; a cause's name and its own block are the same."""
 
 
@@ -149,8 +149,11 @@ class Bank(Protocol):
 class Rows(Protocol):
     """Discrepancy for some kind of data."""
 
-    def every_row(self, fitted: JointFit) -> Array:
-        """Return the rows (k, d) of a joint fit, the model anchored about it."""
+    def light(self, fitted: JointFit) -> Array:
+        """Return the rows (k, d) of the nominal light."""
+
+    def tied(self, fitted: JointFit) -> Array:
+        """Return the rows (k, d) of the causes of a joint fit, the model anchored about it."""
 
 
 class Judge:
@@ -231,10 +234,11 @@ class Judge:
         space, _ = self._space(fitted, ())
         marginal, rest = _marginal(fitted.ids, unknown), self._rest(fitted.ids, unknown)
         place, p = self._judged(space, marginal, rest, 0, with_p=True)
-        by_misfit, _ = self._judged(space, {n: s for n, s in marginal.items() if n != DISCREPANCY}, rest, 0)
+        bare = {n: s for n, s in marginal.items() if n != DISCREPANCY}
+        by_misfit = place_of(*self._products(space, bare, rest, 0)[:2])
         strength = 0.0
         if UNKNOWN in rest:
-            gram, along = space.marginalised(marginal, [UNKNOWN], 0)
+            gram, along = space.marginalised(likelier(space, marginal, 0), [UNKNOWN], 0)
             shapes = self._shapes(UNKNOWN, gram)
             # Rows are used as they are: each with the mean amplitude that the strength of their sum asks for.
             strength = shapes.strength(shapes.coordinates(along)) * float(np.mean(shapes.scale[shapes.scale > 0]))
@@ -254,7 +258,7 @@ class Judge:
         space, _ = self._space(fitted, judged)
         others = [n for n in fitted.ids if n != name]
         marginal, rest = _marginal(others, unknown), self._rest([*others, UNKNOWN], unknown)
-        gram, along = space.marginalised(marginal, rest, 0)
+        gram, along = space.marginalised(likelier(space, marginal, 0), rest, 0)
         found, start = {}, 0
         for cause in rest:
             cut = np.arange(start, start + len(space.places[cause]))
@@ -275,7 +279,7 @@ class Judge:
     def power(self, fitted: JointFit, strengths: Sequence[float], rng: np.random.Generator) -> list[Power]:
         """Return the expected power of a further cause, by cause and strength."""
         space, _ = self._space(fitted, ())
-        return expected_power(space, _marginal(fitted.ids, 0.0), strengths, rng)
+        return expected_power(space, _marginal(fitted.ids, 0.0), strengths, rng, left_out=(LIGHT,))
 
     def _rest(self, taken: Iterable[str], unknown: float) -> list[str]:
         out = {*taken, *([UNKNOWN] if unknown else [])}
@@ -287,14 +291,19 @@ class Judge:
         blocks: dict[str, Array] = {NUISANCES: np.concatenate([fitted.metric.rows, _scaled(fitted, "@")])}
         for taken in fitted.taken:
             blocks[f"{FITTED}{taken.id}"] = _scaled(fitted, f"{taken.id}:")
-        blocks[DISCREPANCY] = self.discrepancy.every_row(fitted)
+        blocks[DISCREPANCY], blocks[LIGHT] = self.discrepancy.tied(fitted), self.discrepancy.light(fitted)
         secants: dict[str, Array] = {}
         if judged:
             whole = model.vector(fitted.point)
             secants = {name: whole - model.vector(fitted.without(name)) for name in judged}
         # What was relinearised is one more form of a cause, as likely as each of those drawn.
         blocks |= {name: secant[None] for name, secant in secants.items()}
-        lefts = np.array([*(fitted.residual + secant for secant in secants.values()), fitted.residual])
+        # What is marginalised has its prior's mean, and not what was fitted, in what data are compared with.
+        free = ~fitted.solution.held
+        away = np.where(free, fitted.departures(), 0.0)[:, None] * fitted.solution.rows
+        believed = fitted.residual + away.sum(axis=0)
+        own = {name: away[fitted.of_cause(name)].sum(axis=0) for name in secants}
+        lefts = np.array([*(believed - own[name] + secant for name, secant in secants.items()), believed])
         return self._forms.joined(blocks, lefts), secants
 
     def _judged(
@@ -306,17 +315,42 @@ class Judge:
         *,
         with_p: bool = False,
     ) -> tuple[Place, float]:
-        gram, along = space.marginalised(marginal, candidates, vector)
-        shapes, products, start = [], {}, 0
+        """Return which cause fills a place, averaged over an exact nominal light and one that is off by OWN_LIGHT.
+
+        Both are as probable before the data. A cause's factor is over the average of both without it: what one smooth
+        form explains as well as nine free ones do is then the cause's, what it does not is the light's.
+        """
+        off = space.log_bayes(marginal, LIGHT, vector)
+        weights = -np.logaddexp(0.0, off), off - np.logaddexp(0.0, off)
+        log_bayes: dict[str, float] = {}
+        p = 0.0
+        for weight, told in zip(weights, (marginal, {**marginal, LIGHT: 1.0}), strict=True):
+            shapes, along, gram = self._products(space, told, candidates, vector)
+            place = place_of(shapes, along)
+            for name, value in place.log_bayes.items():
+                log_bayes[name] = float(np.logaddexp(log_bayes.get(name, -np.inf), weight + value))
+            if with_p:
+                null = null_statistics(shapes, gram, generator(self.seed, "null statistics"))
+                p += float(np.exp(weight)) * p_value(place, null)
+        return Place.of(log_bayes), p
+
+    def _products(
+        self, space: SmallSpace, marginal: Mapping[str, float], candidates: Sequence[str], vector: int
+    ) -> tuple[list[Shapes], dict[str, Array], Array]:
+        """Return the candidates' shapes, the products of each one's rows with the data, and all inner products."""
+        gram, every = space.marginalised(marginal, candidates, vector)
+        shapes, along, start = [], {}, 0
         for name in candidates:
             cut = slice(start, start + len(space.places[name]))
             shapes.append(self._shapes(name, gram[cut, cut]))
-            products[name] = along[cut]
+            along[name] = every[cut]
             start = cut.stop
-        place = place_of(shapes, products)
-        if not with_p:
-            return place, 0.0
-        return place, p_value(place, null_statistics(shapes, gram, generator(self.seed, "null statistics")))
+        return shapes, along, gram
+
+
+def likelier(space: SmallSpace, marginal: Mapping[str, float], vector: int) -> Mapping[str, float]:
+    """Return what is marginalised, the nominal light among it where it is more probably off than exact."""
+    return {**marginal, LIGHT: 1.0} if space.log_bayes(marginal, LIGHT, vector) > 0.0 else marginal
 
 
 def _marginal(taken: Iterable[str], unknown: float) -> dict[str, float]:

@@ -52,6 +52,7 @@ def expected_power(
     strengths: Sequence[float],
     rng: np.random.Generator,
     draws: int = 60,
+    left_out: Sequence[str] = (),
 ) -> list[Power]:
     """Return the power for every cause and strength.
 
@@ -65,8 +66,10 @@ def expected_power(
     rng : numpy.random.Generator
     draws : int
         Of noise, for each form.
+    left_out : sequence of str
+        Blocks that are neither causes nor marginalised.
     """
-    causes = [name for name in space.places if name not in marginal]
+    causes = [name for name in space.places if name not in marginal and name not in left_out]
     gram, _ = space.marginalised(marginal, causes, None)
     cuts, start = {}, 0
     for name in causes:

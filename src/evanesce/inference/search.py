@@ -281,7 +281,7 @@ class Search:
         return None
 
     def _exchanged(self, now: JointFit, posterior: Posterior) -> JointFit | None:
-        """Return the fit with another cause in a place, where that leaves less.
+        """Return the fit with another cause in a place, where that is more probable.
 
         Fitted are all of a place's credible set, and once those that come near by their forms.
         """
@@ -301,27 +301,43 @@ class Search:
             if without is None:
                 continue
             for other in near[:TRIED]:
-                better = self._in_place(now, without, other)
-                if better is not None and better.misfit < now.misfit:
-                    self._behind[other, name] = 0.5 * (now.misfit - better.misfit)
-                    self._note("exchange", other, better, now, "leaves less", name)
+                better = self._in_place(now, without, name, other)
+                ahead = -np.inf if better is None else self._ahead(now, name, better, other)
+                if better is not None and ahead > 0.0:
+                    self._behind[other, name] = ahead
+                    self._note("exchange", other, better, now, "is more probable", name)
                     self.tell(self._words(better))
                     return better
-                self._behind[name, other] = np.inf if better is None else 0.5 * (better.misfit - now.misfit)
+                self._behind[name, other] = -ahead
         return None
 
-    def _in_place(self, now: JointFit, without: JointFit, other: str) -> JointFit | None:
-        """Return the fit with another cause in a place; coarse where that already leaves more; None if it cannot be."""
+    def _ahead(self, now: JointFit, name: str, better: JointFit, other: str) -> float:
+        """Return by how many nats a fit with another cause in a place is more probable than the present one."""
+        return self._evidence(better, other) - self._evidence(now, name)
+
+    def _evidence(self, fitted: JointFit, name: str) -> float:
+        """Return the log evidence of a fit, how strong one of its causes may be left open [nats].
+
+        Along the direction that data know best a cause has no prior but that of strengths, which all causes share.
+        """
+        places = fitted.of_cause(name)
+        deviation = np.array([fitted.parameters[k].deviation for k in places])
+        known = fitted.solution.covariance[np.ix_(places, places)] / np.outer(deviation, deviation)
+        half = next((np.log(2.0) for c in self.causes if c.id == name and c.one_sided), 0.0)
+        return float(fitted.log_evidence - 0.5 * np.log(np.linalg.eigvalsh(known)[0]) + half)
+
+    def _in_place(self, now: JointFit, without: JointFit, name: str, other: str) -> JointFit | None:
+        """Return the fit with another cause in a place; coarse where that already loses; None if it cannot be."""
         metric, believed = everything_marginalised(without)
         entered = self._entered(without, other, metric, believed)
         tried = None if entered is None else self._tried(without, entered, metric, believed)
-        if tried is None or tried.misfit > now.misfit:
+        if tried is None or self._ahead(now, name, tried, other) < 0.0:
             return tried
         try:
             better = self.fitter.relinearised(tried.taken, tried.point)
         except InputError:
             better = None
-        if better is None or better.misfit >= now.misfit:
+        if better is None or self._ahead(now, name, better, other) <= 0.0:
             self.fitter.model.anchor(now.point)
         return better
 

@@ -100,6 +100,20 @@ class SmallSpace:
         along = data[own] - linalg.cho_solve(factor, size * data[out]) @ cross
         return np.asarray((gram + gram.T) / 2), np.asarray(along)
 
+    def log_bayes(self, marginal: Mapping[str, float], name: str, vector: int) -> float:
+        """Return the log Bayes factor of a block, of unit amplitudes, over none of it [nats].
+
+        Parameters
+        ----------
+        marginal : mapping of str to float
+            As for :meth:`marginalised`.
+        name : str
+        vector : int
+        """
+        gram, along = self.marginalised(marginal, [name], vector)
+        inner = np.eye(len(gram)) + gram
+        return float(0.5 * along @ np.linalg.solve(inner, along) - 0.5 * np.linalg.slogdet(inner)[1])
+
 
 def _places(blocks: Mapping[str, Array], first: int) -> dict[str, NDArray[np.int_]]:
     found, start = {}, first

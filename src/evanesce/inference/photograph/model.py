@@ -197,11 +197,11 @@ class PhotoFitter(Fitter):
 class PhotoDiscrepancy(Discrepancy):
     """Discrepancy with the even blur in it: its form is not known, and varies over the frame."""
 
-    def rows(self, fitted: JointFit, fine: Array | None = None) -> Array:
-        """Return the rows (k, bins)."""
+    def tied(self, fitted: JointFit, fine: Array | None = None) -> Array:
+        """Return the rows (k, bins) of each cause and of the blur."""
         whole, blur = self.model.cube(fitted.point), fitted.point["@blur"]
         other = ({"@blur": SHARPEST_BINS}, {"@blur": 2.0 * blur}, {"@disc": 0.0}, {"@disc": 1.0})
-        found = [super().rows(fitted)]
+        found = [super().tied(fitted)]
         for changed in other:
             change = whole - self.model.cube({**fitted.point, **changed})
             found.append(tied_rows(self.model.data, change, BLUR_FORM, by_view=False))

@@ -138,17 +138,13 @@ class FramesAndSeriesDiscrepancy(Discrepancy):
 
     model: FramesAndSeries
 
-    def rows(self, fitted: JointFit, fine: Array | None = None) -> Array:
-        """Return the rows (k, bins + rows)."""
-        return self._padded(super().rows(fitted, fine), SeriesDiscrepancy(self.model.series).every_row(fitted))
+    def light(self, fitted: JointFit) -> Array:
+        """Return the rows (k, bins + rows) of the nominal light."""
+        return _beside(super().light(fitted), SeriesDiscrepancy(self.model.series).light(fitted))
 
-    def every_row(self, fitted: JointFit, fine: Array | None = None) -> Array:
-        """Return the rows (k, bins + rows), with that of what extrapolation to finer pixels added at the anchor."""
-        none = np.zeros((0, self.model.series.observed.size))
-        return np.concatenate([self.rows(fitted, fine), self._padded(self.extrapolated(), none)])
-
-    def _padded(self, frames: Array, series: Array) -> Array:
-        return _beside(frames, series)
+    def tied(self, fitted: JointFit, fine: Array | None = None) -> Array:
+        """Return the rows (k, bins + rows) of each cause, and of what extrapolation to finer pixels added."""
+        return _beside(super().tied(fitted, fine), SeriesDiscrepancy(self.model.series).tied(fitted))
 
 
 def _beside(frames: Array, series: Array) -> Array:

@@ -207,20 +207,30 @@ class SeriesDiscrepancy:
     def __init__(self, model: SeriesModel) -> None:
         self.model = model
 
-    def every_row(self, fitted: JointFit) -> Array:
-        """Return the rows (k, rows) of a joint fit, the model anchored about it."""
-        model, data = self.model, self.model.data
-        smooth = cosines(data, WAVES, normed=True)
-        light = [p for p in model.nuisances() if p.name == "@light"]
-        changes = [OWN_LIGHT * model.derivative(fitted.point, p) for p in light]
+    def light(self, fitted: JointFit) -> Array:
+        """Return the rows (k, rows) of the nominal light."""
+        light = [p for p in self.model.nuisances() if p.name == "@light"]
+        return self._smooth([OWN_LIGHT * self.model.derivative(fitted.point, p) for p in light])
+
+    def tied(self, fitted: JointFit) -> Array:
+        """Return the rows (k, rows) of each cause."""
+        model, changes = self.model, []
         whole = model.vector(fitted.point)
         for taken in fitted.taken:
             try:
                 changes.append(TIED_SHARE * (whole - model.vector(fitted.without(taken.id))))
             except InputError:
                 continue
-        tied = [smooth * change / np.sqrt(WAVES) for change in changes]
-        return np.concatenate([np.zeros((0, data.sd.size)), *tied])
+        return self._smooth(changes)
+
+    def every_row(self, fitted: JointFit) -> Array:
+        """Return all rows (k, rows) of a joint fit, the model anchored about it."""
+        return np.concatenate([self.light(fitted), self.tied(fitted)])
+
+    def _smooth(self, changes: Sequence[Array]) -> Array:
+        data = self.model.data
+        waves = cosines(data, WAVES, normed=True) / np.sqrt(WAVES)
+        return np.concatenate([np.zeros((0, data.sd.size)), *(waves * change for change in changes)])
 
 
 def cosines(data: Rows, count: int, *, normed: bool = False) -> Array:

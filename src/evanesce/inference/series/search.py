@@ -60,26 +60,8 @@ class SeriesSearch(Search):
             if found is None:
                 del bayes[cause.id]  # no plausible amount of it shows
             else:
-                bayes[cause.id] = laplace(found) - laplace(without) + sides[cause.id]
+                bayes[cause.id] = found.log_evidence - without.log_evidence + sides[cause.id]
         # What was not entered for another place may still be for the next one.
         self.refused.clear()
         self.refused.update(refused)
         return Place.of(bayes)
-
-
-def laplace(fitted: JointFit) -> float:
-    """Return the log evidence of a fit by Laplace's approximation, up to what all fits of the same data share.
-
-    Parameters
-    ----------
-    fitted : JointFit
-
-    Notes
-    -----
-    ``-(misfit + log det (D H D)) / 2`` with H the posterior's precision, D the prior standard deviations: the misfit
-    holds the priors' squares already (MacKay, Information Theory, Inference, and Learning Algorithms, 2003, ch. 27).
-    """
-    deviation = np.array([p.deviation for p in fitted.parameters])
-    free = ~fitted.solution.held
-    scaled = (fitted.solution.precision * np.outer(deviation, deviation))[np.ix_(free, free)]
-    return -0.5 * (fitted.misfit + float(np.linalg.slogdet(scaled)[1]))

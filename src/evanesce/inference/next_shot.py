@@ -184,7 +184,8 @@ def _entropy_after(
     sd = np.sqrt(model.data.noise.variance(base, view.frames) + rounding_sd(model.data.noise.tone, base) ** 2)
     # Pose and levels are known by now; the shot's own jitter, and a card's place, are not.
     new = [p for p in nuisance_parameters([view], model.data.noise.flicker) if p.linear or view.is_card]
-    rows = np.array([(derivative(predictor, point, p, [0], base) / sd).ravel() for p in new]).reshape(len(new), base.size)
+    slopes = [(derivative(predictor, point, p, [0], base) / sd).ravel() for p in new]
+    rows = np.array(slopes).reshape(len(new), base.size)
     metric = Metric.of(rows, np.array([p.deviation for p in new]))
     shown = {}
     for c in chosen:

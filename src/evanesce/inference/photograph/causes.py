@@ -62,6 +62,11 @@ class PhotoCause:
     costly: bool = False
 
     @property
+    def one_sided(self) -> bool:
+        """Whether its amplitudes can only grow from nothing."""
+        return all(p.null in p.bounds for p in self.parameters if p.name in self.amplitudes)
+
+    @property
     def amplitudes(self) -> frozenset[str]:
         """Names of the parameters that grow from nothing."""
         return frozenset(self.grown)

@@ -14,6 +14,7 @@ from evanesce.cli import bench
 from evanesce.contact.sliding.stick_slip import Slider, simulate_stick_slip
 from evanesce.materials import hyperelastic
 from evanesce.materials.tables import material
+from evanesce.rig import load_scene
 
 pytestmark = pytest.mark.system
 
@@ -202,3 +203,80 @@ def test_stiffness_gives_a_scene_its_finger(run, tmp_path):
     ran = run("stiffness", file, "--test", "compression", "--terms", 2, "--scene", tmp_path / "rig.toml", "--out", out)
     done(ran, out, "finger.toml", "scene.toml")
     assert finger_modulus(load_scene(str(out / "scene.toml")), 3.0) == pytest.approx(8 * 0.025, rel=1e-4)
+
+
+def drawn_stack(folder, gain=2.0):
+    """Frames of a sensor of known gain, read noise 4 e-, by NumPy alone."""
+    rng = np.random.default_rng(2)
+    folder.mkdir()
+    lines = ["file,exposure_s,light"]
+    for level in (0, 200, 500, 900, 1500, 2200, 3000, 4000):
+        for k in range(2):
+            charge = rng.poisson(level, (100, 120)) + 4.0 * rng.normal(size=(100, 120))
+            np.save(folder / f"{level}_{k}.npy", np.clip(np.rint(charge / gain + 256), 0, 4095).astype(np.uint16))
+            lines.append(f"{level}_{k}.npy,{0.01 if level == 0 else level / 1e5},{0 if level == 0 else 1}")
+    (folder / "stack.csv").write_text("\n".join(lines))
+    return folder
+
+
+def test_sensor_of_a_stack_and_the_scene_with_its_keys(run, tmp_path):
+    ran = run(
+        "sensor",
+        drawn_stack(tmp_path / "s"),
+        "--scene",
+        "thesis",
+        "--out",
+        tmp_path / "o",
+        "--json",
+        tmp_path / "r.json",
+    )
+    result = done(ran, tmp_path / "o", "photon_transfer.png", "photon_transfer.csv", "pixel.toml", "scene.toml")
+    (one,) = result["photon_transfer"]
+    assert one["gain_e_per_DN"] == pytest.approx(2.0, rel=0.02)
+    assert one["read_noise_e"] == pytest.approx(4.0, rel=0.03)
+    assert one["linearity"]["error"] < 0.005
+    assert json.loads((tmp_path / "r.json").read_text()) == result
+    scene = load_scene(str(tmp_path / "o" / "scene.toml"))
+    assert scene.camera.pixel.conversion_gain_e_per_DN == pytest.approx(one["gain_e_per_DN"], rel=1e-4)
+    assert scene.camera.pixel.black_level_DN == 256.0
+
+
+def test_sensor_of_tables(run, tmp_path):
+    m = np.linspace(20, 3000, 30)
+    transfer = csv(tmp_path / "ptc.csv", "mean_DN,variance_DN2", m + 256, 2.0 + m / 2.2 + (0.011 * m) ** 2)
+    t = np.arange(0.0, 200, 20)
+    cold = csv(tmp_path / "cold.csv", "exposure_s,variance_DN2", t, 2 + 0.05 * t)
+    warm = csv(tmp_path / "warm.csv", "exposure_s,variance_DN2", t, 2 + 0.10 * t)
+    files = ("sensor", transfer, cold, warm, "--temperature-C", 10, "--temperature-C", 18)
+    result = done(run(*files, "--out", tmp_path / "o"), tmp_path / "o", "dark.png")
+    assert result["photon_transfer"][0]["prnu"] == pytest.approx(0.011, rel=1e-3)
+    assert result["dark"][1]["dark_current_from_variance_e_per_s"] == pytest.approx(0.1 * 2.2**2, rel=1e-3)
+    assert result["temperature_factors"][0]["doubling_K"] == pytest.approx(8.0, rel=1e-3)
+    assert result["temperature_law"]["activation_energy_se"] is None
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--mosaic", "RGB"), "--mosaic"),
+        (("--raw-size", "12"), "--raw-size"),
+        (("--temperature-C", 20), "--temperature-C"),
+        (("--gain-e-per-DN", -1), "--gain-e-per-DN"),
+        (("--black-level-DN", 5000), "--black-level-DN"),
+    ],
+)
+def test_sensor_options_out_of_range(run, tmp_path, options, words):
+    table = csv(tmp_path / "ptc.csv", "mean_DN,variance_DN2", np.linspace(300, 900, 9), np.linspace(20, 300, 9))
+    ran = run("sensor", table, *options, "--out", tmp_path / "o")
+    assert ran.exit_code == 2
+    assert words in ran.output
+    assert "Traceback" not in ran.output
+    assert not (tmp_path / "o").exists()
+
+
+def test_sensor_of_a_table_without_a_curve(run, tmp_path):
+    flat = csv(tmp_path / "flat.csv", "mean_DN,variance_DN2", np.linspace(300, 900, 9), np.linspace(300, 20, 9))
+    ran = run("sensor", flat, "--out", tmp_path / "o")
+    assert ran.exit_code == 2
+    assert "no conversion gain" in ran.output
+    assert not (tmp_path / "o").exists()

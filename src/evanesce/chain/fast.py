@@ -385,7 +385,7 @@ def _why_general(scene: Scene, active: list[str]) -> str:
     pixel, lens = scene.camera.pixel, scene.camera.lens
     if active:
         return f"effects: {', '.join(active)}"
-    if pixel.prnu > 0 or pixel.dsnu_e > 0:
+    if pixel.prnu > 0 or pixel.dsnu_e > 0 or pixel.dark_nonuniformity_e_per_s > 0:
         return "camera.pixel: fixed pattern"
     if pixel.read_noise_e < LEAST_READ_NOISE_E:
         return f"camera.pixel.read_noise_e below {LEAST_READ_NOISE_E:g}"

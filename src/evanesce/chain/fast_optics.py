@@ -208,7 +208,7 @@ def readout_of(scene: Scene) -> Readout:
         share = tuple(response[channel] for channel in channels) if response else ()
     return Readout(
         shape=(rows, cols),
-        dark_e=pixel.dark_current_e_per_s * camera.exposure_ms * 1e-3,
+        dark_e=pixel.dark_rate_e_per_s * camera.exposure_ms * 1e-3,
         full_well_e=pixel.full_well_capacity_e,
         read_noise_e=pixel.read_noise_e,
         gain=camera.analogue_gain / pixel.conversion_gain_e_per_DN,

@@ -269,7 +269,10 @@ def _read_out(
     """Return the frame of an irradiance: charge, exposure control, readout, development, each with its effects."""
     scene, seed, index = context.scene, context.seed, context.index
     camera, pixel, (cols, rows) = scene.camera, scene.camera.pixel, scene.camera.resolution_px
-    pattern = fixed_pattern((rows, cols), pixel.prnu, pixel.dsnu_e, rng.generator(seed, "sensor")) if noisy else None
+    pattern = None
+    if noisy:
+        own = rng.generator(seed, "sensor")
+        pattern = fixed_pattern((rows, cols), pixel.prnu, pixel.dsnu_e, own, pixel.dark_spread)
     response = led_response(scene) if response is None else response
     charge_e, processor = charge_of(light, camera, pattern, response), None
     if is_automatic(camera):

@@ -1,4 +1,4 @@
-"""``evanesce bench``: stiffness, DMA, friction and surface files to figures, fits and plots."""
+"""``evanesce bench``: stiffness, DMA, friction, surface and sensor files to figures, fits and plots."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from evanesce.cli import bench_output as output
+from evanesce.cli.bench_sensor import sensor
 from evanesce.cli.common import JsonOption, OutOption, check_json_target, handles_errors
 from evanesce.core.errors import InputError
 
@@ -16,12 +17,13 @@ FileArgument = Annotated[Path, typer.Argument(help="CSV file with units in its h
 
 def register(app: typer.Typer) -> None:
     """Add the group ``bench``."""
-    bench = typer.Typer(help="Evaluate bench tests: stiffness, DMA, friction, profile.", no_args_is_help=True)
+    bench = typer.Typer(help="Evaluate bench tests: stiffness, DMA, friction, profile, sensor.", no_args_is_help=True)
     app.add_typer(bench, name="bench")
     bench.command()(handles_errors(stiffness))
     bench.command()(handles_errors(dma))
     bench.command()(handles_errors(friction))
     bench.command()(handles_errors(profile))
+    bench.command()(handles_errors(sensor))
 
 
 def stiffness(

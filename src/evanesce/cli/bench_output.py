@@ -21,15 +21,16 @@ Result = tuple[dict[str, Any], Path]
 """Figures of a test, and the folder with its files."""
 
 
-def _table(title: str, rows: list[tuple[str, str]]) -> None:
-    table = Table(title=title, show_header=False)
+def print_table(title: str, rows: list[tuple[str, str]]) -> None:
+    """Print a table of two columns."""
+    shown = Table(title=title, show_header=False)
     for name, value in rows:
-        table.add_row(name, value)
-    console.print(table)
+        shown.add_row(name, value)
+    console.print(shown)
 
 
 @contextmanager
-def _names_file(file: Path) -> Iterator[None]:
+def names_file(file: Path) -> Iterator[None]:
     """Name the file in errors of an analysis: a file without such a test is bad input."""
     try:
         yield
@@ -59,7 +60,7 @@ def write_indentation(file: Path, finger: float, indenter: float, nu: float, out
 
     force, position = indentation.read_indentation(file)
     geometry = indentation.elliptic_geometry(finger, indenter)
-    with _names_file(file):
+    with names_file(file):
         r = indentation.analyse(force, position, geometry, nu)
     folder = out_dir(out, "bench-stiffness")
     write_figure(folder / "indentation.png", indentation_figure(r))
@@ -72,7 +73,7 @@ def write_indentation(file: Path, finger: float, indenter: float, nu: float, out
         r.mean_pressure, r.peak_pressure,
     ]  # fmt: skip
     _csv(folder / "indentation.csv", headings, columns)
-    _table(
+    print_table(
         "stiffness: elliptical Hertz",
         [
             ("E*(F)", f"{r.intercept:.4g} +- {r.intercept_se:.2g} MPa + ({r.slope:.4g} +- {r.slope_se:.2g}) MPa/N F"),
@@ -126,7 +127,7 @@ def write_compression(file: Path, height: float | None, area: float | None, term
             for k, v in limits.items()
         ),
     ]
-    _table("stiffness: Mooney-Rivlin", rows)
+    print_table("stiffness: Mooney-Rivlin", rows)
     result = {
         "test": "compression",
         **{f"{n}_Pa": v * 1e6 for n, v in zip(names, values, strict=True)},
@@ -205,7 +206,7 @@ def write_dma(file: Path, reference: float | None, out: Path | None) -> Result:
                 f"{master.activation_energy_kJ_per_mol:.4g} +- {master.activation_energy_se:.2g} kJ/mol",
             )
         )
-    with _names_file(file):
+    with names_file(file):
         fit = prony_fit.fit_prony(reduced, table.storage, table.loss_factor)
     folder = out_dir(out, "bench-dma")
     write_figure(folder / "dma.png", dma_figure(table, fit.series, reduced))
@@ -215,7 +216,7 @@ def write_dma(file: Path, reference: float | None, out: Path | None) -> Result:
         ("terms", f"{len(fit.series.times)}, {min(fit.series.times):.2g} to {max(fit.series.times):.2g} s"),
         ("relative residual of E', E''", f"{fit.storage_rms:.2%}, {fit.loss_rms:.2%}"),
     ]
-    _table(f"DMA at {temperature:g} degC", rows)
+    print_table(f"DMA at {temperature:g} degC", rows)
     result = {
         "test": "dma",
         "reference_temperature_C": temperature,
@@ -243,7 +244,7 @@ def write_friction(files: list[Path], groups: list[str], smoothing: float | None
         raise InputError("given twice", file=twice, allowed="each slide once")
     results, stable, spectra = [], {}, []
     for file, name, trace in zip(files, names, traces, strict=True):
-        with _names_file(file):
+        with names_file(file):
             result = friction.analyse(trace, smoothing_s=smoothing)
         results.append(result)
         inside = (trace.time >= result.stable[0]) & (trace.time <= result.stable[1])
@@ -318,14 +319,14 @@ def write_profile(
 
     if file.suffix.lower() == ".csv" and not surface_files.is_matrix(file):
         x, z = surface_files.read_profile(file)
-        with _names_file(file):
+        with names_file(file):
             result = profile.analyse_profile(x, z, form)
         flat = profile.remove_form(z, form)
         folder = out_dir(out, "bench-profile")
         write_figure(folder / "profile.png", bench_plots.profile_figure(x, flat, result))
         step = float(np.median(np.diff(x)))
         samples = min(2048, max(64, round(float(np.ptp(x)) / step)))
-        with _names_file(file):
+        with names_file(file):
             tiled = result.pitch.count > 0
             surface = relief.height_map_of_profile(x, z, (samples, samples), step, form) if tiled else None
     else:
@@ -334,7 +335,7 @@ def write_profile(
                 "a height map needs its sample distance", file=file, key="--pitch-um", allowed="in um, > 0"
             )
         scan = surface_files.read_map(file, pitch, unit)
-        with _names_file(file):
+        with names_file(file):
             result = profile.analyse_map(scan.height, scan.pitch, form_degree=form)
             surface = relief.height_map_of_scan(scan.height, scan.pitch, form)
         folder = out_dir(out, "bench-profile")
@@ -347,7 +348,7 @@ def write_profile(
         if name in against:
             text += f"; design {1e3 * design[name]:.4g} um: {against[name]['relative_deviation']:+.1%}"
         rows.append((name.replace("_", " "), text))
-    _table("ridges", rows)
+    print_table("ridges", rows)
     if surface is not None:
         temporary = folder / ".height_map.part.npz"
         np.savez_compressed(temporary, distance_mm=surface.distance, pitch_mm=surface.pitch)

@@ -24,6 +24,8 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "time": {"us": 1e-6, "µs": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0},
     "frequency": {"hz": 1.0, "khz": 1e3, "rad/s": 1.0 / (2.0 * np.pi), "rad_per_s": 1.0 / (2.0 * np.pi)},
     "temperature": {"c": 1.0, "degc": 1.0, "°c": 1.0, "k": 1.0},
+    "signal": {"dn": 1.0},
+    "variance": {"dn2": 1.0, "dn^2": 1.0, "dn²": 1.0},
     "ratio": {"": 1.0, "1": 1.0, "-": 1.0, "%": 0.01, "percent": 0.01},
 }
 
@@ -167,7 +169,7 @@ def read_columns(path: Path, columns: Sequence[Column]) -> dict[str, NDArray[np.
     Returns
     -------
     dict of ndarray (rows,)
-        Present columns: mm, N, MPa, s, Hz, degC, ratio.
+        Present columns: mm, N, MPa, s, Hz, degC, DN, DN^2, ratio.
 
     Raises
     ------

@@ -49,6 +49,7 @@ UNIT_SUFFIXES: dict[str, str] = {
     "MPa_per_N": "MPa/N",
     "e_per_DN": "e-/DN",
     "e_per_s": "e-/s",
+    "eV": "eV",
     "kg_per_m3": "kg/m^3",
     "V_per_K": "V/K",
     "per_K": "1/K",

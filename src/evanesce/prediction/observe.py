@@ -112,6 +112,7 @@ def model_scene(scene: Scene, *, finer: int = 1) -> Scene:
             "conversion_gain_e_per_DN": pixel.conversion_gain_e_per_DN * factor**2,
             "read_noise_e": pixel.read_noise_e * factor,
             "dark_current_e_per_s": pixel.dark_current_e_per_s * factor**2,
+            "dark_nonuniformity_e_per_s": pixel.dark_nonuniformity_e_per_s * factor,
         }
     )
     coarse = camera.model_copy(

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
+from pydantic import model_validator
+
+from evanesce.core.arrhenius import rate_factor
 from evanesce.core.quantities import Strict, field
 from evanesce.rig.colour import AutoExposure, Colour
 
@@ -52,11 +55,40 @@ class Pixel(Strict):
     full_well_capacity_e: float = field(8180.0, unit="e", bounds=(100.0, 1e7))
     conversion_gain_e_per_DN: float = field(2.13, unit="e_per_DN", bounds=(0.01, 1000.0), doc="at analogue gain 1")
     read_noise_e: float = field(3.0, unit="e", bounds=(0.0, 1000.0), null=0.0)
-    dark_current_e_per_s: float = field(0.0, unit="e_per_s", bounds=(0.0, 1e6), null=0.0)
+    dark_current_e_per_s: float = field(
+        0.0, unit="e_per_s", bounds=(0.0, 1e6), null=0.0, doc="mean over the pixels at dark_reference_C"
+    )
+    dark_nonuniformity_e_per_s: float = field(
+        0.0, unit="e_per_s", bounds=(0.0, 1e6), null=0.0, doc="standard deviation of dark current over the pixels"
+    )
+    dark_activation_energy_eV: float = field(
+        0.0, unit="eV", bounds=(0.0, 1.5), null=0.0, doc="of dark current; 0: the same at any temperature"
+    )
+    dark_reference_C: float = field(20.0, unit="C", bounds=(-80.0, 120.0), doc="temperature of the dark current above")
+    temperature_C: float = field(20.0, unit="C", bounds=(-80.0, 120.0), doc="of the sensor")
     prnu: float = field(0.0, unit="1", bounds=(0.0, 0.5), null=0.0, doc="relative standard deviation of sensitivity")
     dsnu_e: float = field(0.0, unit="e", bounds=(0.0, 1000.0), null=0.0, doc="standard deviation of dark signal")
     black_level_DN: float = field(256.0, unit="DN", bounds=(0.0, 2048.0))
     bits: int = field(12, unit="1", bounds=(8, 16))
+
+    @model_validator(mode="after")
+    def _dark(self) -> Pixel:
+        if self.dark_nonuniformity_e_per_s > 0.0 and self.dark_current_e_per_s == 0.0:
+            raise ValueError("dark_nonuniformity_e_per_s is 0 where dark_current_e_per_s is 0 (allowed: both above 0)")
+        return self
+
+    @property
+    def dark_rate_e_per_s(self) -> float:
+        """Mean dark current at the sensor's temperature [e-/s]."""
+        if self.dark_activation_energy_eV == 0.0:
+            return self.dark_current_e_per_s
+        change = rate_factor(self.dark_activation_energy_eV, self.dark_reference_C, self.temperature_C)
+        return self.dark_current_e_per_s * change
+
+    @property
+    def dark_spread(self) -> float:
+        """Relative standard deviation of dark current over the pixels [1]."""
+        return self.dark_nonuniformity_e_per_s / self.dark_current_e_per_s if self.dark_current_e_per_s else 0.0
 
 
 class Camera(Strict):

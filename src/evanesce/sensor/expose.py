@@ -51,7 +51,7 @@ def charge_of(
     return mean_charge(
         photons,
         quantum_efficiency=pixel.quantum_efficiency,
-        dark_current_e_per_s=pixel.dark_current_e_per_s,
+        dark_current_e_per_s=pixel.dark_rate_e_per_s,
         exposure_s=exposure_s,
         pattern=pattern,
     )

@@ -26,14 +26,21 @@ class FixedPattern:
         Relative sensitivity, mean 1 [1].
     dark_e : ndarray (rows, cols)
         Departure of the dark signal from its mean [e-].
+    dark_rate : ndarray (rows, cols), optional
+        Dark current over its mean [1]; all 1 where left out.
     """
 
     sensitivity: Array
     dark_e: Array
+    dark_rate: Array | None = None
 
 
-def fixed_pattern(shape: tuple[int, int], prnu: float, dsnu_e: float, rng: np.random.Generator) -> FixedPattern | None:
+def fixed_pattern(
+    shape: tuple[int, int], prnu: float, dsnu_e: float, rng: np.random.Generator, dark_spread: float = 0.0
+) -> FixedPattern | None:
     """Draw a sensor's fixed pattern; None where it has none.
+
+    Dark currents follow a gamma distribution: positive, with a tail of hot pixels that grows with their spread.
 
     Parameters
     ----------
@@ -45,11 +52,16 @@ def fixed_pattern(shape: tuple[int, int], prnu: float, dsnu_e: float, rng: np.ra
         Standard deviation of the dark signal [e-].
     rng : numpy.random.Generator
         A stream of the sensor, not of the frame.
+    dark_spread : float
+        Relative standard deviation of dark current [1].
     """
-    if prnu == 0.0 and dsnu_e == 0.0:
+    if prnu == 0.0 and dsnu_e == 0.0 and dark_spread == 0.0:
         return None
     sensitivity = np.clip(1.0 + prnu * rng.standard_normal(shape), 0.0, None)
-    return FixedPattern(sensitivity, dsnu_e * rng.standard_normal(shape))
+    dark_e = dsnu_e * rng.standard_normal(shape)
+    if dark_spread == 0.0:
+        return FixedPattern(sensitivity, dark_e)
+    return FixedPattern(sensitivity, dark_e, rng.standard_gamma(dark_spread**-2, shape) * dark_spread**2)
 
 
 def photon_count(
@@ -107,9 +119,12 @@ def mean_charge(
     ndarray (rows, cols)
     """
     charge = photons * quantum_efficiency
+    dark: float | Array = dark_current_e_per_s * exposure_s
     if pattern is not None:
         charge = charge * pattern.sensitivity + pattern.dark_e
-    return np.asarray(np.clip(charge + dark_current_e_per_s * exposure_s, 0.0, None))
+        if pattern.dark_rate is not None:
+            dark = dark * pattern.dark_rate
+    return np.asarray(np.clip(charge + dark, 0.0, None))
 
 
 def collect(mean_e: Array, full_well_capacity_e: float, rng: np.random.Generator | None) -> Array:

@@ -280,3 +280,21 @@ def test_sensor_of_a_table_without_a_curve(run, tmp_path):
     assert ran.exit_code == 2
     assert "no conversion gain" in ran.output
     assert not (tmp_path / "o").exists()
+
+
+def test_sensor_terms_of_a_table(run, tmp_path):
+    """A sensor of the default gain and read noise whose pixels differ by 1.2 %: one term lacks, and is named."""
+    m = np.geomspace(15, 2600, 40)
+    rng = np.random.default_rng(1)
+    variance = ((3.0 / 2.13) ** 2 + 1 / 12 + m / 2.13 + (0.012 * m) ** 2) * np.exp(0.01 * rng.normal(size=40))
+    table = csv(tmp_path / "ptc.csv", "mean_DN,variance_DN2", m + 256, variance)
+    result = done(run("sensor", table, "--terms", "--out", tmp_path / "o"), tmp_path / "o")
+    (term,) = result["lacking"]["transfer"]["terms"]
+    assert term["key"] == "prnu"
+    assert term["values"][""] == pytest.approx(0.012, rel=0.05)
+    assert result["lacking"]["transfer"]["held_out_gain"][0] > 20  # five stretches of one series: no narrow interval
+    short = csv(tmp_path / "short.csv", "mean_DN,variance_DN2", m[::5] + 256, variance[::5])
+    ran = run("sensor", short, "--terms", "--out", tmp_path / "o2")
+    assert ran.exit_code == 2
+    assert "--terms" in ran.output
+    assert not (tmp_path / "o2").exists()

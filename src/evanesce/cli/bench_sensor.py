@@ -39,8 +39,8 @@ def sensor(
     ] = 256.0,
     bits: Annotated[int, typer.Option("--bits", min=8, max=16, help="Of the converter.")] = 12,
     analogue_gain: Annotated[
-        float, typer.Option("--analogue-gain", min=1.0, max=64.0, help="At which all files were taken.")
-    ] = 1.0,
+        list[float] | None, typer.Option("--analogue-gain", help="Of all files, or one for each; 1 by default.")
+    ] = None,
     mosaic: Annotated[str | None, typer.Option("--mosaic", help="Of frames: BGGR, RGGB, GRBG or GBRG.")] = None,
     raw_size: Annotated[str | None, typer.Option("--raw-size", help="COLSxROWS of headerless .raw frames.")] = None,
     temperature: Annotated[
@@ -52,6 +52,9 @@ def sensor(
     scene: Annotated[
         str | None, typer.Option("--scene", help="Scene with this camera: its keys are written with these figures.")
     ] = None,
+    terms: Annotated[
+        bool, typer.Option("--terms", help="Also: what the sensor model of the scene (or the default one) lacks.")
+    ] = False,
     json_file: JsonOption = None,
     out: OutOption = None,
 ) -> None:
@@ -68,14 +71,32 @@ def sensor(
         from evanesce.rig import load_scene
 
         loaded = load_scene(scene)
-    figures = _figures(paths, black_level, bits, mosaic and mosaic.upper(), _size(raw_size), temperature or [])
-    folder = out_dir(out, "bench-sensor")
-    result = _summary(figures, analogue_gain, gain)
+    gains = _gains(analogue_gain, len(paths))
+    figures, of_file = _figures(paths, black_level, bits, mosaic and mosaic.upper(), _size(raw_size), temperature or [])
+    each = [gains[k] for k in of_file]
+    result = _summary(figures, each, gain)
     _print(figures, result)
+    if terms:
+        from evanesce.cli.bench_sensor_terms import lacking_terms
+        from evanesce.rig.camera import Pixel
+
+        nominal = Pixel() if loaded is None else loaded.camera.pixel
+        result["lacking"] = lacking_terms(figures.transfers, each, figures.dark, gains[-1], nominal)
+    folder = out_dir(out, "bench-sensor")
     _write(figures, folder)
     if loaded is not None:
         result["keys"] = _write_scene(loaded, result, folder)
     output.finish({"files": [path.name for path in paths], **result}, json_file, folder)
+
+
+def _gains(given: Sequence[float] | None, files: int) -> list[float]:
+    """Return the analogue gain of each file."""
+    given = given or [1.0]
+    if any(not 1.0 <= g <= 64.0 for g in given):
+        raise InputError(f"{', '.join(f'{g:g}' for g in given)}", key="--analogue-gain", allowed="1 to 64")
+    if len(given) not in (1, files):
+        raise InputError(f"{len(given)} for {files} files", key="--analogue-gain", allowed="one, or one for each file")
+    return list(given) * (files if len(given) == 1 else 1)
 
 
 def _size(text: str | None) -> tuple[int, int] | None:
@@ -90,8 +111,8 @@ def _size(text: str | None) -> tuple[int, int] | None:
 def _figures(
     paths: Sequence[Path], black_DN: float, bits: int, mosaic: str | None, raw_size: tuple[int, int] | None,
     temperatures: Sequence[float],
-) -> SensorFigures:  # fmt: skip
-    """Read and reduce every file: a folder is a stack, a table is told by its columns."""
+) -> tuple[SensorFigures, list[int]]:  # fmt: skip
+    """Read and reduce every file; a folder is a stack. Return also the place of each photon transfer's file."""
     from evanesce.bench import sensor as bench
     from evanesce.bench import sensor_tables
     from evanesce.bench.frame_stack import reduce_stack
@@ -107,14 +128,16 @@ def _figures(
                 seen=lambda done, of: bar.update(task, completed=done, total=of),
             )  # fmt: skip
         with output.names_file(folders[0]):
-            return bench.of_stack(rows, black_DN)
-    transfers, dark, left = [], [], list(temperatures)
-    for path in paths:
+            figures = bench.of_stack(rows, black_DN)
+        return figures, [0] * len(figures.transfers)
+    transfers, of_file, dark, left = [], [], [], list(temperatures)
+    for place, path in enumerate(paths):
         if sensor_tables.is_transfer(path):
             for table in sensor_tables.read_transfer(path, 2**bits - 1).values():
                 with output.names_file(path):
                     one = bench.of_table(table, black_DN)
                 transfers.append(_renamed(one, path, len(paths)))
+                of_file.append(place)
         else:
             dark += sensor_tables.read_dark(path, left.pop(0) if left else None)
     if left:
@@ -123,7 +146,7 @@ def _figures(
     if len(seen) < len(dark):
         raise InputError("two dark tables of one temperature", key="--temperature-C", allowed="one table for each")
     with output.names_file(paths[-1]):
-        return bench.SensorFigures(tuple(transfers), bench.of_dark(dark))
+        return bench.SensorFigures(tuple(transfers), bench.of_dark(dark)), of_file
 
 
 def _renamed(one: Transfer, path: Path, files: int) -> Transfer:
@@ -134,20 +157,21 @@ def _renamed(one: Transfer, path: Path, files: int) -> Transfer:
     return replace(one, name=path.stem if one.name == "all" else f"{path.stem}: {one.name}")
 
 
-def _summary(figures: SensorFigures, analogue_gain: float, gain: float | None) -> dict[str, Any]:
-    """Return the figures for JSON; electrons where the gain is known."""
+def _summary(figures: SensorFigures, gains: Sequence[float], gain: float | None) -> dict[str, Any]:
+    """Return the figures for JSON; electrons where the gain is known: dark series are taken to be of gain 1."""
     mean_gain = gain
     if figures.transfers:
-        mean_gain = sum(t.fit.gain_e_per_DN for t in figures.transfers) / len(figures.transfers)
+        own = [t.fit.gain_e_per_DN * g for t, g in zip(figures.transfers, gains, strict=True)]
+        mean_gain = sum(own) / len(own) if gain is None else gain
     scale = math.nan if mean_gain is None else mean_gain
     transfers = [
         {
             "pixels": t.name, **asdict(t.fit), "saturation_e": t.fit.saturation_e, "prnu": t.prnu, "prnu_se": t.prnu_se,
-            "gain_1_e_per_DN": t.fit.gain_e_per_DN * analogue_gain, "dsnu_e": t.dsnu_e,
+            "analogue_gain": g, "gain_1_e_per_DN": t.fit.gain_e_per_DN * g, "dsnu_e": t.dsnu_e,
             "linearity": None if t.line is None else asdict(t.line), "noise_correlation": t.correlation,
             "doubts": t.doubts,
         }
-        for t in figures.transfers
+        for t, g in zip(figures.transfers, gains, strict=True)
     ]  # fmt: skip
     dark = [
         {
@@ -165,7 +189,7 @@ def _summary(figures: SensorFigures, analogue_gain: float, gain: float | None) -
     ]
     return _finite(
         {
-            "test": "sensor", "analogue_gain": analogue_gain, "photon_transfer": transfers, "dark": dark,
+            "test": "sensor", "photon_transfer": transfers, "dark": dark,
             "temperature_factors": factors, "temperature_law": None if law is None else asdict(law),
         }
     )  # fmt: skip
@@ -286,7 +310,7 @@ def pixel_keys(result: dict[str, Any]) -> dict[str, float]:
         "read_noise_e": mean([t["read_noise_e"] for t in transfers]),
         "prnu": mean([t["prnu"] for t in transfers]),
         "dsnu_e": mean([t["dsnu_e"] for t in transfers]),
-        "full_well_capacity_e": mean([t["saturation_e"] for t in transfers]) if result["analogue_gain"] == 1 else None,
+        "full_well_capacity_e": mean([t["saturation_e"] for t in transfers if t["analogue_gain"] == 1]),
         "dark_current_e_per_s": mean(
             [d["dark_current_from_mean_e_per_s"] or d["dark_current_from_variance_e_per_s"] for d in hot]
         ),

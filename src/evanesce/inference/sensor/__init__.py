@@ -1,0 +1,1 @@
+"""Which terms a sensor model lacks, by photon transfer and dark variance."""

@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 
 from evanesce.core.errors import InputError, WorkError
 from evanesce.core.states import Frame
-from evanesce.sensor.codec import VideoWriter, write_frames, write_png, write_video
+from evanesce.sensor.codec import VideoCodec, VideoWriter, write_frames, write_png, write_video
+from evanesce.sensor.pi_encoder import bit_rate
 
 TIMES = [0.05, 0.0837, 0.1, 0.4, 0.401, 2.0]
 
@@ -199,3 +200,44 @@ def test_h264_keeps_even_colours_and_halves_the_resolution_of_colour_alone(tmp_p
     # The cell that the edge crosses shares one colour; its luma stays sharp but for what leaves 0 to 255.
     assert np.abs(found[:, 32:34, 1] - image[:, 32:34, 1]).max() > 40
     assert np.abs(luma - expected)[:, [31, 34]].max() < 4
+
+
+# --- the Raspberry Pi's encoders
+
+
+def test_bit_rates_of_the_pis_encoders() -> None:
+    """Medium quality: 6 Mb/s in proportion to pixels a second on a Pi 4, 7 Mb/s by their root on a Pi 5."""
+    assert bit_rate("h264-pi4", (1080, 1920), 30.0) == 6_000_000
+    assert bit_rate("h264-pi4", (540, 960), 15.0) == 750_000
+    assert bit_rate("h264-pi4", (1080, 1920), 30.0, "very high") == 15_000_000
+    assert bit_rate("h264-pi5", (1080, 1920), 30.0) == 7_000_000
+    assert bit_rate("h264-pi5", (540, 960), 30.0) == 3_500_000
+
+
+def noisy(count: int, noise: float, shape: tuple[int, int] = (240, 320), rate: float = 30.0) -> list[Frame]:
+    rng = np.random.default_rng(4)
+    y, x = np.mgrid[: shape[0], : shape[1]]
+    base = 60 + 120 * ((x - 160) ** 2 / 3 + (y - 120) ** 2 < 4000)
+    return [
+        Frame(data=np.clip(base + noise * rng.normal(size=shape), 0, 255).astype(np.uint8), time=k / rate, index=k)
+        for k in range(count)
+    ]
+
+
+@pytest.mark.parametrize("codec", ["h264-pi4", "h264-pi5"])
+def test_the_pis_encoders_hold_their_rate_where_a_rate_factor_does_not(tmp_path: Path, codec: VideoCodec) -> None:
+    wanted = bit_rate(codec, (240, 320), 30.0)
+    left = {}
+    for noise in (2.0, 8.0):
+        path = tmp_path / f"{noise:g}.mp4"
+        write_video(path, noisy(90, noise), codec=codec)
+        with av.open(str(path)) as container:
+            sizes = [packet.size for packet in container.demux(video=0) if packet.pts is not None]
+        # After a second in which the control settles.
+        assert 8 * sum(sizes[30:]) / 2.0 == pytest.approx(wanted, rel=0.15)
+        times, images = decode(path)
+        assert times == pytest.approx([k / 30 for k in range(90)], abs=0.5 / 90_000)
+        left[noise] = np.std(np.array(images[30:], np.float32)[..., 1], axis=0).mean() / noise
+    assert left[8.0] < 0.7  # four times the noise at the same rate: much of it is gone
+    write_video(tmp_path / "crf.mp4", noisy(90, 8.0), codec="h264")
+    assert (tmp_path / "crf.mp4").stat().st_size > 2 * (tmp_path / "8.mp4").stat().st_size

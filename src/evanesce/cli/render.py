@@ -84,7 +84,7 @@ def render(
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of light and noise.")] = None,
     settings: SetOption = None,
     exr: Annotated[bool, typer.Option("--exr/--no-exr", help="Write linear light and truth as OpenEXR.")] = True,
-    video: Annotated[str | None, typer.Option("--video", help="Also write a video: h264 or ffv1.")] = None,
+    video: Annotated[str | None, typer.Option("--video", help="Also a video: h264, h264-pi4, h264-pi5, ffv1.")] = None,
     json_file: JsonOption = None,
     out: OutOption = None,
 ) -> None:
@@ -95,8 +95,8 @@ def render(
 
     check_json_target(json_file)
     check_variant(variant)
-    if video not in (None, "h264", "ffv1"):
-        raise InputError(f"{video!r} is not a codec", key="--video", allowed="h264, ffv1")
+    if video not in (None, "h264", "h264-pi4", "h264-pi5", "ffv1"):
+        raise InputError(f"{video!r} is not a codec", key="--video", allowed="h264, h264-pi4, h264-pi5, ffv1")
     overrides = parse_overrides(settings)
     if force:
         overrides["press"] = {"forces_N": list(force)}
@@ -172,7 +172,7 @@ def _run(
         task = bar.add_task("frames", total=len(programme))
         film = None
         if video is not None:
-            target = folder / ("frames.mp4" if video == "h264" else "frames.mkv")
+            target = folder / ("frames.mkv" if video == "ffv1" else "frames.mp4")
             film = stack.enter_context(VideoWriter(target, codec=video, frame_rate_hz=scene.press.frame_rate_hz))
         for index, (time_s, force_N) in enumerate(programme):
             shot = camera.shoot(force_N, seed=seed, time_s=time_s, index=index)

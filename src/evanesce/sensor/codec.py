@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from evanesce.core.errors import InputError, WorkError
 from evanesce.core.states import Frame
+from evanesce.sensor.pi_encoder import KEY_FRAMES, PI_CODECS, PiQuality, bit_rate, encoder_options
 
-VideoCodec = Literal["h264", "ffv1"]
+VideoCodec = Literal["h264", "ffv1", "h264-pi4", "h264-pi5"]
 TIMES_FILE = "times.csv"
 
 # Container of a suffix and the finest step of time that it stores; Matroska's writer counts milliseconds.
@@ -29,8 +30,9 @@ _CONTAINERS: dict[str, tuple[str, Fraction]] = {
     ".mov": ("mov", Fraction(1, 90_000)),
     ".mkv": ("matroska", Fraction(1, 1000)),
 }
-_SUFFIXES: dict[str, tuple[str, ...]] = {"h264": (".mp4", ".mov", ".mkv"), "ffv1": (".mkv",)}
-_ENCODERS = {"h264": "libx264", "ffv1": "ffv1"}
+_H264 = ("h264", *PI_CODECS)
+_SUFFIXES: dict[str, tuple[str, ...]] = {"ffv1": (".mkv",)} | dict.fromkeys(_H264, (".mp4", ".mov", ".mkv"))
+_ENCODERS = {"ffv1": "ffv1"} | dict.fromkeys(_H264, "libx264")
 
 
 @contextmanager
@@ -128,11 +130,15 @@ class VideoWriter:
     path : Path
         ``.mp4``, ``.mov`` or ``.mkv`` for H.264, ``.mkv`` for FFV1. Times are kept to 1/90000 s, in
         Matroska to 1 ms.
-    codec : {"h264", "ffv1"}
+    codec : {"h264", "ffv1", "h264-pi4", "h264-pi5"}
+        ``h264`` keeps the quality constant; ``h264-pi4`` and ``h264-pi5`` the bit rate of a Raspberry Pi's encoder
+        (:mod:`evanesce.sensor.pi_encoder`).
     frame_rate_hz : float
         Nominal rate written to the header [Hz]; the time stamps are the frames' own.
     quality : int
-        H.264's constant rate factor, 0 (best) to 51.
+        Constant rate factor of ``h264``, 0 (best) to 51.
+    pi_quality : {"very low", "low", "medium", "high", "very high"}
+        Of the Pi's encoders.
 
     Raises
     ------
@@ -142,13 +148,16 @@ class VideoWriter:
         If writing fails, or the finished file does not hold every frame.
     """
 
-    def __init__(self, path: Path, *, codec: VideoCodec = "h264", frame_rate_hz: float = 30.0, quality: int = 18):
+    def __init__(
+        self, path: Path, *, codec: VideoCodec = "h264", frame_rate_hz: float = 30.0, quality: int = 18,
+        pi_quality: PiQuality = "medium",
+    ):  # fmt: skip
         if path.suffix not in _SUFFIXES[codec]:
             raise InputError(
                 f"{path.suffix or 'no suffix'} does not hold {codec}", file=path, allowed=", ".join(_SUFFIXES[codec])
             )
         self.path, self.codec = path, codec
-        self.frame_rate_hz, self.quality = frame_rate_hz, quality
+        self.frame_rate_hz, self.quality, self.pi_quality = frame_rate_hz, quality, pi_quality
         self._ticks: list[int] = []
         self._size: tuple[int, int] | None = None
         self._stream: Any = None
@@ -187,17 +196,21 @@ class VideoWriter:
         self._container.mux(self._stream.encode(picture))
 
     def _start(self, rows: int, cols: int) -> None:
-        if self.codec == "h264" and (rows % 2 or cols % 2):
+        if self.codec in _H264 and (rows % 2 or cols % 2):
             raise InputError(
                 f"{cols} x {rows} pixels", file=self.path, key="frame size", allowed="even sides for H.264"
             )
         rate = Fraction(self.frame_rate_hz).limit_denominator(1001)
         stream = self._container.add_stream(_ENCODERS[self.codec], rate=rate)
         stream.height, stream.width = rows, cols
-        stream.pix_fmt = "yuv420p" if self.codec == "h264" else "bgr0"
+        stream.pix_fmt = "yuv420p" if self.codec in _H264 else "bgr0"
         stream.time_base = stream.codec_context.time_base = self._tick
         if self.codec == "h264":
             stream.options = {"crf": str(self.quality), "bf": "0"}
+        elif self.codec in PI_CODECS:
+            bits = bit_rate(self.codec, (rows, cols), self.frame_rate_hz, self.pi_quality)
+            stream.codec_context.bit_rate, stream.codec_context.gop_size = bits, KEY_FRAMES[self.codec]
+            stream.options = encoder_options(self.codec, bits)
         self._stream, self._size = stream, (rows, cols)
 
     def __exit__(
@@ -236,6 +249,7 @@ def write_video(
     codec: VideoCodec = "h264",
     frame_rate_hz: float = 30.0,
     quality: int = 18,
+    pi_quality: PiQuality = "medium",
 ) -> None:
     """Write all frames as one video; see :class:`VideoWriter`.
 
@@ -243,9 +257,9 @@ def write_video(
     ----------
     path : Path
     frames : iterable of Frame
-    codec, frame_rate_hz, quality
+    codec, frame_rate_hz, quality, pi_quality
         As for :class:`VideoWriter`.
     """
-    with VideoWriter(path, codec=codec, frame_rate_hz=frame_rate_hz, quality=quality) as video:
+    with VideoWriter(path, codec=codec, frame_rate_hz=frame_rate_hz, quality=quality, pi_quality=pi_quality) as video:
         for frame in frames:
             video.add(frame)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -39,7 +40,7 @@ class PlateMaterial:
     def absorption_per_mm(self, wavelength: float) -> float:
         """Return the absorption coefficient [1/mm] at a vacuum wavelength [nm]; beyond the table, its end."""
         known = sorted(self.absorption.items())
-        for (low, a), (high, b) in zip(known, known[1:], strict=False):
+        for (low, a), (high, b) in itertools.pairwise(known):
             if low <= wavelength <= high:
                 return a + (b - a) * (wavelength - low) / (high - low)
         return known[0][1] if wavelength < known[0][0] else known[-1][1]
@@ -49,8 +50,8 @@ _SULTANOVA = "Sultanova, Kasarova and Nikolov, Acta Phys. Pol. A 116 (2009) 585"
 _RUBIN = "Rubin, Solar Energy Materials 12 (1985) 275"
 _FIBRES = "fibre at 650 nm, ISRN Optics 2013, 785162, table 1; sheet absorbs more: measure it"
 
-# Soda-lime: one term fitted to Rubin's formula (optics/spectrum.py) from 450 to 950 nm, within 7e-4; absorption 4 pi k / L
-# of Rubin's k (optics/glass.py).
+# Soda-lime: one term fitted to Rubin's formula (optics/spectrum.py) from 450 to 950 nm, within 7e-4; absorption
+# 4 pi k / L of Rubin's k (optics/glass.py).
 MATERIALS: Mapping[str, PlateMaterial] = MappingProxyType(
     {
         "glass": PlateMaterial(
@@ -100,8 +101,12 @@ class Package:
 PACKAGES: Mapping[str, Package] = MappingProxyType(
     {
         "2835": Package(width_mm=3.0, height_mm=2.6, source="2835 package, body 3.5 x 2.8 mm; phosphor assumed"),
-        "3528": Package(width_mm=2.1, height_mm=2.1, source="3528 package, body 3.5 x 2.8 mm; round cup of 2.4 mm assumed"),
-        "5050": Package(width_mm=3.5, height_mm=3.5, source="5050 package, body 5.0 x 5.0 mm; round cup of 4.0 mm assumed"),
+        "3528": Package(
+            width_mm=2.1, height_mm=2.1, source="3528 package, body 3.5 x 2.8 mm; round cup of 2.4 mm assumed"
+        ),
+        "5050": Package(
+            width_mm=3.5, height_mm=3.5, source="5050 package, body 5.0 x 5.0 mm; round cup of 4.0 mm assumed"
+        ),
         "3014": Package(width_mm=2.5, height_mm=1.0, source="3014 package, body 3.0 x 1.4 mm; phosphor assumed"),
         "0805": Package(width_mm=1.3, height_mm=1.2, source="0805 package, body 2.0 x 1.25 mm; lens assumed"),
         "0603": Package(width_mm=1.0, height_mm=0.8, source="0603 package, body 1.6 x 0.8 mm; lens assumed"),

@@ -86,7 +86,7 @@ def _keys(
         yield from _comment(_about(info, origin, silent, frame_effects().get(where, "")))
         text = f"{name} =" if value is None else tomli_w.dumps({name: value}, multiline_strings=False).rstrip("\n")
         if isinstance(value, list):
-            text = " ".join(text.split()).replace("[ ", "[", 1).replace(",]", "]")
+            text = " ".join(text.split()).replace("[ ", "[", 1).replace(", ]", "]").replace(",]", "]")
         yield f"# {text}" if silent else text
 
 
@@ -100,7 +100,7 @@ def _about(info: FieldInfo, origin: str | None, silent: bool, in_frame: str) -> 
     meaning = (quantity.doc if quantity is not None else info.description) or ""
     if origin is not None:
         meaning = meaning.removesuffix("not published").rstrip("; ")
-    meaning = meaning or in_frame.rstrip(".")
+    meaning = meaning or ("" if in_frame.startswith("Nothing") else in_frame.rstrip("."))
     if meaning:
         parts.append(meaning)
     text = ": ".join(parts)

@@ -97,7 +97,9 @@ def explained(name: str) -> tuple[Key, ...]:
         For an unknown name, with the nearest ones.
     """
     keys = scene_keys()
-    parts = [EDGE if i == 2 and name.startswith("leds.edge.") and p in EDGES else p for i, p in enumerate(name.split("."))]
+    parts = [
+        EDGE if i == 2 and name.startswith("leds.edge.") and p in EDGES else p for i, p in enumerate(name.split("."))
+    ]
     wanted = ".".join(parts)
     if wanted in keys:
         return (keys[wanted],)

@@ -38,6 +38,7 @@ COMMANDS = (
     "design",
     "dataset",
     "doctor",
+    "fit",
     "criticise",
     "criticise_photo",
     "serve",

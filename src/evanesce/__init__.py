@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from evanesce.api.contact import contact_sequence, solve_contact
     from evanesce.api.dataset import MemoryDataset, make_dataset
     from evanesce.api.measure import Measurement, Pipeline, measure
+    from evanesce.api.own_answers import RigAnswers
+    from evanesce.api.own_rig import OwnRig, own_rig
     from evanesce.api.scenes import coarser, load, save_scene, shipped_scenes
     from evanesce.api.truth import Truth
     from evanesce.bundle import Bundle, read_bundle
@@ -59,8 +61,10 @@ __all__ = [
     "InputError",
     "Measurement",
     "MemoryDataset",
+    "OwnRig",
     "Pipeline",
     "Pose",
+    "RigAnswers",
     "Sample",
     "Scene",
     "Shot",
@@ -79,6 +83,7 @@ __all__ = [
     "make_dataset",
     "measure",
     "open_dataset",
+    "own_rig",
     "raw_model",
     "read_bundle",
     "save_scene",
@@ -95,6 +100,8 @@ _HOMES = {
     "evanesce.api.contact": ("contact_sequence", "solve_contact"),
     "evanesce.api.dataset": ("MemoryDataset", "make_dataset"),
     "evanesce.api.measure": ("Measurement", "Pipeline", "measure"),
+    "evanesce.api.own_answers": ("RigAnswers",),
+    "evanesce.api.own_rig": ("OwnRig", "own_rig"),
     "evanesce.api.scenes": ("coarser", "load", "save_scene", "shipped_scenes"),
     "evanesce.api.truth": ("Truth",),
     "evanesce.bundle": ("Bundle", "read_bundle"),

@@ -50,7 +50,7 @@ def shipped_scenes() -> tuple[str, ...]:
     --------
     >>> import evanesce as ev
     >>> ev.shipped_scenes()
-    ('human_print', 'soft_slide', 'thesis', 'thesis_ridged', 'thesis_ridged_red', 'thesis_slide', 'tilted', 'wet')
+    ('gripper', 'human_print', 'pmma_infrared', 'prism_reader', 'soft_slide', 'thesis', ...)
     """
     return tuple(sorted(path.stem for path in resource("scenes").glob("*.toml")))
 

@@ -22,6 +22,8 @@ app = typer.Typer(
 
 # One module a command (or group); each has `register(app)`.
 COMMANDS = (
+    "init",
+    "scene",
     "demo",
     "render",
     "simulate",
@@ -36,6 +38,7 @@ COMMANDS = (
     "design",
     "dataset",
     "doctor",
+    "fit",
     "criticise",
     "criticise_photo",
     "serve",

@@ -1,0 +1,235 @@
+"""What a calibration tells: figures with intervals, the calibrated scene, and whether it is good enough."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from evanesce.inference.answer import extended_scene
+from evanesce.inference.calibration.figures import FIGURES
+from evanesce.inference.calibration.fit import Areas, RigFit
+from evanesce.inference.calibration.intervals import Interval
+from evanesce.prediction.fine import in_pixels
+from evanesce.rig import Scene
+from evanesce.rig.change import changed
+
+VERSION = 1
+"""Of the answer's form."""
+
+GOOD_AREA_PERCENT = 2.0
+"""Mean error of held-out areas up to which a calibrated scene counts as good: what areas scatter by from press to press
+in the thesis (section 6.3)."""
+GOOD_RESIDUAL = 2.0
+"""Residual over its standard deviation, root mean square of a kind of views, up to which it counts as good."""
+FAR_AWAY = 3.0
+"""Prior standard deviations from its nominal value beyond which a figure is doubted."""
+
+NUISANCES = {
+    "@light": "light of LEDs, exposure and gain, logarithm of real over nominal",
+    "@black": "black level within its rounding",
+    "@noise": "noise before the tone curve, logarithm",
+}
+POSES = {"@pose_x": "place of the finger along x", "@pose_y": "place of the finger along y"}
+
+
+def result_of(found: RigFit) -> dict[str, Any]:
+    """Return the answer as JSON-able data.
+
+    Parameters
+    ----------
+    found : RigFit
+    """
+    reasons = reasons_of(found)
+    rows = [_row(found, name, figure) for name, figure in found.figures.items()]
+    rig = [row for row in rows if row["told"] and not row["nuisance"]]
+    return {
+        "version": VERSION,
+        "method": "calibration",
+        "first_line": first_line(found, len(rig), reasons),
+        "good": not reasons,
+        "reasons": reasons,
+        "figures": [row for row in rows if not row["nuisance"]],
+        "nuisances": [row for row in rows if row["nuisance"]],
+        "not_fitted": [{"figure": name, "why": why} for name, why in found.left_out.items()],
+        "areas": areas_of(found.areas),
+        "held_out": None if found.gain is None else found.gain.as_dict(),
+        "residual_sd": found.by_kind,
+        "left": found.left.as_dict(),
+        "misfit": {
+            "nominal": found.start.base.misfit, "calibrated": found.best.misfit, "bins": found.best.residual.size,
+        },
+        "gate": [line.as_dict() for line in found.start.gate.lines],
+        "codec": found.start.codec or None,
+        "warnings": warnings_of(found),
+        "scene": None,
+        "seconds": found.seconds,
+    }  # fmt: skip
+
+
+def _row(found: RigFit, name: str, figure: Interval) -> dict[str, Any]:
+    effect, colon, own = name.partition(":")
+    factor = found.start.model.factor
+    low, value, high = (in_pixels({name: v}, factor)[name] for v in (figure.low, figure.value, figure.high))
+    if colon:
+        what = FIGURES[effect].what
+    else:
+        what = NUISANCES.get(name) or next((text for key, text in POSES.items() if name.startswith(key)), name)
+    return {
+        "key": f"effects.{effect}.{own}" if colon else name, "what": what, "told": figure.told,
+        "nuisance": not colon, "value": value, "lo": low, "hi": high, "unit": figure.parameter.unit,
+        "nominal": figure.parameter.null, "prior_sd": figure.parameter.deviation, "narrowing": figure.narrowing,
+        "away_sd": figure.away,
+    }  # fmt: skip
+
+
+def areas_of(areas: Areas) -> list[dict[str, Any]]:
+    """Return area against force, measured and simulated, as rows."""
+    return [
+        {
+            "force_N": view.force_N, "held_out": view.locked, "measured_mm2": float(measured),
+            "nominal_mm2": float(nominal), "calibrated_mm2": float(calibrated),
+        }
+        for view, measured, nominal, calibrated in zip(
+            areas.views, areas.measured, areas.nominal, areas.calibrated, strict=True
+        )
+    ]  # fmt: skip
+
+
+def reasons_of(found: RigFit) -> list[str]:
+    """Return why the calibrated scene is not good enough as a twin of the rig; empty where it is."""
+    reasons = []
+    if found.gain is None:
+        reasons.append(
+            "no condition could be held out: nothing that the fit has not seen judges it; measure more forces"
+        )
+    elif not found.gain.area_percent[1] <= GOOD_AREA_PERCENT:
+        reasons.append(
+            f"areas of held-out conditions are off by {found.gain.area_percent[1]:.2g} % on average"
+            f" (good: up to {GOOD_AREA_PERCENT:g} %)"
+        )
+    for kind, size in found.by_kind.items():
+        if size > GOOD_RESIDUAL:
+            reasons.append(
+                f"frames of kind {kind} are left with {size:.2g} standard deviations (good: up to {GOOD_RESIDUAL:g})"
+            )
+    if found.left.found:
+        reasons.append(f"there is {found.left.sentence()}: `evanesce criticise` seeks its cause")
+    for name, figure in found.figures.items():
+        if figure.told and abs(figure.away) > FAR_AWAY:
+            key = name.replace(":", ".")
+            reasons.append(
+                f"{key} is {abs(figure.away):.1f} prior standard deviations from nominal: check it by itself"
+            )
+    return reasons
+
+
+def warnings_of(found: RigFit) -> list[str]:
+    """Return what a reader has to know before believing the intervals."""
+    warnings = []
+    if not found.replicates:
+        warnings.append("no replicate frames: noise is the camera model's, and intervals may be too narrow")
+    kinds = {view.kind for view in found.start.model.data.views}
+    for kind, what in (("lens_cap", "dark frame"), ("checkerboard", "picture of the checkerboard")):
+        if kind not in kinds:
+            warnings.append(f"no {what}: what it would determine has a wider interval or none")
+    return warnings
+
+
+def first_line(found: RigFit, count: int, reasons: list[str]) -> str:
+    """Return the sentence that a reader needs if they read no other."""
+    words = f"{count} figures of the rig are determined"
+    if found.gain is not None:
+        before, after = found.gain.area_percent
+        words += f"; error of held-out areas {before:.2g} to {after:.2g} %"
+    if not reasons:
+        return f"{words}. The calibrated scene is good enough to stand for the rig."
+    return f"{words}. NOT good enough to stand for the rig: {reasons[0]}."
+
+
+def calibrated_scene(found: RigFit) -> Scene:
+    """Return the scene with the figures that the bundle determines, light, black level and the finger's place in it.
+
+    Parameters
+    ----------
+    found : RigFit
+
+    Returns
+    -------
+    Scene
+        ``sources`` names the 90 % interval of each, ``assumptions`` what the bundle does not determine.
+    """
+    base, point = found.start.observation.believed, found.best.point
+    scene = extended_scene(found.start.model, found.best)
+    changes: dict[str, Any] = {}
+    light = float(point.get("@light", 0.0))
+    changes["leds.circuit.efficacy_W_per_A"] = base.leds.circuit.efficacy_W_per_A * float(np.exp(light))
+    x, y = base.finger.position_mm
+    session = next(
+        (name[len("@pose_x") :] for name in point if name.startswith("@pose_x[") and name[8:-1].isdigit()), ""
+    )
+    changes["finger.position_mm"] = [
+        x + float(point.get(f"@pose_x{session}", 0.0)), y + float(point.get(f"@pose_y{session}", 0.0)),
+    ]  # fmt: skip
+    changes["camera.pixel.black_level_DN"] = max(
+        base.camera.pixel.black_level_DN + float(point.get("@black", 0.0)), 0.0
+    )
+    own = changed(scene, changes, file="fit")
+    said, unknown = _said(found)
+    data = own.as_dict()
+    for name in ("leds.circuit.efficacy_W_per_A", "finger.position_mm", "camera.pixel.black_level_DN"):
+        data["assumptions"].pop(name, None)
+    data["sources"] |= {key: text for key, text in said.items() if own._has(key)}
+    data["assumptions"] |= {key: text for key, text in unknown.items() if own._has(key)}
+    return Scene.from_dict(data)
+
+
+def _said(found: RigFit) -> tuple[dict[str, str], dict[str, str]]:
+    """Return the intervals of what is determined by scene key, and what is said of the rest."""
+    said, unknown = {}, {}
+    for name, figure in found.figures.items():
+        row = _row(found, name, figure)
+        unit = "" if figure.parameter.unit == "1" else f" {figure.parameter.unit}"
+        text = f"evanesce fit: 90 % interval {row['lo']:.4g} to {row['hi']:.4g}{unit}"
+        if ":" in name and figure.told:
+            said[row["key"].partition("[")[0]] = text
+        elif ":" in name:
+            unknown[row["key"].partition("[")[0]] = "evanesce fit: not determined by the bundle; nominal"
+        elif name == "@light" and figure.told:
+            low, high = (100 * float(np.expm1(v)) for v in (figure.low, figure.high))
+            said["leds.circuit.efficacy_W_per_A"] = (
+                f"evanesce fit: stands for LEDs, exposure and gain together; 90 % interval {low:+.2g} to {high:+.2g} %"
+                " of the nominal light"
+            )
+        elif name.startswith("@pose_x[") and name[8:-1].isdigit():
+            said.setdefault(
+                "finger.position_mm", f"evanesce fit: 90 % interval along x {row['lo']:+.3f} to {row['hi']:+.3f} mm"
+            )
+        elif name == "@black":
+            said["camera.pixel.black_level_DN"] = f"{text} about nominal"
+    return said, unknown
+
+
+def heading_of(found: RigFit, name: str, result: Mapping[str, Any]) -> str:
+    """Return the first lines of the calibrated scene's file: how it judges itself, what is not determined.
+
+    Parameters
+    ----------
+    found : RigFit
+    name : str
+        Of the bundle.
+    result : mapping
+        Of :func:`result_of`.
+    """
+    lines = [f"Calibrated by `evanesce fit` from the bundle {name}.", result["first_line"]]
+    lines += [f"Reason: {reason}." for reason in result["reasons"][1:]]
+    not_told = [row for row in result["figures"] if not row["told"]]
+    if not_told:
+        lines += ["", "Not determined by this bundle (nominal value stands), 90 % interval with what is known before:"]
+        lines += [
+            f"  {r['key']}: {r['lo']:.4g} to {r['hi']:.4g} {'' if r['unit'] == '1' else r['unit']}" for r in not_told
+        ]
+    if found.left_out:
+        lines += ["Not fitted:", *(f"  {key}: {why}" for key, why in found.left_out.items())]
+    return "\n".join(lines)

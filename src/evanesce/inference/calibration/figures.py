@@ -1,0 +1,151 @@
+"""Figures of a rig that a calibration fits: parameters of effects that are continuous, and how each is entered."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.core.errors import InputError
+from evanesce.inference.causes import Cause
+from evanesce.inference.joint import Taken
+from evanesce.inference.model import AnchoredModel
+
+Array = NDArray[Any]
+Tell = Callable[[str], None]
+
+LEAST_SHOWN = 0.3
+"""Whitened size of what a parameter's prior deviation changes, below which the data cannot determine it."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """Parameters of an effect that are fitted.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the parameters.
+    begin : mapping of str to float
+        Where the fit begins, where that is not the nominal value: there the effect has a derivative.
+    what : str
+        In a reader's words.
+    """
+
+    names: tuple[str, ...]
+    what: str
+    begin: Mapping[str, float] = field(default_factory=dict)
+
+
+# Effects that are missing are defects with places of their own, which `evanesce criticise` seeks, or laws of time that
+# need a protocol of their own. What has no derivative at nothing begins at a tenth to a third of its prior deviation.
+FIGURES: Mapping[str, Figure] = {
+    "modulus": Figure(("relative",), "stiffness of the finger"),
+    "bone_stiffening": Figure(("per_N",), "stiffening with force"),
+    "adhesion": Figure(("work_J_per_m2",), "work of adhesion", {"work_J_per_m2": 0.01}),
+    "creep": Figure(("per_decade",), "creep of a held contact"),
+    "ridge_height": Figure(("relative",), "height of the ridges"),
+    "force_offset": Figure(("offset_N",), "zero of the load cell"),
+    "off_axis_load": Figure(
+        ("shift_x_mm_per_N", "shift_y_mm_per_N", "oval_x_per_N", "oval_diagonal_per_N"), "load off the axis"
+    ),
+    "led_bin": Figure(("offset_V",), "forward voltage of the LEDs"),
+    "led_droop": Figure(("droop",), "efficiency droop of the LEDs"),
+    "supply_sag": Figure(("resistance_ohm_per_mm",), "resistance of the strips' rails"),
+    "led_spill": Figure(("share",), "light above the plate"),
+    "led_imbalance": Figure(
+        ("contrast", "direction_deg"), "one side brighter", {"contrast": 0.03, "direction_deg": 30.0}
+    ),
+    "glass_absorption": Figure(("absorption_per_mm",), "absorption of the plate"),
+    "led_air_gap": Figure(("share",), "air film before the LEDs"),
+    "plate_haze": Figure(("top_share", "bottom_share"), "haze on the plate's faces"),
+    "backdrop": Figure(("reflectance",), "backdrop"),
+    "ambient_light": Figure(("radiance_W_per_mm2_sr",), "light of the room"),
+    "lateral_glow": Figure(("share", "length_mm"), "subsurface scattering", {"share": 0.05, "length_mm": 0.5}),
+    "plate_tilt": Figure(("about_x_deg", "about_y_deg"), "tilt of the camera against the plate"),
+    "distortion_drift": Figure(
+        ("k1", "k2", "p1", "p2", "centre_x_um", "centre_y_um"), "distortion and axis of the lens"
+    ),
+    "defocus": Figure(("blur_um",), "defocus", {"blur_um": 1.5}),
+    "vignetting": Figure(("k",), "vignetting", {"k": 0.01}),
+    "card_offset": Figure(("height_mm",), "height of the calibration cards"),
+    "square_size": Figure(("square", "checkerboard"), "size of the printed cards"),
+    "black_level": Figure(("offset_DN",), "black level"),
+    "tone_curve": Figure(("gamma", "contrast"), "tone curve"),
+}
+
+
+@dataclass(frozen=True)
+class Entered:
+    """Figures that take part in a fit.
+
+    Attributes
+    ----------
+    taken : tuple of Taken
+    begin : mapping of str to float
+        Point to begin at.
+    left_out : mapping of str to str
+        Why others do not take part, by effect or parameter.
+    """
+
+    taken: tuple[Taken, ...]
+    begin: Mapping[str, float]
+    left_out: Mapping[str, str]
+
+
+def entered(
+    model: AnchoredModel, point: Mapping[str, float], causes: Sequence[Cause], without: Collection[str], tell: Tell
+) -> Entered:
+    """Return the figures that the data respond to at a point.
+
+    Parameters
+    ----------
+    model : AnchoredModel
+    point : mapping
+        Of the nominal fit.
+    causes : sequence of Cause
+        That the data can be asked for.
+    without : collection of str
+        Effects that are left out.
+    tell : callable
+        Told which figure is differentiated.
+
+    Returns
+    -------
+    Entered
+    """
+    by_id = {cause.id: cause for cause in causes}
+    taken, begin, left_out = [], dict(point), {}
+    for number, (name, figure) in enumerate(FIGURES.items(), start=1):
+        if name in without:
+            left_out[name] = "left out by request"
+            continue
+        cause = by_id.get(name)
+        if cause is None:
+            continue
+        tell(f"response to {figure.what} ({number} of {len(FIGURES)})")
+        believed = any(p.null for p in cause.parameters if p.name in cause.amplitudes)
+        own = {} if believed else {f"{name}:{key}": value for key, value in figure.begin.items()}
+        own = {p.name: p.null for p in cause.parameters} | own if figure.begin else own
+        free, slow = [], {}
+        for parameter in cause.parameters:
+            if parameter.name.partition(":")[2] not in figure.names:
+                continue
+            try:
+                row = model.derivative({**point, **own}, parameter)
+            except InputError as error:
+                left_out[parameter.name] = str(error)
+                continue
+            if float(np.linalg.norm(row)) * parameter.deviation < LEAST_SHOWN:
+                left_out[parameter.name] = "no view of the bundle responds to it"
+                continue
+            free.append(parameter)
+            if cause.costly:
+                slow[parameter.name] = row
+        if free:
+            taken.append(Taken(cause, tuple(free), slow))
+            begin |= {p.name: p.null for p in free} | own
+    return Entered(tuple(taken), begin, left_out)

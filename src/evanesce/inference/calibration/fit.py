@@ -1,0 +1,226 @@
+"""Calibrate a rig's scene by a bundle: the joint fit of all its continuous figures, judged by held-out conditions."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.bundle.bundle import Bundle
+from evanesce.inference.calibration.figures import FIGURES, Entered, entered
+from evanesce.inference.calibration.intervals import Interval, intervals
+from evanesce.inference.causes import causes_of
+from evanesce.inference.consequence import AreaReader
+from evanesce.inference.critic import CODEC_CAUSES, Start, started
+from evanesce.inference.gain import HeldOut, held_out
+from evanesce.inference.joint import JointFit
+from evanesce.inference.pictures import Pictures, pictures_of
+from evanesce.inference.search import everything_marginalised
+from evanesce.inference.series.beside import discrepancy_of
+from evanesce.inference.unknown import Left, left_of
+from evanesce.prediction.parameters import Parameter, derivative
+from evanesce.prediction.views import BIN_PX, View
+
+Array = NDArray[Any]
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Areas:
+    """Measured and simulated areas of press views at the nominal voltage, by one reading.
+
+    Attributes
+    ----------
+    views : tuple of View
+    measured, nominal, calibrated : ndarray (views,)
+        By the reference segmentation [mm^2].
+    frames : ndarray (views, rows, cols)
+        Simulated by the calibrated model [DN].
+    images : ndarray (views, rows, cols)
+        Measured [DN].
+    """
+
+    views: tuple[View, ...]
+    measured: Array
+    nominal: Array
+    calibrated: Array
+    frames: Array
+    images: Array
+
+
+@dataclass(frozen=True)
+class RigFit:
+    """A calibrated rig.
+
+    Attributes
+    ----------
+    start : Start
+        Nominal fit.
+    best : JointFit
+        With the figures that the bundle determines.
+    figures : mapping of str to Interval
+        Of all figures and nuisances that took part, by name.
+    left_out : mapping of str to str
+        Figures that took no part, and why.
+    gain : HeldOut or None
+    left : Left
+        What no figure explains.
+    areas : Areas
+    by_kind : mapping of str to float
+        Root mean square of the residual over its standard deviation, by kind of view [1].
+    pictures : Pictures
+    seconds : float
+    replicates : bool
+        Whether frames of a held state say how much the data scatter.
+    """
+
+    start: Start
+    best: JointFit
+    figures: dict[str, Interval]
+    left_out: dict[str, str]
+    gain: HeldOut | None
+    left: Left
+    areas: Areas
+    by_kind: dict[str, float]
+    pictures: Pictures
+    seconds: float
+    replicates: bool
+
+
+def fit_rig(bundle: Bundle, *, seed: int = 0, tell: Tell = lambda line: None, exclude: Collection[str] = ()) -> RigFit:
+    """Fit all continuous figures of a bundle's rig at once.
+
+    First every figure that any view responds to, which gives the intervals; then those that the bundle determines
+    alone, the others at their nominal values, which gives the scene.
+
+    Parameters
+    ----------
+    bundle : Bundle
+        With frames of a monochrome camera.
+    seed : int
+        Of the bootstrap.
+    tell : callable
+        Told what is done, with the time left where it is known.
+    exclude : collection of str
+        Effects that are not fitted.
+
+    Returns
+    -------
+    RigFit
+
+    Raises
+    ------
+    InputError
+        For a bundle without frames, or of a colour camera.
+    GrossDifference
+        If another rig was measured than the scene's.
+    """
+    began = time.monotonic()
+    tell = _timed(tell, began)
+    start = started(bundle, tell)
+    model, fitter = start.model, start.fitter
+    causes, lacking = causes_of(start.observation, CODEC_CAUSES if start.codec else ())
+    into = entered(model, start.base.point, causes, exclude, tell)
+    tell(f"joint fit of {sum(len(t.parameters) for t in into.taken)} figures")
+    whole = fitter.relinearised(into.taken, into.begin)
+    tell("intervals")
+    # Derivatives that steps corrected (Broyden) overstate what the data determine: those of intervals are made anew.
+    whole = fitter.fitted(into.taken, whole.point, metric=whole.metric, rounds=0)
+    discrepancy = discrepancy_of(model)
+    figures = intervals(whole, discrepancy.every_row(whole))
+    kept = _determined(into, figures)
+    tell(f"joint fit of the {sum(len(t.parameters) for t in kept)} figures that the bundle determines")
+    best = fitter.relinearised(kept, _nominal_elsewhere(whole, kept))
+    model.anchor(best.point)
+    tell("held-out conditions and areas")
+    reader = AreaReader(model)
+    gain = held_out(model, reader, start.base, best, seed)
+    areas = _areas(start, reader, best)
+    model.anchor(best.point)
+    tied = discrepancy.every_row(best)
+    left = _left(start, best, tied)
+    missing = {name: why for name, why in lacking.items() if name in FIGURES}
+    kinds = _by_kind(start, best, tied)
+    return RigFit(
+        start, best, _recentred(figures, best), {**missing, **into.left_out}, gain, left, areas, kinds,
+        pictures_of(model, start.base, best, left), time.monotonic() - began, model.data.noise.measured,
+    )  # fmt: skip
+
+
+def _timed(tell: Tell, began: float) -> Tell:
+    def told(line: str) -> None:
+        tell(f"{line} [{time.monotonic() - began:.0f} s]")
+
+    return told
+
+
+def _determined(into: Entered, figures: dict[str, Interval]) -> tuple[Any, ...]:
+    """Return the figures that the data determine, with what stands beside them fixed."""
+    found = []
+    for taken in into.taken:
+        told = tuple(p for p in taken.parameters if figures[p.name].told)
+        if told:
+            found.append(replace(taken, parameters=told, slow={p.name: taken.slow[p.name] for p in told if taken.slow}))
+    return tuple(found)
+
+
+def _nominal_elsewhere(whole: JointFit, kept: tuple[Any, ...]) -> dict[str, float]:
+    """Return the point of a fit with effects of which nothing is determined taken out."""
+    ids = {taken.id for taken in kept}
+    return {name: v for name, v in whole.point.items() if ":" not in name or name.partition(":")[0] in ids}
+
+
+def _recentred(figures: dict[str, Interval], best: JointFit) -> dict[str, Interval]:
+    """Return the intervals about the values of the final fit; what it does not have stays as it was."""
+    found = dict(figures)
+    for p, value in zip(best.parameters, best.solution.values, strict=True):
+        old = figures.get(p.name)
+        if old is not None:
+            shift = float(value) - old.value
+            low, high = (float(np.clip(end + shift, *p.bounds)) for end in (old.low, old.high))
+            found[p.name] = replace(old, value=float(value), low=min(low, float(value)), high=max(high, float(value)))
+    return found
+
+
+def _areas(start: Start, reader: AreaReader, best: JointFit) -> Areas:
+    """Read the areas of one press view of each force, held-out conditions among them."""
+    model = start.model
+    own = start.observation.scene.leds.voltage_V
+    chosen: dict[tuple[float, bool], int] = {}
+    for k, view in enumerate(model.data.views):
+        if view.kind == "press" and view.force_N and abs(view.voltage_V - own) < 0.05:
+            chosen.setdefault((view.force_N, view.locked), k)
+    places = [chosen[key] for key in sorted(chosen)]
+    if not places:
+        empty = np.zeros((0, *start.observation.images.shape[1:]))
+        return Areas((), np.zeros(0), np.zeros(0), np.zeros(0), empty, empty)
+    frames = model.frames(best.point, places)
+    nominal = model.frames(start.base.point, places)
+    images = start.observation.images[places]
+    read = [np.array([reader.read(frame) for frame in stack]) for stack in (images, nominal, frames)]
+    return Areas(tuple(model.data.views[k] for k in places), read[0], read[1], read[2], frames, images)
+
+
+def _left(start: Start, best: JointFit, tied: Array) -> Left:
+    model = start.model
+    rest = everything_marginalised(best)[0].with_rows(tied).project(best.residual)
+    light = Parameter(name="@light", deviation=1.0, step=0.01)
+    lit = [k for k in model.data.open if model.data.views[k].touches]
+    by_light = derivative(model.coarse, best.point, light, lit)
+    scale = start.observation.scene.camera.scale_px_per_mm
+    return left_of(model.data, rest, by_light, BIN_PX / scale)
+
+
+def _by_kind(start: Start, best: JointFit, tied: Array) -> dict[str, float]:
+    """Return the residual's root mean square over its standard deviation, discrepancy included, by kind of view."""
+    data = start.model.data
+    cube = data.unwhitened(best.metric.with_rows(tied).whiten(best.residual))
+    found: dict[str, list[float]] = {}
+    for n, k in enumerate(data.open):
+        part = cube[n][data.valid[k]]
+        found.setdefault(data.views[k].kind, []).append(float(np.mean(part**2)) if part.size else 0.0)
+    return {kind: float(np.sqrt(np.mean(squares))) for kind, squares in found.items()}

@@ -1,0 +1,186 @@
+"""The page of ``evanesce fit``: measured beside simulated frames, residuals, area against force, what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from evanesce.inference.calibration.fit import Areas, RigFit
+from evanesce.inference.page import RANGE, residual_figure
+from evanesce.report.html import Page, Picture, Section, Table, figure_png
+
+MOST_FRAMES = 4
+
+
+def page(result: Mapping[str, Any], found: RigFit, name: str, provenance: Mapping[str, Any]) -> Page:
+    """Return the report of a calibrated rig.
+
+    Parameters
+    ----------
+    result : mapping
+        Of :func:`evanesce.inference.calibration.answer.result_of`.
+    found : RigFit
+    name : str
+        Of the bundle.
+    provenance : mapping
+    """
+    sections = [_judgement(result), _frames(found), _residuals(found), _areas(result, found), _figures(result)]
+    return Page(f"Calibrated rig: {name}", result["first_line"], [*sections, _left(found), _rest(result)], provenance)
+
+
+def _judgement(result: Mapping[str, Any]) -> Section:
+    text = [f"Not good enough: {reason}." for reason in result["reasons"]] or [
+        "Held-out areas, residuals of every kind of frame and what is left of all views give no reason for doubt."
+    ]
+    gain = result["held_out"]
+    tables = []
+    if gain is not None:
+        rows = [
+            ("residual of the bins, RMS [DN]", *(f"{v:.3g}" for v in gain["rms_DN"])),
+            ("error of the area, mean [%]", *(f"{v:.3g}" for v in gain["area_error_percent"])),
+        ]
+        caption = f"{gain['views']} views whose conditions the fit has not seen."
+        tables = [Table(("held out", "nominal scene", "calibrated scene"), rows, caption)]
+    return Section("Is it good enough?", [*text, *result["warnings"]], tables=tables)
+
+
+def frame_figure(areas: Areas) -> Figure:
+    """Return measured frames above simulated ones and their difference.
+
+    Parameters
+    ----------
+    areas : Areas
+    """
+    chosen = np.unique(np.round(np.linspace(0, len(areas.views) - 1, MOST_FRAMES)).astype(int))
+    rows, cols = areas.frames.shape[1:]
+    figure = Figure(figsize=(2.7 * len(chosen) + 1.0, 3 * 2.7 * rows / cols + 0.8), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(3, len(chosen), squeeze=False)
+    shade = difference = None
+    for column, k in zip(axes.T, chosen, strict=True):
+        shade = column[0].imshow(areas.images[k], cmap="gray", vmin=0, vmax=255)
+        column[1].imshow(areas.frames[k], cmap="gray", vmin=0, vmax=255)
+        gap = areas.images[k] - areas.frames[k]
+        difference = column[2].imshow(gap, cmap="RdBu_r", vmin=-20, vmax=20, interpolation="nearest")
+        held = ", held out" if areas.views[k].locked else ""
+        column[0].set_title(f"{areas.views[k].force_N:g} N{held}", fontsize=9)
+        for panel in column:
+            panel.set_xticks([])
+            panel.set_yticks([])
+    for row, label in enumerate(("measured", "simulated", "difference")):
+        axes[row, 0].set_ylabel(label, fontsize=9)
+    if shade is not None and difference is not None:
+        figure.colorbar(shade, ax=axes[:2].ravel().tolist(), label="level [DN]", shrink=0.7)
+        figure.colorbar(difference, ax=axes[2].tolist(), label="measured less simulated [DN]")
+    return figure
+
+
+def area_figure(areas: Areas) -> Figure:
+    """Return area against force: measured, of the nominal and of the calibrated scene, and relative differences.
+
+    Parameters
+    ----------
+    areas : Areas
+    """
+    figure = Figure(figsize=(6.4, 5.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    force = np.array([view.force_N for view in areas.views], float)
+    locked = np.array([view.locked for view in areas.views], bool)
+    order = np.argsort(force)
+    above.plot(force[order], areas.nominal[order], "--", color="#b4b4b4", label="nominal scene")
+    above.plot(force[order], areas.calibrated[order], "-", color="#2f6f9f", label="calibrated scene")
+    above.plot(force[~locked], areas.measured[~locked], "o", color="black", label="measured")
+    above.plot(force[locked], areas.measured[locked], "o", mfc="white", mec="black", label="measured, held out")
+    known = areas.measured > 0
+    for value, colour, style in ((areas.nominal, "#b4b4b4", "--"), (areas.calibrated, "#2f6f9f", "-")):
+        relative = 100.0 * (value[known] / areas.measured[known] - 1.0)
+        at = np.argsort(force[known])
+        below.plot(force[known][at], relative[at], style, marker=".", color=colour)
+    below.axhline(0.0, color="black", linewidth=0.8)
+    above.set_ylabel("contact area [mm²]")
+    below.set_ylabel("simulated over\nmeasured less 1 [%]")
+    below.set_xlabel("normal force [N]")
+    above.legend()
+    return figure
+
+
+def _frames(found: RigFit) -> Section:
+    if not found.areas.views:
+        return Section("Measured and simulated", ["No press frame at the nominal voltage."])
+    caption = "Frames at the resolution of the fit. Red: brighter than simulated."
+    return Section("Measured and simulated", pictures=[Picture(figure_png(frame_figure(found.areas)), caption)])
+
+
+def _residuals(found: RigFit) -> Section:
+    caption = "Bins over their standard deviation; below with the calibrated figures. Structure there is unexplained."
+    rows = [(kind, f"{size:.2f}") for kind, size in found.by_kind.items()]
+    table = Table(
+        ("kind of view", "RMS [standard deviations]"), rows, "1: noise, and what the model's forms may be off by."
+    )
+    return Section(
+        "Residuals", pictures=[Picture(figure_png(residual_figure(found.pictures)), caption)], tables=[table]
+    )
+
+
+def _areas(result: Mapping[str, Any], found: RigFit) -> Section:
+    rows = [
+        (
+            f"{row['force_N']:g}", "yes" if row["held_out"] else "", f"{row['measured_mm2']:.2f}",
+            f"{row['nominal_mm2']:.2f}", f"{row['calibrated_mm2']:.2f}",
+        )
+        for row in result["areas"]
+    ]  # fmt: skip
+    if not rows:
+        return Section("Area against force", ["No press frame at the nominal voltage."])
+    columns = ("force [N]", "held out", "measured [mm²]", "nominal [mm²]", "calibrated [mm²]")
+    picture = Picture(figure_png(area_figure(found.areas)), "Area by the reference segmentation, of all alike.")
+    return Section("Area against force", pictures=[picture], tables=[Table(columns, rows)])
+
+
+def _figures(result: Mapping[str, Any]) -> Section:
+    columns = ("figure", "what", "value", "90 % interval", "unit", "nominal", "posterior over prior")
+    tables = []
+    for told, caption in ((True, "Determined by this bundle."), (False, "Not determined: the nominal value stands.")):
+        rows = [
+            (
+                row["key"].removeprefix("effects."), row["what"], f"{row['value']:.4g}",
+                f"{row['lo']:.4g} to {row['hi']:.4g}", row["unit"], f"{row['nominal']:g}", f"{row['narrowing']:.2g}",
+            )
+            for row in (*result["figures"], *result["nuisances"])
+            if row["told"] == told
+        ]  # fmt: skip
+        if rows:
+            tables.append(Table(columns, rows, caption))
+    text = (
+        "All figures are fitted together, so that each interval holds what the others leave open. A figure counts as"
+        " determined where its standard deviation is less than half of that before the measurement."
+    )
+    return Section("Figures of the rig", [text], tables=tables)
+
+
+def _left(found: RigFit) -> Section:
+    left = found.left
+    figure = Figure(figsize=(5.2, 3.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    axis = figure.subplots()
+    shown = axis.imshow(left.map / left.sd, cmap="RdBu_r", vmin=-RANGE, vmax=RANGE, interpolation="nearest")
+    axis.set_xticks([])
+    axis.set_yticks([])
+    figure.colorbar(shown, ax=axis, label="all views together [standard deviations]")
+    sentence = left.sentence()
+    text = f"{sentence[0].upper()}{sentence[1:]}." if left.found else "All views together show no more than noise."
+    return Section("What is left", [text], [Picture(figure_png(figure), "Residual of all views together.")])
+
+
+def _rest(result: Mapping[str, Any]) -> Section:
+    rows = [(row["figure"], row["why"]) for row in result["not_fitted"]]
+    gate = [(g["name"], f"{g['measured']:.4g}", f"{g['predicted']:.4g}", g["unit"]) for g in result["gate"]]
+    tables = [Table(("figure", "measured", "nominal scene", "unit"), gate, "First look, before anything was fitted.")]
+    if rows:
+        tables.append(Table(("figure", "why"), rows, "Not fitted."))
+    return Section("What was not fitted", tables=tables)

@@ -1,0 +1,78 @@
+"""``evanesce fit``: intervals within bounds, refusals in one line, and planted figures found on a small rig."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import development_rigs as rigs
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from evanesce.cli.app import app
+from evanesce.effects import all_effects
+from evanesce.inference.calibration.figures import FIGURES
+from evanesce.inference.calibration.intervals import cut_interval
+from evanesce.rig import load_scene
+
+runner = CliRunner()
+
+
+def test_every_figure_is_a_parameter_of_an_effect() -> None:
+    for name, figure in FIGURES.items():
+        entries = {entry.name for entry in all_effects()[name].candidate_parameters()}
+        assert set(figure.names) <= entries, name
+        assert set(figure.begin) <= entries, name
+
+
+@pytest.mark.parametrize(
+    ("mean", "bounds", "inside"),
+    [(0.3, (-np.inf, np.inf), (0.05, 0.95)), (0.5, (0.0, 9.0), (0.05, 0.95)), (-0.7, (0.0, 9.0), (0.0, 0.9)),
+     (1.2, (-9.0, 1.0), (0.1, 1.0))],
+)  # fmt: skip
+def test_an_interval_holds_ninety_per_cent_of_what_the_bounds_leave(
+    mean: float, bounds: tuple[float, float], inside: tuple[float, float]
+) -> None:
+    drawn = np.random.default_rng(1).normal(mean, 1.0, 1_000_000)
+    drawn = drawn[(drawn >= bounds[0]) & (drawn <= bounds[1])]
+    low, high = cut_interval(mean, 1.0, bounds)
+    # 2 % of the spread: twenty standard errors of a quantile of a hundred thousand draws are less
+    assert np.quantile(drawn, inside) == pytest.approx([low, high], abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["nothing"], ["nothing"]),
+        (["nothing", "--scene", "cal.json"], ["--scene", ".toml"]),
+        (["nothing", "--report", "cal.txt"], ["--report", ".html"]),
+        (["nothing", "--json", "no/such/x.json"], ["--json", "no/such"]),
+        (["nothing", "--exclude", "led_ded"], ["--exclude", "led_bin"]),
+    ],
+)
+def test_bad_input_is_one_line(
+    options: list[str], words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = runner.invoke(app, ["fit", *options])
+    assert done.exit_code == 2
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert all(word in done.stderr for word in words)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.whole_case
+def test_planted_figures_are_within_their_intervals(tmp_path: Path) -> None:
+    """Modulus +15 %, black level +8 DN, droop 0.15: inside the 90 % intervals; held-out areas get better."""
+    folder, answer, scene = tmp_path / "tiny", tmp_path / "fit.json", tmp_path / "cal.toml"
+    rigs.write_rig("tiny", folder)
+    done = runner.invoke(app, ["fit", str(folder), "--json", str(answer), "--scene", str(scene)])
+    assert done.exit_code == 0, done.output
+    found = json.loads(answer.read_text(encoding="utf-8"))
+    rows = {row["key"].removeprefix("effects."): row for row in found["figures"]}
+    for key, planted in (("modulus.relative", 0.15), ("black_level.offset_DN", 8.0), ("led_droop.droop", 0.15)):
+        assert rows[key]["lo"] <= planted <= rows[key]["hi"], key
+    before, after = found["held_out"]["area_error_percent"]
+    assert after < 1.0 < before
+    assert "effects" in load_scene(scene).as_dict()

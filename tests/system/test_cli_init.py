@@ -1,0 +1,156 @@
+"""``evanesce init`` and ``evanesce scene explain`` as a stranger uses them; the board is drawn here by NumPy."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from evanesce.cli.app import app
+from evanesce.rig import load_scene
+
+runner = CliRunner()
+WIDTH, HEIGHT, FOCAL_PX, THICKNESS, INDEX, CLEAR, K1 = 640, 480, 4.0e3 / 4.5, 8.0, 1.4905, 60.0, -0.2
+
+
+def drawn_board() -> np.ndarray:
+    """A board of 1 mm squares through a plate and a lens with distortion: Snell's law and Brown's formula by hand."""
+    fine = 3
+    u, v = np.meshgrid(*((np.arange(n * fine) + 0.5) / fine - 0.5 for n in (WIDTH, HEIGHT)))
+    xd, yd = (u - (WIDTH - 1) / 2) / FOCAL_PX, (v - (HEIGHT - 1) / 2) / FOCAL_PX
+    x, y = xd, yd
+    for _ in range(40):
+        bend = 1 + K1 * (x**2 + y**2)
+        x, y = xd / bend, yd / bend
+    inside = np.sqrt((1 + x**2 + y**2) * INDEX**2 - (x**2 + y**2))
+    across, down = x * (CLEAR + THICKNESS / inside), y * (CLEAR + THICKNESS / inside)
+    a, b = across * np.cos(0.02) + down * np.sin(0.02) + 0.3, down * np.cos(0.02) - across * np.sin(0.02) - 0.2
+    print_ = (abs(a) < 21) & (abs(b) < 15.5)
+    squares = np.where((np.floor(a) + np.floor(b + 0.5)) % 2 == 0, 200.0, 30.0)
+    grey = np.where(print_, squares, 205.0).reshape(HEIGHT, fine, WIDTH, fine).mean(axis=(1, 3))
+    blurred = cv2.GaussianBlur(grey, (0, 0), 0.7) + np.random.default_rng(1).normal(0, 1, grey.shape)
+    return np.clip(blurred, 0, 255).astype(np.uint8)
+
+
+def test_options_make_a_commented_scene_and_figures(tmp_path: Path) -> None:
+    scene, figures = tmp_path / "mine.toml", tmp_path / "mine.json"
+    done = runner.invoke(app, [
+        "init", str(scene), "--preset", "gripper", "--thickness-mm", "4", "--plate-mm", "60x40", "--material", "pc",
+        "--edges", "left,top", "--voltage-V", "9.2", "--resolution", "320x240", "--field-mm", "25",
+        "--finger", "ridged", "--radius-mm", "7", "--forces-N", "0.5,2", "--json", str(figures),
+    ])  # fmt: skip
+    assert done.exit_code == 0, done.output
+    loaded = load_scene(scene)
+    assert loaded.plate.size_mm == (60.0, 40.0)
+    assert loaded.plate.refractive_index == pytest.approx(1.5846, abs=1e-3)
+    assert loaded.leds.edges == ("left", "top")
+    assert loaded.finger.ridges is not None
+    found = json.loads(figures.read_text(encoding="utf-8"))
+    assert found["field_mm"] == pytest.approx([25.0, 18.75], rel=1e-3)
+    assert 0.4 < found["level"] < 0.6
+    text = scene.read_text(encoding="utf-8")
+    assert "# mm, 0.1 to 50" in text
+    assert "given" in loaded.sources["plate.thickness_mm"]
+    assert "field of view" in done.output
+
+
+def test_scale_and_distortion_come_from_one_picture(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "board.png"), drawn_board())
+    scene = tmp_path / "mine.toml"
+    done = runner.invoke(app, [
+        "init", str(scene), "--preset", "gripper", "--thickness-mm", "8", "--material", "pmma", "--pixel-um", "4.5",
+        "--focal-mm", "4", "--checkerboard", str(tmp_path / "board.png"), "--exposure-ms", "1",
+    ])  # fmt: skip
+    assert done.exit_code == 0, done.output
+    camera = load_scene(scene).camera
+    assert camera.resolution_px == (WIDTH, HEIGHT)
+    assert camera.scale_px_per_mm == pytest.approx(FOCAL_PX / (CLEAR + THICKNESS / INDEX), rel=1e-3)
+    assert camera.lens.distortion.k1 == pytest.approx(K1, abs=0.01)
+
+
+def test_questions_take_an_empty_answer_for_the_presets_figure(tmp_path: Path) -> None:
+    scene = tmp_path / "mine.toml"
+    lines = ["no", "gripper", "", "50x30", "wide", "5", *[""] * 12, "toe", "", "x", "", "", "0.4"]
+    done = runner.invoke(
+        app, ["init", str(scene), "--ask", "--set", "camera.exposure_ms=1"], input="\n".join(lines) + "\n"
+    )
+    assert done.exit_code == 0, done.output
+    loaded = load_scene(scene)
+    assert loaded.plate.size_mm == (50.0, 30.0)
+    assert loaded.plate.thickness_mm == 5.0
+    assert loaded.leds.pitch_mm == load_scene("gripper").leds.pitch_mm
+    assert loaded.press.forces_N == (0.4,)
+
+
+def test_presets_are_listed() -> None:
+    done = runner.invoke(app, ["init", "x.toml", "--presets"])
+    assert done.exit_code == 0
+    assert "pmma_infrared" in done.output
+    assert "NOT simulated" in done.output
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["mine.json"], ["mine.json", ".toml"]),
+        (["no/folder/mine.toml"], ["no/folder", "folder"]),
+        (["mine.toml", "--plate-mm", "80"], ["--plate-mm", "80", "120x80"]),
+        (["mine.toml", "--forces-N", "a,b"], ["--forces-N", "a,b"]),
+        (["mine.toml", "--resolution", "640x480.5"], ["--resolution", "whole"]),
+        (["mine.toml", "--thickness-mm", "80"], ["--thickness-mm", "80", "0.1 to 50 mm"]),
+        (["mine.toml", "--preset", "none"], ["--preset", "gripper"]),
+        (["mine.toml", "--calibration", "none.json"], ["none.json", "evanesce calibrate"]),
+        (["mine.toml", "--checkerboard", "none.png"], ["none.png", "--checkerboard"]),
+        (["mine.toml", "--silicone", "jelly"], ["--silicone", "jelly", "silskin_0"]),
+        (["mine.toml", "--set", "effects.led_ded.loss=1.0"], ["effects.led_ded", "led_dead"]),
+    ],
+)
+def test_bad_options_are_one_line_and_nothing_is_written(
+    options: list[str], words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = runner.invoke(app, ["init", *options])
+    assert done.exit_code == 2, done.output
+    line = done.stderr.strip().splitlines()[-1]
+    assert line.startswith("error:")
+    assert all(word in line for word in words), line
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_existing_file_is_left(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text("mine", encoding="utf-8")
+    assert runner.invoke(app, ["init", str(path)]).exit_code == 2
+    assert path.read_text(encoding="utf-8") == "mine"
+
+
+def test_explain_key_table_effect_and_change(tmp_path: Path) -> None:
+    one = runner.invoke(app, ["scene", "explain", "leds.voltage_V", "--scene", "gripper"])
+    assert one.exit_code == 0
+    assert all(word in one.output for word in ("0 to 60", "thesis, chapter 5", "Brightness", "9"))
+    table = runner.invoke(app, ["scene", "explain", "camera.lens.distortion"])
+    assert "k1" in table.output
+    assert "pincushion" in table.output
+    effect = runner.invoke(app, ["scene", "explain", "effects.led_dead.loss"])
+    assert effect.exit_code == 0
+    assert "0 to 1" in effect.output
+    out = tmp_path / "change.json"
+    args = ["scene", "explain", "camera.exposure_ms", "--scene", "gripper", "--simulate", "--json", str(out)]
+    assert runner.invoke(app, args).exit_code == 0
+    change = json.loads(out.read_text(encoding="utf-8"))["change"]
+    assert change["contact"][1] / change["contact"][0] == pytest.approx(1.1, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [["nothing"], ["effects.none"], ["effects.led_dead.none"], ["plate", "--simulate"],
+     ["leds", "--scene", "thesis", "--simulate"], ["leds.edges", "--scene", "thesis", "--simulate"]],
+)  # fmt: skip
+def test_bad_keys_are_one_line(options: list[str]) -> None:
+    done = runner.invoke(app, ["scene", "explain", *options])
+    assert done.exit_code == 2
+    assert len(done.stderr.strip().splitlines()) == 1

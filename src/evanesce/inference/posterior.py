@@ -155,6 +155,9 @@ class Rows(Protocol):
     def tied(self, fitted: JointFit) -> Array:
         """Return the rows (k, d) of the causes of a joint fit, the model anchored about it."""
 
+    def every_row(self, fitted: JointFit) -> Array:
+        """Return both (k, d)."""
+
 
 class Judge:
     """Weighs causes against each other at a joint fit.

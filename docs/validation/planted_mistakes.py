@@ -24,7 +24,7 @@ from support.walk import calibrate_args  # noqa: E402
 
 PAGE = ROOT / "docs" / "validation" / "planted-mistakes.md"
 BEGIN, END = "<!-- table -->", "<!-- end of table -->"
-LONGEST = 60
+LONGEST = 40
 
 
 def row(mistake: Mistake, code: int, said: list[str], error: float | None) -> str:

@@ -3,9 +3,8 @@
     python docs/validation/sensor_imx477.py FOLDER [PREDICTIONS.csv]
 
 ``FOLDER`` holds ``ptc_{white,green,red}_gain1.csv``, ``ptc_white_gain2.csv`` and ``dark_variance_{1,17}C.csv`` with
-the headings mean_DN, variance_DN2, bayer_class and exposure_s, variance_*_DN2, made from the set ``datosCalibracion``
-of the repository LAMBDA-DF/muPi. Prints the tables of sensor-imx477.md, and writes every prediction as a row of the
-second file.
+headings mean_DN, variance_DN2, bayer_class and exposure_s, variance_*_DN2, made from ``datosCalibracion`` of
+LAMBDA-DF/muPi. Prints the tables of sensor-imx477.md, and writes every prediction as a row of the second file.
 """
 
 from __future__ import annotations

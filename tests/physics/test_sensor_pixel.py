@@ -199,3 +199,14 @@ def test_dark_nonuniformity_grows_with_exposure_and_leaves_the_rest_of_the_patte
 def test_nonuniformity_of_no_dark_current_is_refused() -> None:
     with pytest.raises(ValueError, match="dark_nonuniformity_e_per_s"):
         Pixel(dark_nonuniformity_e_per_s=1.0)
+
+
+def test_a_scene_with_spread_dark_current_takes_the_general_chain() -> None:
+    from evanesce.chain.fast import _why_general
+    from evanesce.rig import load_scene
+
+    scene = load_scene("thesis")
+    pixel = scene.camera.pixel.model_copy(update={"dark_current_e_per_s": 5.0, "dark_nonuniformity_e_per_s": 2.0})
+    changed = scene.model_copy(update={"camera": scene.camera.model_copy(update={"pixel": pixel})})
+    assert _why_general(scene, []) == ""
+    assert _why_general(changed, []) == "camera.pixel: fixed pattern"

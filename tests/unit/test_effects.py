@@ -135,7 +135,7 @@ def test_each_has_a_validation_page(effect: Effect) -> None:
         pytest.skip("the documentation is not installed beside the package")
     text = page.read_text(encoding="utf-8")
     for heading in ("Reference", "Provenance", "Model", "Criterion", "Result"):
-        assert f"## {heading}" in text
+        assert f"**{heading}.**" in text
 
 
 def test_an_effect_without_an_off_is_refused() -> None:

@@ -19,8 +19,7 @@ VERSION = 1
 """Of the answer's form."""
 
 GOOD_AREA_PERCENT = 2.0
-"""Mean error of held-out areas up to which a calibrated scene counts as good: what areas scatter by from press to press
-in the thesis (section 6.3)."""
+"""Mean error of held-out areas up to which a calibrated scene counts as good: a choice, not a published figure [%]."""
 GOOD_RESIDUAL = 2.0
 """Residual over its standard deviation, root mean square of a kind of views, up to which it counts as good."""
 FAR_AWAY = 3.0

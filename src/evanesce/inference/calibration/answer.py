@@ -19,8 +19,7 @@ VERSION = 1
 """Of the answer's form."""
 
 GOOD_AREA_PERCENT = 2.0
-"""Mean error of held-out areas up to which a calibrated scene counts as good: what areas scatter by from press to press
-in the thesis (section 6.3)."""
+"""Mean error of held-out areas up to which a calibrated scene counts as good: a choice, not a published figure [%]."""
 GOOD_RESIDUAL = 2.0
 """Residual over its standard deviation, root mean square of a kind of views, up to which it counts as good."""
 FAR_AWAY = 3.0
@@ -195,7 +194,7 @@ def _said(found: RigFit) -> tuple[dict[str, str], dict[str, str]]:
         if ":" in name and figure.told:
             said[row["key"].partition("[")[0]] = text
         elif ":" in name:
-            unknown[row["key"].partition("[")[0]] = "evanesce fit: not determined by the bundle; nominal"
+            unknown[row["key"].partition("[")[0]] = "evanesce fit: not determined by the bundle; most probable value"
         elif name == "@light" and figure.told:
             low, high = (100 * float(np.expm1(v)) for v in (figure.low, figure.high))
             said["leds.circuit.efficacy_W_per_A"] = (
@@ -226,7 +225,10 @@ def heading_of(found: RigFit, name: str, result: Mapping[str, Any]) -> str:
     lines += [f"Reason: {reason}." for reason in result["reasons"][1:]]
     not_told = [row for row in result["figures"] if not row["told"]]
     if not_told:
-        lines += ["", "Not determined by this bundle (nominal value stands), 90 % interval with what is known before:"]
+        lines += [
+            "",
+            "Not determined by this bundle (most probable value stands), 90 % interval with what is known before:",
+        ]
         lines += [
             f"  {r['key']}: {r['lo']:.4g} to {r['hi']:.4g} {'' if r['unit'] == '1' else r['unit']}" for r in not_told
         ]

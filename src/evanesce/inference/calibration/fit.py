@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.bundle.bundle import Bundle
-from evanesce.inference.calibration.figures import FIGURES, Entered, entered
+from evanesce.inference.calibration.figures import FIGURES, entered
 from evanesce.inference.calibration.intervals import Interval, intervals
 from evanesce.inference.causes import causes_of
 from evanesce.inference.consequence import AreaReader
@@ -61,7 +61,7 @@ class RigFit:
     start : Start
         Nominal fit.
     best : JointFit
-        With the figures that the bundle determines.
+        With the figures.
     figures : mapping of str to Interval
         Of all figures and nuisances that took part, by name.
     left_out : mapping of str to str
@@ -94,8 +94,8 @@ class RigFit:
 def fit_rig(bundle: Bundle, *, seed: int = 0, tell: Tell = lambda line: None, exclude: Collection[str] = ()) -> RigFit:
     """Fit all continuous figures of a bundle's rig at once.
 
-    First every figure that any view responds to, which gives the intervals; then those that the bundle determines
-    alone, the others at their nominal values, which gives the scene.
+    Every figure that any view responds to takes part. Those that the bundle does not determine stay at their most
+    probable values: at the nominal ones they would displace what they are correlated with.
 
     Parameters
     ----------
@@ -126,27 +126,24 @@ def fit_rig(bundle: Bundle, *, seed: int = 0, tell: Tell = lambda line: None, ex
     causes, lacking = causes_of(start.observation, CODEC_CAUSES if start.codec else ())
     into = entered(model, start.base.point, causes, exclude, tell)
     tell(f"joint fit of {sum(len(t.parameters) for t in into.taken)} figures")
-    whole = fitter.relinearised(into.taken, into.begin)
+    best = fitter.relinearised(into.taken, into.begin)
     tell("intervals")
     # Derivatives that steps corrected (Broyden) overstate what the data determine: those of intervals are made anew.
-    whole = fitter.fitted(into.taken, whole.point, metric=whole.metric, rounds=0)
+    best = fitter.fitted(into.taken, best.point, metric=best.metric, rounds=0)
     discrepancy = discrepancy_of(model)
-    figures = intervals(whole, discrepancy.every_row(whole))
-    kept = _determined(into, figures)
-    tell(f"joint fit of the {sum(len(t.parameters) for t in kept)} figures that the bundle determines")
-    best = fitter.relinearised(kept, _nominal_elsewhere(whole, kept))
+    tied = discrepancy.every_row(best)
+    figures = intervals(best, tied)
     model.anchor(best.point)
     tell("held-out conditions and areas")
     reader = AreaReader(model)
     gain = held_out(model, reader, start.base, best, seed)
     areas = _areas(start, reader, best)
     model.anchor(best.point)
-    tied = discrepancy.every_row(best)
     left = _left(start, best, tied)
     missing = {name: why for name, why in lacking.items() if name in FIGURES}
     kinds = _by_kind(start, best, tied)
     return RigFit(
-        start, best, _recentred(figures, best), {**missing, **into.left_out}, gain, left, areas, kinds,
+        start, best, figures, {**missing, **into.left_out}, gain, left, areas, kinds,
         pictures_of(model, start.base, best, left), time.monotonic() - began, model.data.noise.measured,
     )  # fmt: skip
 
@@ -156,34 +153,6 @@ def _timed(tell: Tell, began: float) -> Tell:
         tell(f"{line} [{time.monotonic() - began:.0f} s]")
 
     return told
-
-
-def _determined(into: Entered, figures: dict[str, Interval]) -> tuple[Any, ...]:
-    """Return the figures that the data determine, with what stands beside them fixed."""
-    found = []
-    for taken in into.taken:
-        told = tuple(p for p in taken.parameters if figures[p.name].told)
-        if told:
-            found.append(replace(taken, parameters=told, slow={p.name: taken.slow[p.name] for p in told if taken.slow}))
-    return tuple(found)
-
-
-def _nominal_elsewhere(whole: JointFit, kept: tuple[Any, ...]) -> dict[str, float]:
-    """Return the point of a fit with effects of which nothing is determined taken out."""
-    ids = {taken.id for taken in kept}
-    return {name: v for name, v in whole.point.items() if ":" not in name or name.partition(":")[0] in ids}
-
-
-def _recentred(figures: dict[str, Interval], best: JointFit) -> dict[str, Interval]:
-    """Return the intervals about the values of the final fit; what it does not have stays as it was."""
-    found = dict(figures)
-    for p, value in zip(best.parameters, best.solution.values, strict=True):
-        old = figures.get(p.name)
-        if old is not None:
-            shift = float(value) - old.value
-            low, high = (float(np.clip(end + shift, *p.bounds)) for end in (old.low, old.high))
-            found[p.name] = replace(old, value=float(value), low=min(low, float(value)), high=max(high, float(value)))
-    return found
 
 
 def _areas(start: Start, reader: AreaReader, best: JointFit) -> Areas:

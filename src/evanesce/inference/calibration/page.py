@@ -145,7 +145,10 @@ def _areas(result: Mapping[str, Any], found: RigFit) -> Section:
 def _figures(result: Mapping[str, Any]) -> Section:
     columns = ("figure", "what", "value", "90 % interval", "unit", "nominal", "posterior over prior")
     tables = []
-    for told, caption in ((True, "Determined by this bundle."), (False, "Not determined: the nominal value stands.")):
+    for told, caption in (
+        (True, "Determined by this bundle."),
+        (False, "Not determined: the most probable value stands."),
+    ):
         rows = [
             (
                 row["key"].removeprefix("effects."), row["what"], f"{row['value']:.4g}",

@@ -93,7 +93,9 @@ class Evenness:
         run2 = self.normal**2 + (self.beside - along) ** 2
         length2 = run2 + self.drop**2
         length = dr.sqrt(length2)
-        guided = dr.clip(dr.sqrt(run2) * self.steepest - (self.place - 0.5), 0.0, 1.0)
+        images = dr.sqrt(run2) * self.steepest - (self.place - 0.5)
+        # By selection: LLVM 19 has no code for double minima and maxima on some processors, and aborts.
+        guided = dr.select(images > 0.0, dr.select(images < 1.0, images, 1.0), 0.0)
         value = guided * dr.exp(-absorption * length) * (self.drop / length) * (self.normal / length) / length2
         light = dr.zeros(f, self.points)
         dr.scatter_reduce(dr.ReduceOp.Add, light, value * dr.gather(f, powers, self.led), self.point)

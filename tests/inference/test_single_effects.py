@@ -11,7 +11,7 @@ from scipy import stats
 from evanesce.inference.answer import verdict_of, warnings_of
 from evanesce.inference.constants import STRENGTHS
 from evanesce.inference.data import DataVector
-from evanesce.inference.posterior import Posterior
+from evanesce.inference.posterior import Judge, Posterior
 from evanesce.inference.power import expected_power
 from evanesce.inference.single_effects import NONE, UNKNOWN, Place, Shapes, null_statistics, p_value, place_of
 from evanesce.inference.small_space import SmallSpace
@@ -49,6 +49,32 @@ def test_evidence_is_the_ratio_of_normal_densities():
         shapes = Shapes.of(name, gram[cut, cut])
         found = shapes.log_bayes(shapes.coordinates(along[cut]))
         assert found == pytest.approx(np.logaddexp.reduce(dense) - np.log(len(STRENGTHS)), abs=1e-3)
+
+
+def test_evidence_is_averaged_over_a_light_that_is_exact_and_one_that_is_off():
+    """Against normal densities written out; where the light was surely off, a cause that looks like it loses."""
+    rng = np.random.default_rng(8)
+    rows, names = spaces(rng)
+    rows |= {"light": 2.0 * rng.standard_normal((5, BINS)), "discrepancy": np.zeros((1, BINS))}
+    judge = Judge.__new__(Judge)
+    judge.reach, judge.grown, judge.seed = np.inf, frozenset(), 0
+    exact = np.eye(BINS) + rows["nuisances"].T @ rows["nuisances"]
+    off = exact + rows["light"].T @ rows["light"]
+    for y in (3.0 * rng.standard_normal(BINS), rng.standard_normal(5) @ rows["light"], 6.0 * rows["c0"][0]):
+        space = SmallSpace(rows, y[None])
+        place, p = judge._judged(space, {"nuisances": 1.0, "discrepancy": 1.0}, names, 0, with_p=True)
+        assert 0.0 < p <= 1.0
+        none = [stats.multivariate_normal(cov=c).logpdf(y) for c in (exact, off)]
+        for name in names:
+            dense = []
+            for covariance in (exact, off):
+                own = rows[name]
+                norms = np.sqrt(np.diag(own @ np.linalg.solve(covariance, own.T)) * len(own))
+                scaled = own / norms[:, None]
+                every = [covariance + size**2 * scaled.T @ scaled for size in STRENGTHS]
+                dense += [stats.multivariate_normal(cov=one).logpdf(y) - np.log(len(STRENGTHS)) for one in every]
+            expected = np.logaddexp.reduce(dense) - np.logaddexp.reduce(none)
+            assert place.log_bayes[name] == pytest.approx(expected, abs=1e-2)
 
 
 def test_further_blocks_join_as_if_they_had_been_there():

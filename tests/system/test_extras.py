@@ -203,7 +203,7 @@ def test_a_command_without_its_package_ends_in_one_line(hide, tmp_path, hidden, 
 def test_every_command_that_needs_no_extra_is_one_of_the_rest():
     """A new command is put here or above."""
     core = {"demo", "render", "simulate", "bundle", "calibrate", "measure", "compare", "twin", "bench", "doctor",
-            "criticise", "criticise_photo"}  # fmt: skip
+            "criticise", "criticise_photo", "fit", "init", "scene"}  # fmt: skip
     with_extras = {"dataset", "design", "study", "serve", "fem"}
     assert core | with_extras == set(COMMANDS)
 

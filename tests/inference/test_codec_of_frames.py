@@ -9,13 +9,15 @@ import cv2
 import development_rigs as rigs
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from evanesce.bundle.read import read_bundle
-from evanesce.inference.codec import filmed, with_roughness
-from evanesce.inference.data import data_vector
+from evanesce.inference.codec import Filmed, codec_behind, filmed
+from evanesce.inference.data import SCALE_STEP, data_vector, stepped
 from evanesce.inference.gate import gate_of
 from evanesce.inference.model import AnchoredModel
 from evanesce.prediction.observe import observe
+from evanesce.prediction.recoded import Codec, Recoded
 
 NOISY = {"camera.analogue_gain": 8.0, "camera.exposure_ms": 0.56}
 
@@ -41,20 +43,60 @@ def model_of(folder: Path) -> tuple[AnchoredModel, dict[str, float]]:
 
 def test_no_codec_no_change(folder: Path) -> None:
     model, point = model_of(folder)
-    assert filmed(model, point) is None
-    assert model.further_rows().shape[0] == 0
+    assert codec_behind(model, point) is None
+    assert model.data.correlation is None
 
 
-def test_a_view_is_as_rough_as_its_own_bins(folder: Path) -> None:
-    """White noise leaves weights alone, 1.5 times as much widens them by that, and smooth misfit does not."""
-    data = model_of(folder)[0].data
+@pytest.fixture(scope="module")
+def drawn(folder: Path) -> tuple[AnchoredModel, Filmed, Any]:
+    """Noise that hangs together, far above all other: squares of bins err together, half of that in all views alike."""
+    model = model_of(folder)[0]
     rng = np.random.default_rng(4)
-    white = rng.standard_normal(int(data.valid[list(data.open)].sum()))
-    cube = np.zeros_like(data.cube[list(data.open)]) + 6.0 * np.cos(np.linspace(0, np.pi, data.cube.shape[2]))
-    smooth = cube[data.valid[list(data.open)]]
-    for residual, wider in ((0.7 * white, 1.0), (1.5 * white, 1.5), (1.5 * white + smooth, 1.5)):
-        ratio = (with_roughness(data, residual).sd / data.sd)[list(data.open)]
-        assert ratio.mean() == pytest.approx(wider, rel=0.03)
+    views, rows, cols = model.data.cube.shape
+
+    def noise(count: int) -> np.ndarray:
+        common, own = rng.standard_normal((count, 1, rows, cols)), rng.standard_normal((count, views, rows, cols))
+        smooth = ndimage.uniform_filter((common + own) / np.sqrt(2), (0, 0, 4, 4), mode="wrap") * 4.0
+        return np.asarray(8.0 * smooth, np.float32)
+
+    fields = noise(24)
+    zero = np.zeros(model.data.cube.shape)
+    return model, Filmed(Recoded(Codec("h264", 20), zero, fields - fields.mean(axis=0), np.ones(views)), 1.0), noise
+
+
+def test_noise_that_hangs_together_over_places_and_views_is_made_white(
+    drawn: tuple[AnchoredModel, Filmed, Any],
+) -> None:
+    """Fresh noise of the same law: unit variance, regions and what views share no louder than white noise."""
+    model, film, noise = drawn
+    data = film.data(model.data, np.zeros(model.data.cube.shape))
+    fresh = noise(40)
+    before = np.array([one[list(data.open)] / data.sd[list(data.open)] for one in fresh])
+    after = np.array([data.over_noise(one) for one in fresh])
+    assert np.mean(after**2) == pytest.approx(1.0, abs=0.1)
+    regions = [np.mean(cube[:, :, :16, :16].sum(axis=(2, 3)) ** 2) / 256 for cube in (before, after)]
+    assert regions[0] > 5.0
+    assert regions[1] == pytest.approx(1.0, abs=0.35)
+    together = [np.mean(cube.sum(axis=1) ** 2) / cube.shape[1] for cube in (before, after)]
+    assert together[0] > 3.0
+    assert together[1] == pytest.approx(1.0, abs=0.25)
+
+
+def test_views_that_scatter_more_than_the_draws_count_for_less(drawn: tuple[AnchoredModel, Filmed, Any]) -> None:
+    """Three times the noise in what views share: found in the data themselves, and as white as before."""
+    model, film, noise = drawn
+    loud = noise(1)[0] + 2.0 * noise(1)[0].mean(axis=0)
+    calm = film.data(model.data, np.zeros(model.data.cube.shape))
+    data = film.data(model.data, loud)
+    again = noise(1)[0] + 2.0 * noise(1)[0].mean(axis=0)
+    together = [np.mean(one.over_noise(again).sum(axis=0) ** 2) / len(one.open) for one in (calm, data)]
+    assert together[0] > 3.0
+    assert together[1] < 1.5
+
+
+def test_bundles_of_one_camera_share_the_scale_of_their_noise() -> None:
+    assert stepped(1.003, SCALE_STEP) == stepped(0.997, SCALE_STEP) == 1.0
+    assert stepped(0.8, SCALE_STEP) == pytest.approx(0.8, rel=0.5 * SCALE_STEP)
 
 
 @pytest.mark.slow  # 20 s: some forty codecs are tried
@@ -69,10 +111,11 @@ def test_jpeg_is_found_and_what_it_changes_on_average_is_predicted(folder: Path,
         _, data = cv2.imencode(".jpg", cv2.imread(str(path), cv2.IMREAD_UNCHANGED), [cv2.IMWRITE_JPEG_QUALITY, 75])
         cv2.imwrite(str(path), cv2.imdecode(data, cv2.IMREAD_UNCHANGED))
     model, point = model_of(target)
-    found = filmed(model, point)
-    assert found is not None
-    assert found.codec.kind == "jpeg"
-    assert abs(found.codec.quality - 75) <= 6
+    behind = codec_behind(model, point)
+    assert behind is not None
+    assert behind[0].kind == "jpeg"
+    assert abs(behind[0].quality - 75) <= 6
+    found = filmed(model, point, *behind).made
     # Against the frames before they were coded, which only this test has.
     changed = model.data.cube - model_of(folder)[0].data.cube
     dark = [k for k, view in enumerate(model.data.views) if view.kind in ("led_off", "lens_cap")]

@@ -1,11 +1,11 @@
 """The codec that the data came through is found, and what it makes of the mean and the scatter of bins is drawn."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
-from scipy import stats
 
 from evanesce.prediction.observe import pixel_scatter
 from evanesce.prediction.recoded import Codec, Recoded, Shooting, codec_of, recoded
@@ -29,13 +29,13 @@ def level() -> np.ndarray:
 
 def shot(shooting: Shooting, codec: Codec, level: np.ndarray, count: int, seed: int) -> np.ndarray:
     """Return frames of one state after a codec."""
-    noise = shooting.frames(level, np.random.default_rng(seed))
+    noise = shooting.frames(shooting.signal(level), np.random.default_rng(seed))
     film = (next(noise) for _ in range(count * codec.filmed))
     return np.array(list(codec.through(film)))
 
 
 def test_frames_have_the_mean_and_the_scatter_that_were_asked_for(shooting: Shooting, level: np.ndarray) -> None:
-    noise = shooting.frames(level, np.random.default_rng(3))
+    noise = shooting.frames(shooting.signal(level), np.random.default_rng(3))
     frames = np.array([next(noise) for _ in range(300)])
     assert frames.dtype == np.uint8
     variance = expected_tone(shooting.camera).variance_at(level)
@@ -51,7 +51,7 @@ def test_the_codec_is_the_one_that_was_used(shooting: Shooting, level: np.ndarra
 
     def film() -> Iterator[np.ndarray]:
         for state in [*before, *[level] * 12]:
-            frames = shooting.frames(state, noise)
+            frames = shooting.frames(shooting.signal(state), noise)
             for _ in range(codec.filmed):
                 yield next(frames)
 
@@ -61,11 +61,12 @@ def test_the_codec_is_the_one_that_was_used(shooting: Shooting, level: np.ndarra
     found, size = codec_of(shooting, level, made, held, pixel_scatter(list(frames), 1), np.random.default_rng(1))
     assert found.kind == codec.kind
     assert abs(found.quality - codec.quality) <= 2
-    assert size == pytest.approx(scale, abs=0.1)
+    # How much noise came in and how much was kept back take each other's place.
+    assert size == pytest.approx(scale, abs=0.2)
 
 
 def test_jpeg_is_that_of_the_library(shooting: Shooting, level: np.ndarray) -> None:
-    frame = next(shooting.frames(level, np.random.default_rng(4)))
+    frame = next(shooting.frames(shooting.signal(level), np.random.default_rng(4)))
     ok, data = cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, 70])
     assert ok
     assert np.array_equal(next(Codec("jpeg", 70).through(iter([frame]))), cv2.imdecode(data, cv2.IMREAD_GRAYSCALE))
@@ -84,16 +85,17 @@ def made(shooting: Shooting, level: np.ndarray) -> tuple[Recoded, np.ndarray]:
     """Of two views, and what 60 frames of the first really are, of a film of its own."""
     codec, views = Codec("jpeg", 75), (View(kind="press", force_N=1.0), View(kind="replicate", force_N=1.0, frames=3))
     expected = np.array([binned(level), binned(0.5 * level)])
-    found = recoded(shooting, lambda k: (level, 0.5 * level)[k], views, codec, expected, np.random.default_rng(6))
+    found = recoded(shooting, lambda k: (level, 0.5 * level)[k], views, codec, np.random.default_rng(6))
     return found, binned(shot(shooting, codec, level, 60, seed=77)) - expected[0]
 
 
 def test_bias_and_scatter_are_those_of_frames_that_were_not_drawn(made: tuple[Recoded, np.ndarray]) -> None:
     found, real = made
     variance = real.var(axis=0, ddof=1)
-    assert np.median(found.variance[0] / variance) == pytest.approx(1.0, abs=0.1)
+    # Draws differ by what is not known of codec and camera, too.
+    assert 0.9 < np.median(found.sd[0] ** 2 / variance) < 1.4
     # Mean of three frames of another state: a third of the scatter or less.
-    assert np.median(found.variance[1]) < 0.5 * np.median(found.variance[0])
+    assert np.median(found.sd[1] ** 2) < 0.5 * np.median(found.sd[0] ** 2)
     left = real.mean(axis=0) - found.bias[0]
     error = np.sqrt(variance / 60 + variance / len(found.fields))
     assert np.mean((left / error) ** 2) < 1.5
@@ -102,33 +104,24 @@ def test_bias_and_scatter_are_those_of_frames_that_were_not_drawn(made: tuple[Re
     assert np.mean(real.mean(axis=0) ** 2) > 1.5 * np.mean(left**2)
 
 
-def test_draws_scatter_as_the_fields_do_with_tails_for_their_number() -> None:
-    """Oracle: a sum of so few fields over its own scatter has Student's law."""
-    rng = np.random.default_rng(2)
-    fields = rng.standard_normal((9, 1, 1, 1)).astype(np.float32)
-    coded = Recoded(Codec("jpeg", 75), np.zeros((1, 1, 1)), fields - fields.mean(), fields[:0], np.ones((1, 1, 1)))
-    sums = coded.drawn(200_000, rng) @ coded.fields[:, 0, 0, 0]
-    size = coded.fields.std(ddof=1)
-    # Variance of Student's t of 8 degrees of freedom.
-    assert np.var(sums / size) == pytest.approx(8 / 6, rel=0.05)
-    assert np.mean(np.abs(sums / size) > stats.t(8).isf(0.0005)) == pytest.approx(0.001, rel=0.25)
+def test_what_outlives_a_codec_and_what_it_rounds(shooting: Shooting, level: np.ndarray) -> None:
+    """Next to nothing is lost by a JPEG of highest quality, most by a strong one; rounding is what nothing dithers."""
+    views = (View(kind="press", force_N=1.0),)
+    fine, coarse = (
+        recoded(shooting, lambda k: level, views, Codec("jpeg", q), np.random.default_rng(6)) for q in (98, 20)
+    )
+    assert fine.passed[0] == pytest.approx(1.0, abs=0.05)
+    assert coarse.passed[0] < 0.6
+    assert fine.rounding[0] < 0.1 * coarse.rounding[0] + 0.02
+    assert coarse.rounding[0] < 255.0 / 219.0 / np.sqrt(12.0)
 
 
-def test_a_mean_change_may_be_off_by_a_share_from_place_to_place_alike_in_all_frames(
-    made: tuple[Recoded, np.ndarray],
-) -> None:
-    """What it is off by is smooth over a macroblock and the same share in each view; its sum has the stated size."""
-    found, _ = made
-    maps = found.uneven.astype(float)
-    share = 0.25 * np.sqrt(np.mean(found.bias**2))
-    assert np.sqrt((maps**2).sum(axis=0).mean()) == pytest.approx(share, rel=0.15)
-    known = np.abs(found.bias).min(axis=0) > 0.02
-    first, second = (maps[:, k][:, known] / found.bias[k][known] for k in (0, 1))
-    np.testing.assert_allclose(first, second, rtol=1e-3)
-    amplitudes = found.drawn(4000, np.random.default_rng(3))[:, len(found.fields) :]
-    assert amplitudes.shape[1] == len(maps)
-    assert amplitudes.std() == pytest.approx(1.0, abs=0.02)
-    beside = (maps[:, 0] / found.bias[0])[:, :, [0, 1, 9]]
-    near, far = (np.corrcoef(beside[:, :, 0].ravel(), beside[:, :, k].ravel())[0, 1] for k in (1, 2))
-    assert near > 0.8
-    assert abs(far) < 0.4
+def test_noise_raises_what_is_cut_off_at_black(shooting: Shooting) -> None:
+    """Levels belong to the noise of the prediction: frames of more noise are brighter in the dark, and only there."""
+    dark, bright = np.full((64, 64), 2.0), np.full((64, 64), 90.0)
+    louder = replace(shooting, scale=1.3, modelled=1.0)
+    mean = [float(louder.mean(louder.signal(level)).mean()) for level in (dark, bright)]
+    assert mean[0] > 2.3
+    assert mean[1] == pytest.approx(90.0, abs=0.3)
+    frames = louder.frames(louder.signal(dark), np.random.default_rng(1))
+    assert np.mean([next(frames) for _ in range(30)]) == pytest.approx(mean[0], abs=0.05)

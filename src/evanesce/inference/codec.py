@@ -1,9 +1,10 @@
-"""Frames that came through a lossy codec: what it makes of the nominal frames, as a mean change and its uncertainty.
+"""Frames that came through a lossy codec: what it makes of the nominal frames, as a mean change and a noise.
 
 Replicates show what a codec leaves of the noise of a state. What it makes of the state itself is the same in all of
 them: weak contrasts that vanish, dark levels that settle elsewhere. So predicted frames are given the camera's noise,
-filmed and read again; the mean change goes into the prediction. Which codec it was is known roughly, so that the change
-may be off: as a whole in each kind of view, and from place to place.
+filmed and read again, many times, by codecs and cameras that differ by what is not known of them: their mean change
+goes into the prediction, their scatter is the noise of the data. It is loud at low frequencies, where whole blocks err
+together, and a video hands it on from view to view.
 """
 
 from __future__ import annotations
@@ -15,20 +16,20 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from evanesce.core.rng import generator
-from evanesce.inference.data import DataVector
+from evanesce.inference.data import DataVector, step_sd, stepped
 from evanesce.inference.model import AnchoredModel
+from evanesce.prediction import priors
 from evanesce.prediction.noise_scale import noise_scale_of
-from evanesce.prediction.recoded import Codec, Shooting, codec_of, recoded
+from evanesce.prediction.recoded import DRAWS, Codec, Recoded, Shooting, codec_of, recoded
 
 Array = NDArray[Any]
 
-OFF = 0.25
-"""Standard deviation of the share by which a codec's mean change may be off: neighbouring qualities differ by that."""
-SECOND = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]]) / 6.0
-"""Second differences both ways."""
+SCALE_STEP = 0.5 * priors.SCALE_CODEC
+"""Of the logarithm of the noise's scale: no codec lets it be known better, and forms are kept by it."""
+FIRST_DRAWS = 8
+"""Of the first film, which serves to fit the nominal rig about which the second is drawn."""
 
 
 @dataclass(frozen=True)
@@ -37,30 +38,40 @@ class Filmed:
 
     Attributes
     ----------
-    codec : Codec
-    bias : ndarray (views, rows, cols)
-        Mean change of the bins [DN].
-    uneven : ndarray of float32 (maps, views, rows, cols)
-        What that may be off by from place to place, each map as likely as it is large [DN].
+    made : Recoded
+    scale : float
+        Real over modelled noise before the tone curve.
     """
 
-    codec: Codec
-    bias: Array
-    uneven: Array
+    made: Recoded
+    scale: float
 
-    def rows(self, data: DataVector) -> Array:
-        """Return whitened rows (k, bins) whose outer products add up to the covariance of what the bias is off by."""
-        kinds = [view.kind for view in data.views]
-        found = []
-        for kind in dict.fromkeys(kinds[k] for k in data.open):
-            own = np.array([k == kind for k in kinds])[:, None, None]
-            found.append(data.whitened(OFF * self.bias * own))
-        found += [data.whitened(one.astype(float)) for one in self.uneven]
-        return np.array(found, np.float32)
+    def data(self, before: DataVector, left: Array) -> DataVector:
+        """Return the data with the codec's noise, which hangs together over places and views.
+
+        Parameters
+        ----------
+        before : DataVector
+        left : ndarray (views, rows, cols)
+            Data less the nominal prediction in the open views, the mean change included [DN]. Combinations of views
+            in which its bins scatter more than the draws do are taken to be as loud as that: a faint cause adds next to
+            nothing to the mean square of thousands of bins, and a loud one is seen all the same.
+        """
+        made = self.made
+        parts = (made.sd, made.rounding[:, None, None], step_sd(before.cube))
+        variance = np.sum(np.broadcast_arrays(*(part**2 for part in parts)), axis=0)
+        shares = [np.broadcast_to(part**2, variance.shape).mean((1, 2)) / variance.mean((1, 2)) for part in parts]
+        correlation = made.correlation(*shares[:2])
+        data = replace(
+            before, sd=np.sqrt(variance), correlation=correlation, scale=self.scale, scale_deviation=priors.SCALE_CODEC
+        )
+        opened, known = list(data.open), data.valid[list(data.open)].all(axis=0)
+        left = data.over_noise(np.nan_to_num(left))[:, known]
+        return replace(data, correlation=correlation.louder(opened, left @ left.T / max(int(known.sum()), 1)))
 
 
-def filmed(model: AnchoredModel, point: Mapping[str, float]) -> Filmed | None:
-    """Return what a codec does to the frames predicted at a point; None where the noise gives none away.
+def codec_behind(model: AnchoredModel, point: Mapping[str, float]) -> tuple[Codec, float] | None:
+    """Return the codec that the frames came through, and the noise's scale before it; None where noise shows none.
 
     Parameters
     ----------
@@ -76,36 +87,30 @@ def filmed(model: AnchoredModel, point: Mapping[str, float]) -> Filmed | None:
     def picture(number: int) -> Array:
         return model.coarse.image(point, number).repeat(model.factor, 0).repeat(model.factor, 1)
 
-    camera = observation.believed.camera
     before = [partial(picture, k) for k, view in enumerate(data.views) if view.kind == "press"]
     held, scatter = observation.held["replicate"], observation.scatter["replicate"]
-    shooting, rng = Shooting(camera, size.value, model.factor), generator(0, "codec")
-    codec, scale = codec_of(shooting, picture(place), before, held, scatter, rng)
-    fine = model.fine(point)
-    shooting = Shooting(camera, scale, model.factor)
-    made = recoded(shooting, fine.picture, data.views, codec, fine.cube(), rng, OFF)
-    return Filmed(codec, made.bias, made.uneven)
+    codec, scale = codec_of(_shooting(model, size.value), picture(place), before, held, scatter, generator(0, "codec"))
+    return codec, stepped(scale, SCALE_STEP)
 
 
-def with_roughness(data: DataVector, residual: Array) -> DataVector:
-    """Return the data with the noise of each open view as its own bins show it, where that is more.
-
-    From second differences between neighbouring bins, of unit variance for white noise: no smooth cause is seen by
-    them. Scatter about the mean of replicates does not hold what a codec made of a single state.
+def filmed(model: AnchoredModel, point: Mapping[str, float], codec: Codec, scale: float, most: int = DRAWS) -> Filmed:
+    """Return what a codec does to the frames predicted at a point.
 
     Parameters
     ----------
-    data : DataVector
-    residual : ndarray (bins,)
-        Whitened, of the nominal fit.
+    model : AnchoredModel
+    point : mapping
+    codec : Codec
+    scale : float
+        Real over modelled noise before the tone curve.
+    most : int
+        Draws at the most.
     """
-    cube, sd = data.unwhitened(residual), data.sd.copy()
-    excess = []
-    for place, k in enumerate(data.open):
-        inner = ndimage.binary_erosion(data.valid[k], np.ones((3, 3)))
-        square = ndimage.convolve(cube[place], SECOND)[inner] ** 2
-        excess.append(max(1.0, float(square.mean())) if square.size else 1.0)
-        sd[k] *= np.sqrt(excess[-1])
-    for k in data.held_out:
-        sd[k] *= np.sqrt(float(np.mean(excess)))
-    return replace(data, sd=sd)
+    picture = model.fine(point).picture
+    made = recoded(_shooting(model, scale), picture, model.data.views, codec, generator(1, "codec"), most)
+    return Filmed(made, scale)
+
+
+def _shooting(model: AnchoredModel, scale: float) -> Shooting:
+    data = model.data
+    return Shooting(model.observation.believed.camera, scale, model.factor, data.scale, data.noise.flicker)

@@ -7,11 +7,13 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from evanesce.bundle.bundle import Bundle
 from evanesce.core.errors import InputError
 from evanesce.inference.answer import answer, named_causes
 from evanesce.inference.causes import causes_of
-from evanesce.inference.codec import filmed, with_roughness
+from evanesce.inference.codec import FIRST_DRAWS, codec_behind, filmed
 from evanesce.inference.consequence import AreaReader
 from evanesce.inference.data import DataVector, data_vector
 from evanesce.inference.form_workers import made
@@ -28,11 +30,15 @@ from evanesce.inference.series.beside import bank_of, discrepancy_of, with_serie
 from evanesce.inference.shapes import FormBank, Forms
 from evanesce.inference.unknown import left_of
 from evanesce.prediction.observe import Observation, observe, require_monochrome
+from evanesce.prediction.recoded import DRAWS
 from evanesce.prediction.views import BIN_PX
 
 Tell = Callable[[str], None]
 
 FURTHER = "a further cause"
+SILENT = 0.2
+"""Share of the noise's amplitude, outliving a codec, below which false alarms were seen (docs/criticism/index.md)."""
+SILENT_WORDS = "what it made of the frames is badly known, and causes may be false; record with less compression"
 CODEC_CAUSES = ("compression",)
 """Effects that stand for a codec: told by what it does to noise, and not sought again."""
 
@@ -103,8 +109,9 @@ def criticise_frames(
     seconds = time.monotonic() - began
     known = model.data.noise.measured
     result, scene = answer(
-        model, search, gate, best, posterior, named, left, gain, advice, left_out, seconds, replicates=known
-    )
+        model, search, gate, best, posterior, named, left, gain, advice, left_out, seconds, replicates=known,
+        notes=start.notes,
+    )  # fmt: skip
     result["codec"] = start.codec or None
     return Criticism(result, scene, pictures_of(model, base, best, left))
 
@@ -123,6 +130,8 @@ class Start:
     base : JointFit
     codec : str
         Like which the frames came through one; empty where noise gives none away.
+    notes : tuple of str
+        To be read before probabilities are believed.
     """
 
     observation: Observation
@@ -131,6 +140,7 @@ class Start:
     fitter: Fitter
     base: JointFit
     codec: str = ""
+    notes: tuple[str, ...] = ()
 
 
 def started(bundle: Bundle, tell: Tell = lambda line: None) -> Start:
@@ -154,14 +164,25 @@ def started(bundle: Bundle, tell: Tell = lambda line: None) -> Start:
     fitter = Fitter(model)
     tell("nominal model and its nuisances")
     base = fitter.relinearised([], gate.start)
-    film = filmed(model, base.point)
-    if film is not None:
-        tell(f"frames came through a codec like {film.codec}")
-        model = with_series(observation, with_roughness(model.data, base.residual), bundle)
-        model.codec_bias, model.codec_rows = film.bias, film.rows(model.data)
-        fitter = Fitter(model)
-        base = fitter.relinearised([], base.point)
-    return Start(observation, model, gate, fitter, base, "" if film is None else str(film.codec))
+    # What a codec makes of dark levels was taken for another black level and noise.
+    point = {**base.point, "@black": 0.0, "@noise": 0.0}
+    behind = codec_behind(model, point)
+    if behind is None:
+        return Start(observation, model, gate, fitter, base)
+    tell(f"frames came through a codec like {behind[0]}")
+    for draws in (FIRST_DRAWS, DRAWS):
+        film = filmed(model, point, *behind, draws)
+        left = model.data.cube - model.cube(base.point) + model.codec_bias - film.made.bias
+        coded = with_series(observation, film.data(model.data, left), bundle)
+        coded.codec_bias = film.made.bias
+        model, fitter = coded, Fitter(coded)
+        base = fitter.relinearised([], point)
+        point = dict(base.point)
+    left = float(np.mean(film.made.passed))
+    notes = (
+        (f"{behind[0]} or so left {100 * left:.0f} % of the camera's noise: {SILENT_WORDS}",) if left < SILENT else ()
+    )
+    return Start(observation, model, gate, fitter, base, str(behind[0]), notes)
 
 
 def shapes_of(bundle: Bundle, *, tell: Tell = lambda line: None) -> tuple[list[Forms], DataVector]:

@@ -19,6 +19,7 @@ from evanesce.prediction import priors
 from evanesce.prediction.noise import Noise, noise_of
 from evanesce.prediction.noise_scale import noise_scale_of
 from evanesce.prediction.observe import Observation
+from evanesce.prediction.recoded import Correlation
 from evanesce.prediction.tone import ExpectedTone, expected_tone
 from evanesce.prediction.views import View
 
@@ -31,6 +32,8 @@ LIT_DN = 40.0
 LEVEL_BINS = 5
 """Side of the square of bins whose mean residual is added to a prediction: how large noise is goes by that level."""
 LEAST_BINS = 20
+SCALE_STEP = 2.0 * priors.SCALE_CLOSE
+"""Of the logarithm of the noise's scale: bundles of one camera then share their forms, which are kept by it."""
 LEAST_SD_DN = 1e-3
 """Where black is clipped and nothing scatters; rounding makes it larger before anything is weighed by it."""
 
@@ -52,6 +55,8 @@ class DataVector:
         Real over modelled noise before the tone curve.
     scale_deviation : float
         Prior standard deviation of its logarithm.
+    correlation : Correlation, optional
+        Of the noise, where a codec makes whole blocks err together and hands it on from view to view.
     """
 
     cube: Array
@@ -61,6 +66,7 @@ class DataVector:
     noise: Noise
     scale: float
     scale_deviation: float
+    correlation: Correlation | None = None
 
     @property
     def open(self) -> tuple[int, ...]:
@@ -72,8 +78,21 @@ class DataVector:
         """Numbers of the views that are kept for the gain."""
         return tuple(k for k, view in enumerate(self.views) if view.locked)
 
+    def over_noise(self, cube: Array, views: Sequence[int] | None = None) -> Array:
+        """Return some views (the open ones by default) of a cube over their noise: (chosen views, rows, cols).
+
+        Parameters
+        ----------
+        cube : ndarray (views, rows, cols)
+            [DN].
+        views : sequence of int, optional
+        """
+        chosen = list(self.open if views is None else views)
+        found = np.where(self.valid[chosen], cube[chosen] / self.sd[chosen], 0.0)
+        return found if self.correlation is None else self.correlation.whitened(found, chosen)
+
     def whitened(self, cube: Array, views: Sequence[int] | None = None) -> Array:
-        """Return the valid bins of some views (the open ones by default) of a cube over their deviation, in a row.
+        """Return the valid bins of some views (the open ones by default) of a cube over their noise, in a row.
 
         Parameters
         ----------
@@ -86,7 +105,7 @@ class DataVector:
         ndarray (bins,)
         """
         chosen = list(self.open if views is None else views)
-        return np.asarray((cube[chosen] / self.sd[chosen])[self.valid[chosen]])
+        return np.asarray(self.over_noise(cube, chosen)[self.valid[chosen]])
 
     def unwhitened(self, row: Array, views: Sequence[int] | None = None) -> Array:
         """Return whitened bins as a cube (chosen views, rows, cols) of whitened values, 0 where not valid."""
@@ -130,7 +149,7 @@ def data_vector(observation: Observation, predicted: Array | None = None) -> Dat
     # At a level that does not follow the noise of the bin itself: high ones would count for less than low ones.
     about = np.zeros_like(cube) if predicted is None else predicted
     level = about + ndimage.uniform_filter(cube - about, (0, LEVEL_BINS, LEVEL_BINS), mode="nearest")
-    variance = noise.variance(level, frames) + (STEP_SHARE * bin_steps(cube)) ** 2 + rounding_sd(tone, level) ** 2
+    variance = noise.variance(level, frames) + step_sd(cube) ** 2 + rounding_sd(tone, level) ** 2
     return DataVector(cube, np.sqrt(variance), cube < SATURATED_DN, observation.views, noise, scale, deviation)
 
 
@@ -138,12 +157,22 @@ def lit_noise_scale(observation: Observation) -> tuple[float, float]:
     """Return real over modelled noise before the tone curve, and the prior standard deviation of its logarithm.
 
     From single pixels of held states at levels where the place of black makes no difference to their scatter: below, a
-    displaced black level looks like another noise. 1 where there are none.
+    displaced black level looks like another noise. 1 where there are none. Rounded to :data:`SCALE_STEP`.
 
     Parameters
     ----------
     observation : Observation
     """
+    scale, deviation = _measured_scale(observation)
+    return stepped(scale, SCALE_STEP), deviation
+
+
+def stepped(scale: float, step: float) -> float:
+    """Return a scale whose logarithm is the nearest multiple of a step."""
+    return float(np.exp(step * np.round(np.log(scale) / step)))
+
+
+def _measured_scale(observation: Observation) -> tuple[float, float]:
     size = noise_scale_of(observation.believed.camera, observation.scatter)
     if size.codec:
         # What scatter a codec left says nothing of the noise before the tone curve.
@@ -170,6 +199,9 @@ def rounding_sd(tone: ExpectedTone, level_DN: Array) -> Array:
     return np.asarray(np.exp(-2.0 * np.pi**2 * before) / np.pi)
 
 
-def bin_steps(cube: Array) -> Array:
-    """Return the size of the step from each bin to its neighbours (views, rows, cols) [DN]."""
-    return np.stack([np.hypot(*np.gradient(one)) for one in np.asarray(cube, float)])
+def step_sd(cube: Array) -> Array:
+    """Return what pixels of finite size leave of a fine model at each bin (views, rows, cols) [DN].
+
+    It goes by the step from a bin to its neighbours.
+    """
+    return STEP_SHARE * np.stack([np.hypot(*np.gradient(one)) for one in np.asarray(cube, float)])

@@ -51,17 +51,18 @@ def tied_rows(data: DataVector, change: Array, share: float, *, by_view: bool = 
         Whether the factor varies from view to view as well.
     """
     opened = data.open
-    whitened = np.nan_to_num(change[list(opened)] / data.sd[list(opened)])
+    change = np.nan_to_num(change)
+    whitened = data.over_noise(change)
     basis = cosines(change.shape[1:], WAVES)
     valid = data.valid[list(opened)]
     smooth = np.array([(whitened * wave)[valid] for wave in basis]) * share / np.sqrt((1 + by_view) * len(basis))
     if not by_view:
         return smooth.astype(np.float32)
     single = []
-    for k in range(len(opened)):
-        only = np.zeros_like(whitened)
-        only[k] = whitened[k]
-        single.append(only[valid])
+    for k in opened:
+        only = np.zeros_like(change)
+        only[k] = change[k]
+        single.append(data.whitened(only))
     return np.concatenate([smooth, np.array(single) * share / np.sqrt(2)]).astype(np.float32)
 
 

@@ -194,9 +194,7 @@ class Fitter:
     def jitter_metric(self, point: Mapping[str, float]) -> Metric:
         """Return the inner product with the light and load of single views marginalised."""
         rows = np.array([self.model.derivative(point, p) for p in self.jitter]).reshape(-1, self.observed.size)
-        known = self.model.further_rows()
-        deviations = [p.deviation for p in self.jitter] + [1.0] * len(known)
-        return Metric.of(np.concatenate([rows, known]), np.array(deviations))
+        return Metric.of(rows, np.array([p.deviation for p in self.jitter]))
 
 
 def taken_from(entry: Entry) -> Taken:

@@ -107,7 +107,7 @@ class MarkSearch:
         # Gumbel's law by its mean and standard deviation.
         scale = float(np.std(nulls, ddof=1)) * np.sqrt(6.0) / np.pi
         threshold = float(np.mean(nulls)) - np.euler_gamma * scale - scale * np.log(-np.log1p(-DETECTED))
-        if self.model.codec_rows is not None:
+        if self.model.data.correlation is not None:
             # What a codec makes of a place stays there in all frames, and is as often dark as bright.
             threshold = max(threshold, *(r.wrong_side() for r in scans))
         largest = max(r.largest() for r in scans)

@@ -63,9 +63,6 @@ class Model(Protocol):
     def derivative(self, point: Point, parameter: Parameter) -> Array:
         """Return its derivative (d,) by a parameter."""
 
-    def further_rows(self) -> Array:
-        """Return rows (k, d) whose outer products add to the covariance of the noise."""
-
 
 class AnchoredModel:
     """Predicts the bins of all views at a point, a mapping of parameter names to values.
@@ -89,18 +86,10 @@ class AnchoredModel:
         """Settings of effects that list defects: places that data showed."""
         self.codec_bias = np.zeros_like(data.cube)
         """Mean change by a codec (views, rows, cols) [DN]."""
-        self.codec_rows: Array | None = None
-        """What that may be off by: whitened rows (k, bins) of its covariance."""
         self.discretisation = np.zeros_like(data.cube)
         """What extrapolation to finer pixels added at the anchor (views, rows, cols) [DN]."""
         groups = [[k for k, v in enumerate(data.views) if v.is_card is card] for card in (False, True)]
         self._anchors = [(views, Anchors(partial(_size, data, views))) for views in groups if views]
-
-    def further_rows(self) -> Array:
-        """Return rows (k, bins) of the covariance of what a codec does."""
-        if self.codec_rows is not None:
-            return self.codec_rows
-        return np.zeros((0, int(self.data.valid[list(self.data.open)].sum())), np.float32)
 
     def list_defects(self, effect: str, settings: Mapping[str, Any]) -> None:
         """Hand over the places of an effect's defects; they act where a point names the effect.

@@ -51,15 +51,10 @@ def unknown_rows(data: DataVector, nominal: Array) -> Array:
         Prediction [DN].
     """
     basis = waves(nominal.shape[1:], UNKNOWN_WAVES)
-    opened = list(data.open)
-    touching = np.array([data.views[k].kind in ("press", "replicate") for k in opened])[:, None, None]
-    valid = data.valid[opened]
-    weight = 1.0 / data.sd[opened]
-    found = []
-    for wave in basis:
-        found.append((nominal[opened] * wave * touching * weight)[valid])
-        found.append((wave * touching * weight)[valid])
-    return np.array(found, np.float32)
+    touching = np.array([view.kind in ("press", "replicate") for view in data.views])[:, None, None]
+    valid = data.valid[list(data.open)]
+    alike = [data.over_noise(cube * touching) for cube in (nominal, np.ones_like(nominal))]
+    return np.array([(wave * cube)[valid] for wave in basis for cube in alike], np.float32)
 
 
 @dataclass(frozen=True)
@@ -172,11 +167,11 @@ def left_of(data: DataVector, residual: Array, by_light: Array, mm_per_bin: floa
     touching = [n for n, k in enumerate(opened) if data.views[k].touches]
     cube = data.unwhitened(residual)[touching]
     chosen = [opened[n] for n in touching]
-    valid = data.valid[chosen]
+    valid, seen = data.valid[chosen], np.array([view.touches for view in data.views])[:, None, None]
     best: tuple[str, Array, Array, Array] | None = None
     gained = -np.inf
-    for follows, shape in (("light", by_light[chosen]), ("level", np.ones_like(by_light[chosen]))):
-        weight = np.where(valid, shape / data.sd[chosen], 0.0)
+    for follows, shape in (("light", by_light), ("level", np.ones_like(by_light))):
+        weight = np.where(valid, data.over_noise(shape * seen)[touching], 0.0)
         power = (weight**2).sum(axis=0)
         known = power > LEAST_POWER * power.max()
         field = np.where(known, (weight * cube).sum(axis=0) / np.where(known, power, 1.0), np.nan)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,7 +19,7 @@ import av
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
+from scipy import fft, ndimage
 
 from evanesce.core.states import Frame
 from evanesce.prediction import priors
@@ -46,11 +47,20 @@ MOST_KEPT = 1e8
 QUALITIES: Mapping[Kind, tuple[int, ...]] = {"h264": tuple(range(14, 35, 4)), "jpeg": (50, 60, 67, 75, 80, 85, 90, 95)}
 """Tried first: constant rate factors (lower is better), and JPEG's own figures (higher is better)."""
 
-REFINED = (((-2, -1, 1, 2), (0.85, 1.18)), ((-1, 1), (0.93, 1.08)))
-"""Rounds about the best: steps of quality, and noise before the codec over what the best has."""
+LOUDER = (0.8, 1.0, 1.25)
+"""Noise before the codec over what is believed, of those tried first."""
+
+REFINED = ((2, 1.12), (1, 1.06))
+"""Rounds about the best: steps of quality, and of the noise before the codec, together."""
+
+SCALE_UNKNOWN = 0.25
+"""Standard deviation of that noise's logarithm: what is believed was read off a level that the codec displaced."""
 
 LEAST_TRAIT_SD, BIN_TRAIT_SD = 0.1, 1.5
 """To what a trait is known at best, and by one bin: a codec's work depends on more than is told here."""
+
+LEVEL_DN, LEVEL_SHARE = 0.1, 0.05
+"""To what a level is predicted: black and light of the nominal rig, beside what hides in it."""
 
 FILMED = 3
 """Frames of a video for each that was kept, at first; one is tried, too."""
@@ -61,11 +71,28 @@ WINDOW_PX = (480, 640)
 LEVELS_DN = (8.0, 40.0)
 """Borders of the groups of level in which scatter is compared."""
 
-MAPS, MAP_BINS = 40, 1.5
-"""Of places at which a mean change may be off, and how far each reaches: a macroblock or so."""
+QUALITY_OFF: Mapping[Kind, float] = {"h264": 1.0, "jpeg": 3.0}
+SCALE_OFF, LIGHT_OFF = 0.07, 0.01
+"""Standard deviations by which draws differ: an encoder's figure from that of another one with as much noise left, the
+logarithms of noise and light. Black levels differ by their prior."""
+
+BANDS = 2
+"""Of spatial frequency, to an octave, in each of which noise is as loud as it is on average."""
+
+LONG_PER_BIN = 1.0 / 16.0
+"""Spatial frequency below which views tell how like each other they are: waves of four macroblocks and more."""
 
 SMOOTH_BINS = 5
 """Variances of so few draws are averaged over so many bins a side."""
+
+LEAST_DN = 0.02
+"""Standard deviation of a bin below which none is believed: where every draw was coded alike."""
+
+LUMA_STEP_DN = 255.0 / 219.0
+"""Of brightness that is kept in the range from 16 to 235."""
+
+SHRINK = 0.05
+"""Of correlations between views towards none: so few draws know them so well."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +115,11 @@ class Codec:
     def __str__(self) -> str:
         name = "H.264 of rate factor" if self.kind == "h264" else "JPEG of quality"
         return f"{name} {self.quality}"
+
+    def worse(self, steps: int) -> Codec:
+        """Return one of another quality, by so many steps of its scale."""
+        low, high = (1, 51) if self.kind == "h264" else (1, 100)
+        return replace(self, quality=int(np.clip(self.quality + steps, low, high)))
 
     def through(self, frames: Iterator[Array]) -> Iterator[Array]:
         """Yield frames (rows, cols) of uint8 after the codec, the kept ones."""
@@ -116,6 +148,54 @@ def _as_video(frames: Iterator[Array], quality: int, filmed: int) -> Iterator[Ar
 
 
 @dataclass(frozen=True)
+class Correlation:
+    """Noise that hangs together, over its own standard deviation.
+
+    Its covariance is the product of one between views, the same everywhere, and one between places, by distance alone.
+
+    Attributes
+    ----------
+    views : ndarray (views, views)
+        Correlation between views.
+    spectrum : ndarray (views, rows, cols)
+        Variance of the coefficients of each view's cosine transform (type 2, orthonormal); independent bins have 1.
+    """
+
+    views: Array
+    spectrum: Array
+
+    def whitened(self, cube: Array, chosen: Sequence[int]) -> Array:
+        """Return noise (chosen views, rows, cols) made white, each value as near to its own place and view as can be.
+
+        By symmetric roots of the inverse covariance (Kessy, Lewin and Strimmer, 2018).
+        """
+        waves = fft.dctn(cube, axes=(1, 2), norm="ortho") / np.sqrt(self.spectrum[list(chosen)])
+        waves = np.tensordot(_root(self.views[np.ix_(chosen, chosen)], -0.5), waves, 1)
+        return np.asarray(fft.idctn(waves, axes=(1, 2), norm="ortho"))
+
+    def louder(self, chosen: Sequence[int], covariance: Array) -> Correlation:
+        """Return it where what it makes of some views has more than unit variance; other views get the mean of that.
+
+        Parameters
+        ----------
+        chosen : sequence of int
+        covariance : ndarray (chosen views, chosen views)
+            Between the whitened views.
+        """
+        size, modes = np.linalg.eigh(covariance)
+        size = np.maximum(size, 1.0)
+        root = np.sqrt(float(np.mean(size))) * np.eye(len(self.views))
+        known = _root(self.views[np.ix_(chosen, chosen)], 0.5)
+        root[np.ix_(chosen, chosen)] = known @ ((modes * np.sqrt(size)) @ modes.T) @ np.linalg.inv(known)
+        return replace(self, views=root @ self.views @ root.T)
+
+
+def _root(matrix: Array, power: float) -> Array:
+    size, vectors = np.linalg.eigh(matrix)
+    return np.asarray((vectors * size**power) @ vectors.T)
+
+
+@dataclass(frozen=True)
 class Recoded:
     """What a codec makes of the believed rig's frames.
 
@@ -125,39 +205,60 @@ class Recoded:
     bias : ndarray (views, rows, cols)
         Mean change of the bins [DN].
     fields : ndarray of float32 (draws, views, rows, cols)
-        Departures of single draws from their mean [DN].
-    uneven : ndarray of float32 (maps, views, rows, cols)
-        What its mean change may be off by from place to place, each map as likely as it is large [DN].
-    variance : ndarray (views, rows, cols)
-        Of the bins, their mean's own and what it may be off by included [DN^2].
+        Departures of single draws from their mean, noise included [DN].
+    passed : ndarray (views,)
+        Share of the camera's noise, in amplitude, that outlives the codec.
     """
 
     codec: Codec
     bias: Array
     fields: Array
-    uneven: Array
-    variance: Array
+    passed: Array
+
+    @cached_property
+    def sd(self) -> Array:
+        """Standard deviation of single bins (views, rows, cols) [DN]."""
+        free = len(self.fields) - 1
+        return np.sqrt(_smooth((self.fields.astype(float) ** 2).sum(axis=0) / free) + LEAST_DN**2)
 
     @property
-    def every(self) -> Array:
-        """Fields and uneven maps: (draws + maps, views, rows, cols) [DN]."""
-        return np.concatenate([self.fields, self.uneven])
+    def rounding(self) -> Array:
+        """Standard deviation of bins by the codec's rounding of levels (views,) [DN].
 
-    def louder(self, excess: Array) -> Recoded:
-        """Return it with the variance of each view (views, 1, 1) multiplied."""
-        size = np.sqrt(excess).astype(np.float32)
-        return replace(self, fields=self.fields * size, uneven=self.uneven * size, variance=self.variance * excess)
-
-    def drawn(self, count: int, rng: np.random.Generator) -> Array:
-        """Return amplitudes (count, draws + maps) of :attr:`every` whose sums scatter as frames do.
-
-        All views of a draw go together, since a codec hands on what it made of a place. So few fields know their own
-        size badly: their amplitudes are Student's, those of the maps normal.
+        Where next to no noise outlives it, nothing dithers that, and whole regions settle a step higher or lower; which
+        is decided by tenths of a step that no prediction knows.
         """
-        free = len(self.fields) - 1
-        normal = rng.standard_normal((count, len(self.fields))) / np.sqrt(free)
-        normal *= np.sqrt(free / rng.chisquare(free, (count, 1)))
-        return np.concatenate([normal, rng.standard_normal((count, len(self.uneven)))], axis=1)
+        return np.asarray(np.clip(1.0 - self.passed, 0.0, 1.0) * LUMA_STEP_DN / np.sqrt(12.0))
+
+    def correlation(self, share: Array, rounding: Array) -> Correlation:
+        """Return how the noise of places and of views hangs together.
+
+        Parameters
+        ----------
+        share, rounding : ndarray (views,)
+            Of the whole variance, what the draws scatter and what is rounded; the rest is of independent bins.
+        """
+        waves = fft.dctn(self.fields / self.sd, axes=(2, 3), norm="ortho").astype(float)
+        power = (waves**2).sum(axis=0) / (len(waves) - 1)
+        down, right = (np.arange(n) / (2.0 * n) for n in power.shape[1:])
+        lowest = 0.5 / max(power.shape[1:])
+        per_bin = np.maximum(np.hypot(down[:, None], right), lowest)
+        # Bands of equal ratio: a codec's errors are as large as a block or as the frame, in no direction of their own.
+        band = np.unique(np.ceil(np.log2(per_bin / lowest) * BANDS), return_inverse=True)[1].reshape(per_bin.shape)
+        count = np.bincount(band.ravel())
+        spectrum = np.array([(np.bincount(band.ravel(), one.ravel()) / count)[band] for one in power])
+        # Regions with sharp borders, of any size: their spectrum falls with the third power.
+        regions = per_bin**-3.0
+        regions /= regions.mean()
+        mixed = [part[:, None, None] for part in (share, rounding, 1.0 - share - rounding)]
+        spectrum = mixed[0] * spectrum + mixed[1] * regions + mixed[2]
+        long = per_bin < LONG_PER_BIN
+        seen = waves[:, :, long] / np.sqrt(power[:, long].mean(axis=1))[:, None]
+        like = np.einsum("dvb,dub->vu", seen, seen)
+        size = np.sqrt(np.maximum(np.diag(like), 1e-12) / (share + rounding))
+        like = (1.0 - SHRINK) * like / np.outer(size, size)
+        np.fill_diagonal(like, 1.0)
+        return Correlation(like, spectrum)
 
 
 @dataclass(frozen=True)
@@ -172,24 +273,51 @@ class Shooting:
         Real over modelled noise before the tone curve.
     factor : int
         By how much frames are averaged down before they are binned.
+    modelled : float, optional
+        The same of the prediction whose levels are given; as ``scale`` by default. Where black is cut off, more noise
+        is a higher level.
+    flicker : float
+        Standard deviation of the logarithm of a frame's light [1]. Bright parts that change by half a level are coded
+        anew where still ones would be handed on.
+    black_DN, light : float
+        Added to the black level [raw DN], and relatively to the light.
     """
 
     camera: Camera
     scale: float
     factor: int
+    modelled: float | None = None
+    flicker: float = 0.0
+    black_DN: float = 0.0
+    light: float = 0.0
 
-    def frames(self, level: Array, rng: np.random.Generator) -> Iterator[Array]:
-        """Yield frames (rows, cols) of uint8 with a mean of ``level`` [DN] and the camera's noise, without end."""
-        tone = expected_tone(self.camera, self.scale)
+    def signal(self, level: Array) -> Array:
+        """Return the mean signal [raw DN] where a prediction has a level [DN]."""
+        tone = expected_tone(self.camera, self.scale if self.modelled is None else self.modelled)
         rising = np.concatenate([[True], np.diff(tone.mean) > 1e-9])
         signal = np.interp(level, tone.mean[rising], tone.signal[rising])
+        return np.asarray(signal + self.black_DN + self.light * (signal - self.camera.pixel.black_level_DN))
+
+    def frames(self, signal: Array, rng: np.random.Generator) -> Iterator[Array]:
+        """Yield frames (rows, cols) of uint8 of a mean signal [raw DN], with the camera's noise, without end."""
         sd = signal_sd(self.camera, signal, self.scale)
+        light = signal - self.camera.pixel.black_level_DN
         while True:
-            yield frame_of(signal + sd * rng.standard_normal(level.shape, np.float32), self.camera).data
+            noise = sd * rng.standard_normal(signal.shape, np.float32)
+            yield frame_of(signal + self.flicker * rng.standard_normal() * light + noise, self.camera).data
+
+    def mean(self, signal: Array) -> Array:
+        """Return the bins' mean without a codec [DN]."""
+        return self.binned(expected_tone(self.camera, self.scale).mean_of(signal))
 
     def binned(self, frame: Array) -> Array:
         """Return a frame's bins [DN]."""
         return binned(frame, BIN_PX * self.factor)
+
+    def another(self, rng: np.random.Generator) -> Shooting:
+        """Return it with noise, black level and light as they may be instead."""
+        off = rng.standard_normal(3) * (SCALE_OFF, priors.BLACK_DN, LIGHT_OFF)
+        return replace(self, scale=self.scale * float(np.exp(off[0])), black_DN=float(off[1]), light=float(off[2]))
 
 
 def recoded(
@@ -197,11 +325,12 @@ def recoded(
     pictures: Callable[[int], Array],
     views: Sequence[View],
     codec: Codec,
-    expected: Array,
     rng: np.random.Generator,
-    share: float = 0.25,
+    most: int = DRAWS,
 ) -> Recoded:
     """Return what a codec makes of predicted frames, which are filmed in the order of the views.
+
+    Each draw is of another noise, by a codec and of a camera that differ by what is not known of them.
 
     Parameters
     ----------
@@ -210,46 +339,29 @@ def recoded(
         The mean frame (real rows, real cols) of a view by its number [DN].
     views : sequence of View
     codec : Codec
-    expected : ndarray (views, rows, cols)
-        Bins of the mean frames without a codec [DN].
     rng : numpy.random.Generator
-    share : float
-        Of the mean change by which it may be off from place to place. It looks like any soft spot, so that a film is
-        lost where it is allowed for without need: with noise that outlives the codec there is none.
+    most : int
+        Draws at the most.
     """
     size = float(np.prod(shooting.camera.resolution_px)) * codec.filmed * sum(v.frames for v in views)
-    draws = int(np.clip(MOST_PIXELS / size, LEAST_DRAWS, DRAWS))
+    draws = min(int(np.clip(MOST_PIXELS / size, LEAST_DRAWS, DRAWS)), most)
     if np.prod(shooting.camera.resolution_px) * len(views) < MOST_KEPT:
         kept = [pictures(k).astype(np.float32) for k in range(len(views))]
         pictures = kept.__getitem__
-    plain = np.empty((draws, *expected.shape), np.float32)
-    coded = np.empty_like(plain)
-    for k in range(draws):
-        plain[k], coded[k] = _one_draw(shooting, pictures, views, codec, rng)
-    mean = coded.mean(axis=0, dtype=float)
-    fields = (coded - mean).astype(np.float32)
+    noise, change = [], []
+    for _ in range(draws):
+        off = round(float(rng.standard_normal()) * QUALITY_OFF[codec.kind])
+        drawn = _one_draw(shooting.another(rng), pictures, views, codec.worse(off), rng)
+        noise.append(drawn[0])
+        change.append(drawn[1])
+    before, after = np.array(noise, np.float32), np.array(change, np.float32)
+    mean = after.mean(axis=0, dtype=float)
+    fields = after - mean.astype(np.float32)
     # What the codec passes on of the noise is known without it: taken off, the mean of a few draws is that of many.
-    before = plain - plain.mean(axis=0)
     passed = (fields * before).sum(axis=(0, 2, 3)) / np.maximum((before**2).sum(axis=(0, 2, 3)), 1e-9)
-    surplus = passed[:, None, None] * (plain.mean(axis=0, dtype=float) - expected)
-    variance = (fields.astype(float) ** 2).sum(axis=0) / (draws - 1)
-    variance = _smooth(variance)
     left = _smooth(((fields - passed[:, None, None] * before) ** 2).sum(axis=0, dtype=float)) / (draws - 1) / draws
-    bias = _settled(mean - surplus - expected, left)
-    uneven = _uneven(bias, share, rng)
-    return Recoded(codec, bias, fields, uneven, variance + left + _smooth((uneven.astype(float) ** 2).sum(axis=0)))
-
-
-def _uneven(bias: Array, share: float, rng: np.random.Generator) -> Array:
-    """Return maps (maps, views, rows, cols) whose sum, each times a normal number, is what a mean change is off by.
-
-    Which codec it was is known roughly, so that its changes may be off by a share: as a whole, for
-    which a nuisance stands, and from one macroblock to the next, alike in all frames. That is no noise, which would
-    average out over frames, and looks like an edge in another place.
-    """
-    maps = ndimage.gaussian_filter(rng.standard_normal((MAPS, *bias.shape[1:])), (0, MAP_BINS, MAP_BINS), mode="wrap")
-    maps *= share / np.sqrt((maps**2).sum(axis=0).mean())
-    return (maps[:, None] * bias).astype(np.float32)
+    bias = _settled(mean - passed[:, None, None] * before.mean(axis=0, dtype=float), left)
+    return Recoded(codec, bias, fields, passed)
 
 
 def _smooth(cube: Array) -> Array:
@@ -269,12 +381,15 @@ def _settled(bias: Array, variance: Array) -> Array:
 def _one_draw(
     shooting: Shooting, pictures: Callable[[int], Array], views: Sequence[View], codec: Codec, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Return the bins of all views (views, rows, cols) before and after the codec [DN]."""
+    """Return the bins of all views (views, rows, cols) before and after the codec, less their expectation [DN]."""
+    expected: list[Array] = []
     before: list[Array] = []
 
     def film() -> Iterator[Array]:
         for k, view in enumerate(views):
-            frames = shooting.frames(pictures(k), rng)
+            signal = shooting.signal(pictures(k))
+            expected.append(shooting.mean(signal))
+            frames = shooting.frames(signal, rng)
             kept = []
             for number in range(view.frames * codec.filmed):
                 frame = next(frames)
@@ -288,7 +403,7 @@ def _one_draw(
     # The film is only done with, and its folder gone, once nothing more comes.
     if next(back, None) is not None:
         raise RuntimeError("more frames came back than were filmed")
-    return np.array(before), np.array(after)
+    return np.array(before) - expected, np.array(after) - expected
 
 
 def codec_of(
@@ -306,7 +421,7 @@ def codec_of(
     shooting : Shooting
         Its scale is what is believed.
     picture : ndarray (real rows, real cols)
-        Predicted mean frame of the replicates [DN].
+        Predicted mean frame of the replicates [DN], by noise of the scale ``shooting.modelled``.
     before : sequence of callable
         Those of the states that were filmed before them, each made when it is asked for and cut at once: what a video
         made of them it hands on.
@@ -329,27 +444,29 @@ def codec_of(
 
         def film() -> Iterator[Array]:
             for state in [*(states if codec.kind == "h264" else ()), *[picture[real]] * len(held)]:
-                frames = taking.frames(state, noise)
+                # Each frame of the replicates has a light of its own.
+                frames = taking.frames(taking.signal(state), noise)
                 for _ in range(codec.filmed):
                     yield next(frames)
 
         back = list(codec.through(film()))[-len(held) :]
         found, sd = _traits(np.array([shooting.binned(b) for b in back]), pixel_scatter(back, shooting.factor))
         unlike = float(np.nansum(((seen - found) / np.hypot(sd, seen_sd)) ** 2))
-        tried[codec, scale] = unlike + (np.log(scale / shooting.scale) / priors.SCALE_CODEC) ** 2
+        tried[codec, scale] = unlike + (np.log(scale / shooting.scale) / SCALE_UNKNOWN) ** 2
 
     for kind, qualities in QUALITIES.items():
         for quality in qualities:
-            attempt(Codec(kind, quality, FILMED if kind == "h264" else 1), shooting.scale)
-    for steps, louder in REFINED:
+            for louder in LOUDER if kind == "h264" else (1.0,):
+                attempt(Codec(kind, quality, FILMED if kind == "h264" else 1), shooting.scale * louder)
+    for steps, times in REFINED:
         # How much noise came in and how much was kept back take each other's place.
         best, scale = min(tried, key=lambda t: tried[t])
-        for step in steps:
-            attempt(replace(best, quality=best.quality + step), scale)
-        for times in louder:
-            attempt(best, scale * times)
-        if best.kind == "h264":
-            attempt(replace(best, filmed=1), scale)
+        for step in (-steps, 0, steps):
+            for louder in (1.0 / times, 1.0, times):
+                attempt(best.worse(step), scale * louder)
+    best, scale = min(tried, key=lambda t: tried[t])
+    if best.kind == "h264":
+        attempt(replace(best, filmed=1), scale)
     return min(tried, key=lambda t: tried[t])
 
 
@@ -366,8 +483,8 @@ def _brightest(level: Array, most: tuple[int, ...]) -> tuple[slice, slice]:
 def _traits(frames: Array, scatter: tuple[Array, Array]) -> tuple[Array, Array]:
     """Return what tells codecs apart, and its standard deviation.
 
-    By level: log scatter of pixels and of bins, how like that of the next frame is, and the share that is the same in
-    it; NaN where there is no such level.
+    By level: log scatter of pixels and of bins, how like that of the next frame is, the share that is the same in it,
+    and the level itself, which noise raises and codecs lower where black is cut off; NaN where there is no such level.
     """
     level, variance = scatter
     left = frames - frames.mean(axis=0)
@@ -380,10 +497,11 @@ def _traits(frames: Array, scatter: tuple[Array, Array]) -> tuple[Array, Array]:
     for k in range(len(LEVELS_DN) + 1):
         mine = group == k
         if mine.sum() < 20:
-            found, sd = [*found, *[np.nan] * 4], [*sd, *[1.0] * 4]
+            found, sd = [*found, *[np.nan] * 5], [*sd, *[1.0] * 5]
             continue
-        sd += [float(np.hypot(LEAST_TRAIT_SD, BIN_TRAIT_SD / np.sqrt(mine.sum())))] * 4
-        pixel, whole = float(variance[mine].mean()), float(bins[mine].mean())
+        pixel, whole, light = (float(one[mine].mean()) for one in (variance, bins, level))
         found += [np.log(pixel + 0.02), np.log(whole + 0.002), float(next_to[mine].mean()) / (whole + 0.002)]
-        found += [float(still[mine].mean())]
+        found += [float(still[mine].mean()), light]
+        sd += [float(np.hypot(LEAST_TRAIT_SD, BIN_TRAIT_SD / np.sqrt(mine.sum())))] * 4
+        sd += [float(np.hypot(LEVEL_DN, LEVEL_SHARE * light))]
     return np.array(found), np.array(sd)

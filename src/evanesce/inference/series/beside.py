@@ -101,11 +101,6 @@ class FramesAndSeries(AnchoredModel):
         frames = np.zeros(size, np.float32) if own else super().derivative(point, parameter)
         return np.concatenate([frames, series])
 
-    def further_rows(self) -> Array:
-        """Return rows (k, bins + rows); no codec touches the series."""
-        frames = super().further_rows()
-        return np.pad(frames, [(0, 0), (0, self.series.observed.size)])
-
 
 class FramesAndSeriesBank(FormBank):
     """Forms in bins and rows, drawn at the same points."""

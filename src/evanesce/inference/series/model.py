@@ -107,10 +107,6 @@ class SeriesModel:
         """Return the whitened prediction (rows,)."""
         return np.asarray(self.log(point) / self.data.sd)
 
-    def further_rows(self) -> Array:
-        """Return none: the noise of rows is what they state."""
-        return np.zeros((0, self.observed.size))
-
     def derivative(self, point: Point, parameter: Parameter) -> Array:
         """Return the whitened derivative (rows,): central differences, three points of one side at a bound."""
         if parameter.name.startswith("@") and parameter.name not in self._names:

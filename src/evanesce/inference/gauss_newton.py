@@ -21,9 +21,7 @@ DAMPED, UNDAMPED = 10.0, 0.2
 FAILURES = 5
 """Steps that may fail in a row."""
 SETTLED = 1e-4
-"""A fit has settled where a step promises less than this share of the misfit above noise's, or less than SETTLES."""
-SETTLES = 1.0
-"""Least fall of the misfit for which a step is made: half a nat."""
+"""A fit has settled where a step promises less than this share of the misfit above noise's, or less than half a nat."""
 HELD = 1e9
 """By so much the precision of what a bound holds is raised: enough to stay, little enough to invert."""
 LEAST_STEP = 0.5
@@ -127,7 +125,6 @@ def fit(
     rows: Array | None = None,
     rounds: int = 8,
     renewals: int = 1,
-    settles: float = SETTLES,
 ) -> Solution:
     """Fit a model.
 
@@ -150,8 +147,6 @@ def fit(
         Predictions at most.
     renewals : int
         How often derivatives may be made anew where steps have stopped to gain; between, steps correct them (Broyden).
-    settles : float
-        Least fall of the misfit for which a step is made.
 
     Returns
     -------
@@ -171,7 +166,7 @@ def fit(
         damped = precision + damping * np.diag(np.diag(precision))
         step = bounded_step(damped, gradient, prior.low - values, prior.high - values)
         promised = 2.0 * float(step @ gradient) - float(step @ precision @ step)
-        settled = promised < max(SETTLED * (misfit - data.size), settles)
+        settled = promised < max(SETTLED * (misfit - data.size), 1.0)
         if settled or failed >= FAILURES:
             if fresh or renewals == 0:
                 break

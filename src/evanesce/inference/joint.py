@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from evanesce.inference.causes import Entry
 from evanesce.inference.constants import FAR
-from evanesce.inference.gauss_newton import SETTLES, Prior, Solution, fit
+from evanesce.inference.gauss_newton import Prior, Solution, fit
 from evanesce.inference.model import Model
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.parameters import Parameter, value_of
@@ -142,7 +142,6 @@ class Fitter:
         rows: Array | None = None,
         rounds: int = 8,
         renewals: int = 1,
-        settles: float = SETTLES,
     ) -> JointFit:
         """Return the joint fit about the present anchor.
 
@@ -154,7 +153,6 @@ class Fitter:
         rows : ndarray (parameters, bins), optional
             Derivatives at the start.
         rounds, renewals : int
-        settles : float
             See :func:`evanesce.inference.gauss_newton.fit`.
         """
         parameters = (*(p for t in taken for p in t.parameters), *self.nuisances)
@@ -179,7 +177,7 @@ class Fitter:
         values = np.array([value_of(start, p) for p in parameters])
         solution = fit(
             predict, jacobian, self.observed, _prior(parameters), values, metric=metric, rows=rows, rounds=rounds,
-            renewals=renewals, settles=settles,
+            renewals=renewals,
         )  # fmt: skip
         residual = self.observed - solution.predicted
         return JointFit(tuple(taken), parameters, point_of(solution.values), solution, metric, residual)

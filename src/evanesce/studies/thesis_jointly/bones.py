@@ -28,7 +28,7 @@ from evanesce.studies.mechanics.runs import SHAPES
 FILE = Path(__file__).resolve().parent / "data" / "presses.csv"
 COLUMNS = ("material", "shape", "bone_share", "force_N", "depth_mm", "contact_radius_mm")
 
-SHARES = (0.0, 0.25, 0.5, 0.65, 0.8)
+SHARES = (0.125, 0.65, 0.25, 0.8, 0.5, 0.0)
 """Bone radius over the shaft's radius; meshes allow 0.9."""
 FORCES = tuple(float(f) for f in np.geomspace(0.1, 20.0, 17).round(3))
 """[N]; beyond 5 N because a softer material at 5 N is the same finger at a higher force."""
@@ -44,10 +44,10 @@ def cases() -> Iterator[tuple[str, str, float]]:
     ------
     tuple
     """
-    for share in (0.65, 0.25, 0.8, 0.5, 0.0):
+    for share in SHARES:
         for material in ("silskin_20", "silskin_0"):
             yield material, "standard", share
-    for share in (0.25, 0.65, 0.5, 0.0, 0.8):
+    for share in SHARES:
         for shape in ("short", "stout"):
             yield "silskin_0", shape, share
 
@@ -93,7 +93,8 @@ def rows_of(material: str, shape: str, share: float) -> list[tuple[str | float, 
     -------
     list of tuple
     """
-    run, found = solved(material, shape, share), []
+    run = solved(material, shape, share)
+    found: list[tuple[str | float, ...]] = []
     for index in run.reached():
         state = run.history.steps[index].state
         profile = profile_of(run.footprint(index), state.depth, state.normal_force)

@@ -33,7 +33,7 @@ Kind = Literal[
 LOGARITHMIC = {"read_area", "depth", "cylinder_depth", "youngs_modulus", "friction", "ridged_over_smooth"}
 NEEDS = {
     "read_area": "force_N", "depth": "force_N", "cylinder_depth": "force_N", "friction": "force_N",
-    "overshoot": "friction",
+    "overshoot": "friction", "growth": "force_N",
 }  # fmt: skip
 """Condition that a kind of outcome has to state."""
 FORCES_N, FRICTIONS = (0.1, 10.0), (0.6, 1.2)
@@ -163,6 +163,10 @@ class Outcomes:
     def without(self, group: str) -> Outcomes:
         """Return the rows of all other groups."""
         return Outcomes(tuple(row for row in self.rows if row.group != group))
+
+    def only(self, group: str) -> Outcomes:
+        """Return a group's rows."""
+        return Outcomes(tuple(row for row in self.rows if row.group == group))
 
     def of(self, group: str) -> NDArray[np.int_]:
         """Return the places of a group's rows."""

@@ -1,8 +1,9 @@
 """Judge every set of mechanisms on all outcomes: evidences, probabilities, what is unexplained, what is foretold.
 
-Fits and evidences are those of the critic (:class:`evanesce.inference.joint.Fitter`, Laplace's approximation). All
-sets are fitted, so that nothing depends on a path of search. A prior that ends at a bound is normalised over what lies
-inside. Where the text leaves two readings of a figure the evidence is their mean.
+The joint fit is that of the critic (:class:`evanesce.inference.joint.Fitter`), begun at an optimum by SciPy:
+interpolated predictions have kinks at which steps of Gauss and Newton stall. Its evidence is refined by sampling
+(:mod:`evanesce.studies.thesis_jointly.sample`). All sets are fitted, so that nothing depends on a path of search. Where
+the text leaves two readings of a figure the evidence is their mean.
 
 What no set explains is found one group of outcomes at a time: a group of which a broad distribution
 (:data:`~evanesce.studies.thesis_jointly.data.UNKNOWN_SD`) gives more evidence than its prediction from all others
@@ -12,29 +13,35 @@ is set aside as unexplained, the worst first, and all is judged anew.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
+from scipy import optimize, special
 
+from evanesce.core.rng import generator
 from evanesce.inference.joint import Fitter, JointFit, Taken
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.parameters import Parameter
-from evanesce.studies.thesis_jointly.data import Outcomes
+from evanesce.studies.thesis_jointly.data import Outcomes, Row
 from evanesce.studies.thesis_jointly.mechanisms import NUISANCES, MechanismSet
 from evanesce.studies.thesis_jointly.predict import Predictor
+from evanesce.studies.thesis_jointly.sample import Draws, drawn
 
 Array = NDArray[Any]
 Tell = Callable[[str], None]
 
-STARTS: tuple[Mapping[str, float], ...] = (
-    {"share": 0.5, "length_mm": 0.7, "bone:share": 0.25},
-    {"share": 0.2, "length_mm": 1.2, "bone:share": 0.55},
-)
-"""Where fits begin, by parameter or by the end of its name: scattering has no derivative at nothing."""
-ROUNDS, RENEWALS, SETTLES = 30, 6, 0.05
+START: Mapping[str, float] = {"share": 0.3, "length_mm": 0.7}
+"""Where fits begin, by the end of a parameter's name, unless at its null: scattering has no derivative at nothing."""
+EVALUATIONS, EDGE = 60, 1e-4
+"""Predictions of a fit at most; distance from a bound, in prior deviations, that counts as being there."""
+MOST = 25
+"""Sets that are fitted again where outcomes are left out: the likeliest, with those outcomes and without them."""
+POINTS = 200
+"""Posterior draws that are kept of each set."""
+OUTSIDE = 0.05
+"""Prior probability that something outside the model made a group of outcomes."""
 WORST = 0.5
 """Probability of being unexplained above which a group is set aside."""
 
@@ -111,22 +118,29 @@ class Judged:
     ----------
     chosen : MechanismSet
     fit : JointFit
-        Best of all starts and readings.
+        Of the likelier reading.
     log_evidence : float
         Over all readings, in the rows' own units [nats].
     data : ndarray (rows,)
         The reading that the fit is of.
+    points : mapping of str to ndarray (points,)
+        Posterior draws of its parameters, over all readings.
     """
 
     chosen: MechanismSet
     fit: JointFit
     log_evidence: float
     data: Array
+    points: Mapping[str, Array]
 
     @property
     def log_weight(self) -> float:
         """Logarithm of prior times evidence."""
         return self.log_evidence + self.chosen.log_prior
+
+    def predicted(self, rows: Sequence[Row]) -> Array:
+        """Return what the posterior draws predict of some rows, as rows count (points, rows)."""
+        return Predictor(rows, self.chosen)(self.points)
 
 
 @dataclass(frozen=True)
@@ -145,7 +159,6 @@ class Verdict:
     outcomes: Outcomes
     unknown: tuple[str, ...]
     sets: tuple[Judged, ...]
-    _index: dict[frozenset[str], int] = field(default_factory=dict)
 
     @property
     def log_evidence(self) -> float:
@@ -167,7 +180,13 @@ class Verdict:
         return next((one for one in self.sets if name in one.chosen.ids), None)
 
 
-def judge_set(outcomes: Outcomes, chosen: MechanismSet, unknown: Collection[str] = ()) -> Judged:
+def judge_set(
+    outcomes: Outcomes,
+    chosen: MechanismSet,
+    unknown: Collection[str] = (),
+    near: Mapping[str, float] | None = None,
+    seed: int = 0,
+) -> Judged:
     """Fit one set of mechanisms to all readings of the outcomes.
 
     Parameters
@@ -176,46 +195,64 @@ def judge_set(outcomes: Outcomes, chosen: MechanismSet, unknown: Collection[str]
     chosen : MechanismSet
     unknown : collection of str
         Groups that are set aside as unexplained.
+    near : mapping, optional
+        A point from where to begin; the usual start otherwise.
+    seed : int
+        Of the draws.
 
     Returns
     -------
     Judged
     """
-    sd, found = outcomes.sd(unknown), []
+    sd, start = outcomes.sd(unknown), start_of(chosen) if near is None else dict(near)
+    found: list[tuple[float, JointFit, Array, Draws]] = []
+    rng = generator(seed, "thesis jointly", *sorted(chosen.ids))
     for data in outcomes.readings():
-        fitter = Fitter(OutcomeModel(outcomes, chosen, data, sd))
+        model = OutcomeModel(outcomes, chosen, data, sd)
         metric = Metric.of(np.zeros((0, data.size)), np.zeros(0))
         taken = [Taken(m, m.parameters) for m in chosen.mechanisms if m.parameters]
-        fits = [
-            fitter.fitted(taken, start, metric=metric, rounds=ROUNDS, renewals=RENEWALS, settles=SETTLES)
-            for start in starts_of(chosen)
-        ]
-        best = min(fits, key=lambda one: one.misfit)
-        units = float(np.log(sd).sum()) + 0.5 * sd.size * np.log(2.0 * np.pi)
-        found.append((best.log_evidence - units - log_inside(best.parameters), best, data))
-    whole = float(special.logsumexp([f[0] for f in found]) - np.log(len(found)))
-    _, best, data = max(found, key=lambda f: f[0])
-    return Judged(chosen, best, whole, data)
+        start = _optimum(model, (*chosen.parameters, *NUISANCES), start)
+        best = Fitter(model).fitted(taken, start, metric=metric, rounds=0)
+        draws = drawn(best, model.predictor, data, sd, rng)
+        found.append((draws.log_evidence, best, data, draws))
+    logs = np.array([f[0] for f in found])
+    share = np.exp(logs - special.logsumexp(logs))
+    counts = np.maximum(np.round(POINTS * share).astype(int), 0)
+    points = np.concatenate([f[3].equal(int(n), rng) for f, n in zip(found, counts, strict=True)])
+    _, best, data, draws = max(found, key=lambda f: f[0])
+    whole = float(special.logsumexp(logs) - np.log(len(found)))
+    return Judged(chosen, best, whole, data, dict(zip(draws.names, points.T, strict=True)))
 
 
-def starts_of(chosen: MechanismSet) -> list[dict[str, float]]:
-    """Return the points at which fits of a set begin; one where it has nothing that needs several."""
-    found: list[dict[str, float]] = []
-    for start in STARTS:
-        point = {p.name: p.null for p in (*chosen.parameters, *NUISANCES)}
-        point |= {name: start[end] for name in point for end in (name, name.rpartition(":")[2]) if end in start}
-        if point not in found:
-            found.append(point)
-    return found
+def _optimum(model: OutcomeModel, parameters: Sequence[Parameter], start: Mapping[str, float]) -> dict[str, float]:
+    """Return the most probable point by a trust region that keeps to the bounds (Branch, Coleman and Li 1999)."""
+    null, deviation = np.array([p.null for p in parameters]), np.array([p.deviation for p in parameters])
+    low, high = (np.array([p.bounds[end] for p in parameters]) for end in (0, 1))
+
+    def point(values: Array) -> dict[str, float]:
+        return {p.name: float(v) for p, v in zip(parameters, values, strict=True)}
+
+    def misfit(values: Array) -> Array:
+        return np.concatenate([model.vector(point(values)) - model.observed, (values - null) / deviation])
+
+    def slopes(values: Array) -> Array:
+        own = np.array([model.derivative(point(values), p) for p in parameters])
+        return np.concatenate([own.T, np.diag(1.0 / deviation)])
+
+    inside = np.clip([start[p.name] for p in parameters], low + EDGE * deviation, high - EDGE * deviation)
+    found = optimize.least_squares(
+        misfit, inside, slopes, bounds=(low, high), x_scale=deviation, max_nfev=EVALUATIONS, ftol=1e-5, xtol=1e-6
+    )
+    # Evidence takes a parameter that the data push against a bound for held there.
+    near = np.clip(found.x, low, high)
+    near = np.where(near - low < 2 * EDGE * deviation, low, np.where(high - near < 2 * EDGE * deviation, high, near))
+    return point(near)
 
 
-def log_inside(parameters: Sequence[Parameter]) -> float:
-    """Return the logarithm of the prior mass within the bounds of all parameters."""
-    total = 0.0
-    for p in parameters:
-        ends = [(bound - p.null) / p.deviation for bound in p.bounds]
-        total += float(np.log(special.ndtr(ends[1]) - special.ndtr(ends[0])))
-    return total
+def start_of(chosen: MechanismSet) -> dict[str, float]:
+    """Return the point at which the fit of a set begins."""
+    point = {p.name: p.null for p in (*chosen.parameters, *NUISANCES)}
+    return point | {name: START[end] for name in point for end in (name.rpartition(":")[2],) if end in START}
 
 
 def judge(
@@ -236,8 +273,108 @@ def judge(
     """
     found = []
     for number, chosen in enumerate(sets):
-        if number % 200 == 0:
+        if number % 100 == 0:
             tell(f"set {number} of {len(sets)}")
         found.append(judge_set(outcomes, chosen, unknown))
-    found.sort(key=lambda one: -one.log_weight)
-    return Verdict(outcomes, tuple(unknown), tuple(found))
+    return verdict_of(outcomes, unknown, found)
+
+
+def verdict_of(outcomes: Outcomes, unknown: Collection[str], found: Sequence[Judged]) -> Verdict:
+    """Return judged sets in the order of their probability."""
+    return Verdict(outcomes, tuple(unknown), tuple(sorted(found, key=lambda one: -one.log_weight)))
+
+
+def foretold(one: Judged, places: Array, wider: Array | float = 0.0) -> float:
+    """Return the log density of some rows given all others, the set's model linear about its fit.
+
+    ``wider`` is a further variance of each row, over that of its noise; densities are per whitened unit.
+
+    With r their whitened residuals and H what the rows themselves did for the fit (leverage), the prediction from the
+    others is off by (1 - H)^-1 r, of covariance (1 - H)^-1.
+    """
+    rows = one.fit.solution.rows[:, places]
+    left = one.fit.residual[places]
+    rest = np.eye(len(places)) - rows.T @ one.fit.solution.covariance @ rows
+    rest = 0.5 * (rest + rest.T) + 1e-9 * np.eye(len(places))
+    ahead = np.linalg.inv(rest)
+    off, spread = ahead @ left, ahead + np.diag(np.zeros(len(places)) + wider)
+    return float(-0.5 * off @ np.linalg.solve(spread, off) - 0.5 * np.linalg.slogdet(spread)[1])
+
+
+def likely(verdict: Verdict, group: str, count: int = MOST) -> list[Judged]:
+    """Return the sets that are likely, with a group of outcomes or without it by :func:`foretold`."""
+    places = verdict.outcomes.of(group)
+    without = sorted(verdict.sets, key=lambda one: foretold(one, places) - one.log_weight)
+    return list({id(one): one for one in (*verdict.sets[:count], *without[:count])}.values())
+
+
+def left_out(verdict: Verdict, group: str) -> Verdict:
+    """Judge the likely sets without a group of outcomes.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        On all outcomes.
+    group : str
+
+    Returns
+    -------
+    Verdict
+    """
+    outcomes = verdict.outcomes.without(group)
+    found = [judge_set(outcomes, one.chosen, verdict.unknown, one.fit.point) for one in likely(verdict, group)]
+    return verdict_of(outcomes, verdict.unknown, found)
+
+
+def unexplained(verdict: Verdict, group: str) -> float:
+    """Return the probability that something outside the model made a group, each set linear about its fit.
+
+    Parameters
+    ----------
+    verdict : Verdict
+    group : str
+    """
+    outcomes, places = verdict.outcomes, verdict.outcomes.of(group)
+    wider = np.square(outcomes.sd([group])[places] / outcomes.sd()[places]) - 1.0
+    logs = [(foretold(one, places), foretold(one, places, wider), one.log_weight) for one in verdict.sets]
+    model, broad, weight = np.array(logs).T
+    # Sets weigh by all other outcomes.
+    odds = special.logsumexp(weight - model + broad) - special.logsumexp(weight)
+    return float(special.expit(odds + np.log(OUTSIDE / (1.0 - OUTSIDE))))
+
+
+def proved_unexplained(verdict: Verdict, group: str) -> float:
+    """Return the probability of :func:`unexplained` by fits of the likely sets, the group taken for unexplained."""
+    chosen, unknown = likely(verdict, group), (*verdict.unknown, group)
+    after = [judge_set(verdict.outcomes, one.chosen, unknown, one.fit.point) for one in chosen]
+    odds = verdict_of(verdict.outcomes, unknown, after).log_evidence
+    odds -= verdict_of(verdict.outcomes, verdict.unknown, chosen).log_evidence
+    return float(special.expit(odds + np.log(OUTSIDE / (1.0 - OUTSIDE))))
+
+
+def settled(outcomes: Outcomes, sets: Sequence[MechanismSet], tell: Tell = lambda line: None) -> Verdict:
+    """Judge all sets; set aside one group after the other that no set explains, the worst first.
+
+    Parameters
+    ----------
+    outcomes : Outcomes
+    sets : sequence of MechanismSet
+    tell : callable
+
+    Returns
+    -------
+    Verdict
+    """
+    verdict = judge(outcomes, sets, (), tell)
+    while True:
+        found = {}
+        for group in outcomes.groups:
+            # What is linear about a fit only accuses: sets without the group are fitted before it is set aside.
+            if group not in verdict.unknown and unexplained(verdict, group) > WORST:
+                tell(f"is {group} explained?")
+                found[group] = proved_unexplained(verdict, group)
+        worst = max(found, key=lambda g: found[g], default="")
+        if not worst or found[worst] < WORST:
+            return verdict
+        tell(f"{worst} is set aside as unexplained")
+        verdict = judge(outcomes, sets, (*verdict.unknown, worst), tell)

@@ -96,7 +96,8 @@ def ridge_rows() -> list[tuple[float, ...]]:
     -------
     list of tuple
     """
-    modulus, rows = modulus_at_ridges("silskin_0"), []
+    modulus = modulus_at_ridges("silskin_0")
+    rows: list[tuple[float, ...]] = []
     for share, bone in ((0.0, "none"), (0.5, "half")):
         smooth = pressed(bone, 1.0)
         plain = ridged_area(smooth, modulus, np.zeros(GRID.shape))

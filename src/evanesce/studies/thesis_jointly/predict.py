@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import RegularGridInterpolator
 
 from evanesce.bench.indentation import elliptic_geometry
 from evanesce.materials.hyperelastic import of_material
@@ -50,17 +49,22 @@ class Predictor:
         points : mapping of str to ndarray (points,)
             By parameter.
         """
-        own = _Fingers(points, self.chosen)
+        own = Fingers(points, self.chosen, self.rows)
         return np.stack([own.row(row) for row in self.rows], axis=-1)
 
 
-class _Fingers:
+class Fingers:
     """Both fingers at some points, a quantity for each row."""
 
-    def __init__(self, points: Points, chosen: MechanismSet) -> None:
-        self.points, self.on = points, chosen.ids
+    def __init__(self, points: Points, chosen: MechanismSet, rows: Sequence[Row] = ()) -> None:
+        self.points, self.chosen, self.on = points, chosen, chosen.ids
         self.zero = np.zeros(np.shape(next(iter(points.values()))))
-        self._contacts: dict[tuple[str, float], tuple[Array, Array]] = {}
+        self._known: dict[tuple[str, str], Array] = {}
+        self.forces = {name: _forces(rows, name) for name in ("silskin_0", "silskin_20")}
+
+    def with_rows(self, rows: Sequence[Row]) -> Fingers:
+        """Return the same fingers for other rows."""
+        return Fingers(self.points, self.chosen, rows)
 
     def get(self, name: str, default: float = 0.0) -> Array:
         """Return a parameter's values (points,)."""
@@ -76,24 +80,35 @@ class _Fingers:
         found: Array = getattr(self, f"_{row.outcome.kind}")(row)
         return found + self.zero
 
-    def contact(self, name: str, force: float) -> tuple[Array, Array]:
-        """Return logarithms of depth [mm] and true area [mm^2] on glass (points,)."""
-        key = (name, force)
-        if key not in self._contacts:
-            self._contacts[key] = self._contact(name, force)
-        return self._contacts[key]
+    def at(self, what: str, row: Row) -> Array:
+        """Return ``depth``, true ``area`` or ``read`` area of a row's finger at its force, logarithms (points,)."""
+        name = row.material
+        if (what, name) not in self._known:
+            if what == "read":
+                self._known[what, name] = self.read(name, self.at_all("area", name))
+            else:
+                self._known["depth", name], self._known["area", name] = self._contact(name)
+        return np.asarray(self._known[what, name][:, self.forces[name].index(_force(row))])
 
-    def _contact(self, name: str, force: float) -> tuple[Array, Array]:
-        stiffness, load = self.get(f"modulus:{name}"), self.zero + force
+    def at_all(self, what: str, name: str) -> Array:
+        """Return ``depth`` or true ``area`` of a finger at all its forces, logarithms (points, forces)."""
+        if (what, name) not in self._known:
+            self._known["depth", name], self._known["area", name] = self._contact(name)
+        return self._known[what, name]
+
+    def _contact(self, name: str) -> tuple[Array, Array]:
+        """Return logarithms of depth [mm] and true area [mm^2] on glass at all forces (points, forces)."""
+        force = np.array(self.forces[name])
+        stiffness, load = self.get(f"modulus:{name}")[:, None], self.zero[:, None] + force
         if "adhesion" in self.on:
-            pull = 3.0 * np.pi * 1e-3 * np.exp(self.get(f"adhesion:{name}")) * RADIUS_MM
+            pull = 3.0 * np.pi * 1e-3 * np.exp(self.get(f"adhesion:{name}")[:, None]) * RADIUS_MM
             load = force + pull + np.sqrt(2.0 * pull * force + pull**2)
         if "hertz" in self.on:
-            log_modulus = np.log(4.0 * of_material(name).shear_modulus) + stiffness
+            log_modulus = np.log(4.0 * _shear_modulus(name)) + stiffness
             log_radius = (np.log(0.75 * load * RADIUS_MM) - log_modulus) / 3.0
             depth, area = 2.0 * log_radius - np.log(RADIUS_MM), 2.0 * log_radius + np.log(np.pi)
         else:
-            depth, area = tables.solved_press(name, self.bone, np.log(load) - stiffness)
+            depth, area = tables.solved_press(name, self.bone[:, None], np.log(load) - stiffness)
         # JKR: the depth of Hertz's contact under the apparent load, less what adhesion pulls the edge out by.
         return depth + np.log((1.0 + 2.0 * force / load) / 3.0), area
 
@@ -110,34 +125,31 @@ class _Fingers:
             return self.zero, self.zero
         return self.get(f"{prefix}:share"), self.get(f"{prefix}:length_mm")
 
-    def read(self, name: str, force: float, more_light: float = 0.0) -> Array:
-        """Return the logarithm of the area that the rig reads [mm^2] (points,)."""
-        area = self.contact(name, force)[1]
+    def read(self, name: str, area: Array, more_light: float = 0.0) -> Array:
+        """Return the logarithm of the area [mm^2] that the rig reads of a true one (points, forces)."""
         scale = self.get("scale:area") if "scale" in self.on else self.zero
-        reading = tables.log_read_over_true(area, *self.scattering(name), self.level(name) + more_light)
-        return area + reading + scale
+        share, length = self.scattering(name)
+        light = self.level(name) + more_light
+        reading = tables.log_read_over_true(area, share[:, None], length[:, None], light[:, None])
+        return area + reading + scale[:, None]
 
     def _read_area(self, row: Row) -> Array:
-        return self.read(row.material, _force(row))
+        return self.at("read", row)
 
     def _depth(self, row: Row) -> Array:
-        return self.contact(row.material, _force(row))[0]
+        return self.at("depth", row)
 
     def _cylinder_depth(self, row: Row) -> Array:
         """Carry over what the finger's press on glass is off from Hertz's: bone and strain act alike."""
-        force = _force(row)
-        flat = (0.75 * force / np.sqrt(RADIUS_MM)) ** (2.0 / 3.0)
-        across = float(elliptic_geometry(RADIUS_MM, CYLINDER_MM).depth(force, 1.0))
-        return self._depth(row) + np.log(across / flat)
+        return self._depth(row) + _log_across_over_flat()
 
     def _youngs_modulus(self, row: Row) -> Array:
-        return np.log(3.0 * of_material(row.material).shear_modulus) + self.get(f"modulus:{row.material}")
+        return np.log(3.0 * _shear_modulus(row.material)) + self.get(f"modulus:{row.material}")
 
     def _friction(self, row: Row) -> Array:
         force, law = _force(row), material(row.material).friction
         assert law is not None  # both materials have one in the tables
-        by_read = "friction_by_read_area" in self.on
-        area = self.read(row.material, force) if by_read else self.contact(row.material, force)[1]
+        area = self.at("read" if "friction_by_read_area" in self.on else "area", row)
         return np.log(law.tau0_MPa * np.exp(area) / force + law.alpha)
 
     def _tilt_friction(self, row: Row) -> Array:
@@ -169,9 +181,31 @@ class _Fingers:
         """Return the relative growth of the read area from 9 to 12 V."""
         if "exposure_control" in self.on:
             return self.zero
-        force = row.outcome.at.force_N or 1.0
-        more = _power(2.95, 12.0) - _power(2.95, 9.0)
-        return np.expm1(self.read(row.material, force, more) - self.read(row.material, force))
+        brighter = self.read(row.material, self.at("area", row)[:, None], _log_light_9_to_12V())[:, 0]
+        return np.expm1(brighter - self.at("read", row))
+
+
+def _forces(rows: Sequence[Row], name: str) -> list[float]:
+    """Return the forces at which a finger's contact is asked for [N]."""
+    own = [r.outcome.at.force_N for r in rows if r.material == name and r.outcome.at.force_N is not None]
+    return list(dict.fromkeys(own))
+
+
+@lru_cache(maxsize=4)
+def _shear_modulus(name: str) -> float:
+    return float(of_material(name).shear_modulus)
+
+
+@lru_cache(maxsize=1)
+def _log_across_over_flat() -> float:
+    """Return the logarithm of Hertz's depth under the cylinder over that on glass, the same at every force."""
+    across = float(elliptic_geometry(RADIUS_MM, CYLINDER_MM).depth(1.0, 1.0))
+    return float(np.log(across / (0.75 / np.sqrt(RADIUS_MM)) ** (2.0 / 3.0)))
+
+
+@lru_cache(maxsize=1)
+def _log_light_9_to_12V() -> float:
+    return float(_power(2.95, 12.0) - _power(2.95, 9.0))
 
 
 def _force(row: Row) -> float:
@@ -186,16 +220,15 @@ def _power(forward: float, volts: Any) -> Any:
 
 
 @lru_cache(maxsize=1)
-def _voltages() -> RegularGridInterpolator:
+def _voltages() -> tables.Grid:
     """Return supply voltages [V] by forward voltage [V] and logarithm of the light over that at 9 V."""
     table = []
     for forward in BINS:
         curve = _power(float(forward), VOLTS) - _power(float(forward), 9.0)
         table.append(np.interp(DIMMER, curve, VOLTS))
-    return RegularGridInterpolator((BINS, DIMMER), np.array(table))
+    return tables.Grid((BINS, DIMMER), np.array(table))
 
 
 def _voltage(forward: Array, wanted: Array) -> Array:
     """Return the supply voltage [V] at which light is ``exp(wanted)`` of that at 9 V, by forward voltage [V]."""
-    ends = np.clip(wanted, DIMMER[0], DIMMER[-1])
-    return np.asarray(_voltages()(np.stack(np.broadcast_arrays(forward, ends), axis=-1)))
+    return _voltages()(forward, wanted)

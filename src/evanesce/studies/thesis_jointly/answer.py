@@ -229,16 +229,16 @@ def _alternative(verdict: Verdict, one: Alternative) -> dict[str, Any]:
     own = inside[0]
     outside = [s for s in verdict.sets if not one.holds(s.chosen.ids)]
     rival = outside[0] if outside else own
-    raised = []
+    raised: list[dict[str, Any]] = []
     for group in verdict.outcomes.groups:
         places = verdict.outcomes.of(group)
         more = float(np.square(own.fit.residual[places]).sum() - np.square(rival.fit.residual[places]).sum())
         raised.append({"group": group, "misfit": more})
-    raised.sort(key=lambda row: -float(row["misfit"]))
+    raised.sort(key=lambda row: -row["misfit"])
     total = sum(p for s, p in zip(verdict.sets, verdict.probability, strict=True) if one.holds(s.chosen.ids))
     return {
         "title": one.title, "probability": float(total), "loss_nats": rival.log_weight - own.log_weight,
-        "against": [row for row in raised[:3] if float(row["misfit"]) > 1.0],
+        "against": [row for row in raised[:3] if row["misfit"] > 1.0],
     }  # fmt: skip
 
 

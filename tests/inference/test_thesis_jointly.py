@@ -43,14 +43,18 @@ def row(name: str, kind: str, figure: float, relative: float, unit: str = "1", *
     return Row(name, Outcome.model_validate(one))
 
 
+EDGE_MM = 0.06  # by which blur moves the edge at threshold 0.15, measured on the real photograph
+
+
 def hand_read(area: float, share: float, length: float, threshold: float = 0.064) -> float:
     """Area above a threshold of a disc of light of which a share spreads by Christensen and Burley's profile [mm^2]."""
     cell, half = 0.1, 16.0
     x = np.arange(-half, half, cell)
     r = np.hypot(x[:, None], x[None, :])
-    disc = (r < np.sqrt(area / np.pi)).astype(float)
+    edge = np.sqrt(area / np.pi) + EDGE_MM
     if share == 0 or length == 0:
-        return float((disc > threshold).sum() * cell**2)
+        return float(np.pi * edge**2)
+    disc = np.clip((edge - r) / cell + 0.5, 0.0, 1.0)
     d = length / (1.9 - 0.6 + 3.5 * 0.04)
     safe = np.maximum(r, 0.3 * cell)
     kernel = (np.exp(-safe / d) + np.exp(-safe / (3 * d))) / (8 * np.pi * d * safe)
@@ -66,7 +70,7 @@ class Truth:
     scattering: dict[str, tuple[float, float]]
     by_read: bool = False
 
-    def rows(self, rng: np.random.Generator, noise: float = 0.03) -> list[Row]:
+    def rows(self, rng: np.random.Generator, noise: float = 0.05) -> list[Row]:
         found = []
         for name, factor in self.modulus.items():
             plane = 4 * G[name] * factor
@@ -84,7 +88,7 @@ class Truth:
         return found
 
 
-STIFF = {"silskin_0": 2.3, "silskin_20": 5.5}
+STIFF = {"silskin_0": 2.3, "silskin_20": 3.2}
 CLEAR = {"silskin_0": (0.0, 0.0), "silskin_20": (0.0, 0.0)}
 PLANTED = Truth(STIFF, {"silskin_0": (0.0, 0.0), "silskin_20": (0.55, 0.9)}, by_read=True)
 
@@ -104,34 +108,34 @@ def test_the_planted_set_is_found_and_wrong_ones_are_excluded():
     for wrong in ("finite_strain", "clear", "scatter_alike", "scatter_0"):
         assert found.inclusion(wrong) < 0.02, wrong
     # What was hidden lies within the draws' 99 %.
-    for name, hidden in (("silskin_0", 2.3), ("silskin_20", 5.5)):
+    for name, hidden in (("silskin_0", 2.3), ("silskin_20", 3.2)):
         low, high = np.percentile(best.points[f"modulus:{name}"], [0.5, 99.5])
         assert low - 0.03 < np.log(hidden) < high + 0.03
 
 
 def test_a_null_names_nothing():
-    """The nominal model's own outcomes: no mechanism gains on its prior, and nothing is unexplained."""
+    """The nominal model's own outcomes, five times: no mechanism is named, and nothing is unexplained."""
     nominal = Truth({"silskin_0": 1.0, "silskin_20": 1.0}, CLEAR)
-    rows = [r for r in nominal.rows(np.random.default_rng(8)) if r.outcome.at.force_N != 3.6]
-    outcomes = Outcomes(tuple(r for r in rows if r.material == "silskin_0"))
-    found = settled(outcomes, some_sets("modulus", "adhesion"))
-    assert found.unknown == ()
-    assert found.inclusion("hertz") > 0.9
-    for name in ("modulus", "adhesion"):
-        assert found.inclusion(name) < 0.5, name
-    # Of Silskin 20 % there is no outcome here: its scattering is as probable as before, that of the other less.
-    assert found.inclusion("scatter_0") < found.inclusion("scatter_20")
+    shares = []
+    for seed in range(5):
+        rows = nominal.rows(np.random.default_rng(seed))
+        outcomes = Outcomes(tuple(r for r in rows if r.material == "silskin_0"))
+        found = settled(outcomes, some_sets("modulus", "adhesion"))
+        assert found.unknown == ()
+        # Of Silskin 20 % there is no outcome here: its scattering is as probable as before, that of the other less.
+        assert found.inclusion("scatter_0") < found.inclusion("scatter_20")
+        shares.append([found.inclusion(name) for name in ("finite_strain", "modulus", "adhesion", "scatter_0")])
+    assert np.max(shares) < 0.9
+    assert np.mean(shares, axis=0) == pytest.approx(np.zeros(4), abs=0.4)
 
 
 def test_a_planted_contradiction_is_unexplained_and_does_not_move_the_rest():
     rows = PLANTED.rows(np.random.default_rng(4))
     wrong = row("silskin_0", "youngs_modulus", 3.0 * G["silskin_0"] * 2.3 * 12.0, 0.1, "MPa")
-    sets = some_sets("modulus", "friction_by_read_area")[-24:]
+    sets = [s for s in some_sets("modulus", "friction_by_read_area") if "hertz" in s.ids]
     found = settled(Outcomes((*rows, wrong)), sets)
     assert found.unknown == ("silskin_0:youngs_modulus",)
-    assert found.sets[0].chosen.ids == {"hertz", "scatter_20", "modulus", "friction_by_read_area"} or (
-        found.inclusion("scatter_20") > 0.9
-    )
+    assert found.inclusion("scatter_20") > 0.9
     assert np.median(found.sets[0].points["modulus:silskin_0"]) == pytest.approx(np.log(2.3), abs=0.08)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from evanesce.core.rng import generator
 from evanesce.prediction.parameters import Parameter
@@ -19,6 +20,7 @@ from evanesce.studies.thesis_jointly.judge import (
     judge,
     judge_set,
     left_out,
+    proved_odds,
     settled,
     unexplained,
     verdict_of,
@@ -43,6 +45,8 @@ LOW, HIGH = 5.0, 95.0
 """Percentiles of all intervals."""
 SHOWN_SETS = 10
 RIDGED = "ridged_over_smooth"
+DOUBTFUL = 0.1
+"""Probability of being unexplained, by sets linear about their fits, above which it is told by fits."""
 NAMED = 0.95
 """Probability from which on a mechanism is named, and below one less which it is excluded."""
 
@@ -145,6 +149,8 @@ def _outcomes_of(verdict: Verdict, group: str, tell: Tell) -> list[dict[str, Any
     extended, ahead = predicted(verdict, rows), predicted(others, rows)
     gain = None if alone_here or group in verdict.unknown else _gain(verdict, others, group)
     outside = 1.0 if group in verdict.unknown else unexplained(verdict, group)
+    if group not in verdict.unknown and outside > DOUBTFUL:
+        outside = float(special.expit(proved_odds(verdict, group)))
     found = []
     for k, row in enumerate(rows):
         figures = row.outcome.figures

@@ -343,13 +343,13 @@ def unexplained(verdict: Verdict, group: str) -> float:
     return float(special.expit(odds + np.log(OUTSIDE / (1.0 - OUTSIDE))))
 
 
-def proved_unexplained(verdict: Verdict, group: str) -> float:
-    """Return the probability of :func:`unexplained` by fits of the likely sets, the group taken for unexplained."""
+def proved_odds(verdict: Verdict, group: str) -> float:
+    """Return the log odds of :func:`unexplained` by fits of the likely sets, the group taken for unexplained."""
     chosen, unknown = likely(verdict, group), (*verdict.unknown, group)
     after = [judge_set(verdict.outcomes, one.chosen, unknown, one.fit.point) for one in chosen]
     odds = verdict_of(verdict.outcomes, unknown, after).log_evidence
     odds -= verdict_of(verdict.outcomes, verdict.unknown, chosen).log_evidence
-    return float(special.expit(odds + np.log(OUTSIDE / (1.0 - OUTSIDE))))
+    return float(odds + np.log(OUTSIDE / (1.0 - OUTSIDE)))
 
 
 def settled(outcomes: Outcomes, sets: Sequence[MechanismSet], tell: Tell = lambda line: None) -> Verdict:
@@ -372,9 +372,9 @@ def settled(outcomes: Outcomes, sets: Sequence[MechanismSet], tell: Tell = lambd
             # What is linear about a fit only accuses: sets without the group are fitted before it is set aside.
             if group not in verdict.unknown and unexplained(verdict, group) > WORST:
                 tell(f"is {group} explained?")
-                found[group] = proved_unexplained(verdict, group)
+                found[group] = proved_odds(verdict, group)
         worst = max(found, key=lambda g: found[g], default="")
-        if not worst or found[worst] < WORST:
+        if not worst or found[worst] < special.logit(WORST):
             return verdict
         tell(f"{worst} is set aside as unexplained")
         verdict = judge(outcomes, sets, (*verdict.unknown, worst), tell)

@@ -3,8 +3,8 @@
 Laplace's approximation alone misjudges parameters that data push against a bound (nothing scatters: share and length
 both at 0, where each hides the other). Points are therefore drawn about the fit, from Student's distribution of the
 posterior's covariance, and from the prior for what a bound holds; each weighs by prior times likelihood over the
-density it was drawn from. Mean and covariance follow the draws in some rounds (Cappe, Guillin, Marin and Robert 2004,
-J. Comput. Graph. Stat. 13, 907).
+density it was drawn from. Mean and covariance follow the draws in some rounds; all draws weigh by the mean density
+of all rounds (Cornuet, Marin, Mira and Robert 2012, Scand. J. Stat. 39, 798).
 """
 
 from __future__ import annotations
@@ -21,10 +21,11 @@ from evanesce.studies.thesis_jointly.predict import Predictor
 
 Array = NDArray[Any]
 
-DRAWS, FREEDOM, WIDER = 1000, 8.0, 1.1
+DRAWS, FREEDOM, WIDER = 500, 5.0, 1.1
 """Points of a round; degrees of freedom; by how much their spread exceeds the posterior's."""
-ROUNDS, ENOUGH = 3, 8
-"""Rounds in which mean and covariance follow the draws before; draws that their weights have to be worth, over the
+ROUNDS, MOST_ROUNDS, EFFECTIVE, ENOUGH = 5, 16, 100.0, 8
+"""Rounds in which mean and covariance follow the draws before, at least and, until weights are worth so many draws, at
+most; draws that their weights have to be worth, over the
 number of parameters, or else weights are tempered."""
 
 
@@ -84,18 +85,62 @@ def drawn(
     Draws
     """
     problem = _Problem(fit, predictor, data, sd)
-    free, at = ~fit.solution.held, fit.solution.values
-    first = problem.prior.rvs(size=(count, at.size), random_state=rng)
-    density = problem.prior.logpdf(first)[:, ~free].sum(axis=1)
-    if free.any():
-        first[:, free], own = _student(at[free], _covariance(fit)[np.ix_(free, free)] * WIDER**2, count, rng)
-        density = density + own
-    found = problem.weighed(first, density)
-    for _ in range(ROUNDS):
-        centre, spread = _moments(found)
-        values, density = _student(centre, spread * WIDER**2, count, rng)
-        found = problem.weighed(values, density)
+    proposals: list[_Proposal] = [_Proposal.about(fit, problem)]
+    values, like = np.zeros((0, fit.solution.values.size)), np.zeros(0)
+    predicted = np.zeros((0, sd.size))
+    for number in range(MOST_ROUNDS):
+        more = proposals[-1].draw(count, rng)
+        own, rows = problem.log_posterior(more)
+        values, like = np.concatenate([values, more]), np.concatenate([like, own])
+        predicted = np.concatenate([predicted, rows])
+        density = special.logsumexp([one.log_density(values) for one in proposals], axis=0) - np.log(len(proposals))
+        found = Draws(problem.names, problem.inside(values), predicted, like - density)
+        if number + 1 >= ROUNDS and found.effective > EFFECTIVE:
+            break
+        proposals.append(_Proposal(*_moments(found), problem))
     return found
+
+
+@dataclass(frozen=True)
+class _Proposal:
+    """Student's distribution of some parameters; the others come from the prior."""
+
+    centre: Array
+    spread: Array
+    problem: _Problem
+    free: NDArray[np.bool_] | None = None
+
+    @classmethod
+    def about(cls, fit: JointFit, problem: _Problem) -> _Proposal:
+        """Return that of a joint fit, what a bound holds being drawn from the prior."""
+        free = ~fit.solution.held
+        covariance = np.linalg.inv(fit.solution.precision[np.ix_(free, free)])
+        return cls(fit.solution.values[free], covariance, problem, free)
+
+    def draw(self, count: int, rng: np.random.Generator) -> Array:
+        """Return draws (count, parameters)."""
+        factor = np.linalg.cholesky(self.spread) * WIDER
+        turned = rng.standard_normal((count, self.centre.size)) / np.sqrt(
+            rng.chisquare(FREEDOM, size=(count, 1)) / FREEDOM
+        )
+        own = np.asarray(self.centre + turned @ factor.T)
+        if self.free is None:
+            return own
+        values = self.problem.prior.rvs(size=(count, self.free.size), random_state=rng)
+        values[:, self.free] = own
+        return np.asarray(values)
+
+    def log_density(self, values: Array) -> Array:
+        """Return the log density (draws,) at draws (draws, parameters)."""
+        own, rest = values, 0.0
+        if self.free is not None:
+            own = values[:, self.free]
+            rest = self.problem.prior.logpdf(values)[:, ~self.free].sum(axis=1)
+        factor, size = np.linalg.cholesky(self.spread) * WIDER, self.centre.size
+        square = np.square(np.linalg.solve(factor, (own - self.centre).T)).sum(axis=0) if size else np.zeros(len(own))
+        units = special.gammaln(0.5 * (FREEDOM + size)) - special.gammaln(0.5 * FREEDOM)
+        units -= 0.5 * size * np.log(FREEDOM * np.pi) + np.log(np.diag(factor)).sum()
+        return np.asarray(units - 0.5 * (FREEDOM + size) * np.log1p(square / FREEDOM) + rest)
 
 
 class _Problem:
@@ -109,26 +154,18 @@ class _Problem:
         self.names = tuple(p.name for p in fit.parameters)
         self.predictor, self.data, self.sd = predictor, data, sd
 
-    def weighed(self, values: Array, density: Array) -> Draws:
-        """Return draws (draws, parameters) of some log density (draws,) with their weights."""
-        inside = ((values >= self.low) & (values <= self.high)).all(axis=1)
-        kept = np.clip(values, self.low, self.high)
+    def inside(self, values: Array) -> Array:
+        """Return draws moved within the bounds."""
+        return np.asarray(np.clip(values, self.low, self.high))
+
+    def log_posterior(self, values: Array) -> tuple[Array, Array]:
+        """Return log prior times likelihood (draws,), minus infinity beyond bounds, and predictions (draws, rows)."""
+        kept = self.inside(values)
         predicted = self.predictor(dict(zip(self.names, kept.T, strict=True)))
         units = np.log(self.sd).sum() + 0.5 * self.sd.size * np.log(2.0 * np.pi)
         like = -0.5 * np.square((self.data - predicted) / self.sd).sum(axis=1) - units
-        weight = np.where(inside, like + self.prior.logpdf(kept).sum(axis=1) - density, -np.inf)
-        return Draws(self.names, kept, predicted, weight)
-
-
-def _student(centre: Array, spread: Array, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Return draws (count, n) of Student's distribution and their log densities (count,)."""
-    factor, size = np.linalg.cholesky(spread), centre.size
-    normal = rng.standard_normal((count, size))
-    turned = normal / np.sqrt(rng.chisquare(FREEDOM, size=(count, 1)) / FREEDOM)
-    square = np.square(turned).sum(axis=1)
-    units = special.gammaln(0.5 * (FREEDOM + size)) - special.gammaln(0.5 * FREEDOM)
-    units -= 0.5 * size * np.log(FREEDOM * np.pi) + np.log(np.diag(factor)).sum()
-    return centre + turned @ factor.T, units - 0.5 * (FREEDOM + size) * np.log1p(square / FREEDOM)
+        found = like + self.prior.logpdf(kept).sum(axis=1)
+        return np.where((kept == values).all(axis=1), found, -np.inf), predicted
 
 
 def _moments(found: Draws) -> tuple[Array, Array]:
@@ -145,11 +182,3 @@ def _moments(found: Draws) -> tuple[Array, Array]:
     off = found.values - centre
     spread = (weight[:, None] * off).T @ off
     return centre, spread + np.diag(1e-6 * np.diag(spread) + 1e-12)
-
-
-def _covariance(fit: JointFit) -> Array:
-    """Return the posterior covariance with what is held left out of the inverse."""
-    free = ~fit.solution.held
-    found = np.zeros_like(fit.solution.precision)
-    found[np.ix_(free, free)] = np.linalg.inv(fit.solution.precision[np.ix_(free, free)])
-    return found

@@ -86,7 +86,7 @@ def others(name: str, silicone: Material, facts: dict[str, Any]) -> list[dict]:
 
 def reported(facts: dict[str, Any]) -> list[dict]:
     """Return what chapter 6 reports of Silskin 0 % and chapter 5 of the voltage."""
-    told, volts = facts["reported"], facts["voltage"]
+    told = facts["reported"]
     found = []
     ridged = told["ridged_over_smooth_max_area_1N"]
     found.append(
@@ -132,31 +132,17 @@ def reported(facts: dict[str, Any]) -> list[dict]:
                 force_N=1.0,
             )
         )
+    return found + voltages(facts["voltage"])
+
+
+def voltages(volts: dict[str, Any]) -> list[dict]:
+    """Return what chapter 5 says of the LED voltage, of the ridged finger."""
     lost, settled = volts["patch_lost_below_V"], volts["converged_from_V"]
-    found.append(
-        outcome(
-            "lost_below",
-            "lost_below",
-            "V",
-            lost["value"],
-            0.25,
-            lost["source"],
-            "assumed 0.25 V: half a step of the eye",
-        )
-    )
-    found.append(
-        outcome(
-            "growth_9_to_12V",
-            "growth",
-            "1",
-            0.0,
-            0.05,
-            settled["source"],
-            "assumed 0.05: growth that an eye calls converged",
-            force_N=1.0,
-        )
-    )
-    return found  # fmt: skip
+    step, eye = "assumed 0.25 V: half a step of the eye", "assumed 0.05: growth that an eye calls converged"
+    return [
+        outcome("lost_below", "lost_below", "V", lost["value"], 0.25, lost["source"], step),
+        outcome("growth_9_to_12V", "growth", "1", 0.0, 0.05, settled["source"], eye, force_N=1.0),
+    ]
 
 
 def main() -> None:

@@ -166,7 +166,7 @@ def test_depths_and_areas_follow_hertz_and_jkr():
     assert friction == pytest.approx(tau0 * np.pi * radius**2 / 2.0 + alpha, rel=1e-9)
 
 
-def test_a_stiffer_material_is_the_same_contact_at_a_higher_force():
+def test_solved_contacts_over_a_bone_lie_between_hertz_and_a_bonded_layer():
     log_force = np.log(np.array([0.5, 1.0, 3.0]))
     depth, area = tables.solved_press("silskin_20", np.array(0.25), log_force)
     radius = np.sqrt(np.exp(area) / np.pi)

@@ -18,14 +18,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize, special
+from scipy import special
 
 from evanesce.core.rng import generator
 from evanesce.inference.joint import Fitter, JointFit, Taken
 from evanesce.prediction.linear import Metric
-from evanesce.prediction.parameters import Parameter
 from evanesce.studies.thesis_jointly.data import Outcomes, Row
 from evanesce.studies.thesis_jointly.mechanisms import NUISANCES, MechanismSet
+from evanesce.studies.thesis_jointly.model import OutcomeModel, optimum
 from evanesce.studies.thesis_jointly.predict import Predictor
 from evanesce.studies.thesis_jointly.sample import Draws, drawn
 
@@ -34,8 +34,8 @@ Tell = Callable[[str], None]
 
 START: Mapping[str, float] = {"share": 0.3, "length_mm": 0.7}
 """Where fits begin, by the end of a parameter's name, unless at its null: scattering has no derivative at nothing."""
-EVALUATIONS, EDGE = 60, 1e-4
-"""Predictions of a fit at most; distance from a bound, in prior deviations, that counts as being there."""
+FAR_NATS = 10.0
+"""Sets further behind the best keep Laplace's evidence, which is within 2 nats of the sampled one near it."""
 MOST = 25
 """Sets that are fitted again where outcomes are left out: the likeliest, with those outcomes and without them."""
 POINTS = 200
@@ -44,70 +44,6 @@ OUTSIDE = 0.05
 """Prior probability that something outside the model made a group of outcomes."""
 WORST = 0.5
 """Probability of being unexplained above which a group is set aside."""
-
-
-class OutcomeModel:
-    """The outcomes as data of a joint fit (see :class:`evanesce.inference.model.Model`).
-
-    Parameters
-    ----------
-    outcomes : Outcomes
-    chosen : MechanismSet
-    data : ndarray (rows,)
-        As rows count.
-    sd : ndarray (rows,)
-    """
-
-    observation: Any = None
-    factor = 1
-    fixed: Mapping[str, Mapping[str, Any]] = {}
-
-    def __init__(self, outcomes: Outcomes, chosen: MechanismSet, data: Array, sd: Array) -> None:
-        self.data, self.sd = data, sd
-        self.predictor = Predictor(outcomes.rows, chosen)
-        self._parameters = (*chosen.parameters, *NUISANCES)
-        self._slopes: tuple[tuple[float, ...], dict[str, Array]] = ((), {})
-
-    @property
-    def observed(self) -> Array:
-        """Whitened data (rows,)."""
-        return np.asarray(self.data / self.sd)
-
-    def nuisances(self) -> tuple[Parameter, ...]:
-        """Return what every fit varies."""
-        return NUISANCES
-
-    def anchor(self, point: Mapping[str, float]) -> Array:
-        """Return the prediction (rows,); there is no finer model."""
-        return np.asarray(self.vector(point) * self.sd)
-
-    def vector(self, point: Mapping[str, float]) -> Array:
-        """Return the whitened prediction (rows,)."""
-        return np.asarray(self.predictor({k: np.array([v]) for k, v in point.items()})[0] / self.sd)
-
-    def derivative(self, point: Mapping[str, float], parameter: Parameter) -> Array:
-        """Return its derivative (rows,) by a parameter; those by all parameters are computed together."""
-        key = tuple(point.values())
-        if self._slopes[0] != key:
-            self._slopes = (key, self._all_derivatives(point))
-        return self._slopes[1][parameter.name]
-
-    def _all_derivatives(self, point: Mapping[str, float]) -> dict[str, Array]:
-        names = [p.name for p in self._parameters]
-        at = np.array([point[name] for name in names])
-        low, high = (np.array([p.bounds[end] for p in self._parameters]) for end in (0, 1))
-        step = np.array([p.step for p in self._parameters])
-        up, down = np.minimum(at + step, high), np.maximum(at - step, low)
-        several = np.tile(at, (2 * len(at), 1))
-        for k in range(len(at)):
-            several[2 * k, k], several[2 * k + 1, k] = up[k], down[k]
-        rows = self.predictor(dict(zip(names, several.T, strict=True))) / self.sd
-        change = (rows[0::2] - rows[1::2]) / (up - down)[:, None]
-        return dict(zip(names, change, strict=True))
-
-    def further_rows(self) -> Array:
-        """Return none: the noise of rows is what they state."""
-        return np.zeros((0, self.data.size))
 
 
 @dataclass(frozen=True)
@@ -185,6 +121,8 @@ def judge_set(
     chosen: MechanismSet,
     unknown: Collection[str] = (),
     near: Mapping[str, float] | None = None,
+    *,
+    sampled: bool = True,
     seed: int = 0,
 ) -> Judged:
     """Fit one set of mechanisms to all readings of the outcomes.
@@ -197,6 +135,8 @@ def judge_set(
         Groups that are set aside as unexplained.
     near : mapping, optional
         A point from where to begin; the usual start otherwise.
+    sampled : bool
+        Whether its evidence is sampled; else it is Laplace's, and there are no posterior draws.
     seed : int
         Of the draws.
 
@@ -205,48 +145,34 @@ def judge_set(
     Judged
     """
     sd, start = outcomes.sd(unknown), start_of(chosen) if near is None else dict(near)
-    found: list[tuple[float, JointFit, Array, Draws]] = []
+    fits: list[tuple[JointFit, Array]] = []
+    draws: list[Draws] = []
     rng = generator(seed, "thesis jointly", *sorted(chosen.ids))
     for data in outcomes.readings():
         model = OutcomeModel(outcomes, chosen, data, sd)
         metric = Metric.of(np.zeros((0, data.size)), np.zeros(0))
         taken = [Taken(m, m.parameters) for m in chosen.mechanisms if m.parameters]
-        start = _optimum(model, (*chosen.parameters, *NUISANCES), start)
-        best = Fitter(model).fitted(taken, start, metric=metric, rounds=0)
-        draws = drawn(best, model.predictor, data, sd, rng)
-        found.append((draws.log_evidence, best, data, draws))
-    logs = np.array([f[0] for f in found])
-    share = np.exp(logs - special.logsumexp(logs))
-    counts = np.maximum(np.round(POINTS * share).astype(int), 0)
-    points = np.concatenate([f[3].equal(int(n), rng) for f, n in zip(found, counts, strict=True)])
-    _, best, data, draws = max(found, key=lambda f: f[0])
-    whole = float(special.logsumexp(logs) - np.log(len(found)))
-    return Judged(chosen, best, whole, data, dict(zip(draws.names, points.T, strict=True)))
+        start = optimum(model, (*chosen.parameters, *NUISANCES), start)
+        fits.append((Fitter(model).fitted(taken, start, metric=metric, rounds=0), data))
+        if sampled:
+            draws.append(drawn(fits[-1][0], model.predictor, data, sd, rng))
+    logs = np.array([d.log_evidence for d in draws] if sampled else [_by_laplace(fit, sd) for fit, _ in fits])
+    best, data = fits[int(np.argmax(logs))]
+    points: Mapping[str, Array] = {}
+    if sampled:
+        counts = np.round(POINTS * np.exp(logs - special.logsumexp(logs))).astype(int)
+        every = np.concatenate([d.equal(int(n), rng) for d, n in zip(draws, counts, strict=True)])
+        points = dict(zip(draws[0].names, every.T, strict=True))
+    return Judged(chosen, best, float(special.logsumexp(logs) - np.log(len(fits))), data, points)
 
 
-def _optimum(model: OutcomeModel, parameters: Sequence[Parameter], start: Mapping[str, float]) -> dict[str, float]:
-    """Return the most probable point by a trust region that keeps to the bounds (Branch, Coleman and Li 1999)."""
-    null, deviation = np.array([p.null for p in parameters]), np.array([p.deviation for p in parameters])
-    low, high = (np.array([p.bounds[end] for p in parameters]) for end in (0, 1))
-
-    def point(values: Array) -> dict[str, float]:
-        return {p.name: float(v) for p, v in zip(parameters, values, strict=True)}
-
-    def misfit(values: Array) -> Array:
-        return np.concatenate([model.vector(point(values)) - model.observed, (values - null) / deviation])
-
-    def slopes(values: Array) -> Array:
-        own = np.array([model.derivative(point(values), p) for p in parameters])
-        return np.concatenate([own.T, np.diag(1.0 / deviation)])
-
-    inside = np.clip([start[p.name] for p in parameters], low + EDGE * deviation, high - EDGE * deviation)
-    found = optimize.least_squares(
-        misfit, inside, slopes, bounds=(low, high), x_scale=deviation, max_nfev=EVALUATIONS, ftol=1e-5, xtol=1e-6
-    )
-    # Evidence takes a parameter that the data push against a bound for held there.
-    near = np.clip(found.x, low, high)
-    near = np.where(near - low < 2 * EDGE * deviation, low, np.where(high - near < 2 * EDGE * deviation, high, near))
-    return point(near)
+def _by_laplace(fit: JointFit, sd: Array) -> float:
+    """Return Laplace's log evidence in the rows' own units, priors normalised over what lies inside bounds [nats]."""
+    total = fit.log_evidence - float(np.log(sd).sum()) - 0.5 * sd.size * np.log(2.0 * np.pi)
+    for p in fit.parameters:
+        low, high = ((bound - p.null) / p.deviation for bound in p.bounds)
+        total -= float(np.log(special.ndtr(high) - special.ndtr(low)))
+    return total
 
 
 def start_of(chosen: MechanismSet) -> dict[str, float]:
@@ -275,8 +201,12 @@ def judge(
     for number, chosen in enumerate(sets):
         if number % 100 == 0:
             tell(f"set {number} of {len(sets)}")
-        found.append(judge_set(outcomes, chosen, unknown))
-    return verdict_of(outcomes, unknown, found)
+        found.append(judge_set(outcomes, chosen, unknown, sampled=False))
+    least = max(one.log_weight for one in found) - FAR_NATS
+    near = [one for one in found if one.log_weight > least]
+    tell(f"evidence of {len(near)} of {len(found)} sets")
+    sampled = {one.chosen.ids: judge_set(outcomes, one.chosen, unknown, one.fit.point) for one in near}
+    return verdict_of(outcomes, unknown, [sampled.get(one.chosen.ids, one) for one in found])
 
 
 def verdict_of(outcomes: Outcomes, unknown: Collection[str], found: Sequence[Judged]) -> Verdict:

@@ -11,7 +11,7 @@ from evanesce.studies.thesis.figures import published_depth
 from evanesce.studies.thesis_jointly import tables
 from evanesce.studies.thesis_jointly.predict import RADIUS_MM
 
-SHARE, LENGTH_MM, FORCE_N = 0.61, 0.90, 5.0
+SHARE, LENGTH_MM, FORCE_N = 0.53, 0.90, 5.0
 """Of the single explanation of ``bundles/thesis_silskin_20``: one cause, Hertz's contact with the published E*(F)."""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -21,6 +22,8 @@ from evanesce.cli.common import (
 )
 from evanesce.core.errors import InputError
 
+SD_TIMES = (0.2, 5.0)
+
 
 def register(group: typer.Typer) -> None:
     """Add the command to the group of studies."""
@@ -33,6 +36,9 @@ def register(group: typer.Typer) -> None:
         ],
         json_file: JsonOption = None,
         report: Annotated[Path | None, typer.Option("--report", help="Write an HTML page to this file.")] = None,
+        sd_times: Annotated[
+            float, typer.Option("--sd-times", help="Factor of all standard deviations: none is printed in the thesis.")
+        ] = 1.0,
     ) -> None:
         """Judge mechanisms of optics, mechanics and reading jointly on the published outcomes of both fingers.
 
@@ -50,7 +56,9 @@ def register(group: typer.Typer) -> None:
             )
         for target in (json_file, report):
             check_json_target(target)
-        outcomes, began = read_outcomes(folders), time.monotonic()
+        if not SD_TIMES[0] <= sd_times <= SD_TIMES[1]:
+            raise InputError(f"{sd_times:g}", key="--sd-times", allowed=f"{SD_TIMES[0]:g} to {SD_TIMES[1]:g}")
+        outcomes, began = replace(read_outcomes(folders), times=sd_times), time.monotonic()
 
         def tell(line: str) -> None:
             messages.print(escape(f"{time.monotonic() - began:4.0f} s  {line}"), highlight=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -94,7 +94,7 @@ def criticise_thesis(
         JSON-able; units stand beside figures.
     """
     ridged = [g for g in outcomes.groups if g.endswith(RIDGED)]
-    rest = Outcomes(tuple(r for r in outcomes.rows if r.group not in ridged))
+    rest = replace(outcomes, rows=tuple(r for r in outcomes.rows if r.group not in ridged))
     verdict = settled(rest, list(sets) or list(all_sets()), tell)
     found = [_outcomes_of(verdict, group, tell) for group in rest.groups]
     ridges = [judge(outcomes.only(group), RIDGE_SETS) for group in ridged]
@@ -103,6 +103,7 @@ def criticise_thesis(
     menu = ranked(verdict)
     return {
         "version": 1,
+        "sd_times": outcomes.times,
         "first_line": _first_line(verdict, found),
         "sets": [_set(one, p) for one, p in list(zip(verdict.sets, verdict.probability, strict=True))[:SHOWN_SETS]],
         "sets_judged": len(verdict.sets) * len(RIDGE_SETS),

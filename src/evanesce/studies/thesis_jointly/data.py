@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import tomllib
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -151,9 +151,12 @@ class Outcomes:
     Attributes
     ----------
     rows : tuple of Row
+    times : float
+        Factor of all standard deviations: none is printed, and an answer should survive another guess.
     """
 
     rows: tuple[Row, ...]
+    times: float = 1.0
 
     @property
     def groups(self) -> tuple[str, ...]:
@@ -162,11 +165,11 @@ class Outcomes:
 
     def without(self, group: str) -> Outcomes:
         """Return the rows of all other groups."""
-        return Outcomes(tuple(row for row in self.rows if row.group != group))
+        return replace(self, rows=tuple(row for row in self.rows if row.group != group))
 
     def only(self, group: str) -> Outcomes:
         """Return a group's rows."""
-        return Outcomes(tuple(row for row in self.rows if row.group == group))
+        return replace(self, rows=tuple(row for row in self.rows if row.group == group))
 
     def of(self, group: str) -> NDArray[np.int_]:
         """Return the places of a group's rows."""
@@ -179,7 +182,7 @@ class Outcomes:
 
     def sd(self, unknown: Collection[str] = ()) -> Array:
         """Return standard deviations (rows,), those of groups that something unknown makes being widened."""
-        own = np.array([row.sd for row in self.rows])
+        own = self.times * np.array([row.sd for row in self.rows])
         broad = np.array([UNKNOWN_SD_V if row.outcome.unit == "V" else UNKNOWN_SD for row in self.rows])
         wide = np.array([row.group in unknown for row in self.rows], bool)
         return np.where(wide, np.hypot(own, broad), own)

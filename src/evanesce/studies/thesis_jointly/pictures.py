@@ -9,17 +9,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 Rows = Sequence[Mapping[str, Any]]
 
 TITLES = {
-    "read_area": "area read by the waveguide", "depth": "depth on glass (eq 5.3)",
+    "read_area": "area by the waveguide", "depth": "depth on glass (eq 5.3)",
     "cylinder_depth": "depth under the cylinder", "youngs_modulus": "Young's modulus (DMA)",
-    "friction": "static friction at 1 N", "tilt_friction": "friction, 45 over 0 deg, less 1",
-    "ridged_over_smooth": "ridged over smooth area", "overshoot": "normal force at held depth, less 1",
-    "length_change": "area, length 25 over 7.5 mm, less 1", "diameter_change": "area, D 20 over D 15 mm, less 1",
-    "bone_change": "area, bone over none, less 1", "lost_below": "patch lost below",
-    "growth": "area, 12 over 9 V, less 1",
+    "friction": "static friction at 1 N", "tilt_friction": "friction change, 0 to 45 deg",
+    "ridged_over_smooth": "ridged over smooth area", "overshoot": "force change at held depth",
+    "length_change": "area change, L 7.5 to 25 mm", "diameter_change": "area change, D 15 to 20 mm",
+    "bone_change": "area change by a bone", "lost_below": "patch lost below",
+    "growth": "area change, 9 to 12 V",
 }  # fmt: skip
 NAMES = {"silskin_0": "Silskin 0 %", "silskin_20": "Silskin 20 %"}
 BELIEVED, EXTENDED, OTHERS, PUBLISHED = "#8c959f", "#1f6feb", "#d1571b", "#000000"
@@ -126,6 +127,9 @@ def draw_outcome(axis: Axes, group: str, rows: Rows, *, small: bool = False) -> 
     values = [v for r in rows for v in (*r["published"], r["believed"], *r["extended"])]
     if min(values) > 0 and max(values) > 4 * min(values):
         axis.set_yscale("log")
+        axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 1.4, 2.0, 3.0, 5.0, 7.0)))
+        axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.yaxis.set_minor_locator(NullLocator())
     axis.set_ylabel(f"[{rows[0]['unit'].replace('mm2', 'mm²')}]", fontsize=size)
     axis.tick_params(labelsize=size)
     axis.set_title(title_of(group), fontsize=size + 0.5)
@@ -168,5 +172,7 @@ def mechanism_figure(result: Mapping[str, Any]) -> Figure:
             ha="right" if inside else "left", fontsize=8, color="white" if inside else "black",
         )  # fmt: skip
     axis.set_yticks(at, [r["title"] for r in rows], fontsize=8)
-    axis.set(xlim=(0, 1), xlabel="probability given all outcomes (blue: named, orange: open, grey: excluded)")
+    axis.set_xlim(0, 1)
+    axis.set_xlabel("probability given all outcomes", fontsize=9)
+    axis.tick_params(axis="x", labelsize=8)
     return figure

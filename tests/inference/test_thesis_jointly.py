@@ -314,3 +314,23 @@ def test_the_answer_of_a_small_judgement_is_whole():
     assert {r["id"] for r in answer["outcomes"]} == {r.outcome.id for r in rows}
     for one in answer["outcomes"]:
         assert one["extended"][1] <= one["extended"][0] <= one["extended"][2]
+
+
+def test_wider_deviations_say_less_and_a_factor_out_of_range_is_refused():
+    outcomes = Outcomes(tuple(PLANTED.rows(np.random.default_rng(4))))
+    sets = [s for s in some_sets("modulus", "friction_by_read_area") if {"hertz", "modulus"} <= s.ids]
+    narrow, wide = (judge(Outcomes(outcomes.rows, times), sets) for times in (1.0, 4.0))
+    assert wide.inclusion("clear") > 10 * narrow.inclusion("clear")
+    arguments = ["study", "thesis-jointly", *map(str, SHIPPED), "--sd-times", "0.01"]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 2
+    assert "--sd-times" in result.stderr
+    assert "0.2 to 5" in result.stderr
+
+
+def test_shipped_outcomes_hold_both_fingers_and_a_source_for_each():
+    outcomes = read_outcomes(SHIPPED)
+    assert len(outcomes.rows) == 28
+    assert len(outcomes.groups) == 19
+    assert all("assumed" in r.outcome.uncertainty for r in outcomes.rows)
+    assert sum(1 for _ in outcomes.readings()) == 2

@@ -152,11 +152,11 @@ def _outcomes_of(verdict: Verdict, group: str, tell: Tell) -> list[dict[str, Any
     outside = 1.0 if group in verdict.unknown else unexplained(verdict, group)
     if group not in verdict.unknown and outside > DOUBTFUL:
         outside = float(special.expit(proved_odds(verdict, group)))
-    found = []
+    found, sd = [], verdict.outcomes.only(group).sd()
     for k, row in enumerate(rows):
         figures = row.outcome.figures
         centre = float(np.median(extended[:, k]))
-        z = min(((float(row.scaled(f)) - centre) / row.sd for f in figures), key=abs)
+        z = min(((float(row.scaled(f)) - centre) / sd[k] for f in figures), key=abs)
         found.append(
             {
                 "material": row.material, "id": row.outcome.id, "group": group, "unit": row.outcome.unit,

@@ -26,6 +26,7 @@ from evanesce.studies.thesis_jointly.data import FILE, Outcome, Outcomes, Row, r
 from evanesce.studies.thesis_jointly.judge import foretold, judge, judge_set, settled
 from evanesce.studies.thesis_jointly.mechanisms import MECHANISMS, NOMINAL, NUISANCES, MechanismSet, all_sets
 from evanesce.studies.thesis_jointly.menu import ranked
+from evanesce.studies.thesis_jointly.page import page
 from evanesce.studies.thesis_jointly.predict import Predictor
 from evanesce.studies.thesis_jointly.sample import drawn
 
@@ -293,8 +294,8 @@ def test_every_set_has_one_law_and_one_way_of_scattering():
 
 @pytest.mark.slow  # fits all 960 sets to all outcomes, several times: minutes
 def test_both_fingers_jointly(tmp_path: Path):
-    target, page = tmp_path / "j.json", tmp_path / "j.html"
-    arguments = ["study", "thesis-jointly", *map(str, SHIPPED), "--json", str(target), "--report", str(page)]
+    target, report = tmp_path / "j.json", tmp_path / "j.html"
+    arguments = ["study", "thesis-jointly", *map(str, SHIPPED), "--json", str(target), "--report", str(report)]
     assert CliRunner().invoke(app, arguments).exit_code == 0
     result = json.loads(target.read_text())
     probability = {m["id"]: m["probability"] for m in result["mechanisms"]}
@@ -304,7 +305,7 @@ def test_both_fingers_jointly(tmp_path: Path):
     assert result["unexplained"] == ["silskin_0:overshoot"]
     other = result["scattering_of_the_other_bundle"]
     assert other["read_mm2"] > 1.4 * max(other["published_mm2"])
-    assert page.read_text().count("data:image/png") == len({r["group"] for r in result["outcomes"]}) + 1
+    assert report.read_text().count("data:image/png") == len({r["group"] for r in result["outcomes"]}) + 1
 
 
 def test_the_answer_of_a_small_judgement_is_whole():
@@ -314,6 +315,10 @@ def test_the_answer_of_a_small_judgement_is_whole():
     assert {r["id"] for r in answer["outcomes"]} == {r.outcome.id for r in rows}
     for one in answer["outcomes"]:
         assert one["extended"][1] <= one["extended"][0] <= one["extended"][2]
+    html = page(answer, {}).render()
+    # A picture for each group, and the mechanisms' probabilities.
+    assert html.count("data:image/png") == len({r["group"] for r in answer["outcomes"]}) + 1
+    assert "published: 28.9 or 40.3 mm²" in html
 
 
 def test_wider_deviations_say_less_and_a_factor_out_of_range_is_refused():

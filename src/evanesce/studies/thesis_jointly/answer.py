@@ -160,7 +160,8 @@ def _outcomes_of(verdict: Verdict, group: str, tell: Tell) -> list[dict[str, Any
         found.append(
             {
                 "material": row.material, "id": row.outcome.id, "group": group, "unit": row.outcome.unit,
-                "published": list(figures), "sd": row.outcome.sd, "believed": float(row.figure(believed[k])),
+                "published": list(figures), "sd": verdict.outcomes.times * row.outcome.sd,
+                "believed": float(row.figure(believed[k])),
                 "extended": _interval(row, extended[:, k]),
                 "from_others": None if alone_here else _interval(row, ahead[:, k]),
                 "residual_sd": z, "gain_nats": gain, "unexplained": outside, "source": row.outcome.source,
@@ -216,7 +217,7 @@ def _parameters(verdict: Verdict, ridges: Sequence[Verdict]) -> list[dict[str, A
             continue
         logarithmic = p.unit.startswith("ln")
         ends = np.percentile(np.concatenate(values), [50.0, LOW, HIGH])
-        prior = np.array([p.null, p.null - p.deviation, p.null + p.deviation])
+        prior = np.clip([p.null, p.null - p.deviation, p.null + p.deviation], *p.bounds)
         value, low, high = np.exp(ends) if logarithmic else ends
         found.append(
             {
@@ -254,6 +255,8 @@ def _first_line(verdict: Verdict, found: Sequence[Sequence[Mapping[str, Any]]]) 
     scatters = 1.0 - verdict.inclusion("clear") - verdict.inclusion("scatter_0")
     words = [f"{', '.join(named) or 'no mechanism'} (each probable to {NAMED:.2f} or more)"]
     words.append(f"Silskin 20 % scatters with probability {scatters:.2f}")
+    if verdict.outcomes.times != 1.0:
+        words.append(f"all standard deviations times {verdict.outcomes.times:g}")
     if verdict.unknown:
         words.append(f"not explained: {', '.join(verdict.unknown)}")
     far = [row["id"] for group in found for row in group if abs(row["residual_sd"]) > 2.5]

@@ -86,9 +86,9 @@ def others(name: str, silicone: Material, facts: dict[str, Any]) -> list[dict]:
 
 def reported(facts: dict[str, Any]) -> list[dict]:
     """Return what chapter 6 reports of Silskin 0 % and chapter 5 of the voltage."""
-    told = facts["reported"]
+    figures = facts["reported"]
     found = []
-    ridged = told["ridged_over_smooth_max_area_1N"]
+    ridged = figures["ridged_over_smooth_max_area_1N"]
     found.append(
         outcome(
             "ridged_area",
@@ -100,7 +100,7 @@ def reported(facts: dict[str, Any]) -> list[dict]:
             "assumed 5 %: place of the tip among the ridges, elements of 0.5 mm",
         )
     )
-    over = told["normal_force_overshoot_mu_1p13"]
+    over = figures["normal_force_overshoot_mu_1p13"]
     for mu in (1.13, 0.82, 0.67):
         found.append(
             outcome(
@@ -119,7 +119,7 @@ def reported(facts: dict[str, Any]) -> list[dict]:
         ("diameter_20_over_15", "diameter_change"),
         ("bone", "bone_change"),
     ):
-        one = told[f"area_change_{key}_1N"]
+        one = figures[f"area_change_{key}_1N"]
         found.append(
             outcome(
                 kind,

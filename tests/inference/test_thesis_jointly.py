@@ -23,7 +23,7 @@ from evanesce.prediction.parameters import Parameter
 from evanesce.studies.thesis_jointly import tables
 from evanesce.studies.thesis_jointly.answer import criticise_thesis
 from evanesce.studies.thesis_jointly.data import FILE, Outcome, Outcomes, Row, read_outcomes
-from evanesce.studies.thesis_jointly.judge import foretold, judge, judge_set, settled
+from evanesce.studies.thesis_jointly.judge import judge, judge_set, log_predictive, settled
 from evanesce.studies.thesis_jointly.mechanisms import MECHANISMS, NOMINAL, NUISANCES, MechanismSet, all_sets
 from evanesce.studies.thesis_jointly.menu import ranked
 from evanesce.studies.thesis_jointly.page import page
@@ -209,7 +209,7 @@ def test_sampled_evidence_is_the_integral(at: float, low: float):
     assert found.log_evidence == pytest.approx(np.log(np.trapezoid(density * like, grid)), abs=0.05)
 
 
-def test_what_is_foretold_of_a_group_is_the_density_without_it():
+def test_predictive_density_of_a_group_is_that_of_a_fit_without_it():
     """By a fit without the group; both share one set and have closed forms' fits near."""
     outcomes = Outcomes(tuple(PLANTED.rows(np.random.default_rng(2))))
     chosen = MechanismSet(frozenset({"hertz", "scatter_20", "modulus", "friction_by_read_area"}))
@@ -217,7 +217,7 @@ def test_what_is_foretold_of_a_group_is_the_density_without_it():
     whole, rest = judge_set(outcomes, chosen), judge_set(outcomes.without(group), chosen)
     places = outcomes.of(group)
     units = float(np.log(outcomes.sd()[places]).sum()) + 0.5 * places.size * np.log(2 * np.pi)
-    assert foretold(whole, places) - units == pytest.approx(whole.log_evidence - rest.log_evidence, abs=0.4)
+    assert log_predictive(whole, places) - units == pytest.approx(whole.log_evidence - rest.log_evidence, abs=0.4)
 
 
 def test_two_readings_of_a_figure_share_the_evidence():
@@ -262,7 +262,7 @@ def test_shipped_outcomes_are_those_that_the_script_makes(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "said"),
     [
         ('kind = "depth"', 'kind = "dept"', "outcome"),
         ("sd = 0.0251", "sd = 0.0", "sd"),
@@ -272,11 +272,11 @@ def test_shipped_outcomes_are_those_that_the_script_makes(tmp_path: Path):
         ('id = "depth_1N"', 'id = "depth_5N"', "twice"),
     ],
 )
-def test_what_is_wrong_in_a_file_is_told_in_one_line(tmp_path: Path, old: str, new: str, told: str):
+def test_what_is_wrong_in_a_file_is_one_line(tmp_path: Path, old: str, new: str, said: str):
     text = (SHIPPED[0] / FILE).read_text()
     assert old in text
     (tmp_path / FILE).write_text(text.replace(old, new, 1))
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=said):
         read_outcomes([tmp_path])
     result = CliRunner().invoke(app, ["study", "thesis-jointly", str(tmp_path)])
     assert result.exit_code == 2

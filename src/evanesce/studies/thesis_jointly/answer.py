@@ -1,4 +1,4 @@
-"""The answer as numbers: sets, mechanisms, parameters, outcomes believed, extended and foretold, what decides next."""
+"""The answer as numbers: sets, mechanisms, parameters, outcomes believed, extended and left out, what decides next."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from evanesce.studies.thesis_jointly.judge import (
     judge,
     judge_set,
     left_out,
-    proved_odds,
+    refitted_odds,
     settled,
     unexplained,
     verdict_of,
@@ -46,7 +46,7 @@ LOW, HIGH = 5.0, 95.0
 SHOWN_SETS = 10
 RIDGED = "ridged_over_smooth"
 DOUBTFUL = 0.1
-"""Probability of being unexplained, by sets linear about their fits, above which it is told by fits."""
+"""Probability of being unexplained, by sets linear about their fits, above which fits decide."""
 NAMED = 0.95
 """Probability from which on a mechanism is named, and below one less which it is excluded."""
 
@@ -141,7 +141,7 @@ def predicted(verdict: Verdict, rows: Sequence[Row]) -> Array:
 
 
 def _outcomes_of(verdict: Verdict, group: str, tell: Tell) -> list[dict[str, Any]]:
-    """Return a group's outcomes: published, believed, extended, and foretold by all others."""
+    """Return a group's outcomes: published, believed, extended, and predicted from all others."""
     tell(f"{group} from the others")
     rows = [row for row in verdict.outcomes.rows if row.group == group]
     alone_here = len(verdict.outcomes.groups) == 1
@@ -151,7 +151,7 @@ def _outcomes_of(verdict: Verdict, group: str, tell: Tell) -> list[dict[str, Any
     gain = None if alone_here or group in verdict.unknown else _gain(verdict, others, group)
     outside = 1.0 if group in verdict.unknown else unexplained(verdict, group)
     if group not in verdict.unknown and outside > DOUBTFUL:
-        outside = float(special.expit(proved_odds(verdict, group)))
+        outside = float(special.expit(refitted_odds(verdict, group)))
     found, sd = [], verdict.outcomes.only(group).sd()
     for k, row in enumerate(rows):
         figures = row.outcome.figures
@@ -173,7 +173,7 @@ def _outcomes_of(verdict: Verdict, group: str, tell: Tell) -> list[dict[str, Any
 
 
 def _gain(verdict: Verdict, others: Verdict, group: str) -> float:
-    """Return by how much better a group is foretold from all others than by the nominal model so fitted [nats]."""
+    """Return by how much better a group is predicted from all others than by the nominal model so fitted [nats]."""
     both = {one.chosen.ids for one in others.sets}
     same = verdict_of(verdict.outcomes, verdict.unknown, [s for s in verdict.sets if s.chosen.ids in both])
     nominal = [judge_set(o, NOMINAL, verdict.unknown).log_evidence for o in (verdict.outcomes, others.outcomes)]
@@ -199,8 +199,8 @@ def _mechanisms(verdict: Verdict, ridges: Sequence[Verdict]) -> list[dict[str, A
         if name == RIDGES.id and not ridges:
             continue
         p = which.inclusion(name)
-        told = "named" if p >= NAMED else "excluded" if p <= 1.0 - NAMED else "open"
-        found.append({"id": name, "title": one.title, "probability": p, "verdict": told, "prior": one.prior})
+        status = "named" if p >= NAMED else "excluded" if p <= 1.0 - NAMED else "open"
+        found.append({"id": name, "title": one.title, "probability": p, "verdict": status, "prior": one.prior})
     return found
 
 

@@ -1,4 +1,4 @@
-"""Judge every set of mechanisms on all outcomes: evidences, probabilities, what is unexplained, what is foretold.
+"""Judge every set of mechanisms on all outcomes: evidences, probabilities, what is unexplained, left-out predictions.
 
 The joint fit is that of the critic (:class:`evanesce.inference.joint.Fitter`), begun at an optimum by SciPy:
 interpolated predictions have kinks at which steps of Gauss and Newton stall. Its evidence is refined by sampling
@@ -214,7 +214,7 @@ def verdict_of(outcomes: Outcomes, unknown: Collection[str], found: Sequence[Jud
     return Verdict(outcomes, tuple(unknown), tuple(sorted(found, key=lambda one: -one.log_weight)))
 
 
-def foretold(one: Judged, places: Array, wider: Array | float = 0.0) -> float:
+def log_predictive(one: Judged, places: Array, wider: Array | float = 0.0) -> float:
     """Return the log density of some rows given all others, the set's model linear about its fit.
 
     ``wider`` is a further variance of each row, over that of its noise; densities are per whitened unit.
@@ -232,9 +232,9 @@ def foretold(one: Judged, places: Array, wider: Array | float = 0.0) -> float:
 
 
 def likely(verdict: Verdict, group: str, count: int = MOST) -> list[Judged]:
-    """Return the sets that are likely, with a group of outcomes or without it by :func:`foretold`."""
+    """Return the sets that are likely, with a group of outcomes or without it by :func:`log_predictive`."""
     places = verdict.outcomes.of(group)
-    without = sorted(verdict.sets, key=lambda one: foretold(one, places) - one.log_weight)
+    without = sorted(verdict.sets, key=lambda one: log_predictive(one, places) - one.log_weight)
     return list({id(one): one for one in (*verdict.sets[:count], *without[:count])}.values())
 
 
@@ -266,14 +266,14 @@ def unexplained(verdict: Verdict, group: str) -> float:
     """
     outcomes, places = verdict.outcomes, verdict.outcomes.of(group)
     wider = np.square(outcomes.sd([group])[places] / outcomes.sd()[places]) - 1.0
-    logs = [(foretold(one, places), foretold(one, places, wider), one.log_weight) for one in verdict.sets]
+    logs = [(log_predictive(one, places), log_predictive(one, places, wider), one.log_weight) for one in verdict.sets]
     model, broad, weight = np.array(logs).T
     # Sets weigh by all other outcomes.
     odds = special.logsumexp(weight - model + broad) - special.logsumexp(weight)
     return float(special.expit(odds + np.log(OUTSIDE / (1.0 - OUTSIDE))))
 
 
-def proved_odds(verdict: Verdict, group: str) -> float:
+def refitted_odds(verdict: Verdict, group: str) -> float:
     """Return the log odds of :func:`unexplained` by fits of the likely sets, the group taken for unexplained."""
     chosen, unknown = likely(verdict, group), (*verdict.unknown, group)
     after = [judge_set(verdict.outcomes, one.chosen, unknown, one.fit.point) for one in chosen]
@@ -299,10 +299,10 @@ def settled(outcomes: Outcomes, sets: Sequence[MechanismSet], tell: Tell = lambd
     while True:
         found = {}
         for group in outcomes.groups:
-            # What is linear about a fit only accuses: sets without the group are fitted before it is set aside.
+            # The linear estimate screens: sets without the group are fitted before it is set aside.
             if group not in verdict.unknown and unexplained(verdict, group) > WORST:
                 tell(f"is {group} explained?")
-                found[group] = proved_odds(verdict, group)
+                found[group] = refitted_odds(verdict, group)
         worst = max(found, key=lambda g: found[g], default="")
         if not worst or found[worst] < special.logit(WORST):
             return verdict

@@ -90,7 +90,7 @@ def parameter_table(result: Mapping[str, Any]) -> Table:
 
 
 def outcome_table(result: Mapping[str, Any]) -> Table:
-    """Return published, believed, extended and foretold figures."""
+    """Return published, believed, extended and left-out figures."""
     rows = []
     for r in result["outcomes"]:
         extended, others, gain = r["extended"], r["from_others"], r["gain_nats"]

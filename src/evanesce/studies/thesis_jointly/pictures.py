@@ -51,7 +51,7 @@ def title_of(group: str) -> str:
 
 
 def outcome_figure(group: str, rows: Rows) -> Figure:
-    """Return one group's outcomes: published, believed, extended, foretold by the others.
+    """Return one group's outcomes: published, believed, extended, predicted from the others.
 
     Parameters
     ----------

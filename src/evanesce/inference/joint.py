@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.inference.causes import Cause, Entry
+from evanesce.inference.causes import Entry
 from evanesce.inference.constants import FAR
 from evanesce.inference.gauss_newton import Prior, Solution, fit
 from evanesce.inference.model import Model
@@ -24,20 +24,32 @@ STAYED = 0.01
 """A fit has stayed where it was anchored if the misfit fell by less than this share since."""
 
 
+class Term(Protocol):
+    """What the joint fit asks of a cause, be it an effect of the library or a mechanism of another list."""
+
+    @property
+    def id(self) -> str:
+        """Its name."""
+
+    @property
+    def costly(self) -> bool:
+        """Whether each evaluation takes seconds."""
+
+
 @dataclass(frozen=True)
 class Taken:
     """A cause in the joint fit.
 
     Attributes
     ----------
-    cause : Cause
+    cause : Term
     parameters : tuple of Parameter
         Free ones.
     slow : mapping of str to ndarray (bins,)
         Whitened derivatives of parameters whose evaluation takes seconds: between anchors they act linearly.
     """
 
-    cause: Cause
+    cause: Term
     parameters: tuple[Parameter, ...]
     slow: Mapping[str, Array] = field(default_factory=dict)
 

@@ -17,11 +17,12 @@ from scipy.stats import chi2_contingency, kstest
 
 import evanesce.dataset as dataset
 from evanesce.core.errors import InputError
-from evanesce.dataset.config import KINDS, NOT_DRAWN, DatasetConfig, load_config
+from evanesce.dataset.config import KINDS, DatasetConfig, load_config
 from evanesce.dataset.design import draw_effect, friction_plan, rig_plan, trial_plan
 from evanesce.dataset.distributions import Distribution
 from evanesce.dataset.job import load_job, new_job, save_job
 from evanesce.dataset.programme import sample_programme, slide_speed
+from evanesce.dataset.randomisation import NOT_DRAWN
 from evanesce.effects import active_effects, all_effects
 from support.datasets import tiny_config, tiny_job
 from support.rigs import small_rig

@@ -28,13 +28,14 @@ from evanesce.cli.app import app
 from evanesce.core import provenance
 from evanesce.core.errors import InputError, WorkError
 from evanesce.dataset import baselines, layout, run, worker
-from evanesce.dataset.config import CHANNELS, NOT_DRAWN
+from evanesce.dataset.config import CHANNELS
 from evanesce.dataset.data_card import _effects, schema
 from evanesce.dataset.encode import decode_exr, decode_png, decoded, exr
 from evanesce.dataset.export import FORMATS, export
 from evanesce.dataset.info import describe, effects
 from evanesce.dataset.labels import LabelBox
 from evanesce.dataset.manifest import Manifest
+from evanesce.dataset.randomisation import NOT_DRAWN
 from evanesce.dataset.run import Deaths, Engine, make, resume
 from evanesce.dataset.trial import SCALARS
 from evanesce.dataset.verify import checksums, verify

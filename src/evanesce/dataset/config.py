@@ -11,14 +11,17 @@ from pydantic import Field, model_validator
 
 from evanesce.core.errors import InputError
 from evanesce.core.quantities import Strict, field
-from evanesce.dataset.distributions import Distribution, choice, constant, log_uniform, uniform
+from evanesce.dataset.config_motion import Motion
+from evanesce.dataset.distributions import Distribution, choice, constant, log_uniform, require_all, uniform
 from evanesce.dataset.limits import MAX_CONFIG_BYTES, MAX_SHARD_FRAMES, MAX_SIDE_PX, MIN_SIDE_PX
-from evanesce.effects import all_effects
+from evanesce.dataset.randomisation import Randomisation
 from evanesce.materials import material_names
 from evanesce.rig.load import validate
 
-KINDS = ("slide", "load_stop", "wiggle", "rotation", "ramp", "release", "change")
-"""Kinds of trial; all but ``slide`` are negatives, in which the contact never slides as a whole."""
+KINDS = ("slide", "load_stop", "wiggle", "rotation", "ramp", "release", "change", "spin", "regrasp")
+"""Kinds of trial."""
+SLIDING = ("slide", "spin", "regrasp")
+"""Kinds in which the whole contact slides; the others are negatives."""
 
 
 class Kinds(Strict):
@@ -31,6 +34,8 @@ class Kinds(Strict):
     ramp: float = field(0.03, unit="1", bounds=(0.0, 1e6))
     release: float = field(0.04, unit="1", bounds=(0.0, 1e6))
     change: float = field(0.03, unit="1", bounds=(0.0, 1e6))
+    spin: float = field(0.0, unit="1", bounds=(0.0, 1e6))
+    regrasp: float = field(0.0, unit="1", bounds=(0.0, 1e6))
 
     @model_validator(mode="after")
     def _some(self) -> Self:
@@ -42,11 +47,6 @@ class Kinds(Strict):
     def weights(self) -> tuple[float, ...]:
         """In the order of :data:`KINDS`."""
         return tuple(getattr(self, kind) for kind in KINDS)
-
-
-def _require(model: Strict, section: str, bounds: dict[str, tuple[float, float, str]]) -> None:
-    for key, (low, high, unit) in bounds.items():
-        getattr(model, key).require_within(f"{section}.{key}", low, high, unit)
 
 
 class Programme(Strict):
@@ -74,7 +74,7 @@ class Programme(Strict):
 
     @model_validator(mode="after")
     def _bounds(self) -> Self:
-        _require(self, "programme", _PROGRAMME)
+        require_all(self, "programme", _PROGRAMME)
         return self
 
 
@@ -108,7 +108,7 @@ class Friction(Strict):
 
     @model_validator(mode="after")
     def _bounds(self) -> Self:
-        _require(
+        require_all(
             self,
             "friction",
             {
@@ -139,7 +139,7 @@ class Fingers(Strict):
 
     @model_validator(mode="after")
     def _bounds(self) -> Self:
-        _require(
+        require_all(
             self,
             "finger",
             {
@@ -173,60 +173,6 @@ class Rigs(Strict):
             "camera.lens.distortion.k1": uniform(-0.42, -0.36),
         }
     )
-
-
-MOVES_PIXELS = {
-    "distortion_drift": "labels would not follow: draw camera.lens.distortion.k1 instead",
-}
-"""Effects that displace the image, and why they are not drawn."""
-ACTS_TWICE = {
-    "shear_area_loss": "friction.area_left takes the area, by each trial's own force: draw that",
-}
-"""Effects whose physics every trial has, and where it is set."""
-NOT_DRAWN = {
-    **MOVES_PIXELS,
-    **ACTS_TWICE,
-    "card_offset": "not observable: no printed card is in a frame",
-    "frame_rate": "not observable: it changes the time stamps of a camera; time_s is the true time",
-    "square_size": "not observable: no printed card is in a frame",
-}
-"""Effects that are never drawn, and why."""
-
-
-class Randomisation(Strict):
-    """Domain randomisation: each effect of the library acts in a share of the rigs.
-
-    The standard deviation of a parameter is ``strength`` times the one that its effect states; one-sided amplitudes are
-    folded. ``only`` restricts to the named effects, ``without`` excludes some.
-    """
-
-    probability: float = field(0.25, unit="1", bounds=(0.0, 1.0), doc="of each effect in a rig")
-    strength: float = field(1.0, unit="1", bounds=(0.0, 10.0))
-    only: tuple[str, ...] = ()
-    without: tuple[str, ...] = ()
-
-    @model_validator(mode="after")
-    def _known(self) -> Self:
-        for name in (*self.only, *self.without):
-            if name not in (known := all_effects()):
-                raise ValueError(f"randomisation names {name!r} (allowed: {', '.join(known)})")
-        for name in self.only:
-            if name in NOT_DRAWN:
-                raise ValueError(f"randomisation.only names {name!r} (not drawn: {NOT_DRAWN[name]})")
-        return self
-
-    @property
-    def candidates(self) -> tuple[str, ...]:
-        """Effects that may be drawn, in the library's order."""
-        if self.probability == 0.0 or self.strength == 0.0:
-            return ()
-        return tuple(e for e in all_effects() if (not self.only or e in self.only) and e not in self.left_out)
-
-    @property
-    def left_out(self) -> dict[str, str]:
-        """Effects that are not drawn, and why; those that ``only`` does not name are not among them."""
-        asked = dict.fromkeys((e for e in all_effects() if e in self.without), "by this configuration")
-        return dict(sorted({**asked, **NOT_DRAWN}.items()))
 
 
 class Trial(Strict):
@@ -340,6 +286,7 @@ class DatasetConfig(Strict):
     trials_per_shard: int = field(2, unit="1", bounds=(1, 10_000))
     kinds: Kinds = Kinds()
     programme: Programme = Programme()
+    motion: Motion = Motion()
     friction: Friction = Friction()
     finger: Fingers = Fingers()
     rig: Rigs = Rigs()

@@ -8,7 +8,7 @@ from typing import Any
 from evanesce.contact.analytic.hertz import hertz_pressure, hertz_radius
 from evanesce.contact.ridges.profile import closure_pressure, profile_exponent
 from evanesce.dataset import baselines, layout
-from evanesce.dataset.config import CHANNELS, KINDS
+from evanesce.dataset.config import CHANNELS, KINDS, SLIDING
 from evanesce.dataset.design import TrialPlan, trial_plan
 from evanesce.dataset.job import Job
 from evanesce.dataset.manifest import Manifest
@@ -47,6 +47,7 @@ def schema() -> dict[str, Any]:
         "friction": {**table, "required": ["index", "friction_coefficient"]},
         "rig": {**table, "required": ["index", "seed", "changes", "effects", "left_out"]},
         "programme": {**table, "additionalProperties": number},
+        "motion": {**table, "additionalProperties": number},
         "seed": whole,
         "config_sha256": text,
     }
@@ -75,7 +76,7 @@ def croissant(job: Job, manifest: Manifest) -> dict[str, Any]:
         _key("images", "frame-png-files"),
         _field("images/frame", "frame-png-files", "sc:ImageObject", "8-bit frame [DN]"),
     ]
-    kinds, (cols, rows) = ", ".join(KINDS[1:]), job.resolution
+    kinds, (cols, rows) = ", ".join(kind for kind in KINDS if kind not in SLIDING), job.resolution
     labels = job.config.labels
     names = [
         name for name in CHANNELS if name == "state" or name in labels.channels("frame") + labels.channels("plate")

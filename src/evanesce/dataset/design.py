@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 import warnings
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from scipy.stats import qmc
 
 from evanesce.core import rng
 from evanesce.dataset.config import KINDS, DatasetConfig, Programme, Split
+from evanesce.dataset.config_motion import MOTION_KEYS, MOTIONS
 from evanesce.effects import all_effects
 from evanesce.effects.protocol import Effect
 
@@ -74,7 +75,7 @@ class RigPlan:
 
 @dataclass(frozen=True)
 class TrialPlan:
-    """Plan of one trial."""
+    """Plan of one trial; ``motion`` holds the figures of what its finger does besides, by their keys."""
 
     index: int
     kind: str
@@ -83,6 +84,7 @@ class TrialPlan:
     friction: FrictionPlan
     rig: RigPlan
     programme: dict[str, float]
+    motion: dict[str, float] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
         """Return JSON-able data."""
@@ -256,7 +258,27 @@ def trial_plan(config: DatasetConfig, seed: int, index: int) -> TrialPlan:
         friction=friction_plan(config, seed, friction),
         rig=rig_plan(config, seed, rig),
         programme=programme,
+        motion=trial_motion(config, seed, index, kind),
     )
+
+
+_FIGURES = dict(zip(MOTIONS, MOTION_KEYS, strict=False)) | {"spin": "spin_deg"}
+
+
+def trial_motion(config: DatasetConfig, seed: int, index: int, kind: str) -> dict[str, float]:
+    """Draw the motions of a trial by their shares of the slides; ``spin`` has its own angle.
+
+    A stream of its own for each, so that a share leaves all other draws as they are.
+    """
+    drawn = {"spin"} if kind == "spin" else set()
+    if kind == "slide":
+        shares = {name: getattr(config.motion, name) for name in MOTIONS}
+        drawn = {name for name, share in shares.items() if share > stratum(seed, f"motion_{name}", index)}
+    return {
+        key: float(getattr(config.motion, key).at(stratum(seed, key, index)))
+        for name, key in _FIGURES.items()
+        if name in drawn
+    }
 
 
 def _pick(groups: tuple[int, ...], quantile: float) -> int:

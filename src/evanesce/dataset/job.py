@@ -13,9 +13,10 @@ from typing import Any
 from evanesce.core import provenance
 from evanesce.core.errors import InputError
 from evanesce.dataset import layout
-from evanesce.dataset.config import ACTS_TWICE, MOVES_PIXELS, DatasetConfig
+from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.design import ITS_TRIALS_MOTION
 from evanesce.dataset.limits import require_count, require_frame, resolution
+from evanesce.dataset.randomisation import ACTS_TWICE, MOVES_PIXELS
 from evanesce.effects import active_effects
 from evanesce.rig import Scene
 

@@ -19,6 +19,7 @@ from evanesce.dataset.encode import exr, mask_png, png
 from evanesce.dataset.job import Job
 from evanesce.dataset.labels import FrameLabeller, LabelBox, offset, plate_labels
 from evanesce.dataset.layout import frame_key
+from evanesce.dataset.planar_trial import trial_of
 from evanesce.dataset.rigs import (
     RigCamera,
     RigWithEffects,
@@ -210,7 +211,7 @@ class Producer:
             def load(i: int, time_s: float, force_N: float) -> float:
                 return ready.camera.load(start + i, time_s, force_N)
 
-            trial = Trial(plan, config, rig.scene, ready.grid, load)
+            trial = trial_of(plan, config, rig.scene, ready.grid, load)
             if any(entry.effect.stage is Stage.CONTACT for entry in rig.effects):
                 # Whether an effect of the contact knows this finger shows only on a contact.
                 contact = next((t.state for t in map(trial.truth, range(len(trial))) if t.state is not None), None)
@@ -294,6 +295,7 @@ class Producer:
             "friction": plans["friction"],
             "rig": {**plans["rig"], "effects": all_of(self.job.scene, plan.rig), "left_out": list(left_out)},
             "programme": plans["programme"],
+            "motion": plans["motion"],
             "seed": self.job.seed,
             "config_sha256": self._digest,
         }

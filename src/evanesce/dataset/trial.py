@@ -108,7 +108,7 @@ class Trial:
         self._shaft = shaft_stiffness(plan)
         series = 1.0 / (1.0 / (2.0 * contact.contact_radius * shear) + 1.0 / self._shaft)
         self.reach_mm = reach(contact, self._friction, shear, self._shaft)
-        sampled = sample_programme(plan, config.trial, series, self.reach_mm)
+        sampled = self._programme(series)
         if load is not None:
             commanded = zip(sampled.time.tolist(), sampled.force.tolist(), strict=True)
             actual = [load(i, t, f) if f > LIFTED_N else 0.0 for i, (t, f) in enumerate(commanded)]
@@ -116,10 +116,8 @@ class Trial:
         self._travel = self.reach_mm - self._limit(contact) / self._shaft + plan.programme["distance_mm"]
         self._sampled: Sampled = sampled
         self.time = sampled.time
-        self._slide, self._rates = self._march(shear)
-        self._states = self._views()
         self._ridges = ridge_row(scene)
-        self._twists = self._twist(shear)
+        self._solve(shear)
         self.onset_first_slip_s, self.onset_gross_slip_s = self._onsets()
 
     def __len__(self) -> int:
@@ -138,12 +136,10 @@ class Trial:
         With ``late_s`` [s], of that part's shape, each cell as much later.
         """
         state = self._smooth(i)
-        outer: tuple[Any, Any] = self._outer(i, self._slide.frames[i].spring_slip)
+        outer, rates = self._beside(i)
         if late_s is not None:
             state = slip_labelled(advanced(state, self.motion(i), late_s))
-            outer = tuple(
-                slip + rate * late_s for slip, rate in zip(outer, self._outer(i, self._rates[i]), strict=True)
-            )
+            outer = tuple(slip + rate * late_s for slip, rate in zip(outer, rates, strict=True))
         if self._ridges is not None:
             state = with_ridges(
                 state, self._ridges, self._modulus, origin=self._origin(int(self._sampled.placement[i])),
@@ -161,7 +157,7 @@ class Trial:
         :data:`ENLARGED`.
         """
         motion, time = self.motion(i), 0.5 / self.config.trial.frame_rate_hz
-        radius = self._slide.frames[i].contact.contact_radius * (ENLARGED + abs(motion.growth_per_s) * time)
+        radius = self._pressed(i).contact_radius * (ENLARGED + abs(motion.growth_per_s) * time)
         radius += self.config.labels.margin_mm + math.hypot(*motion.velocity) * time + 4.0 * self.grid.pitch
         return grid_part(self.grid, box_around(self.grid, motion.centre, radius))
 
@@ -173,6 +169,18 @@ class Trial:
         return slip_labelled(self._states[int(self._sampled.placement[i])].on(self.part(i), i))
 
     # --- solution ----------------------------------------------------------------------------------------------------
+
+    def _programme(self, stiffness: float) -> Sampled:
+        return sample_programme(self.plan, self.config.trial, stiffness, self.reach_mm)
+
+    def _solve(self, shear: float) -> None:
+        self._slide, self._rates = self._march(shear)
+        self._states = self._views()
+        self._twists = self._twist(shear)
+
+    def _pressed(self, i: int) -> AxisymmetricContact:
+        """Return a frame's contact without shear."""
+        return self._slide.frames[i].contact
 
     def _contact(self, force: float) -> AxisymmetricContact:
         return smooth_contact(self.scene, max(force, 0.0))[0]
@@ -248,9 +256,13 @@ class Trial:
         if elapsed == 0.0:
             return Motion(centre, (0.0, 0.0), 0.0)
         velocity = np.subtract(self.centre(high), self.centre(low)) / elapsed
-        radius = [self._slide.frames[j].contact.contact_radius for j in (low, i, high)]
+        radius = [self._pressed(j).contact_radius for j in (low, i, high)]
         growth = (radius[2] - radius[0]) / (elapsed * radius[1]) if radius[1] > 0 else 0.0
         return Motion(centre, (float(velocity[0]), float(velocity[1])), growth)
+
+    def _beside(self, i: int) -> tuple[Any, Any]:
+        """Return slip (x, y) and its rate of the skin beside the contact."""
+        return self._outer(i, self._slide.frames[i].spring_slip), self._outer(i, self._rates[i])
 
     def _outer(self, i: int, springs: Floats) -> tuple[float, float]:
         """Return the slip (or its rate) of the skin beside the contact: that of the outermost spring in contact."""
@@ -295,29 +307,34 @@ class Trial:
         return bool((speeds.max() if anywhere else speeds[0]) >= SLIP_SPEED_MM_PER_S)
 
     def _scalars(self, i: int, state: ContactState | None) -> dict[str, float]:
-        frame, s = self._slide.frames[i], self._sampled
+        s = self._sampled
         x, y = self.centre(i)
-        place = {"centre_x_mm": x, "centre_y_mm": y}
+        place = {"time_s": float(s.time[i]), "drive_mm": float(s.drive[i]), "centre_x_mm": x, "centre_y_mm": y}
         if state is None:
-            nothing = {**dict.fromkeys(SCALARS, 0.0), **place}
-            return {**nothing, "stick_ratio": 1.0, "time_s": float(s.time[i]), "drive_mm": float(s.drive[i])}
-        contact = frame.contact
+            return {**dict.fromkeys(SCALARS, 0.0), **place, "stick_ratio": 1.0}
+        contact = self._pressed(i)
         limit = self._limit(contact)
         fx, fy = state.tangential_force
-        twist = self._twists[i] if self._twists is not None else None
-        margin = math.hypot(fx, fy) / limit
-        if twist is not None:
-            margin = max(margin, twist.torque / sliding_torque(contact, self._friction))
         return {
-            "time_s": float(s.time[i]),
+            **place,
             "Fx_N": float(fx),
             "Fy_N": float(fy),
             "Fz_N": float(contact.normal_force),
-            **place,
             "friction_coefficient": limit / contact.normal_force,
-            "margin": margin,
-            "drive_mm": float(s.drive[i]),
-            "tip_displacement_mm": float(frame.tip_displacement),
+            "margin": max(math.hypot(fx, fy) / limit, self._torque_margin(i)),
+            **self._turned(i),
+        }
+
+    def _torque_margin(self, i: int) -> float:
+        """Return a twist's torque over that of full sliding."""
+        twist = self._twists[i] if self._twists is not None else None
+        return 0.0 if twist is None else twist.torque / sliding_torque(self._pressed(i), self._friction)
+
+    def _turned(self, i: int) -> dict[str, float]:
+        twist = self._twists[i] if self._twists is not None else None
+        return {
+            "tip_displacement_mm": float(self._slide.frames[i].tip_displacement),
+            "rotation_deg": 0.0 if twist is None else math.degrees(twist.angle),
         }
 
 
@@ -336,6 +353,7 @@ SCALARS: dict[str, str] = {
     "margin": "1",
     "drive_mm": "mm",
     "tip_displacement_mm": "mm",
+    "rotation_deg": "deg",
 }
 """Numbers of each frame and their units. Forces are those of the finger on the glass."""
 
@@ -345,6 +363,7 @@ MEANINGS = {
     "centre_y_mm": "middle of the contact's outline on the plate",
     "Fz_N": "0: the finger is lifted, and forces, areas, friction coefficient and margin are 0",
     "stick_ratio": "share of the contact that sticks; 1 where the finger is lifted (Fz_N = 0): nothing slips",
+    "rotation_deg": "of the finger about its normal since it was put down, from x towards y",
     "margin": "|Ft| / (mu Fn), or the same of the torque; 0 where the finger is lifted",
 }
 """Meanings of numbers beyond their names."""

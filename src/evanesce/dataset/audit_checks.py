@@ -176,13 +176,11 @@ def _displacement(frame: AuditFrame, before: AuditFrame | None) -> float:
         return math.nan
     elapsed = frame.scalars["time_s"] - before.scalars["time_s"]
     (x1, y1), (x0, y0) = frame.centre, before.centre
-    moved = frame.pair("slip_velocity") * elapsed
-    x, y = np.meshgrid(frame.x, frame.y)
-    if frame.meta["motion"]:  # slip belongs to a piece of skin
-        x, y = x - moved[0], y - moved[1]
-    else:  # to a place in the outline
-        x, y = x - x1 + x0, y - y1 + y0
-    # where the cells of this frame were one frame ago, as indices of that frame's box
+    turned = math.radians(frame.scalars["rotation_deg"] - before.scalars["rotation_deg"])
+    cos, sin = math.cos(turned), math.sin(turned)
+    x, y = np.meshgrid(frame.x - x1, frame.y - y1)
+    x, y = x0 + cos * x + sin * y, y0 + cos * y - sin * x
+    # where the cells of this frame were in the contact one frame ago, as indices of that frame's box
     at_col, at_row = (
         np.ascontiguousarray((a - start) / frame.pitch, np.float32) for a, start in ((x, before.x[0]), (y, before.y[0]))
     )
@@ -198,6 +196,7 @@ def _displacement(frame: AuditFrame, before: AuditFrame | None) -> float:
     if not both.any():
         return math.nan
     gained = np.stack([f - earlier(b) for f, b in zip(frame.pair("slip"), before.pair("slip"), strict=True)])
+    moved = frame.pair("slip_velocity") * elapsed
     size = max(_rms(gained[:, both]), _rms(moved[:, both]))
     return _rms((gained - moved)[:, both]) / (size + LEAST_SLIP_MM)
 

@@ -14,7 +14,7 @@ from evanesce.core.states import ContactState, PlateGrid
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.design import TrialPlan
 from evanesce.dataset.motions import PlanarSampled, is_planar, planar_programme
-from evanesce.dataset.trial import LIFTED_N, Trial, slip_labelled
+from evanesce.dataset.trial import LIFTED_N, Floats, Trial, slip_labelled
 from evanesce.rig import Scene
 
 
@@ -73,10 +73,9 @@ class PlanarTrial(Trial):
     def _smooth(self, i: int) -> ContactState:
         return slip_labelled(self._planar(i).state)
 
-    def _beside(self, i: int) -> tuple[Any, Any]:
-        """Return displacement and speed of the skin beside the contact, each (2, rows, cols)."""
+    def _skin(self, i: int, late_s: Floats | float) -> dict[str, Any]:
         found = self._planar(i)
-        return found.skin, found.speed
+        return {"skin": found.skin + found.speed * late_s}
 
     def _may_slip(self, i: int, anywhere: bool) -> bool:
         stick = self._frames[i].stick

@@ -136,14 +136,12 @@ class Trial:
         With ``late_s`` [s], of that part's shape, each cell as much later.
         """
         state = self._smooth(i)
-        outer, rates = self._beside(i)
         if late_s is not None:
             state = slip_labelled(advanced(state, self.motion(i), late_s))
-            outer = tuple(slip + rate * late_s for slip, rate in zip(outer, rates, strict=True))
         if self._ridges is not None:
             state = with_ridges(
                 state, self._ridges, self._modulus, origin=self._origin(int(self._sampled.placement[i])),
-                outer_slip=outer, near_gap=self.config.labels.near_gap_mm,
+                near_gap=self.config.labels.near_gap_mm, **self._skin(i, 0.0 if late_s is None else late_s),
             )  # fmt: skip
         slope = self.scene.finger.roughness_rms_slope
         if slope > 0:
@@ -260,9 +258,10 @@ class Trial:
         growth = (radius[2] - radius[0]) / (elapsed * radius[1]) if radius[1] > 0 else 0.0
         return Motion(centre, (float(velocity[0]), float(velocity[1])), growth)
 
-    def _beside(self, i: int) -> tuple[Any, Any]:
-        """Return slip (x, y) and its rate of the skin beside the contact."""
-        return self._outer(i, self._slide.frames[i].spring_slip), self._outer(i, self._rates[i])
+    def _skin(self, i: int, late_s: Floats | float) -> dict[str, Any]:
+        """Return what ridges need to know of the skin besides its slip, some time after frame ``i``."""
+        slips, rates = self._outer(i, self._slide.frames[i].spring_slip), self._outer(i, self._rates[i])
+        return {"outer_slip": tuple(slip + rate * late_s for slip, rate in zip(slips, rates, strict=True))}
 
     def _outer(self, i: int, springs: Floats) -> tuple[float, float]:
         """Return the slip (or its rate) of the skin beside the contact: that of the outermost spring in contact."""

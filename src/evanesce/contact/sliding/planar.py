@@ -78,6 +78,8 @@ class PlanarFrame:
         Strength over static strength.
     skin : ndarray (2, rows, cols)
         Displacement of the skin against the finger's motion, in its axes [mm].
+    slip : ndarray (2, rows, cols)
+        Of the skin over the glass since it touched, in the plate's axes [mm].
     velocity : ndarray (2, rows, cols)
         Mean over the time since the frame before, of the skin over the glass, in the plate's axes [mm/s].
     stick : ndarray
@@ -94,6 +96,7 @@ class PlanarFrame:
     ratio: Floats = field(repr=False)
     weakened: Floats = field(repr=False)
     skin: Floats = field(repr=False)
+    slip: Floats = field(repr=False)
     velocity: Floats = field(repr=False)
     stick: Floats = field(repr=False)
     force: tuple[float, float] = (0.0, 0.0)
@@ -200,7 +203,7 @@ class PlanarSolver:
         self._bound = 1.02 * self._largest()
         zero = np.zeros((2, cells, cells))
         self._traction, self._target = zero, zero.copy()
-        self._path = np.zeros((cells, cells))
+        self._slip, self._path = zero.copy(), np.zeros((cells, cells))
         self._drive, self._rotation = np.zeros(2), 0.0
 
     def _largest(self) -> float:
@@ -245,7 +248,7 @@ class PlanarSolver:
 
     def _rest(self, drive: Floats, rotation: float) -> None:
         self._traction, self._target = np.zeros_like(self._traction), np.zeros_like(self._target)
-        self._path = np.zeros_like(self._path)
+        self._slip, self._path = np.zeros_like(self._slip), np.zeros_like(self._path)
         self._drive, self._rotation = drive.copy(), rotation
 
     def _static(self, contact: AxisymmetricContact) -> Floats:
@@ -283,7 +286,9 @@ class PlanarSolver:
         way = np.hypot(*slip)
         rested = self._path * math.exp(-elapsed / self._friction.healing_time)
         self._path = np.where(slips, self._path + way, np.where(touching, rested, 0.0))
-        return _turned(slip, middle), np.where(touching, left, -1.0)
+        moved = _turned(slip, middle)
+        self._slip = np.where(touching, self._slip + moved, 0.0)
+        return moved, np.where(touching, left, -1.0)
 
     def _factor(self, move: Floats, turn: float, elapsed: float) -> Floats:
         """Return the strength over its static one."""
@@ -329,10 +334,12 @@ class PlanarSolver:
         skin[:, inner, inner] = np.where(static > 0.0, self._target, skin[:, inner, inner])
         tip = self._drive - _turned(self._compliance * q.sum(axis=(1, 2)), self._rotation)
         force = _turned(q.sum(axis=(1, 2)) * self._inner.pitch**2, self._rotation)
-        fields = self._continued(contact.contact_radius, np.concatenate([ratio, velocity, [weakened, stick]]))
+        fields = self._continued(
+            contact.contact_radius, np.concatenate([ratio, velocity, self._slip, [weakened, stick]])
+        )
         return PlanarFrame(
-            time, contact, (float(tip[0]), float(tip[1])), self._rotation, fields[0:2], fields[4], skin, fields[2:4],
-            fields[5], (float(force[0]), float(force[1])),
+            time, contact, (float(tip[0]), float(tip[1])), self._rotation, ratio=fields[0:2], velocity=fields[2:4],
+            slip=fields[4:6], weakened=fields[6], stick=fields[7], skin=skin, force=(float(force[0]), float(force[1])),
         )  # fmt: skip
 
     def _continued(self, radius: float, fields: Floats) -> Floats:

@@ -83,7 +83,8 @@ def planar_state(
         return np.asarray(np.atleast_3d(found).transpose(2, 0, 1), dtype=float)
 
     ratio_x, ratio_y, weakened, stick = sampled(*frame.ratio, frame.weakened, frame.stick)
-    skin_x, skin_y, *speed = sampled(*frame.skin, *frame.velocity)
+    skin_x, skin_y, *slip = sampled(*frame.skin, *frame.slip)
+    velocity = sampled(*frame.velocity)
     strength = weakened * (friction.tau0 * mask + friction.alpha * np.maximum(np.asarray(state.pressure), 0.0))
     traction = strength * np.stack([cos * ratio_x - sin * ratio_y, sin * ratio_x + cos * ratio_y])
     # a piece of skin rested at its place on the finger: here, less the finger's way, plus what the glass holds it back
@@ -94,7 +95,7 @@ def planar_state(
     surface[touching] = np.where(moves[touching], np.uint8(SurfaceState.SLIP), np.uint8(SurfaceState.STICK))
     force = traction.sum(axis=(1, 2)) * grid.pitch**2
     made = replace(
-        state, traction=traction, strength=strength, slip=skin * touched, slip_velocity=np.stack(speed) * (touched & moves),
-        state=surface, tangential_force=(float(force[0]), float(force[1])),
+        state, traction=traction, strength=strength, slip=np.stack(slip) * touched,
+        slip_velocity=velocity * (touched & moves), state=surface, tangential_force=(float(force[0]), float(force[1])),
     )  # fmt: skip
-    return PlanarState(made, skin, np.stack(speed))
+    return PlanarState(made, skin, velocity)

@@ -17,9 +17,10 @@ class Motion(Strict):
     """Shares of the slides in which the finger also turns, changes direction, speed or force, or sticks and slips.
 
     Each motion is drawn independently. A slide turned by ``torsion_deg`` is so at its far end; one that changes
-    direction goes on by ``turn_deg`` past gross slip; speed and force change half way, by their factors. Stick-slip:
-    once the whole contact slips, a share ``stick_slip_drop`` of the friction is lost in one frame and back in the next;
-    the speed is such that a cycle lasts at least six frames. ``spin_deg`` is the rotation of the kind ``spin``.
+    direction goes on by ``turn_deg`` past gross slip; speed and force change by their factors in gross slip, at the
+    latest half way. Stick-slip: once the whole contact slips, a share ``stick_slip_drop`` of the friction is lost in
+    one frame and back in the next; the speed is such that a cycle lasts at least six frames. ``spin_deg`` is the
+    rotation of the kind ``spin``.
     """
 
     torsion: float = field(0.0, unit="1", bounds=(0.0, 1.0), doc="share of slides")

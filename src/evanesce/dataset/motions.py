@@ -15,7 +15,8 @@ from evanesce.dataset.programme import Floats, Sampled, slide_speed
 FIRST_LEG_BY = 0.55
 """Share of a slide's time within which a finger that changes direction does so."""
 HALF_WAY = 0.5
-"""Share of a slide's time after which speed and force change, and a finger is lifted to be put down elsewhere."""
+"""Share of a slide's time after which at the latest speed and force change, and a finger is lifted to be put down
+elsewhere."""
 CYCLES = 3.0
 """Cycles of stick-slip that a stroke and the time leave room for."""
 FRAMES_A_CYCLE = 6.0
@@ -145,9 +146,10 @@ def planar_programme(
         )
         way = np.minimum(way, path.length)
     else:
-        way = speed * (
-            np.clip(time - rest, 0.0, middle - rest) + m.get("speed_factor", 1.0) * np.maximum(time - middle, 0.0)
-        )
+        # in gross slip on the first leg, if that comes sooner
+        middle = min(middle, rest + 0.5 * (reach_mm + path.legs[0]) / speed)
+        slow, rest_of_it = np.clip(time - rest, 0.0, middle - rest), np.maximum(time - middle, 0.0)
+        way = speed * (slow + m.get("speed_factor", 1.0) * rest_of_it)
         way = np.minimum(way, (1 + round(p["reversals"])) * path.length)
     if "force_factor" in m:
         knots, loads = [*knots, middle, middle + press], [*loads, load, m["force_factor"] * load]

@@ -311,9 +311,7 @@ class Trial:
         place = {"time_s": float(s.time[i]), "drive_mm": float(s.drive[i]), "centre_x_mm": x, "centre_y_mm": y}
         if state is None:
             return {**dict.fromkeys(SCALARS, 0.0), **place, "stick_ratio": 1.0}
-        contact = self._pressed(i)
-        limit = self._limit(contact)
-        fx, fy = state.tangential_force
+        limit, (fx, fy) = self._limit(contact := self._pressed(i)), state.tangential_force
         return {
             **place,
             "Fx_N": float(fx),
@@ -331,10 +329,8 @@ class Trial:
 
     def _turned(self, i: int) -> dict[str, float]:
         twist = self._twists[i] if self._twists is not None else None
-        return {
-            "tip_displacement_mm": float(self._slide.frames[i].tip_displacement),
-            "rotation_deg": 0.0 if twist is None else math.degrees(twist.angle),
-        }
+        turned = 0.0 if twist is None else math.degrees(twist.angle)
+        return {"tip_displacement_mm": float(self._slide.frames[i].tip_displacement), "rotation_deg": turned}
 
 
 SCALARS: dict[str, str] = {

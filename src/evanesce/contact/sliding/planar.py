@@ -261,8 +261,9 @@ class PlanarSolver:
 
     def _step(self, static: Floats, drive: Floats, rotation: float, elapsed: float) -> tuple[Floats, Floats]:
         """Move the drive; return the slip in the plate's axes [mm] and what was left to the strength, over it."""
-        turn, middle = rotation - self._rotation, 0.5 * (rotation + self._rotation)
-        move = _turned(drive - self._drive, -middle)
+        turn = rotation - self._rotation
+        # Traction is that at the step's end: along the motion in the finger's axes as they then are.
+        move = _turned(drive - self._drive, -rotation)
         # The shaft stretches by its force's change alone, in the finger's axes.
         pull = self._compliance * self._traction.sum(axis=(1, 2))
         rigid = move[:, None, None] + turn * np.stack([-self._y, self._x])
@@ -286,7 +287,7 @@ class PlanarSolver:
         way = np.hypot(*slip)
         rested = self._path * math.exp(-elapsed / self._friction.healing_time)
         self._path = np.where(slips, self._path + way, np.where(touching, rested, 0.0))
-        moved = _turned(slip, middle)
+        moved = _turned(slip, rotation)
         self._slip = np.where(touching, self._slip + moved, 0.0)
         return moved, np.where(touching, left, -1.0)
 
@@ -311,14 +312,14 @@ class PlanarSolver:
             gradient = self._compliant(ahead) - wanted
             found, left = _within(ahead - gradient / self._bound, allowed)
             found *= strength > 0.0
-            change = found - q
-            if float((change * (ahead - found)).sum()) > 0.0:
+            change, rest = found - q, ahead - found
+            if float((change * rest).sum()) > 0.0:
                 ahead, weight = found, 1.0
             else:
                 after = 0.5 * (1.0 + math.sqrt(1.0 + 4.0 * weight**2))
                 ahead, weight = found + (weight - 1.0) / after * change, after
             q = found
-            if float(np.abs(change).max()) < enough:
+            if float(np.abs(rest).max()) < enough:
                 break
         return q, left
 
@@ -345,7 +346,8 @@ class PlanarSolver:
     def _continued(self, radius: float, fields: Floats) -> Floats:
         """Return fields with the rim's values beyond the contact, on the grid with its margin."""
         x, y = np.meshgrid(self.grid.x, self.grid.y)
-        inwards = np.minimum(1.0, max(radius - self.grid.pitch, 0.0) / np.maximum(np.hypot(x, y), 1e-12))
+        distance = np.maximum(np.hypot(x, y), 1e-12)
+        inwards = np.where(distance < radius, 1.0, max(radius - self.grid.pitch, 0.0) / distance)
         row, col = self._inner.index(x * inwards, y * inwards)
         return np.asarray(fields[:, np.rint(row).astype(int), np.rint(col).astype(int)], dtype=np.float32)
 

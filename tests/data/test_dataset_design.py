@@ -76,7 +76,7 @@ def test_toml_round_trip(tmp_path):
         ("[randomisation]\nonly = ['specks', 'square_size']", "'square_size' (not drawn: not observable"),
         ("[finger]\nmaterial = { choice = ['wood'] }", "'wood'"),
         ("[labels]\ngrid_samples = 64", "labels.grid_samples of at least"),
-        ("[trial]\nframes = 300", "at most 256"),
+        ("[trial]\nframes = 600", "at most 1024"),
         ("[split]\nby = 'frame'", "frame"),
         ("[kinds]\nslide = -1.0", "out of range"),
         ("x = ", "not valid TOML"),
@@ -104,7 +104,7 @@ def test_kinds_follow_their_weights():
     config = tiny_config()
     found = Counter(trial_plan(config, 5, i).kind for i in range(128))
     weights = np.array(config.kinds.weights) / sum(config.kinds.weights)
-    assert set(found) == set(KINDS)
+    assert set(found) == {kind for kind, weight in zip(KINDS, weights, strict=True) if weight > 0}
     np.testing.assert_allclose([found[k] / 128 for k in KINDS], weights, atol=0.02)
 
 

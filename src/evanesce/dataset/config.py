@@ -81,7 +81,7 @@ class Programme(Strict):
 _PROGRAMME = {
     "normal_force_N": (0.02, 100.0, "N"),
     "preload_N": (0.001, 10.0, "N"),
-    "press_time_s": (0.05, 1000.0, "s"),
+    "press_time_s": (0.005, 1000.0, "s"),
     "hold_time_s": (0.0, 1000.0, "s"),
     "speed_mm_per_s": (0.01, 1000.0, "mm/s"),
     "distance_mm": (0.01, 100.0, "mm"),
@@ -302,6 +302,7 @@ class DatasetConfig(Strict):
                 f"{self.shard_frames} frames a shard: trials_per_shard times trial.frames"
                 f" (allowed: at most {MAX_SHARD_FRAMES}; longer trials need trial.frames <= {MAX_SHARD_FRAMES})"
             )
+        self._require_time()
         pitch_um = 1e3 * self.labels.grid_size_mm / self.labels.grid_samples
         if self.finger.ridged_share > 0:
             smallest = float(self.finger.ridge_pitch_um.support()[0])
@@ -311,6 +312,17 @@ class DatasetConfig(Strict):
                     f" (allowed: labels.grid_samples of at least {int(6e3 * self.labels.grid_size_mm / smallest) + 1})"
                 )
         return self
+
+    def _require_time(self) -> None:
+        """Refuse trials that end before the finger slides."""
+        least = sum(float(d.support()[1]) for d in (self.programme.press_time_s, self.programme.hold_time_s))
+        lasts = (self.trial.frames - 1) / self.trial.frame_rate_hz
+        if sum(getattr(self.kinds, kind) for kind in SLIDING) > 0 and lasts <= least:
+            raise ValueError(
+                f"trial.frames = {self.trial.frames} at {self.trial.frame_rate_hz:g} Hz last {lasts:.3g} s, press and"
+                f" hold up to {least:.3g} s (allowed: more than {least * self.trial.frame_rate_hz + 1:.0f} frames, or"
+                " shorter programme.press_time_s, hold_time_s)"
+            )
 
     @property
     def shard_frames(self) -> int:

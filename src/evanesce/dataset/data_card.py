@@ -10,8 +10,10 @@ from evanesce.contact.ridges.profile import closure_pressure, profile_exponent
 from evanesce.dataset import baselines, layout
 from evanesce.dataset.config import CHANNELS, KINDS, SLIDING
 from evanesce.dataset.design import TrialPlan, trial_plan
+from evanesce.dataset.distributions import constant
 from evanesce.dataset.job import Job
 from evanesce.dataset.manifest import Manifest
+from evanesce.dataset.rigs import EXPOSED
 from evanesce.dataset.trial import MEANINGS, SCALARS
 from evanesce.materials import material
 
@@ -94,7 +96,7 @@ def croissant(job: Job, manifest: Manifest) -> dict[str, Any]:
             " labels.exr) and on the undistorted plate plane (where asked for plate.exr), on a fixed physical scale. No"
             f" {' and no '.join(job.config.split.by.split('_'))} is in two splits. {_composition(job)}"
             " Simulated, not measured: Hertz with partial slip, ridges in two scales."
-            f" {_effects(job)}"
+            f" {_effects(job)}{_exposure(job)}"
         ),
         "rai:dataUseCases": f"Training and testing detectors of incipient slip. {baselines.summary()}",
         "rai:dataLimitations": (
@@ -147,10 +149,25 @@ def _effects(job: Job) -> str:
     drawn, left_out = options.candidates, "; ".join(f"{name} ({why})" for name, why in options.left_out.items())
     if not drawn:
         return "No effects are randomised."
+    shares = [
+        f"{e} in {100 * options.probability_of(e):g} %, at {options.strength_of(e):g} times its size"
+        for e in drawn
+        if e in options.effects
+    ]
+    own = f" But {'; '.join(shares)}." if shares else ""
     return (
-        f"Each of these effects is on in {100 * options.probability:g} % of the rigs: {', '.join(drawn)}. A trial whose"
-        f" finger an effect does not apply to is made without it, and lists it. Not drawn: {left_out}."
+        f"Each of these effects is on in {100 * options.probability:g} % of the rigs: {', '.join(drawn)}.{own} A trial"
+        f" whose finger an effect does not apply to is made without it, and lists it. Not drawn: {left_out}."
     )
+
+
+def _exposure(job: Job) -> str:
+    """Return a sentence on exposures that the frame rate shortens."""
+    longest = EXPOSED * 1e3 / job.config.trial.frame_rate_hz
+    exposure = job.config.rig.draw.get("camera.exposure_ms", constant(job.scene.camera.exposure_ms))
+    if float(exposure.support()[1]) <= longest:
+        return ""
+    return f" Exposures last at most {longest:.3g} ms; gain keeps the mean level, and noise grows."
 
 
 def _composition(job: Job) -> str:

@@ -153,8 +153,8 @@ def rig_plan(config: DatasetConfig, seed: int, index: int) -> RigPlan:
     options, effects = config.randomisation, {}
     for name in options.candidates:
         stream = rng.generator(seed, "dataset", "effect", index, name)
-        if stream.random() < options.probability:
-            effects[name] = draw_effect(all_effects()[name], options.strength, stream)
+        if stream.random() < options.probability_of(name):
+            effects[name] = draw_effect(all_effects()[name], options.strength_of(name), stream)
     return RigPlan(index, rng.integer_seed(seed, "dataset", "rig", index), changes, effects)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Self
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from evanesce.core.quantities import Strict, field
 from evanesce.effects import all_effects
@@ -27,34 +27,59 @@ NOT_DRAWN = {
 """Effects that are never drawn, and why."""
 
 
+class EffectShare(Strict):
+    """Probability and strength of one effect, in place of those of all."""
+
+    probability: float | None = field(None, unit="1", bounds=(0.0, 1.0), doc="of the effect in a rig")
+    strength: float | None = field(None, unit="1", bounds=(0.0, 10.0))
+
+
 class Randomisation(Strict):
     """Domain randomisation: each effect of the library acts in a share of the rigs.
 
     The standard deviation of a parameter is ``strength`` times the one that its effect states; one-sided amplitudes are
-    folded. ``only`` restricts to the named effects, ``without`` excludes some.
+    folded. ``only`` restricts to the named effects, ``without`` excludes some, ``effects`` gives some figures of their
+    own.
     """
 
     probability: float = field(0.25, unit="1", bounds=(0.0, 1.0), doc="of each effect in a rig")
     strength: float = field(1.0, unit="1", bounds=(0.0, 10.0))
     only: tuple[str, ...] = ()
     without: tuple[str, ...] = ()
+    effects: dict[str, EffectShare] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _known(self) -> Self:
+        known = all_effects()
         for name in (*self.only, *self.without):
-            if name not in (known := all_effects()):
+            if name not in known:
                 raise ValueError(f"randomisation names {name!r} (allowed: {', '.join(known)})")
         for name in self.only:
             if name in NOT_DRAWN:
                 raise ValueError(f"randomisation.only names {name!r} (not drawn: {NOT_DRAWN[name]})")
+        for name in self.effects:
+            if name not in known or name in self.left_out:
+                why = self.left_out.get(name, f"allowed: {', '.join(known)}")
+                raise ValueError(f"randomisation.effects names {name!r} ({why})")
+            if self.only and name not in self.only:
+                raise ValueError(f"randomisation.effects names {name!r} (allowed: those of randomisation.only)")
         return self
+
+    def probability_of(self, name: str) -> float:
+        """Return the probability of an effect in a rig."""
+        own = self.effects.get(name, EffectShare()).probability
+        return self.probability if own is None else own
+
+    def strength_of(self, name: str) -> float:
+        """Return an effect's strength."""
+        own = self.effects.get(name, EffectShare()).strength
+        return self.strength if own is None else own
 
     @property
     def candidates(self) -> tuple[str, ...]:
         """Effects that may be drawn, in the library's order."""
-        if self.probability == 0.0 or self.strength == 0.0:
-            return ()
-        return tuple(e for e in all_effects() if (not self.only or e in self.only) and e not in self.left_out)
+        named = (e for e in all_effects() if (not self.only or e in self.only) and e not in self.left_out)
+        return tuple(e for e in named if self.probability_of(e) > 0.0 and self.strength_of(e) > 0.0)
 
     @property
     def left_out(self) -> dict[str, str]:

@@ -48,12 +48,46 @@ def rig_scene(base: Scene, rig: RigPlan, finger: FingerPlan, config: DatasetConf
     data["effects"] = all_of(base, rig)
     for dotted, value in rig.changes.items():
         _set(data, dotted, value)
+    follow_rate(data["camera"], config.trial.frame_rate_hz)
     if config.camera.region_mm is not None:
         crop(data["camera"], validate(Scene, data, "rig.draw"), config.camera)
         _windowed(data["effects"], data["camera"], base)
     else:
         bin_pixels(data["camera"], config.camera.scale)
+    interval_ms = 1e3 / config.trial.frame_rate_hz
+    for name in ROLLING & data["effects"].keys():
+        table = all_effects()[name].parameters.model_validate(data["effects"][name]).model_dump(mode="json")
+        if table["readout_ms"] > interval_ms:
+            data["effects"][name] = {**table, "readout_ms": interval_ms}
     return validate(Scene, data, "rig.draw")
+
+
+EXPOSED = 0.9
+"""Longest exposure over the time between two frames; the rest resets and reads the pixels."""
+
+
+def follow_rate(camera: dict[str, Any], rate_hz: float) -> None:
+    """Shorten a camera's exposure to what a frame rate leaves, and raise its gain as much: the mean level stays.
+
+    Photons become fewer, so that noise grows over the signal.
+
+    Raises
+    ------
+    InputError
+        If no gain makes up for it, or the camera chooses its exposure itself.
+    """
+    longest, key = EXPOSED * 1e3 / rate_hz, "trial.frame_rate_hz"
+    if camera["exposure_ms"] <= longest:
+        return
+    if camera.get("auto_exposure") is not None:
+        raise InputError(f"at {rate_hz:g} Hz camera.auto_exposure is not followed", key=key, allowed="a camera without")
+    gain, most = camera["analogue_gain"] * camera["exposure_ms"] / longest, 64.0
+    if gain > most:
+        raise InputError(
+            f"exposure {camera['exposure_ms']:g} ms at {rate_hz:g} Hz needs an analogue gain of {gain:.3g}",
+            key=key, allowed=f"gains up to {most:g}: at most {rate_hz * most / gain:.3g} Hz, or more light",
+        )  # fmt: skip
+    camera |= {"exposure_ms": longest, "analogue_gain": gain}
 
 
 def all_of(base: Scene, rig: RigPlan) -> dict[str, dict[str, Any]]:

@@ -284,20 +284,21 @@ def test_a_job_comes_back_from_its_description(tmp_path: Path):
     [
         (
             "2",
-            r"version 2, of an earlier evanesce: its stick_ratio may be 0.* version 4; make it again",
+            r"version 2, of an earlier evanesce: its stick_ratio may be 0.* version 5; make it again",
         ),
         ("1", r"version 1, of an earlier evanesce: .*; make it again"),
         ("3", r"version 3, of an earlier evanesce: its labels have no strength.*; make it again"),
-        ("5", r"version 5, of a later evanesce .*install that one"),
-        ('"4"', r"version '4' \(allowed: evanesce-dataset version 4\)"),
-        ("null", r"version None \(allowed: evanesce-dataset version 4\)"),
+        ("4", r"version 4, of an earlier evanesce: its numbers have no rotation.*; make it again"),
+        ("6", r"version 6, of a later evanesce .*install that one"),
+        ('"5"', r"version '5' \(allowed: evanesce-dataset version 5\)"),
+        ("null", r"version None \(allowed: evanesce-dataset version 5\)"),
     ],
 )
 def test_another_version_of_the_format_says_what_to_do(tmp_path: Path, version, says):
     """A lifted finger's stick_ratio was 0 before version 3: frames of both must not be read as one."""
     save_job(tmp_path, tiny_job())
     path = tmp_path / "dataset.json"
-    path.write_text(path.read_text().replace('"format_version": 4', f'"format_version": {version}'))
+    path.write_text(path.read_text().replace('"format_version": 5', f'"format_version": {version}'))
     for refused in (lambda: load_job(tmp_path), lambda: save_job(tmp_path, tiny_job()), lambda: dataset.open(tmp_path)):
         with pytest.raises(InputError, match=says) as caught:
             refused()

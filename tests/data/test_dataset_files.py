@@ -35,9 +35,9 @@ from evanesce.dataset.export import FORMATS, export
 from evanesce.dataset.info import describe, effects
 from evanesce.dataset.labels import LabelBox
 from evanesce.dataset.manifest import Manifest
+from evanesce.dataset.numbers import SCALARS
 from evanesce.dataset.randomisation import NOT_DRAWN
 from evanesce.dataset.run import Deaths, Engine, make, resume
-from evanesce.dataset.trial import SCALARS
 from evanesce.dataset.verify import checksums, verify
 from support.datasets import PaperProducer, contents, paper_frames, paper_meta, tiny_job
 

@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 MOVING_MM_PER_S = (5e-4, 2e-3)
 """A cell labelled slip must be faster than the first, one labelled stick slower than the second [mm/s]: either side of
-:data:`evanesce.dataset.trial.SLIP_SPEED_MM_PER_S`, by more than half precision rounds."""
+:data:`evanesce.dataset.numbers.SLIP_SPEED_MM_PER_S`, by more than half precision rounds."""
 LEAST_SLIP_MM = 0.03
 """Added to the slip between two frames to which its error is related [mm], so that the tolerance of 0.15 allows 4.5 um:
 half precision rounds slips of millimetres to one, and slip is kept in the outline, whose change of shape under shear

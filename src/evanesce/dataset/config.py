@@ -14,6 +14,7 @@ from evanesce.core.quantities import Strict, field
 from evanesce.dataset.config_motion import Motion
 from evanesce.dataset.distributions import Distribution, choice, constant, log_uniform, require_all, uniform
 from evanesce.dataset.limits import MAX_CONFIG_BYTES, MAX_SHARD_FRAMES, MAX_SIDE_PX, MIN_SIDE_PX
+from evanesce.dataset.markers import Markers
 from evanesce.dataset.randomisation import Randomisation
 from evanesce.materials import material_names
 from evanesce.rig.load import validate
@@ -292,6 +293,7 @@ class DatasetConfig(Strict):
     rig: Rigs = Rigs()
     randomisation: Randomisation = Randomisation()
     labels: Labels = Labels()
+    markers: Markers = Markers()
     camera: CameraOptions = CameraOptions()
     split: Split = Split()
 
@@ -304,6 +306,7 @@ class DatasetConfig(Strict):
             )
         self._require_time()
         pitch_um = 1e3 * self.labels.grid_size_mm / self.labels.grid_samples
+        self.markers.require_resolved(1e-3 * pitch_um)
         if self.finger.ridged_share > 0:
             smallest = float(self.finger.ridge_pitch_um.support()[0])
             if smallest < 6 * pitch_um:

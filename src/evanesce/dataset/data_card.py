@@ -13,8 +13,8 @@ from evanesce.dataset.design import TrialPlan, trial_plan
 from evanesce.dataset.distributions import constant
 from evanesce.dataset.job import Job
 from evanesce.dataset.manifest import Manifest
+from evanesce.dataset.numbers import MEANINGS, SCALARS
 from evanesce.dataset.rigs import EXPOSED
-from evanesce.dataset.trial import MEANINGS, SCALARS
 from evanesce.materials import material
 
 CROISSANT = "http://mlcommons.org/croissant/1.0"
@@ -43,6 +43,11 @@ def schema() -> dict[str, Any]:
         "kind": {"enum": list(KINDS)},
         "split": {"enum": ["train", "validation", "test"]},
         "scalars": {"type": "object", "properties": scalars, "required": list(SCALARS), "additionalProperties": False},
+        "markers": {
+            "type": "array",
+            "description": "dots that touch: number on the finger, place on plate and in the frame, displacement",
+            "items": {**table, "additionalProperties": number},
+        },
         "onset_first_slip_s": {**maybe, "description": "[s] from the trial's start; null: not in this trial"},
         "onset_gross_slip_s": {**maybe, "description": "[s] from the trial's start; null: not in this trial"},
         "finger": {**table, "required": ["index", "material", "pattern", "ridge_pitch_um"]},

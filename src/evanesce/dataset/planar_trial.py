@@ -14,7 +14,8 @@ from evanesce.core.states import ContactState, PlateGrid
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.design import TrialPlan
 from evanesce.dataset.motions import PlanarSampled, is_planar, planar_programme
-from evanesce.dataset.trial import LIFTED_N, Floats, Trial, slip_labelled
+from evanesce.dataset.numbers import slip_labelled
+from evanesce.dataset.trial import LIFTED_N, Floats, Trial
 from evanesce.rig import Scene
 
 

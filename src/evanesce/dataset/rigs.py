@@ -55,7 +55,7 @@ def rig_scene(base: Scene, rig: RigPlan, finger: FingerPlan, config: DatasetConf
     else:
         bin_pixels(data["camera"], config.camera.scale)
     interval_ms = 1e3 / config.trial.frame_rate_hz
-    for name in ROLLING & data["effects"].keys():
+    for name in ROLLING & rig.effects.keys():
         table = all_effects()[name].parameters.model_validate(data["effects"][name]).model_dump(mode="json")
         if table["readout_ms"] > interval_ms:
             data["effects"][name] = {**table, "readout_ms": interval_ms}

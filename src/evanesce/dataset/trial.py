@@ -24,10 +24,12 @@ from evanesce.contact.sliding.solver import Slide, march
 from evanesce.contact.sliding.states import SlideStates, SlideView
 from evanesce.contact.sliding.torsion import Twist, sliding_torque, twisted, twisted_state
 from evanesce.contact.solve import ridge_row
-from evanesce.core.states import ContactState, PlateGrid, SurfaceState
+from evanesce.core.states import ContactState, PlateGrid
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.design import TrialPlan
+from evanesce.dataset.markers import MarkedSkin
 from evanesce.dataset.mechanics import interface, reach, shaft_stiffness
+from evanesce.dataset.numbers import SCALARS, SLIP_SPEED_MM_PER_S, measured, slip_labelled
 from evanesce.dataset.programme import Sampled, sample_programme
 from evanesce.dataset.shutter import Motion, advanced
 from evanesce.materials import silicone_of
@@ -41,9 +43,6 @@ SPRINGS = 512
 """Of a contact's radius: six of them are as wide as a cell of the default grid for contacts of up to 2.6 mm."""
 ENLARGED = 1.1
 """Contact radius over the smooth solution's, up to which effects of the finger may enlarge it [1]."""
-SLIP_SPEED_MM_PER_S = 1e-3
-"""A surface element slips where its mean speed since the frame before is at least this; a pixel is 50,000 times as
-large as the way it then makes between two frames."""
 
 
 @dataclass(frozen=True)
@@ -147,6 +146,17 @@ class Trial:
         if slope > 0:
             state = replace(state, real_contact_fraction=persson_contact_fraction(state.pressure, self._modulus, slope))
         return state
+
+    def marked_skin(self, i: int, late_s: Floats | float = 0.0) -> MarkedSkin:
+        """Return where the skin is at frame ``i`` on :meth:`part` of the grid; each cell as much later [s]."""
+        state, outer = self._smooth(i), self._skin(i, late_s)
+        skin = outer.get("skin")
+        if skin is None:
+            assert state.slip is not None
+            speed = 0.0 if state.slip_velocity is None else np.asarray(state.slip_velocity)
+            beside = np.stack([np.broadcast_to(s, state.grid.shape) for s in outer["outer_slip"]])
+            skin = np.where(np.asarray(state.contact_mask) > 0, np.asarray(state.slip) + speed * late_s, beside)
+        return MarkedSkin(state.grid, self._origin(int(self._sampled.placement[i])), np.asarray(skin))
 
     def part(self, i: int) -> PlateGrid:
         """Return the part of the grid that holds the contact of frame ``i``, and what is seen and labelled about it.
@@ -331,69 +341,3 @@ class Trial:
         twist = self._twists[i] if self._twists is not None else None
         turned = 0.0 if twist is None else math.degrees(twist.angle)
         return {"tip_displacement_mm": float(self._slide.frames[i].tip_displacement), "rotation_deg": turned}
-
-
-SCALARS: dict[str, str] = {
-    "time_s": "s",
-    "Fx_N": "N",
-    "Fy_N": "N",
-    "Fz_N": "N",
-    "torque_N_mm": "N mm",
-    "nominal_area_mm2": "mm^2",
-    "real_area_mm2": "mm^2",
-    "centre_x_mm": "mm",
-    "centre_y_mm": "mm",
-    "stick_ratio": "1",
-    "friction_coefficient": "1",
-    "margin": "1",
-    "drive_mm": "mm",
-    "tip_displacement_mm": "mm",
-    "rotation_deg": "deg",
-}
-"""Numbers of each frame and their units. Forces are those of the finger on the glass."""
-
-MEANINGS = {
-    "torque_N_mm": "of the finger on the glass about the contact's centre, from x towards y",
-    "centre_x_mm": "middle of the contact's outline on the plate",
-    "centre_y_mm": "middle of the contact's outline on the plate",
-    "Fz_N": "0: the finger is lifted, and forces, areas, friction coefficient and margin are 0",
-    "stick_ratio": "share of the contact that sticks; 1 where the finger is lifted (Fz_N = 0): nothing slips",
-    "rotation_deg": "of the finger about its normal since it was put down, from x towards y",
-    "margin": "|Ft| / (mu Fn), or the same of the torque; 0 where the finger is lifted",
-}
-"""Meanings of numbers beyond their names."""
-
-
-def slip_labelled(state: ContactState) -> ContactState:
-    """Return a contact whose touching cells are labelled slip where the skin moves, else stick."""
-    if state.state is None or state.slip_velocity is None:
-        return state
-    surface = np.array(state.state)
-    touching = surface >= SurfaceState.STICK
-    moves = np.hypot(*np.asarray(state.slip_velocity)) >= SLIP_SPEED_MM_PER_S
-    surface[touching] = np.where(moves[touching], np.uint8(SurfaceState.SLIP), np.uint8(SurfaceState.STICK))
-    return replace(state, state=surface)
-
-
-def measured(state: ContactState, centre: tuple[float, float]) -> dict[str, float]:
-    """Return the numbers that are those of a contact's maps, by their names among the scalars.
-
-    Parameters
-    ----------
-    state : ContactState
-    centre : tuple of float
-        Point (x, y) about which the torque is taken [mm].
-    """
-    grid = state.grid
-    nominal = real = float(state.nominal_contact_area)
-    if state.real_contact_fraction is not None:
-        fraction = np.asarray(state.contact_mask) * np.asarray(state.real_contact_fraction)
-        real = float(fraction.sum()) * grid.pitch**2
-    torque, ratio = 0.0, 1.0
-    if state.traction is not None:
-        x, y = grid.x[None, :] - centre[0], grid.y[:, None] - centre[1]
-        torque = float((x * state.traction[1] - y * state.traction[0]).sum()) * grid.pitch**2
-    if state.state is not None:
-        stick, slip = (int(np.count_nonzero(state.state == s)) for s in (SurfaceState.STICK, SurfaceState.SLIP))
-        ratio = stick / (stick + slip) if stick + slip else 1.0
-    return {"nominal_area_mm2": nominal, "real_area_mm2": real, "torque_N_mm": torque, "stick_ratio": ratio}

@@ -105,6 +105,7 @@ def paper_meta(job: Job, frame: int, trial: int) -> dict:
         "rig": {"index": 0, "seed": 5, "changes": {}, "effects": {}, "left_out": []},
         "programme": {"normal_force_N": 1.0},
         "motion": {},
+        "liquid": {},
         "markers": [],
         "seed": job.seed,
         "config_sha256": job.digest,

@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 
 from evanesce.core.errors import InputError
 from evanesce.core.quantities import Strict, field
+from evanesce.dataset.config_contact import PRINT_LIMITS_UM, PRINT_PATTERNS, RIDGE_PATTERNS, Wet
 from evanesce.dataset.config_motion import Motion
 from evanesce.dataset.distributions import Distribution, choice, constant, log_uniform, require_all, uniform
 from evanesce.dataset.limits import MAX_CONFIG_BYTES, MAX_SHARD_FRAMES, MAX_SIDE_PX, MIN_SIDE_PX
@@ -137,6 +138,8 @@ class Fingers(Strict):
     ridge_orientation_deg: Distribution = uniform(-90.0, 90.0)
     shaft_stiffness_N_per_mm: Distribution = log_uniform(2.0, 30.0)
     axial_over_bending: Distribution = log_uniform(2.0, 10.0)
+    tilt_deg: Distribution = constant(0.0)
+    tilt_direction_deg: Distribution = uniform(-180.0, 180.0)
 
     @model_validator(mode="after")
     def _bounds(self) -> Self:
@@ -151,10 +154,15 @@ class Fingers(Strict):
                 "ridge_orientation_deg": (-180.0, 180.0, "deg"),
                 "shaft_stiffness_N_per_mm": (0.05, 1e5, "N/mm"),
                 "axial_over_bending": (0.1, 1e4, ""),
+                "tilt_deg": (0.0, 45.0, "deg"),
+                "tilt_direction_deg": (-180.0, 180.0, "deg"),
             },
         )
         self.material.require_words("finger.material", material_names())
-        self.pattern.require_words("finger.pattern", ("parallel", "concentric", "loop", "whorl"))
+        self.pattern.require_words("finger.pattern", (*RIDGE_PATTERNS, *PRINT_PATTERNS))
+        if any(name in PRINT_PATTERNS for name in self.pattern.support()):
+            for key, (low, high) in PRINT_LIMITS_UM.items():
+                getattr(self, key).require_within(f"finger.{key}", low, high, "um, of a print")
         return self
 
 
@@ -290,6 +298,7 @@ class DatasetConfig(Strict):
     motion: Motion = Motion()
     friction: Friction = Friction()
     finger: Fingers = Fingers()
+    liquid: Wet = Wet()
     rig: Rigs = Rigs()
     randomisation: Randomisation = Randomisation()
     labels: Labels = Labels()

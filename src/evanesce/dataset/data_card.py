@@ -55,6 +55,7 @@ def schema() -> dict[str, Any]:
         "rig": {**table, "required": ["index", "seed", "changes", "effects", "left_out"]},
         "programme": {**table, "additionalProperties": number},
         "motion": {**table, "additionalProperties": number},
+        "liquid": {**table, "additionalProperties": number},
         "seed": whole,
         "config_sha256": text,
     }

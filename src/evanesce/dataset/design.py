@@ -49,6 +49,8 @@ class FingerPlan:
     ridge_orientation_deg: float
     shaft_stiffness_N_per_mm: float
     axial_stiffness_N_per_mm: float
+    tilt_deg: float = 0.0
+    tilt_direction_deg: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,7 @@ class TrialPlan:
     rig: RigPlan
     programme: dict[str, float]
     motion: dict[str, float] = field(default_factory=dict)
+    liquid: dict[str, float] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
         """Return JSON-able data."""
@@ -134,7 +137,11 @@ def finger_plan(config: DatasetConfig, seed: int, index: int) -> FingerPlan:
     axial = bending * float(f.axial_over_bending.at(next(u)))
     if not ridged:
         pattern, pitch, width, height, orientation = "", 0.0, 0.0, 0.0, 0.0
-    return FingerPlan(index, material, tip, pattern, pitch, width, height, orientation, bending, axial)
+    tilt, leans = (
+        float(d.at(stratum(seed, name, index))) for name, d in (("tilt", f.tilt_deg), ("lean", f.tilt_direction_deg))
+    )
+    leans = leans if tilt else 0.0
+    return FingerPlan(index, material, tip, pattern, pitch, width, height, orientation, bending, axial, tilt, leans)
 
 
 def friction_plan(config: DatasetConfig, seed: int, index: int) -> FrictionPlan:
@@ -259,6 +266,7 @@ def trial_plan(config: DatasetConfig, seed: int, index: int) -> TrialPlan:
         rig=rig_plan(config, seed, rig),
         programme=programme,
         motion=trial_motion(config, seed, index, kind),
+        liquid=trial_liquid(config, seed, index),
     )
 
 
@@ -279,6 +287,14 @@ def trial_motion(config: DatasetConfig, seed: int, index: int, kind: str) -> dic
         for name, key in _FIGURES.items()
         if name in drawn
     }
+
+
+def trial_liquid(config: DatasetConfig, seed: int, index: int) -> dict[str, float]:
+    """Draw the liquid of a trial; empty for a dry one."""
+    if config.liquid.share <= stratum(seed, "liquid", index):
+        return {}
+    keys = [key for key in type(config.liquid).model_fields if key != "share"]
+    return {key: float(getattr(config.liquid, key).at(stratum(seed, f"liquid.{key}", index))) for key in keys}
 
 
 def _pick(groups: tuple[int, ...], quantile: float) -> int:

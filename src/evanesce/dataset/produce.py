@@ -208,7 +208,7 @@ class Producer:
         """Return a trial with its camera, made ready."""
         if self._trial is None or self._trial.number != number:
             config, plan = self.job.config, trial_plan(self.job.config, self.job.seed, number)
-            scene = rig_scene(self.job.scene, plan.rig, plan.finger, config)
+            scene = rig_scene(self.job.scene, plan.rig, plan.finger, config, plan.liquid)
             rig = rig_with_effects(scene, plan.rig.seed)
             ready = self._camera(plan, rig)
             start = self.job.frames_of(number).start
@@ -315,6 +315,7 @@ class Producer:
             "rig": {**plans["rig"], "effects": all_of(self.job.scene, plan.rig), "left_out": list(left_out)},
             "programme": plans["programme"],
             "motion": plans["motion"],
+            "liquid": {} if trial.scene.liquid is None else trial.scene.liquid.model_dump(mode="json"),
             "seed": self.job.seed,
             "config_sha256": self._digest,
         }

@@ -11,6 +11,7 @@ from evanesce.chain.simulate import expose
 from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState, Frame, PlateGrid, embedded
 from evanesce.dataset.config import DatasetConfig
+from evanesce.dataset.config_contact import PRINT_PATTERNS
 from evanesce.dataset.design import ITS_TRIALS_MOTION, FingerPlan, RigPlan
 from evanesce.dataset.region import crop
 from evanesce.effects import Active, Context, Stage, active_effects, all_effects, apply_stage
@@ -21,8 +22,10 @@ from evanesce.rig.finger import OWN_FIGURES, Finger
 from evanesce.rig.load import validate
 
 
-def rig_scene(base: Scene, rig: RigPlan, finger: FingerPlan, config: DatasetConfig) -> Scene:
-    """Return the scene of a rig with a finger: drawn keys set, the frame scaled, effects listed.
+def rig_scene(
+    base: Scene, rig: RigPlan, finger: FingerPlan, config: DatasetConfig, liquid: dict[str, float] | None = None
+) -> Scene:
+    """Return the scene of a rig with a finger: drawn keys set, the frame scaled, effects listed, the liquid if any.
 
     Raises
     ------
@@ -33,9 +36,17 @@ def rig_scene(base: Scene, rig: RigPlan, finger: FingerPlan, config: DatasetConf
     for name in ("slide", "assumptions", "sources"):
         data.pop(name, None)
     data["finger"] |= {"tip_radius_mm": finger.tip_radius_mm, "material": finger.material}
-    for key in ("ridges", *OWN_FIGURES):
+    for key in ("ridges", "fingerprint", "height_map", *OWN_FIGURES):
         data["finger"].pop(key, None)
-    if finger.pattern:
+    if finger.pattern in PRINT_PATTERNS:
+        data["finger"]["fingerprint"] = {
+            "pattern": PRINT_PATTERNS[finger.pattern],
+            "ridge_period_um": finger.ridge_pitch_um,
+            "ridge_height_um": finger.ridge_height_um,
+            "orientation_deg": finger.ridge_orientation_deg,
+            "seed": finger.index,
+        }
+    elif finger.pattern:
         data["finger"]["ridges"] = {
             "pattern": finger.pattern,
             "pitch_um": finger.ridge_pitch_um,
@@ -45,6 +56,10 @@ def rig_scene(base: Scene, rig: RigPlan, finger: FingerPlan, config: DatasetConf
         }
     data["press"] = {"forces_N": [1.0], "frame_rate_hz": config.trial.frame_rate_hz}
     data["contact"] = {"law": "hertz"}
+    if finger.tilt_deg:
+        data["contact"] |= {"tilt_deg": finger.tilt_deg, "tilt_direction_deg": finger.tilt_direction_deg}
+    if liquid:
+        data["liquid"] = liquid
     data["effects"] = all_of(base, rig)
     for dotted, value in rig.changes.items():
         _set(data, dotted, value)
@@ -212,7 +227,7 @@ OPTICAL_KEYS = (
 def optical_scene(scene: Scene) -> Scene:
     """Return a scene whose finger has its optical keys only, so that fingers of one shape share a camera."""
     seen = {key: getattr(scene.finger, key) for key in OPTICAL_KEYS}
-    return scene.model_copy(update={"finger": Finger(**seen)})
+    return scene.model_copy(update={"finger": Finger(**seen), "liquid": None})
 
 
 class RigCamera:

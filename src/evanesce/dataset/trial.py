@@ -17,13 +17,16 @@ from numpy.typing import NDArray
 from evanesce.contact.analytic.partial_slip import tangential_modulus
 from evanesce.contact.analytic.roughness import persson_contact_fraction
 from evanesce.contact.laws import smooth_contact
+from evanesce.contact.liquid import lubricated, wetted_state
 from evanesce.contact.patch import AxisymmetricContact, box_around, grid_part
+from evanesce.contact.ridges.print_row import PrintRow
 from evanesce.contact.ridges.ridged import with_ridges
 from evanesce.contact.sliding.area_loss import area_loss_for
 from evanesce.contact.sliding.solver import Slide, march
 from evanesce.contact.sliding.states import SlideStates, SlideView
 from evanesce.contact.sliding.torsion import Twist, sliding_torque, twisted, twisted_state
 from evanesce.contact.solve import ridge_row
+from evanesce.contact.tilt import require_on_tip, tilt_of
 from evanesce.core.states import ContactState, PlateGrid
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.design import TrialPlan
@@ -103,6 +106,12 @@ class Trial:
         held = plan.programme["normal_force_N"]
         contact = self._contact(held)
         self._friction, self._modulus = interface(plan, contact), smooth_contact(scene, held)[1]
+        require_on_tip(scene, contact.contact_radius)
+        if scene.liquid is not None:
+            self._friction = lubricated(
+                self._friction, scene.liquid, force=held, area=math.pi * contact.contact_radius**2,
+                radius=scene.finger.tip_radius_mm, modulus=self._modulus,
+            )  # fmt: skip
         shear = float(tangential_modulus(self._modulus, self._silicone.poisson_ratio))
         self._shaft = shaft_stiffness(plan)
         series = 1.0 / (1.0 / (2.0 * contact.contact_radius * shear) + 1.0 / self._shaft)
@@ -115,7 +124,10 @@ class Trial:
         self._travel = self.reach_mm - self._limit(contact) / self._shaft + plan.programme["distance_mm"]
         self._sampled: Sampled = sampled
         self.time = sampled.time
-        self._ridges = ridge_row(scene)
+        self._ridges = PrintRow.of(scene.finger.fingerprint) if scene.finger.fingerprint else ridge_row(scene)
+        tilt, lean = tilt_of(scene)
+        arc = -scene.finger.tip_radius_mm * tilt
+        self._apex = arc * math.cos(lean), arc * math.sin(lean)
         self._solve(shear)
         self.onset_first_slip_s, self.onset_gross_slip_s = self._onsets()
 
@@ -139,13 +151,13 @@ class Trial:
             state = slip_labelled(advanced(state, self.motion(i), late_s))
         if self._ridges is not None:
             state = with_ridges(
-                state, self._ridges, self._modulus, origin=self._origin(int(self._sampled.placement[i])),
+                state, self._ridges, self._modulus, origin=self._apex_at(i),
                 near_gap=self.config.labels.near_gap_mm, **self._skin(i, 0.0 if late_s is None else late_s),
             )  # fmt: skip
         slope = self.scene.finger.roughness_rms_slope
         if slope > 0:
             state = replace(state, real_contact_fraction=persson_contact_fraction(state.pressure, self._modulus, slope))
-        return state
+        return state if self.scene.liquid is None else wetted_state(state, self.scene.liquid)
 
     def marked_skin(self, i: int, late_s: Floats | float = 0.0) -> MarkedSkin:
         """Return where the skin is at frame ``i`` on :meth:`part` of the grid; each cell as much later [s]."""
@@ -156,7 +168,7 @@ class Trial:
             speed = 0.0 if state.slip_velocity is None else np.asarray(state.slip_velocity)
             beside = np.stack([np.broadcast_to(s, state.grid.shape) for s in outer["outer_slip"]])
             skin = np.where(np.asarray(state.contact_mask) > 0, np.asarray(state.slip) + speed * late_s, beside)
-        return MarkedSkin(state.grid, self._origin(int(self._sampled.placement[i])), np.asarray(skin))
+        return MarkedSkin(state.grid, self._apex_at(i), np.asarray(skin))
 
     def part(self, i: int) -> PlateGrid:
         """Return the part of the grid that holds the contact of frame ``i``, and what is seen and labelled about it.
@@ -218,6 +230,11 @@ class Trial:
         back = 0.5 * self._travel if self.plan.kind == "slide" else 0.0
         shift = p["shift_mm"] if placement else 0.0
         return x - back * math.cos(angle) + shift, y - back * math.sin(angle) - 0.5 * shift
+
+    def _apex_at(self, i: int) -> tuple[float, float]:
+        """Return where the apex of the resting finger's skin, unrolled, lies on the plate [mm]."""
+        x, y = self._origin(int(self._sampled.placement[i]))
+        return x + self._apex[0], y + self._apex[1]
 
     def _views(self) -> list[SlideStates]:
         direction = math.radians(self.plan.programme["direction_deg"])

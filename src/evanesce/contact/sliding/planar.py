@@ -75,7 +75,7 @@ class PlanarFrame:
     ratio : ndarray (2, rows, cols)
         Traction over strength, in the finger's axes; its magnitude is at most 1.
     weakened : ndarray
-        Strength over static strength.
+        Strength over static strength: by slip, speed, and in a jump of stick-slip.
     skin : ndarray (2, rows, cols)
         Displacement of the skin against the finger's motion, in its axes [mm].
     slip : ndarray (2, rows, cols)
@@ -203,7 +203,7 @@ class PlanarSolver:
         self._bound = 1.02 * self._largest()
         zero = np.zeros((2, cells, cells))
         self._traction, self._target = zero, zero.copy()
-        self._slip, self._path = zero.copy(), np.zeros((cells, cells))
+        self._slip, self._path, self._weak = zero.copy(), np.zeros((cells, cells)), np.ones((cells, cells))
         self._drive, self._rotation = np.zeros(2), 0.0
 
     def _largest(self) -> float:
@@ -249,6 +249,7 @@ class PlanarSolver:
     def _rest(self, drive: Floats, rotation: float) -> None:
         self._traction, self._target = np.zeros_like(self._traction), np.zeros_like(self._target)
         self._slip, self._path = np.zeros_like(self._slip), np.zeros_like(self._path)
+        self._weak = np.ones_like(self._path)
         self._drive, self._rotation = drive.copy(), rotation
 
     def _static(self, contact: AxisymmetricContact) -> Floats:
@@ -268,14 +269,16 @@ class PlanarSolver:
         pull = self._compliance * self._traction.sum(axis=(1, 2))
         rigid = move[:, None, None] + turn * np.stack([-self._y, self._x])
         goal = _turned(self._target, -turn) + rigid
-        strength = static * self._factor(move, turn, elapsed)
+        self._weak = self._factor(move, turn, elapsed)
+        strength = static * self._weak
         touching = strength > 0.0
         size = float(np.abs(rigid).max())
         wanted = goal + _turned(pull, -turn)[:, None, None]
         self._traction = _turned(self._traction, -turn)
         traction, left = self._solve(strength, wanted, size)
         if self._drop > 0.0 and float((left > 0.0)[touching].mean()) < ALL_SLIPS:
-            traction, left = self._solve((1.0 - self._drop) * strength, wanted, size)
+            self._weak *= 1.0 - self._drop
+            traction, left = self._solve(static * self._weak, wanted, size)
         shaft = self._compliance * traction.sum(axis=(1, 2)) - _turned(pull, -turn)
         goal -= shaft[:, None, None]
         slips = touching & (left <= 0.0)
@@ -326,7 +329,7 @@ class PlanarSolver:
     def _frame(self, contact: AxisymmetricContact, time: float, velocity: Floats, stick: Floats) -> PlanarFrame:
         q, cells = self._traction, self._inner.shape[0]
         static = self._static(contact)
-        weakened = self._friction.weakening(self._path) if self._drop == 0.0 else np.ones_like(self._path)
+        weakened = self._weak
         now = static * weakened
         ratio = np.divide(q, now, out=np.zeros_like(q), where=now > 0.0)
         ratio /= np.maximum(np.hypot(*ratio), 1.0)

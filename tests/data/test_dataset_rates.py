@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState
 from evanesce.dataset.config import DatasetConfig, load_config
-from evanesce.dataset.data_card import _effects, _exposure
+from evanesce.dataset.data_card import _besides, _effects, _exposure
 from evanesce.dataset.design import draw_effect, rig_plan, trial_plan
 from evanesce.dataset.rigs import RigCamera, plate_grid, rig_scene, rig_with_effects
 from evanesce.dataset.trial import Trial
@@ -129,6 +129,15 @@ def test_effects_that_cannot_be_drawn_are_refused(text, word, tmp_path):
     (tmp_path / "c.toml").write_text(text)
     with pytest.raises((InputError, ValidationError), match=word):
         load_config(tmp_path / "c.toml")
+
+
+def test_motions_liquids_and_markers_are_in_the_card():
+    marks = {"pitch_mm": 1.5, "diameter_mm": 0.6}
+    job = tiny_job(12, 5, motion={"turn": 0.2, "stick_slip": 0.3}, liquid={"share": 0.1}, markers=marks)
+    said = _besides(job)
+    for words in ("turn 20 %", "stick_slip 30 %", "10 % of the trials are wet", "0.6 mm wide and 1.5 mm apart"):
+        assert words in said
+    assert not _besides(tiny_job(12, 5))
 
 
 def test_shares_of_single_effects_are_in_the_card():

@@ -9,6 +9,7 @@ from evanesce.contact.analytic.hertz import hertz_pressure, hertz_radius
 from evanesce.contact.ridges.profile import closure_pressure, profile_exponent
 from evanesce.dataset import baselines, layout
 from evanesce.dataset.config import CHANNELS, KINDS, SLIDING
+from evanesce.dataset.config_motion import MOTIONS
 from evanesce.dataset.design import TrialPlan, trial_plan
 from evanesce.dataset.distributions import constant
 from evanesce.dataset.job import Job
@@ -102,7 +103,7 @@ def croissant(job: Job, manifest: Manifest) -> dict[str, Any]:
             " labels.exr) and on the undistorted plate plane (where asked for plate.exr), on a fixed physical scale. No"
             f" {' and no '.join(job.config.split.by.split('_'))} is in two splits. {_composition(job)}"
             " Simulated, not measured: Hertz with partial slip, ridges in two scales."
-            f" {_effects(job)}{_exposure(job)}"
+            f" {_effects(job)}{_exposure(job)}{_besides(job)}"
         ),
         "rai:dataUseCases": f"Training and testing detectors of incipient slip. {baselines.summary()}",
         "rai:dataLimitations": (
@@ -174,6 +175,19 @@ def _exposure(job: Job) -> str:
     if float(exposure.support()[1]) <= longest:
         return ""
     return f" Exposures last at most {longest:.3g} ms; gain keeps the mean level, and noise grows."
+
+
+def _besides(job: Job) -> str:
+    """Return sentences on motions, liquid and markers, where there are any."""
+    config, found = job.config, ""
+    if shares := [f"{name} {100 * s:g} %" for name in MOTIONS if (s := getattr(config.motion, name))]:
+        found += f" Of the slides have, each drawn independently: {', '.join(shares)}."
+    if config.liquid.share:
+        found += f" {100 * config.liquid.share:g} % of the trials are wet."
+    if config.markers.pitch_mm:
+        marks = config.markers
+        found += f" Dots {marks.diameter_mm:g} mm wide and {marks.pitch_mm:g} mm apart are printed on the skin."
+    return found
 
 
 def _composition(job: Job) -> str:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evanesce.contact.patch import AxisymmetricContact
 from evanesce.dataset.config import Trial
 from evanesce.dataset.design import TrialPlan
 from evanesce.dataset.programme import Floats, Sampled, slide_speed
@@ -102,17 +101,13 @@ def cycle_of(plan: TrialPlan, limit_N: float, stiffness: float) -> float:
     return plan.motion.get("stick_slip_drop", 0.0) * limit_N / stiffness
 
 
-def planar_programme(
-    plan: TrialPlan, trial: Trial, contact: AxisymmetricContact, reach_mm: float, stiffness: float
-) -> PlanarSampled:
+def planar_programme(plan: TrialPlan, trial: Trial, reach_mm: float, stiffness: float) -> PlanarSampled:
     """Return the programme of a plan with motions.
 
     Parameters
     ----------
     plan : TrialPlan
     trial : Trial
-    contact : AxisymmetricContact
-        Under the held force.
     reach_mm : float
         Way of the drive from rest to gross slip [mm].
     stiffness : float

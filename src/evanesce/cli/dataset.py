@@ -1,7 +1,8 @@
-"""``evanesce dataset``: make, resume, verify, audit, export, info, preview."""
+"""``evanesce dataset``: make, resume, verify, audit, score, baseline, export, info, preview."""
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from pathlib import Path
@@ -17,6 +18,7 @@ from evanesce.core.errors import InputError, WorkError
 
 if TYPE_CHECKING:
     from evanesce.dataset.run import Engine, Outcome
+    from evanesce.dataset.score import SplitScore
 
 FolderArgument = Annotated[Path, typer.Argument(help="Folder of a dataset.", show_default=False)]
 WorkersOption = Annotated[
@@ -32,7 +34,7 @@ ShardOption = Annotated[
 def register(app: typer.Typer) -> None:
     """Add the group ``dataset``."""
     group = typer.Typer(help="Labelled sequences for slip detectors.", no_args_is_help=True)
-    for command in (make, resume, verify, audit, score, export, info, preview):
+    for command in (make, resume, verify, audit, score, baseline, export, info, preview):
         group.command()(handles_errors(command))
     app.add_typer(group, name="dataset")
 
@@ -224,7 +226,11 @@ def score(
 
     rows = judge(folder, read_predictions(predictions), threshold=threshold, hold=hold, file=predictions)
     write_json(json_file, {"splits": [row.as_dict() for row in rows]})
-    table = Table(title=f"{predictions} on {folder}")
+    _print_scores(f"{predictions} on {folder}", rows)
+
+
+def _print_scores(title: str, rows: list[SplitScore]) -> None:
+    table = Table(title=title)
     for name in (
         "split", "trials", "slips found", "onset, median [ms]", "onset, mean error [ms]", "false alarms [1/min]",
         "minutes without slip", "stick ratio, mean error",
@@ -237,6 +243,32 @@ def score(
             f"{row.stick_ratio_error:.3f} +- {row.stick_ratio_se:.3f}",
         )  # fmt: skip
     console.print(table)
+
+
+def baseline(
+    folder: FolderArgument,
+    out: Annotated[Path | None, typer.Option("--out", help="CSV of its predictions, as `score` reads them.")] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Train a plain detector (gradient boosting on the frames) on the training split and score it."""
+    check_json_target(json_file)
+    from evanesce.dataset.job import load_job
+    from evanesce.dataset.slip_baseline import HOLD, write_predictions
+    from evanesce.dataset.slip_baseline import baseline as train
+
+    with _Frames(load_job(folder).frames) as bar:
+        found = train(folder, advance=bar.advance)
+    if out is not None:
+        write_predictions(out, found.predictions)
+    rows = [row.as_dict() for row in found.scores]
+    constant = None if math.isnan(found.constant_error) else found.constant_error
+    write_json(json_file, {"threshold": found.threshold, "hold": HOLD, "splits": rows, "constant_error": constant})
+    _print_scores(f"gradient boosting on frames of {folder}", found.scores)
+    console.print(
+        f"threshold {found.threshold:.3f}, {HOLD} frames; a constant stick ratio errs by {found.constant_error:.3f} in"
+        " the test split",
+        highlight=False,
+    )
 
 
 def info(folder: FolderArgument, json_file: JsonOption = None) -> None:

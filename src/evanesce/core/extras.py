@@ -31,7 +31,7 @@ PURPOSES: Mapping[str, str] = {
     "design": "search for rigs, sensitivity analysis",
     "page": "live page",
     "fem": "finite elements, VTK files",
-    "baseline": "the two slip detectors of benchmarks/baseline.py",
+    "baseline": "slip detectors trained on data sets",
     "torch": "data sets as PyTorch tensors",
     "rerun": "data sets as Rerun recordings",
     "mcap": "data sets as MCAP with ROS 2 messages",

@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 MOVING_MM_PER_S = (5e-4, 2e-3)
 """A cell labelled slip must be faster than the first, one labelled stick slower than the second [mm/s]: either side of
-:data:`evanesce.dataset.trial.SLIP_SPEED_MM_PER_S`, by more than half precision rounds."""
+:data:`evanesce.dataset.numbers.SLIP_SPEED_MM_PER_S`, by more than half precision rounds."""
 LEAST_SLIP_MM = 0.03
 """Added to the slip between two frames to which its error is related [mm], so that the tolerance of 0.15 allows 4.5 um:
 half precision rounds slips of millimetres to one, and slip is kept in the outline, whose change of shape under shear
@@ -176,10 +176,14 @@ def _displacement(frame: AuditFrame, before: AuditFrame | None) -> float:
         return math.nan
     elapsed = frame.scalars["time_s"] - before.scalars["time_s"]
     (x1, y1), (x0, y0) = frame.centre, before.centre
+    turned = math.radians(frame.scalars["rotation_deg"] - before.scalars["rotation_deg"])
+    cos, sin = math.cos(turned), math.sin(turned)
+    x, y = np.meshgrid(frame.x - x1, frame.y - y1)
+    x, y = x0 + cos * x + sin * y, y0 + cos * y - sin * x
     # where the cells of this frame were in the contact one frame ago, as indices of that frame's box
-    col = (frame.x - x1 + x0 - before.x[0]) / frame.pitch
-    row = (frame.y - y1 + y0 - before.y[0]) / frame.pitch
-    at_col, at_row = (np.ascontiguousarray(a, np.float32) for a in np.meshgrid(col, row))
+    at_col, at_row = (
+        np.ascontiguousarray((a - start) / frame.pitch, np.float32) for a, start in ((x, before.x[0]), (y, before.y[0]))
+    )
 
     def earlier(values: Floats) -> Floats:
         return np.asarray(

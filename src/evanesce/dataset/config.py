@@ -11,14 +11,19 @@ from pydantic import Field, model_validator
 
 from evanesce.core.errors import InputError
 from evanesce.core.quantities import Strict, field
-from evanesce.dataset.distributions import Distribution, choice, constant, log_uniform, uniform
+from evanesce.dataset.config_contact import PRINT_LIMITS_UM, PRINT_PATTERNS, RIDGE_PATTERNS, Wet
+from evanesce.dataset.config_motion import Motion
+from evanesce.dataset.distributions import Distribution, choice, constant, log_uniform, require_all, uniform
 from evanesce.dataset.limits import MAX_CONFIG_BYTES, MAX_SHARD_FRAMES, MAX_SIDE_PX, MIN_SIDE_PX
-from evanesce.effects import all_effects
+from evanesce.dataset.markers import Markers
+from evanesce.dataset.randomisation import Randomisation
 from evanesce.materials import material_names
 from evanesce.rig.load import validate
 
-KINDS = ("slide", "load_stop", "wiggle", "rotation", "ramp", "release", "change")
-"""Kinds of trial; all but ``slide`` are negatives, in which the contact never slides as a whole."""
+KINDS = ("slide", "load_stop", "wiggle", "rotation", "ramp", "release", "change", "spin", "regrasp")
+"""Kinds of trial."""
+SLIDING = ("slide", "spin", "regrasp")
+"""Kinds in which the whole contact slides; the others are negatives."""
 
 
 class Kinds(Strict):
@@ -31,6 +36,8 @@ class Kinds(Strict):
     ramp: float = field(0.03, unit="1", bounds=(0.0, 1e6))
     release: float = field(0.04, unit="1", bounds=(0.0, 1e6))
     change: float = field(0.03, unit="1", bounds=(0.0, 1e6))
+    spin: float = field(0.0, unit="1", bounds=(0.0, 1e6))
+    regrasp: float = field(0.0, unit="1", bounds=(0.0, 1e6))
 
     @model_validator(mode="after")
     def _some(self) -> Self:
@@ -42,11 +49,6 @@ class Kinds(Strict):
     def weights(self) -> tuple[float, ...]:
         """In the order of :data:`KINDS`."""
         return tuple(getattr(self, kind) for kind in KINDS)
-
-
-def _require(model: Strict, section: str, bounds: dict[str, tuple[float, float, str]]) -> None:
-    for key, (low, high, unit) in bounds.items():
-        getattr(model, key).require_within(f"{section}.{key}", low, high, unit)
 
 
 class Programme(Strict):
@@ -74,14 +76,14 @@ class Programme(Strict):
 
     @model_validator(mode="after")
     def _bounds(self) -> Self:
-        _require(self, "programme", _PROGRAMME)
+        require_all(self, "programme", _PROGRAMME)
         return self
 
 
 _PROGRAMME = {
     "normal_force_N": (0.02, 100.0, "N"),
     "preload_N": (0.001, 10.0, "N"),
-    "press_time_s": (0.05, 1000.0, "s"),
+    "press_time_s": (0.005, 1000.0, "s"),
     "hold_time_s": (0.0, 1000.0, "s"),
     "speed_mm_per_s": (0.01, 1000.0, "mm/s"),
     "distance_mm": (0.01, 100.0, "mm"),
@@ -108,7 +110,7 @@ class Friction(Strict):
 
     @model_validator(mode="after")
     def _bounds(self) -> Self:
-        _require(
+        require_all(
             self,
             "friction",
             {
@@ -136,10 +138,12 @@ class Fingers(Strict):
     ridge_orientation_deg: Distribution = uniform(-90.0, 90.0)
     shaft_stiffness_N_per_mm: Distribution = log_uniform(2.0, 30.0)
     axial_over_bending: Distribution = log_uniform(2.0, 10.0)
+    tilt_deg: Distribution = constant(0.0)
+    tilt_direction_deg: Distribution = uniform(-180.0, 180.0)
 
     @model_validator(mode="after")
     def _bounds(self) -> Self:
-        _require(
+        require_all(
             self,
             "finger",
             {
@@ -150,10 +154,15 @@ class Fingers(Strict):
                 "ridge_orientation_deg": (-180.0, 180.0, "deg"),
                 "shaft_stiffness_N_per_mm": (0.05, 1e5, "N/mm"),
                 "axial_over_bending": (0.1, 1e4, ""),
+                "tilt_deg": (0.0, 45.0, "deg"),
+                "tilt_direction_deg": (-180.0, 180.0, "deg"),
             },
         )
         self.material.require_words("finger.material", material_names())
-        self.pattern.require_words("finger.pattern", ("parallel", "concentric", "loop", "whorl"))
+        self.pattern.require_words("finger.pattern", (*RIDGE_PATTERNS, *PRINT_PATTERNS))
+        if any(name in PRINT_PATTERNS for name in self.pattern.support()):
+            for key, (low, high) in PRINT_LIMITS_UM.items():
+                getattr(self, key).require_within(f"finger.{key}", low, high, "um, of a print")
         return self
 
 
@@ -173,60 +182,6 @@ class Rigs(Strict):
             "camera.lens.distortion.k1": uniform(-0.42, -0.36),
         }
     )
-
-
-MOVES_PIXELS = {
-    "distortion_drift": "labels would not follow: draw camera.lens.distortion.k1 instead",
-}
-"""Effects that displace the image, and why they are not drawn."""
-ACTS_TWICE = {
-    "shear_area_loss": "friction.area_left takes the area, by each trial's own force: draw that",
-}
-"""Effects whose physics every trial has, and where it is set."""
-NOT_DRAWN = {
-    **MOVES_PIXELS,
-    **ACTS_TWICE,
-    "card_offset": "not observable: no printed card is in a frame",
-    "frame_rate": "not observable: it changes the time stamps of a camera; time_s is the true time",
-    "square_size": "not observable: no printed card is in a frame",
-}
-"""Effects that are never drawn, and why."""
-
-
-class Randomisation(Strict):
-    """Domain randomisation: each effect of the library acts in a share of the rigs.
-
-    The standard deviation of a parameter is ``strength`` times the one that its effect states; one-sided amplitudes are
-    folded. ``only`` restricts to the named effects, ``without`` excludes some.
-    """
-
-    probability: float = field(0.25, unit="1", bounds=(0.0, 1.0), doc="of each effect in a rig")
-    strength: float = field(1.0, unit="1", bounds=(0.0, 10.0))
-    only: tuple[str, ...] = ()
-    without: tuple[str, ...] = ()
-
-    @model_validator(mode="after")
-    def _known(self) -> Self:
-        for name in (*self.only, *self.without):
-            if name not in (known := all_effects()):
-                raise ValueError(f"randomisation names {name!r} (allowed: {', '.join(known)})")
-        for name in self.only:
-            if name in NOT_DRAWN:
-                raise ValueError(f"randomisation.only names {name!r} (not drawn: {NOT_DRAWN[name]})")
-        return self
-
-    @property
-    def candidates(self) -> tuple[str, ...]:
-        """Effects that may be drawn, in the library's order."""
-        if self.probability == 0.0 or self.strength == 0.0:
-            return ()
-        return tuple(e for e in all_effects() if (not self.only or e in self.only) and e not in self.left_out)
-
-    @property
-    def left_out(self) -> dict[str, str]:
-        """Effects that are not drawn, and why; those that ``only`` does not name are not among them."""
-        asked = dict.fromkeys((e for e in all_effects() if e in self.without), "by this configuration")
-        return dict(sorted({**asked, **NOT_DRAWN}.items()))
 
 
 class Trial(Strict):
@@ -340,11 +295,14 @@ class DatasetConfig(Strict):
     trials_per_shard: int = field(2, unit="1", bounds=(1, 10_000))
     kinds: Kinds = Kinds()
     programme: Programme = Programme()
+    motion: Motion = Motion()
     friction: Friction = Friction()
     finger: Fingers = Fingers()
+    liquid: Wet = Wet()
     rig: Rigs = Rigs()
     randomisation: Randomisation = Randomisation()
     labels: Labels = Labels()
+    markers: Markers = Markers()
     camera: CameraOptions = CameraOptions()
     split: Split = Split()
 
@@ -355,7 +313,9 @@ class DatasetConfig(Strict):
                 f"{self.shard_frames} frames a shard: trials_per_shard times trial.frames"
                 f" (allowed: at most {MAX_SHARD_FRAMES}; longer trials need trial.frames <= {MAX_SHARD_FRAMES})"
             )
+        self._require_time()
         pitch_um = 1e3 * self.labels.grid_size_mm / self.labels.grid_samples
+        self.markers.require_resolved(1e-3 * pitch_um)
         if self.finger.ridged_share > 0:
             smallest = float(self.finger.ridge_pitch_um.support()[0])
             if smallest < 6 * pitch_um:
@@ -364,6 +324,17 @@ class DatasetConfig(Strict):
                     f" (allowed: labels.grid_samples of at least {int(6e3 * self.labels.grid_size_mm / smallest) + 1})"
                 )
         return self
+
+    def _require_time(self) -> None:
+        """Refuse trials that end before the finger slides."""
+        least = sum(float(d.support()[1]) for d in (self.programme.press_time_s, self.programme.hold_time_s))
+        lasts = (self.trial.frames - 1) / self.trial.frame_rate_hz
+        if sum(getattr(self.kinds, kind) for kind in SLIDING) > 0 and lasts <= least:
+            raise ValueError(
+                f"trial.frames = {self.trial.frames} at {self.trial.frame_rate_hz:g} Hz last {lasts:.3g} s, press and"
+                f" hold up to {least:.3g} s (allowed: more than {least * self.trial.frame_rate_hz + 1:.0f} frames, or"
+                " shorter programme.press_time_s, hold_time_s)"
+            )
 
     @property
     def shard_frames(self) -> int:

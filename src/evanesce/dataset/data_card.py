@@ -8,11 +8,14 @@ from typing import Any
 from evanesce.contact.analytic.hertz import hertz_pressure, hertz_radius
 from evanesce.contact.ridges.profile import closure_pressure, profile_exponent
 from evanesce.dataset import baselines, layout
-from evanesce.dataset.config import CHANNELS, KINDS
+from evanesce.dataset.config import CHANNELS, KINDS, SLIDING
+from evanesce.dataset.config_motion import MOTIONS
 from evanesce.dataset.design import TrialPlan, trial_plan
+from evanesce.dataset.distributions import constant
 from evanesce.dataset.job import Job
 from evanesce.dataset.manifest import Manifest
-from evanesce.dataset.trial import MEANINGS, SCALARS
+from evanesce.dataset.numbers import MEANINGS, SCALARS
+from evanesce.dataset.rigs import EXPOSED
 from evanesce.materials import material
 
 CROISSANT = "http://mlcommons.org/croissant/1.0"
@@ -41,12 +44,19 @@ def schema() -> dict[str, Any]:
         "kind": {"enum": list(KINDS)},
         "split": {"enum": ["train", "validation", "test"]},
         "scalars": {"type": "object", "properties": scalars, "required": list(SCALARS), "additionalProperties": False},
+        "markers": {
+            "type": "array",
+            "description": "dots that touch: number on the finger, place on plate and in the frame, displacement",
+            "items": {**table, "additionalProperties": number},
+        },
         "onset_first_slip_s": {**maybe, "description": "[s] from the trial's start; null: not in this trial"},
         "onset_gross_slip_s": {**maybe, "description": "[s] from the trial's start; null: not in this trial"},
         "finger": {**table, "required": ["index", "material", "pattern", "ridge_pitch_um"]},
         "friction": {**table, "required": ["index", "friction_coefficient"]},
         "rig": {**table, "required": ["index", "seed", "changes", "effects", "left_out"]},
         "programme": {**table, "additionalProperties": number},
+        "motion": {**table, "additionalProperties": number},
+        "liquid": {**table, "additionalProperties": number},
         "seed": whole,
         "config_sha256": text,
     }
@@ -75,7 +85,7 @@ def croissant(job: Job, manifest: Manifest) -> dict[str, Any]:
         _key("images", "frame-png-files"),
         _field("images/frame", "frame-png-files", "sc:ImageObject", "8-bit frame [DN]"),
     ]
-    kinds, (cols, rows) = ", ".join(KINDS[1:]), job.resolution
+    kinds, (cols, rows) = ", ".join(kind for kind in KINDS if kind not in SLIDING), job.resolution
     labels = job.config.labels
     names = [
         name for name in CHANNELS if name == "state" or name in labels.channels("frame") + labels.channels("plate")
@@ -93,7 +103,7 @@ def croissant(job: Job, manifest: Manifest) -> dict[str, Any]:
             " labels.exr) and on the undistorted plate plane (where asked for plate.exr), on a fixed physical scale. No"
             f" {' and no '.join(job.config.split.by.split('_'))} is in two splits. {_composition(job)}"
             " Simulated, not measured: Hertz with partial slip, ridges in two scales."
-            f" {_effects(job)}"
+            f" {_effects(job)}{_exposure(job)}{_besides(job)}"
         ),
         "rai:dataUseCases": f"Training and testing detectors of incipient slip. {baselines.summary()}",
         "rai:dataLimitations": (
@@ -146,10 +156,38 @@ def _effects(job: Job) -> str:
     drawn, left_out = options.candidates, "; ".join(f"{name} ({why})" for name, why in options.left_out.items())
     if not drawn:
         return "No effects are randomised."
+    shares = [
+        f"{e} in {100 * options.probability_of(e):g} %, at {options.strength_of(e):g} times its size"
+        for e in drawn
+        if e in options.effects
+    ]
+    own = f" But {'; '.join(shares)}." if shares else ""
     return (
-        f"Each of these effects is on in {100 * options.probability:g} % of the rigs: {', '.join(drawn)}. A trial whose"
-        f" finger an effect does not apply to is made without it, and lists it. Not drawn: {left_out}."
+        f"Each of these effects is on in {100 * options.probability:g} % of the rigs: {', '.join(drawn)}.{own} A trial"
+        f" whose finger an effect does not apply to is made without it, and lists it. Not drawn: {left_out}."
     )
+
+
+def _exposure(job: Job) -> str:
+    """Return a sentence on exposures that the frame rate shortens."""
+    longest = EXPOSED * 1e3 / job.config.trial.frame_rate_hz
+    exposure = job.config.rig.draw.get("camera.exposure_ms", constant(job.scene.camera.exposure_ms))
+    if float(exposure.support()[1]) <= longest:
+        return ""
+    return f" Exposures last at most {longest:.3g} ms; gain keeps the mean level, and noise grows."
+
+
+def _besides(job: Job) -> str:
+    """Return sentences on motions, liquid and markers, where there are any."""
+    config, found = job.config, ""
+    if shares := [f"{name} {100 * s:g} %" for name in MOTIONS if (s := getattr(config.motion, name))]:
+        found += f" Of the slides have, each drawn independently: {', '.join(shares)}."
+    if config.liquid.share:
+        found += f" {100 * config.liquid.share:g} % of the trials are wet."
+    if config.markers.pitch_mm:
+        marks = config.markers
+        found += f" Dots {marks.diameter_mm:g} mm wide and {marks.pitch_mm:g} mm apart are printed on the skin."
+    return found
 
 
 def _composition(job: Job) -> str:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 import warnings
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from scipy.stats import qmc
 
 from evanesce.core import rng
 from evanesce.dataset.config import KINDS, DatasetConfig, Programme, Split
+from evanesce.dataset.config_motion import MOTION_KEYS, MOTIONS
 from evanesce.effects import all_effects
 from evanesce.effects.protocol import Effect
 
@@ -48,6 +49,8 @@ class FingerPlan:
     ridge_orientation_deg: float
     shaft_stiffness_N_per_mm: float
     axial_stiffness_N_per_mm: float
+    tilt_deg: float = 0.0
+    tilt_direction_deg: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,7 @@ class RigPlan:
 
 @dataclass(frozen=True)
 class TrialPlan:
-    """Plan of one trial."""
+    """Plan of one trial; ``motion`` holds the figures of what its finger does besides, by their keys."""
 
     index: int
     kind: str
@@ -83,6 +86,8 @@ class TrialPlan:
     friction: FrictionPlan
     rig: RigPlan
     programme: dict[str, float]
+    motion: dict[str, float] = field(default_factory=dict)
+    liquid: dict[str, float] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
         """Return JSON-able data."""
@@ -132,7 +137,11 @@ def finger_plan(config: DatasetConfig, seed: int, index: int) -> FingerPlan:
     axial = bending * float(f.axial_over_bending.at(next(u)))
     if not ridged:
         pattern, pitch, width, height, orientation = "", 0.0, 0.0, 0.0, 0.0
-    return FingerPlan(index, material, tip, pattern, pitch, width, height, orientation, bending, axial)
+    tilt, leans = (
+        float(d.at(stratum(seed, name, index))) for name, d in (("tilt", f.tilt_deg), ("lean", f.tilt_direction_deg))
+    )
+    leans = leans if tilt else 0.0
+    return FingerPlan(index, material, tip, pattern, pitch, width, height, orientation, bending, axial, tilt, leans)
 
 
 def friction_plan(config: DatasetConfig, seed: int, index: int) -> FrictionPlan:
@@ -151,8 +160,8 @@ def rig_plan(config: DatasetConfig, seed: int, index: int) -> RigPlan:
     options, effects = config.randomisation, {}
     for name in options.candidates:
         stream = rng.generator(seed, "dataset", "effect", index, name)
-        if stream.random() < options.probability:
-            effects[name] = draw_effect(all_effects()[name], options.strength, stream)
+        if stream.random() < options.probability_of(name):
+            effects[name] = draw_effect(all_effects()[name], options.strength_of(name), stream)
     return RigPlan(index, rng.integer_seed(seed, "dataset", "rig", index), changes, effects)
 
 
@@ -256,7 +265,36 @@ def trial_plan(config: DatasetConfig, seed: int, index: int) -> TrialPlan:
         friction=friction_plan(config, seed, friction),
         rig=rig_plan(config, seed, rig),
         programme=programme,
+        motion=trial_motion(config, seed, index, kind),
+        liquid=trial_liquid(config, seed, index),
     )
+
+
+_FIGURES = dict(zip(MOTIONS, MOTION_KEYS, strict=False)) | {"spin": "spin_deg"}
+
+
+def trial_motion(config: DatasetConfig, seed: int, index: int, kind: str) -> dict[str, float]:
+    """Draw the motions of a trial by their shares of the slides; ``spin`` has its own angle.
+
+    A stream of its own for each, so that a share leaves all other draws as they are.
+    """
+    drawn = {"spin"} if kind == "spin" else set()
+    if kind == "slide":
+        shares = {name: getattr(config.motion, name) for name in MOTIONS}
+        drawn = {name for name, share in shares.items() if share > stratum(seed, f"motion_{name}", index)}
+    return {
+        key: float(getattr(config.motion, key).at(stratum(seed, key, index)))
+        for name, key in _FIGURES.items()
+        if name in drawn
+    }
+
+
+def trial_liquid(config: DatasetConfig, seed: int, index: int) -> dict[str, float]:
+    """Draw the liquid of a trial; empty for a dry one."""
+    if config.liquid.share <= stratum(seed, "liquid", index):
+        return {}
+    keys = [key for key in type(config.liquid).model_fields if key != "share"]
+    return {key: float(getattr(config.liquid, key).at(stratum(seed, f"liquid.{key}", index))) for key in keys}
 
 
 def _pick(groups: tuple[int, ...], quantile: float) -> int:

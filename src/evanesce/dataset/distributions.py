@@ -108,6 +108,17 @@ class Distribution(Strict):
             raise ValueError(f"{key} names {unknown[0]!r} (allowed: {', '.join(known)})")
 
 
+def require_all(model: Strict, section: str, bounds: dict[str, tuple[float, float, str]]) -> None:
+    """Refuse distributions of a section that could leave their bounds (low, high, unit), by key.
+
+    Raises
+    ------
+    ValueError
+    """
+    for key, (low, high, unit) in bounds.items():
+        getattr(model, key).require_within(f"{section}.{key}", low, high, unit)
+
+
 def constant(value: float | str) -> Distribution:
     """Return the distribution of a constant."""
     return Distribution(constant=value)

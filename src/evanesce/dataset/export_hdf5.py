@@ -10,8 +10,8 @@ import numpy as np
 
 from evanesce.dataset.config import CHANNELS
 from evanesce.dataset.export import Advance
+from evanesce.dataset.numbers import SCALARS
 from evanesce.dataset.read import Dataset
-from evanesce.dataset.trial import SCALARS
 
 FILE = "dataset.h5"
 

@@ -19,8 +19,8 @@ from evanesce.core.errors import InputError
 from evanesce.dataset import layout
 from evanesce.dataset.encode import decode_png, png
 from evanesce.dataset.export import Advance
+from evanesce.dataset.numbers import SCALARS
 from evanesce.dataset.read import Dataset, Sample
-from evanesce.dataset.trial import SCALARS
 
 VERSION = "v3.0"
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"

@@ -10,8 +10,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from evanesce.dataset.export import Advance
+from evanesce.dataset.numbers import SCALARS
 from evanesce.dataset.read import Dataset
-from evanesce.dataset.trial import SCALARS
 
 FILE = "frames.parquet"
 

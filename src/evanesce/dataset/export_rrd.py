@@ -8,9 +8,9 @@ import rerun as rr
 
 from evanesce.core.states import SurfaceState
 from evanesce.dataset.export import Advance
+from evanesce.dataset.numbers import SCALARS
 from evanesce.dataset.preview import COLOURS
 from evanesce.dataset.read import Dataset
-from evanesce.dataset.trial import SCALARS
 
 NAME = "trial-{:06d}.rrd"
 FRAME, STATE = "camera/frame", "camera/frame/state"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -45,6 +46,10 @@ class SightGrip:
         Factor of the force on slip, and of the force at which it last slipped, that is kept [1].
     forget_s : float
         Time in which the force that is kept falls to a third [s].
+    changed_DN : float
+        Mean change of the picture that counts as a slide too fast for its motion to be read [DN].
+    rescue : float
+        Factor of the force on such a slide [1].
     """
 
     task: GripTask
@@ -53,6 +58,8 @@ class SightGrip:
     more: float = 1.3
     margin: float = 1.2
     forget_s: float = 6.0
+    changed_DN: float = math.inf
+    rescue: float = 2.0
 
     def reset(self, frame: Image, force_N: float) -> None:
         """Begin an episode with the first frame and the force at that time [N]."""
@@ -62,8 +69,12 @@ class SightGrip:
         """Return the force to ask for after a frame [N]."""
         now = _even(frame)
         moved = shift_px(self._before, now)
+        changed = float(np.abs(now.astype(np.float32) - self._before).mean())
         self._before = now
-        if moved > self.moved_px:
+        if changed > self.changed_DN:
+            self._floor = max(self._floor, self.margin * self._force)
+            self._force = max(self.rescue * self._force, self._floor)
+        elif moved > self.moved_px:
             self._floor = max(self._floor, self.margin * self._force)
             self._force = max(self.more * self._force, self._floor)
         else:

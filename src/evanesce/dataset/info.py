@@ -61,5 +61,6 @@ def effects(options: Randomisation) -> dict[str, Any]:
     return {
         "effects_drawn": ", ".join(drawn) or "none",
         "share_of_rigs_with_an_effect": options.probability if drawn else 0.0,
+        "shares_of_their_own": {name: options.probability_of(name) for name in drawn if name in options.effects},
         "effects_not_drawn": options.left_out,
     }

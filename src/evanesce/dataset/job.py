@@ -13,9 +13,10 @@ from typing import Any
 from evanesce.core import provenance
 from evanesce.core.errors import InputError
 from evanesce.dataset import layout
-from evanesce.dataset.config import ACTS_TWICE, MOVES_PIXELS, DatasetConfig
+from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.design import ITS_TRIALS_MOTION
 from evanesce.dataset.limits import require_count, require_frame, resolution
+from evanesce.dataset.randomisation import ACTS_TWICE, MOVES_PIXELS
 from evanesce.effects import active_effects
 from evanesce.rig import Scene
 
@@ -136,6 +137,7 @@ def new_job(scene: Scene, config: DatasetConfig, *, frames: int, seed: int) -> J
     job = Job(scene, config, seed, math.ceil(frames / per) * per)
     require_frame(*job.resolution, config.labels.grid_samples)
     _contact_fits(job)
+    _ways_fit(job)
     _rigs_are_possible(job)
     return job
 
@@ -149,6 +151,23 @@ def _rigs_are_possible(job: Job, sampled: int = 16) -> None:
     for index in range(min(job.config.rig.count, sampled)):
         plan = rig_plan(job.config, job.seed, index)
         rig_with_effects(rig_scene(job.scene, plan, finger, job.config), plan.seed)
+
+
+def _ways_fit(job: Job) -> None:
+    """Refuse paths that leave the sampled plane, and tilts that leave the tip, by the first trials."""
+    from evanesce.dataset.config_motion import MOTIONS
+    from evanesce.dataset.region import MARGIN, reaches
+
+    config = job.config
+    moves = config.kinds.regrasp + sum(getattr(config.motion, name) for name in MOTIONS)
+    if not (moves or float(config.finger.tilt_deg.support()[1])):
+        return
+    need = 2.0 * MARGIN * float(reaches(job.scene, config, job.seed, job.trials).max())
+    if need > config.labels.grid_size_mm:
+        raise InputError(
+            f"contacts and their ways of up to {need:.3g} mm leave the sampled plane", key="labels.grid_size_mm",
+            allowed=f"at least {need:.4g} mm (with more labels.grid_samples), or smaller forces and distances",
+        )  # fmt: skip
 
 
 def _contact_fits(job: Job) -> None:

@@ -15,12 +15,13 @@ from typing import Any
 from evanesce.core.errors import InputError, WorkError
 
 FORMAT = "evanesce-dataset"
-FORMAT_VERSION = 4
+FORMAT_VERSION = 5
 """Incremented when a member or number changes its meaning; :data:`EARLIER` lists the changes."""
 EARLIER = {
     1: "its stick_ratio is 0, as under full slip, where the finger is lifted",
     2: "its stick_ratio may be 0, as under full slip, where the finger is lifted",
     3: "its labels have no strength, and torque, stick ratio and slip of ridged fingers disagree with its maps",
+    4: "its numbers have no rotation, its trials no motion",
 }
 """Differences of earlier versions of the format."""
 DESCRIPTION = "dataset.json"

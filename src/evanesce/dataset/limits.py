@@ -13,7 +13,8 @@ MAX_FRAMES = 50_000_000
 """Maximum number of frames of a dataset."""
 MAX_FRAME_BYTES = 400_000_000
 """Maximum memory of one frame with its labels [bytes]."""
-MAX_SHARD_FRAMES = 256
+MAX_SHARD_FRAMES = 1024
+"""One second at 1000 Hz."""
 MIN_SIDE_PX, MAX_SIDE_PX = 8, 20_000
 MAX_CONFIG_BYTES = 200_000
 BYTES_PER_PIXEL = 70

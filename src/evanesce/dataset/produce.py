@@ -19,6 +19,9 @@ from evanesce.dataset.encode import exr, mask_png, png
 from evanesce.dataset.job import Job
 from evanesce.dataset.labels import FrameLabeller, LabelBox, offset, plate_labels
 from evanesce.dataset.layout import frame_key
+from evanesce.dataset.markers import ink_cover, inked, marker_labels
+from evanesce.dataset.numbers import SCALARS, measured, slip_labelled
+from evanesce.dataset.planar_trial import trial_of
 from evanesce.dataset.rigs import (
     RigCamera,
     RigWithEffects,
@@ -29,7 +32,7 @@ from evanesce.dataset.rigs import (
     rig_with_effects,
 )
 from evanesce.dataset.shutter import smeared
-from evanesce.dataset.trial import SCALARS, FrameTruth, Trial, measured, slip_labelled
+from evanesce.dataset.trial import FrameTruth, Trial
 from evanesce.effects import Stage
 from evanesce.effects.contact.rolling_skew import lateness
 
@@ -190,19 +193,22 @@ class Producer:
                 for s in (lit, visible)
             )
         labels, picture = self.job.config.labels, None
+        marks: list[dict[str, Any]] = []
+        if self.job.config.markers.pitch_mm and lit is not None and visible is not None:
+            lit, marks = self._marked(current, i, lit, visible)
         if exposed:
             picture = ready.camera.frame(lit, index=frame, time_s=time_s, with_raw=labels.raw, grid=ready.grid)
         wanted = [name for name in CHANNELS if name == "state" or name in frame_channels]
         seen = ready.labeller.labels(FrameTruth(visible, truth.scalars), labels.margin_mm, wanted)
         grid = ready.grid if truth.state is None else shifted(ready.grid, truth.state.grid)
         flat = plate_labels(truth, grid, labels.margin_mm, plate_channels)
-        return Made(frame, number, picture, seen, flat, grid, self.describe(current, frame, i, truth))
+        return Made(frame, number, picture, seen, flat, grid, self.describe(current, frame, i, truth, marks))
 
     def trial(self, number: int) -> _Current:
         """Return a trial with its camera, made ready."""
         if self._trial is None or self._trial.number != number:
             config, plan = self.job.config, trial_plan(self.job.config, self.job.seed, number)
-            scene = rig_scene(self.job.scene, plan.rig, plan.finger, config)
+            scene = rig_scene(self.job.scene, plan.rig, plan.finger, config, plan.liquid)
             rig = rig_with_effects(scene, plan.rig.seed)
             ready = self._camera(plan, rig)
             start = self.job.frames_of(number).start
@@ -210,7 +216,7 @@ class Producer:
             def load(i: int, time_s: float, force_N: float) -> float:
                 return ready.camera.load(start + i, time_s, force_N)
 
-            trial = Trial(plan, config, rig.scene, ready.grid, load)
+            trial = trial_of(plan, config, rig.scene, ready.grid, load)
             if any(entry.effect.stage is Stage.CONTACT for entry in rig.effects):
                 # Whether an effect of the contact knows this finger shows only on a contact.
                 contact = next((t.state for t in map(trial.truth, range(len(trial))) if t.state is not None), None)
@@ -268,13 +274,27 @@ class Producer:
         place = {"centre_x_mm": float(x), "centre_y_mm": float(y)}
         return FrameTruth(state, {**truth.scalars, **place, **measured(state, (float(x), float(y)))})
 
-    def describe(self, current: _Current, frame: int, i: int, truth: FrameTruth) -> dict[str, Any]:
+    def _marked(
+        self, current: _Current, i: int, lit: ContactState, visible: ContactState
+    ) -> tuple[ContactState, list[dict[str, Any]]]:
+        """Return a lit contact with its markers' ink, and the markers' labels."""
+        camera, markers, trial = current.ready.camera, self.job.config.markers, current.trial
+        late: Floats | float = 0.0
+        if camera.readout_s != 0.0:
+            late = lateness(camera.scene, trial.part(i), camera.readout_s)
+        skin = trial.marked_skin(i, late)
+        return inked(lit, ink_cover(skin, markers), markers), marker_labels(skin, markers, visible, camera.scene)
+
+    def describe(
+        self, current: _Current, frame: int, i: int, truth: FrameTruth, marks: list[dict[str, Any]]
+    ) -> dict[str, Any]:
         """Return the content of ``KEY.json``, which ``schema.json`` validates."""
         return {
             **current.described,
             "key": frame_key(frame),
             "index": frame,
             "frame_in_trial": i,
+            "markers": marks,
             "scalars": {name: _rounded(truth.scalars[name]) for name in SCALARS},
         }
 
@@ -294,6 +314,8 @@ class Producer:
             "friction": plans["friction"],
             "rig": {**plans["rig"], "effects": all_of(self.job.scene, plan.rig), "left_out": list(left_out)},
             "programme": plans["programme"],
+            "motion": plans["motion"],
+            "liquid": {} if trial.scene.liquid is None else trial.scene.liquid.model_dump(mode="json"),
             "seed": self.job.seed,
             "config_sha256": self._digest,
         }

@@ -10,10 +10,12 @@ import numpy as np
 
 from evanesce.contact.analytic.partial_slip import tangential_modulus
 from evanesce.contact.laws import smooth_contact
+from evanesce.contact.tilt import require_on_tip
 from evanesce.core.errors import InputError
 from evanesce.dataset.config import CameraOptions, DatasetConfig
 from evanesce.dataset.design import RigPlan, TrialPlan, trial_plan
 from evanesce.dataset.mechanics import interface, reach, shaft_stiffness
+from evanesce.dataset.motions import cycle_of, is_planar, path_of
 from evanesce.materials import silicone_of
 from evanesce.optics.projection import Projection
 from evanesce.rig import Scene
@@ -35,10 +37,13 @@ def contact_reach(plan: TrialPlan, scene: Scene) -> tuple[float, float]:
     """
     p, force = plan.programme, plan.programme["normal_force_N"]
     contact, modulus = smooth_contact(scene, force)
+    require_on_tip(scene, contact.contact_radius)
     radius, along, aside = contact.contact_radius, 0.0, (0.0, 0.0)
     friction, shaft = interface(plan, contact), shaft_stiffness(plan)
     shear = float(tangential_modulus(modulus, silicone_of(scene.finger).poisson_ratio))
     limit = friction.tau0 * math.pi * radius**2 + friction.alpha * force
+    if is_planar(plan):
+        return _planar_reach(plan, scene, limit, reach(contact, friction, shear, shaft), shear, shaft)
     if plan.kind == "slide":
         along = 0.5 * (reach(contact, friction, shear, shaft) - limit / shaft + p["distance_mm"])
     elif plan.kind == "wiggle":
@@ -48,6 +53,25 @@ def contact_reach(plan: TrialPlan, scene: Scene) -> tuple[float, float]:
         aside = abs(p["shift_mm"]), 0.5 * abs(p["shift_mm"])
     angle = math.radians(p["direction_deg"])
     return radius + abs(along * math.cos(angle)) + aside[0], radius + abs(along * math.sin(angle)) + aside[1]
+
+
+def _planar_reach(
+    plan: TrialPlan, scene: Scene, limit: float, gross: float, shear: float, shaft: float
+) -> tuple[float, float]:
+    """Return :func:`contact_reach` of a finger on a path: half of the path's extent, and the wider contact's rim."""
+    p, m = plan.programme, plan.motion
+    force = p["normal_force_N"]
+    factors = m.get("force_factor", 1.0), p["second_force_share"] if plan.kind == "regrasp" else 1.0
+    radii = [smooth_contact(scene, factor * force)[0].contact_radius for factor in (1.0, *factors)]
+    extent, shift = np.zeros(2), 0.0
+    if plan.kind != "spin":
+        stiffness = 1.0 / (1.0 / (2.0 * radii[0] * shear) + 1.0 / shaft)
+        path = path_of(plan, gross, cycle_of(plan, limit, stiffness))
+        corners = np.array([path.at(np.array(way)) for way in (0.0, path.legs[0], path.length)])
+        extent = 0.5 * np.ptp(corners, axis=0)
+    if plan.kind == "regrasp":
+        shift = abs(p["shift_mm"])
+    return max(radii) + float(extent[0]) + shift, max(radii) + float(extent[1]) + 0.5 * shift
 
 
 def reaches(scene: Scene, config: DatasetConfig, seed: int, trials: int) -> np.ndarray:

@@ -11,6 +11,7 @@ from evanesce.chain.simulate import expose
 from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState, Frame, PlateGrid, embedded
 from evanesce.dataset.config import DatasetConfig
+from evanesce.dataset.config_contact import PRINT_PATTERNS
 from evanesce.dataset.design import ITS_TRIALS_MOTION, FingerPlan, RigPlan
 from evanesce.dataset.region import crop
 from evanesce.effects import Active, Context, Stage, active_effects, all_effects, apply_stage
@@ -21,8 +22,10 @@ from evanesce.rig.finger import OWN_FIGURES, Finger
 from evanesce.rig.load import validate
 
 
-def rig_scene(base: Scene, rig: RigPlan, finger: FingerPlan, config: DatasetConfig) -> Scene:
-    """Return the scene of a rig with a finger: drawn keys set, the frame scaled, effects listed.
+def rig_scene(
+    base: Scene, rig: RigPlan, finger: FingerPlan, config: DatasetConfig, liquid: dict[str, float] | None = None
+) -> Scene:
+    """Return the scene of a rig with a finger: drawn keys set, the frame scaled, effects listed, the liquid if any.
 
     Raises
     ------
@@ -33,9 +36,17 @@ def rig_scene(base: Scene, rig: RigPlan, finger: FingerPlan, config: DatasetConf
     for name in ("slide", "assumptions", "sources"):
         data.pop(name, None)
     data["finger"] |= {"tip_radius_mm": finger.tip_radius_mm, "material": finger.material}
-    for key in ("ridges", *OWN_FIGURES):
+    for key in ("ridges", "fingerprint", "height_map", *OWN_FIGURES):
         data["finger"].pop(key, None)
-    if finger.pattern:
+    if finger.pattern in PRINT_PATTERNS:
+        data["finger"]["fingerprint"] = {
+            "pattern": PRINT_PATTERNS[finger.pattern],
+            "ridge_period_um": finger.ridge_pitch_um,
+            "ridge_height_um": finger.ridge_height_um,
+            "orientation_deg": finger.ridge_orientation_deg,
+            "seed": finger.index,
+        }
+    elif finger.pattern:
         data["finger"]["ridges"] = {
             "pattern": finger.pattern,
             "pitch_um": finger.ridge_pitch_um,
@@ -45,15 +56,53 @@ def rig_scene(base: Scene, rig: RigPlan, finger: FingerPlan, config: DatasetConf
         }
     data["press"] = {"forces_N": [1.0], "frame_rate_hz": config.trial.frame_rate_hz}
     data["contact"] = {"law": "hertz"}
+    if finger.tilt_deg:
+        data["contact"] |= {"tilt_deg": finger.tilt_deg, "tilt_direction_deg": finger.tilt_direction_deg}
+    if liquid:
+        data["liquid"] = liquid
     data["effects"] = all_of(base, rig)
     for dotted, value in rig.changes.items():
         _set(data, dotted, value)
+    follow_rate(data["camera"], config.trial.frame_rate_hz)
     if config.camera.region_mm is not None:
         crop(data["camera"], validate(Scene, data, "rig.draw"), config.camera)
         _windowed(data["effects"], data["camera"], base)
     else:
         bin_pixels(data["camera"], config.camera.scale)
+    interval_ms = 1e3 / config.trial.frame_rate_hz
+    for name in ROLLING & rig.effects.keys():
+        table = all_effects()[name].parameters.model_validate(data["effects"][name]).model_dump(mode="json")
+        if table["readout_ms"] > interval_ms:
+            data["effects"][name] = {**table, "readout_ms": interval_ms}
     return validate(Scene, data, "rig.draw")
+
+
+EXPOSED = 0.9
+"""Longest exposure over the time between two frames; the rest resets and reads the pixels."""
+
+
+def follow_rate(camera: dict[str, Any], rate_hz: float) -> None:
+    """Shorten a camera's exposure to what a frame rate leaves, and raise its gain as much: the mean level stays.
+
+    Photons become fewer, so that noise grows over the signal.
+
+    Raises
+    ------
+    InputError
+        If no gain makes up for it, or the camera chooses its exposure itself.
+    """
+    longest, key = EXPOSED * 1e3 / rate_hz, "trial.frame_rate_hz"
+    if camera["exposure_ms"] <= longest:
+        return
+    if camera.get("auto_exposure") is not None:
+        raise InputError(f"at {rate_hz:g} Hz camera.auto_exposure is not followed", key=key, allowed="a camera without")
+    gain, most = camera["analogue_gain"] * camera["exposure_ms"] / longest, 64.0
+    if gain > most:
+        raise InputError(
+            f"exposure {camera['exposure_ms']:g} ms at {rate_hz:g} Hz needs an analogue gain of {gain:.3g}",
+            key=key, allowed=f"gains up to {most:g}: at most {rate_hz * most / gain:.3g} Hz, or more light",
+        )  # fmt: skip
+    camera |= {"exposure_ms": longest, "analogue_gain": gain}
 
 
 def all_of(base: Scene, rig: RigPlan) -> dict[str, dict[str, Any]]:
@@ -178,7 +227,7 @@ OPTICAL_KEYS = (
 def optical_scene(scene: Scene) -> Scene:
     """Return a scene whose finger has its optical keys only, so that fingers of one shape share a camera."""
     seen = {key: getattr(scene.finger, key) for key in OPTICAL_KEYS}
-    return scene.model_copy(update={"finger": Finger(**seen)})
+    return scene.model_copy(update={"finger": Finger(**seen), "liquid": None})
 
 
 class RigCamera:

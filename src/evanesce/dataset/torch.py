@@ -10,9 +10,9 @@ import numpy as np
 
 from evanesce.core.extras import require
 from evanesce.dataset.config import CHANNELS
+from evanesce.dataset.numbers import SCALARS
 from evanesce.dataset.read import Dataset, Sample
 from evanesce.dataset.stream import Stream, shuffled, windows
-from evanesce.dataset.trial import SCALARS
 from evanesce.dataset.worker import single_threaded
 
 try:
@@ -33,7 +33,7 @@ def tensors(sample: Sample) -> dict[str, Any]:
     -------
     dict
         ``frame`` uint8 (1, rows, cols) [DN]; ``state`` int64 (rows, cols); ``scalars`` float32 in the order of
-        :data:`evanesce.dataset.trial.SCALARS`; ``index`` int. Where they are stored, or asked for of a stream,
+        :data:`evanesce.dataset.numbers.SCALARS`; ``index`` int. Where they are stored, or asked for of a stream,
         ``labels`` float32 (channels, rows, cols), in the order of :data:`evanesce.dataset.config.CHANNELS` (the gap is
         NaN where nothing is near), and ``raw`` int32 (1, rows, cols) [DN].
     """

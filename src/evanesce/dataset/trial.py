@@ -17,17 +17,22 @@ from numpy.typing import NDArray
 from evanesce.contact.analytic.partial_slip import tangential_modulus
 from evanesce.contact.analytic.roughness import persson_contact_fraction
 from evanesce.contact.laws import smooth_contact
+from evanesce.contact.liquid import lubricated, wetted_state
 from evanesce.contact.patch import AxisymmetricContact, box_around, grid_part
+from evanesce.contact.ridges.print_row import PrintRow
 from evanesce.contact.ridges.ridged import with_ridges
 from evanesce.contact.sliding.area_loss import area_loss_for
 from evanesce.contact.sliding.solver import Slide, march
 from evanesce.contact.sliding.states import SlideStates, SlideView
 from evanesce.contact.sliding.torsion import Twist, sliding_torque, twisted, twisted_state
 from evanesce.contact.solve import ridge_row
-from evanesce.core.states import ContactState, PlateGrid, SurfaceState
+from evanesce.contact.tilt import require_on_tip, tilt_of
+from evanesce.core.states import ContactState, PlateGrid
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.design import TrialPlan
+from evanesce.dataset.markers import MarkedSkin
 from evanesce.dataset.mechanics import interface, reach, shaft_stiffness
+from evanesce.dataset.numbers import SCALARS, SLIP_SPEED_MM_PER_S, measured, slip_labelled
 from evanesce.dataset.programme import Sampled, sample_programme
 from evanesce.dataset.shutter import Motion, advanced
 from evanesce.materials import silicone_of
@@ -41,9 +46,6 @@ SPRINGS = 512
 """Of a contact's radius: six of them are as wide as a cell of the default grid for contacts of up to 2.6 mm."""
 ENLARGED = 1.1
 """Contact radius over the smooth solution's, up to which effects of the finger may enlarge it [1]."""
-SLIP_SPEED_MM_PER_S = 1e-3
-"""A surface element slips where its mean speed since the frame before is at least this; a pixel is 50,000 times as
-large as the way it then makes between two frames."""
 
 
 @dataclass(frozen=True)
@@ -104,11 +106,17 @@ class Trial:
         held = plan.programme["normal_force_N"]
         contact = self._contact(held)
         self._friction, self._modulus = interface(plan, contact), smooth_contact(scene, held)[1]
+        require_on_tip(scene, contact.contact_radius)
+        if scene.liquid is not None:
+            self._friction = lubricated(
+                self._friction, scene.liquid, force=held, area=math.pi * contact.contact_radius**2,
+                radius=scene.finger.tip_radius_mm, modulus=self._modulus,
+            )  # fmt: skip
         shear = float(tangential_modulus(self._modulus, self._silicone.poisson_ratio))
         self._shaft = shaft_stiffness(plan)
         series = 1.0 / (1.0 / (2.0 * contact.contact_radius * shear) + 1.0 / self._shaft)
         self.reach_mm = reach(contact, self._friction, shear, self._shaft)
-        sampled = sample_programme(plan, config.trial, series, self.reach_mm)
+        sampled = self._programme(series)
         if load is not None:
             commanded = zip(sampled.time.tolist(), sampled.force.tolist(), strict=True)
             actual = [load(i, t, f) if f > LIFTED_N else 0.0 for i, (t, f) in enumerate(commanded)]
@@ -116,10 +124,11 @@ class Trial:
         self._travel = self.reach_mm - self._limit(contact) / self._shaft + plan.programme["distance_mm"]
         self._sampled: Sampled = sampled
         self.time = sampled.time
-        self._slide, self._rates = self._march(shear)
-        self._states = self._views()
-        self._ridges = ridge_row(scene)
-        self._twists = self._twist(shear)
+        self._ridges = PrintRow.of(scene.finger.fingerprint) if scene.finger.fingerprint else ridge_row(scene)
+        tilt, lean = tilt_of(scene)
+        arc = -scene.finger.tip_radius_mm * tilt
+        self._apex = arc * math.cos(lean), arc * math.sin(lean)
+        self._solve(shear)
         self.onset_first_slip_s, self.onset_gross_slip_s = self._onsets()
 
     def __len__(self) -> int:
@@ -138,21 +147,28 @@ class Trial:
         With ``late_s`` [s], of that part's shape, each cell as much later.
         """
         state = self._smooth(i)
-        outer: tuple[Any, Any] = self._outer(i, self._slide.frames[i].spring_slip)
         if late_s is not None:
             state = slip_labelled(advanced(state, self.motion(i), late_s))
-            outer = tuple(
-                slip + rate * late_s for slip, rate in zip(outer, self._outer(i, self._rates[i]), strict=True)
-            )
         if self._ridges is not None:
             state = with_ridges(
-                state, self._ridges, self._modulus, origin=self._origin(int(self._sampled.placement[i])),
-                outer_slip=outer, near_gap=self.config.labels.near_gap_mm,
+                state, self._ridges, self._modulus, origin=self._apex_at(i),
+                near_gap=self.config.labels.near_gap_mm, **self._skin(i, 0.0 if late_s is None else late_s),
             )  # fmt: skip
         slope = self.scene.finger.roughness_rms_slope
         if slope > 0:
             state = replace(state, real_contact_fraction=persson_contact_fraction(state.pressure, self._modulus, slope))
-        return state
+        return state if self.scene.liquid is None else wetted_state(state, self.scene.liquid)
+
+    def marked_skin(self, i: int, late_s: Floats | float = 0.0) -> MarkedSkin:
+        """Return where the skin is at frame ``i`` on :meth:`part` of the grid; each cell as much later [s]."""
+        state, outer = self._smooth(i), self._skin(i, late_s)
+        skin = outer.get("skin")
+        if skin is None:
+            assert state.slip is not None
+            speed = 0.0 if state.slip_velocity is None else np.asarray(state.slip_velocity)
+            beside = np.stack([np.broadcast_to(s, state.grid.shape) for s in outer["outer_slip"]])
+            skin = np.where(np.asarray(state.contact_mask) > 0, np.asarray(state.slip) + speed * late_s, beside)
+        return MarkedSkin(state.grid, self._apex_at(i), np.asarray(skin))
 
     def part(self, i: int) -> PlateGrid:
         """Return the part of the grid that holds the contact of frame ``i``, and what is seen and labelled about it.
@@ -161,7 +177,7 @@ class Trial:
         :data:`ENLARGED`.
         """
         motion, time = self.motion(i), 0.5 / self.config.trial.frame_rate_hz
-        radius = self._slide.frames[i].contact.contact_radius * (ENLARGED + abs(motion.growth_per_s) * time)
+        radius = self._pressed(i).contact_radius * (ENLARGED + abs(motion.growth_per_s) * time)
         radius += self.config.labels.margin_mm + math.hypot(*motion.velocity) * time + 4.0 * self.grid.pitch
         return grid_part(self.grid, box_around(self.grid, motion.centre, radius))
 
@@ -173,6 +189,18 @@ class Trial:
         return slip_labelled(self._states[int(self._sampled.placement[i])].on(self.part(i), i))
 
     # --- solution ----------------------------------------------------------------------------------------------------
+
+    def _programme(self, stiffness: float) -> Sampled:
+        return sample_programme(self.plan, self.config.trial, stiffness, self.reach_mm)
+
+    def _solve(self, shear: float) -> None:
+        self._slide, self._rates = self._march(shear)
+        self._states = self._views()
+        self._twists = self._twist(shear)
+
+    def _pressed(self, i: int) -> AxisymmetricContact:
+        """Return a frame's contact without shear."""
+        return self._slide.frames[i].contact
 
     def _contact(self, force: float) -> AxisymmetricContact:
         return smooth_contact(self.scene, max(force, 0.0))[0]
@@ -202,6 +230,11 @@ class Trial:
         back = 0.5 * self._travel if self.plan.kind == "slide" else 0.0
         shift = p["shift_mm"] if placement else 0.0
         return x - back * math.cos(angle) + shift, y - back * math.sin(angle) - 0.5 * shift
+
+    def _apex_at(self, i: int) -> tuple[float, float]:
+        """Return where the apex of the resting finger's skin, unrolled, lies on the plate [mm]."""
+        x, y = self._origin(int(self._sampled.placement[i]))
+        return x + self._apex[0], y + self._apex[1]
 
     def _views(self) -> list[SlideStates]:
         direction = math.radians(self.plan.programme["direction_deg"])
@@ -248,9 +281,14 @@ class Trial:
         if elapsed == 0.0:
             return Motion(centre, (0.0, 0.0), 0.0)
         velocity = np.subtract(self.centre(high), self.centre(low)) / elapsed
-        radius = [self._slide.frames[j].contact.contact_radius for j in (low, i, high)]
+        radius = [self._pressed(j).contact_radius for j in (low, i, high)]
         growth = (radius[2] - radius[0]) / (elapsed * radius[1]) if radius[1] > 0 else 0.0
         return Motion(centre, (float(velocity[0]), float(velocity[1])), growth)
+
+    def _skin(self, i: int, late_s: Floats | float) -> dict[str, Any]:
+        """Return what ridges need to know of the skin besides its slip, some time after frame ``i``."""
+        slips, rates = self._outer(i, self._slide.frames[i].spring_slip), self._outer(i, self._rates[i])
+        return {"outer_slip": tuple(slip + rate * late_s for slip, rate in zip(slips, rates, strict=True))}
 
     def _outer(self, i: int, springs: Floats) -> tuple[float, float]:
         """Return the slip (or its rate) of the skin beside the contact: that of the outermost spring in contact."""
@@ -295,91 +333,28 @@ class Trial:
         return bool((speeds.max() if anywhere else speeds[0]) >= SLIP_SPEED_MM_PER_S)
 
     def _scalars(self, i: int, state: ContactState | None) -> dict[str, float]:
-        frame, s = self._slide.frames[i], self._sampled
+        s = self._sampled
         x, y = self.centre(i)
-        place = {"centre_x_mm": x, "centre_y_mm": y}
+        place = {"time_s": float(s.time[i]), "drive_mm": float(s.drive[i]), "centre_x_mm": x, "centre_y_mm": y}
         if state is None:
-            nothing = {**dict.fromkeys(SCALARS, 0.0), **place}
-            return {**nothing, "stick_ratio": 1.0, "time_s": float(s.time[i]), "drive_mm": float(s.drive[i])}
-        contact = frame.contact
-        limit = self._limit(contact)
-        fx, fy = state.tangential_force
-        twist = self._twists[i] if self._twists is not None else None
-        margin = math.hypot(fx, fy) / limit
-        if twist is not None:
-            margin = max(margin, twist.torque / sliding_torque(contact, self._friction))
+            return {**dict.fromkeys(SCALARS, 0.0), **place, "stick_ratio": 1.0}
+        limit, (fx, fy) = self._limit(contact := self._pressed(i)), state.tangential_force
         return {
-            "time_s": float(s.time[i]),
+            **place,
             "Fx_N": float(fx),
             "Fy_N": float(fy),
             "Fz_N": float(contact.normal_force),
-            **place,
             "friction_coefficient": limit / contact.normal_force,
-            "margin": margin,
-            "drive_mm": float(s.drive[i]),
-            "tip_displacement_mm": float(frame.tip_displacement),
+            "margin": max(math.hypot(fx, fy) / limit, self._torque_margin(i)),
+            **self._turned(i),
         }
 
+    def _torque_margin(self, i: int) -> float:
+        """Return a twist's torque over that of full sliding."""
+        twist = self._twists[i] if self._twists is not None else None
+        return 0.0 if twist is None else twist.torque / sliding_torque(self._pressed(i), self._friction)
 
-SCALARS: dict[str, str] = {
-    "time_s": "s",
-    "Fx_N": "N",
-    "Fy_N": "N",
-    "Fz_N": "N",
-    "torque_N_mm": "N mm",
-    "nominal_area_mm2": "mm^2",
-    "real_area_mm2": "mm^2",
-    "centre_x_mm": "mm",
-    "centre_y_mm": "mm",
-    "stick_ratio": "1",
-    "friction_coefficient": "1",
-    "margin": "1",
-    "drive_mm": "mm",
-    "tip_displacement_mm": "mm",
-}
-"""Numbers of each frame and their units. Forces are those of the finger on the glass."""
-
-MEANINGS = {
-    "torque_N_mm": "of the finger on the glass about the contact's centre, from x towards y",
-    "centre_x_mm": "middle of the contact's outline on the plate",
-    "centre_y_mm": "middle of the contact's outline on the plate",
-    "Fz_N": "0: the finger is lifted, and forces, areas, friction coefficient and margin are 0",
-    "stick_ratio": "share of the contact that sticks; 1 where the finger is lifted (Fz_N = 0): nothing slips",
-    "margin": "|Ft| / (mu Fn), or the same of the torque; 0 where the finger is lifted",
-}
-"""Meanings of numbers beyond their names."""
-
-
-def slip_labelled(state: ContactState) -> ContactState:
-    """Return a contact whose touching cells are labelled slip where the skin moves, else stick."""
-    if state.state is None or state.slip_velocity is None:
-        return state
-    surface = np.array(state.state)
-    touching = surface >= SurfaceState.STICK
-    moves = np.hypot(*np.asarray(state.slip_velocity)) >= SLIP_SPEED_MM_PER_S
-    surface[touching] = np.where(moves[touching], np.uint8(SurfaceState.SLIP), np.uint8(SurfaceState.STICK))
-    return replace(state, state=surface)
-
-
-def measured(state: ContactState, centre: tuple[float, float]) -> dict[str, float]:
-    """Return the numbers that are those of a contact's maps, by their names among the scalars.
-
-    Parameters
-    ----------
-    state : ContactState
-    centre : tuple of float
-        Point (x, y) about which the torque is taken [mm].
-    """
-    grid = state.grid
-    nominal = real = float(state.nominal_contact_area)
-    if state.real_contact_fraction is not None:
-        fraction = np.asarray(state.contact_mask) * np.asarray(state.real_contact_fraction)
-        real = float(fraction.sum()) * grid.pitch**2
-    torque, ratio = 0.0, 1.0
-    if state.traction is not None:
-        x, y = grid.x[None, :] - centre[0], grid.y[:, None] - centre[1]
-        torque = float((x * state.traction[1] - y * state.traction[0]).sum()) * grid.pitch**2
-    if state.state is not None:
-        stick, slip = (int(np.count_nonzero(state.state == s)) for s in (SurfaceState.STICK, SurfaceState.SLIP))
-        ratio = stick / (stick + slip) if stick + slip else 1.0
-    return {"nominal_area_mm2": nominal, "real_area_mm2": real, "torque_N_mm": torque, "stick_ratio": ratio}
+    def _turned(self, i: int) -> dict[str, float]:
+        twist = self._twists[i] if self._twists is not None else None
+        turned = 0.0 if twist is None else math.degrees(twist.angle)
+        return {"tip_displacement_mm": float(self._slide.frames[i].tip_displacement), "rotation_deg": turned}

@@ -129,6 +129,7 @@ def with_ridges(
     *,
     origin: tuple[float, float],
     outer_slip: tuple[ArrayLike, ArrayLike] = (0.0, 0.0),
+    skin: tuple[ArrayLike, ArrayLike] | None = None,
     near_gap: float = 0.01,
 ) -> ContactState:
     """Put ridges on a smooth finger's contact state, in which they move with the skin.
@@ -149,6 +150,8 @@ def with_ridges(
         Plate point (x, y) on which the finger's tip first rested [mm].
     outer_slip : tuple of float or ndarray (rows, cols)
         Displacement (x, y) of the skin outside the contact [mm].
+    skin : tuple of ndarray (rows, cols), optional
+        Displacement (x, y) of the skin everywhere [mm], in place of slip and ``outer_slip``.
     near_gap : float
         Gap below which a surface counts as near [mm].
 
@@ -160,7 +163,7 @@ def with_ridges(
     grid, closure = smooth.grid, RidgeClosure.of(ridges, modulus)
     whole = np.asarray(smooth.contact_mask, dtype=float)
     touched = whole > 0
-    drift = _drift(smooth, touched, outer_slip)
+    drift = np.asarray(skin) if skin is not None else _drift(smooth, touched, outer_slip)
     x, y = grid.x[None, :] - origin[0] - drift[0], grid.y[:, None] - origin[1] - drift[1]
     distance = ridges.locate(x, y)[1]
     furrow = closure.undeformed_gap(distance)

@@ -178,10 +178,9 @@ def started(bundle: Bundle, tell: Tell = lambda line: None) -> Start:
         model, fitter = coded, Fitter(coded)
         base = fitter.relinearised([], point)
         point = dict(base.point)
-    left = float(np.mean(film.made.passed))
-    notes = (
-        (f"{behind[0]} or so left {100 * left:.0f} % of the camera's noise: {SILENT_WORDS}",) if left < SILENT else ()
-    )
+    kept = float(np.mean(film.made.passed))
+    told = f"{behind[0]} or so left {100 * kept:.0f} % of the camera's noise: {SILENT_WORDS}"
+    notes = (told,) if kept < SILENT else ()
     return Start(observation, model, gate, fitter, base, str(behind[0]), notes)
 
 

@@ -273,10 +273,11 @@ class Judge:
                 continue
             strength = shapes.strength(shapes.coordinates(along[cut]))
             scaled = strength * shapes.scale
-            precision = np.eye(len(cut)) + scaled[:, None] * gram[np.ix_(cut, cut)] * scaled
-            covariance = np.linalg.inv(precision)
-            mean = scaled * (covariance @ (scaled * along[cut]))
-            found[cause] = Weights(len(cut), mean, scaled[:, None] * np.linalg.cholesky(covariance))
+            # Forms that are nearly alike leave rounding errors below zero, of what is known from the data.
+            known, modes = np.linalg.eigh(scaled[:, None] * gram[np.ix_(cut, cut)] * scaled)
+            root = modes / np.sqrt(1.0 + np.maximum(known, 0.0))
+            mean = scaled * (root @ (root.T @ (scaled * along[cut])))
+            found[cause] = Weights(len(cut), mean, scaled[:, None] * root)
         return found
 
     def power(self, fitted: JointFit, strengths: Sequence[float], rng: np.random.Generator) -> list[Power]:

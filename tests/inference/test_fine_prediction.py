@@ -45,6 +45,7 @@ def test_a_dark_view_needs_no_finer_pixels(scene: Scene) -> None:
     np.testing.assert_allclose(fine[2], quick[2], atol=1e-9)
 
 
+@pytest.mark.slow  # 8 s: light gathered by pixels of a sixth
 def test_finer_pixels_converge(scene: Scene) -> None:
     """Twice as fine again changes much less than the first step did: away from the edge next to nothing."""
     quick = Predictor(model_scene(scene), VIEWS).cube({})

@@ -216,6 +216,7 @@ def test_the_command_answers_series_alone(tmp_path):
     assert "measured over predicted" in html
 
 
+@pytest.mark.slow  # 13 s: two whole fits of frames with series
 def test_series_beside_frames_raise_the_evidence_of_what_they_tell_better(tmp_path):
     """Areas over 1000 s tell of creep, of which frames of one moment know nothing."""
     rigs.write_rig("tiny", tmp_path / "tiny")

@@ -53,6 +53,7 @@ def drawn_set(number: int, size: tuple[int, int], count: int = VIEWS) -> Array:
     return pulls(calibrate(views, size).fit, lens)
 
 
+@pytest.mark.slow  # 5 s: five sets of photographs
 def test_five_sets_within_three_standard_errors() -> None:
     found = np.abs([drawn_set(k, (400, 300), 6) for k in range(5)])
     assert found.max() < 3.0

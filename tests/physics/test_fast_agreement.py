@@ -66,6 +66,7 @@ def check(found: dict[str, tuple[float, float, float]]) -> None:
     assert 6 * error < (0.02 - LEVEL) * level
 
 
+@pytest.mark.slow  # 8 s: paths traced to a few per mille
 def test_stamp_on_a_small_plate_with_three_lit_edges() -> None:
     need("llvm")
     scene = small_rig(camera__resolution_px=(64, 48), camera__scale_px_per_mm=6.0)

@@ -72,6 +72,7 @@ def rerun_without_work(part, scene, folder: Path, module, name: str, monkeypatch
     return dict(part.run(scene, folder, silent, quick=True, seed=1).data)
 
 
+@pytest.mark.slow  # 8 s: a study from end to end
 @pytest.mark.system
 def test_threshold_part_of_a_small_rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = load_scene("thesis", TINY)

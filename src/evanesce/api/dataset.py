@@ -102,10 +102,10 @@ def make_dataset(
     --------
     >>> import evanesce as ev
     >>> samples = ev.make_dataset(
-    ...     ev.load("thesis"), trials=1, seed=7, trial__frames=8, camera__scale=0.1, randomisation__probability=0.0
+    ...     ev.load("thesis"), trials=1, seed=7, trial__frames=20, camera__scale=0.1, randomisation__probability=0.0
     ... )
     >>> len(samples), samples[5].frame.shape
-    (8, (150, 200))
+    (20, (150, 200))
     >>> sorted(samples[5].scalars)[:3]
     ['Fx_N', 'Fy_N', 'Fz_N']
     """

@@ -185,6 +185,7 @@ def test_bad_input_ends_with_2_and_names_its_key(arguments, part):
 
 
 @pytest.mark.system
+@pytest.mark.slow  # 8 s each: frames rendered, calibrated and read
 @pytest.mark.parametrize(("finger", "goal"), [("smooth", 0.5), ("smooth, scattering", 1.0)])
 def test_rendered_frames_are_read_blind(finger, goal):
     """One press on the small rig at 9 V, off the middle; the reference segmentation at 0.15 errs several times more."""

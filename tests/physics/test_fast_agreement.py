@@ -73,6 +73,7 @@ def test_stamp_on_a_small_plate_with_three_lit_edges() -> None:
     check(differences(scene, hard_contact(), samples=64))
 
 
+@pytest.mark.slow  # 5 s: paths traced to a few per mille
 def test_ridged_finger_off_the_middle() -> None:
     need("llvm")
     scene = load_scene(

@@ -67,7 +67,7 @@ def drawn(folder: Path) -> tuple[AnchoredModel, Filmed, Any]:
 def test_noise_that_hangs_together_over_places_and_views_is_made_white(
     drawn: tuple[AnchoredModel, Filmed, Any],
 ) -> None:
-    """Fresh noise of the same law: unit variance, regions and what views share no louder than white noise."""
+    """Fresh noise of the same law: unit variance, regions and what views share of no more power than white noise."""
     model, film, noise = drawn
     data = film.data(model.data, np.zeros(model.data.cube.shape))
     fresh = noise(40)
@@ -85,9 +85,9 @@ def test_noise_that_hangs_together_over_places_and_views_is_made_white(
 def test_views_that_scatter_more_than_the_draws_count_for_less(drawn: tuple[AnchoredModel, Filmed, Any]) -> None:
     """Three times the noise in what views share: found in the data themselves, and as white as before."""
     model, film, noise = drawn
-    loud = noise(1)[0] + 2.0 * noise(1)[0].mean(axis=0)
+    more = noise(1)[0] + 2.0 * noise(1)[0].mean(axis=0)
     calm = film.data(model.data, np.zeros(model.data.cube.shape))
-    data = film.data(model.data, loud)
+    data = film.data(model.data, more)
     again = noise(1)[0] + 2.0 * noise(1)[0].mean(axis=0)
     together = [np.mean(one.over_noise(again).sum(axis=0) ** 2) / len(one.open) for one in (calm, data)]
     assert together[0] > 3.0

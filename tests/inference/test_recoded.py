@@ -7,8 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
+from evanesce.prediction.codec_search import codec_of
 from evanesce.prediction.observe import pixel_scatter
-from evanesce.prediction.recoded import Codec, Recoded, Shooting, codec_of, recoded
+from evanesce.prediction.recoded import Codec, Recoded, Shooting, recoded
 from evanesce.prediction.tone import expected_tone
 from evanesce.prediction.views import View, binned
 from evanesce.rig import load_scene
@@ -119,9 +120,9 @@ def test_what_outlives_a_codec_and_what_it_rounds(shooting: Shooting, level: np.
 def test_noise_raises_what_is_cut_off_at_black(shooting: Shooting) -> None:
     """Levels belong to the noise of the prediction: frames of more noise are brighter in the dark, and only there."""
     dark, bright = np.full((64, 64), 2.0), np.full((64, 64), 90.0)
-    louder = replace(shooting, scale=1.3, modelled=1.0)
-    mean = [float(louder.mean(louder.signal(level)).mean()) for level in (dark, bright)]
+    noisier = replace(shooting, scale=1.3, modelled=1.0)
+    mean = [float(noisier.mean(noisier.signal(level)).mean()) for level in (dark, bright)]
     assert mean[0] > 2.3
     assert mean[1] == pytest.approx(90.0, abs=0.3)
-    frames = louder.frames(louder.signal(dark), np.random.default_rng(1))
+    frames = noisier.frames(noisier.signal(dark), np.random.default_rng(1))
     assert np.mean([next(frames) for _ in range(30)]) == pytest.approx(mean[0], abs=0.05)

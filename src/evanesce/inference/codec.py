@@ -3,8 +3,8 @@
 Replicates show what a codec leaves of the noise of a state. What it makes of the state itself is the same in all of
 them: weak contrasts that vanish, dark levels that settle elsewhere. So predicted frames are given the camera's noise,
 filmed and read again, many times, by codecs and cameras that differ by what is not known of them: their mean change
-goes into the prediction, their scatter is the noise of the data. It is loud at low frequencies, where whole blocks err
-together, and a video hands it on from view to view.
+goes into the prediction, their scatter is the noise of the data. Its power is largest at low frequencies, where whole
+blocks err together, and a video hands it on from view to view.
 """
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ from evanesce.core.rng import generator
 from evanesce.inference.data import DataVector, step_sd, stepped
 from evanesce.inference.model import AnchoredModel
 from evanesce.prediction import priors
+from evanesce.prediction.codec_search import codec_of
 from evanesce.prediction.noise_scale import noise_scale_of
-from evanesce.prediction.recoded import DRAWS, Codec, Recoded, Shooting, codec_of, recoded
+from evanesce.prediction.recoded import DRAWS, Codec, Recoded, Shooting, recoded
 
 Array = NDArray[Any]
 
@@ -54,8 +55,8 @@ class Filmed:
         before : DataVector
         left : ndarray (views, rows, cols)
             Data less the nominal prediction in the open views, the mean change included [DN]. Combinations of views
-            in which its bins scatter more than the draws do are taken to be as loud as that: a faint cause adds next to
-            nothing to the mean square of thousands of bins, and a loud one is seen all the same.
+            in which its bins scatter more than the draws do get that variance: a weak cause adds next to nothing to the
+            mean square of thousands of bins, and a strong one is seen all the same.
         """
         made = self.made
         parts = (made.sd, made.rounding[:, None, None], step_sd(before.cube))
@@ -67,7 +68,7 @@ class Filmed:
         )
         opened, known = list(data.open), data.valid[list(data.open)].all(axis=0)
         left = data.over_noise(np.nan_to_num(left))[:, known]
-        return replace(data, correlation=correlation.louder(opened, left @ left.T / max(int(known.sum()), 1)))
+        return replace(data, correlation=correlation.scaled(opened, left @ left.T / max(int(known.sum()), 1)))
 
 
 def codec_behind(model: AnchoredModel, point: Mapping[str, float]) -> tuple[Codec, float] | None:

@@ -16,10 +16,10 @@ from scipy import ndimage
 
 from evanesce.inference.constants import STEP_SHARE
 from evanesce.prediction import priors
+from evanesce.prediction.correlation import Correlation
 from evanesce.prediction.noise import Noise, noise_of
 from evanesce.prediction.noise_scale import noise_scale_of
 from evanesce.prediction.observe import Observation
-from evanesce.prediction.recoded import Correlation
 from evanesce.prediction.tone import ExpectedTone, expected_tone
 from evanesce.prediction.views import View
 

@@ -2,8 +2,7 @@
 
 The replicates show what a codec leaves of the noise of one state. They do not show what it makes of the state itself,
 the same in every frame: weak contrasts that vanish, dark levels that settle elsewhere, errors that are handed on from
-frame to frame. So the predicted frames are given the camera's noise and filmed. Which codec it was nobody says; the
-one is taken whose noise outlives it as that of the replicates did, pixel by pixel, bin by bin and from frame to frame.
+frame to frame. So the predicted frames are given the camera's noise and filmed.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from scipy import fft, ndimage
 
 from evanesce.core.states import Frame
 from evanesce.prediction import priors
-from evanesce.prediction.observe import pixel_scatter
+from evanesce.prediction.correlation import Correlation
 from evanesce.prediction.tone import expected_tone, signal_sd
 from evanesce.prediction.views import BIN_PX, View, binned
 from evanesce.rig import Camera
@@ -44,40 +43,13 @@ MOST_PIXELS = 1.2e9
 MOST_KEPT = 1e8
 """Pixels of predicted frames that are kept while they are drawn; more are made anew for each draw."""
 
-QUALITIES: Mapping[Kind, tuple[int, ...]] = {"h264": tuple(range(14, 35, 4)), "jpeg": (50, 60, 67, 75, 80, 85, 90, 95)}
-"""Tried first: constant rate factors (lower is better), and JPEG's own figures (higher is better)."""
-
-LOUDER = (0.8, 1.0, 1.25)
-"""Noise before the codec over what is believed, of those tried first."""
-
-REFINED = ((2, 1.12), (1, 1.06))
-"""Rounds about the best: steps of quality, and of the noise before the codec, together."""
-
-SCALE_UNKNOWN = 0.25
-"""Standard deviation of that noise's logarithm: what is believed was read off a level that the codec displaced."""
-
-LEAST_TRAIT_SD, BIN_TRAIT_SD = 0.1, 1.5
-"""To what a trait is known at best, and by one bin: a codec's work depends on more than is told here."""
-
-LEVEL_DN, LEVEL_SHARE = 0.1, 0.05
-"""To what a level is predicted: black and light of the nominal rig, beside what hides in it."""
-
-FILMED = 3
-"""Frames of a video for each that was kept, at first; one is tried, too."""
-
-WINDOW_PX = (480, 640)
-"""Part of the frame, where it is brightest, by which the codec is chosen."""
-
-LEVELS_DN = (8.0, 40.0)
-"""Borders of the groups of level in which scatter is compared."""
-
 QUALITY_OFF: Mapping[Kind, float] = {"h264": 1.0, "jpeg": 3.0}
 SCALE_OFF, LIGHT_OFF = 0.07, 0.01
 """Standard deviations by which draws differ: an encoder's figure from that of another one with as much noise left, the
 logarithms of noise and light. Black levels differ by their prior."""
 
 BANDS = 2
-"""Of spatial frequency, to an octave, in each of which noise is as loud as it is on average."""
+"""Of spatial frequency, to an octave, over each of which the noise's power is averaged."""
 
 LONG_PER_BIN = 1.0 / 16.0
 """Spatial frequency below which views tell how like each other they are: waves of four macroblocks and more."""
@@ -145,54 +117,6 @@ def _as_video(frames: Iterator[Array], quality: int, filmed: int) -> Iterator[Ar
             for k, picture in enumerate(container.decode(video=0)):
                 if k % filmed == filmed - 1:
                     yield picture.to_ndarray(format="rgb24")[: shape[0], : shape[1], 1]
-
-
-@dataclass(frozen=True)
-class Correlation:
-    """Noise that hangs together, over its own standard deviation.
-
-    Its covariance is the product of one between views, the same everywhere, and one between places, by distance alone.
-
-    Attributes
-    ----------
-    views : ndarray (views, views)
-        Correlation between views.
-    spectrum : ndarray (views, rows, cols)
-        Variance of the coefficients of each view's cosine transform (type 2, orthonormal); independent bins have 1.
-    """
-
-    views: Array
-    spectrum: Array
-
-    def whitened(self, cube: Array, chosen: Sequence[int]) -> Array:
-        """Return noise (chosen views, rows, cols) made white, each value as near to its own place and view as can be.
-
-        By symmetric roots of the inverse covariance (Kessy, Lewin and Strimmer, 2018).
-        """
-        waves = fft.dctn(cube, axes=(1, 2), norm="ortho") / np.sqrt(self.spectrum[list(chosen)])
-        waves = np.tensordot(_root(self.views[np.ix_(chosen, chosen)], -0.5), waves, 1)
-        return np.asarray(fft.idctn(waves, axes=(1, 2), norm="ortho"))
-
-    def louder(self, chosen: Sequence[int], covariance: Array) -> Correlation:
-        """Return it where what it makes of some views has more than unit variance; other views get the mean of that.
-
-        Parameters
-        ----------
-        chosen : sequence of int
-        covariance : ndarray (chosen views, chosen views)
-            Between the whitened views.
-        """
-        size, modes = np.linalg.eigh(covariance)
-        size = np.maximum(size, 1.0)
-        root = np.sqrt(float(np.mean(size))) * np.eye(len(self.views))
-        known = _root(self.views[np.ix_(chosen, chosen)], 0.5)
-        root[np.ix_(chosen, chosen)] = known @ ((modes * np.sqrt(size)) @ modes.T) @ np.linalg.inv(known)
-        return replace(self, views=root @ self.views @ root.T)
-
-
-def _root(matrix: Array, power: float) -> Array:
-    size, vectors = np.linalg.eigh(matrix)
-    return np.asarray((vectors * size**power) @ vectors.T)
 
 
 @dataclass(frozen=True)
@@ -404,104 +328,3 @@ def _one_draw(
     if next(back, None) is not None:
         raise RuntimeError("more frames came back than were filmed")
     return np.array(before) - expected, np.array(after) - expected
-
-
-def codec_of(
-    shooting: Shooting,
-    picture: Array,
-    before: Sequence[Callable[[], Array]],
-    held: Array,
-    scatter: tuple[Array, Array],
-    rng: np.random.Generator,
-) -> tuple[Codec, float]:
-    """Return the codec through which noise comes as it came in the replicates, and the scale of that noise.
-
-    Parameters
-    ----------
-    shooting : Shooting
-        Its scale is what is believed.
-    picture : ndarray (real rows, real cols)
-        Predicted mean frame of the replicates [DN], by noise of the scale ``shooting.modelled``.
-    before : sequence of callable
-        Those of the states that were filmed before them, each made when it is asked for and cut at once: what a video
-        made of them it hands on.
-    held, scatter
-        Binned replicates, and scatter of their pixels: :class:`evanesce.prediction.observe.Observation`.
-    rng : numpy.random.Generator
-    """
-    side = BIN_PX * shooting.factor
-    part = _brightest(shooting.binned(picture), tuple(n // side for n in WINDOW_PX))
-    real = tuple(slice(s.start * side, s.stop * side) for s in part)
-    seen, seen_sd = _traits(held[(slice(None), *part)], (scatter[0][part], scatter[1][part]))
-    states = [np.array(state()[real], np.float32) for state in before]
-    seed = int(rng.integers(2**32))
-    tried: dict[tuple[Codec, float], float] = {}
-
-    def attempt(codec: Codec, scale: float) -> None:
-        if (codec, scale) in tried:
-            return
-        taking, noise = replace(shooting, scale=scale), np.random.default_rng(seed)
-
-        def film() -> Iterator[Array]:
-            for state in [*(states if codec.kind == "h264" else ()), *[picture[real]] * len(held)]:
-                # Each frame of the replicates has a light of its own.
-                frames = taking.frames(taking.signal(state), noise)
-                for _ in range(codec.filmed):
-                    yield next(frames)
-
-        back = list(codec.through(film()))[-len(held) :]
-        found, sd = _traits(np.array([shooting.binned(b) for b in back]), pixel_scatter(back, shooting.factor))
-        unlike = float(np.nansum(((seen - found) / np.hypot(sd, seen_sd)) ** 2))
-        tried[codec, scale] = unlike + (np.log(scale / shooting.scale) / SCALE_UNKNOWN) ** 2
-
-    for kind, qualities in QUALITIES.items():
-        for quality in qualities:
-            for louder in LOUDER if kind == "h264" else (1.0,):
-                attempt(Codec(kind, quality, FILMED if kind == "h264" else 1), shooting.scale * louder)
-    for steps, times in REFINED:
-        # How much noise came in and how much was kept back take each other's place.
-        best, scale = min(tried, key=lambda t: tried[t])
-        for step in (-steps, 0, steps):
-            for louder in (1.0 / times, 1.0, times):
-                attempt(best.worse(step), scale * louder)
-    best, scale = min(tried, key=lambda t: tried[t])
-    if best.kind == "h264":
-        attempt(replace(best, filmed=1), scale)
-    return min(tried, key=lambda t: tried[t])
-
-
-def _brightest(level: Array, most: tuple[int, ...]) -> tuple[slice, slice]:
-    """Return the brightest part (of some rows and cols at most) of binned levels."""
-    rows, cols = (min(n, m) for n, m in zip(level.shape, most, strict=True))
-    sums = ndimage.uniform_filter(level, (rows, cols), mode="constant")
-    row, col = np.unravel_index(int(np.argmax(sums)), level.shape)
-    top = int(np.clip(row - rows // 2, 0, level.shape[0] - rows))
-    left = int(np.clip(col - cols // 2, 0, level.shape[1] - cols))
-    return slice(top, top + rows), slice(left, left + cols)
-
-
-def _traits(frames: Array, scatter: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Return what tells codecs apart, and its standard deviation.
-
-    By level: log scatter of pixels and of bins, how like that of the next frame is, the share that is the same in it,
-    and the level itself, which noise raises and codecs lower where black is cut off; NaN where there is no such level.
-    """
-    level, variance = scatter
-    left = frames - frames.mean(axis=0)
-    bins = (left**2).sum(axis=0) / (len(frames) - 1)
-    next_to = (left[1:] * left[:-1]).sum(axis=0) / (len(frames) - 1)
-    group = np.digitize(level, LEVELS_DN)
-    still = (frames[1:] == frames[:-1]).mean(axis=0)
-    found: list[float] = []
-    sd: list[float] = []
-    for k in range(len(LEVELS_DN) + 1):
-        mine = group == k
-        if mine.sum() < 20:
-            found, sd = [*found, *[np.nan] * 5], [*sd, *[1.0] * 5]
-            continue
-        pixel, whole, light = (float(one[mine].mean()) for one in (variance, bins, level))
-        found += [np.log(pixel + 0.02), np.log(whole + 0.002), float(next_to[mine].mean()) / (whole + 0.002)]
-        found += [float(still[mine].mean()), light]
-        sd += [float(np.hypot(LEAST_TRAIT_SD, BIN_TRAIT_SD / np.sqrt(mine.sum())))] * 4
-        sd += [float(np.hypot(LEVEL_DN, LEVEL_SHARE * light))]
-    return np.array(found), np.array(sd)

@@ -1,0 +1,148 @@
+"""Which codec the frames came through: the one whose noise outlives it as that of the replicates did.
+
+Compared are the scatter of pixels and bins, its likeness from frame to frame, and levels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from evanesce.prediction.observe import pixel_scatter
+from evanesce.prediction.recoded import Codec, Kind, Shooting
+from evanesce.prediction.views import BIN_PX
+
+Array = NDArray[Any]
+
+QUALITIES: Mapping[Kind, tuple[int, ...]] = {"h264": tuple(range(14, 35, 4)), "jpeg": (50, 60, 67, 75, 80, 85, 90, 95)}
+"""Tried first: constant rate factors (lower is better), and JPEG's own figures (higher is better)."""
+
+NOISE_FACTORS = (0.8, 1.0, 1.25)
+"""Noise before the codec over what is believed, of those tried first."""
+
+REFINED = ((2, 1.12), (1, 1.06))
+"""Rounds about the best: steps of quality, and of the noise before the codec, together."""
+
+SCALE_UNKNOWN = 0.25
+"""Standard deviation of that noise's logarithm: what is believed was read off a level that the codec displaced."""
+
+LEAST_TRAIT_SD, BIN_TRAIT_SD = 0.1, 1.5
+"""To what a trait is known at best, and by one bin: a codec's work depends on more than is told here."""
+
+LEVEL_DN, LEVEL_SHARE = 0.1, 0.05
+"""To what a level is predicted: black and light of the nominal rig, beside what hides in it."""
+
+FILMED = 3
+"""Frames of a video for each that was kept, at first; one is tried, too."""
+
+WINDOW_PX = (480, 640)
+"""Part of the frame, where it is brightest, by which the codec is chosen."""
+
+LEVELS_DN = (8.0, 40.0)
+"""Borders of the groups of level in which scatter is compared."""
+
+
+def codec_of(
+    shooting: Shooting,
+    picture: Array,
+    before: Sequence[Callable[[], Array]],
+    held: Array,
+    scatter: tuple[Array, Array],
+    rng: np.random.Generator,
+) -> tuple[Codec, float]:
+    """Return the codec through which noise comes as it came in the replicates, and the scale of that noise.
+
+    Parameters
+    ----------
+    shooting : Shooting
+        Its scale is what is believed.
+    picture : ndarray (real rows, real cols)
+        Predicted mean frame of the replicates [DN], by noise of the scale ``shooting.modelled``.
+    before : sequence of callable
+        Those of the states that were filmed before them, each made when it is asked for and cut at once: what a video
+        made of them it hands on.
+    held, scatter
+        Binned replicates, and scatter of their pixels: :class:`evanesce.prediction.observe.Observation`.
+    rng : numpy.random.Generator
+    """
+    side = BIN_PX * shooting.factor
+    part = _brightest(shooting.binned(picture), tuple(n // side for n in WINDOW_PX))
+    real = tuple(slice(s.start * side, s.stop * side) for s in part)
+    seen, seen_sd = _traits(held[(slice(None), *part)], (scatter[0][part], scatter[1][part]))
+    states = [np.array(state()[real], np.float32) for state in before]
+    seed = int(rng.integers(2**32))
+    tried: dict[tuple[Codec, float], float] = {}
+
+    def attempt(codec: Codec, scale: float) -> None:
+        if (codec, scale) in tried:
+            return
+        taking, noise = replace(shooting, scale=scale), np.random.default_rng(seed)
+
+        def film() -> Iterator[Array]:
+            for state in [*(states if codec.kind == "h264" else ()), *[picture[real]] * len(held)]:
+                # Each frame of the replicates has a light of its own.
+                frames = taking.frames(taking.signal(state), noise)
+                for _ in range(codec.filmed):
+                    yield next(frames)
+
+        back = list(codec.through(film()))[-len(held) :]
+        found, sd = _traits(np.array([shooting.binned(b) for b in back]), pixel_scatter(back, shooting.factor))
+        unlike = float(np.nansum(((seen - found) / np.hypot(sd, seen_sd)) ** 2))
+        tried[codec, scale] = unlike + (np.log(scale / shooting.scale) / SCALE_UNKNOWN) ** 2
+
+    for kind, qualities in QUALITIES.items():
+        for quality in qualities:
+            for factor in NOISE_FACTORS if kind == "h264" else (1.0,):
+                attempt(Codec(kind, quality, FILMED if kind == "h264" else 1), shooting.scale * factor)
+    for steps, times in REFINED:
+        # How much noise came in and how much was kept back take each other's place.
+        best, scale = min(tried, key=lambda t: tried[t])
+        for step in (-steps, 0, steps):
+            for factor in (1.0 / times, 1.0, times):
+                attempt(best.worse(step), scale * factor)
+    best, scale = min(tried, key=lambda t: tried[t])
+    if best.kind == "h264":
+        attempt(replace(best, filmed=1), scale)
+    return min(tried, key=lambda t: tried[t])
+
+
+def _brightest(level: Array, most: tuple[int, ...]) -> tuple[slice, slice]:
+    """Return the brightest part (of some rows and cols at most) of binned levels."""
+    rows, cols = (min(n, m) for n, m in zip(level.shape, most, strict=True))
+    sums = ndimage.uniform_filter(level, (rows, cols), mode="constant")
+    row, col = np.unravel_index(int(np.argmax(sums)), level.shape)
+    top = int(np.clip(row - rows // 2, 0, level.shape[0] - rows))
+    left = int(np.clip(col - cols // 2, 0, level.shape[1] - cols))
+    return slice(top, top + rows), slice(left, left + cols)
+
+
+def _traits(frames: Array, scatter: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return what tells codecs apart, and its standard deviation.
+
+    By level: log scatter of pixels and of bins, how like that of the next frame is, the share that is the same in it,
+    and the level itself, which noise raises and codecs lower where black is cut off; NaN where there is no such level.
+    """
+    level, variance = scatter
+    left = frames - frames.mean(axis=0)
+    bins = (left**2).sum(axis=0) / (len(frames) - 1)
+    next_to = (left[1:] * left[:-1]).sum(axis=0) / (len(frames) - 1)
+    group = np.digitize(level, LEVELS_DN)
+    still = (frames[1:] == frames[:-1]).mean(axis=0)
+    found: list[float] = []
+    sd: list[float] = []
+    for k in range(len(LEVELS_DN) + 1):
+        mine = group == k
+        if mine.sum() < 20:
+            found, sd = [*found, *[np.nan] * 5], [*sd, *[1.0] * 5]
+            continue
+        pixel, whole, light = (float(one[mine].mean()) for one in (variance, bins, level))
+        found += [np.log(pixel + 0.02), np.log(whole + 0.002), float(next_to[mine].mean()) / (whole + 0.002)]
+        found += [float(still[mine].mean()), light]
+        sd += [float(np.hypot(LEAST_TRAIT_SD, BIN_TRAIT_SD / np.sqrt(mine.sum())))] * 4
+        sd += [float(np.hypot(LEVEL_DN, LEVEL_SHARE * light))]
+    return np.array(found), np.array(sd)

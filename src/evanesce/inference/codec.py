@@ -55,8 +55,8 @@ class Filmed:
         before : DataVector
         left : ndarray (views, rows, cols)
             Data less the nominal prediction in the open views, the mean change included [DN]. Combinations of views
-            in which its bins scatter more than the draws do get that variance: a weak cause adds next to nothing to the
-            mean square of thousands of bins, and a strong one is seen all the same.
+            in which its bins scatter more than the draws do get that variance. A weak cause adds next to nothing to the
+            mean square of thousands of bins; a misfit far above the noise does, and weaker causes beside it are lost.
         """
         made = self.made
         parts = (made.sd, made.rounding[:, None, None], step_sd(before.cube))

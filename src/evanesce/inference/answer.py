@@ -251,7 +251,7 @@ def answer(
         "next_measurement": advice,
         "nuisances": {name: value for name, value in fitted.point.items() if name.startswith("@")},
         "moves": [vars(step) for step in search.steps],
-        "not_judged": [{"id": name, "why": why} for name, why in {**left_out, **search.refused}.items()],
+        "not_judged": [{"id": name, "why": why} for name, why in {**left_out, **search.not_taken}.items()],
         "extended_scene": None,
         "seconds": seconds,
     }  # fmt: skip

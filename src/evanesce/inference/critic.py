@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,10 +12,11 @@ import numpy as np
 from evanesce.bundle.bundle import Bundle
 from evanesce.core.errors import InputError
 from evanesce.inference.answer import answer, named_causes
-from evanesce.inference.causes import causes_of
+from evanesce.inference.causes import Cause, causes_of
 from evanesce.inference.codec import FIRST_DRAWS, codec_behind, filmed
 from evanesce.inference.consequence import AreaReader
 from evanesce.inference.data import DataVector, data_vector
+from evanesce.inference.discrepancy import Discrepancy
 from evanesce.inference.form_workers import made
 from evanesce.inference.gain import held_out
 from evanesce.inference.gate import Gate, GrossDifference, gate_of
@@ -24,13 +25,13 @@ from evanesce.inference.marks import MarkSearch
 from evanesce.inference.model import AnchoredModel
 from evanesce.inference.next_shot import doubtful, next_shot
 from evanesce.inference.pictures import Pictures, pictures_of
-from evanesce.inference.posterior import DEFECTS, Judge
+from evanesce.inference.posterior import DEFECTS, Judge, Posterior
 from evanesce.inference.search import Search, everything_marginalised
 from evanesce.inference.series.beside import bank_of, discrepancy_of, with_series
 from evanesce.inference.shapes import FormBank, Forms
 from evanesce.inference.unknown import left_of
 from evanesce.prediction.observe import Observation, observe, require_monochrome
-from evanesce.prediction.recoded import DRAWS
+from evanesce.prediction.recoded import DRAWS, Codec
 from evanesce.prediction.views import BIN_PX
 
 Tell = Callable[[str], None]
@@ -39,6 +40,9 @@ FURTHER = "a further cause"
 SILENT = 0.2
 """Share of the noise's amplitude, outliving a codec, below which false alarms were seen (docs/criticism/index.md)."""
 SILENT_WORDS = "what it made of the frames is badly known, and causes may be false; record with less compression"
+QUIETER = 0.05
+"""Share by which a codec's noise has to shrink about the extended rig for causes to be sought once more: a cause that
+was hidden by less would have been found."""
 CODEC_CAUSES = ("compression",)
 """Effects that stand for a codec: told by what it does to noise, and not sought again."""
 
@@ -79,41 +83,31 @@ def criticise_frames(
     """
     began = time.monotonic()
     start = started(bundle, tell)
-    observation, model, gate, fitter, base = start.observation, start.model, start.gate, start.fitter, start.base
-    causes, left_out = causes_of(observation, {*exclude, *(CODEC_CAUSES if start.codec else ())})
-    areas, discrepancy = AreaReader(model), discrepancy_of(model)
-    bank = bank_of(model, _place(gate.start), tell)
-    smooth = [cause for cause in causes if not cause.placed]
-    made(bank, smooth, workers, tell)
-    judge = Judge(fitter, smooth, bank, discrepancy, seed=seed)
-    marks = MarkSearch(model, [cause for cause in causes if cause.local], seed)
-    search = Search(fitter, smooth, judge, tell, marks=marks)
-    best, posterior = search.run(base)
+    found = _searched(start, exclude, workers, seed, tell)
+    if start.behind and found.best.taken:
+        again = refilmed(bundle, start, found.best, tell)
+        if again.quieter_than(start):
+            tell("causes once more: what they explain was taken for the codec's noise")
+            start, found = again, _searched(again, exclude, workers, seed, tell)
     tell("consequences and held-out conditions")
+    model, best, posterior, search = start.model, found.best, found.posterior, found.search
     fine = model.anchor(best.point)
-    may_be_off = discrepancy.every_row(best, fine)
+    areas = AreaReader(model)
+    may_be_off = found.discrepancy.every_row(best, fine)
     named = named_causes(search, areas, best, may_be_off, posterior)
-    gain = held_out(model, areas, base, best, seed)
+    gain = held_out(model, areas, start.base, best, seed)
     rest = everything_marginalised(best)[0].with_rows(may_be_off).project(best.residual)
-    scale = observation.scene.camera.scale_px_per_mm
-    left = left_of(model.data, rest, bank.seen.by_light, BIN_PX / scale)
-    advice = None
-    judged = {
-        name: place for name, place in posterior.places.items() if name not in search.scan.places() and name != DEFECTS
-    }
-    doubt = doubtful({**judged, FURTHER: posterior.further} if posterior.asks else judged)
-    if doubt:
-        tell("what to measure next")
-        place = posterior.places.get(doubt, posterior.further)
-        advice = next_shot(model, bank, causes, place, judge.weights(best, doubt, search.unknown))
+    scale = start.observation.scene.camera.scale_px_per_mm
+    left = left_of(model.data, rest, found.bank.seen.by_light, BIN_PX / scale)
+    advice = _advice(start, found, tell)
     seconds = time.monotonic() - began
     known = model.data.noise.measured
     result, scene = answer(
-        model, search, gate, best, posterior, named, left, gain, advice, left_out, seconds, replicates=known,
-        notes=start.notes,
+        model, search, start.gate, best, posterior, named, left, gain, advice, found.left_out, seconds,
+        replicates=known, notes=start.notes,
     )  # fmt: skip
     result["codec"] = start.codec or None
-    return Criticism(result, scene, pictures_of(model, base, best, left))
+    return Criticism(result, scene, pictures_of(model, start.base, best, left))
 
 
 @dataclass(frozen=True)
@@ -128,10 +122,10 @@ class Start:
     gate : Gate
     fitter : Fitter
     base : JointFit
-    codec : str
-        Like which the frames came through one; empty where noise gives none away.
-    notes : tuple of str
-        To be read before probabilities are believed.
+    behind : tuple of Codec and float, optional
+        What the frames came through and the noise's scale before it; None where noise gives none away.
+    kept : float
+        Share of the noise's amplitude that outlived the codec.
     """
 
     observation: Observation
@@ -139,8 +133,81 @@ class Start:
     gate: Gate
     fitter: Fitter
     base: JointFit
-    codec: str = ""
-    notes: tuple[str, ...] = ()
+    behind: tuple[Codec, float] | None = None
+    kept: float = 1.0
+
+    @property
+    def codec(self) -> str:
+        """Like which the frames came through one; empty where noise gives none away."""
+        return str(self.behind[0]) if self.behind else ""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """To be read before probabilities are believed."""
+        told = f"{self.codec} or so left {100 * self.kept:.0f} % of the camera's noise: {SILENT_WORDS}"
+        return (told,) if self.kept < SILENT else ()
+
+    def quieter_than(self, other: Start) -> bool:
+        """Tell whether noise that hangs together is weaker than in another one by more than :data:`QUIETER`."""
+        own, before = self.model.data.correlation, other.model.data.correlation
+        return own is not None and before is not None and own.size < (1.0 - QUIETER) * before.size
+
+
+@dataclass(frozen=True)
+class Found:
+    """Causes of a bundle.
+
+    Attributes
+    ----------
+    search : Search
+    best : JointFit
+        The extended fit.
+    posterior : Posterior
+    judge : Judge
+    bank : FormBank
+    discrepancy : Discrepancy
+    causes : tuple of Cause
+        Judged ones.
+    left_out : mapping of str to str
+        Others, with the reason.
+    """
+
+    search: Search
+    best: JointFit
+    posterior: Posterior
+    judge: Judge
+    bank: FormBank
+    discrepancy: Discrepancy
+    causes: tuple[Cause, ...]
+    left_out: Mapping[str, str]
+
+
+def _searched(start: Start, exclude: Collection[str], workers: int, seed: int, tell: Tell) -> Found:
+    """Return the causes that explain what the nominal fit leaves."""
+    model, fitter = start.model, start.fitter
+    causes, left_out = causes_of(start.observation, {*exclude, *(CODEC_CAUSES if start.behind else ())})
+    discrepancy, bank = discrepancy_of(model), bank_of(model, _place(start.gate.start), tell)
+    smooth = [cause for cause in causes if not cause.placed]
+    made(bank, smooth, workers, tell)
+    judge = Judge(fitter, smooth, bank, discrepancy, seed=seed)
+    marks = MarkSearch(model, [cause for cause in causes if cause.local], seed)
+    search = Search(fitter, smooth, judge, tell, marks=marks)
+    best, posterior = search.run(start.base)
+    return Found(search, best, posterior, judge, bank, discrepancy, tuple(causes), left_out)
+
+
+def _advice(start: Start, found: Found, tell: Tell) -> dict[str, Any] | None:
+    """Return the shot that would settle what is doubtful most; None if nothing is."""
+    posterior = found.posterior
+    by_scan = {*found.search.scan.places(), DEFECTS}
+    judged = {name: place for name, place in posterior.places.items() if name not in by_scan}
+    doubt = doubtful({**judged, FURTHER: posterior.further} if posterior.asks else judged)
+    if not doubt:
+        return None
+    tell("what to measure next")
+    place = posterior.places.get(doubt, posterior.further)
+    weights = found.judge.weights(found.best, doubt, found.search.unknown)
+    return next_shot(start.model, found.bank, found.causes, place, weights)
 
 
 def started(bundle: Bundle, tell: Tell = lambda line: None) -> Start:
@@ -170,18 +237,44 @@ def started(bundle: Bundle, tell: Tell = lambda line: None) -> Start:
     if behind is None:
         return Start(observation, model, gate, fitter, base)
     tell(f"frames came through a codec like {behind[0]}")
+    start = Start(observation, model, gate, fitter, base, behind)
     for draws in (FIRST_DRAWS, DRAWS):
-        film = filmed(model, point, *behind, draws)
-        left = model.data.cube - model.cube(base.point) + model.codec_bias - film.made.bias
-        coded = with_series(observation, film.data(model.data, left), bundle)
-        coded.codec_bias = film.made.bias
-        model, fitter = coded, Fitter(coded)
-        base = fitter.relinearised([], point)
+        start = _filmed_at(bundle, start, point, base, draws)
+        base = start.base
         point = dict(base.point)
+    return start
+
+
+def refilmed(bundle: Bundle, start: Start, best: JointFit, tell: Tell = lambda line: None) -> Start:
+    """Return the nominal fit by what the codec makes of the extended rig's frames, and of what that rig leaves.
+
+    About the nominal rig all that causes do is left, and counts as the codec's: strong causes hide weaker ones.
+
+    Parameters
+    ----------
+    bundle : Bundle
+    start : Start
+        Of frames that came through a codec.
+    best : JointFit
+        The extended fit.
+    tell : callable
+    """
+    tell("the codec's noise about the extended rig")
+    return _filmed_at(bundle, start, best.point, best, DRAWS)
+
+
+def _filmed_at(bundle: Bundle, start: Start, point: Mapping[str, float], fit: JointFit, draws: int) -> Start:
+    """Return the nominal fit by what a codec makes of the frames predicted at a point, and what a fit leaves."""
+    assert start.behind is not None
+    model = start.model
+    film = filmed(model, point, *start.behind, draws)
+    left = model.data.cube - model.cube(fit.point) + model.codec_bias - film.made.bias
+    coded = with_series(start.observation, film.data(model.data, left), bundle)
+    coded.codec_bias = film.made.bias
+    fitter = Fitter(coded)
+    base = fitter.relinearised([], {name: value for name, value in point.items() if name.startswith("@")})
     kept = float(np.mean(film.made.passed))
-    told = f"{behind[0]} or so left {100 * kept:.0f} % of the camera's noise: {SILENT_WORDS}"
-    notes = (told,) if kept < SILENT else ()
-    return Start(observation, model, gate, fitter, base, str(behind[0]), notes)
+    return replace(start, model=coded, fitter=fitter, base=base, kept=kept)
 
 
 def shapes_of(bundle: Bundle, *, tell: Tell = lambda line: None) -> tuple[list[Forms], DataVector]:

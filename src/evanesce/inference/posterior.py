@@ -64,6 +64,17 @@ class Posterior:
         named = {name if name != UNKNOWN else DEFECTS: place for name, place in found.items()}
         return replace(self, places={**self.places, **named})
 
+    def fitted_in_vain(self, causes: Iterable[str]) -> Posterior:
+        """Return it where some causes were fitted in the place of a further one and brought too little.
+
+        What a sum of a cause's forms explains but no figures of its law do is made by something that the library lacks.
+
+        Parameters
+        ----------
+        causes : iterable of str
+        """
+        return replace(self, further=self.further.without_law(causes))
+
     @property
     def asks(self) -> bool:
         """Whether noise alone would hardly give as much evidence for a further cause."""

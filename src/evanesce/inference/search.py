@@ -103,6 +103,8 @@ class Search:
     fitted: int = FITTED
     steps: list[Step] = field(default_factory=list)
     refused: dict[str, str] = field(default_factory=dict)
+    in_vain: dict[str, str] = field(default_factory=dict)
+    """Causes that were fitted beside the present ones and bring too little, with what they bring."""
     marks: MarkSearch | None = None
     scan: Scan = field(default_factory=Scan)
     """Defects that were found."""
@@ -124,6 +126,7 @@ class Search:
         now = self._with_defects(self._grown(base))
         while True:
             posterior, compared = self.posterior(now).with_defects(self.scan.places()), len(self._behind)
+            posterior = posterior.fitted_in_vain(self.in_vain)
             moved = self._dropped(now, posterior) or self._exchanged(now, posterior)
             if len(self.steps) >= MOVES or (moved is None and len(self._behind) == compared):
                 return now, posterior
@@ -132,6 +135,11 @@ class Search:
     def posterior(self, now: JointFit) -> Posterior:
         """Return the probabilities of all causes at a joint fit, about which the model is anchored."""
         return self.judge.posterior(now, self.unknown, self._behind)
+
+    @property
+    def not_taken(self) -> dict[str, str]:
+        """Causes that are not in the fit though they were tried or not worth it, with the reason."""
+        return {**self.refused, **self.in_vain}
 
     def share(self, misfit: float) -> float:
         """Return a misfit over what there was to explain."""
@@ -147,6 +155,7 @@ class Search:
                 return now
             if 2.0 * max(asked.by_misfit.log_bayes.values()) < LEAST_SHARE * self.first:
                 return now
+            known = len(self.in_vain)
             better = self._added(now, asked)
             if better is not None:
                 took = time.monotonic() - began
@@ -155,6 +164,8 @@ class Search:
             elif UNKNOWN in place.log_bayes and not self.unknown and place.log_bayes[UNKNOWN] > 0.0:
                 self.unknown = asked.unknown
                 self.tell("something that no cause of the library makes")
+            elif len(self.in_vain) > known and set(place.credible_set) - {UNKNOWN, *self.refused, *self.in_vain}:
+                continue
             else:
                 return now
         return now
@@ -187,8 +198,9 @@ class Search:
         """Return the fit with the cause that leaves least among those of most evidence; None if none is worth it."""
         place, p = asked.place, asked.p_value
         wanted: list[str] = []
+        tried_before = {UNKNOWN, *self.refused, *self.in_vain}
         for bayes in (asked.by_misfit.log_bayes, place.log_bayes):
-            ranked = [n for n in sorted(bayes, key=lambda n: -bayes[n]) if n != UNKNOWN and n not in self.refused]
+            ranked = [n for n in sorted(bayes, key=lambda n: -bayes[n]) if n not in tried_before]
             wanted += [n for n in self._worth_entering(ranked) if n not in wanted]
         metric, believed = everything_marginalised(now)
         entered = [e for e in (self._entered(now, name, metric, believed) for name in wanted) if e is not None]
@@ -208,7 +220,7 @@ class Search:
             if 0.5 * removed > self._occam(len(wanted)) and removed > LEAST_SHARE * self.first:
                 self._note("add", cause, better, now, f"p = {p:.2g} of noise, {0.5 * removed:.0f} nats by it")
                 return better
-            self.refused[cause] = f"brings {0.5 * removed:.1f} nats at the fine model's optimum"
+            self.in_vain[cause] = f"brings {0.5 * removed:.1f} nats at the fine model's optimum"
             self.fitter.model.anchor(now.point)
         return None
 
@@ -352,6 +364,7 @@ class Search:
             return None
 
     def _note(self, move: str, cause: str, after: JointFit, before: JointFit, reason: str, other: str = "") -> None:
+        self.in_vain.clear()
         seconds = time.monotonic() - self._began
         self.steps.append(Step(move, cause, after.misfit, before.misfit - after.misfit, reason, seconds, other))
 

@@ -17,7 +17,7 @@ share one place and form its credible set.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -154,6 +154,21 @@ class Place:
             return self
         most = {name: self.log_bayes[own] - gap for name, gap in behind.items() if name in self.log_bayes}
         return Place.of({name: min(value, most.get(name, value)) for name, value in self.log_bayes.items()})
+
+    def without_law(self, names: Iterable[str]) -> Place:
+        """Return the place where the probability of some causes is that of something unknown.
+
+        Parameters
+        ----------
+        names : iterable of str
+        """
+        gone = set(names) & set(self.log_bayes)
+        if not gone:
+            return self
+        left = {name: value for name, value in self.probability.items() if name not in gone}
+        moved = sum(self.probability[name] for name in gone)
+        factors = {name: value for name, value in self.log_bayes.items() if name not in gone}
+        return Place(factors, {**left, UNKNOWN: left.get(UNKNOWN, 0.0) + moved})
 
     @property
     def present(self) -> float:

@@ -12,9 +12,14 @@ from scipy import ndimage, optimize, stats
 
 from evanesce.inference.constants import LEFT, UNKNOWN_WAVES
 from evanesce.inference.data import DataVector
+from evanesce.prediction.views import View
 
 Array = NDArray[Any]
 
+PROFILES = ("force_N", "voltage_V", "time_s")
+"""Of a view, with which an unknown field may grow."""
+LIT = 0.05
+"""Of the largest level, below which there is hardly any light."""
 LEAST_POWER = 1e-3
 """Of the largest: bins of less light say nothing of a field that follows it."""
 
@@ -41,8 +46,32 @@ def waves(shape: tuple[int, int], count: int) -> Array:
     return np.array(found).reshape(-1, rows, cols)
 
 
+def profiles(views: Sequence[View]) -> dict[str, Array]:
+    """Return how a field may go from view to view of the contact: a number (views,) for each, 0 where none is seen.
+
+    ``alike`` in all, or with the distance of force, voltage or time from its mean, in standard deviations; what is the
+    same in all views is left out.
+
+    Parameters
+    ----------
+    views : sequence of View
+    """
+    touching = np.array([view.kind in ("press", "replicate") for view in views])
+    found = {"alike": touching.astype(float)}
+    for name in PROFILES:
+        value = np.array([float(getattr(view, name) or 0.0) for view in views])
+        away = np.where(touching, value - value[touching].mean(), 0.0) if touching.any() else np.zeros(len(views))
+        spread = float(np.sqrt(np.mean(away[touching] ** 2))) if touching.any() else 0.0
+        if spread > 0:
+            found[name.partition("_")[0]] = away / spread
+    return found
+
+
 def unknown_rows(data: DataVector, nominal: Array) -> Array:
-    """Return whitened rows (k, bins): fields that follow the light, and fields that do not, in all open views alike.
+    """Return whitened rows (k, bins): fields that follow the light, and fields that do not.
+
+    Either are alike in all views of the contact, or go with force, voltage or time, in half as many waves: those of
+    the light over the part of the frame where there is light.
 
     Parameters
     ----------
@@ -50,11 +79,29 @@ def unknown_rows(data: DataVector, nominal: Array) -> Array:
     nominal : ndarray (views, rows, cols)
         Prediction [DN].
     """
-    basis = waves(nominal.shape[1:], UNKNOWN_WAVES)
-    touching = np.array([view.kind in ("press", "replicate") for view in data.views])[:, None, None]
+    shape = nominal.shape[1:]
+    whole, few = waves(shape, UNKNOWN_WAVES), waves(shape, UNKNOWN_WAVES // 2)
+    lit = _where_lit(nominal, UNKNOWN_WAVES // 2)
     valid = data.valid[list(data.open)]
-    alike = [data.over_noise(cube * touching) for cube in (nominal, np.ones_like(nominal))]
-    return np.array([(wave * cube)[valid] for wave in basis for cube in alike], np.float32)
+    found = []
+    for name, profile in profiles(data.views).items():
+        own = (whole, whole) if name == "alike" else (lit, few)
+        for basis, cube in zip(own, (nominal, np.ones_like(nominal)), strict=True):
+            over = data.over_noise(cube * profile[:, None, None])
+            found += [(wave * over)[valid].astype(np.float32) for wave in basis]
+    return np.array(found)
+
+
+def _where_lit(nominal: Array, count: int) -> Array:
+    """Return waves (n, rows, cols) over the rectangle outside of which there is hardly any light, 0 there."""
+    light = np.abs(nominal).max(axis=0)
+    bright = light > LIT * light.max()
+    rows, cols = (np.flatnonzero(bright.any(axis=axis)) for axis in (1, 0))
+    down, right = slice(rows[0], rows[-1] + 1), slice(cols[0], cols[-1] + 1)
+    basis = waves(light[down, right].shape, count)
+    found = np.zeros((len(basis), *light.shape))
+    found[:, down, right] = basis
+    return found
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,11 @@ class Correlation:
     views: Array
     spectrum: Array
 
+    @property
+    def size(self) -> float:
+        """Geometric mean of the standard deviations of independent combinations of views [1]."""
+        return float(np.exp(0.5 * np.linalg.slogdet(self.views)[1] / len(self.views)))
+
     def whitened(self, cube: Array, chosen: Sequence[int]) -> Array:
         """Return noise (chosen views, rows, cols) made white, each value as near to its own place and view as can be.
 

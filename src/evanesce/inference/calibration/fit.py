@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.bundle.bundle import Bundle
-from evanesce.inference.calibration.figures import FIGURES, entered
+from evanesce.inference.calibration.figures import FIGURES, Entered, entered
 from evanesce.inference.calibration.intervals import Interval, intervals
 from evanesce.inference.causes import causes_of
 from evanesce.inference.consequence import AreaReader
-from evanesce.inference.critic import CODEC_CAUSES, Start, started
+from evanesce.inference.critic import CODEC_CAUSES, Start, refilmed, started
 from evanesce.inference.gain import HeldOut, held_out
 from evanesce.inference.joint import JointFit
 from evanesce.inference.pictures import Pictures, pictures_of
@@ -122,14 +122,15 @@ def fit_rig(bundle: Bundle, *, seed: int = 0, tell: Tell = lambda line: None, ex
     began = time.monotonic()
     tell = _timed(tell, began)
     start = started(bundle, tell)
-    model, fitter = start.model, start.fitter
-    causes, lacking = causes_of(start.observation, CODEC_CAUSES if start.codec else ())
-    into = entered(model, start.base.point, causes, exclude, tell)
-    tell(f"joint fit of {sum(len(t.parameters) for t in into.taken)} figures")
-    best = fitter.relinearised(into.taken, into.begin)
+    best, into, lacking = _joint(start, exclude, tell)
+    if start.behind:
+        # Noise of a codec is measured by what is left, and the nominal rig leaves all that is wrong with it.
+        start = refilmed(bundle, start, best, tell)
+        best, into, lacking = _joint(start, exclude, tell)
+    model = start.model
     tell("intervals")
     # Derivatives that steps corrected (Broyden) overstate what the data determine: those of intervals are made anew.
-    best = fitter.fitted(into.taken, best.point, metric=best.metric, rounds=0)
+    best = start.fitter.fitted(into.taken, best.point, metric=best.metric, rounds=0)
     discrepancy = discrepancy_of(model)
     tied = discrepancy.every_row(best)
     figures = intervals(best, tied)
@@ -146,6 +147,14 @@ def fit_rig(bundle: Bundle, *, seed: int = 0, tell: Tell = lambda line: None, ex
         start, best, figures, {**missing, **into.left_out}, gain, left, areas, kinds,
         pictures_of(model, start.base, best, left), time.monotonic() - began, model.data.noise.measured,
     )  # fmt: skip
+
+
+def _joint(start: Start, exclude: Collection[str], tell: Tell) -> tuple[JointFit, Entered, Mapping[str, str]]:
+    """Return the joint fit of all that a bundle can tell, what entered it, and the causes that the bundle lacks."""
+    causes, lacking = causes_of(start.observation, CODEC_CAUSES if start.codec else ())
+    into = entered(start.model, start.base.point, causes, exclude, tell)
+    tell(f"joint fit of {sum(len(t.parameters) for t in into.taken)} figures")
+    return start.fitter.relinearised(into.taken, into.begin), into, lacking
 
 
 def _timed(tell: Tell, began: float) -> Tell:

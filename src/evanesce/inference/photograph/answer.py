@@ -74,7 +74,7 @@ def answer(found: PhotoCriticism) -> dict[str, Any]:
         "nuisances": {name: value for name, value in best.point.items() if name.startswith("@")},
         "moves": [vars(step) for step in search.steps],
         "not_judged": [
-            {"id": name, "why": why} for name, why in {**ABSORBED, **_not_tried(), **search.refused}.items()
+            {"id": name, "why": why} for name, why in {**ABSORBED, **_not_tried(), **search.not_taken}.items()
         ],
         "noise_DN": found.bench.noise_DN,
         "corner_error_px": one.corner_error_px * one.bin_px,

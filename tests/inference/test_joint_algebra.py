@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,6 +11,7 @@ import pytest
 from scipy import ndimage, optimize
 
 from evanesce.core.errors import InputError
+from evanesce.inference.answer import verdict_of
 from evanesce.inference.causes import Cause, Entry
 from evanesce.inference.data import DataVector
 from evanesce.inference.discrepancy import Discrepancy, cosines, tied_rows
@@ -19,6 +20,7 @@ from evanesce.inference.joint import Fitter, JointFit, taken_from
 from evanesce.inference.posterior import Judge, Posterior
 from evanesce.inference.search import Search, everything_marginalised, loss_of, removal
 from evanesce.inference.shapes import FormBank, Forms
+from evanesce.inference.single_effects import UNKNOWN
 from evanesce.prediction.candidates import Candidate
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.noise import Noise
@@ -204,6 +206,7 @@ def toy(true: dict[str, float], *, decoys: int = 12, bend: float = 0.0, size: fl
     fitter.observed = model.data.whitened(measured)
     fitter.nuisances = (Parameter(name="@light", deviation=0.3, step=0.01),)
     fitter.jitter = ()
+    fitter.fields = np.zeros((0, fitter.observed.size), np.float32)
     fitter._evaluated_at = {}
     fitter.jitter_metric = lambda point: Metric.of(np.zeros((0, fitter.observed.size)), np.zeros(0))  # type: ignore
     return fitter, [cause(n) for n in names]
@@ -268,8 +271,36 @@ def test_structure_that_no_cause_makes_is_not_given_to_causes():
     fitter.observed = fitter.observed + fitter.model.data.whitened(np.broadcast_to(blob, (len(VIEWS), *SHAPE)))
     search, found, posterior = searched(fitter, causes)
     assert found.ids == ("a",)
-    assert search.unknown > 0
+    assert {block.split()[-1] for block in search.unknown} == {"alike"}
     assert posterior.places["a"].credible_set == ("a",)
+    assert posterior.places[UNKNOWN].probability[UNKNOWN] > 0.99
+    assert verdict_of(posterior, False) == "causes and unknown"
+
+
+def test_structure_that_grows_with_force_is_unknown():
+    """A blob that grows from view to view and has no mean over them; alike fields see nothing of it."""
+    fitter, causes = toy({})
+    y, x = np.mgrid[-1 : 1 : SHAPE[0] * 1j, -1 : 1 : SHAPE[1] * 1j]
+    blob = 2.5 * np.exp(-3 * ((x - 0.3) ** 2 + (y + 0.2) ** 2))
+    grown = (np.arange(len(VIEWS)) - 2.0)[:, None, None] * blob
+    fitter.observed = fitter.observed + fitter.model.data.whitened(grown)
+    search, found, posterior = searched(fitter, causes)
+    assert found.ids == ()
+    assert {block.split()[-1] for block in search.unknown} & {"force", "time"}
+    assert verdict_of(posterior, False) == "unknown"
+
+
+def test_forms_that_no_figure_of_their_law_makes_are_unknown():
+    """What is there has the opposite sign of all that the cause's own law allows: its forms alone explain it."""
+    fitter, causes = toy({"a:x": 0.007}, decoys=3)
+    bounded = Parameter(name="a:x", deviation=1.0, step=0.01, bounds=(-5.0, 0.0))
+    causes[0] = replace(causes[0], candidate=replace(causes[0].candidate, parameters=(bounded,)))
+    search, found, posterior = searched(fitter, causes)
+    assert "a" not in found.ids
+    assert "a" in search.in_vain
+    assert posterior.asks
+    assert posterior.further.probability[UNKNOWN] > 0.5
+    assert verdict_of(posterior, False) == "unknown"
 
 
 def test_removal_and_loss_are_what_a_refit_says():

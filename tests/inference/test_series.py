@@ -149,7 +149,8 @@ def test_the_unknown_is_smooth_and_of_each_series_alone():
     data = Rows.of([series(FORCES, np.ones(FORCES.size)), series([1.0, 2.0, 3.0], np.ones(3))])
     rows = unknown_rows(data)
     assert len(rows) == 4 + 2
-    np.testing.assert_allclose(rows[0], [20.0] * 8 + [0.0] * 3)
+    np.testing.assert_allclose((rows**2).sum(), 500.0**2, rtol=1e-5)
+    np.testing.assert_allclose(rows[0] / rows[0, 0], [1.0] * 8 + [0.0] * 3)
     assert not np.any(rows[4:, :8])
     normed = cosines(data, 3, normed=True)
     np.testing.assert_allclose((normed**2).sum(axis=1), [8, 8, 8, 3, 3])

@@ -29,6 +29,7 @@ from evanesce.inference.posterior import DEFECTS, Judge, Posterior
 from evanesce.inference.search import Search, everything_marginalised
 from evanesce.inference.series.beside import bank_of, discrepancy_of, with_series
 from evanesce.inference.shapes import FormBank, Forms
+from evanesce.inference.single_effects import UNKNOWN
 from evanesce.inference.unknown import left_of
 from evanesce.prediction.observe import Observation, observe, require_monochrome
 from evanesce.prediction.recoded import DRAWS, Codec
@@ -199,8 +200,8 @@ def _searched(start: Start, exclude: Collection[str], workers: int, seed: int, t
 def _advice(start: Start, found: Found, tell: Tell) -> dict[str, Any] | None:
     """Return the shot that would settle what is doubtful most; None if nothing is."""
     posterior = found.posterior
-    by_scan = {*found.search.scan.places(), DEFECTS}
-    judged = {name: place for name, place in posterior.places.items() if name not in by_scan}
+    settled = {*found.search.scan.places(), DEFECTS, UNKNOWN}
+    judged = {name: place for name, place in posterior.places.items() if name not in settled}
     doubt = doubtful({**judged, FURTHER: posterior.further} if posterior.asks else judged)
     if not doubt:
         return None

@@ -71,7 +71,11 @@ class JointFit:
     point : mapping of str to float
     solution : Solution
     metric : Metric
-        With the jitter of single views marginalised.
+        With the jitter of single views marginalised, and what was taken as unknown.
+    residual : ndarray (d,)
+        Whitened data less the prediction.
+    fields : int
+        How many of the metric's rows, the last ones, are those of something unknown.
     """
 
     taken: tuple[Taken, ...]
@@ -80,6 +84,22 @@ class JointFit:
     solution: Solution
     metric: Metric
     residual: Array
+    fields: int = 0
+
+    @property
+    def nuisance_rows(self) -> Array:
+        """The metric's rows (q, d) without those of something unknown."""
+        return self.metric.rows[: len(self.metric.rows) - self.fields]
+
+    def known_alone(self) -> JointFit:
+        """Return the same fit where nothing unknown is marginalised, so that its misfit holds what is not explained."""
+        if not self.fields:
+            return self
+        metric = Metric.of(self.nuisance_rows, np.ones(len(self.nuisance_rows)))
+        grown = float(
+            metric.project(self.residual) @ self.residual - self.metric.project(self.residual) @ self.residual
+        )
+        return replace(self, metric=metric, solution=replace(self.solution, misfit=self.misfit + grown), fields=0)
 
     @property
     def misfit(self) -> float:
@@ -131,6 +151,8 @@ class Fitter:
         every = model.nuisances()
         self.nuisances = tuple(_bounded(p) for p in every if not p.linear)
         self.jitter = tuple(p for p in every if p.linear)
+        self.fields = np.zeros((0, self.observed.size), np.float32)
+        """Rows of what was taken as unknown, each of unit prior standard deviation: marginalised in every fit."""
         self._evaluated_at: dict[str, float] = {}
 
     def fitted(
@@ -180,7 +202,9 @@ class Fitter:
             renewals=renewals,
         )  # fmt: skip
         residual = self.observed - solution.predicted
-        return JointFit(tuple(taken), parameters, point_of(solution.values), solution, metric, residual)
+        return JointFit(
+            tuple(taken), parameters, point_of(solution.values), solution, metric, residual, len(self.fields)
+        )
 
     def relinearised(self, taken: Sequence[Taken], start: Mapping[str, float]) -> JointFit:
         """Return the joint fit at the fine model's optimum: anchored and differentiated anew until it stays.
@@ -195,6 +219,7 @@ class Fitter:
             self.model.anchor(point)
             self._evaluated_at = {name: point[name] for t in taken for name in t.slow}
             metric = self.jitter_metric(point)
+            metric = metric.with_rows(self.fields) if len(self.fields) else metric
             found = self.fitted(taken, point, metric=metric)
             before = self.observed - self.model.vector(point)
             first = float(metric.project(before) @ before)

@@ -8,8 +8,9 @@ taken, something unknown, or nothing. One more place asks for a further cause. S
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any, Protocol
 
 import numpy as np
@@ -22,7 +23,7 @@ from evanesce.inference.joint import Fitter, JointFit
 from evanesce.inference.laws import all_laws
 from evanesce.inference.power import Power, expected_power
 from evanesce.inference.shapes import drawn_points
-from evanesce.inference.single_effects import NONE, UNKNOWN, Place, Shapes, null_statistics, p_value, place_of
+from evanesce.inference.single_effects import NONE, UNKNOWN, Place, Shapes, cause_of, null_statistics, p_value, place_of
 from evanesce.inference.small_space import SmallSpace
 
 Array = NDArray[Any]
@@ -42,7 +43,7 @@ class Posterior:
     Attributes
     ----------
     places : mapping of str to Place
-        Of each taken cause.
+        Of each taken cause, and of what was taken as unknown.
     further : Place
         One more.
     further_p : float
@@ -73,7 +74,8 @@ class Posterior:
         ----------
         causes : iterable of str
         """
-        return replace(self, further=self.further.without_law(causes))
+        places = {name: p.without_law(causes) if name == UNKNOWN else p for name, p in self.places.items()}
+        return replace(self, places=places, further=self.further.without_law(causes))
 
     @property
     def asks(self) -> bool:
@@ -123,14 +125,18 @@ class Further:
     by_misfit : Place
         Without the discrepancy: who takes most of the misfit. While most of it is there, what a strong cause's form may
         be off by hides which cause comes next.
-    unknown : float
-        Strength of an unknown field.
+    unknown : mapping of str to float
+        The block of something unknown that has most evidence, with its amplitude; empty where none is left.
+    library : float
+        Log Bayes factor of a sum of all forms of the library over nothing: many causes at once may look like a smooth
+        field, which a library that makes all of them explains better [nats].
     """
 
     place: Place
     p_value: float
     by_misfit: Place
-    unknown: float
+    unknown: Mapping[str, float]
+    library: float
 
 
 @dataclass(frozen=True)
@@ -203,7 +209,7 @@ class Judge:
         self._forms = SmallSpace(blocks, np.zeros((0, fitter.observed.size)), coarse=True)
 
     def _shapes(self, name: str, gram: Array) -> Shapes:
-        reach = np.inf if name == UNKNOWN else self.reach
+        reach = np.inf if cause_of(name) == UNKNOWN else self.reach
         return Shapes.of(name, gram, reach=reach, one_sided=name in self.grown)
 
     def departures(self, cause: Cause) -> list[tuple[dict[str, float], Array]]:
@@ -220,15 +226,18 @@ class Judge:
         return [(point, self._forms.rows[k].astype(np.float32)) for point, k in zip(points, own, strict=False)]
 
     def posterior(
-        self, fitted: JointFit, unknown: float = 0.0, behind: Mapping[tuple[str, str], float] | None = None
+        self,
+        fitted: JointFit,
+        unknown: Mapping[str, float] = MappingProxyType({}),
+        behind: Mapping[tuple[str, str], float] | None = None,
     ) -> Posterior:
         """Return the probabilities of all causes at a joint fit, about which the model is anchored.
 
         Parameters
         ----------
         fitted : JointFit
-        unknown : float
-            Strength at which an unknown field has been taken; 0: none.
+        unknown : mapping of str to float
+            Amplitudes of the blocks of something unknown that have been taken.
         behind : mapping of tuple of str to float, optional
             By how many nats another cause came out behind a taken one (taken, other) when it was fitted in its place:
             what a fit says, its bounds kept, stands above what drawn forms say.
@@ -239,26 +248,50 @@ class Judge:
             others = [n for n in secants if n != name]
             place, _ = self._judged(space, _marginal(others, unknown), self._rest(others, unknown), number)
             places[name] = place.with_fits(name, {b: gap for (a, b), gap in (behind or {}).items() if a == name})
+        if unknown:
+            places[UNKNOWN], _ = self._judged(space, _marginal(secants, {}), self._rest(secants, {}), len(secants))
         marginal, rest = _marginal(secants, unknown), self._rest(secants, unknown)
         further, p = self._judged(space, marginal, rest, len(secants), with_p=True)
         return Posterior(places, further, p)
 
-    def further(self, fitted: JointFit, unknown: float = 0.0) -> Further:
-        """Return what a further cause would be."""
+    def further(
+        self,
+        fitted: JointFit,
+        unknown: Mapping[str, float] = MappingProxyType({}),
+        left_out: Collection[str] = (),
+    ) -> Further:
+        """Return what a further cause would be.
+
+        Parameters
+        ----------
+        fitted : JointFit
+        unknown : mapping of str to float
+            Amplitudes of the blocks of something unknown that have been taken.
+        left_out : collection of str
+            Blocks of something unknown that are not asked about.
+        """
         space, _ = self._space(fitted, ())
-        marginal, rest = _marginal(fitted.ids, unknown), self._rest(fitted.ids, unknown)
+        marginal, rest = _marginal(fitted.ids, unknown), self._rest([*fitted.ids, *left_out], unknown)
         place, p = self._judged(space, marginal, rest, 0, with_p=True)
         bare = {n: s for n, s in marginal.items() if n != DISCREPANCY}
         by_misfit = place_of(*self._products(space, bare, rest, 0)[:2])
-        strength = 0.0
-        if UNKNOWN in rest:
-            gram, along = space.marginalised(likelier(space, marginal, 0), [UNKNOWN], 0)
-            shapes = self._shapes(UNKNOWN, gram)
-            # Rows are used as they are: each with the mean amplitude that the strength of their sum asks for.
-            strength = shapes.strength(shapes.coordinates(along)) * float(np.mean(shapes.scale[shapes.scale > 0]))
-        return Further(place, p, by_misfit, strength)
+        lit, forms = likelier(space, marginal, 0), [block for block in rest if cause_of(block) != UNKNOWN]
+        gram, along = space.marginalised(lit, forms, 0)
+        every = Shapes.of("library", gram)
+        library = float(every.log_bayes(every.coordinates(along)))
+        fields: dict[str, tuple[float, float]] = {}
+        for block in (name for name in rest if cause_of(name) == UNKNOWN):
+            gram, along = space.marginalised(lit, [block], 0)
+            shapes = self._shapes(block, gram)
+            if shapes.eigenvalues.size:
+                own = shapes.coordinates(along)
+                fields[block] = float(shapes.log_bayes(own)), shapes.strength(own) * float(shapes.scale.max())
+        most = max(fields, key=lambda block: fields[block][0], default=None)
+        return Further(place, p, by_misfit, {} if most is None else {most: fields[most][1]}, library)
 
-    def weights(self, fitted: JointFit, name: str, unknown: float = 0.0) -> dict[str, Weights]:
+    def weights(
+        self, fitted: JointFit, name: str, unknown: Mapping[str, float] = MappingProxyType({})
+    ) -> dict[str, Weights]:
         """Return the weights of the forms of every cause that may fill a place: that of a taken cause, or one more.
 
         Parameters
@@ -266,12 +299,13 @@ class Judge:
         fitted : JointFit
         name : str
             Of a taken cause; anything else: of a further one.
-        unknown : float
+        unknown : mapping of str to float
         """
         judged = [name] if name in fitted.ids else []
         space, _ = self._space(fitted, judged)
         others = [n for n in fitted.ids if n != name]
-        marginal, rest = _marginal(others, unknown), self._rest([*others, UNKNOWN], unknown)
+        marginal = _marginal(others, unknown)
+        rest = [block for block in self._rest(others, unknown) if cause_of(block) != UNKNOWN]
         gram, along = space.marginalised(likelier(space, marginal, 0), rest, 0)
         found, start = {}, 0
         for cause in rest:
@@ -294,16 +328,21 @@ class Judge:
     def power(self, fitted: JointFit, strengths: Sequence[float], rng: np.random.Generator) -> list[Power]:
         """Return the expected power of a further cause, by cause and strength."""
         space, _ = self._space(fitted, ())
-        return expected_power(space, _marginal(fitted.ids, 0.0), strengths, rng, left_out=(LIGHT,))
+        return expected_power(space, _marginal(fitted.ids, {}), strengths, rng, left_out=(LIGHT,))
 
-    def _rest(self, taken: Iterable[str], unknown: float) -> list[str]:
-        out = {*taken, *([UNKNOWN] if unknown else [])}
+    def fields(self, unknown: Mapping[str, float]) -> Array:
+        """Return the rows (k, d) of blocks of something unknown times their amplitudes."""
+        rows = [self._forms.rows[self._forms.places[block]].astype(np.float32) * a for block, a in unknown.items()]
+        return np.concatenate([np.zeros((0, self._forms.rows.shape[1]), np.float32), *rows])
+
+    def _rest(self, taken: Iterable[str], unknown: Iterable[str]) -> list[str]:
+        out = {*taken, *unknown}
         return [name for name in self.known if name not in out]
 
     def _space(self, fitted: JointFit, judged: Sequence[str]) -> tuple[SmallSpace, dict[str, Array]]:
         """Return all inner products at a fit; its vectors are the data without each judged cause, and the residual."""
         model = self.fitter.model
-        blocks: dict[str, Array] = {NUISANCES: np.concatenate([fitted.metric.rows, _scaled(fitted, "@")])}
+        blocks: dict[str, Array] = {NUISANCES: np.concatenate([fitted.nuisance_rows, _scaled(fitted, "@")])}
         for taken in fitted.taken:
             blocks[f"{FITTED}{taken.id}"] = _scaled(fitted, f"{taken.id}:")
         blocks[DISCREPANCY], blocks[LIGHT] = self.discrepancy.tied(fitted), self.discrepancy.light(fitted)
@@ -368,9 +407,8 @@ def likelier(space: SmallSpace, marginal: Mapping[str, float], vector: int) -> M
     return {**marginal, LIGHT: 1.0} if space.log_bayes(marginal, LIGHT, vector) > 0.0 else marginal
 
 
-def _marginal(taken: Iterable[str], unknown: float) -> dict[str, float]:
-    found = {NUISANCES: 1.0, DISCREPANCY: 1.0, **{f"{FITTED}{name}": 1.0 for name in taken}}
-    return found | ({UNKNOWN: unknown} if unknown else {})
+def _marginal(taken: Iterable[str], unknown: Mapping[str, float]) -> dict[str, float]:
+    return {NUISANCES: 1.0, DISCREPANCY: 1.0, **{f"{FITTED}{name}": 1.0 for name in taken}, **unknown}
 
 
 def _scaled(fitted: JointFit, prefix: str) -> Array:

@@ -15,7 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.inference.constants import CREDIBLE, DETECTED
-from evanesce.inference.single_effects import LEAST_EIGENVALUE, UNKNOWN, Shapes, null_statistics, statistic_of
+from evanesce.inference.single_effects import (
+    LEAST_EIGENVALUE,
+    UNKNOWN,
+    Shapes,
+    cause_of,
+    merged,
+    null_statistics,
+    statistic_of,
+)
 from evanesce.inference.small_space import SmallSpace
 
 Array = NDArray[Any]
@@ -83,7 +91,7 @@ def expected_power(
     threshold = float(np.quantile(null, 1.0 - DETECTED))
     found = []
     for name in causes:
-        if name == UNKNOWN or len(cuts[name]) < 2:
+        if cause_of(name) == UNKNOWN or len(cuts[name]) < 2:
             continue
         rates: dict[float, list[Array]] = {s: [] for s in strengths}
         for place in cuts[name]:
@@ -95,8 +103,8 @@ def expected_power(
             for s in strengths:
                 along = s * gram[place] / norm + rng.standard_normal((draws, int(kept.sum()))) @ root.T
                 bayes = [(own if n == name else whole[n], others if n == name else cut) for n, cut in cuts.items()]
-                every = np.array([c.log_bayes(c.coordinates(along[:, cut])) for c, cut in bayes])
-                rates[s].append(_judged(every, causes.index(name), threshold))
+                every = merged({c.id: c.log_bayes(c.coordinates(along[:, cut])) for c, cut in bayes})
+                rates[s].append(_judged(np.array(list(every.values())), list(every).index(name), threshold))
         found += [_power(name, s, np.concatenate(rows, axis=1)) for s, rows in rates.items() if rows]
     return found
 

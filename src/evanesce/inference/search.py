@@ -8,7 +8,7 @@ taken for a further cause.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -20,7 +20,7 @@ from evanesce.inference.causes import Cause, Entry, departure, entries_of
 from evanesce.inference.constants import DETECTED, FITTED, LEAST_SHARE, SUBSTITUTE, TRIED
 from evanesce.inference.explained import Scan
 from evanesce.inference.gauss_newton import bounded_step
-from evanesce.inference.joint import Fitter, JointFit, taken_from
+from evanesce.inference.joint import Fitter, JointFit, Taken, taken_from
 from evanesce.inference.marks import MarkSearch
 from evanesce.inference.posterior import Further, Judge, Posterior
 from evanesce.inference.single_effects import NONE, UNKNOWN
@@ -109,8 +109,10 @@ class Search:
     scan: Scan = field(default_factory=Scan)
     """Defects that were found."""
     first: float = 0.0
-    unknown: float = 0.0
-    """Strength at which an unknown field has been taken; 0: none."""
+    unknown: dict[str, float] = field(default_factory=dict)
+    """Blocks of something unknown that have been taken, with their amplitudes."""
+    not_unknown: set[str] = field(default_factory=set)
+    """Blocks of it that were dropped."""
     _began: float = field(default_factory=time.monotonic)
     _behind: dict[tuple[str, str], float] = field(default_factory=dict)
 
@@ -129,7 +131,7 @@ class Search:
             posterior = posterior.fitted_in_vain(self.in_vain)
             moved = self._dropped(now, posterior) or self._exchanged(now, posterior)
             if len(self.steps) >= MOVES or (moved is None and len(self._behind) == compared):
-                return now, posterior
+                return now.known_alone(), posterior
             now = now if moved is None else self._grown(moved)
 
     def posterior(self, now: JointFit) -> Posterior:
@@ -149,7 +151,7 @@ class Search:
         """Return the fit to which no cause is worth being added."""
         began = time.monotonic()
         while len(self.steps) < MOVES:
-            asked = self.judge.further(now, self.unknown)
+            asked = self.judge.further(now, self.unknown, self.not_unknown)
             place = asked.place
             if asked.p_value > DETECTED or place.probability[NONE] > 0.5:
                 return now
@@ -161,8 +163,8 @@ class Search:
                 took = time.monotonic() - began
                 self.tell(f"{self._words(better)}; about {self._rounds_left(better, now) * took:.0f} s left")
                 began, now = time.monotonic(), better
-            elif UNKNOWN in place.log_bayes and not self.unknown and place.log_bayes[UNKNOWN] > 0.0:
-                self.unknown = asked.unknown
+            elif place.log_bayes.get(UNKNOWN, 0.0) > 0.0 and asked.unknown:
+                now = self._with_unknown(now.taken, now.point, {**self.unknown, **asked.unknown})
                 self.tell("something that no cause of the library makes")
             elif len(self.in_vain) > known and set(place.credible_set) - {UNKNOWN, *self.refused, *self.in_vain}:
                 continue
@@ -194,6 +196,12 @@ class Search:
             self.tell(self._words(better))
         return self._grown(better)
 
+    def _with_unknown(self, taken: Sequence[Taken], point: Mapping[str, float], unknown: dict[str, float]) -> JointFit:
+        """Return the fit of some causes with blocks of something unknown marginalised, and no other of them."""
+        self.unknown, self.fitter.fields = unknown, self.judge.fields(unknown)
+        self._behind.clear()
+        return self.fitter.relinearised(taken, point)
+
     def _added(self, now: JointFit, asked: Further) -> JointFit | None:
         """Return the fit with the cause that leaves least among those of most evidence; None if none is worth it."""
         place, p = asked.place, asked.p_value
@@ -207,6 +215,7 @@ class Search:
         entered.sort(key=lambda e: -e.removed)
         tried = [t for t in (self._tried(now, e, metric, believed) for e in entered[: self.fitted]) if t is not None]
         unknown = place.log_bayes.get(UNKNOWN, 0.0)
+        unknown = unknown if unknown > asked.library else 0.0
         for fitted in sorted(tried, key=lambda t: t.misfit):
             cause = fitted.taken[-1].id
             if 0.5 * (now.misfit - fitted.misfit) < unknown:
@@ -281,7 +290,19 @@ class Search:
             return None
 
     def _dropped(self, now: JointFit, posterior: Posterior) -> JointFit | None:
-        """Return the fit without a cause whose place is more probably empty."""
+        """Return the fit without a cause whose place is more probably empty, or filled by something unknown."""
+        place = posterior.places.get(UNKNOWN)
+        if place is not None and place.probability.get(UNKNOWN, 0.0) < 0.5:
+            self.not_unknown |= set(self.unknown)
+            known = self._with_unknown(now.taken, now.point, {})
+            self._note("drop", UNKNOWN, known, now, "its place is more probably another cause's or empty")
+            self.tell(self._words(known))
+            return known
+        for name, place in posterior.places.items():
+            if name in now.ids and name not in self.scan.places() and place.probability.get(UNKNOWN, 0.0) > 0.5:
+                without = self._given_up(now, name)
+                if without is not None:
+                    return without
         for name, place in posterior.places.items():
             if name in now.ids and place.probability[NONE] > 0.5:
                 without = self._refitted(now, name)
@@ -291,6 +312,21 @@ class Search:
                     self.tell(self._words(without))
                     return without
         return None
+
+    def _given_up(self, now: JointFit, name: str) -> JointFit | None:
+        """Return the fit with something unknown in the place of a cause; None if no block of it is left."""
+        without = self._refitted(now, name, fine=False)
+        if without is None:
+            return None
+        asked = self.judge.further(without, self.unknown, self.not_unknown)
+        if not asked.unknown:
+            return None
+        kept = [t for t in now.taken if t.id != name]
+        found = self._with_unknown(kept, without.point, {**self.unknown, **asked.unknown})
+        self.refused[name] = "something unknown is more probable in its place"
+        self._note("exchange", UNKNOWN, found, now, "is more probable", name)
+        self.tell(self._words(found))
+        return found
 
     def _exchanged(self, now: JointFit, posterior: Posterior) -> JointFit | None:
         """Return the fit with another cause in a place, where that is more probable.

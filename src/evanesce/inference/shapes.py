@@ -18,8 +18,7 @@ from evanesce.inference.causes import Cause
 from evanesce.inference.constants import DRAWS
 from evanesce.inference.data import DataVector
 from evanesce.inference.laws import Law, Seen, all_laws
-from evanesce.inference.single_effects import UNKNOWN
-from evanesce.inference.unknown import unknown_rows
+from evanesce.inference.unknown import unknown_blocks
 from evanesce.prediction.parameters import Parameter
 from evanesce.prediction.predict import Predictor
 from evanesce.prediction.tone import expected_tone
@@ -156,7 +155,7 @@ class FormBank:
     def blocks(self, causes: Sequence[Cause], data: DataVector) -> dict[str, Array]:
         """Return the whitened forms (forms, bins) of causes that show, and rows of something unknown."""
         found = {forms.id: forms.rows(data) for forms in self.of(causes)}
-        return {**found, UNKNOWN: unknown_rows(data, self.nominal)}
+        return {**found, **unknown_blocks(data, self.nominal)}
 
     def _key(self, cause: Cause) -> str:
         coarse = self.coarse

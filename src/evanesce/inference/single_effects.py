@@ -36,6 +36,26 @@ LEAST_NORM = 0.1
 
 NONE = "none"
 UNKNOWN = "unknown"
+"""Also the beginning of the names of its blocks: fields that go from view to view in one way each."""
+
+
+def cause_of(block: str) -> str:
+    """Return the cause that a block of rows belongs to; blocks of something unknown are one cause."""
+    return UNKNOWN if block.startswith(UNKNOWN) else block
+
+
+def merged(log_bayes: Mapping[str, Array]) -> dict[str, Array]:
+    """Return log Bayes factors by cause: that of something unknown is the mean over its blocks.
+
+    Parameters
+    ----------
+    log_bayes : mapping of str to ndarray (...)
+        By block [nats].
+    """
+    parts: dict[str, list[Array]] = {}
+    for block, value in log_bayes.items():
+        parts.setdefault(cause_of(block), []).append(np.asarray(value))
+    return {name: np.logaddexp.reduce(every, axis=0) - np.log(len(every)) for name, every in parts.items()}
 
 
 @dataclass(frozen=True)
@@ -70,6 +90,9 @@ class Shapes:
     def of(cls, name: str, gram: Array, *, reach: float = np.inf, one_sided: bool = False) -> Shapes:
         """Return the shapes of rows with the given inner products (k, k) in the metric.
 
+        Forms of a cause are as likely one as the other; rows of something unknown keep their proportions, by which it
+        is smooth.
+
         Parameters
         ----------
         name : str
@@ -80,7 +103,9 @@ class Shapes:
         """
         norms = np.sqrt(np.maximum(np.diag(gram), 0.0))
         seen = norms > LEAST_NORM
-        scale = np.where(seen, 1.0 / (np.where(seen, norms, 1.0) * np.sqrt(max(seen.sum(), 1))), 0.0)
+        even = np.full(len(norms), np.sqrt(np.mean(norms[seen] ** 2)) if seen.any() else 1.0)
+        size = even if cause_of(name) == UNKNOWN else np.where(seen, norms, 1.0)
+        scale = np.where(seen, 1.0 / (size * np.sqrt(max(seen.sum(), 1))), 0.0)
         if not seen.any():
             return cls(name, scale, np.zeros(0), np.zeros((len(norms), 0)))
         low, high = (min(float(end), reach * float(norms.max())) for end in STRENGTHS[[0, -1]])
@@ -198,7 +223,8 @@ def place_of(candidates: Sequence[Shapes], along: Mapping[str, Array]) -> Place:
         Products, in the metric, of each candidate's rows with the data less the prediction without any cause there.
     """
     shown = [c for c in candidates if c.eigenvalues.size]
-    return Place.of({c.id: float(c.log_bayes(c.coordinates(along[c.id]))) for c in shown})
+    found = merged({c.id: c.log_bayes(c.coordinates(along[c.id])) for c in shown})
+    return Place.of({name: float(value) for name, value in found.items()})
 
 
 def statistic_of(log_bayes: Array) -> Array:
@@ -225,13 +251,13 @@ def null_statistics(candidates: Sequence[Shapes], gram: Array, rng: np.random.Ge
     kept = values > LEAST_EIGENVALUE * values[-1]
     root = axes[:, kept] * np.sqrt(values[kept])
     drawn = rng.standard_normal((draws, int(kept.sum()))) @ root.T
-    found, start = [], 0
+    found, start = {}, 0
     for shapes in candidates:
         stop = start + shapes.eigenvalues.size
         if stop > start:
-            found.append(shapes.log_bayes(drawn[:, start:stop]))
+            found[shapes.id] = shapes.log_bayes(drawn[:, start:stop])
         start = stop
-    return np.sort(statistic_of(np.array(found)))
+    return np.sort(statistic_of(np.array(list(merged(found).values()))))
 
 
 def p_value(place: Place, null: Array) -> float:

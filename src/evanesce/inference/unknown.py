@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, optimize, stats
 
-from evanesce.inference.constants import LEFT, UNKNOWN_WAVES
+from evanesce.inference.constants import LEFT, STRENGTHS, UNKNOWN_WAVES
 from evanesce.inference.data import DataVector
+from evanesce.inference.single_effects import UNKNOWN
 from evanesce.prediction.views import View
 
 Array = NDArray[Any]
@@ -24,14 +25,18 @@ LEAST_POWER = 1e-3
 """Of the largest: bins of less light say nothing of a field that follows it."""
 
 
-def waves(shape: tuple[int, int], count: int) -> Array:
-    """Return products of cosines (n, rows, cols) with up to count - 1 half waves along the longer side, no constant.
+def waves(shape: tuple[int, int], count: int, *, constant: bool = False) -> Array:
+    """Return products of cosines (n, rows, cols) with up to count - 1 half waves along the longer side.
+
+    Their amplitudes fall as one over the number of half waves: a random sum of them has as much power in each octave.
 
     Parameters
     ----------
     shape : tuple of int
         (rows, cols).
     count : int
+    constant : bool
+        Whether what is even over the frame is one of them, as large as one half wave.
     """
     rows, cols = shape
     longer = max(rows, cols)
@@ -39,11 +44,18 @@ def waves(shape: tuple[int, int], count: int) -> Array:
     for i in range(count):
         for j in range(count):
             # As many half waves to a millimetre either way: a field that has no preferred direction.
-            if 0 < np.hypot(i * longer / rows, j * longer / cols) < count:
+            number = float(np.hypot(i * longer / rows, j * longer / cols))
+            if (constant or number > 0) and number < count:
                 down = np.cos(np.pi * i * (np.arange(rows) + 0.5) / rows)
                 right = np.cos(np.pi * j * (np.arange(cols) + 0.5) / cols)
-                found.append(np.outer(down, right))
+                found.append(np.outer(down, right) / max(number, 1.0))
     return np.array(found).reshape(-1, rows, cols)
+
+
+def at_largest_strength(rows: Array) -> Array:
+    """Return whitened rows (k, d) times one factor: squared norms add up to that of the largest strength."""
+    size = float(np.sqrt(np.sum([float(row @ row) for row in rows])))
+    return np.asarray(rows * (STRENGTHS[-1] / size if size > 0 else 0.0), np.float32)
 
 
 def profiles(views: Sequence[View]) -> dict[str, Array]:
@@ -67,8 +79,8 @@ def profiles(views: Sequence[View]) -> dict[str, Array]:
     return found
 
 
-def unknown_rows(data: DataVector, nominal: Array) -> Array:
-    """Return whitened rows (k, bins): fields that follow the light, and fields that do not.
+def unknown_blocks(data: DataVector, nominal: Array) -> dict[str, Array]:
+    """Return whitened rows (k, bins) by block: fields that follow the light, and fields that do not.
 
     Either are alike in all views of the contact, or go with force, voltage or time, in half as many waves: those of
     the light over the part of the frame where there is light.
@@ -80,16 +92,18 @@ def unknown_rows(data: DataVector, nominal: Array) -> Array:
         Prediction [DN].
     """
     shape = nominal.shape[1:]
-    whole, few = waves(shape, UNKNOWN_WAVES), waves(shape, UNKNOWN_WAVES // 2)
+    # Light and level that are even in all views are nuisances.
+    whole, few = waves(shape, UNKNOWN_WAVES), waves(shape, UNKNOWN_WAVES // 2, constant=True)
     lit = _where_lit(nominal, UNKNOWN_WAVES // 2)
     valid = data.valid[list(data.open)]
-    found = []
+    found = {}
     for name, profile in profiles(data.views).items():
         own = (whole, whole) if name == "alike" else (lit, few)
-        for basis, cube in zip(own, (nominal, np.ones_like(nominal)), strict=True):
+        for kind, basis, cube in zip(("light", "level"), own, (nominal, np.ones_like(nominal)), strict=True):
             over = data.over_noise(cube * profile[:, None, None])
-            found += [(wave * over)[valid].astype(np.float32) for wave in basis]
-    return np.array(found)
+            rows = np.array([(wave * over)[valid].astype(np.float32) for wave in basis])
+            found[f"{UNKNOWN} {kind} {name}"] = at_largest_strength(rows)
+    return found
 
 
 def _where_lit(nominal: Array, count: int) -> Array:
@@ -98,7 +112,7 @@ def _where_lit(nominal: Array, count: int) -> Array:
     bright = light > LIT * light.max()
     rows, cols = (np.flatnonzero(bright.any(axis=axis)) for axis in (1, 0))
     down, right = slice(rows[0], rows[-1] + 1), slice(cols[0], cols[-1] + 1)
-    basis = waves(light[down, right].shape, count)
+    basis = waves(light[down, right].shape, count, constant=True)
     found = np.zeros((len(basis), *light.shape))
     found[:, down, right] = basis
     return found

@@ -18,8 +18,7 @@ from evanesce.inference.laws import Seen, all_laws
 from evanesce.inference.photograph.light import COSINES, SHIFTS, SIDES, UNEVEN, LightModel
 from evanesce.inference.photograph.picture import Photograph
 from evanesce.inference.shapes import Forms, drawn_point
-from evanesce.inference.single_effects import UNKNOWN
-from evanesce.inference.unknown import unknown_rows
+from evanesce.inference.unknown import unknown_blocks
 from evanesce.optics.projection import Projection
 from evanesce.prediction.parameters import STEP_SHARE, Parameter
 from evanesce.prediction.views import View
@@ -243,7 +242,7 @@ class PhotoForms:
     def blocks(self, causes: Sequence[PhotoCause], data: DataVector) -> dict[str, Array]:
         """Return the whitened forms (forms, bins) of causes that show, and rows of something unknown."""
         found = {forms.id: forms.rows(data) for forms in self.of(causes)}
-        return {**found, UNKNOWN: unknown_rows(data, self.nominal)}
+        return {**found, **unknown_blocks(data, self.nominal)}
 
     def of(self, causes: Sequence[PhotoCause]) -> list[Forms]:
         """Return the forms of causes: drawn from their parameters, and by the other laws that they may follow."""

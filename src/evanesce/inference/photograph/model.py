@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from evanesce.inference.photograph.light import LightModel
 from evanesce.inference.photograph.picture import Photograph
 from evanesce.inference.posterior import Further, Judge
 from evanesce.inference.search import Search
-from evanesce.inference.single_effects import UNKNOWN
+from evanesce.inference.single_effects import UNKNOWN, cause_of
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.noise import Noise
 from evanesce.prediction.parameters import Parameter, derivative
@@ -216,16 +217,22 @@ class PhotoJudge(Judge):
 
     growing = False
 
-    def further(self, fitted: JointFit, unknown: float = 0.0) -> Further:
+    def further(
+        self,
+        fitted: JointFit,
+        unknown: Mapping[str, float] = MappingProxyType({}),
+        left_out: Collection[str] = (),
+    ) -> Further:
         """Return what a further cause would be, of the library's alone."""
         self.growing = True
         try:
-            return super().further(fitted, unknown)
+            return super().further(fitted, unknown, left_out)
         finally:
             self.growing = False
 
-    def _rest(self, taken: Iterable[str], unknown: float) -> list[str]:
-        return super()._rest([*taken, UNKNOWN] if self.growing else taken, unknown)
+    def _rest(self, taken: Iterable[str], unknown: Iterable[str]) -> list[str]:
+        rest = super()._rest(taken, unknown)
+        return [block for block in rest if cause_of(block) != UNKNOWN] if self.growing else rest
 
 
 @dataclass
@@ -239,7 +246,7 @@ class PhotoSearch(Search):
         now, self.warm = self.warm or now, None
         grown = super()._grown(now)
         asked = Judge.further(self.judge, grown)
-        self.unknown = asked.unknown if asked.place.log_bayes.get(UNKNOWN, 0.0) > 0.0 else 0.0
+        self.unknown = dict(asked.unknown) if asked.place.log_bayes.get(UNKNOWN, 0.0) > 0.0 else {}
         return grown
 
 

@@ -124,8 +124,10 @@ class FramesAndSeriesBank(FormBank):
             own = np.zeros((count, sd.size), np.float32)
             own[: len(known)] = known[:count]
             found[cause.id] = np.concatenate([frames.pop(cause.id), own / sd.astype(np.float32)], axis=1)
-        found[UNKNOWN] = _beside(frames.pop(UNKNOWN), unknown_rows(self.rows.model.data))
-        return found
+        nothing = np.zeros((0, sd.size), np.float32)
+        found |= {name: _beside(rows, nothing) for name, rows in frames.items()}
+        no_bins = np.zeros((0, next(iter(frames.values())).shape[1]), np.float32)
+        return found | {f"{UNKNOWN} series": _beside(no_bins, unknown_rows(self.rows.model.data))}
 
 
 class FramesAndSeriesDiscrepancy(Discrepancy):

@@ -28,6 +28,7 @@ from evanesce.inference.series.model import SeriesBank, SeriesDiscrepancy, Serie
 from evanesce.inference.series.picture import Curve
 from evanesce.inference.series.rows import ASSUMED_SIGMA, Rows, rows_of
 from evanesce.inference.series.search import SeriesSearch
+from evanesce.inference.single_effects import UNKNOWN
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.observe import Observation, model_scene
 
@@ -278,7 +279,8 @@ def _advice(
     posterior: Posterior, tell: Tell,
 ) -> dict[str, Any] | None:  # fmt: skip
     """Return the series of the menu that is expected to lessen the doubt about a place most."""
-    doubt = doubtful({**posterior.places, FURTHER: posterior.further} if posterior.asks else posterior.places)
+    judged = {name: place for name, place in posterior.places.items() if name != UNKNOWN}
+    doubt = doubtful({**judged, FURTHER: posterior.further} if posterior.asks else judged)
     if not doubt:
         return None
     tell("what to measure next")

@@ -20,6 +20,7 @@ from evanesce.inference.series.predict import SeriesPredictor, log_of
 from evanesce.inference.series.rows import Rows
 from evanesce.inference.shapes import SHAPES, drawn_points, sources_of
 from evanesce.inference.single_effects import UNKNOWN
+from evanesce.inference.unknown import at_largest_strength
 from evanesce.prediction import priors
 from evanesce.prediction.observe import Observation, model_factor
 from evanesce.prediction.parameters import Parameter, value_of
@@ -252,4 +253,4 @@ def cosines(data: Rows, count: int, *, normed: bool = False) -> Array:
 
 def unknown_rows(data: Rows) -> Array:
     """Return whitened rows (k, rows): a smooth function of the abscissa for each series, of any size."""
-    return np.asarray(cosines(data, UNKNOWN_HALF_WAVES) / data.sd)
+    return at_largest_strength(cosines(data, UNKNOWN_HALF_WAVES) / data.sd)

@@ -28,7 +28,7 @@ class SeriesSearch(Search):
     def posterior(self, now: JointFit) -> Posterior:
         """Return the probabilities of all causes at a joint fit, those that can be fitted by their fits."""
         found = super().posterior(now)
-        places = {name: self._place(now, name, place) for name, place in found.places.items()}
+        places = {n: self._place(now, n, place) if n in now.ids else place for n, place in found.places.items()}
         return replace(found, places=places)
 
     def _worth_entering(self, ranked: Sequence[str]) -> Sequence[str]:

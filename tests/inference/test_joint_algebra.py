@@ -206,7 +206,6 @@ def toy(true: dict[str, float], *, decoys: int = 12, bend: float = 0.0, size: fl
     fitter.observed = model.data.whitened(measured)
     fitter.nuisances = (Parameter(name="@light", deviation=0.3, step=0.01),)
     fitter.jitter = ()
-    fitter.fields = np.zeros((0, fitter.observed.size), np.float32)
     fitter._evaluated_at = {}
     fitter.jitter_metric = lambda point: Metric.of(np.zeros((0, fitter.observed.size)), np.zeros(0))  # type: ignore
     return fitter, [cause(n) for n in names]

@@ -145,14 +145,15 @@ class Fitter:
     model : Model
     """
 
+    fields: Array = np.zeros((0, 0), np.float32)
+    """Rows (k, d) of what was taken as unknown, each of unit prior standard deviation: marginalised in every fit."""
+
     def __init__(self, model: Model) -> None:
         self.model = model
         self.observed = model.observed
         every = model.nuisances()
         self.nuisances = tuple(_bounded(p) for p in every if not p.linear)
         self.jitter = tuple(p for p in every if p.linear)
-        self.fields = np.zeros((0, self.observed.size), np.float32)
-        """Rows of what was taken as unknown, each of unit prior standard deviation: marginalised in every fit."""
         self._evaluated_at: dict[str, float] = {}
 
     def fitted(

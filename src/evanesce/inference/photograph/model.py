@@ -245,9 +245,13 @@ class PhotoSearch(Search):
     def _grown(self, now: JointFit) -> JointFit:
         now, self.warm = self.warm or now, None
         grown = super()._grown(now)
-        asked = Judge.further(self.judge, grown)
+        asked = Judge.further(self.judge, grown, {}, self.not_unknown)
         self.unknown = dict(asked.unknown) if asked.place.log_bayes.get(UNKNOWN, 0.0) > 0.0 else {}
         return grown
+
+    def _given_up(self, now: JointFit, name: str) -> JointFit | None:
+        """Return None: what is unknown is weighed when all causes are in, and no cause gives way to it."""
+        return None
 
 
 def robust_sd(sd: Array, left: Array) -> Array:

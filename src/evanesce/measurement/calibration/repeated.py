@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 NAMES = ("focal length", "cx", "cy", "k1", "k2", "turn x", "turn y", "turn z", "place x", "place y", "distance")
 FOCAL_FACTORS = (0.6, 0.8, 1.0, 1.25, 1.6)
+UNDETERMINED = 1e-10
+"""Of the largest singular value: what double precision leaves of zero, six digits to spare."""
 
 
 def judge_views(
@@ -120,13 +122,17 @@ def single_view(view: BoardView, image_size: tuple[int, int], focal_px: float, n
     -------
     dict
         ``singular_values`` of the Jacobian, each parameter in units of what moves the corners by 1 px RMS when it alone
-        changes; ``condition``; ``weakest`` (name -> share of the least determined direction); ``profile``: focal
+        changes; ``condition``; ``weakest`` (name -> share of the least determined direction, or of all directions that
+        rounding alone tells from undetermined ones); ``profile``: focal
         lengths tried, each with the RMS left, the distance and the tilt with it; ``rectification_rms_px``.
     """
     theta = _profiled(view, _start(view, image_size, focal_px), focal_px)
     _, slopes = _project(view, theta)
     size = np.sqrt((slopes**2).mean(axis=0))
     _, values, directions = np.linalg.svd(slopes / size, full_matrices=False)
+    # Directions of a null space are any turn of each other: which one rounding puts last says nothing.
+    undetermined = directions[values < UNDETERMINED * values[0]]
+    weakest = directions[-1] if len(undetermined) < 2 else np.sqrt((undetermined**2).sum(axis=0))
     values = values / np.sqrt(len(slopes))
     # parameters scaled by their own effect; back through it, the standard errors that noise of a corner leaves
     covariance = (directions.T / values**2) @ directions / len(slopes) * noise_px**2
@@ -138,7 +144,7 @@ def single_view(view: BoardView, image_size: tuple[int, int], focal_px: float, n
         "parameters": list(NAMES),
         "singular_values": values.tolist(),
         "condition": float(values[0] / values[-1]),
-        "weakest": {n: float(s) for n, s in zip(NAMES, directions[-1], strict=True) if abs(s) > 0.1},
+        "weakest": {n: float(s) for n, s in zip(NAMES, weakest, strict=True) if abs(s) > 0.1},
         "standard_errors_by_noise": {n: float(e) for n, e in zip(NAMES, errors, strict=True)},
         "at": {n: float(t) for n, t in zip(NAMES, theta, strict=True)},
         "profile": profile,

@@ -212,7 +212,10 @@ class Search:
             wanted += [n for n in self._worth_entering(ranked) if n not in wanted]
         metric, believed = everything_marginalised(now)
         entered = [e for e in (self._entered(now, name, metric, believed) for name in wanted) if e is not None]
-        entered.sort(key=lambda e: -e.removed)
+        least = self._occam(len(wanted))
+        for poor in (e for e in entered if 0.5 * e.removed <= least):
+            self.in_vain[poor.entry.cause.id] = f"would bring {0.5 * poor.removed:.1f} nats"
+        entered = sorted((e for e in entered if 0.5 * e.removed > least), key=lambda e: -e.removed)
         tried = [t for t in (self._tried(now, e, metric, believed) for e in entered[: self.fitted]) if t is not None]
         unknown = place.log_bayes.get(UNKNOWN, 0.0)
         unknown = unknown if unknown > asked.library else 0.0
@@ -226,7 +229,7 @@ class Search:
                 self.refused[cause] = str(error)
                 continue
             removed = now.misfit - better.misfit
-            if 0.5 * removed > self._occam(len(wanted)) and removed > LEAST_SHARE * self.first:
+            if 0.5 * removed > least and removed > LEAST_SHARE * self.first:
                 self._note("add", cause, better, now, f"p = {p:.2g} of noise, {0.5 * removed:.0f} nats by it")
                 return better
             self.in_vain[cause] = f"brings {0.5 * removed:.1f} nats at the fine model's optimum"

@@ -94,6 +94,20 @@ def test_views_that_scatter_more_than_the_draws_count_for_less(drawn: tuple[Anch
     assert together[1] < 1.5
 
 
+def test_what_a_strong_cause_leaves_counts_as_noise_until_it_is_explained(
+    drawn: tuple[AnchoredModel, Filmed, Any],
+) -> None:
+    """Rationale: about the nominal rig a strong cause made noise larger, and weaker causes beside it were lost."""
+    model, film, _ = drawn
+    strong = np.zeros(model.data.cube.shape)
+    strong[:, 4:12, 4:12] = 200.0 * np.arange(len(strong))[:, None, None]
+    sizes = [film.data(model.data, left).correlation.size for left in (strong, np.zeros_like(strong))]  # type: ignore[union-attr]
+    assert sizes[0] > 1.05 * sizes[1]
+    calm = film.data(model.data, np.zeros_like(strong)).correlation
+    assert calm is not None
+    assert calm.size == pytest.approx(np.exp(0.5 * np.mean(np.log(np.linalg.eigvalsh(calm.views)))))
+
+
 def test_bundles_of_one_camera_share_the_scale_of_their_noise() -> None:
     assert stepped(1.003, SCALE_STEP) == stepped(0.997, SCALE_STEP) == 1.0
     assert stepped(0.8, SCALE_STEP) == pytest.approx(0.8, rel=0.5 * SCALE_STEP)

@@ -77,10 +77,49 @@ def load_scene(name: str | Path, overrides: dict[str, Any] | None = None) -> Sce
     except (ValueError, RecursionError) as error:  # TOMLDecodeError and UnicodeDecodeError are ValueErrors
         raise InputError(f"not valid TOML: {error}", file=path) from None
     for dotted, value in (overrides or {}).items():
+        if dotted.endswith(".law"):
+            _forget_other_law(data, dotted, value, overrides or {})
         _set(data, dotted, value, path)
         if isinstance(value, dict):
             _forget_replaced(data, dotted, value)
     return spectrum_file.located(height_map.located(validate(Scene, data, path), path), path)
+
+
+def _forget_other_law(data: dict[str, Any], dotted: str, law: Any, overrides: dict[str, Any]) -> None:
+    """Take out the file's keys of a law that another one, which is asked for, does not have, and what is said of them.
+
+    Parameters
+    ----------
+    data : dict
+        Of the file.
+    dotted : str
+        Of the law.
+    law : object
+        Asked for.
+    overrides : dict
+        Keys that are asked for as well: those stay, to be refused by name if the law does not have them.
+    """
+    *parents, _ = dotted.split(".")
+    models: list[type[BaseModel]] = [Scene]
+    table: Any = data
+    for part in parents:
+        fields = [m.model_fields[part].annotation for m in models if part in m.model_fields]
+        models = [found for annotation in fields for found in _models(annotation)]
+        table = table.get(part) if isinstance(table, dict) else None
+    if not isinstance(table, dict) or not isinstance(law, str):
+        return
+    before, after = _pick(models, table), _pick(models, {**table, "law": law})
+    if before is None or after is None:
+        return
+    gone = {key for key in table if key in before.model_fields and key not in after.model_fields}
+    at = ".".join(parents)
+    gone = {f"{at}.{key}" for key in gone} - set(overrides)
+    for key in gone:
+        del table[key.rpartition(".")[2]]
+    for name in ("sources", "assumptions"):
+        sentences = data.get(name)
+        if isinstance(sentences, dict):
+            data[name] = {key: text for key, text in sentences.items() if key not in gone}
 
 
 def _forget_replaced(data: dict[str, Any], dotted: str, table: dict[str, Any]) -> None:

@@ -30,8 +30,8 @@ Tell = Callable[[str], None]
 FLAT_DN = 1e-9
 """A tone curve that rises by less from one signal to the next is flat there."""
 COSTLY_DRAWS = 2
-SHAPES = Folder("shapes", 256)
-"""Of their files, up to 10 MB each: some six rigs."""
+SHAPES = Folder("shapes", 1024)
+"""Of their files, some 2 MB each: 25 rigs, or places of the finger, or cameras."""
 FORMAT = 1
 """Of the files."""
 

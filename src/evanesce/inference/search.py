@@ -221,8 +221,10 @@ class Search:
         unknown = unknown if unknown > asked.library else 0.0
         for fitted in sorted(tried, key=lambda t: t.misfit):
             cause = fitted.taken[-1].id
-            if 0.5 * (now.misfit - fitted.misfit) < unknown:
-                break  # what is left looks more like nothing in the library
+            brought = 0.5 * (now.misfit - fitted.misfit)
+            if brought < unknown:  # what is left looks more like nothing in the library
+                self.in_vain[cause] = f"brings {brought:.1f} nats, less than something unknown"
+                continue
             try:
                 better = self.fitter.relinearised(fitted.taken, fitted.point)
             except InputError as error:

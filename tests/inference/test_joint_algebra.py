@@ -21,6 +21,7 @@ from evanesce.inference.posterior import Judge, Posterior
 from evanesce.inference.search import Search, everything_marginalised, loss_of, removal
 from evanesce.inference.shapes import FormBank, Forms
 from evanesce.inference.single_effects import UNKNOWN
+from evanesce.inference.unknown import told_fields
 from evanesce.prediction.candidates import Candidate
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.noise import Noise
@@ -286,6 +287,8 @@ def test_structure_that_grows_with_force_is_unknown():
     search, found, posterior = searched(fitter, causes)
     assert found.ids == ()
     assert {block.split()[-1] for block in search.unknown} & {"force", "time"}
+    assert "a smooth field" in told_fields(search.unknown)
+    assert "that goes with force" in told_fields(["unknown level force"])
     assert verdict_of(posterior, False) == "unknown"
 
 

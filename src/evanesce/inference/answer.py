@@ -18,6 +18,7 @@ from evanesce.inference.model import Model
 from evanesce.inference.posterior import Posterior
 from evanesce.inference.search import Search, loss_of
 from evanesce.inference.single_effects import NONE, UNKNOWN
+from evanesce.inference.unknown import told_fields
 from evanesce.prediction.fine import in_pixels
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.parameters import value_of
@@ -237,12 +238,12 @@ def answer(
         "version": VERSION,
         "method": "joint",
         "verdict": verdict,
-        "first_line": first_line(verdict, named, explained, left, gain),
+        "first_line": first_line(verdict, named, explained, left, gain, told_fields(search.unknown)),
         "warnings": [*notes, *warnings_of(verdict, bool(named), replicates=replicates)],
         "gate": [line.as_dict() for line in gate.lines],
         "causes": [n.as_dict() for n in named],
         "posterior": posterior.as_dict(),
-        "unknown": left.as_dict(),
+        "unknown": left.as_dict() | {"fields": sorted(search.unknown)},
         "misfit": {
             "before": search.first, "after": fitted.misfit, "bins": noise, "removed_share": explained,
             "left_share": 1.0 - explained,
@@ -278,9 +279,19 @@ def warnings_of(verdict: str, named: bool, *, replicates: bool) -> list[str]:
     return found
 
 
-def first_line(verdict: str, named: list[Named], explained: float, left: Unexplained, gain: Gain | None) -> str:
-    """Return the sentence that a reader needs if they read no other."""
-    told = left.sentence() if left.found else "something that no cause of the library makes"
+def first_line(
+    verdict: str, named: list[Named], explained: float, left: Unexplained, gain: Gain | None, fields: str
+) -> str:
+    """Return the sentence that a reader needs if they read no other.
+
+    Parameters
+    ----------
+    verdict, named, explained, left, gain
+        As in :func:`answer`.
+    fields : str
+        What was taken as unknown, in words.
+    """
+    told = left.sentence() if left.found else fields
     if verdict == "none":
         return "The data are what the scene predicts, as far as their scatter lets anything be seen."
     if not named:

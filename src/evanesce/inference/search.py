@@ -24,6 +24,7 @@ from evanesce.inference.joint import Fitter, JointFit, Taken, taken_from
 from evanesce.inference.marks import MarkSearch
 from evanesce.inference.posterior import Further, Judge, Posterior
 from evanesce.inference.single_effects import NONE, UNKNOWN
+from evanesce.inference.unknown import told_fields
 from evanesce.prediction.linear import Metric
 
 Array = NDArray[Any]
@@ -165,7 +166,7 @@ class Search:
                 began, now = time.monotonic(), better
             elif place.log_bayes.get(UNKNOWN, 0.0) > 0.0 and asked.unknown:
                 now = self._with_unknown(now.taken, now.point, {**self.unknown, **asked.unknown})
-                self.tell("something that no cause of the library makes")
+                self.tell(told_fields(asked.unknown))
             elif len(self.in_vain) > known and set(place.credible_set) - {UNKNOWN, *self.refused, *self.in_vain}:
                 continue
             else:

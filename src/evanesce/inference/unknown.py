@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +19,8 @@ Array = NDArray[Any]
 
 PROFILES = ("force_N", "voltage_V", "time_s")
 """Of a view, with which an unknown field may grow."""
+KINDS = {"light": "of the light", "level": "beside the light"}
+"""Of unknown fields, in words."""
 LIT = 0.05
 """Of the largest level, below which there is hardly any light."""
 LEAST_POWER = 1e-3
@@ -77,6 +79,23 @@ def profiles(views: Sequence[View]) -> dict[str, Array]:
         if spread > 0:
             found[name.partition("_")[0]] = away / spread
     return found
+
+
+def told_fields(blocks: Iterable[str]) -> str:
+    """Return what blocks of something unknown are, in words.
+
+    Parameters
+    ----------
+    blocks : iterable of str
+        Names, as those of :func:`unknown_blocks`.
+    """
+    words = ["something that no cause of the library makes"]
+    for block in blocks:
+        _, kind, *profile = block.split()
+        where = "in the series" if kind == "series" else f"a smooth field {KINDS[kind]}"
+        how = "".join(", alike in all views" if name == "alike" else f" that goes with {name}" for name in profile)
+        words.append(where + how)
+    return "; ".join(words)
 
 
 def unknown_blocks(data: DataVector, nominal: Array) -> dict[str, Array]:

@@ -21,7 +21,7 @@ from evanesce.inference.posterior import Judge, Posterior
 from evanesce.inference.search import Search, everything_marginalised, loss_of, removal
 from evanesce.inference.shapes import FormBank, Forms
 from evanesce.inference.single_effects import UNKNOWN
-from evanesce.inference.unknown import told_fields
+from evanesce.inference.unknown import told_fields, unknown_blocks
 from evanesce.prediction.candidates import Candidate
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.noise import Noise
@@ -290,6 +290,24 @@ def test_structure_that_grows_with_force_is_unknown():
     assert "a smooth field" in told_fields(search.unknown)
     assert "that goes with force" in told_fields(["unknown level force"])
     assert verdict_of(posterior, False) == "unknown"
+
+
+def test_a_picture_that_blurs_with_time_is_in_the_span_of_its_edges():
+    """Against SciPy's Gaussian filter and shift: a blur and a shift that grow from view to view, in their own block."""
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    one = ndimage.gaussian_filter(np.where(np.hypot(y - 9, x - 13) < 6, 100.0, 10.0), 1.5)
+    views = tuple(replace(v, time_s=10.0 * k, force_N=1.0) for k, v in enumerate(VIEWS))
+    data = replace(vector(np.broadcast_to(one, (len(VIEWS), *SHAPE))), views=views)
+    blocks = unknown_blocks(data, data.cube)
+    assert {name.split()[-1] for name in blocks} == {"alike", "time"}
+    grown = np.arange(len(VIEWS)) - 2.0
+    shifted = ndimage.shift(one, (0.0, 0.05), order=3, mode="nearest") - one
+    blurred = ndimage.gaussian_filter(one, 0.4) - one
+    for change in (shifted, blurred):
+        target = data.whitened(grown[:, None, None] * change)
+        rows = blocks["unknown edges time"].astype(float)
+        left = target - np.linalg.lstsq(rows.T, target, rcond=None)[0] @ rows
+        assert left @ left < 0.05 * target @ target
 
 
 def test_forms_that_no_figure_of_their_law_makes_are_unknown():

@@ -19,7 +19,12 @@ Array = NDArray[Any]
 
 PROFILES = ("force_N", "voltage_V", "time_s")
 """Of a view, with which an unknown field may grow."""
-KINDS = {"light": "of the light", "level": "beside the light"}
+KINDS = {
+    "light": "a smooth field of the light",
+    "level": "a smooth field beside the light",
+    "edges": "a moved or blurred picture",
+    "series": "a smooth function in a series",
+}
 """Of unknown fields, in words."""
 LIT = 0.05
 """Of the largest level, below which there is hardly any light."""
@@ -92,9 +97,8 @@ def told_fields(blocks: Iterable[str]) -> str:
     words = ["something that no cause of the library makes"]
     for block in blocks:
         _, kind, *profile = block.split()
-        where = "in the series" if kind == "series" else f"a smooth field {KINDS[kind]}"
         how = "".join(", alike in all views" if name == "alike" else f" that goes with {name}" for name in profile)
-        words.append(where + how)
+        words.append(KINDS[kind] + how)
     return "; ".join(words)
 
 
@@ -102,7 +106,7 @@ def unknown_blocks(data: DataVector, nominal: Array) -> dict[str, Array]:
     """Return whitened rows (k, bins) by block: fields that follow the light, and fields that do not.
 
     Either are alike in all views of the contact, or go with force, voltage or time, in half as many waves: those of
-    the light over the part of the frame where there is light.
+    the light over the part of the frame where there is light. So may displacement, scale and blur of the picture.
 
     Parameters
     ----------
@@ -122,7 +126,18 @@ def unknown_blocks(data: DataVector, nominal: Array) -> dict[str, Array]:
             over = data.over_noise(cube * profile[:, None, None])
             rows = np.array([(wave * over)[valid].astype(np.float32) for wave in basis])
             found[f"{UNKNOWN} {kind} {name}"] = at_largest_strength(rows)
+        if name != "alike":
+            rows = np.array([data.over_noise(cube * profile[:, None, None])[valid] for cube in _moved(nominal)])
+            found[f"{UNKNOWN} edges {name}"] = at_largest_strength(rows)
     return found
+
+
+def _moved(nominal: Array) -> list[Array]:
+    """Return what frames (views, rows, cols) change by if they are displaced along either axis, scaled, or blurred."""
+    down, right = np.gradient(nominal, axis=(1, 2))
+    rows, cols = nominal.shape[1:]
+    y, x = (np.arange(rows) - (rows - 1) / 2)[:, None], np.arange(cols) - (cols - 1) / 2
+    return [down, right, x * right + y * down, np.array([ndimage.laplace(one) for one in nominal])]
 
 
 def _where_lit(nominal: Array, count: int) -> Array:

@@ -5,6 +5,7 @@ import pytest
 from scipy import ndimage, stats
 
 from evanesce.evaluation.agreement import coarser
+from evanesce.prediction.correlation import of_fields
 from evanesce.prediction.noise import jitter_of, noise_of
 from evanesce.prediction.tone import expected_tone
 from evanesce.prediction.views import binned
@@ -153,3 +154,25 @@ def test_a_few_frames_know_the_jitter_as_student_does():
     """Oracle: the variance of Student's t with n - 1 degrees of freedom, scaled."""
     light = np.random.default_rng(4).standard_normal(9)
     assert jitter_of(light) == pytest.approx(light.std(ddof=1) * stats.t(8).std(), rel=1e-12)
+
+
+def test_bins_that_err_together_are_made_white():
+    """Fields low-passed by SciPy: fresh ones have a flat spectrum after it; white ones are left as they are.
+
+    Rationale: smooth fields of such noise were called unknown in frames with nothing wrong.
+    """
+    rng = np.random.default_rng(6)
+
+    def noise(count):
+        smooth = ndimage.gaussian_filter(rng.standard_normal((count, 75, 100)), (0, 0.4, 0.4), mode="wrap")
+        return smooth / smooth.std()
+
+    assert of_fields(rng.standard_normal((11, 75, 100)), 3) is None
+    found = of_fields(noise(11), 3)
+    assert found is not None
+    waves = [np.cos(np.pi * k * (np.arange(100) + 0.5) / 100) for k in range(1, 12)]
+    fresh = noise(300).reshape(100, 3, 75, 100)
+    low = [np.mean([(one.sum(axis=1) @ w) ** 2 / (75 * (w @ w)) for one in cubes for w in waves])
+           for cubes in (fresh, np.array([found.whitened(one, [0, 1, 2]) for one in fresh]))]  # fmt: skip
+    assert low[0] > 1.15
+    assert low[1] == pytest.approx(1.0, abs=0.06)

@@ -16,7 +16,7 @@ from scipy import ndimage
 
 from evanesce.inference.constants import STEP_SHARE
 from evanesce.prediction import priors
-from evanesce.prediction.correlation import Correlation
+from evanesce.prediction.correlation import Correlation, of_fields
 from evanesce.prediction.noise import Noise, noise_of
 from evanesce.prediction.noise_scale import noise_scale_of
 from evanesce.prediction.observe import Observation
@@ -56,7 +56,7 @@ class DataVector:
     scale_deviation : float
         Prior standard deviation of its logarithm.
     correlation : Correlation, optional
-        Of the noise, where a codec makes whole blocks err together and hands it on from view to view.
+        Of the noise, where bins of held states err together, or a codec hands errors on from view to view.
     """
 
     cube: Array
@@ -150,7 +150,10 @@ def data_vector(observation: Observation, predicted: Array | None = None) -> Dat
     about = np.zeros_like(cube) if predicted is None else predicted
     level = about + ndimage.uniform_filter(cube - about, (0, LEVEL_BINS, LEVEL_BINS), mode="nearest")
     variance = noise.variance(level, frames) + step_sd(cube) ** 2 + rounding_sd(tone, level) ** 2
-    return DataVector(cube, np.sqrt(variance), cube < SATURATED_DN, observation.views, noise, scale, deviation)
+    correlation = of_fields(noise.fields, len(observation.views)) if noise.measured else None
+    return DataVector(
+        cube, np.sqrt(variance), cube < SATURATED_DN, observation.views, noise, scale, deviation, correlation
+    )
 
 
 def lit_noise_scale(observation: Observation) -> tuple[float, float]:

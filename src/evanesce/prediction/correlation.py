@@ -12,6 +12,11 @@ from scipy import fft
 
 Array = NDArray[Any]
 
+RINGS = 12
+"""Of as many frequencies each, over which a spectrum is averaged."""
+FLAT = 4.0
+"""Standard errors within which each ring of white noise stays."""
+
 
 @dataclass(frozen=True)
 class Correlation:
@@ -61,6 +66,34 @@ class Correlation:
         known = _root(self.views[np.ix_(chosen, chosen)], 0.5)
         root[np.ix_(chosen, chosen)] = known @ ((modes * np.sqrt(size)) @ modes.T) @ np.linalg.inv(known)
         return replace(self, views=root @ self.views @ root.T)
+
+
+def of_fields(fields: Array, views: int) -> Correlation | None:
+    """Return the correlation between places that fields of noise show, the same in all views; None if they show none.
+
+    A lens or sensor that low-passes its noise leaves each bin as it is known, and sums over many bins worse known than
+    of independent ones: smooth fields of noise were taken for something unknown.
+
+    Parameters
+    ----------
+    fields : ndarray (fields, rows, cols)
+        Of unit variance.
+    views : int
+        How many.
+    """
+    rows, cols = fields.shape[1:]
+    power = (fft.dctn(fields, axes=(1, 2), norm="ortho") ** 2).mean(axis=0)
+    frequency = np.hypot(np.arange(rows)[:, None] / rows, np.arange(cols) / cols)
+    borders = np.quantile(frequency, np.linspace(0.0, 1.0, RINGS + 1)[1:-1])
+    ring = np.searchsorted(borders, frequency)
+    count = np.bincount(ring.ravel())
+    mean = np.bincount(ring.ravel(), power.ravel()) / count
+    centre = np.bincount(ring.ravel(), frequency.ravel()) / count
+    mean = mean / float(power.mean())
+    if np.all(np.abs(mean - 1.0) < FLAT * np.sqrt(2.0 / (count * len(fields)))):
+        return None
+    spectrum = np.interp(frequency, centre, mean)
+    return Correlation(np.eye(views), np.broadcast_to(spectrum, (views, rows, cols)))
 
 
 def _root(matrix: Array, power: float) -> Array:

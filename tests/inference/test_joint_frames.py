@@ -176,7 +176,6 @@ def test_next_shot_is_one_that_tells_rivals_apart(tiny):
 
 
 @pytest.mark.whole_case
-@pytest.mark.slow  # a whole case, two minutes; the README's commands run in CI as well
 def test_the_command_writes_answer_and_scene(tiny, tmp_path):
     """All causes of the library; the extended scene loads and carries what was named. Two minutes."""
     answer = tmp_path / "answer.json"

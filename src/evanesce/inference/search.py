@@ -165,8 +165,10 @@ class Search:
                 self.tell(f"{self._words(better)}; about {self._rounds_left(better, now) * took:.0f} s left")
                 began, now = time.monotonic(), better
             elif place.log_bayes.get(UNKNOWN, 0.0) > 0.0 and asked.unknown:
-                now = self._with_unknown(now.taken, now.point, {**self.unknown, **asked.unknown})
+                found = self._with_unknown(now.taken, now.point, {**self.unknown, **asked.unknown})
+                self._note("add", UNKNOWN, found, now, told_fields(asked.unknown))
                 self.tell(told_fields(asked.unknown))
+                now = found
             elif len(self.in_vain) > known and set(place.credible_set) - {UNKNOWN, *self.refused, *self.in_vain}:
                 continue
             else:

@@ -41,7 +41,7 @@ UNKNOWN = "unknown"
 
 def cause_of(block: str) -> str:
     """Return the cause that a block of rows belongs to; blocks of something unknown are one cause."""
-    return UNKNOWN if block.startswith(UNKNOWN) else block
+    return UNKNOWN if block.partition(" ")[0] == UNKNOWN else block
 
 
 def merged(log_bayes: Mapping[str, Array]) -> dict[str, Array]:

@@ -150,6 +150,21 @@ def test_picture_of_forms_shows_each_cause_where_it_shows(tiny):
     assert {"vignetting", "led_droop", "modulus"} <= set(titles)
 
 
+def test_noise_beside_an_edge_goes_by_its_own_level(tiny):
+    """A contact that is predicted a bin aside leaves tens of DN along its rim; the dark bins there stay as noisy."""
+    observation = observe(read_bundle(tiny))
+    cube = observation.cube
+    right = data_vector(observation, cube)
+    touching = np.array([view.touches for view in observation.views])[:, None, None]
+    dark = touching & (cube < 6.0)
+    for axis in (1, 2):
+        predicted = np.roll(cube, 1, axis=axis)
+        assert np.abs(predicted - cube)[dark].max() > 30.0
+        ratio = data_vector(observation, predicted).sd[dark] / right.sd[dark]
+        assert np.quantile(ratio, 0.001) > 0.6
+        assert np.quantile(ratio, 0.999) < 2.0
+
+
 def test_next_shot_is_one_that_tells_rivals_apart(tiny):
     """Droop and a shifted bin differ by voltage: a further voltage is worth most, a board in room light nothing."""
     observation = observe(read_bundle(tiny))

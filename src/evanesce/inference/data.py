@@ -6,7 +6,7 @@ choose what it is judged by.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,6 +31,8 @@ LIT_DN = 40.0
 """Level from which on the place of black makes no difference to the scatter."""
 LEVEL_BINS = 5
 """Side of the square of bins whose mean residual is added to a prediction: how large noise is goes by that level."""
+OTHER_SD = 5.0
+"""Standard deviations of a bin's noise from the square's median, beyond which a residual is an edge beside it."""
 LEAST_BINS = 20
 SCALE_STEP = 2.0 * priors.SCALE_CLOSE
 """Of the logarithm of the noise's scale: bundles of one camera then share their forms, which are kept by it."""
@@ -148,12 +150,41 @@ def data_vector(observation: Observation, predicted: Array | None = None) -> Dat
     frames = np.array([v.frames for v in observation.views])[:, None, None]
     # At a level that does not follow the noise of the bin itself: high ones would count for less than low ones.
     about = np.zeros_like(cube) if predicted is None else predicted
-    level = about + ndimage.uniform_filter(cube - about, (0, LEVEL_BINS, LEVEL_BINS), mode="nearest")
+    level = about + _about_bins(cube - about, lambda left: np.sqrt(noise.variance(about + left, frames)))
     variance = noise.variance(level, frames) + step_sd(cube) ** 2 + rounding_sd(tone, level) ** 2
     correlation = of_fields(noise.fields, len(observation.views)) if noise.measured else None
     return DataVector(
         cube, np.sqrt(variance), cube < SATURATED_DN, observation.views, noise, scale, deviation, correlation
     )
+
+
+def _about_bins(left: Array, sd_of: Callable[[Array], Array]) -> Array:
+    """Return the mean of what is left in a square about each bin, without what an edge beside it leaves there.
+
+    A contact that is predicted a little beside its place leaves tens of DN along its rim. Darkness beside it would be
+    taken for darker or lighter than it is, and its noise, which goes by the level, for a tenth or ten times as large.
+
+    Parameters
+    ----------
+    left : ndarray (views, rows, cols)
+        Data less prediction [DN].
+    sd_of : callable
+        ``sd_of(left (views, rows, cols)) -> ndarray``: noise of a bin with so much beside the prediction [DN].
+    """
+    side = (1, LEVEL_BINS, LEVEL_BINS)
+    middle = ndimage.median_filter(left, side, mode="nearest")
+    reach = OTHER_SD * sd_of(middle)
+    half = LEVEL_BINS // 2
+    padded = np.pad(left, ((0, 0), (half, half), (half, half)), mode="edge")
+    rows, cols = left.shape[1:]
+    total, count = np.zeros_like(left), np.zeros_like(left)
+    for down, right in np.ndindex(LEVEL_BINS, LEVEL_BINS):
+        beside = padded[:, down : down + rows, right : right + cols]
+        alike = np.abs(beside - middle) <= reach
+        total += np.where(alike, beside, 0.0)
+        count += alike
+    # The median itself is one of them.
+    return np.asarray(total / count)
 
 
 def lit_noise_scale(observation: Observation) -> tuple[float, float]:

@@ -29,10 +29,15 @@ SATURATED_DN = 254.0
 """Mean level from which on a bin shows the end of the scale and nothing else."""
 LIT_DN = 40.0
 """Level from which on the place of black makes no difference to the scatter."""
-LEVEL_BINS = 5
-"""Side of the square of bins whose mean residual is added to a prediction: how large noise is goes by that level."""
+AROUND = np.pad(np.zeros((3, 3), bool), 1, constant_values=True)
+"""Bins about each whose mean residual is added to a prediction: how large noise is goes by that level.
+
+Neither the bin itself nor those next to it, with which noise is correlated: where variance rises with the level, bins
+that are low by chance would have a smaller one, and weigh more than high ones. Darkness in single frames came out below
+that in means of many.
+"""
 OTHER_SD = 5.0
-"""Standard deviations of a bin's noise from the square's median, beyond which a residual is an edge beside it."""
+"""Standard deviations of a bin's noise from their median, beyond which a residual is an edge beside it."""
 LEAST_BINS = 20
 SCALE_STEP = 2.0 * priors.SCALE_CLOSE
 """Of the logarithm of the noise's scale: bundles of one camera then share their forms, which are kept by it."""
@@ -148,7 +153,6 @@ def data_vector(observation: Observation, predicted: Array | None = None) -> Dat
     # No floor that counts: what the model may be off by is said by the discretisation below and by the discrepancy.
     noise = noise_of(observation.held, tone, cube.shape[1:], floor_DN=LEAST_SD_DN, flicker=priors.FLICKER)
     frames = np.array([v.frames for v in observation.views])[:, None, None]
-    # At a level that does not follow the noise of the bin itself: high ones would count for less than low ones.
     about = np.zeros_like(cube) if predicted is None else predicted
     level = about + _about_bins(cube - about, lambda left: np.sqrt(noise.variance(about + left, frames)))
     variance = noise.variance(level, frames) + step_sd(cube) ** 2 + rounding_sd(tone, level) ** 2
@@ -159,7 +163,7 @@ def data_vector(observation: Observation, predicted: Array | None = None) -> Dat
 
 
 def _about_bins(left: Array, sd_of: Callable[[Array], Array]) -> Array:
-    """Return the mean of what is left in a square about each bin, without what an edge beside it leaves there.
+    """Return the mean of what is left about each bin, without what an edge beside it leaves there.
 
     A contact that is predicted a little beside its place leaves tens of DN along its rim. Darkness beside it would be
     taken for darker or lighter than it is, and its noise, which goes by the level, for a tenth or ten times as large.
@@ -171,14 +175,13 @@ def _about_bins(left: Array, sd_of: Callable[[Array], Array]) -> Array:
     sd_of : callable
         ``sd_of(left (views, rows, cols)) -> ndarray``: noise of a bin with so much beside the prediction [DN].
     """
-    side = (1, LEVEL_BINS, LEVEL_BINS)
-    middle = ndimage.median_filter(left, side, mode="nearest")
+    middle = ndimage.median_filter(left, footprint=AROUND[None], mode="reflect")
     reach = OTHER_SD * sd_of(middle)
-    half = LEVEL_BINS // 2
-    padded = np.pad(left, ((0, 0), (half, half), (half, half)), mode="edge")
+    half = len(AROUND) // 2
+    padded = np.pad(left, ((0, 0), (half, half), (half, half)), mode="symmetric")
     rows, cols = left.shape[1:]
     total, count = np.zeros_like(left), np.zeros_like(left)
-    for down, right in np.ndindex(LEVEL_BINS, LEVEL_BINS):
+    for down, right in np.argwhere(AROUND):
         beside = padded[:, down : down + rows, right : right + cols]
         alike = np.abs(beside - middle) <= reach
         total += np.where(alike, beside, 0.0)

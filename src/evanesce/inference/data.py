@@ -38,6 +38,8 @@ that in means of many.
 """
 OTHER_SD = 5.0
 """Standard deviations of a bin's noise from their median, beyond which a residual is an edge beside it."""
+SHRUNK = 4.0
+"""A mean residual about a bin is zero up to so many times its variance, and shrunk beyond (James and Stein, 1961)."""
 LEAST_BINS = 20
 SCALE_STEP = 2.0 * priors.SCALE_CLOSE
 """Of the logarithm of the noise's scale: bundles of one camera then share their forms, which are kept by it."""
@@ -176,18 +178,21 @@ def _about_bins(left: Array, sd_of: Callable[[Array], Array]) -> Array:
         ``sd_of(left (views, rows, cols)) -> ndarray``: noise of a bin with so much beside the prediction [DN].
     """
     middle = ndimage.median_filter(left, footprint=AROUND[None], mode="reflect")
-    reach = OTHER_SD * sd_of(middle)
+    # Of a few values the median may be low by chance, and the noise there small: it is at least the prediction's.
+    noise = np.maximum(sd_of(middle), sd_of(np.zeros_like(left)))
     half = len(AROUND) // 2
     padded = np.pad(left, ((0, 0), (half, half), (half, half)), mode="symmetric")
     rows, cols = left.shape[1:]
     total, count = np.zeros_like(left), np.zeros_like(left)
     for down, right in np.argwhere(AROUND):
         beside = padded[:, down : down + rows, right : right + cols]
-        alike = np.abs(beside - middle) <= reach
+        alike = np.abs(beside - middle) <= OTHER_SD * noise
         total += np.where(alike, beside, 0.0)
         count += alike
-    # The median itself is one of them.
-    return np.asarray(total / count)
+    # The median itself is one of them. What noise may be is none: levels would scatter, and small variances weigh most.
+    mean = total / count
+    share = 1.0 - SHRUNK * noise**2 / count / np.maximum(mean**2, 1e-12)
+    return np.asarray(mean * np.maximum(share, 0.0))
 
 
 def lit_noise_scale(observation: Observation) -> tuple[float, float]:

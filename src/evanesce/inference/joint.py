@@ -207,8 +207,17 @@ class Fitter:
             tuple(taken), parameters, point_of(solution.values), solution, metric, residual, len(self.fields)
         )
 
-    def relinearised(self, taken: Sequence[Taken], start: Mapping[str, float]) -> JointFit:
+    def relinearised(
+        self, taken: Sequence[Taken], start: Mapping[str, float], known: Mapping[str, Array] | None = None
+    ) -> JointFit:
         """Return the joint fit at the fine model's optimum: anchored and differentiated anew until it stays.
+
+        Parameters
+        ----------
+        taken : sequence of Taken
+        start : mapping
+        known : mapping of str to ndarray (bins,), optional
+            Whitened derivatives at the start, by parameter: a step is tried by them before any is made anew.
 
         Raises
         ------
@@ -216,12 +225,20 @@ class Fitter:
             If the rig cannot have the values of the start.
         """
         point = dict(start)
-        for _ in range(ANCHORS):
+        rows: Array | None = None
+        for number in range(ANCHORS):
             self.model.anchor(point)
             self._evaluated_at = {name: point[name] for t in taken for name in t.slow}
             metric = self.jitter_metric(point)
             metric = metric.with_rows(self.fields) if len(self.fields) else metric
-            found = self.fitted(taken, point, metric=metric)
+            if known is not None and number == 0:
+                parameters = (*(p for t in taken for p in t.parameters), *self.nuisances)
+                rows = np.array(
+                    [known[p.name] if p.name in known else self.model.derivative(point, p) for p in parameters]
+                )
+            # An anchor moves the prediction, not its derivatives: those of the last serve until they gain no more.
+            found = self.fitted(taken, point, metric=metric, rows=rows)
+            rows = found.solution.rows
             before = self.observed - self.model.vector(point)
             first = float(metric.project(before) @ before)
             point = dict(found.point)

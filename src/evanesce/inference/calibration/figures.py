@@ -89,11 +89,14 @@ class Entered:
         Point to begin at.
     left_out : mapping of str to str
         Why others do not take part, by effect or parameter.
+    rows : mapping of str to ndarray (bins,)
+        Whitened derivatives by parameter, each about the nominal fit with its own effect begun.
     """
 
     taken: tuple[Taken, ...]
     begin: Mapping[str, float]
     left_out: Mapping[str, str]
+    rows: Mapping[str, Array]
 
 
 def entered(
@@ -118,7 +121,7 @@ def entered(
     Entered
     """
     by_id = {cause.id: cause for cause in causes}
-    taken, begin, left_out = [], dict(point), {}
+    taken, begin, left_out, rows = [], dict(point), {}, {}
     for number, (name, figure) in enumerate(FIGURES.items(), start=1):
         if name in without:
             left_out[name] = "left out by request"
@@ -143,9 +146,10 @@ def entered(
                 left_out[parameter.name] = "no view of the bundle responds to it"
                 continue
             free.append(parameter)
+            rows[parameter.name] = row
             if cause.costly:
                 slow[parameter.name] = row
         if free:
             taken.append(Taken(cause, tuple(free), slow))
             begin |= {p.name: p.null for p in free} | own
-    return Entered(tuple(taken), begin, left_out)
+    return Entered(tuple(taken), begin, left_out, rows)

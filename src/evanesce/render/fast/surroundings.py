@@ -127,8 +127,12 @@ def _haze_table(scene: Scene, finger: PressedFinger) -> Array:
 
 def _with_reflections(scene: Scene, finger: PressedFinger, irradiance: Array) -> Array:
     """Return irradiance (sources, rings, azimuths) with the flank's own light, mirrored by the plate."""
-    points, normals = finger.points(_azimuths())
-    own = mirrored_exchange(points, normals, scene.finger.diffuse_reflectance, scene.plate.refractive_index)
+    reflectance, n = scene.finger.diffuse_reflectance, scene.plate.refractive_index
+    own = kept(
+        "flank exchange",
+        repr((finger, reflectance, n)),
+        lambda: mirrored_exchange(*finger.points(_azimuths()), reflectance, n),
+    )
     return np.asarray((irradiance.reshape(len(irradiance), -1) @ own.T).reshape(irradiance.shape))
 
 

@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 from evanesce.bundle.read import read_bundle
 from evanesce.cli.app import app
 from evanesce.effects import all_effects
+from evanesce.inference.card_start import board_inverted, card_start
 from evanesce.inference.causes import causes_of
 from evanesce.inference.critic import criticise_frames
 from evanesce.inference.data import data_vector
@@ -29,6 +30,7 @@ from evanesce.inference.shapes import FormBank
 from evanesce.inference.single_effects import NONE, Place
 from evanesce.optics.projection import Projection
 from evanesce.prediction.observe import observe
+from evanesce.prediction.predict import Predictor
 from evanesce.prediction.views import BIN_PX
 from evanesce.rig import load_scene
 
@@ -238,3 +240,35 @@ def test_forms_by_two_processes_are_those_of_one(tiny, tmp_path, monkeypatch):
     for one, other in zip(alone, bank.of(causes), strict=True):
         assert one.names == other.names
         np.testing.assert_allclose(one.changes.astype(float), other.changes.astype(float), rtol=2e-3, atol=1e-3)
+
+
+@pytest.mark.parametrize(("light", "x", "y"), [(-1.5, 0.0, 0.0), (-0.8, 1.9, -1.2), (0.4, -2.4, 0.7)])
+def test_a_card_is_looked_for_before_it_is_fitted(tiny, light, x, y):
+    """In a room that makes the predicted card white all over, or beside its place by most of a square."""
+    observation = observe(read_bundle(tiny))
+    view = replace(observation.views[0], kind="checkerboard", force_N=None)
+    coarse = Predictor(observation.scene, [view])
+    there = {"light": light, "pose_x": x, "pose_y": y}
+    point = {f"@{'card_light' if name == 'light' else name}[checkerboard]": value for name, value in there.items()}
+    shown = replace(observation, views=(view,), images=coarse.image(point, 0)[None])
+    found = card_start(shown, coarse)
+    before, after = (float(np.mean((coarse.image(one, 0) - shown.images[0]) ** 2)) for one in ({}, found))
+    # A pixel aside is left to the fit, a bright square where a dark one lies is not.
+    assert after < 0.1 * before
+    assert found["@card_light[checkerboard]"] == pytest.approx(light, abs=0.1)
+
+
+@pytest.mark.parametrize("side", [2.0, 5.0])
+@pytest.mark.parametrize("inverted", [False, True])
+def test_a_board_printed_the_other_way_round_is_told(tiny, inverted, side):
+    """Half of all boards begin with a black square; the fit would look for the white one a square aside."""
+    observation = observe(read_bundle(tiny))
+    view = replace(observation.views[0], kind="checkerboard", force_N=None)
+    sizes = {"checkerboard_squares": (8, 6), "checkerboard_side_mm": side, "checkerboard_inverted": inverted}
+    cards = observation.scene.card.model_copy(update=sizes)
+    real = observation.scene.model_copy(update={"card": cards})
+    point = {"@card_light[checkerboard]": -0.5, "@pose_x[checkerboard]": 0.9}
+    believed = real.model_copy(update={"card": cards.model_copy(update={"checkerboard_inverted": False})})
+    frame = Predictor(real, [view]).image(point, 0)
+    shown = replace(observation, scene=believed, views=(view,), images=frame[None])
+    assert board_inverted(shown) is inverted

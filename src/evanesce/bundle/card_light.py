@@ -135,9 +135,9 @@ def mean_reflectance(card: Card, x: Array, y: Array) -> Array:
     if card.squares is None:
         field, border = (card.black, card.white) if card.inverted else (card.white, card.black)
         return np.asarray(field * inside + border * (whole - inside))
-    # White where column and row have the same parity: the product of two square waves is +1 there.
+    # White where column and row have the same parity, if not inverted: the product of two square waves is +1 there.
     waves = _square_wave(x, wide, width / 2, card.side) * _square_wave(y, high, height / 2, card.side)
-    mean, half = (card.white + card.black) / 2, (card.white - card.black) / 2
+    mean, half = (card.white + card.black) / 2, (-1 if card.inverted else 1) * (card.white - card.black) / 2
     return np.asarray(mean * inside + half * waves + card.white * (whole - inside))
 
 
@@ -206,7 +206,9 @@ def _print(card: Card, x: Array, y: Array) -> Array:
         return np.where(inside, field, np.where(near, border, 0.0))
     col = np.clip(np.floor((x + width / 2) / card.side), 0, cols - 1)
     row = np.clip(np.floor((y + height / 2) / card.side), 0, rows - 1)
-    return np.where(inside, np.where((col + row) % 2 == 1, card.black, card.white), np.where(near, card.white, 0.0))
+    return np.where(
+        inside, np.where((col + row + card.inverted) % 2 == 1, card.black, card.white), np.where(near, card.white, 0.0)
+    )
 
 
 def _mean_albedo(card: Card) -> float:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from evanesce.core.errors import EvanesceError
+from evanesce.inference.card_start import board_inverted, card_start
 from evanesce.inference.constants import GROSS_AREA, GROSS_AXES, GROSS_FIELD, GROSS_LEVEL
 from evanesce.measurement.calibration.corners import find_corners
 from evanesce.optics.projection import Projection
@@ -25,6 +26,7 @@ from evanesce.rig import Scene
 
 Array = NDArray[Any]
 
+CORNERS = "checkerboard with corner squares (0 white, 1 black: set card.checkerboard_inverted)"
 AREA, AXES = "contact area", "ratio of the contact's axes"
 
 HALF = 0.5
@@ -88,7 +90,7 @@ class Gate:
     ----------
     lines : tuple of Line
     start : dict of str to float
-        Where the finger really is and how bright it is, for the fit to start from.
+        Where the finger and the cards really are and how bright the room is, for the fit to start from.
     """
 
     lines: tuple[Line, ...]
@@ -171,13 +173,16 @@ def gate_of(observation: Observation, coarse: Predictor) -> Gate:
     lines, start = _contact_lines(pairs)
     lines += _missing_contact(observation, plate, coarse)
     lines += _board_lines(observation, coarse)
+    if board_inverted(observation):
+        believed = float(scene.card.checkerboard_inverted)
+        lines.append(Line(CORNERS, "", 1.0 - believed, believed, gross=True))
     poses = {
         f"@pose_{axis}[{session}]": start[axis]
         for session in sorted({views[k].session for k in numbers})
         for axis in "xy"
         if axis in start
     }
-    return Gate(tuple(lines), poses)
+    return Gate(tuple(lines), poses | card_start(observation, coarse))
 
 
 def _press_views(views: Sequence[View]) -> list[int]:

@@ -42,7 +42,7 @@ class Card:
     white, black : float
         Diffuse reflectance of paper and ink [1].
     inverted : bool
-        Square card only: a black square on white instead of a white one on black.
+        A black square on white instead of a white one on black; a checkerboard that begins with a black square.
     """
 
     squares: tuple[int, int] | None = None
@@ -79,6 +79,7 @@ def checkerboard_of(cards: Cards) -> Card:
         margin=cards.checkerboard_margin_mm,
         white=cards.white_reflectance,
         black=cards.black_reflectance,
+        inverted=cards.checkerboard_inverted,
     )
 
 
@@ -194,7 +195,7 @@ def _card_shapes(card: Card, pose: Pose) -> dict[str, Any]:
                 -half_y + row * card.side,
                 -half_y + (row + 1) * card.side,
             )
-            (black if (col + row) % 2 else white).append(tile)
+            (black if (col + row + card.inverted) % 2 else white).append(tile)
     if card.squares is None:
         (white if card.inverted else black).extend(frame if card.margin > 0 else [])
         if card.inverted:

@@ -12,6 +12,7 @@ class Cards(Strict):
     square_margin_mm: float = field(5.0, unit="mm", bounds=(0.0, 500.0), doc="frame around the square")
     square_inverted: bool = False
     checkerboard_squares: tuple[int, int] = field((42, 31), unit="1", bounds=(2, 1000), doc="columns and rows")
+    checkerboard_inverted: bool = False
     checkerboard_side_mm: float = field(
         1.0, unit="mm", bounds=(0.05, 100.0), source="thesis, chapter 5", doc="side of one square, as printed"
     )

@@ -9,6 +9,7 @@ from typing import Any
 import development_rigs as rigs
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from evanesce.bundle.read import read_bundle
 from evanesce.effects import all_effects
@@ -171,3 +172,11 @@ def test_a_ripple_is_read_from_rows() -> None:
     assert found.amplitude == pytest.approx(0.02, rel=0.15)
     assert found.log_bayes > 10.0
     assert brightest_ripple(rng.standard_normal(light.shape), light, times, late) is None
+
+
+def test_noise_that_a_sensor_smooths_is_no_ripple() -> None:
+    """Smoothed over 0.6 px, noise has twice the power in long waves over rows that it has from row to row."""
+    times, late = np.cumsum([0.0, 7.31, 12.4, 21.4, 46.8, 43.9]), row_times(300, 0.0227)
+    for seed in range(6):
+        noise = ndimage.gaussian_filter1d(np.random.default_rng(seed).standard_normal((6, 300, 4)), 0.6, axis=1)
+        assert brightest_ripple(noise / noise.std(), np.full(noise.shape, 30.0), times, late) is None

@@ -30,6 +30,8 @@ LEAST_SHARE = 0.02
 """Of a ripple that an exposure must leave: a light that is averaged out cannot be seen, whatever it does."""
 SMOOTH = 3
 """Powers of the row by which light may vary in a frame by itself: what a smooth cause leaves."""
+ROWS = 4
+"""Rows whose noise counts together: the shortest waves that are tried are several times as long."""
 MOVING = 0.3
 """Least share of the bands' power that moves from frame to frame: with less they are a pattern that stands."""
 
@@ -183,6 +185,9 @@ def _sums(product: Array, weight: Array, late_s: Array, frequency_hz: float, bes
     about = wave - np.einsum("vrk,vk->vr", basis, np.einsum("vrk,vr->vk", basis, wave))
     left = product / root
     left = left - np.einsum("vrk,vk->vr", basis, np.einsum("vrk,vr->vk", basis, left))
-    # Rows of a frame scatter by more than noise where a model leaves something of it.
-    excess = np.maximum((left**2).sum(axis=1) / (left.shape[1] - basis.shape[2]), 1.0)
+    # Rows of a frame scatter by more than noise where a model leaves something of it; and a sensor that smooths its
+    # noise has more of it in waves as long as these than from row to row.
+    count = left.shape[1] // ROWS
+    together = left[:, : count * ROWS].reshape(len(left), count, ROWS).sum(axis=2) / np.sqrt(ROWS)
+    excess = np.maximum((together**2).sum(axis=1) / max(count - basis.shape[2], 1), 1.0)
     return (left * about).sum(axis=1) / excess, (np.abs(about) ** 2).sum(axis=1) / excess

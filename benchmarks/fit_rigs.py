@@ -1,4 +1,4 @@
-"""``evanesce fit`` on rigs with many departures: ``python -m tests.inference.challenge.fit_rigs --rigs 10``.
+"""``evanesce fit`` on rigs with many departures: ``PYTHONPATH=. python benchmarks/fit_rigs.py --rigs 10``.
 
 Each rig has five to ten causes at once, of forms that are not the library's own, all of which `fit` has a figure for.
 Read are the errors of held-out areas, how many figures with a known true value lie in their 90 % interval, and time.
@@ -17,15 +17,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tests.inference.challenge.cases import LOUD, MANY, PLAIN, RIGS, CaseSpec
+from tests.inference.challenge.library import NAMED
+from tests.inference.challenge.make import write_case
 
 from evanesce.bundle import read_bundle
 from evanesce.inference.calibration.answer import result_of
 from evanesce.inference.calibration.figures import FIGURES
 from evanesce.inference.calibration.fit import fit_rig
-
-from .cases import LOUD, MANY, PLAIN, RIGS, CaseSpec
-from .library import NAMED
-from .make import write_case
 
 GOOD_PERCENT = 0.5
 """Error of a held-out area that is aimed at [%]."""
@@ -104,17 +103,17 @@ def table(lines: list[dict[str, Any]]) -> str:
     rows.append("|---|---|---|---|---|---|---|")
     found = [read(line) for line in lines]
     for line, one in zip(lines, found, strict=True):
-        planted, absent = inside(one["planted"]), inside(one["absent"])
+        held, others = inside(one["planted"]), inside(one["absent"])
         rows.append(
             f"| {', '.join(line['truth']['causes'])} | {np.mean(one['before']):.2f} | {np.mean(one['after']):.2f} |"
-            f" {sum(planted)} of {len(planted)} | {sum(absent)} of {len(absent)} | {'yes' if one['good'] else 'no'} |"
+            f" {sum(held)} of {len(held)} | {sum(others)} of {len(others)} | {'yes' if one['good'] else 'no'} |"
             f" {line['seconds']:.0f} |"
         )
     after = np.concatenate([one["after"] for one in found])
-    planted, absent = (np.concatenate([inside(one[key]) for one in found]) for key in ("planted", "absent"))
+    planted, absent = ([ok for one in found for ok in inside(one[key])] for key in ("planted", "absent"))
     rows.append(
         f"\n{np.mean(after <= GOOD_PERCENT):.0%} of {after.size} held-out areas within {GOOD_PERCENT} %; intervals hold"
-        f" {np.mean(planted):.0%} of {planted.size} planted figures, {np.mean(absent):.0%} of {absent.size} others"
+        f" {np.mean(planted):.0%} of {len(planted)} planted figures, {np.mean(absent):.0%} of {len(absent)} others"
     )
     return "\n".join(rows)
 

@@ -36,7 +36,7 @@ def fit_cases(name: str, count: int) -> Iterator[CaseSpec]:
     known = sorted(set(NAMED) & set(FIGURES))
     for number in range(count):
         some = [str(c) for c in rng.choice(known, int(rng.integers(MANY[0], MANY[1] + 1)), replace=False)]
-        strengths = np.exp(rng.uniform(*np.log(LOUD), len(some)))
+        strengths = np.exp(rng.uniform(np.log(LOUD[0]), np.log(LOUD[1]), len(some)))
         yield CaseSpec(
             set=name, group="rig", causes=tuple(some), strengths=tuple(round(float(s), 1) for s in strengths),
             noise=PLAIN[number % 2], number=1000 + number, rig=RIGS[name][number % len(RIGS[name])],

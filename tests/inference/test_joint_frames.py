@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from evanesce.bundle.card_light import mean_reflectance
 from evanesce.bundle.read import read_bundle
 from evanesce.cli.app import app
 from evanesce.effects import all_effects
@@ -32,7 +33,8 @@ from evanesce.optics.projection import Projection
 from evanesce.prediction.observe import observe
 from evanesce.prediction.predict import Predictor
 from evanesce.prediction.views import BIN_PX
-from evanesce.rig import load_scene
+from evanesce.render.cards import checkerboard_of
+from evanesce.rig import Cards, load_scene
 
 runner = CliRunner()
 
@@ -272,3 +274,13 @@ def test_a_board_printed_the_other_way_round_is_told(tiny, inverted, side):
     frame = Predictor(real, [view]).image(point, 0)
     shown = replace(observation, scene=believed, views=(view,), images=frame[None])
     assert board_inverted(shown) is inverted
+
+
+def test_an_inverted_board_is_black_where_the_other_is_white():
+    """By its squares' middles: ink in the corner, as many squares of either kind, paper around."""
+    card = checkerboard_of(Cards(checkerboard_squares=(8, 6), checkerboard_side_mm=2.0, checkerboard_inverted=True))
+    x, y = np.meshgrid(2.0 * np.arange(8) - 7.0, 2.0 * np.arange(6) - 5.0)
+    found = mean_reflectance(card, x, y)
+    assert found[0, 0] == pytest.approx(card.black)
+    assert found[0, 1] == found[1, 0] == pytest.approx(card.white)
+    assert found.mean() == pytest.approx((card.black + card.white) / 2)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.optimize import brentq
 
+from evanesce.inference.constants import FAR
 from evanesce.optics.projection import Projection
 from evanesce.prediction import priors
 from evanesce.prediction.observe import Observation
@@ -22,8 +23,6 @@ from evanesce.prediction.predict import Predictor
 
 Array = NDArray[Any]
 
-REACH = 3.0
-"""Prior standard deviations within which light and place are sought: the fit keeps them there."""
 LIGHT_ERROR = 0.05
 """Of the logarithm of the light found."""
 NEARER = 0.05
@@ -63,7 +62,7 @@ def card_start(observation: Observation, coarse: Predictor) -> dict[str, float]:
 
 def _light(coarse: Predictor, place: int, kind: str, level_DN: float) -> float:
     """Return the logarithm of the room's light at which a card's frame has a mean level."""
-    limit = REACH * priors.CARD_LIGHT
+    limit = FAR * priors.CARD_LIGHT
 
     def surplus(log_light: float) -> float:
         return float(coarse.image({f"@card_light[{kind}]": log_light}, place).mean()) - level_DN
@@ -80,7 +79,7 @@ def _shift_mm(observation: Observation, measured: Array, predicted: Array) -> tu
     """
     camera = observation.scene.camera
     rows, cols = measured.shape
-    reach = [min(int(REACH * priors.POSE_MM * camera.scale_px_per_mm), size // 4) for size in (rows, cols)]
+    reach = [min(int(FAR * priors.POSE_MM * camera.scale_px_per_mm), size // 4) for size in (rows, cols)]
     inner = measured[reach[0] : rows - reach[0], reach[1] : cols - reach[1]]
     whole, part = (ndimage.gaussian_filter(image, SMOOTH_PX).astype(np.float32) for image in (predicted, inner))
     alike = np.asarray(cv2.matchTemplate(whole, part, cv2.TM_CCOEFF_NORMED))

@@ -186,7 +186,7 @@ def form_image(
     rows, cols = light.radiance.shape
     view = IdealView((rows, cols), light.focal_px, light.principal_point)
     prepared = _prepare(camera, plate, view, distortion, blurred)
-    radiance = np.asarray(light.radiance, np.float64)
+    radiance = np.asarray(light.radiance)
     seen = np.zeros(prepared.gain.shape)
     for x, y in prepared.maps:
         seen += cv2.remap(radiance, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from evanesce.core.states import ContactState
 from evanesce.optics.flank.surface import EPSILON
 from evanesce.optics.projection import IdealView, Projection
-from evanesce.render.fast.rig_optics import finger_surface, geometry_digest
+from evanesce.render.fast.rig_optics import finger_surface, geometry_digest, sight_digest
 from evanesce.render.fast.sampling import enlarged, view_rays
 from evanesce.render.kept import kept
 from evanesce.render.reference.scene import approach
@@ -24,6 +24,7 @@ from evanesce.rig import Scene
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
+Rays = tuple[Array, Array, Array, Array]
 
 APPROACHES = np.array([0.0, 0.08, 0.2, 0.45, 0.85])
 """Approaches of the tables over the tip's radius [1]."""
@@ -76,7 +77,9 @@ def rounded_approach(scene: Scene, state: ContactState) -> float:
     return round(_clipped_approach(scene, state), 1)
 
 
-def table_position(scene: Scene, u: Array, v: Array, approach_mm: float) -> tuple[Image, Image, Image]:
+def table_position(
+    scene: Scene, u: Array, v: Array, approach_mm: float, rays: Rays | None = None
+) -> tuple[Image, Image, Image]:
     """Return column and row in the flank's table that directions (u, v, 1) see, and the share that see the flank.
 
     Directions are those of a grid (rows, cols); at the flank's outline each stands for its cell, so that the outline
@@ -89,13 +92,16 @@ def table_position(scene: Scene, u: Array, v: Array, approach_mm: float) -> tupl
         [1].
     approach_mm : float
         [mm].
+    rays : tuple of ndarray, optional
+        :func:`rays_above` of those directions, where they are known.
 
     Returns
     -------
     column, row, share : ndarray of float32 (rows, cols)
         [1].
     """
-    station, azimuth = _intersection(scene, u, v, approach_mm)
+    surface = finger_surface(scene)
+    station, azimuth = surface.intersect(*(rays_above(scene, u, v) if rays is None else rays), approach_mm)
     met = np.isfinite(station)
     share = met.astype(float)
     edge = _outline(met)
@@ -104,7 +110,7 @@ def table_position(scene: Scene, u: Array, v: Array, approach_mm: float) -> tupl
         du, dv = np.gradient(u, axis=1)[edge], np.gradient(v, axis=0)[edge]
         across, down = (part[None, None, :] * du[:, None, None], part[None, :, None] * dv[:, None, None])
         uu, vv = np.broadcast_arrays(u[edge][:, None, None] + across, v[edge][:, None, None] + down)
-        stations, azimuths = _intersection(scene, uu, vv, approach_mm)
+        stations, azimuths = surface.intersect(*rays_above(scene, uu, vv), approach_mm)
         hit = np.isfinite(stations)
         count = np.maximum(hit.sum(axis=(1, 2)), 1)
         share[edge] = hit.mean(axis=(1, 2))
@@ -123,13 +129,22 @@ def _outline(met: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(cv2.dilate(kind, around) != cv2.erode(kind, around))
 
 
-def _intersection(scene: Scene, u: Array, v: Array, approach_mm: float) -> tuple[Array, Array]:
-    """Return station and azimuth on the flank where directions (u, v, 1) meet it; NaN where they miss."""
+def rays_above(scene: Scene, u: Array, v: Array) -> Rays:
+    """Return where directions (u, v, 1) leave the glass [mm], and dx/dz and dy/dz above it: as steep as below it.
+
+    Parameters
+    ----------
+    scene : Scene
+    u, v : ndarray
+        [1].
+
+    Returns
+    -------
+    x, y, slope_x, slope_y : ndarray
+        Shape of ``u``.
+    """
     projection = Projection.of(scene.camera, scene.plate)
-    x, y = projection.ray_to_plate(u, v)
-    # Above the glass a ray is as steep as below it.
-    station, azimuth = finger_surface(scene).intersect(x, y, *projection.tangents(u, v), approach_mm)
-    return np.array(station), np.array(azimuth)
+    return (*projection.ray_to_plate(u, v), *projection.tangents(u, v))
 
 
 def flank_cover(scene: Scene, state: ContactState, view: IdealView, *, step: int = VIEW_STEP) -> Image:
@@ -173,11 +188,12 @@ def positions(
     position : tuple of ndarray
         Column, row and share.
     """
-    rays = view_rays(view, step)
+    directions = view_rays(view, step)
+    rays = kept("rays", f"{sight_digest(scene)}{view}{step}", lambda: rays_above(scene, *directions))
     between = _clipped_approach(scene, state)
     low = int(np.floor(between / APPROACH_STEP_MM))
     for number, share in ((low, 1 - (between / APPROACH_STEP_MM - low)), (low + 1, between / APPROACH_STEP_MM - low)):
         if share > 0:
             depth = round(min(number * APPROACH_STEP_MM, float(tabulated_approaches(scene)[-1])), 3)
             key = f"{geometry_digest(scene)}{view}{step}{depth:.3f}"
-            yield depth, np.float32(share), kept("flank", key, partial(table_position, scene, *rays, depth))
+            yield depth, np.float32(share), kept("flank", key, partial(table_position, scene, *directions, depth, rays))

@@ -67,8 +67,18 @@ def geometry_digest(scene: Scene) -> str:
     ----------
     scene : Scene
     """
+    data = scene.as_dict()["finger"]
+    finger = {k: data[k] for k in ("position_mm", "tip_radius_mm", "diameter_mm", "length_mm")}
+    return digest([sight_digest(scene), finger])
+
+
+def sight_digest(scene: Scene) -> str:
+    """Return the digest of all that decides where the camera sees the plate.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
     data = scene.as_dict()
     camera = {k: v for k, v in data["camera"].items() if k not in _NOT_GEOMETRY}
-    plate = {k: data["plate"][k] for k in ("thickness_mm", "refractive_index")}
-    finger = {k: data["finger"][k] for k in ("position_mm", "tip_radius_mm", "diameter_mm", "length_mm")}
-    return digest([camera, plate, finger])
+    return digest([camera, {k: data["plate"][k] for k in ("thickness_mm", "refractive_index")}])

@@ -9,7 +9,7 @@ the finger's flank, lit by the contact's own light and by what escapes near the 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import cv2
@@ -23,7 +23,7 @@ from evanesce.render.fast.fields import Fields, fields_of
 from evanesce.render.fast.flank import flank_image
 from evanesce.render.fast.flank_table import flank_cover
 from evanesce.render.fast.patch import PatchLight, patch_light, refinement
-from evanesce.render.fast.rig_optics import geometry_digest
+from evanesce.render.fast.rig_optics import sight_digest
 from evanesce.render.fast.sampling import Maps, view_rays
 from evanesce.render.fast.surroundings import surroundings_on_flank, surroundings_view
 from evanesce.render.kept import kept
@@ -31,6 +31,9 @@ from evanesce.rig import Scene
 
 Array = NDArray[Any]
 Image = NDArray[np.float32]
+
+WINDOW_STEP = 16
+"""Every so many pixels of a view it is looked whether they see the patch [px]."""
 
 
 def render_fast(
@@ -70,9 +73,12 @@ def render_fast(
         patch = patch_light(fields, state, refinement(state.grid.pitch, pixel_mm))
         direct, reflected = _patch_views(scene, state, patch, view, pixel_mm)
         bare = 1.0 - direct(patch.cover, patch.refine)
-        seen = direct(patch.radiance, 1)
-        ghost = np.float32(fields.ghost) * reflected(patch.radiance, 1)
-        seen += bare * (ghost + flank_image(scene, fields.flank, state, patch.taken, view))
+        seen = reflected(patch.radiance, 1)
+        # In place: a finer view's images take longest to allocate.
+        seen *= np.float32(fields.ghost)
+        seen += flank_image(scene, fields.flank, state, patch.taken, view)
+        seen *= bare
+        seen += direct(patch.radiance, 1)
     if scene.surroundings is not None:
         beside = surroundings_view(scene, view, finger=state is not None)
         behind = beside.backdrop
@@ -95,9 +101,9 @@ def _patch_views(
 
     Each takes the image and how many times its samples are as large as the refined grid's.
     """
-    x0, y0 = (state.grid.extent[i] + patch.pitch / 2 for i in (0, 2))
-    key = f"{geometry_digest(scene)}{view}{x0:.9g} {y0:.9g} {patch.pitch:.9g}"
-    maps = kept("maps", key, lambda: plate_maps(scene, view_rays(view), (x0, y0), patch.pitch))
+    starts = [state.grid.extent[i] + patch.pitch / 2 for i in (0, 2)]
+    # In millimetres of the plate: they stay while a finger moves.
+    maps = kept("maps", f"{sight_digest(scene)}{view}", lambda: plate_maps(scene, view_rays(view), (0.0, 0.0), 1.0))
 
     def onto(maps: Maps) -> Callable[[Image, int], Image]:
         def carry(image: Image, coarser: int) -> Image:
@@ -108,15 +114,44 @@ def _patch_views(
             mean = cv2.sepFilter2D(wide, cv2.CV_32F, kernel, kernel, borderType=cv2.BORDER_CONSTANT)
             # Samples ``coarser`` times as large have their first (coarser - 1)/2 later.
             shift = reach - (coarser - 1) / 2 / coarser
-            x, y = (
-                m * np.float32(1 / coarser) + np.float32(shift - first / coarser)
-                for m, first in zip(maps, (patch.col, patch.row), strict=True)
-            )
-            return np.asarray(cv2.remap(mean, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0))
+            ratio = np.float32(1 / (patch.pitch * coarser))
+            first = [
+                np.float32(shift - cells / coarser - start / (patch.pitch * coarser))
+                for cells, start in zip((patch.col, patch.row), starts, strict=True)
+            ]
+            seen = np.zeros(maps[0].shape, np.float32)
+            some = [m[::WINDOW_STEP, ::WINDOW_STEP] * ratio + f for m, f in zip(maps, first, strict=True)]
+            part = window(some, mean.shape[::-1])
+            x, y = (m[part] * ratio + f for m, f in zip(maps, first, strict=True))
+            if x.size:
+                seen[part] = cv2.remap(mean, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+            return seen
 
         return carry
 
     return onto(maps[0]), onto(maps[1])
+
+
+def window(maps: Sequence[Image], size: tuple[int, int]) -> tuple[slice, slice]:
+    """Return the rows and columns of a view outside of which nothing of a picture is seen.
+
+    Parameters
+    ----------
+    maps : sequence of ndarray of float32
+        Column and row on the picture of every :data:`WINDOW_STEP`-th pixel of the view.
+    size : tuple of int
+        Columns and rows of the picture.
+    """
+    inside = np.ones(maps[0].shape, bool)
+    for m, length in zip(maps, size, strict=True):
+        # No pixel is farther on the picture from its nearest sample than neighbours are from each other.
+        apart = sum(float(np.abs(np.diff(m, axis=axis)).max(initial=0.0)) for axis in (0, 1)) + 1.0
+        inside &= (m > -apart) & (m < length - 1 + apart)
+    if not inside.any():
+        return slice(0, 0), slice(0, 0)
+    rows, cols = (np.flatnonzero(inside.any(axis=axis)) for axis in (1, 0))
+    down, across = (slice(max(hit[0] - 1, 0) * WINDOW_STEP, (hit[-1] + 2) * WINDOW_STEP) for hit in (rows, cols))
+    return down, across
 
 
 def box_kernel(width: float) -> Image:

@@ -7,7 +7,7 @@ at all frames' times do as well. Nothing but the data can say which, so they cho
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -30,8 +30,8 @@ LEAST_SHARE = 0.02
 """Of a ripple that an exposure must leave: a light that is averaged out cannot be seen, whatever it does."""
 SMOOTH = 3
 """Powers of the row by which light may vary in a frame by itself: what a smooth cause leaves."""
-ROWS = 4
-"""Rows whose noise counts together: the shortest waves that are tried are several times as long."""
+APART = 1.5
+"""Periods more or fewer over a frame's rows, from which on another wave's power is noise and not the ripple's own."""
 MOVING = 0.3
 """Least share of the bands' power that moves from frame to frame: with less they are a pattern that stands."""
 
@@ -155,16 +155,19 @@ def brightest_ripple(
         moving = size.sum() - np.abs(turn @ size) ** 2 / max(float(size.sum()), 1e-300)
         return turn @ sums, np.where(moving > MOVING * size.sum(), moving, np.inf)
 
+    rows = _Rows.of(product, weight, late_s, own)
     best, at = 0.0, 0.0
     for start in coarse:
         tried = start + offsets
-        sums, moving = along(tried, *_sums(product, weight, late_s, start + 0.5 * offsets[-1], own))
+        sums, moving = along(tried, *rows.sums(start + 0.5 * offsets[-1]))
         squares = 2.0 * np.abs(sums) ** 2 / moving
         k = int(np.argmax(squares))
         if squares[k] > best and possible(float(tried[k])):
             best, at = float(squares[k]), float(tried[k])
-    (whole,), (size,) = along(np.array([at]), *_sums(product, weight, late_s, at, own))
-    square = float(2.0 * abs(whole) ** 2 / size)
+    (whole,), (size,) = along(np.array([at]), *rows.sums(at))
+    # Noise is known as well as the other waves show it: Student's law instead of the normal one.
+    known = 2.0 * max(int(rows.far(at).sum()), 1) * len(product)
+    square = known * float(np.log1p(2.0 * abs(whole) ** 2 / size / known))
     # One frequency among those that can be told apart, and a phase that may as well have been another one.
     number = (RANGE_HZ[1] - RANGE_HZ[0]) * max(span, readout)
     if number * np.exp(-0.5 * square) > DETECTED:
@@ -174,20 +177,62 @@ def brightest_ripple(
     return Ripple(at, float(np.degrees(np.angle(whole))), float(2.0 * abs(whole) / size), worth)
 
 
-def _sums(product: Array, weight: Array, late_s: Array, frequency_hz: float, beside: Array) -> tuple[Array, Array]:
-    """Return each frame's complex sum (frames,) and twice what noise makes of its square.
+@dataclass(frozen=True)
+class _Rows:
+    """Rows of frames, each over its noise, without what else may vary from frame to frame.
 
-    What else may vary from frame to frame, ``beside`` (frames, k, rows), is projected out of the wave.
+    Attributes
+    ----------
+    left, root : ndarray (frames, rows)
+        Sums over the columns; square root of the information of a row.
+    late_s : ndarray (rows,)
+    basis : ndarray (frames, rows, k)
+        Of what is projected out.
+    hertz : ndarray (waves,)
+        A period over a frame's rows apart.
+    power : ndarray (waves, frames)
+        Of those waves, 1 for noise that knows nothing of other rows.
     """
-    root = np.sqrt(np.maximum(weight, 1e-300))
-    wave = root * np.exp(-2j * np.pi * frequency_hz * late_s)
-    basis = np.linalg.qr(np.moveaxis(beside / root[:, None, :], 1, 2))[0]
-    about = wave - np.einsum("vrk,vk->vr", basis, np.einsum("vrk,vr->vk", basis, wave))
-    left = product / root
-    left = left - np.einsum("vrk,vk->vr", basis, np.einsum("vrk,vr->vk", basis, left))
-    # Rows of a frame scatter by more than noise where a model leaves something of it; and a sensor that smooths its
-    # noise has more of it in waves as long as these than from row to row.
-    count = left.shape[1] // ROWS
-    together = left[:, : count * ROWS].reshape(len(left), count, ROWS).sum(axis=2) / np.sqrt(ROWS)
-    excess = np.maximum((together**2).sum(axis=1) / max(count - basis.shape[2], 1), 1.0)
-    return (left * about).sum(axis=1) / excess, (np.abs(about) ** 2).sum(axis=1) / excess
+
+    left: Array
+    root: Array
+    late_s: Array
+    basis: Array
+    hertz: Array
+    power: Array
+
+    @classmethod
+    def of(cls, product: Array, weight: Array, late_s: Array, beside: Array) -> _Rows:
+        """Project ``beside`` (frames, k, rows) out of rows, and measure the power of all waves that are tried."""
+        root = np.sqrt(np.maximum(weight, 1e-300))
+        basis = np.linalg.qr(np.moveaxis(beside / root[:, None, :], 1, 2))[0]
+        hertz = np.arange(*RANGE_HZ, 1.0 / max(float(np.ptp(late_s)), 1e-12))
+        bare = cls(_without(product / root, basis), root, late_s, basis, hertz, np.zeros((0, len(root))))
+        waves = [bare._wave(frequency) for frequency in hertz]
+        power = [np.abs((bare.left * w).sum(axis=1)) ** 2 / (np.abs(w) ** 2).sum(axis=1) for w in waves]
+        return replace(bare, power=np.array(power))
+
+    def _wave(self, frequency_hz: float) -> Array:
+        return _without(self.root * np.exp(-2j * np.pi * frequency_hz * self.late_s), self.basis)
+
+    def far(self, frequency_hz: float) -> NDArray[np.bool_]:
+        """Return which waves' power is not that of a ripple of some frequency."""
+        return np.asarray(np.abs(self.hertz - frequency_hz) * float(np.ptp(self.late_s)) >= APART)
+
+    def sums(self, frequency_hz: float) -> tuple[Array, Array]:
+        """Return each frame's complex sum (frames,) and twice what noise makes of its square.
+
+        Rows of a frame hang together where a sensor smooths its noise, a codec works in blocks or a model leaves
+        something: as much as other waves of about this length show.
+        """
+        about = self._wave(frequency_hz)
+        far = self.far(frequency_hz)
+        power = self.power[far] if far.any() else np.ones((1, len(self.left)))
+        # A frame's own few waves, and those of all frames.
+        excess = np.maximum(np.maximum(power.mean(axis=0), power.mean()), 1.0)
+        return (self.left * about).sum(axis=1) / excess, (np.abs(about) ** 2).sum(axis=1) / excess
+
+
+def _without(rows: Array, basis: Array) -> Array:
+    """Return rows (frames, rows) less their projection on a basis (frames, rows, k)."""
+    return np.asarray(rows - np.einsum("vrk,vk->vr", basis, np.einsum("vrk,vr->vk", basis, rows)))

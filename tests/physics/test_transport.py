@@ -30,7 +30,7 @@ from evanesce.optics.patch_light import (
     window_transmittance,
 )
 from evanesce.optics.projection import Projection
-from evanesce.render.fast import rig_fields, rig_optics
+from evanesce.render.fast import rig_fields, rig_optics, transport
 from evanesce.render.fast.feedback import CoarseGrid, coarse_mean
 from evanesce.render.fast.feedback import feedback as coarse_feedback
 from evanesce.render.fast.fields import Fields, fields_of
@@ -463,6 +463,27 @@ def test_the_scenes_own_state_is_seen_where_it_is() -> None:
     u, v = projection.plate_to_ray(np.array(3.3), np.array(-2.1))
     assert cols.mean() == pytest.approx(float(u) * view.focal_px + view.principal_point[0], abs=0.2)
     assert rows.mean() == pytest.approx(float(v) * view.focal_px + view.principal_point[1], abs=0.2)
+
+
+@pytest.mark.parametrize("position_mm", [(3.3, -2.1), (14.0, 0.0)], ids=["inside", "at the view's edge"])
+def test_what_is_carried_of_a_view_is_all_that_is_seen(
+    position_mm: tuple[float, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rays of the plate that were kept and the part of a view that sees a patch: as whole and anew."""
+    looking = {"camera__tilt_x_deg": 6.0, "camera__tilt_y_deg": -9.0, "camera__roll_deg": 31.0}
+    elsewhere, here = (small_rig(finger__position_mm=at, **looking) for at in ((0.0, 0.0), position_mm))
+    view = Projection.of(here.camera, here.plate).ideal_view()
+    view = dataclasses.replace(view, shape=(3 * view.shape[0], 3 * view.shape[1]), focal_px=3 * view.focal_px,
+                               principal_point=tuple(3 * c + 1.0 for c in view.principal_point))  # fmt: skip
+    forget()
+    render_fast(elsewhere, contact_state(elsewhere, 1.0), view=view)
+    state = contact_state(here, 1.0)
+    kept = render_fast(here, state, view=view).radiance
+    forget()
+    monkeypatch.setattr(transport, "window", lambda maps, size: (slice(None), slice(None)))
+    whole = render_fast(here, state, view=view).radiance
+    assert whole.max() > 0
+    np.testing.assert_array_equal(kept, whole)
 
 
 # --- what moves, moves smoothly --------------------------------------------------------------------------------------

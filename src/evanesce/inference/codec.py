@@ -70,6 +70,11 @@ class Filmed:
         left = data.over_noise(np.nan_to_num(left))[:, known]
         return replace(data, correlation=correlation.scaled(opened, left @ left.T / max(int(known.sum()), 1)))
 
+    def draws(self, model: AnchoredModel) -> Array:
+        """Return whitened draws (n, d) of the codec's noise by a model of the frames."""
+        rows = np.array([model.data.whitened(one.astype(float)) for one in self.made.fields], np.float32)
+        return np.pad(rows, ((0, 0), (0, model.observed.size - rows.shape[1])))
+
 
 def codec_behind(model: AnchoredModel, point: Mapping[str, float]) -> tuple[Codec, float] | None:
     """Return the codec that the frames came through, and the noise's scale before it; None where noise shows none.

@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from evanesce.bundle.bundle import Bundle
 from evanesce.core.errors import InputError
 from evanesce.inference.answer import answer, named_causes
 from evanesce.inference.causes import Cause, causes_of
-from evanesce.inference.codec import FIRST_DRAWS, codec_behind, filmed
+from evanesce.inference.codec import FIRST_DRAWS, Filmed, codec_behind, filmed
 from evanesce.inference.consequence import AreaReader
 from evanesce.inference.data import DataVector, data_vector
 from evanesce.inference.discrepancy import Discrepancy
@@ -35,6 +36,7 @@ from evanesce.prediction.observe import Observation, observe, require_monochrome
 from evanesce.prediction.recoded import DRAWS, Codec
 from evanesce.prediction.views import BIN_PX
 
+Array = NDArray[Any]
 Tell = Callable[[str], None]
 
 FURTHER = "a further cause"
@@ -86,21 +88,24 @@ def criticise_frames(
     start = started(bundle, tell)
     found = _searched(start, exclude, workers, seed, tell)
     if start.behind and found.best.taken:
-        again = refilmed(bundle, start, found.best, tell)
+        again = refilmed(bundle, found.start, found.best, tell)
         if again.quieter_than(start):
             tell("causes once more: what they explain was taken for the codec's noise")
-            start, found = again, _searched(again, exclude, workers, seed, tell)
+            found = _searched(again, exclude, workers, seed, tell)
     tell("consequences and held-out conditions")
-    model, best, posterior, search = start.model, found.best, found.posterior, found.search
+    start, model = found.start, found.start.model
+    best, posterior, search = found.best, found.posterior, found.search
     fine = model.anchor(best.point)
     areas = AreaReader(model)
     may_be_off = found.discrepancy.every_row(best, fine)
     named = named_causes(search, areas, best, may_be_off, posterior)
     gain = held_out(model, areas, start.base, best, seed)
-    rest = everything_marginalised(best)[0].with_rows(may_be_off).project(best.residual)
+    metric = everything_marginalised(best)[0].with_rows(may_be_off)
+    rest = metric.project(best.residual)
+    draws = None if start.film is None else metric.project(start.film.draws(model))
     scale = start.observation.scene.camera.scale_px_per_mm
-    left = left_of(model.data, rest, found.bank.seen.by_light, BIN_PX / scale)
-    advice = _advice(start, found, tell)
+    left = left_of(model.data, rest, found.bank.seen.by_light, BIN_PX / scale, draws)
+    advice = _advice(found, tell)
     seconds = time.monotonic() - began
     known = model.data.noise.measured
     result, scene = answer(
@@ -125,8 +130,8 @@ class Start:
     base : JointFit
     behind : tuple of Codec and float, optional
         What the frames came through and the noise's scale before it; None where noise gives none away.
-    kept : float
-        Share of the noise's amplitude that outlived the codec.
+    film : Filmed, optional
+        What it made of the frames.
     """
 
     observation: Observation
@@ -135,7 +140,12 @@ class Start:
     fitter: Fitter
     base: JointFit
     behind: tuple[Codec, float] | None = None
-    kept: float = 1.0
+    film: Filmed | None = None
+
+    @property
+    def kept(self) -> float:
+        """Share of the noise's amplitude that outlived the codec."""
+        return 1.0 if self.film is None else float(np.mean(self.film.made.passed))
 
     @property
     def codec(self) -> str:
@@ -147,6 +157,22 @@ class Start:
         """To be read before probabilities are believed."""
         told = f"{self.codec} or so left {100 * self.kept:.0f} % of the camera's noise: {SILENT_WORDS}"
         return (told,) if self.kept < SILENT else ()
+
+    def with_noise(self, variance: float, rows: Array) -> Start:
+        """Return the nominal fit where all noise has another variance, and some rows more are noise.
+
+        Parameters
+        ----------
+        variance : float
+            In units of the present one [1].
+        rows : ndarray (k, d)
+            Each of unit standard deviation by the new one.
+        """
+        model = self.model
+        model.data = replace(model.data, sd=np.sqrt(variance) * model.data.sd)
+        fitter = Fitter(model)
+        fitter.noise = rows
+        return replace(self, fitter=fitter, base=fitter.relinearised([], self.base.point))
 
     def quieter_than(self, other: Start) -> bool:
         """Tell whether noise that hangs together is weaker than in another one by more than :data:`QUIETER`."""
@@ -160,6 +186,8 @@ class Found:
 
     Attributes
     ----------
+    start : Start
+        From which they were sought.
     search : Search
     best : JointFit
         The extended fit.
@@ -173,6 +201,7 @@ class Found:
         Others, with the reason.
     """
 
+    start: Start
     search: Search
     best: JointFit
     posterior: Posterior
@@ -187,17 +216,23 @@ def _searched(start: Start, exclude: Collection[str], workers: int, seed: int, t
     """Return the causes that explain what the nominal fit leaves."""
     model, fitter = start.model, start.fitter
     causes, left_out = causes_of(start.observation, {*exclude, *(CODEC_CAUSES if start.behind else ())})
-    discrepancy, bank = discrepancy_of(model), bank_of(model, _place(start.gate.start), tell)
+    bank = bank_of(model, _place(start.gate.start), tell)
     smooth = [cause for cause in causes if not cause.placed]
     made(bank, smooth, workers, tell)
+    if start.film:
+        tell("the codec's noise along the forms of causes")
+        judge = Judge(fitter, smooth, bank, discrepancy_of(model))
+        start = start.with_noise(*judge.noise(start.base, start.film.draws(model)))
+        fitter = start.fitter
+    discrepancy = discrepancy_of(model)
     judge = Judge(fitter, smooth, bank, discrepancy, seed=seed)
     marks = MarkSearch(model, [cause for cause in causes if cause.local], seed)
     search = Search(fitter, smooth, judge, tell, marks=marks)
     best, posterior = search.run(start.base)
-    return Found(search, best, posterior, judge, bank, discrepancy, tuple(causes), left_out)
+    return Found(start, search, best, posterior, judge, bank, discrepancy, tuple(causes), left_out)
 
 
-def _advice(start: Start, found: Found, tell: Tell) -> dict[str, Any] | None:
+def _advice(found: Found, tell: Tell) -> dict[str, Any] | None:
     """Return the shot that would settle what is doubtful most; None if nothing is."""
     posterior = found.posterior
     settled = {*found.search.scan.places(), DEFECTS, UNKNOWN}
@@ -208,7 +243,7 @@ def _advice(start: Start, found: Found, tell: Tell) -> dict[str, Any] | None:
     tell("what to measure next")
     place = posterior.places.get(doubt, posterior.further)
     weights = found.judge.weights(found.best, doubt, found.search.unknown)
-    return next_shot(start.model, found.bank, found.causes, place, weights)
+    return next_shot(found.start.model, found.bank, found.causes, place, weights)
 
 
 def started(bundle: Bundle, tell: Tell = lambda line: None) -> Start:
@@ -274,8 +309,7 @@ def _filmed_at(bundle: Bundle, start: Start, point: Mapping[str, float], fit: Jo
     coded.codec_bias = film.made.bias
     fitter = Fitter(coded)
     base = fitter.relinearised([], {name: value for name, value in point.items() if name.startswith("@")})
-    kept = float(np.mean(film.made.passed))
-    return replace(start, model=coded, fitter=fitter, base=base, kept=kept)
+    return replace(start, model=coded, fitter=fitter, base=base, film=film)
 
 
 def shapes_of(bundle: Bundle, *, tell: Tell = lambda line: None) -> tuple[list[Forms], DataVector]:

@@ -147,6 +147,8 @@ class Fitter:
 
     fields: Array = np.zeros((0, 0), np.float32)
     """Rows (k, d) of what was taken as unknown, each of unit prior standard deviation: marginalised in every fit."""
+    noise: Array = np.zeros((0, 0), np.float32)
+    """Rows (k, d) of noise that hangs together, each of unit standard deviation, beside that of the data."""
 
     def __init__(self, model: Model) -> None:
         self.model = model
@@ -247,9 +249,10 @@ class Fitter:
         return found
 
     def jitter_metric(self, point: Mapping[str, float]) -> Metric:
-        """Return the inner product with the light and load of single views marginalised."""
+        """Return the inner product with the light and load of single views, and noise that hangs together."""
         rows = np.array([self.model.derivative(point, p) for p in self.jitter]).reshape(-1, self.observed.size)
-        return Metric.of(rows, np.array([p.deviation for p in self.jitter]))
+        metric = Metric.of(rows, np.array([p.deviation for p in self.jitter]))
+        return metric.with_rows(self.noise) if len(self.noise) else metric
 
 
 def taken_from(entry: Entry) -> Taken:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from evanesce.core.rng import generator
 from evanesce.inference.causes import Cause
 from evanesce.inference.constants import DETECTED
+from evanesce.inference.form_noise import noise_along
 from evanesce.inference.joint import Fitter, JointFit
 from evanesce.inference.laws import all_laws
 from evanesce.inference.power import Power, expected_power
@@ -28,7 +29,7 @@ from evanesce.inference.small_space import SmallSpace
 
 Array = NDArray[Any]
 
-NUISANCES, DISCREPANCY, LIGHT, FITTED = "nuisances", "discrepancy", "light", "fitted "
+NUISANCES, DISCREPANCY, LIGHT, FITTED, DRAWN = "nuisances", "discrepancy", "light", "fitted ", "drawn"
 """Blocks of rows; a cause's name and its own block are the same."""
 
 
@@ -334,6 +335,23 @@ class Judge:
         """Return the rows (k, d) of blocks of something unknown times their amplitudes."""
         rows = [self._forms.rows[self._forms.places[block]].astype(np.float32) * a for block, a in unknown.items()]
         return np.concatenate([np.zeros((0, self._forms.rows.shape[1]), np.float32), *rows])
+
+    def noise(self, fitted: JointFit, draws: Array) -> tuple[float, Array]:
+        """Return what whitened draws (n, d) of the noise scatter along all forms.
+
+        Returns
+        -------
+        variance : float
+            Of all directions but a few, in units of what is believed [1].
+        rows : ndarray (k, d)
+            Of the few, each of unit standard deviation, once the data are divided by the root of ``variance``.
+        """
+        blocks = {NUISANCES: np.concatenate([fitted.nuisance_rows, _scaled(fitted, "@")]), DRAWN: draws}
+        space = self._forms.joined(blocks, np.zeros((0, draws.shape[1])))
+        gram, _ = space.marginalised({NUISANCES: 1.0}, [*self.known, DRAWN], None)
+        count = gram.shape[0] - len(draws)
+        found = noise_along(gram[:count, :count], gram[:count, count:])
+        return found.variance, self._forms.combined(found.factors, self.known)
 
     def _rest(self, taken: Iterable[str], unknown: Iterable[str]) -> list[str]:
         out = {*taken, *unknown}

@@ -70,6 +70,15 @@ class SmallSpace:
         """Return the places of the rows of some blocks, one after the other."""
         return np.concatenate([self.places[n] for n in names]).astype(int)
 
+    def combined(self, factors: Array, names: Sequence[str]) -> Array:
+        """Return sums (n, bins) of the rows of some blocks, times factors (n, rows)."""
+        own = self.of(names)
+        parts = [
+            factors.astype(np.float32) @ self.rows[own, start : start + CHUNK].astype(np.float32)
+            for start in range(0, self.rows.shape[1], CHUNK)
+        ]
+        return np.concatenate(parts, axis=1)
+
     def marginalised(
         self, marginal: Mapping[str, float], kept: Sequence[str], vector: int | None
     ) -> tuple[Array, Array]:

@@ -245,7 +245,7 @@ class Left:
         return ", ".join(words)
 
 
-def left_of(data: DataVector, residual: Array, by_light: Array, mm_per_bin: float) -> Left:
+def left_of(data: DataVector, residual: Array, by_light: Array, mm_per_bin: float, draws: Array | None = None) -> Left:
     """Return what is left in the open views of the contact.
 
     Parameters
@@ -257,6 +257,9 @@ def left_of(data: DataVector, residual: Array, by_light: Array, mm_per_bin: floa
         Change of the prediction per relative change of the light [DN].
     mm_per_bin : float
         On the plate.
+    draws : ndarray (draws, bins), optional
+        Of the noise less their mean, whitened as the residual: what is left is compared with what they leave, and else
+        with independent noise.
     """
     opened = list(data.open)
     touching = [n for n, k in enumerate(opened) if data.views[k].touches]
@@ -279,12 +282,16 @@ def left_of(data: DataVector, residual: Array, by_light: Array, mm_per_bin: floa
     follows, field, sd, weight = best
     standard = np.nan_to_num(field / sd)
     count, square = int(np.isfinite(field).sum()), float(np.nansum((field / sd) ** 2))
+    usual = np.zeros(0)
+    if draws is not None:
+        cubes = (data.unwhitened(one)[touching] for one in draws)
+        usual = np.array([np.nansum(((weight * cube).sum(axis=0) * sd) ** 2) for cube in cubes])
     amplitudes = _amplitudes(cube, weight, np.nan_to_num(field))
     views = [data.views[k] for k in chosen]
     middle, radial = _around(standard, np.abs(by_light[chosen]).sum(axis=0))
     rows, cols = field.shape
     return Left(
-        follows, field, sd, square / count, float(stats.chi2.sf(square, count)), radial,
+        follows, field, sd, square / count, _p_value(square, count, usual), radial,
         _concentrated(standard[np.isfinite(field)] ** 2),
         ((middle[1] - (cols - 1) / 2) * mm_per_bin, (middle[0] - (rows - 1) / 2) * mm_per_bin),
         _correlation(amplitudes, [v.voltage_V for v in views]),
@@ -292,6 +299,20 @@ def left_of(data: DataVector, residual: Array, by_light: Array, mm_per_bin: floa
         _correlation(amplitudes, [v.time_s for v in views]),
         _periodic(standard, np.nan_to_num(field), sd, mm_per_bin),
     )  # fmt: skip
+
+
+def _p_value(square: float, count: int, usual: Array) -> float:
+    """Return the probability of a larger sum of squares: of independent noise, or of noise that has left some sums.
+
+    Sums of squares of noise that hangs together are distributed nearly as a gamma law of their mean and variance.
+    """
+    if len(usual) < 2:
+        return float(stats.chi2.sf(square, count))
+    # A mean of as many draws was taken off each, and stands in for the mean of the noise in the data.
+    usual = usual * (len(usual) + 1) / (len(usual) - 1)
+    mean, variance = max(float(usual.mean()), count), float(usual.var(ddof=1))
+    shape = mean**2 / max(variance, 2.0 * mean)
+    return float(stats.gamma.sf(square, shape, scale=mean / shape))
 
 
 def _concentrated(squares: Array) -> float:

@@ -293,11 +293,24 @@ class Responses:
         own = self.maps.product
         return max(float(self._z(own, atom, kind).max()) / self._louder[atom, kind] for atom, kind in self._pairs())
 
-    def wrong_side(self) -> float:
-        """Return the largest response of the sign that no cause can make."""
-        own = self.maps.product
-        pairs = [(atom, kind) for atom, kind in self._pairs() if not kind.startswith("=")]
-        return max(float(-self._z(own, atom, kind).min()) / self._louder[atom, kind] for atom, kind in pairs)
+    def wrong_side(self, most: int) -> list[tuple[float, float, float]]:
+        """Return size, row and column of the largest responses of the sign that no cause can make, of each atom.
+
+        Parameters
+        ----------
+        most : int
+            Of each atom and kind.
+        """
+        own, found = self.maps.product, []
+        for atom, kind in self._pairs():
+            if kind.startswith("="):
+                continue
+            z = -self._z(own, atom, kind) / self._louder[atom, kind]
+            high = np.argwhere((z > 0) & (z >= cv2.dilate(z, np.ones((5, 5), np.uint8))))
+            sizes = z[high[:, 0], high[:, 1]]
+            for k in np.argsort(-sizes)[:most]:
+                found.append((float(sizes[k]), *self._turned_back(atom, float(high[k, 0]), float(high[k, 1]))))
+        return found
 
     def peaks(self, least: float) -> list[Peak]:
         """Return the local maxima above a size."""

@@ -306,7 +306,7 @@ def _filmed_at(bundle: Bundle, start: Start, point: Mapping[str, float], fit: Jo
     film = filmed(model, point, *start.behind, draws)
     left = model.data.cube - model.cube(fit.point) + model.codec_bias - film.made.bias
     coded = with_series(start.observation, film.data(model.data, left), bundle)
-    coded.codec_bias = film.made.bias
+    coded.codec_bias, coded.recoded = film.made.bias, film.made
     fitter = Fitter(coded)
     base = fitter.relinearised([], {name: value for name, value in point.items() if name.startswith("@")})
     return replace(start, model=coded, fitter=fitter, base=base, film=film)

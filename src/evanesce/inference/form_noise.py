@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
+from scipy import ndimage, stats
 
 Array = NDArray[Any]
 
@@ -74,25 +74,30 @@ def noise_along(gram: Array, along: Array) -> FormNoise:
 def predictive_covariance(samples: Array) -> Array:
     """Return the covariance (r, r) that a further sample has, as samples (r, n) foretell each other.
 
-    That of few samples is too small along what they lack and too large along what they have: it is shrunk towards its
-    mean variance, and enlarged, by as much as makes each sample likeliest by the others (leave-one-out).
+    That of few samples is too small along what they lack and too large along what they have: a share of it is replaced,
+    so that each sample is likeliest by the others (leave-one-out). It is enlarged until its normal law holds the
+    largest of each sample's coordinates as well: errors of whole regions come and go, and causes are judged by the
+    direction that stands out most.
 
     Parameters
     ----------
     samples : ndarray (r, n)
     """
     size, count = samples.shape
+    usual_largest = float(stats.norm.isf(0.5 * (1.0 - 0.5 ** (1.0 / size))))
     found = []
     for share in SHRINKAGES:
-        squares, logs = [], []
+        squares, largest, logs = [], [], []
         for left_out in range(count):
             rest = np.delete(samples, left_out, axis=1)
             values, axes = np.linalg.eigh(_shrunk(rest, share))
-            along = axes.T @ (samples[:, left_out] - rest.mean(axis=1))
-            squares.append(float((along**2 / values).sum()))
+            standard = (axes.T @ (samples[:, left_out] - rest.mean(axis=1))) ** 2 / values
+            squares.append(float(standard.mean()))
+            largest.append(float(standard.max()))
             logs.append(float(np.log(values).sum()))
-        scale = float(np.mean(squares)) / size
-        found.append((size * np.log(scale) + float(np.mean(logs)), scale, share))
+        scale = float(np.mean(squares))
+        tail = float(np.mean(np.sqrt(largest))) / usual_largest
+        found.append((size * np.log(scale) + float(np.mean(logs)), max(scale, tail**2), share))
     _, scale, share = min(found)
     return np.asarray(scale * _shrunk(samples, share))
 

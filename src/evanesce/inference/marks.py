@@ -39,6 +39,8 @@ NEAR = 3.0
 """Standard deviations of noise."""
 NULLS = 24
 """Scans of noise; the largest of each follows Gumbel's law, whose two figures they give to a tenth."""
+TAIL = 20
+"""Places of the sign that no cause can make whose sizes tell how large the largest may be."""
 MOST = 300
 """Defects of a list; the strongest."""
 ROUNDS = 8
@@ -109,7 +111,7 @@ class MarkSearch:
         threshold = float(np.mean(nulls)) - np.euler_gamma * scale - scale * np.log(-np.log1p(-DETECTED))
         if self.model.data.correlation is not None:
             # What a codec makes of a place stays there in all frames, and is as often dark as bright.
-            threshold = max(threshold, *(r.wrong_side() for r in scans))
+            threshold = max(threshold, beyond([place for r in scans for place in r.wrong_side(2 * TAIL)]))
         largest = max(r.largest() for r in scans)
         peaks = self._peaks(scans, threshold)
         return Scan(tuple(Explained(self.model, self.causes, point, left, weight).marks(peaks)), threshold, largest)
@@ -147,6 +149,9 @@ class MarkSearch:
         count = np.array([data.views[k].frames for k in data.open])[:, None, None]
         variance = BIN_PX**2 * data.noise.variance(frames, count)
         slope = np.hypot(np.gradient(frames, axis=1), np.gradient(frames, axis=2))
+        if model.recoded is not None and model.recoded.pixels is not None:
+            change, scatter = (part[list(data.open)] for part in model.recoded.pixels)
+            frames, variance = frames + change, np.maximum(variance, scatter**2)
         sd = np.sqrt(variance + (EDGE_PX * slope) ** 2 + 1.0 / 12.0 / count)
         # Near the end of the scale the quick prediction may be clipped where the frame is not.
         sd[np.maximum(measured, frames) + NEAR * np.sqrt(variance) >= SATURATED_DN] = np.inf
@@ -159,6 +164,28 @@ class MarkSearch:
             fields = rng.standard_normal((8, *shape), np.float32)
         even = np.ones(fields.shape[1:], np.float32)
         return np.array([one - smoothed(one, even, wide) for one in fields])
+
+
+def beyond(places: Sequence[tuple[float, float, float]]) -> float:
+    """Return the size that the largest of all places exceeds in DETECTED of all scans; 0 for too few places.
+
+    The sizes of the largest places fall off exponentially, at the mean rate by which they exceed the least of them
+    (peaks over threshold: Coles, An Introduction to Statistical Modeling of Extreme Values, 2001, ch. 4).
+
+    Parameters
+    ----------
+    places : sequence of tuple
+        Size, row and column; those within :data:`WIDER_PX` of a larger one are the same place.
+    """
+    apart: list[tuple[float, float, float]] = []
+    for place in sorted(places, reverse=True):
+        if all(np.hypot(place[1] - other[1], place[2] - other[2]) > WIDER_PX for other in apart):
+            apart.append(place)
+            if len(apart) > TAIL:
+                least = place[0]
+                rate = float(np.mean([other[0] for other in apart[:TAIL]])) - least
+                return least + rate * float(np.log(TAIL / DETECTED))
+    return 0.0
 
 
 def _mixed(fields: Array, responses: Responses, rng: np.random.Generator) -> Array:

@@ -17,6 +17,7 @@ from evanesce.prediction.nuisance import nuisance_parameters
 from evanesce.prediction.observe import Observation, model_factor
 from evanesce.prediction.parameters import Parameter, derivative
 from evanesce.prediction.predict import Predictor
+from evanesce.prediction.recoded import Recoded
 from evanesce.prediction.views import View, binned
 
 Array = NDArray[Any]
@@ -86,6 +87,8 @@ class AnchoredModel:
         """Settings of effects that list defects: places that data showed."""
         self.codec_bias = np.zeros_like(data.cube)
         """Mean change by a codec (views, rows, cols) [DN]."""
+        self.recoded: Recoded | None = None
+        """What a codec makes of the frames."""
         self.discretisation = np.zeros_like(data.cube)
         """What extrapolation to finer pixels added at the anchor (views, rows, cols) [DN]."""
         groups = [[k for k, v in enumerate(data.views) if v.is_card is card] for card in (False, True)]

@@ -81,6 +81,13 @@ def ripple_of(
     light = expected_tone(scene.camera, data.scale).slope_by_light(measured) * weight[single]
     exposure_s = scene.camera.exposure_ms * 1e-3
     readout_s = getattr(cause.candidate.effect.parameters(), bands.readout) * 1e-3
+    drawn = None
+    if model.recoded is not None:
+        fields = model.recoded.fields[:, [data.open[n] for n in single]]
+        shape = (left.shape[1], left.shape[2])
+        drawn = np.array(
+            [_row_sums(np.array([enlarged(bins, shape) for bins in one]) * weight[single], light) for one in fields]
+        )
     found = brightest_ripple(
         left[single] * weight[single],
         light,
@@ -88,6 +95,7 @@ def ripple_of(
         row_times(left.shape[1], readout_s),
         lambda frequency_hz: abs(bands.share(frequency_hz, exposure_s)) > LEAST_SHARE,
         _of_load(model, point, single, left.shape[1:]) * weight[single][:, None],
+        drawn,
     )
     if found is None:
         return None
@@ -121,6 +129,7 @@ def brightest_ripple(
     late_s: Array,
     possible: Callable[[float], bool] = lambda f: True,
     beside: Array | None = None,
+    drawn: Array | None = None,
 ) -> Ripple | None:
     """Return the ripple that explains most, None where that is not worth its choice.
 
@@ -135,10 +144,14 @@ def brightest_ripple(
         Whether a ripple of a frequency [Hz] could be seen at all.
     beside : ndarray (frames, k, rows, cols), optional
         What else may vary from frame to frame, whitened.
+    drawn : ndarray (draws, frames, rows), optional
+        Sums over the columns of draws of the noise, times the light, both whitened.
     """
-    product, weight = (np.einsum("vrc,vrc->vr", a, light, dtype=float) for a in (residual, light))
+    product, weight = (_row_sums(a, light) for a in (residual, light))
     # Rows that are brighter in all frames alike are no ripple's, or of one whose rate nobody could tell from that.
-    product = product - weight * (product.sum(axis=0) / np.maximum(weight.sum(axis=0), 1e-300))
+    product = product - _standing(product, weight)
+    if drawn is not None:
+        drawn = np.array([one - _standing(one, weight) for one in drawn])
     powers = (late_s / max(float(np.ptp(late_s)), 1e-12)) ** np.arange(SMOOTH)[:, None]
     own = weight[:, None, :] * powers
     if beside is not None:
@@ -155,7 +168,7 @@ def brightest_ripple(
         moving = size.sum() - np.abs(turn @ size) ** 2 / max(float(size.sum()), 1e-300)
         return turn @ sums, np.where(moving > MOVING * size.sum(), moving, np.inf)
 
-    rows = _Rows.of(product, weight, late_s, own)
+    rows = _Rows.of(product, weight, late_s, own, drawn)
     best, at = 0.0, 0.0
     for start in coarse:
         tried = start + offsets
@@ -167,6 +180,9 @@ def brightest_ripple(
     (whole,), (size,) = along(np.array([at]), *rows.sums(at))
     # Noise is known as well as the other waves show it: Student's law instead of the normal one.
     known = 2.0 * max(int(rows.far(at).sum()), 1) * len(product)
+    if drawn is not None:
+        # A codec hands errors on from frame to frame: of all frames of a draw there is one.
+        known = min(known, 2.0 * (len(drawn) - 1))
     square = known * float(np.log1p(2.0 * abs(whole) ** 2 / size / known))
     # One frequency among those that can be told apart, and a phase that may as well have been another one.
     number = (RANGE_HZ[1] - RANGE_HZ[0]) * max(span, readout)
@@ -175,6 +191,16 @@ def brightest_ripple(
     worth = 0.5 * square - float(np.log(number) + 0.5 * np.log1p(square))
     # The sums hold exp(-i phase) of a crest: cos(2 pi f t + phase) has the sum's own angle.
     return Ripple(at, float(np.degrees(np.angle(whole))), float(2.0 * abs(whole) / size), worth)
+
+
+def _row_sums(residual: Array, light: Array) -> Array:
+    """Return sums over the columns (frames, rows) of a residual times the light (frames, rows, cols)."""
+    return np.asarray(np.einsum("vrc,vrc->vr", residual, light, dtype=float))
+
+
+def _standing(product: Array, weight: Array) -> Array:
+    """Return the part of row sums (frames, rows) that is alike in all frames."""
+    return np.asarray(weight * (product.sum(axis=0) / np.maximum(weight.sum(axis=0), 1e-300)))
 
 
 @dataclass(frozen=True)
@@ -192,6 +218,8 @@ class _Rows:
         A period over a frame's rows apart.
     power : ndarray (waves, frames)
         Of those waves, 1 for noise that knows nothing of other rows.
+    usual : ndarray (waves, frames)
+        The same of draws of the noise; 0 where there are none.
     """
 
     left: Array
@@ -200,17 +228,25 @@ class _Rows:
     basis: Array
     hertz: Array
     power: Array
+    usual: Array
 
     @classmethod
-    def of(cls, product: Array, weight: Array, late_s: Array, beside: Array) -> _Rows:
+    def of(cls, product: Array, weight: Array, late_s: Array, beside: Array, drawn: Array | None = None) -> _Rows:
         """Project ``beside`` (frames, k, rows) out of rows, and measure the power of all waves that are tried."""
         root = np.sqrt(np.maximum(weight, 1e-300))
         basis = np.linalg.qr(np.moveaxis(beside / root[:, None, :], 1, 2))[0]
         hertz = np.arange(*RANGE_HZ, 1.0 / max(float(np.ptp(late_s)), 1e-12))
-        bare = cls(_without(product / root, basis), root, late_s, basis, hertz, np.zeros((0, len(root))))
+        nothing = np.zeros((len(hertz), len(root)))
+        bare = cls(_without(product / root, basis), root, late_s, basis, hertz, nothing, nothing)
         waves = [bare._wave(frequency) for frequency in hertz]
-        power = [np.abs((bare.left * w).sum(axis=1)) ** 2 / (np.abs(w) ** 2).sum(axis=1) for w in waves]
-        return replace(bare, power=np.array(power))
+
+        def power(left: Array) -> Array:
+            return np.array([np.abs((left * w).sum(axis=1)) ** 2 / (np.abs(w) ** 2).sum(axis=1) for w in waves])
+
+        if drawn is None:
+            return replace(bare, power=power(bare.left))
+        usual = np.mean([power(_without(one / root, basis)) for one in drawn], axis=0)
+        return replace(bare, power=power(bare.left), usual=usual * (len(drawn) + 1) / (len(drawn) - 1))
 
     def _wave(self, frequency_hz: float) -> Array:
         return _without(self.root * np.exp(-2j * np.pi * frequency_hz * self.late_s), self.basis)
@@ -230,6 +266,7 @@ class _Rows:
         power = self.power[far] if far.any() else np.ones((1, len(self.left)))
         # A frame's own few waves, and those of all frames.
         excess = np.maximum(np.maximum(power.mean(axis=0), power.mean()), 1.0)
+        excess = np.maximum(excess, [np.interp(frequency_hz, self.hertz, one) for one in self.usual.T])
         return (self.left * about).sum(axis=1) / excess, (np.abs(about) ** 2).sum(axis=1) / excess
 
 

@@ -132,12 +132,15 @@ class Recoded:
         Departures of single draws from their mean, noise included [DN].
     passed : ndarray (views,)
         Share of the camera's noise, in amplitude, that outlives the codec.
+    pixels : tuple of ndarray of float32 (views, pixel rows, pixel cols), optional
+        Mean change of the model camera's pixels, and standard deviation of what a single draw adds to it [DN].
     """
 
     codec: Codec
     bias: Array
     fields: Array
     passed: Array
+    pixels: tuple[Array, Array] | None = None
 
     @cached_property
     def sd(self) -> Array:
@@ -238,6 +241,10 @@ class Shooting:
         """Return a frame's bins [DN]."""
         return binned(frame, BIN_PX * self.factor)
 
+    def averaged(self, frame: Array) -> Array:
+        """Return a frame at the model camera's pixels [DN]."""
+        return binned(frame, self.factor)
+
     def another(self, rng: np.random.Generator) -> Shooting:
         """Return it with noise, black level and light as they may be instead."""
         off = rng.standard_normal(3) * (SCALE_OFF, priors.BLACK_DN, LIGHT_OFF)
@@ -273,11 +280,14 @@ def recoded(
         kept = [pictures(k).astype(np.float32) for k in range(len(views))]
         pictures = kept.__getitem__
     noise, change = [], []
+    total: Any = 0.0
+    square: Any = 0.0
     for _ in range(draws):
         off = round(float(rng.standard_normal()) * QUALITY_OFF[codec.kind])
         drawn = _one_draw(shooting.another(rng), pictures, views, codec.worse(off), rng)
         noise.append(drawn[0])
         change.append(drawn[1])
+        total, square = total + drawn[2], square + drawn[2] ** 2
     before, after = np.array(noise, np.float32), np.array(change, np.float32)
     mean = after.mean(axis=0, dtype=float)
     fields = after - mean.astype(np.float32)
@@ -285,7 +295,10 @@ def recoded(
     passed = (fields * before).sum(axis=(0, 2, 3)) / np.maximum((before**2).sum(axis=(0, 2, 3)), 1e-9)
     left = _smooth(((fields - passed[:, None, None] * before) ** 2).sum(axis=0, dtype=float)) / (draws - 1) / draws
     bias = _settled(mean - passed[:, None, None] * before.mean(axis=0, dtype=float), left)
-    return Recoded(codec, bias, fields, passed)
+    middle = total / draws
+    # A draw adds its own to a mean that is uncertain by a part of that.
+    scatter = _smooth(np.maximum(square / draws - middle**2, 0.0)) * (draws + 1) / (draws - 1)
+    return Recoded(codec, bias, fields, passed, (middle, np.sqrt(scatter)))
 
 
 def _smooth(cube: Array) -> Array:
@@ -304,15 +317,18 @@ def _settled(bias: Array, variance: Array) -> Array:
 
 def _one_draw(
     shooting: Shooting, pictures: Callable[[int], Array], views: Sequence[View], codec: Codec, rng: np.random.Generator
-) -> tuple[Array, Array]:
-    """Return the bins of all views (views, rows, cols) before and after the codec, less their expectation [DN]."""
+) -> tuple[Array, Array, Array]:
+    """Return what all views differ from their expectation by: bins before and after the codec, pixels after [DN]."""
     expected: list[Array] = []
+    level: list[Array] = []
     before: list[Array] = []
 
     def film() -> Iterator[Array]:
         for k, view in enumerate(views):
             signal = shooting.signal(pictures(k))
-            expected.append(shooting.mean(signal))
+            mean = expected_tone(shooting.camera, shooting.scale).mean_of(signal)
+            expected.append(shooting.binned(mean))
+            level.append(shooting.averaged(mean).astype(np.float32))
             frames = shooting.frames(signal, rng)
             kept = []
             for number in range(view.frames * codec.filmed):
@@ -323,8 +339,9 @@ def _one_draw(
             before.append(np.mean(kept, axis=0))
 
     back = codec.through(film())
-    after = [np.mean([shooting.binned(next(back)) for _ in range(v.frames)], axis=0) for v in views]
+    after = [np.mean([next(back).astype(np.float32) for _ in range(v.frames)], axis=0) for v in views]
     # The film is only done with, and its folder gone, once nothing more comes.
     if next(back, None) is not None:
         raise RuntimeError("more frames came back than were filmed")
-    return np.array(before) - expected, np.array(after) - expected
+    pixels = np.array([shooting.averaged(frame) for frame in after], np.float32) - np.array(level)
+    return np.array(before) - expected, np.array([shooting.binned(frame) for frame in after]) - expected, pixels

@@ -8,6 +8,7 @@ from scipy import stats
 
 from evanesce.inference.form_noise import noise_along
 from evanesce.inference.marks import TAIL, beyond
+from evanesce.inference.single_effects import Shapes, place_of, statistic_of
 
 BINS, FORMS, DRAWS = 400, 60, 24
 
@@ -22,6 +23,13 @@ def _scores(forms: np.ndarray, covariance: np.ndarray, noise: np.ndarray) -> np.
     return (weighted @ noise) / np.sqrt(np.einsum("ij,ij->i", weighted, forms))[:, None]
 
 
+def _evidence(gram: np.ndarray, along: np.ndarray) -> float:
+    """Of ten causes of as many forms each."""
+    parts = {str(k): slice(k * FORMS // 10, (k + 1) * FORMS // 10) for k in range(10)}
+    place = place_of([Shapes.of(k, gram[c, c]) for k, c in parts.items()], {k: along[c] for k, c in parts.items()})
+    return float(statistic_of(np.array(list(place.log_bayes.values()))))
+
+
 @pytest.mark.parametrize("size", [0.0, 0.4, 1.0])
 def test_scores_of_further_noise_are_standard(size: float) -> None:
     rng = np.random.default_rng(3)
@@ -29,7 +37,7 @@ def test_scores_of_further_noise_are_standard(size: float) -> None:
     root = np.linalg.cholesky(np.eye(BINS) + regions.T @ regions)
     draws = (root @ rng.standard_normal((BINS, DRAWS))).T
     draws -= draws.mean(axis=0)
-    found = noise_along(forms @ forms.T, forms @ draws.T)
+    found = noise_along(forms @ forms.T, forms @ draws.T, _evidence)
     assert found.variance >= 1.0
     rows = found.factors @ forms
     believed = found.variance * (np.eye(BINS) + rows.T @ rows)
@@ -44,14 +52,34 @@ def test_scores_of_further_noise_are_standard(size: float) -> None:
 def test_noise_that_is_as_believed_adds_little() -> None:
     rng = np.random.default_rng(4)
     forms, draws = _forms(rng), rng.standard_normal((DRAWS, BINS))
-    found = noise_along(forms @ forms.T, forms @ (draws - draws.mean(axis=0)).T)
+    found = noise_along(forms @ forms.T, forms @ (draws - draws.mean(axis=0)).T, _evidence)
     assert found.variance < 1.3
     assert (np.linalg.norm(found.factors @ forms, axis=1) ** 2).max(initial=0.0) < 2.0
 
 
+def test_noise_with_heavy_tails_is_seldom_evidence() -> None:
+    rng = np.random.default_rng(8)
+    forms = _forms(rng)
+    regions = rng.standard_normal((8, BINS))
+
+    def noise(count: int) -> np.ndarray:
+        # Regions that come and go: most draws have next to nothing of them, some a lot.
+        sizes = 0.5 * rng.standard_t(2.5, (count, 8))
+        return rng.standard_normal((count, BINS)) + sizes @ regions
+
+    draws = noise(DRAWS)
+    mean = draws.mean(axis=0)
+    found = noise_along(forms @ forms.T, forms @ (draws - mean).T, _evidence)
+    told = [_evidence(*found.marginalised(forms @ forms.T, forms @ (one - mean))) for one in noise(200)]
+    as_believed = [_evidence(forms @ forms.T, forms @ (one - mean)) for one in noise(200)]
+    # By Markov's inequality a Bayes factor of 20 comes up once in twenty times at most.
+    assert np.mean(np.array(told) > np.log(20.0)) < 0.1
+    assert np.mean(np.array(as_believed) > np.log(20.0)) > 0.3
+
+
 def test_too_few_draws_say_nothing() -> None:
     forms = _forms(np.random.default_rng(5))
-    found = noise_along(forms @ forms.T, np.zeros((FORMS, 3)))
+    found = noise_along(forms @ forms.T, np.zeros((FORMS, 3)), _evidence)
     assert found.variance == 1.0
     assert found.factors.shape == (0, FORMS)
 

@@ -6,14 +6,16 @@ are few directions of all, what the same draws scatter is known by itself; where
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, stats
+from scipy import ndimage, optimize
 
 Array = NDArray[Any]
+Evidence = Callable[[Array, Array], float]
 
 LEAST_DIRECTION = 0.1
 """Singular value of unit forms below which a direction is left out: forms have less than that in it."""
@@ -26,6 +28,8 @@ SHRINKAGES = (0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9)
 """Shares of a covariance of few draws that are tried in place of it by variances alone."""
 ALIKE = 7
 """Directions, in the order of how much of the forms lies in them, over which variances are averaged."""
+MOST_WIDENED = 100.0
+"""Times its variance up to which noise is widened."""
 
 
 @dataclass(frozen=True)
@@ -44,9 +48,26 @@ class FormNoise:
     variance: float
     factors: Array
 
+    def marginalised(self, gram: Array, along: Array) -> tuple[Array, Array]:
+        """Return inner products of forms, and theirs with data, in the metric of this noise.
 
-def noise_along(gram: Array, along: Array) -> FormNoise:
+        Parameters
+        ----------
+        gram : ndarray (forms, forms)
+            In the metric of what noise was believed to be.
+        along : ndarray (forms,)
+        """
+        inner, to = gram / self.variance, along / self.variance
+        rows = self.factors @ inner
+        weights = np.linalg.solve(np.eye(len(rows)) + rows @ self.factors.T, np.column_stack([rows, self.factors @ to]))
+        return inner - rows.T @ weights[:, :-1], to - rows.T @ weights[:, -1]
+
+
+def noise_along(gram: Array, along: Array, evidence: Evidence) -> FormNoise:
     """Return the noise along forms by the covariance of draws in their span; never less than is believed.
+
+    Noise of a codec is not normal, and few draws show where it is largest. So the covariance is widened until a draw,
+    judged by the others, is evidence for nothing: a Bayes factor has a mean of 1 where there is nothing to find.
 
     Parameters
     ----------
@@ -54,52 +75,64 @@ def noise_along(gram: Array, along: Array) -> FormNoise:
         Inner products of whitened forms, nuisances marginalised.
     along : ndarray (forms, draws)
         Of the forms with whitened draws of the noise that have no mean.
+    evidence : callable
+        ``evidence(gram, along (forms,)) -> float``: log Bayes factor of all causes over none, by inner products in a
+        metric [nats].
     """
-    size = np.sqrt(np.diag(gram))
+    size, count = np.sqrt(np.diag(gram)), along.shape[1]
     shown = np.flatnonzero(size > 1e-6 * size.max(initial=1e-300))
-    if shown.size == 0 or along.shape[1] < LEAST_DRAWS:
+    if shown.size == 0 or count < LEAST_DRAWS:
         return FormNoise(1.0, np.zeros((0, len(gram))))
     unit = gram[np.ix_(shown, shown)] / np.outer(size[shown], size[shown])
     squares, turn = np.linalg.eigh(unit)
     kept = squares > LEAST_DIRECTION**2
-    to_forms = (turn[:, kept] / np.sqrt(squares[kept])).T / size[shown]
-    variances, axes = np.linalg.eigh(predictive_covariance(to_forms @ along[shown]))
+    to_forms = np.zeros((int(kept.sum()), len(gram)))
+    to_forms[:, shown] = (turn[:, kept] / np.sqrt(squares[kept])).T / size[shown]
+    samples = to_forms @ along
+    scale, share = _most_predictive(samples)
+    by_others = []
+    for drawn in range(count):
+        others = _along(to_forms, scale * _shrunk(np.delete(samples, drawn, axis=1), share))
+        by_others.append(others.marginalised(gram, along[:, drawn]))
+
+    def mean_factor(widened: float) -> float:
+        each = [evidence(inner / widened, to / widened) for inner, to in by_others]
+        return float(np.logaddexp.reduce(each) - np.log(count))
+
+    widened = 1.0
+    if mean_factor(1.0) > 0.0:
+        far = mean_factor(MOST_WIDENED) > 0.0
+        widened = MOST_WIDENED if far else optimize.brentq(mean_factor, 1.0, MOST_WIDENED, xtol=0.02)
+    found = _along(to_forms, scale * _shrunk(samples, share))
+    return replace(found, variance=found.variance * widened)
+
+
+def _along(to_forms: Array, covariance: Array) -> FormNoise:
+    """Return noise of a covariance (r, r) in coordinates that are sums of forms (r, forms)."""
+    variances, axes = np.linalg.eigh(covariance)
     even = max(float(np.sort(variances)[::-1][min(ROWS, len(variances) - 1)]), 1.0)
     more = variances > even
-    factors = np.zeros((int(more.sum()), len(gram)))
-    factors[:, shown] = np.sqrt(variances[more] / even - 1.0)[:, None] * (axes[:, more].T @ to_forms)
-    return FormNoise(even, factors)
+    return FormNoise(even, np.sqrt(variances[more] / even - 1.0)[:, None] * (axes[:, more].T @ to_forms))
 
 
-def predictive_covariance(samples: Array) -> Array:
-    """Return the covariance (r, r) that a further sample has, as samples (r, n) foretell each other.
+def _most_predictive(samples: Array) -> tuple[float, float]:
+    """Return the scale of the covariance of samples (r, n), and the share of it that is replaced.
 
     That of few samples is too small along what they lack and too large along what they have: a share of it is replaced,
-    so that each sample is likeliest by the others (leave-one-out). It is enlarged until its normal law holds the
-    largest of each sample's coordinates as well: errors of whole regions come and go, and causes are judged by the
-    direction that stands out most.
-
-    Parameters
-    ----------
-    samples : ndarray (r, n)
+    so that each sample is likeliest by the others (leave-one-out).
     """
     size, count = samples.shape
-    usual_largest = float(stats.norm.isf(0.5 * (1.0 - 0.5 ** (1.0 / size))))
     found = []
     for share in SHRINKAGES:
-        squares, largest, logs = [], [], []
+        squares, logs = [], []
         for left_out in range(count):
             rest = np.delete(samples, left_out, axis=1)
             values, axes = np.linalg.eigh(_shrunk(rest, share))
-            standard = (axes.T @ (samples[:, left_out] - rest.mean(axis=1))) ** 2 / values
-            squares.append(float(standard.mean()))
-            largest.append(float(standard.max()))
+            squares.append(float(((axes.T @ (samples[:, left_out] - rest.mean(axis=1))) ** 2 / values).mean()))
             logs.append(float(np.log(values).sum()))
         scale = float(np.mean(squares))
-        tail = float(np.mean(np.sqrt(largest))) / usual_largest
-        found.append((size * np.log(scale) + float(np.mean(logs)), max(scale, tail**2), share))
-    _, scale, share = min(found)
-    return np.asarray(scale * _shrunk(samples, share))
+        found.append((size * np.log(scale) + float(np.mean(logs)), scale, share))
+    return min(found)[1:]
 
 
 def _shrunk(samples: Array, share: float) -> Array:

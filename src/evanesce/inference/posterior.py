@@ -24,7 +24,17 @@ from evanesce.inference.joint import Fitter, JointFit
 from evanesce.inference.laws import all_laws
 from evanesce.inference.power import Power, expected_power
 from evanesce.inference.shapes import drawn_points
-from evanesce.inference.single_effects import NONE, UNKNOWN, Place, Shapes, cause_of, null_statistics, p_value, place_of
+from evanesce.inference.single_effects import (
+    NONE,
+    UNKNOWN,
+    Place,
+    Shapes,
+    cause_of,
+    null_statistics,
+    p_value,
+    place_of,
+    statistic_of,
+)
 from evanesce.inference.small_space import SmallSpace
 
 Array = NDArray[Any]
@@ -350,7 +360,12 @@ class Judge:
         space = self._forms.joined(blocks, np.zeros((0, draws.shape[1])))
         gram, _ = space.marginalised({NUISANCES: 1.0}, [*self.known, DRAWN], None)
         count = gram.shape[0] - len(draws)
-        found = noise_along(gram[:count, :count], gram[:count, count:])
+
+        def evidence(inner: Array, along: Array) -> float:
+            shapes, products = self._cut(self._forms, self.known, inner, along)
+            return float(statistic_of(np.array(list(place_of(shapes, products).log_bayes.values()))))
+
+        found = noise_along(gram[:count, :count], gram[:count, count:], evidence)
         return found.variance, self._forms.combined(found.factors, self.known)
 
     def _rest(self, taken: Iterable[str], unknown: Iterable[str]) -> list[str]:
@@ -411,13 +426,19 @@ class Judge:
     ) -> tuple[list[Shapes], dict[str, Array], Array]:
         """Return the candidates' shapes, the products of each one's rows with the data, and all inner products."""
         gram, every = space.marginalised(marginal, candidates, vector)
+        return *self._cut(space, candidates, gram, every), gram
+
+    def _cut(
+        self, space: SmallSpace, candidates: Sequence[str], gram: Array, every: Array
+    ) -> tuple[list[Shapes], dict[str, Array]]:
+        """Return the candidates' shapes by inner products of all their rows, and each one's own with the data."""
         shapes, along, start = [], {}, 0
         for name in candidates:
             cut = slice(start, start + len(space.places[name]))
             shapes.append(self._shapes(name, gram[cut, cut]))
             along[name] = every[cut]
             start = cut.stop
-        return shapes, along, gram
+        return shapes, along
 
 
 def likelier(space: SmallSpace, marginal: Mapping[str, float], vector: int) -> Mapping[str, float]:

@@ -32,6 +32,8 @@ _CONTAINERS: dict[str, tuple[str, Fraction]] = {
 }
 _H264 = ("h264", *PI_CODECS)
 _SUFFIXES: dict[str, tuple[str, ...]] = {"ffv1": (".mkv",)} | dict.fromkeys(_H264, (".mp4", ".mov", ".mkv"))
+ENCODER_THREADS = 4
+"""Of x264, whose pictures depend on their number: as many on every machine."""
 _ENCODERS = {"ffv1": "ffv1"} | dict.fromkeys(_H264, "libx264")
 
 
@@ -206,7 +208,7 @@ class VideoWriter:
         stream.pix_fmt = "yuv420p" if self.codec in _H264 else "bgr0"
         stream.time_base = stream.codec_context.time_base = self._tick
         if self.codec == "h264":
-            stream.options = {"crf": str(self.quality), "bf": "0"}
+            stream.options = {"crf": str(self.quality), "bf": "0", "threads": str(ENCODER_THREADS)}
         elif self.codec in PI_CODECS:
             bits = bit_rate(self.codec, (rows, cols), self.frame_rate_hz, self.pi_quality)
             stream.codec_context.bit_rate, stream.codec_context.gop_size = bits, KEY_FRAMES[self.codec]

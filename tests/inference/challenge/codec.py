@@ -18,7 +18,7 @@ def by_video(frames: Sequence[np.ndarray], quality: int) -> list[np.ndarray]:
     packets = io.BytesIO()
     rows, cols = frames[0].shape
     with av.open(packets, "w", format="matroska") as film:
-        stream = film.add_stream("libx264", rate=30, options={"crf": str(quality), "bf": "0"})
+        stream = film.add_stream("libx264", rate=30, options={"crf": str(quality), "bf": "0", "threads": "4"})
         stream.width, stream.height, stream.pix_fmt = cols, rows, "yuv420p"
         for grey in frames:
             film.mux(stream.encode(av.VideoFrame.from_ndarray(grey, format="gray").reformat(format="yuv420p")))

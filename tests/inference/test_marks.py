@@ -162,8 +162,8 @@ def test_weights_of_one_group_do_not_carry_over_to_the_next(seen: Any, monkeypat
 
 def test_a_ripple_is_read_from_rows() -> None:
     rng = np.random.default_rng(3)
-    times, late = np.array([0.0, 7.31, 19.77, 41.2, 88.0, 131.9]), row_times(90, 0.0227)
-    light = np.full((6, 90, 4), 30.0)
+    times, late = np.array([0.0, 7.31, 19.77, 41.2, 63.9, 88.0, 105.3, 131.9]), row_times(90, 0.0227)
+    light = np.full((8, 90, 4), 30.0)
     wave = 0.02 * np.cos(2 * np.pi * 100.37 * (times[:, None] + late) + 0.7)
     found = brightest_ripple(light * wave[..., None] + rng.standard_normal(light.shape), light, times, late)
     assert found is not None
@@ -172,6 +172,23 @@ def test_a_ripple_is_read_from_rows() -> None:
     assert found.amplitude == pytest.approx(0.02, rel=0.15)
     assert found.log_bayes > 10.0
     assert brightest_ripple(rng.standard_normal(light.shape), light, times, late) is None
+
+
+def test_waves_that_draws_of_a_codecs_noise_have_as_well_are_no_ripple() -> None:
+    """Errors with a wave over the rows that goes on from frame to frame, of another frequency in each film."""
+    times, late = np.array([0.0, 7.31, 19.77, 41.2, 88.0, 131.9]), row_times(90, 0.0227)
+    light, rng = np.full((6, 90, 4), 30.0), np.random.default_rng(11)
+
+    def film(size: float) -> np.ndarray:
+        hertz, phase = rng.uniform(80.0, 300.0), rng.uniform(0.0, 2 * np.pi)
+        wave = size * np.cos(2 * np.pi * hertz * (times[:, None] + late) + phase)
+        return np.asarray(light * wave[..., None] + rng.standard_normal(light.shape))
+
+    drawn = np.array([(film(0.02 * abs(rng.standard_normal())) * light).sum(axis=2) for _ in range(12)])
+    data, strong = film(0.02), film(0.3)
+    assert brightest_ripple(data, light, times, late) is not None
+    assert brightest_ripple(data, light, times, late, drawn=drawn) is None
+    assert brightest_ripple(strong, light, times, late, drawn=drawn) is not None
 
 
 def test_noise_that_a_sensor_smooths_is_no_ripple() -> None:

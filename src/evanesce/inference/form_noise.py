@@ -6,7 +6,7 @@ are few directions of all, what the same draws scatter is known by itself; where
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -94,17 +94,29 @@ def noise_along(gram: Array, along: Array, evidence: Evidence) -> FormNoise:
     for drawn in range(count):
         others = _along(to_forms, scale * _shrunk(np.delete(samples, drawn, axis=1), share))
         by_others.append(others.marginalised(gram, along[:, drawn]))
-
-    def mean_factor(widened: float) -> float:
-        each = [evidence(inner / widened, to / widened) for inner, to in by_others]
-        return float(np.logaddexp.reduce(each) - np.log(count))
-
-    widened = 1.0
-    if mean_factor(1.0) > 0.0:
-        far = mean_factor(MOST_WIDENED) > 0.0
-        widened = MOST_WIDENED if far else optimize.brentq(mean_factor, 1.0, MOST_WIDENED, xtol=0.02)
+    widened = widening(lambda times: [evidence(inner / times, to / times) for inner, to in by_others])
     found = _along(to_forms, scale * _shrunk(samples, share))
     return replace(found, variance=found.variance * widened)
+
+
+def widening(evidence: Callable[[float], Sequence[float]]) -> float:
+    """Return by how much variance has to grow, at least 1, for noise to be evidence for nothing.
+
+    Parameters
+    ----------
+    evidence : callable
+        ``evidence(times) -> log Bayes factors`` of what is judged by so many times the variance and was drawn as noise.
+    """
+
+    def mean_factor(times: float) -> float:
+        each = evidence(times)
+        return float(np.logaddexp.reduce(each) - np.log(len(each)))
+
+    if mean_factor(1.0) <= 0.0:
+        return 1.0
+    if mean_factor(MOST_WIDENED) > 0.0:
+        return MOST_WIDENED
+    return float(optimize.brentq(mean_factor, 1.0, MOST_WIDENED, xtol=0.02))
 
 
 def _along(to_forms: Array, covariance: Array) -> FormNoise:

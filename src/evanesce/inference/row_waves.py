@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from evanesce.inference.causes import Cause
 from evanesce.inference.constants import DETECTED
+from evanesce.inference.form_noise import widening
 from evanesce.inference.listing import Listed, enlarged, placed
 from evanesce.inference.model import AnchoredModel
 from evanesce.prediction.parameters import derivative
@@ -168,29 +169,39 @@ def brightest_ripple(
         moving = size.sum() - np.abs(turn @ size) ** 2 / max(float(size.sum()), 1e-300)
         return turn @ sums, np.where(moving > MOVING * size.sum(), moving, np.inf)
 
-    rows = _Rows.of(product, weight, late_s, own, drawn)
-    best, at = 0.0, 0.0
-    for start in coarse:
-        tried = start + offsets
-        sums, moving = along(tried, *rows.sums(start + 0.5 * offsets[-1]))
-        squares = 2.0 * np.abs(sums) ** 2 / moving
-        k = int(np.argmax(squares))
-        if squares[k] > best and possible(float(tried[k])):
-            best, at = float(squares[k]), float(tried[k])
-    (whole,), (size,) = along(np.array([at]), *rows.sums(at))
-    # Noise is known as well as the other waves show it: Student's law instead of the normal one.
-    known = 2.0 * max(int(rows.far(at).sum()), 1) * len(product)
-    if drawn is not None:
-        # A codec hands errors on from frame to frame: of all frames of a draw there is one.
-        known = min(known, 2.0 * (len(drawn) - 1))
-    square = known * float(np.log1p(2.0 * abs(whole) ** 2 / size / known))
+    def best_of(product: Array, drawn: Array | None) -> tuple[float, complex, float, float]:
+        """Return the frequency that explains most of row sums, its sum and information, and its square over noise."""
+        rows = _Rows.of(product, weight, late_s, own, drawn)
+        best, at = 0.0, 0.0
+        for start in coarse:
+            tried = start + offsets
+            sums, moving = along(tried, *rows.sums(start + 0.5 * offsets[-1]))
+            squares = 2.0 * np.abs(sums) ** 2 / moving
+            k = int(np.argmax(squares))
+            if squares[k] > best and possible(float(tried[k])):
+                best, at = float(squares[k]), float(tried[k])
+        (whole,), (size,) = along(np.array([at]), *rows.sums(at))
+        # Noise is known as well as the other waves show it: Student's law instead of the normal one.
+        known = 2.0 * max(int(rows.far(at).sum()), 1) * len(product)
+        return at, complex(whole), float(size), known * float(np.log1p(2.0 * abs(whole) ** 2 / size / known))
+
     # One frequency among those that can be told apart, and a phase that may as well have been another one.
     number = (RANGE_HZ[1] - RANGE_HZ[0]) * max(span, readout)
+
+    def worth(square: float) -> float:
+        return 0.5 * square - float(np.log(number) + 0.5 * np.log1p(square))
+
+    at, whole, size, square = best_of(product, drawn)
     if number * np.exp(-0.5 * square) > DETECTED:
         return None
-    worth = 0.5 * square - float(np.log(number) + 0.5 * np.log1p(square))
+    if drawn is not None:
+        # A codec hands errors on from frame to frame, and only whole draws show how they add up.
+        noise = [best_of(one, np.delete(drawn, k, axis=0))[3] for k, one in enumerate(drawn)]
+        square /= widening(lambda times: [worth(one / times) for one in noise])
+        if number * np.exp(-0.5 * square) > DETECTED:
+            return None
     # The sums hold exp(-i phase) of a crest: cos(2 pi f t + phase) has the sum's own angle.
-    return Ripple(at, float(np.degrees(np.angle(whole))), float(2.0 * abs(whole) / size), worth)
+    return Ripple(at, float(np.degrees(np.angle(whole))), 2.0 * abs(whole) / size, worth(square))
 
 
 def _row_sums(residual: Array, light: Array) -> Array:
@@ -264,8 +275,9 @@ class _Rows:
         about = self._wave(frequency_hz)
         far = self.far(frequency_hz)
         power = self.power[far] if far.any() else np.ones((1, len(self.left)))
-        # A frame's own few waves, and those of all frames.
-        excess = np.maximum(np.maximum(power.mean(axis=0), power.mean()), 1.0)
+        # A frame's own few waves, and those of a usual frame: one that the model misses says nothing of the others.
+        own = power.mean(axis=0)
+        excess = np.maximum(np.maximum(own, np.median(own)), 1.0)
         excess = np.maximum(excess, [np.interp(frequency_hz, self.hertz, one) for one in self.usual.T])
         return (self.left * about).sum(axis=1) / excess, (np.abs(about) ** 2).sum(axis=1) / excess
 

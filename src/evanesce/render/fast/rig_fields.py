@@ -149,12 +149,23 @@ def unit_digest(scene: Scene) -> str:
     scene : Scene
     """
     data = scene.as_dict()
+    finger = ("position_mm", "refractive_index", "tip_radius_mm", "diameter_mm", "length_mm")
+    parts = [{key: data[table][key] for key in keys} for table, keys in (("finger", finger), ("grid", ("size_mm",)))]
+    return digest([plate_digest(scene), parts])
+
+
+def plate_digest(scene: Scene) -> str:
+    """Return the digest of what decides light in the empty plate per unit of its sources.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
+    data = scene.as_dict()
     plate = ("size_mm", "thickness_mm", "refractive_index", "absorption_coefficient_per_mm", "edge_polish")
     leds = ("emitting_width_mm", "emitting_height_mm", "air_gap_share")
-    finger = ("position_mm", "refractive_index", "tip_radius_mm", "diameter_mm", "length_mm")
     positions = {edge: own.tolist() for edge, own in led_positions(scene.plate, scene.leds).items()}
-    parts = [{key: data[table][key] for key in keys} for table, keys in
-             (("plate", plate), ("leds", leds), ("finger", finger), ("grid", ("size_mm",)))]  # fmt: skip
+    parts = [{key: data[table][key] for key in keys} for table, keys in (("plate", plate), ("leds", leds))]
     return digest([FORMAT, parts, positions])
 
 

@@ -19,7 +19,7 @@ from evanesce.core.states import ContactState
 from evanesce.optics.edge_rays import stacked_radiances
 from evanesce.optics.flank.irradiance import flank_irradiance, mirrored_exchange
 from evanesce.optics.flank.pressed import PressedFinger
-from evanesce.optics.guided_field import EdgeExchange, edge_response
+from evanesce.optics.guided_field import edge_exchange, edge_response
 from evanesce.optics.haze import FACES, clouds, haze_radiance, hazy_floor
 from evanesce.optics.interface import fresnel_reflectance
 from evanesce.optics.patch_light import external_diffuse_reflectance
@@ -27,7 +27,7 @@ from evanesce.optics.projection import IdealView, Projection
 from evanesce.optics.spill import spilled_irradiance
 from evanesce.render.fast.defects import guided_irradiance
 from evanesce.render.fast.flank_table import AZIMUTHS, STATIONS, positions
-from evanesce.render.fast.rig_fields import PER_EDGE, unit_digest, unit_light
+from evanesce.render.fast.rig_fields import PER_EDGE, plate_digest, unit_digest
 from evanesce.render.fast.rig_optics import edge_light, finger_surface, geometry_digest
 from evanesce.render.fast.sampling import enlarged, view_rays
 from evanesce.render.kept import kept
@@ -43,6 +43,8 @@ SPILL_NODES = 64
 ESCAPE_NODES = 9
 """Nodes along each side of the part of a backdrop that is seen: for spill, which the finger shades, and for what leaves
 the plate's top face, which is smooth."""
+ESCAPE_STEP = 5.0
+"""To whose multiples the latter part is enlarged [mm]: a camera that is turned a little sees the same nodes."""
 
 
 # --- the finger's flank ----------------------------------------------------------------------------------------------
@@ -273,10 +275,14 @@ def backdrop_irradiance(scene: Scene, x: Array, y: Array, radiances: Array, *, f
         axes, points, normals = _nodes(x, y, height, SPILL_NODES)
         lit = radiances @ spilled_irradiance(light, points, normals, surroundings.spill.height_mm, shadow)
         found = found + surroundings.spill.share * _between(axes, lit, x, y, order=1)
-    axes, points, normals = _nodes(x, y, height, ESCAPE_NODES)
-    led, edge = flank_irradiance(light, points, normals, per_edge=PER_EDGE)
-    unit = unit_light(scene)
-    exchange = EdgeExchange(unit.edge_from_led.astype(float), unit.edge_from_edge.astype(float))
+    wide_x, wide_y = (
+        np.array([np.floor(p.min() / ESCAPE_STEP), np.ceil(p.max() / ESCAPE_STEP)]) * ESCAPE_STEP for p in (x, y)
+    )
+    axes, points, normals = _nodes(wide_x, wide_y, height, ESCAPE_NODES)
+    plate = plate_digest(scene)
+    key = digest([plate, height, wide_x.tolist(), wide_y.tolist()])
+    led, edge = kept("escape", key, lambda: flank_irradiance(light, points, normals, per_edge=PER_EDGE))
+    exchange = kept("edge exchange", plate, lambda: edge_exchange(light, per_edge=PER_EDGE))
     edges = edge_response(exchange, light.edge_reflectance) @ (exchange.from_led @ radiances)
     return found + _between(axes, radiances @ led + edges @ edge, x, y, order=3)
 

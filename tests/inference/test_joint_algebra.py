@@ -15,8 +15,10 @@ from evanesce.inference.answer import verdict_of
 from evanesce.inference.causes import Cause, Entry
 from evanesce.inference.data import DataVector
 from evanesce.inference.discrepancy import Discrepancy, cosines, tied_rows
+from evanesce.inference.explained import Scan
 from evanesce.inference.gauss_newton import Prior, bounded_step, broyden, fit
 from evanesce.inference.joint import Fitter, JointFit, taken_from
+from evanesce.inference.listing import placed
 from evanesce.inference.posterior import Judge, Posterior
 from evanesce.inference.search import Search, everything_marginalised, loss_of, removal
 from evanesce.inference.shapes import FormBank, Forms
@@ -212,10 +214,10 @@ def toy(true: dict[str, float], *, decoys: int = 12, bend: float = 0.0, size: fl
     return fitter, [cause(n) for n in names]
 
 
-def searched(fitter: Any, causes: Any) -> tuple[Search, JointFit, Posterior]:
+def searched(fitter: Any, causes: Any, marks: Any = None) -> tuple[Search, JointFit, Posterior]:
     fitter.model.discretisation = np.zeros((len(VIEWS), *SHAPE))
     bank: Any = ToyBank(fitter.model, np.random.default_rng(7))
-    search = Search(fitter, causes, Judge(fitter, causes, bank, Discrepancy(fitter.model)))
+    search = Search(fitter, causes, Judge(fitter, causes, bank, Discrepancy(fitter.model)), marks=marks)
     return search, *search.run(fitter.relinearised([], {}))
 
 
@@ -247,6 +249,19 @@ def test_noise_alone_adds_nothing():
     assert found.ids == ()
     assert posterior.further_p > 0.01
     assert posterior.further.probability["none"] > 0.5
+
+
+@pytest.mark.parametrize(("true", "named"), [(-0.002, False), (0.01, True)])
+def test_a_ripple_of_the_rows_that_the_joint_fit_gives_no_strength_is_not_told(true, named):
+    """Rationale: rows of a strongly compressed film were told as a ripple at 1.000 whose fitted strength was 0."""
+    fitter, causes = toy({"band:x": true}, decoys=3)
+    own = Parameter(name="band:x", deviation=1.0, step=0.01, bounds=(0.0, 5.0))
+    fitter.model.list_defects = lambda effect, settings: None
+    found = Scan(listed=(placed(causes[0], own, {}, 0.07),), ripples={"band": 14.9})
+    search, fit, posterior = searched(fitter, causes[1:], SimpleNamespace(model=fitter.model, scan=lambda point: found))
+    assert (fit.ids == ("band",)) is named
+    assert ("band" in posterior.places) is named
+    assert ("no strength" in search.not_taken["band"]) is not named
 
 
 def test_a_cause_that_stands_in_for_another_shares_its_place():

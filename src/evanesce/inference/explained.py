@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -58,6 +58,15 @@ class Scan:
         """Defects by the cause that explains them best."""
         names = dict.fromkeys(mark.cause for mark in self.marks)
         return {name: tuple(m for m in self.marks if m.cause == name) for name in names}
+
+    def without(self, causes: Collection[str]) -> Scan:
+        """Return what was found less what is some causes'."""
+        return replace(
+            self,
+            marks=tuple(m for m in self.marks if m.cause not in causes),
+            listed=tuple(own for own in self.listed if own.taken.id not in causes),
+            ripples={name: value for name, value in self.ripples.items() if name not in causes},
+        )
 
     def places(self) -> dict[str, Place]:
         """Return, for the defects of each cause, which cause they are: their log Bayes factors add up."""

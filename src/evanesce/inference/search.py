@@ -192,6 +192,17 @@ class Search:
         if len(taken) == len(now.taken):
             return now
         better = self.fitter.relinearised(taken, start)
+        new = [own.id for own in taken[len(now.taken) :]]
+        denied = {name for name in new if not np.any(better.departures()[better.of_cause(name)])}
+        if denied:
+            # All views together give it no strength: what stood out is something else.
+            self.scan = self.scan.without(denied)
+            self.refused |= dict.fromkeys(denied, "places stand out, but the joint fit gives it no strength")
+            taken = [own for own in taken if own.id not in denied]
+            if len(taken) == len(now.taken):
+                model.anchor(now.point)
+                return now
+            better = self.fitter.relinearised(taken, {n: v for n, v in start.items() if n.split(":")[0] not in denied})
         for own in taken[len(now.taken) :]:
             self._note(
                 "add", own.id, better, now, f"{max(len(self.scan.by_cause.get(own.id, ())), 1)} places stand out"

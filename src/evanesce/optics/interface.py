@@ -55,11 +55,12 @@ def fresnel_reflectance(cos_theta: ArrayLike, n1: float, n2: float) -> Array:
         Refractive indices [1].
     """
     cos_theta = np.asarray(cos_theta, float)
-    sin2 = 1.0 - cos_theta**2
-    c1, c2 = n1 * cos_theta + 0j, _normal_cosine(sin2, n2, n1)
-    r_s = _amplitude(c1, c2)
-    r_p = _amplitude(c1 / n1**2, c2 / n2**2)
-    return np.asarray(0.5 * (np.abs(r_s) ** 2 + np.abs(r_p) ** 2))
+    c1 = n1 * cos_theta
+    # Beyond the critical angle c2 is imaginary and both amplitudes have size 1, as with c2 = 0.
+    c2 = np.sqrt(np.maximum(n2 * n2 - n1 * n1 + c1 * c1, 0.0))
+    c1, c2 = np.maximum(c1, np.finfo(float).tiny), np.asarray(c2)
+    s, p = (c1 - c2) / (c1 + c2), (n2 * n2 * c1 - n1 * n1 * c2) / (n2 * n2 * c1 + n1 * n1 * c2)
+    return np.asarray(0.5 * (s * s + p * p))
 
 
 def frustrated_reflectance(

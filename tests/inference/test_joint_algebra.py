@@ -94,6 +94,32 @@ def test_relinearised_fit_recovers_the_parameters_of_a_bent_model():
     assert poor.misfit > 10 * found.misfit
 
 
+def test_derivatives_are_made_anew_only_where_steps_have_left_them():
+    """A bent model: derivatives made where a fit ends serve the next one; far off ones are replaced after two steps."""
+    calls = []
+
+    def model(v: Any) -> Any:
+        return np.array([np.exp(v[0]), v[0] + v[1], v[1] ** 3])
+
+    def jacobian(v: Any, predicted: Any) -> Any:
+        calls.append(1)
+        return np.array([[np.exp(v[0]), 1.0, 0.0], [0.0, 1.0, 3 * v[1] ** 2]])
+
+    data, none = model(np.array([2.0, 1.5])), Metric.of(np.zeros((0, 3)), np.zeros(0))
+    wrong = -jacobian(np.zeros(2), None)
+    found = fit(model, jacobian, 30 * data, loose(2), np.full(2, 0.7), metric=none, rows=wrong, rounds=40, renewals=9)
+    assert 1 < len(calls) < 11
+    calls.clear()
+    made = jacobian(found.values, None)
+    calls.clear()
+    again = fit(model, jacobian, 30 * data, loose(2), found.values, metric=none, rows=made, fresh=True)
+    assert again.fresh
+    assert not calls
+    stale = fit(model, jacobian, 30 * data, loose(2), found.values, metric=none, rows=made)
+    assert len(calls) == 1
+    assert stale.fresh
+
+
 def test_fit_stays_in_bounds_and_counts_impossible_values_as_failed_steps():
     rows = np.array([[1.0, 0.5, 0.0], [0.0, 1.0, 1.0]])
 

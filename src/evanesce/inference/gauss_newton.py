@@ -18,8 +18,9 @@ Jacobian = Callable[[Array, Array], Array]
 
 DAMPED, UNDAMPED = 10.0, 0.2
 """Factors of Levenberg and Marquardt's damping after a step that failed and one that did not."""
-FAILURES = 5
-"""Steps that may fail in a row."""
+FAILURES, STALE_FAILURES = 5, 2
+"""Steps that may fail in a row: by derivatives made where they start, and by those that steps have corrected since, if
+they can be made anew."""
 SETTLED = 1e-4
 """A fit has settled where a step promises less than this share of the misfit above noise's, or less than half a nat."""
 HELD = 1e9
@@ -65,6 +66,8 @@ class Solution:
     held : ndarray of bool (n,)
         Parameters that a bound holds against the data: nothing can be had by moving them on, though their prior, which
         knows no bound, would let them.
+    fresh : bool
+        Whether the derivatives were made where the solution is: no step has corrected them since.
     """
 
     values: Array
@@ -73,6 +76,7 @@ class Solution:
     misfit: float
     precision: Array
     held: NDArray[np.bool_]
+    fresh: bool = False
 
     @property
     def covariance(self) -> Array:
@@ -123,7 +127,8 @@ def fit(
     *,
     metric: Metric,
     rows: Array | None = None,
-    rounds: int = 8,
+    fresh: bool = False,
+    rounds: int = 12,
     renewals: int = 1,
 ) -> Solution:
     """Fit a model.
@@ -143,6 +148,8 @@ def fit(
         Inner product of the data space, nuisances marginalised.
     rows : ndarray (n, d), optional
         Derivatives at the start, where they are known.
+    fresh : bool
+        Whether these were made there.
     rounds : int
         Predictions at most.
     renewals : int
@@ -160,15 +167,16 @@ def fit(
         left = data - prediction
         return float(metric.project(left) @ left) + prior.square(at)
 
-    misfit, damping, failed, fresh = misfit_of(values, predicted), 0.0, 0, rows is None
+    misfit, damping, failed, fresh = misfit_of(values, predicted), 0.0, 0, rows is None or fresh
     for _ in range(rounds):
         precision, gradient = _normal(slopes, data - predicted, values, prior, metric)
         damped = precision + damping * np.diag(np.diag(precision))
         step = bounded_step(damped, gradient, prior.low - values, prior.high - values)
         promised = 2.0 * float(step @ gradient) - float(step @ precision @ step)
         settled = promised < max(SETTLED * (misfit - data.size), 1.0)
-        if settled or failed >= FAILURES:
-            if fresh or renewals == 0:
+        stale = not fresh and renewals > 0
+        if settled or failed >= (STALE_FAILURES if stale else FAILURES):
+            if not stale:
                 break
             slopes, fresh, renewals = np.array(jacobian(values, predicted), float), True, renewals - 1
             damping, failed = 0.0, 0
@@ -179,8 +187,8 @@ def fit(
         except InputError:
             damping, failed = max(damping, 0.1) * DAMPED, failed + 1
             continue
-        slopes = broyden(slopes, trial - values, there - predicted, precision)
-        fresh = False
+        corrected = broyden(slopes, trial - values, there - predicted, precision)
+        fresh, slopes = fresh and corrected is slopes, corrected
         value = misfit_of(trial, there)
         if value < misfit:
             values, predicted, misfit, failed = trial, there, value, 0
@@ -189,7 +197,7 @@ def fit(
             damping, failed = max(damping, 0.01) * DAMPED, failed + 1
     precision, gradient = _normal(slopes, data - predicted, values, prior, metric)
     held = ((values <= prior.low) & (gradient < 0)) | ((values >= prior.high) & (gradient > 0))
-    return Solution(values, predicted, slopes, misfit, precision, held)
+    return Solution(values, predicted, slopes, misfit, precision, held, fresh)
 
 
 def broyden(rows: Array, step: Array, change: Array, precision: Array) -> Array:

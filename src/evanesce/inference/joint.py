@@ -165,7 +165,8 @@ class Fitter:
         *,
         metric: Metric,
         rows: Array | None = None,
-        rounds: int = 8,
+        fresh: bool = False,
+        rounds: int = 12,
         renewals: int = 1,
     ) -> JointFit:
         """Return the joint fit about the present anchor.
@@ -177,7 +178,7 @@ class Fitter:
         metric : Metric
         rows : ndarray (parameters, bins), optional
             Derivatives at the start.
-        rounds, renewals : int
+        fresh, rounds, renewals
             See :func:`evanesce.inference.gauss_newton.fit`.
         """
         parameters = (*(p for t in taken for p in t.parameters), *self.nuisances)
@@ -201,8 +202,8 @@ class Fitter:
 
         values = np.array([value_of(start, p) for p in parameters])
         solution = fit(
-            predict, jacobian, self.observed, _prior(parameters), values, metric=metric, rows=rows, rounds=rounds,
-            renewals=renewals,
+            predict, jacobian, self.observed, _prior(parameters), values, metric=metric, rows=rows, fresh=fresh,
+            rounds=rounds, renewals=renewals,
         )  # fmt: skip
         residual = self.observed - solution.predicted
         return JointFit(
@@ -228,6 +229,7 @@ class Fitter:
         """
         point = dict(start)
         rows: Array | None = None
+        fresh = False
         for number in range(ANCHORS):
             self.model.anchor(point)
             self._evaluated_at = {name: point[name] for t in taken for name in t.slow}
@@ -239,8 +241,8 @@ class Fitter:
                     [known[p.name] if p.name in known else self.model.derivative(point, p) for p in parameters]
                 )
             # An anchor moves the prediction, not its derivatives: those of the last serve until they gain no more.
-            found = self.fitted(taken, point, metric=metric, rows=rows)
-            rows = found.solution.rows
+            found = self.fitted(taken, point, metric=metric, rows=rows, fresh=fresh)
+            rows, fresh = found.solution.rows, found.solution.fresh
             before = self.observed - self.model.vector(point)
             first = float(metric.project(before) @ before)
             point = dict(found.point)

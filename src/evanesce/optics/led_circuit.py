@@ -199,7 +199,10 @@ def relative_efficiency(current: ArrayLike, peak_current: float, droop: float) -
     # Each term of the cubic alone is at most c: an upper bound, from which Newton on a convex function only descends.
     s = np.minimum(np.minimum(np.sqrt(c), np.cbrt(c / droop)), c / droop)
     for _ in range(40):
-        s = s - (s * (droop * s * s + s + droop) - c) / (3.0 * droop * s * s + 2.0 * s + droop)
+        step = (s * (droop * s * s + s + droop) - c) / (3.0 * droop * s * s + 2.0 * s + droop)
+        s = s - step
+        if np.all(np.abs(step) <= 1e-15 * s):
+            break
     return np.asarray((1.0 + 2.0 * droop) * s / (droop * s * s + s + droop))
 
 

@@ -21,13 +21,14 @@ from evanesce.bundle.card_light import card_light, plane_points
 from evanesce.contact.solve import contact_state
 from evanesce.core.states import ContactState, Frame, PlateLight, SensorLight
 from evanesce.effects import Active, Context, Stage, active_effects, all_effects
-from evanesce.optics.led import led_positions, led_radiances
+from evanesce.optics.led import led_positions
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.optics.seen import seen_at, under_lamp
 from evanesce.prediction.tone import expected_tone
 from evanesce.prediction.views import View, binned
 from evanesce.render.cards import Pose, checkerboard_of, pose_of, square_of
 from evanesce.render.fast.fields import fields_of
+from evanesce.render.fast.rig_optics import radiances_of
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
 from evanesce.sensor.expose import charge_of, signal_of
@@ -394,7 +395,7 @@ def _behind_plate(rig: Scene, marked: bool) -> str:
 
 def _led_pattern(rig: Scene) -> tuple[tuple[Any, ...], float]:
     """Return places and relative radiances of the LEDs, and their mean radiance [W mm^-2 sr^-1]."""
-    radiances = led_radiances(rig.plate, rig.leds)
+    radiances = radiances_of(rig)
     every = np.concatenate(list(radiances.values()))
     level = float(every.mean())
     shares = every / level if level > 0 else every

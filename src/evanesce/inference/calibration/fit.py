@@ -130,7 +130,8 @@ def fit_rig(bundle: Bundle, *, seed: int = 0, tell: Tell = lambda line: None, ex
     model = start.model
     tell("intervals")
     # Derivatives that steps corrected (Broyden) overstate what the data determine: those of intervals are made anew.
-    best = start.fitter.fitted(into.taken, best.point, metric=best.metric, rounds=0)
+    if not best.solution.fresh:
+        best = start.fitter.fitted(into.taken, best.point, metric=best.metric, rounds=0)
     discrepancy = discrepancy_of(model)
     tied = discrepancy.every_row(best)
     figures = intervals(best, tied)

@@ -13,6 +13,7 @@ from evanesce.bundle.area import AreaReading, contact_area
 from evanesce.bundle.layout import Series
 from evanesce.chain.simulate import solve_contact
 from evanesce.core.errors import InputError
+from evanesce.effects import Stage, active_effects
 from evanesce.inference.series.rows import LEAST_AREA_MM2, LEAST_FORCE_N
 from evanesce.prediction.fine import FinePredictor, in_pixels
 from evanesce.prediction.observe import model_factor, model_scene
@@ -25,7 +26,7 @@ Point = Mapping[str, float]
 
 FORCES_FOR_DEPTH = np.geomspace(0.02, 12.0, 14)
 DEFAULT_FORCE_N = 3.0
-KEPT = 400
+KEPT, KEPT_LAWS = 400, 80
 
 
 class SeriesPredictor:
@@ -46,6 +47,7 @@ class SeriesPredictor:
         self._frames = self._predictor()
         self._smaller = self._frames.before * self._frames.factor if isinstance(self._frames, FinePredictor) else 1
         self._kept = Kept(KEPT)
+        self._depths = Kept(KEPT_LAWS)
 
     def _predictor(self) -> Predictor:
         if self._fine:
@@ -115,23 +117,34 @@ class SeriesPredictor:
 
     def _force(self, scene: Scene, series: Series, point: Point) -> Array:
         """Return the force at displacements, by turning the law's depth at forces around [N]."""
-        forces, depths = [], []
-        for force in FORCES_FOR_DEPTH:
-            try:
-                _, state = solve_contact(scene, float(force), seed=0, time_s=series.held.get("time_s", 0.0))
-            except InputError:
-                continue  # beyond what the law knows
-            if state is not None and np.isfinite(state.depth):
-                forces.append(float(force))
-                depths.append(float(state.depth))
+        time_s = series.held.get("time_s", 0.0)
+        # A law takes fourteen contacts; most of what a fit varies leaves it as it is.
+        rig, _ = solve_contact(scene, None, seed=0, time_s=time_s)
+        touching = [e for e in active_effects(scene) if e.effect.stage in (Stage.LOAD, Stage.CONTACT)]
+        key = (time_s, *(repr(part) for part in (touching, rig.finger, rig.contact, rig.grid, rig.slide)))
+        depths, forces = self._depths.get(key, lambda: law_of_depth(scene, time_s))
         if len(forces) < 2:
             raise InputError(
                 "has no depth", key="contact.law", allowed="a law with a depth, for series of displacement"
             )
-        order = np.argsort(depths)
         depth = np.asarray(series.x, float) + point.get(f"@zero[{series.name}]", 0.0)
-        log_depth, log_force = (np.log(np.maximum(np.array(x)[order], 1e-6)) for x in (depths, forces))
+        log_depth, log_force = (np.log(np.maximum(x, 1e-6)) for x in (depths, forces))
         return np.exp(np.interp(np.log(np.maximum(depth, 1e-6)), log_depth, log_force))
+
+
+def law_of_depth(scene: Scene, time_s: float) -> tuple[Array, Array]:
+    """Return depths [mm], ascending, and the forces [N] that press a rig's finger so deep."""
+    forces, depths = [], []
+    for force in FORCES_FOR_DEPTH:
+        try:
+            _, state = solve_contact(scene, float(force), seed=0, time_s=time_s)
+        except InputError:
+            continue  # beyond what the law knows
+        if state is not None and np.isfinite(state.depth):
+            forces.append(float(force))
+            depths.append(float(state.depth))
+    order = np.argsort(depths)
+    return np.array(depths)[order], np.array(forces)[order]
 
 
 def log_of(predictor: SeriesPredictor, series: Sequence[Series], point: Point) -> Array:

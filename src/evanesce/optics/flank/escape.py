@@ -30,7 +30,8 @@ FURTHER_IMAGES = 3
 ANGLES = 3
 """Angles within an image."""
 
-_CHUNK = 1 << 21
+_CHUNK = 1 << 15
+"""Paths at a time: as many as a processor's cache holds."""
 
 
 def exit_slope(run: Array, drop: Array, height: Array, refractive_index: float) -> Array:
@@ -63,7 +64,11 @@ def exit_slope(run: Array, drop: Array, height: Array, refractive_index: float) 
         root2 = n2 + least * slope**2
         root = np.sqrt(root2)
         missing = run - drop * slope / root - height * slope
-        slope = np.minimum(slope + missing / np.maximum(drop * n2 / (root2 * root) + height, 1e-300), GRAZING)
+        closer = np.minimum(slope + missing / np.maximum(drop * n2 / (root2 * root) + height, 1e-300), GRAZING)
+        settled = np.all(closer - slope <= 1e-15 * closer)
+        slope = closer
+        if settled:
+            break
     return np.asarray(slope)
 
 
@@ -104,8 +109,10 @@ def _irradiance(
     run = np.hypot(inward, beside)
     top, bottom, mirrored = _image_columns(light, *depths, float(run.max()))
     where = run[..., None], points[:, None, None, 2]
-    low, high = (np.arctan(exit_slope(where[0], d[None, None, :], where[1], light.refractive_index))
-                 for d in (bottom, top))  # fmt: skip
+    # Images of a whole edge hang together: each end is that of two of them.
+    ends, place = np.unique(np.round(np.concatenate([bottom, top]), 12), return_inverse=True)
+    seen = np.arctan(exit_slope(where[0], ends[None, None, :], where[1], light.refractive_index))
+    low, high = seen[..., place[: bottom.size]], seen[..., place[bottom.size :]]
     # The path to the source, horizontally, in the sense of the normal.
     towards = (normals[:, across, None] * side * inward + normals[:, lengthwise, None] * beside) / run
     u, w = np.polynomial.legendre.leggauss(ANGLES)

@@ -19,12 +19,12 @@ from evanesce.core.provenance import digest
 from evanesce.core.states import PlateLight
 from evanesce.optics.edge_rays import stacked_radiances
 from evanesce.optics.interface import frustrated_transmittance
-from evanesce.optics.led import led_positions, led_radiances
+from evanesce.optics.led import led_positions
 from evanesce.optics.patch_light import returned_radiance, window_transmittance
 from evanesce.optics.plate_field import AngleBins, unit_fields
 from evanesce.optics.projection import Projection
 from evanesce.render.fast.field_files import read_arrays, write_arrays
-from evanesce.render.fast.rig_optics import edge_light, interface_of
+from evanesce.render.fast.rig_optics import edge_light, interface_of, radiances_of
 from evanesce.render.kept import kept
 from evanesce.rig import Scene
 
@@ -81,7 +81,7 @@ def _over_plate(scene: Scene, x: ArrayLike, y: ArrayLike, field_of: Callable[...
     x, y = np.asarray(x, float), np.asarray(y, float)
     half_x, half_y = scene.plate.size_mm[0] / 2 - EDGE_MARGIN, scene.plate.size_mm[1] / 2 - EDGE_MARGIN
     # In proportion to the LEDs' power: one field serves all voltages while their shares stay.
-    level = float(np.mean(np.concatenate(list(led_radiances(scene.plate, scene.leds).values()))))
+    level = float(np.mean(np.concatenate(list(radiances_of(scene).values()))))
     if level == 0.0:
         return np.zeros(np.broadcast_shapes(x.shape, y.shape))
     field = field_of(scene, level)
@@ -107,7 +107,7 @@ def _guided_field_of(scene: Scene, level: float) -> RectBivariateSpline:
 def _light_parts(scene: Scene, level: float) -> list[Any]:
     """Return all that the guided field depends on, up to the LEDs' level."""
     data = scene.as_dict()
-    shares = {e: np.round(r / level, 9).tolist() for e, r in led_radiances(scene.plate, scene.leds).items()}
+    shares = {e: np.round(r / level, 9).tolist() for e, r in radiances_of(scene).items()}
     positions = {e: p.tolist() for e, p in led_positions(scene.plate, scene.leds).items()}
     faces = [data["leds"][key] for key in ("emitting_width_mm", "emitting_height_mm", "air_gap_share")]
     return [data["plate"], faces, shares, positions]

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from evanesce.core.provenance import digest
 from evanesce.optics.edge_rays import EdgeLight
 from evanesce.optics.flank.surface import FingerSurface
 from evanesce.optics.led import led_positions, led_radiances
 from evanesce.optics.patch_light import Interface
+from evanesce.render.kept import kept
 from evanesce.rig import Scene
+
+Array = NDArray[np.float64]
 
 _NOT_GEOMETRY = ("exposure_ms", "analogue_gain", "tone_curve")
 
@@ -26,11 +32,22 @@ def edge_light(scene: Scene) -> EdgeLight:
         absorption_coefficient=scene.plate.absorption_coefficient_per_mm,
         edge_reflectance=scene.plate.edge_reflectance,
         positions=led_positions(scene.plate, scene.leds),
-        radiances=led_radiances(scene.plate, scene.leds),
+        radiances=radiances_of(scene),
         emitter_size=(scene.leds.emitting_width_mm, scene.leds.emitting_height_mm),
         edge_polish=scene.plate.edge_polish,
         air_gap_share=scene.leds.air_gap_share,
     )
+
+
+def radiances_of(scene: Scene) -> dict[str, Array]:
+    """Return :func:`~evanesce.optics.led.led_radiances` of a scene, kept: each is a circuit solved.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
+    key = repr((scene.plate.size_mm, scene.leds))
+    return dict(kept("led radiances", key, lambda: led_radiances(scene.plate, scene.leds)))
 
 
 def interface_of(scene: Scene) -> Interface:

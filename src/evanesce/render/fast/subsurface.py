@@ -23,6 +23,10 @@ LARGEST_CELL_MM = 0.0625
 """Largest cell of the grid on which scattered light is solved [mm]: an eighth of a ridge of the thesis."""
 
 
+SOLVED = 1e-5
+"""Residual of the light in the body over what enters it, root mean squares, at which it is solved."""
+
+
 @dataclass(frozen=True)
 class Subsurface:
     """What of subsurface scattering is computed once per rig.
@@ -90,36 +94,46 @@ def subsurface_of(
 def body_light(kernel: Array, irradiance: Array, inside: Array) -> Array:
     """Return the irradiance that reaches the surface from inside: J = K * (E + R J).
 
-    Light that the surface sends back enters anew where it is, and spreads again. Solved by fixed point, which contracts
-    at least as fast as the body's reflectance times ``inside``.
+    Light that the surface sends back enters anew where it is, and spreads again. With z = sqrt(R) J the equation is
+    symmetric and positive definite: (1 - sqrt(R) K sqrt(R)) z = sqrt(R) K E, solved by conjugate gradients.
 
     Parameters
     ----------
     kernel : ndarray (2 rows + 1, 2 cols + 1) or larger, odd
-        K: of what enters a cell, the share that comes back to the surface in each cell around it.
+        K: of what enters a cell, the share that comes back to the surface in each cell around it; the same to either
+        side.
     irradiance : ndarray (rows, cols)
         E: enters through the surface [W/mm^2].
     inside : ndarray (rows, cols)
         R: reflectance of the surface from inside [1].
     """
     rows, cols = irradiance.shape
-    reach_y, reach_x = min(rows, kernel.shape[0] // 2), min(cols, kernel.shape[1] // 2)
     middle_y, middle_x = kernel.shape[0] // 2, kernel.shape[1] // 2
+    reach_y, reach_x = min(rows - 1, middle_y), min(cols - 1, middle_x)
     cut = kernel[middle_y - reach_y : middle_y + reach_y + 1, middle_x - reach_x : middle_x + reach_x + 1]
     shape: Any = [fft.next_fast_len(n + r, real=True) for n, r in ((rows, reach_y), (cols, reach_x))]
     # Padded by one reach: what wraps falls outside the rows and columns that are kept.
-    around = np.zeros(shape)
+    around = np.zeros(shape, np.float32)
     index_y, index_x = np.arange(-reach_y, reach_y + 1) % shape[0], np.arange(-reach_x, reach_x + 1) % shape[1]
-    np.add.at(around, (index_y[:, None], index_x[None, :]), cut)
+    around[index_y[:, None], index_x[None, :]] = cut
     transform = fft.rfft2(around)
-    found = np.zeros_like(irradiance)
+
+    def spread(field: Array) -> Array:
+        return np.asarray(fft.irfft2(fft.rfft2(field, shape) * transform, shape)[:rows, :cols])
+
+    root, once = np.sqrt(inside).astype(np.float32), spread(irradiance.astype(np.float32))
+    residual = root * once
+    found, way = np.zeros_like(residual), residual
+    square, enough = float(np.vdot(residual, residual)), SOLVED**2 * float(np.vdot(once, once))
     for _ in range(200):
-        entering = irradiance + inside * found
-        new = fft.irfft2(fft.rfft2(entering, shape) * transform, shape)[:rows, :cols]
-        change, found = float(np.abs(new - found).max()), new
-        if change <= 1e-4 * float(np.abs(found).max()):
+        if square <= enough:
             break
-    return found
+        image = way - root * spread(root * way)
+        length = square / float(np.vdot(way, image))
+        found, residual = found + length * way, residual - length * image
+        before, square = square, float(np.vdot(residual, residual))
+        way = residual + (square / before) * way
+    return np.asarray(once + spread(root * found), float)
 
 
 def subsurface_radiance(

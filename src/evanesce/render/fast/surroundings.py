@@ -39,12 +39,12 @@ Image = NDArray[np.float32]
 STEP = 4
 """Every so many pixels of a view the smooth parts are computed [px]."""
 
-SPILL_NODES = 64
+SPILL_NODES = 72
 ESCAPE_NODES = 9
 """Nodes along each side of the part of a backdrop that is seen: for spill, which the finger shades, and for what leaves
 the plate's top face, which is smooth."""
-ESCAPE_STEP = 5.0
-"""To whose multiples the latter part is enlarged [mm]: a camera that is turned a little sees the same nodes."""
+WHOLE_STEP = 5.0
+"""To whose multiples that part is enlarged [mm]: a camera that is turned a little sees the same nodes."""
 
 
 # --- the finger's flank ----------------------------------------------------------------------------------------------
@@ -271,16 +271,19 @@ def backdrop_irradiance(scene: Scene, x: Array, y: Array, radiances: Array, *, f
     if finger:
         half = min(scene.finger.diameter_mm / 2, scene.finger.tip_radius_mm)
         shadow = (*scene.finger.position_mm, half)
-    if surroundings.spill.share > 0:
-        axes, points, normals = _nodes(x, y, height, SPILL_NODES)
-        lit = radiances @ spilled_irradiance(light, points, normals, surroundings.spill.height_mm, shadow)
-        found = found + surroundings.spill.share * _between(axes, lit, x, y, order=1)
     wide_x, wide_y = (
-        np.array([np.floor(p.min() / ESCAPE_STEP), np.ceil(p.max() / ESCAPE_STEP)]) * ESCAPE_STEP for p in (x, y)
+        np.array([np.floor(p.min() / WHOLE_STEP), np.ceil(p.max() / WHOLE_STEP)]) * WHOLE_STEP for p in (x, y)
     )
-    axes, points, normals = _nodes(wide_x, wide_y, height, ESCAPE_NODES)
     plate = plate_digest(scene)
-    key = digest([plate, height, wide_x.tolist(), wide_y.tolist()])
+    where = [plate, height, wide_x.tolist(), wide_y.tolist()]
+    if surroundings.spill.share > 0:
+        axes, points, normals = _nodes(wide_x, wide_y, height, SPILL_NODES)
+        band = surroundings.spill.height_mm
+        key = digest([*where, band, shadow])
+        spill = kept("spill", key, lambda: spilled_irradiance(light, points, normals, band, shadow))
+        found = found + surroundings.spill.share * _between(axes, radiances @ spill, x, y, order=1)
+    axes, points, normals = _nodes(wide_x, wide_y, height, ESCAPE_NODES)
+    key = digest(where)
     led, edge = kept("escape", key, lambda: flank_irradiance(light, points, normals, per_edge=PER_EDGE))
     exchange = kept("edge exchange", plate, lambda: edge_exchange(light, per_edge=PER_EDGE))
     edges = edge_response(exchange, light.edge_reflectance) @ (exchange.from_led @ radiances)

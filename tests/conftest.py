@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 from pathlib import Path
 
 import pytest
 
+from evanesce.core.errors import InputError
+from evanesce.render.variant import find
+
 ROOT = Path(__file__).resolve().parent.parent
 RIG_PHOTO = ROOT.parent / "shared" / "reference" / "rig_photo"
 CONTACT_FRAME = RIG_PHOTO.parent / "real_contact_frame"
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Choose the LLVM of all processes: Dr.Jit takes what it finds when any test first imports it, and keeps it."""
+    if "DRJIT_LIBLLVM_PATH" not in os.environ:
+        with contextlib.suppress(InputError):
+            os.environ["DRJIT_LIBLLVM_PATH"] = find("llvm").llvm_path
 
 
 @pytest.fixture(scope="session")

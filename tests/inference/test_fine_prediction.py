@@ -38,6 +38,17 @@ def scene() -> Scene:
     return coarse()
 
 
+@pytest.mark.parametrize("point", [{"liquid_film:volume_uL": 3.0}, {"modulus:relative": 0.2}, {"@pose_x[0]": 0.4}])
+def test_a_contact_that_was_kept_answers_for_no_other_rig(scene: Scene, point: dict[str, float]) -> None:
+    """Rationale: contacts were kept without the liquid about them."""
+    used, alone = (Predictor(model_scene(scene), VIEWS) for _ in range(2))
+    plain = used.cube({})
+    after = used.cube(point)
+    np.testing.assert_array_equal(after, alone.cube(point))
+    assert np.abs(after - plain).max() > 1.0
+    np.testing.assert_array_equal(used.cube({}), plain)
+
+
 @pytest.mark.slow  # 6 s
 def test_a_dark_view_needs_no_finer_pixels(scene: Scene) -> None:
     quick = Predictor(model_scene(scene), VIEWS).cube({})

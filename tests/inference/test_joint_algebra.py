@@ -120,6 +120,58 @@ def test_derivatives_are_made_anew_only_where_steps_have_left_them():
     assert stale.fresh
 
 
+def test_derivatives_of_elsewhere_are_given_up_sooner_than_those_made_where_a_step_starts():
+    """Each step is impossible: after two of them derivatives are made anew, after five by those the fit ends."""
+    tried, made = [], []
+
+    def model(v: Any) -> Any:
+        tried.append(1)
+        if len(tried) > 1:
+            raise InputError("cannot be had")
+        return np.zeros(3)
+
+    def jacobian(v: Any, predicted: Any) -> Any:
+        made.append(len(tried))
+        return np.array([[1.0, 0.0, 2.0]])
+
+    none = Metric.of(np.zeros((0, 3)), np.zeros(0))
+    rows = np.array([[2.0, 1.0, 0.0]])
+    found = fit(model, jacobian, np.full(3, 9e4), loose(1), np.zeros(1), metric=none, rows=rows, rounds=30)
+    assert made == [1 + 2]
+    assert len(tried) == 1 + 2 + 5
+    np.testing.assert_array_equal(found.rows, [[1.0, 0.0, 2.0]])
+
+
+@dataclass
+class Drifting:
+    """A bent model of one figure whose fine evaluation differs by an offset that falls from anchor to anchor."""
+
+    observed: Any
+    offset: float = 0.0
+    differentiated: int = 0
+
+    def anchor(self, point: Any) -> None:
+        self.offset = 3.0 if self.offset == 0.0 else self.offset / 1.01
+
+    def vector(self, point: Any) -> Any:
+        return np.array([30.0 * point.get("@a", 0.0) + self.offset, self.offset])
+
+    def derivative(self, point: Any, parameter: Parameter) -> Any:
+        self.differentiated += 1
+        return np.array([30.0, 0.0])
+
+
+def test_derivatives_of_the_last_anchor_serve_the_next():
+    """An anchor moves the prediction by hundredths: derivatives made where the first fit ends are not made again."""
+    fitter = object.__new__(Fitter)
+    model: Any = Drifting(np.array([40.0, 3.0]))
+    fitter.model, fitter.observed, fitter.jitter, fitter._evaluated_at = model, model.observed, (), {}
+    fitter.nuisances = (Parameter(name="@a", deviation=3.0, step=0.01, bounds=(-9.0, 9.0)),)
+    found = fitter.relinearised([], {})
+    assert found.solution.fresh
+    assert model.differentiated == 2
+
+
 def test_fit_stays_in_bounds_and_counts_impossible_values_as_failed_steps():
     rows = np.array([[1.0, 0.5, 0.0], [0.0, 1.0, 1.0]])
 

@@ -31,9 +31,10 @@ from evanesce.inference.joint import Fitter, JointFit
 from evanesce.inference.model import AnchoredModel
 from evanesce.inference.posterior import Judge
 from evanesce.inference.search import Search
+from evanesce.inference.series import model as series_model
 from evanesce.inference.series.beside import bank_of, discrepancy_of, with_series
 from evanesce.inference.series.critic import criticise_series, gain_of, observation_of
-from evanesce.inference.series.model import SeriesModel, cosines, unknown_rows
+from evanesce.inference.series.model import SeriesBank, SeriesModel, cosines, unknown_rows
 from evanesce.inference.series.predict import SeriesPredictor
 from evanesce.inference.series.rows import Rows, rows_of
 from evanesce.inference.single_effects import Shapes
@@ -183,6 +184,22 @@ def test_hidden_mechanics_are_named_or_stand_in_the_set(by_depth, truth, cause):
     assert result["verdict"] == "causes"
     assert cause in {name for c in result["causes"] for name in c["credible_set"]}
     assert result["misfit"]["after"] < 0.3 * result["misfit"]["before"]
+
+
+def test_forms_of_other_source_are_not_read(tmp_path, monkeypatch):
+    """Rationale: forms that an altered law of depth had made answered for the law as it was."""
+    monkeypatch.setenv("EVANESCE_CACHE", str(tmp_path / "cache"))
+    bundle = read_bundle(written(tmp_path / "b", Truth(), 3, only=("force_depth",)))
+    used, _, _ = rows_of(bundle.series)
+    observation = observation_of(bundle)
+    (cause,) = causes_of(observation, set(all_effects()) - {"modulus"})[0]
+    found = SeriesBank(SeriesModel(observation, used)).changes(cause)
+    files = list((tmp_path / "cache" / "shapes").iterdir())
+    assert len(files) == 1
+    np.savez(files[0], changes=np.zeros_like(found, np.float32))
+    assert not np.any(SeriesBank(SeriesModel(observation, used)).changes(cause))
+    monkeypatch.setattr(series_model, "code_digest", lambda *packages: "of another day")
+    np.testing.assert_array_equal(SeriesBank(SeriesModel(observation, used)).changes(cause), found)
 
 
 def test_gain_is_that_of_rows_that_no_fit_saw(by_depth, tmp_path):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from evanesce.contact.programme import press_programme
-from evanesce.contact.solve import contact_grid, contact_state
+from evanesce.contact.solve import PARTS, contact_grid, contact_state, parts_of
 from evanesce.core.errors import InputError
 from evanesce.rig import Scene, load_scene
 
@@ -207,3 +207,25 @@ def test_a_depth_ramp_of_the_half_space_takes_hertz_depth() -> None:
     entries = ramp(start_N=0.1, stop_N=1.0, rate_mm_per_min=5.0)
     solved, hertz = np.array(press_programme(halfspace(**entries))), np.array(press_programme(scene(**entries)))
     np.testing.assert_allclose(solved, hertz, rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["thesis", "thesis_ridged", "wet", "tilted", "human_print", "gripper"])
+def test_contacts_depend_on_no_part_of_a_scene_but_those_named(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is kept by :func:`parts_of` would otherwise answer for another rig."""
+    one = load_scene(name)
+    asked: set[str] = set()
+    plain = Scene.__getattribute__
+
+    def noted(self: Scene, key: str) -> object:
+        if key in Scene.model_fields:
+            asked.add(key)
+        return plain(self, key)
+
+    monkeypatch.setattr(Scene, "__getattribute__", noted)
+    contact_state(one, 1.0)
+    assert {"finger", "contact", "grid"} <= asked <= set(PARTS)
+
+
+def test_what_a_contact_depends_on_names_liquid() -> None:
+    dry, wet = scene(), scene(liquid={"volume_uL": 3.0, "refractive_index": 1.33})
+    assert parts_of(dry) != parts_of(wet)

@@ -26,6 +26,7 @@ from evanesce.render.fast.defects import guided_irradiance, plate_points
 from evanesce.render.fast.rig_optics import edge_light
 from evanesce.render.fast.surroundings import backdrop_irradiance
 from evanesce.render.fast.transport import render_fast
+from evanesce.render.kept import forget
 from evanesce.rig import Backdrop, Haze, Scene, Spill, Surroundings, dump_scene, load_scene
 from evanesce.rig.coarser import coarser_camera
 from evanesce.sensor.lens import form_image
@@ -267,6 +268,31 @@ def test_the_fingers_shadow_on_the_backdrop_is_where_straight_lines_meet_it() ->
 
 
 # --- the surface beside the contact -----------------------------------------------------------------------------------
+
+
+def test_a_moved_finger_and_other_leds_are_not_answered_by_what_was_kept() -> None:
+    """Each rig once after another, and alone: bytes are the same, and differ from rig to rig."""
+    lit = Surroundings(spill=Spill(share=0.3), backdrop=Backdrop(distance_mm=30.0, reflectance=0.6))
+    scene = rig(lit)
+    moved = scene.model_copy(update={"finger": scene.finger.model_copy(update={"position_mm": (-4.0, 6.0)})})
+    higher = scene.model_copy(
+        update={"surroundings": lit.model_copy(update={"spill": Spill(share=0.3, height_mm=4.0)})}
+    )
+    dimmer = scene.model_copy(update={"leds": scene.leds.model_copy(update={"voltage_V": 8.5})})
+    x, y = np.meshgrid(np.linspace(-30, 30, 25), np.linspace(-20, 20, 19))
+
+    def seen(one: Scene, finger: bool) -> bytes:
+        return backdrop_irradiance(one, x, y, stacked_radiances(edge_light(one)), finger=finger).tobytes()
+
+    every = [(one, finger) for one in (scene, moved, higher, dimmer) for finger in (True, False)]
+    after = [seen(*one) for one in every]
+    alone = []
+    for one in every:
+        forget()
+        alone.append(seen(*one))
+    assert after == alone
+    # Without a finger it does not matter where it is.
+    assert len(set(alone)) == len(every) - 1
 
 
 def test_the_pressed_surface_is_hertzs() -> None:

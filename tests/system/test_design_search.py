@@ -151,6 +151,9 @@ def test_the_codes_digest_is_of_names_and_contents(tmp_path):
     (tmp_path / "a.py").rename(tmp_path / "c.py")
     assert len({before, after, found()}) == 3
     assert code_digest() == code_digest()
+    assert len({code_digest(), code_digest("optics"), code_digest("optics", "rig")}) == 3
+    with pytest.raises(ValueError, match="no subpackage optik"):
+        code_digest("optik")
 
 
 def test_a_full_disk_is_no_rig_that_cannot_be(monkeypatch):

@@ -41,6 +41,20 @@ def contact_grid(scene: Scene) -> PlateGrid:
     return PlateGrid(shape=(count, count), pitch=scene.grid.size_mm / count, centre=scene.finger.position_mm)
 
 
+PARTS = ("finger", "contact", "grid", "press", "slide", "liquid", "environment")
+"""Of a scene, all that its contact depends on."""
+
+
+def parts_of(scene: Scene) -> tuple[str, ...]:
+    """Return what a scene's contact depends on beside force and time: a key for those who keep contacts.
+
+    Parameters
+    ----------
+    scene : Scene
+    """
+    return tuple(repr(getattr(scene, name)) for name in PARTS)
+
+
 def check_skin(scene: Scene) -> None:
     """Refuse a scene whose ridges or height map cannot be put on its grid, before any work is done.
 

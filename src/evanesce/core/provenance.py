@@ -60,16 +60,30 @@ def digest(value: Any) -> str:
 
 
 @cache
-def code_digest() -> str:
+def code_digest(*packages: str) -> str:
     """Return the SHA-256 of the package's own source files, names and contents, as they were at the first call.
+
+    Parameters
+    ----------
+    *packages : str
+        Subpackages, such as ``"optics"``; all source files if none is named.
 
     Returns
     -------
     str
         Hexadecimal.
+
+    Raises
+    ------
+    ValueError
+        For a subpackage that does not exist.
     """
     root = Path(__file__).resolve().parent.parent
-    return digest_of_files(root, sorted(root.rglob("*.py")))
+    missing = [name for name in packages if not (root / name).is_dir()]
+    if missing:
+        raise ValueError(f"no subpackage {', '.join(missing)}")
+    folders = [root / name for name in packages] or [root]
+    return digest_of_files(root, sorted(file for folder in folders for file in folder.rglob("*.py")))
 
 
 def digest_of_files(root: Path, files: Iterable[Path]) -> str:

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.errors import InputError
-from evanesce.core.provenance import digest
+from evanesce.core.provenance import code_digest, digest
 from evanesce.core.rng import generator
-from evanesce.core.version import __version__
 from evanesce.inference.causes import Cause
 from evanesce.inference.constants import DRAWS
 from evanesce.inference.data import DataVector
@@ -34,6 +33,11 @@ SHAPES = Folder("shapes", 1024)
 """Of their files, some 2 MB each: 25 rigs, or places of the finger, or cameras."""
 FORMAT = 1
 """Of the files."""
+BEHIND = (
+    "bench", "bundle", "chain", "contact", "core", "effects", "materials", "measurement", "optics", "prediction",
+    "render", "rig", "sensor",
+)  # fmt: skip
+"""Packages of which forms are made: those of other source are not read."""
 
 
 @dataclass(frozen=True)
@@ -160,7 +164,7 @@ class FormBank:
     def _key(self, cause: Cause) -> str:
         coarse = self.coarse
         views = [[v.kind, v.force_N, v.voltage_V, v.time_s, v.index, v.session, v.frames] for v in coarse.views]
-        known = [FORMAT, __version__, DRAWS, coarse.scene.model_dump(mode="json"), views, dict(self.point)]
+        known = [FORMAT, code_digest(*BEHIND), DRAWS, coarse.scene.model_dump(mode="json"), views, dict(self.point)]
         return digest([*known, coarse.noise_scale, *sources_of(cause)])
 
     def _cube(self, coarse: Predictor, point: Mapping[str, float]) -> Array:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.bundle.card_light import card_light, plane_points
-from evanesce.contact.solve import contact_state
+from evanesce.contact.solve import contact_state, parts_of
 from evanesce.core.states import ContactState, Frame, PlateLight, SensorLight
 from evanesce.effects import Active, Context, Stage, active_effects, all_effects
 from evanesce.optics.led import led_positions
@@ -278,7 +278,7 @@ class Predictor:
         force = float(self._apply(Stage.LOAD, view.force_N * float(np.exp(nuisances.log_force)), effects, context))
         touching = [e for e in effects if e.effect.stage is Stage.CONTACT]
         moment = (view.time_s,) if rig.slide is not None else self._moment(touching, context)
-        contact_key = (force, repr(rig.finger), repr(rig.contact), repr(rig.grid), repr(touching), moment)
+        contact_key = (force, *parts_of(rig), repr(touching), moment)
 
         def contact() -> ContactState:
             made = contact_state(rig, force, time_s=view.time_s if rig.slide is not None else 0.0)

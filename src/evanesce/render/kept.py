@@ -6,6 +6,8 @@ from collections import OrderedDict
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+import numpy as np
+
 T = TypeVar("T")
 
 LIMITS = {
@@ -35,12 +37,20 @@ def kept(kind: str, key: str, make: Callable[[], T]) -> T:
     """
     group = _KEPT[kind]
     if key not in group:
-        group[key] = make()
+        group[key] = _read_only(make())
         while len(group) > LIMITS[kind]:
             group.popitem(last=False)
     group.move_to_end(key)
     found: T = group[key]
     return found
+
+
+def _read_only(value: Any) -> Any:
+    """Return a value whose arrays nobody may change: all who ask for it get the same ones."""
+    for array in value.values() if isinstance(value, dict) else value if isinstance(value, tuple) else (value,):
+        if isinstance(array, np.ndarray):
+            array.setflags(write=False)
+    return value
 
 
 def forget() -> None:

@@ -6,6 +6,7 @@ What it writes is a function of the kept outcomes and of the kept table of what 
 from __future__ import annotations
 
 import argparse
+import gzip
 import json
 import math
 import sys
@@ -37,7 +38,10 @@ def read(paths: Sequence[Path]) -> list[dict[str, Any]]:
     """Return the last outcome of every case that was judged."""
     latest = {}
     for path in paths:
-        for line in path.read_text(encoding="utf-8").splitlines():
+        opened = gzip.open if path.suffix == ".gz" else open
+        with opened(path, "rt", encoding="utf-8") as stream:
+            lines = stream.read().splitlines()
+        for line in lines:
             try:
                 record = json.loads(line)
             except ValueError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -9,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.errors import InputError
-from evanesce.core.provenance import digest
+from evanesce.core.provenance import code_digest, digest
 from evanesce.core.rng import generator
-from evanesce.core.version import __version__
 from evanesce.inference.causes import Cause
 from evanesce.inference.constants import DRAWS, OWN_LIGHT, TIED_SHARE, WAVES
 from evanesce.inference.joint import JointFit
 from evanesce.inference.laws import Law, all_laws
+from evanesce.inference.series import predict
 from evanesce.inference.series.predict import SeriesPredictor, log_of
 from evanesce.inference.series.rows import Rows
-from evanesce.inference.shapes import SHAPES, drawn_points, sources_of
+from evanesce.inference.shapes import BEHIND, SHAPES, drawn_points, sources_of
 from evanesce.inference.single_effects import UNKNOWN
 from evanesce.inference.unknown import at_largest_strength
 from evanesce.prediction import priors
@@ -153,14 +154,15 @@ class SeriesBank:
             changes = changes[~np.isnan(changes).any(axis=1)]
             if np.any(changes):
                 found[cause.id] = changes / data.sd
-        return {**found, UNKNOWN: unknown_rows(data)}
+        return {**found, f"{UNKNOWN} series": unknown_rows(data)}
 
     def changes(self, cause: Cause) -> Array:
         """Return changes of the logarithms (forms, rows), kept on disk; NaN where the rig cannot have a form."""
         series = self.model.data.series
         state = [[s.x_name, s.y_name, list(map(float, s.x)), sorted(s.held.items())] for s in series]
         scene = self.predictor.scene.model_dump(mode="json")
-        key = digest(["series", __version__, DRAWS, scene, state, *sources_of(cause)])
+        own = [code_digest(*BEHIND), inspect.getsource(predict)]
+        key = digest(["series", *own, DRAWS, scene, state, *sources_of(cause)])
         kept = read_arrays(key, ("changes",), SHAPES)
         if kept is None:
             kept = {"changes": self._made(cause).astype(np.float32)}

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from evanesce.bundle.area import AreaReading, contact_area
 from evanesce.bundle.layout import Series
 from evanesce.chain.simulate import solve_contact
+from evanesce.contact.solve import parts_of
 from evanesce.core.errors import InputError
 from evanesce.effects import Stage, active_effects
 from evanesce.inference.series.rows import LEAST_AREA_MM2, LEAST_FORCE_N
@@ -121,7 +122,7 @@ class SeriesPredictor:
         # A law takes fourteen contacts; most of what a fit varies leaves it as it is.
         rig, _ = solve_contact(scene, None, seed=0, time_s=time_s)
         touching = [e for e in active_effects(scene) if e.effect.stage in (Stage.LOAD, Stage.CONTACT)]
-        key = (time_s, *(repr(part) for part in (touching, rig.finger, rig.contact, rig.grid, rig.slide)))
+        key = (time_s, repr(touching), *parts_of(rig))
         depths, forces = self._depths.get(key, lambda: law_of_depth(scene, time_s))
         if len(forces) < 2:
             raise InputError(

@@ -39,7 +39,7 @@ Image = NDArray[np.float32]
 STEP = 4
 """Every so many pixels of a view the smooth parts are computed [px]."""
 
-SPILL_NODES = 72
+SPILL_NODES = 96
 ESCAPE_NODES = 9
 """Nodes along each side of the part of a backdrop that is seen: for spill, which the finger shades, and for what leaves
 the plate's top face, which is smooth."""

@@ -19,6 +19,7 @@ from evanesce.inference.explained import Scan
 from evanesce.inference.gauss_newton import Prior, bounded_step, broyden, fit
 from evanesce.inference.joint import Fitter, JointFit, taken_from
 from evanesce.inference.listing import placed
+from evanesce.inference.model import one_by_one
 from evanesce.inference.posterior import Judge, Posterior
 from evanesce.inference.search import Search, everything_marginalised, loss_of, removal
 from evanesce.inference.shapes import FormBank, Forms
@@ -160,6 +161,8 @@ class Drifting:
         self.differentiated += 1
         return np.array([30.0, 0.0])
 
+    derivatives = one_by_one
+
 
 def test_derivatives_of_the_last_anchor_serve_the_next():
     """An anchor moves the prediction by hundredths: derivatives made where the first fit ends are not made again."""
@@ -241,6 +244,8 @@ class ToyModel:
         at, h = point.get(parameter.name, parameter.null), parameter.step
         upper, lower = (self.vector({**point, parameter.name: at + s * h}) for s in (1, -1))
         return (upper - lower) / (2 * h)
+
+    derivatives = one_by_one
 
 
 class ToyBank:

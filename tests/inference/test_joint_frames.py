@@ -15,12 +15,12 @@ from typer.testing import CliRunner
 from evanesce.bundle.card_light import mean_reflectance
 from evanesce.bundle.read import read_bundle
 from evanesce.cli.app import app
+from evanesce.core.errors import InputError, WorkError
 from evanesce.effects import all_effects
 from evanesce.inference.card_start import board_inverted, card_start
 from evanesce.inference.causes import causes_of
 from evanesce.inference.critic import criticise_frames
 from evanesce.inference.data import data_vector
-from evanesce.inference.form_workers import made
 from evanesce.inference.gate import _PlateReader
 from evanesce.inference.laws import all_laws
 from evanesce.inference.model import AnchoredModel
@@ -31,7 +31,9 @@ from evanesce.inference.shapes import FormBank
 from evanesce.inference.single_effects import NONE, Place
 from evanesce.optics.projection import Projection
 from evanesce.prediction.observe import observe
+from evanesce.prediction.parameters import Parameter
 from evanesce.prediction.predict import Predictor
+from evanesce.prediction.processes import KEEP, present, processes, shares
 from evanesce.prediction.views import BIN_PX
 from evanesce.render.cards import checkerboard_of
 from evanesce.rig import Cards, load_scene
@@ -225,23 +227,50 @@ def test_the_command_writes_answer_and_scene(tiny, tmp_path):
     assert scene.effects["modulus"]["relative"] == pytest.approx(0.15, abs=0.02)
 
 
-@pytest.mark.slow  # 20 s: processes start
-def test_forms_by_two_processes_are_those_of_one(tiny, tmp_path, monkeypatch):
-    """They meet in the folder of the cache; light kept from another form rounds the last digit of half precision."""
+@pytest.mark.slow  # 15 s: a process starts
+def test_two_processes_predict_what_one_does(tiny):
+    """Coarse and fine, to the last bit; what the rig cannot have is said by either, and then all goes on."""
     observation = observe(read_bundle(tiny))
     model = AnchoredModel(observation, data_vector(observation))
-    causes, _ = causes_of(observation, set(all_effects()) - set(CONSIDERED))
-    monkeypatch.setenv("EVANESCE_CACHE", str(tmp_path / "one"))
-    alone = FormBank(model.coarse, {}).of(causes)
-    monkeypatch.setenv("EVANESCE_CACHE", str(tmp_path / "two"))
-    bank = FormBank(model.coarse, {})
-    told: list[str] = []
-    made(bank, causes, 2, told.append)
-    assert len(told) == len(causes)
-    assert all(bank.on_disk(cause) for cause in causes)
-    for one, other in zip(alone, bank.of(causes), strict=True):
-        assert one.names == other.names
-        np.testing.assert_allclose(one.changes.astype(float), other.changes.astype(float), rtol=2e-3, atol=1e-3)
+    points = [{"modulus:relative": 0.1}, {"vignetting:k": 0.2}, {"defocus:blur_um": 9.0}]
+    alone = [model.coarse.cube(point) for point in points]
+    fine = model.fine(points[0]).cube()
+    with processes(2):
+        assert present() is not None
+        for point, one in zip(points, alone, strict=True):
+            np.testing.assert_array_equal(model.coarse.cube(point), one)
+        with pytest.raises(InputError, match=r"effects\.modulus"):
+            model.coarse.cube({"modulus:relative": 1e6})
+        np.testing.assert_array_equal(model.coarse.cube(points[1]), alone[1])
+        for number in range(2 * KEEP):
+            model.fine({"@light": 0.01 * number}).cube()
+        np.testing.assert_array_equal(model.fine(points[0]).cube(), fine)
+        np.testing.assert_array_equal(model.coarse.cube(points[2]), alone[2])
+        free = [Parameter(name=name, deviation=0.1, step=0.01) for name in ("modulus:relative", "vignetting:k")]
+        asked = [*((points[0], parameter) for parameter in free), ({"modulus:relative": 1e6}, free[0])]
+        asked.append(asked[0])
+        made = model.derivatives(asked)
+        assert isinstance(made[2], InputError)
+        for k in (0, 1, 3):
+            np.testing.assert_array_equal(made[k], model.derivative(*asked[k]))
+        for process in present()._running:
+            process.kill()
+        with pytest.raises(WorkError, match="has ended"):
+            model.coarse.cube(points[0])
+    assert present() is None
+
+
+def test_each_process_has_states_of_a_force_for_its_own(tiny):
+    views = observe(read_bundle(tiny)).views
+    for count in (1, 2, 3):
+        parts = shares(views, count)
+        assert sorted(k for part in parts for k in part) == list(range(len(views)))
+        for one in parts:
+            for other in parts:
+                if one is not other:
+                    assert not {views[k].force_N for k in one if views[k].touches} & {
+                        views[k].force_N for k in other if views[k].touches
+                    }
 
 
 @pytest.mark.parametrize(("light", "x", "y"), [(-1.5, 0.0, 0.0), (-0.8, 1.9, -1.2), (0.4, -2.4, 0.7)])

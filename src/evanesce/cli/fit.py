@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -73,7 +74,10 @@ def _run(
     from evanesce.rig.commented import commented
 
     try:
-        found = fit_rig(bundle, seed=seed, exclude=exclude, tell=lambda line: messages.print(escape(line)))
+        cores = len(os.sched_getaffinity(0))
+        found = fit_rig(
+            bundle, seed=seed, exclude=exclude, tell=lambda line: messages.print(escape(line)), workers=cores
+        )
     except GrossDifference as error:
         write_json(json_file, error.as_dict())
         raise

@@ -77,7 +77,7 @@ class Filmed:
 
 
 def codec_behind(model: AnchoredModel, point: Mapping[str, float]) -> tuple[Codec, float] | None:
-    """Return the codec that the frames came through, and the noise's scale before it; None where noise shows none.
+    """Return the codec that the frames came through, and the noise's scale before it; None where they show none.
 
     Parameters
     ----------
@@ -87,7 +87,8 @@ def codec_behind(model: AnchoredModel, point: Mapping[str, float]) -> tuple[Code
     observation, data = model.observation, model.data
     size = noise_scale_of(observation.believed.camera, observation.scatter)
     place = next((k for k, view in enumerate(data.views) if view.kind == "replicate"), None)
-    if not size.codec or place is None:
+    known = None if observation.jpeg is None else Codec("jpeg", observation.jpeg)
+    if place is None or not (size.codec or known):
         return None
 
     def picture(number: int) -> Array:
@@ -95,7 +96,8 @@ def codec_behind(model: AnchoredModel, point: Mapping[str, float]) -> tuple[Code
 
     before = [partial(picture, k) for k, view in enumerate(data.views) if view.kind == "press"]
     held, scatter = observation.held["replicate"], observation.scatter["replicate"]
-    codec, scale = codec_of(_shooting(model, size.value), picture(place), before, held, scatter, generator(0, "codec"))
+    shooting, rng = _shooting(model, size.value), generator(0, "codec")
+    codec, scale = codec_of(shooting, picture(place), before, held, scatter, rng, known)
     return codec, stepped(scale, SCALE_STEP)
 
 

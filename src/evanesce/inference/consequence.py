@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -57,6 +57,20 @@ class Consequence:
         }
 
 
+def counted_sd(change_mm2: Array, pixel_mm2: float) -> Array:
+    """Return the standard deviation of a change of area that was counted in pixels [mm^2].
+
+    Those that a moved outline takes in lie anywhere about it, so that their number has a Poisson variance: as large as
+    itself, and that of one pixel where none is seen to change.
+
+    Parameters
+    ----------
+    change_mm2 : ndarray
+    pixel_mm2 : float
+    """
+    return np.sqrt(pixel_mm2 * (np.abs(change_mm2) + pixel_mm2))
+
+
 class AreaReader:
     """Reads areas from predicted frames of the press views, one view of each force at the scene's voltage.
 
@@ -102,8 +116,8 @@ class AreaReader:
     def of_cause(self, fitted: JointFit, cause: str, covariance: Array) -> Consequence:
         """Return the consequence of a taken cause, with an interval from its parameters' covariance.
 
-        The interval is the change at the fitted values times 1 -+ 1.645 / t, where t is the distance of the cause's
-        parameters from nothing in their own posterior: what scales with the cause is known as well as its size is.
+        The change is known as well as the cause's size is, 1 / t of it, where t is the distance of the cause's
+        parameters from nothing in their own posterior; and as well as pixels can tell (:func:`counted_sd`).
 
         Parameters
         ----------
@@ -119,12 +133,7 @@ class AreaReader:
         places = fitted.of_cause(cause)
         away = fitted.departures()[places]
         t = np.sqrt(max(float(away @ np.linalg.solve(covariance[np.ix_(places, places)], away)), 1e-12))
-        half = NINETY / t
-        ends = [(c * (1 - half), c * (1 + half)) for c in found.change_mm2]
-        return Consequence(
-            found.forces_N,
-            found.change_mm2,
-            found.change_percent,
-            tuple(min(pair) for pair in ends),
-            tuple(max(pair) for pair in ends),
-        )
+        change = np.array(found.change_mm2)
+        half = NINETY * np.hypot(change / t, counted_sd(change, self.scene.camera.scale_px_per_mm**-2))
+        low, high = (tuple(map(float, end)) for end in (change - half, change + half))
+        return replace(found, low_mm2=low, high_mm2=high)

@@ -18,7 +18,6 @@ from evanesce.inference.codec import FIRST_DRAWS, Filmed, codec_behind, filmed
 from evanesce.inference.consequence import AreaReader
 from evanesce.inference.data import DataVector, data_vector
 from evanesce.inference.discrepancy import Discrepancy
-from evanesce.inference.form_workers import made
 from evanesce.inference.gain import held_out
 from evanesce.inference.gate import Gate, GrossDifference, gate_of
 from evanesce.inference.joint import Fitter, JointFit
@@ -33,6 +32,7 @@ from evanesce.inference.shapes import FormBank, Forms
 from evanesce.inference.single_effects import UNKNOWN
 from evanesce.inference.unknown import left_of
 from evanesce.prediction.observe import Observation, observe, require_monochrome
+from evanesce.prediction.processes import processes
 from evanesce.prediction.recoded import DRAWS, Codec
 from evanesce.prediction.views import BIN_PX
 
@@ -71,7 +71,7 @@ def criticise_frames(
     exclude : collection of str
         Effects that are not considered.
     workers : int
-        Processes by which forms of a rig that is new are made.
+        Processes by which frames are predicted.
 
     Returns
     -------
@@ -84,14 +84,19 @@ def criticise_frames(
     GrossDifference
         If another rig was measured than the scene's.
     """
+    with processes(workers):
+        return _criticised(bundle, seed, tell, exclude)
+
+
+def _criticised(bundle: Bundle, seed: int, tell: Tell, exclude: Collection[str]) -> Criticism:
     began = time.monotonic()
     start = started(bundle, tell)
-    found = _searched(start, exclude, workers, seed, tell)
+    found = _searched(start, exclude, seed, tell)
     if start.behind and found.best.taken:
         again = refilmed(bundle, found.start, found.best, tell)
         if again.quieter_than(start):
             tell("causes once more: what they explain was taken for the codec's noise")
-            found = _searched(again, exclude, workers, seed, tell)
+            found = _searched(again, exclude, seed, tell)
     tell("consequences and held-out conditions")
     start, model = found.start, found.start.model
     best, posterior, search = found.best, found.posterior, found.search
@@ -212,13 +217,12 @@ class Found:
     left_out: Mapping[str, str]
 
 
-def _searched(start: Start, exclude: Collection[str], workers: int, seed: int, tell: Tell) -> Found:
+def _searched(start: Start, exclude: Collection[str], seed: int, tell: Tell) -> Found:
     """Return the causes that explain what the nominal fit leaves."""
     model, fitter = start.model, start.fitter
     causes, left_out = causes_of(start.observation, {*exclude, *(CODEC_CAUSES if start.behind else ())})
     bank = bank_of(model, _place(start.gate.start), tell)
     smooth = [cause for cause in causes if not cause.placed]
-    made(bank, smooth, workers, tell)
     if start.film:
         tell("the codec's noise along the forms of causes")
         judge = Judge(fitter, smooth, bank, discrepancy_of(model))

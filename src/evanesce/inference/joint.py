@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.core.errors import InputError
 from evanesce.inference.causes import Entry
 from evanesce.inference.constants import FAR
 from evanesce.inference.gauss_newton import Prior, Solution, fit
@@ -198,7 +199,8 @@ class Fitter:
 
         def jacobian(values: Array, predicted: Array) -> Array:
             point = point_of(values) | {name: self._evaluated_at.get(name, 0.0) for name in slow}
-            return np.array([slow[p.name] if p.name in slow else self.model.derivative(point, p) for p in parameters])
+            made = self._derivatives(point, [p for p in parameters if p.name not in slow])
+            return np.array([slow[p.name] if p.name in slow else made[p.name] for p in parameters])
 
         values = np.array([value_of(start, p) for p in parameters])
         solution = fit(
@@ -237,9 +239,8 @@ class Fitter:
             metric = metric.with_rows(self.fields) if len(self.fields) else metric
             if known is not None and number == 0:
                 parameters = (*(p for t in taken for p in t.parameters), *self.nuisances)
-                rows = np.array(
-                    [known[p.name] if p.name in known else self.model.derivative(point, p) for p in parameters]
-                )
+                made = self._derivatives(point, [p for p in parameters if p.name not in known])
+                rows = np.array([known[p.name] if p.name in known else made[p.name] for p in parameters])
             # An anchor moves the prediction, not its derivatives: those of the last serve until they gain no more.
             found = self.fitted(taken, point, metric=metric, rows=rows, fresh=fresh)
             rows, fresh = found.solution.rows, found.solution.fresh
@@ -250,9 +251,18 @@ class Fitter:
                 break
         return found
 
+    def _derivatives(self, point: Mapping[str, float], parameters: Sequence[Parameter]) -> dict[str, Array]:
+        """Return whitened derivatives (bins,) at a point, by parameter."""
+        found: dict[str, Array] = {}
+        for parameter, row in zip(parameters, self.model.derivatives([(point, p) for p in parameters]), strict=True):
+            if isinstance(row, InputError):
+                raise row
+            found[parameter.name] = row
+        return found
+
     def jitter_metric(self, point: Mapping[str, float]) -> Metric:
         """Return the inner product with the light and load of single views, and noise that hangs together."""
-        rows = np.array([self.model.derivative(point, p) for p in self.jitter]).reshape(-1, self.observed.size)
+        rows = np.array(list(self._derivatives(point, self.jitter).values())).reshape(-1, self.observed.size)
         metric = Metric.of(rows, np.array([p.deviation for p in self.jitter]))
         return metric.with_rows(self.noise) if len(self.noise) else metric
 

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.core.errors import InputError
 from evanesce.inference.anchors import Anchors, Evaluated
 from evanesce.inference.data import DataVector
 from evanesce.prediction.fine import CARD_PX, FINE_PX, FineFrames
@@ -17,6 +18,7 @@ from evanesce.prediction.nuisance import nuisance_parameters
 from evanesce.prediction.observe import Observation, model_factor
 from evanesce.prediction.parameters import Parameter, derivative
 from evanesce.prediction.predict import Predictor
+from evanesce.prediction.processes import present
 from evanesce.prediction.recoded import Recoded
 from evanesce.prediction.views import View, binned
 
@@ -63,6 +65,9 @@ class Model(Protocol):
 
     def derivative(self, point: Point, parameter: Parameter) -> Array:
         """Return its derivative (d,) by a parameter."""
+
+    def derivatives(self, asked: Sequence[tuple[Point, Parameter]]) -> list[Array | InputError]:
+        """Return derivatives (d,), each by a parameter at a point, or why the rig cannot have it."""
 
 
 class AnchoredModel:
@@ -204,7 +209,49 @@ class AnchoredModel:
 
     def derivative(self, point: Point, parameter: Parameter) -> Array:
         """Return the whitened derivative (bins,) by a parameter."""
-        return self.data.whitened(derivative(self.coarse, point, parameter, self.data.open)).astype(np.float32)
+        return self._whitened(derivative(self.coarse, point, parameter, self.data.open))
+
+    def derivatives(self, asked: Sequence[tuple[Point, Parameter]]) -> list[Array | InputError]:
+        """Return whitened derivatives (bins,), each by a parameter at a point, or why the rig cannot have it."""
+        together = present()
+        if together is None:
+            return one_by_one(self, asked)
+        tasks = [(dict(point), parameter, list(self.data.open)) for point, parameter in asked]
+        running = together.begin(self.coarse.recipe, self.coarse.fixed, derivative, tasks)
+        meanwhile = self._beside(asked)
+        found = [one if isinstance(one, InputError) else self._whitened(one) for one in running.results()]
+        return [_joined(one, other) for one, other in zip(found, meanwhile, strict=True)]
+
+    def _beside(self, asked: Sequence[tuple[Point, Parameter]]) -> list[Array | InputError]:
+        """Return the part of derivatives that follows the bins: of other data than frames, none here."""
+        return [np.zeros(0, np.float32) for _ in asked]
+
+    def _whitened(self, slope: Array) -> Array:
+        return self.data.whitened(slope).astype(np.float32)
+
+
+def one_by_one(model: Model, asked: Sequence[tuple[Point, Parameter]]) -> list[Array | InputError]:
+    """Return derivatives (d,), each by a parameter at a point, or why the rig cannot have it.
+
+    Parameters
+    ----------
+    model : Model
+    asked : sequence of tuple
+    """
+    found: list[Array | InputError] = []
+    for point, parameter in asked:
+        try:
+            found.append(model.derivative(point, parameter))
+        except InputError as error:
+            found.append(error)
+    return found
+
+
+def _joined(one: Array | InputError, other: Array | InputError) -> Array | InputError:
+    """Return two parts of a derivative as one, or why there is none."""
+    if isinstance(one, InputError):
+        return one
+    return other if isinstance(other, InputError) else np.concatenate([one, other])
 
 
 def _size(data: DataVector, views: Sequence[int], cube: Array) -> float:

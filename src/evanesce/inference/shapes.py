@@ -152,10 +152,6 @@ class FormBank:
         every = [self._found[c.id] for c in causes]
         return [forms for forms in every if np.any(forms.changes)]
 
-    def on_disk(self, cause: Cause) -> bool:
-        """Return whether a cause's forms are kept on disk."""
-        return cause.id in self._found or read_arrays(self._key(cause), ("changes", "laws"), SHAPES) is not None
-
     def blocks(self, causes: Sequence[Cause], data: DataVector) -> dict[str, Array]:
         """Return the whitened forms (forms, bins) of causes that show, and rows of something unknown."""
         found = {forms.id: forms.rows(data) for forms in self.of(causes)}

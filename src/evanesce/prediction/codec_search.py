@@ -54,6 +54,7 @@ def codec_of(
     held: Array,
     scatter: tuple[Array, Array],
     rng: np.random.Generator,
+    known: Codec | None = None,
 ) -> tuple[Codec, float]:
     """Return the codec through which noise comes as it came in the replicates, and the scale of that noise.
 
@@ -69,6 +70,8 @@ def codec_of(
     held, scatter
         Binned replicates, and scatter of their pixels: :class:`evanesce.prediction.observe.Observation`.
     rng : numpy.random.Generator
+    known : Codec, optional
+        Of which the frames themselves tell: the scale alone is sought.
     """
     side = BIN_PX * shooting.factor
     part = _brightest(shooting.binned(picture), tuple(n // side for n in WINDOW_PX))
@@ -97,12 +100,13 @@ def codec_of(
 
     for kind, qualities in QUALITIES.items():
         for quality in qualities:
-            for factor in NOISE_FACTORS if kind == "h264" else (1.0,):
-                attempt(Codec(kind, quality, FILMED if kind == "h264" else 1), shooting.scale * factor)
+            one = Codec(kind, quality, FILMED if kind == "h264" else 1)
+            for factor in NOISE_FACTORS if kind == "h264" or known else (1.0,):
+                attempt(known or one, shooting.scale * factor)
     for steps, times in REFINED:
         # How much noise came in and how much was kept back take each other's place.
         best, scale = min(tried, key=lambda t: tried[t])
-        for step in (-steps, 0, steps):
+        for step in (0,) if known else (-steps, 0, steps):
             for factor in (1.0 / times, 1.0, times):
                 attempt(best.worse(step), scale * factor)
     best, scale = min(tried, key=lambda t: tried[t])

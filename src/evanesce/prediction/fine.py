@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from evanesce.core.states import PlateLight, SensorLight
 from evanesce.effects import Active, Context
 from evanesce.prediction.predict import Kept, Nuisances, Point, Predictor
+from evanesce.prediction.processes import Recipe
 from evanesce.prediction.views import View, binned
 from evanesce.rig import Scene
 from evanesce.rig.coarser import finer_pixels
@@ -78,6 +79,8 @@ class FinePredictor(Predictor):
         # On the real pixels it is the chain of `evanesce simulate`, ray for ray.
         finer = 1 if self.before == 1 else rays * self.before
         super().__init__(believed.model_copy(update={"grid": grid}), views, finer=finer, noise_scale=noise_scale)
+        options = {"believed": believed, "views": self.views, "factor": factor, "noise_scale": noise_scale}
+        self.recipe = Recipe(FinePredictor, {**options, "fine_px": fine_px, "rays": rays})
         self._lights, self._images = Kept(KEEP_LIGHTS), Kept(KEEP_LIGHTS)
 
     def lens_rig(self, rig: Scene) -> Scene:

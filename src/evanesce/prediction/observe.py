@@ -13,6 +13,7 @@ from scipy import linalg, ndimage
 from evanesce.bundle.bundle import Bundle
 from evanesce.bundle.layout import Series, Shot
 from evanesce.core.errors import InputError
+from evanesce.prediction.jpeg_steps import jpeg_quality
 from evanesce.prediction.views import BIN_PX, View, binned
 from evanesce.rig import Scene
 
@@ -56,6 +57,8 @@ class Observation:
         Of the same states, level [DN] and variance of single real pixels [DN^2] in bins.
     pixel_noise : ndarray of float32 (fields, rows, cols), optional
         Noise of single pixels as replicates show it, of unit variance.
+    jpeg : int, optional
+        Quality of the JPEG whose steps the replicates keep; None where they keep none.
     series : mapping of str to Series
     available : frozenset of str
         Observables, in the words of :data:`evanesce.effects.OBSERVABLES`.
@@ -68,6 +71,7 @@ class Observation:
     held: Mapping[str, Array] = field(default_factory=dict)
     scatter: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
     pixel_noise: Array | None = None
+    jpeg: int | None = None
     series: Mapping[str, Series] = field(default_factory=dict)
     available: frozenset[str] = frozenset()
 
@@ -85,6 +89,10 @@ class Observation:
     def locked(self) -> NDArray[np.int_]:
         """Numbers of the views that are kept for the gain."""
         return np.flatnonzero([view.locked for view in self.views])
+
+
+JPEG_FRAMES = 4
+"""By which the quality of a JPEG is judged."""
 
 
 def model_factor(scene: Scene) -> int:
@@ -149,6 +157,7 @@ def observe(bundle: Bundle) -> Observation:
     scatter: dict[str, tuple[Array, Array]] = {}
     pixel_noise: Array | None = None
     raw = list(bundle.replicate_frames)
+    jpeg = jpeg_quality(raw[:JPEG_FRAMES])
     replicates = [binned(frame, factor) for frame in raw]
     if len(replicates) > 1:
         held["replicate"] = binned(np.array(replicates))
@@ -180,6 +189,7 @@ def observe(bundle: Bundle) -> Observation:
         held=held,
         scatter=scatter,
         pixel_noise=pixel_noise,
+        jpeg=jpeg,
         series=dict(bundle.series),
         available=bundle.available,
     )

@@ -19,11 +19,13 @@ from numpy.typing import NDArray
 
 from evanesce.bundle.card_light import card_light, plane_points
 from evanesce.contact.solve import contact_state, parts_of
+from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState, Frame, PlateLight, SensorLight
 from evanesce.effects import Active, Context, Stage, active_effects, all_effects
 from evanesce.optics.led import led_positions
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.optics.seen import seen_at, under_lamp
+from evanesce.prediction.processes import Recipe, present, shares
 from evanesce.prediction.tone import expected_tone
 from evanesce.prediction.views import View, binned
 from evanesce.render.cards import Pose, checkerboard_of, pose_of, square_of
@@ -173,6 +175,9 @@ class Predictor:
 
     def __init__(self, scene: Scene, views: Sequence[View], *, finer: int = 1, noise_scale: float = 1.0) -> None:
         self.scene, self.views, self.finer, self.noise_scale = scene, tuple(views), finer, noise_scale
+        self.recipe = Recipe(
+            Predictor, {"scene": scene, "views": self.views, "finer": finer, "noise_scale": noise_scale}
+        )
         self.correction: Array | None = None
         """Added to every prediction of bins (views, rows, cols) [DN]."""
         self.fixed: dict[str, Mapping[str, Any]] = {}
@@ -184,17 +189,33 @@ class Predictor:
 
     def cube(self, point: Point, only: Sequence[int] | None = None) -> Array:
         """Return the predicted means of the bins (views, rows, cols) [DN]; NaN in views that are not in ``only``."""
-        wanted = range(len(self.views)) if only is None else only
-        scene = scene_with(self.scene, point, self.fixed)
-        found: Array | None = None
-        for place in wanted:
-            part = self._binned(scene, self.views[place], nuisances_of(point, self.views[place], place))
-            if found is None:
-                found = np.full((len(self.views), *part.shape), np.nan)
-            found[place] = part
-        if found is None:
+        wanted = list(range(len(self.views)) if only is None else only)
+        if not wanted:
             raise ValueError("no view to predict")
+        bins = self.bins_at(point, wanted) if present() is None or len(wanted) == 1 else self._shared(point, wanted)
+        found = np.full((len(self.views), *bins[wanted[0]].shape), np.nan)
+        for place, part in bins.items():
+            found[place] = part
         return found if self.correction is None else found + self.correction
+
+    def bins_at(self, point: Point, wanted: Sequence[int]) -> dict[int, Array]:
+        """Return the bins (rows, cols) of some views, by number [DN], made by this process and not corrected."""
+        scene = scene_with(self.scene, point, self.fixed)
+        return {k: self._binned(scene, self.views[k], nuisances_of(point, self.views[k], k)) for k in wanted}
+
+    def _shared(self, point: Point, wanted: Sequence[int]) -> dict[int, Array]:
+        """Return the bins of some views, by number [DN], made by the processes that are there."""
+        together = present()
+        assert together is not None
+        parts = [[k for k in wanted if k in part] for part in shares(self.views, together.count)]
+        asked = [(place, part) for place, part in enumerate(parts) if part]
+        tasks, places = [(dict(point), part) for _, part in asked], [place for place, _ in asked]
+        found: dict[int, Array] = {}
+        for answer in together.begin(self.recipe, self.fixed, Predictor.bins_at, tasks, places).results():
+            if isinstance(answer, InputError):
+                raise answer
+            found |= answer
+        return found
 
     def image(self, point: Point, place: int) -> Array:
         """Return the mean frame (rows, cols) of one view [DN]."""

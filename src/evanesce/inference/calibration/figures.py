@@ -121,35 +121,39 @@ def entered(
     Entered
     """
     by_id = {cause.id: cause for cause in causes}
-    taken, begin, left_out, rows = [], dict(point), {}, {}
-    for number, (name, figure) in enumerate(FIGURES.items(), start=1):
-        if name in without:
-            left_out[name] = "left out by request"
-            continue
-        cause = by_id.get(name)
-        if cause is None:
-            continue
-        tell(f"response to {figure.what} ({number} of {len(FIGURES)})")
-        believed = any(p.null for p in cause.parameters if p.name in cause.amplitudes)
-        own = {} if believed else {f"{name}:{key}": value for key, value in figure.begin.items()}
-        own = {p.name: p.null for p in cause.parameters} | own if figure.begin else own
-        free, slow = [], {}
-        for parameter in cause.parameters:
-            if parameter.name.partition(":")[2] not in figure.names:
-                continue
-            try:
-                row = model.derivative({**point, **own}, parameter)
-            except InputError as error:
-                left_out[parameter.name] = str(error)
-                continue
-            if float(np.linalg.norm(row)) * parameter.deviation < LEAST_SHOWN:
-                left_out[parameter.name] = "no view of the bundle responds to it"
-                continue
-            free.append(parameter)
-            rows[parameter.name] = row
-            if cause.costly:
-                slow[parameter.name] = row
-        if free:
-            taken.append(Taken(cause, tuple(free), slow))
-            begin |= {p.name: p.null for p in free} | own
+    left_out = {name: "left out by request" for name in FIGURES if name in without}
+    asked = {name: by_id[name] for name in FIGURES if name in by_id and name not in without}
+    at = {name: _begin(name, cause) for name, cause in asked.items()}
+    free = [
+        (name, p)
+        for name, cause in asked.items()
+        for p in cause.parameters
+        if p.name.partition(":")[2] in FIGURES[name].names
+    ]
+    tell(f"responses to {len(free)} figures: {', '.join(FIGURES[name].what for name in asked)}")
+    found = model.derivatives([({**point, **at[name]}, p) for name, p in free])
+    rows: dict[str, Array] = {}
+    for (_, p), row in zip(free, found, strict=True):
+        if isinstance(row, InputError):
+            left_out[p.name] = str(row)
+        elif float(np.linalg.norm(row)) * p.deviation < LEAST_SHOWN:
+            left_out[p.name] = "no view of the bundle responds to it"
+        else:
+            rows[p.name] = row
+    taken, begin = [], dict(point)
+    for name, cause in asked.items():
+        own = tuple(p for n, p in free if n == name and p.name in rows)
+        if own:
+            taken.append(Taken(cause, own, {p.name: rows[p.name] for p in own} if cause.costly else {}))
+            begin |= {p.name: p.null for p in own} | at[name]
     return Entered(tuple(taken), begin, left_out, rows)
+
+
+def _begin(name: str, cause: Cause) -> dict[str, float]:
+    """Return where a figure begins: at its null, or where that silences others, beside it."""
+    figure = FIGURES[name]
+    if not figure.begin:
+        return {}
+    believed = any(p.null for p in cause.parameters if p.name in cause.amplitudes)
+    own = {} if believed else {f"{name}:{key}": value for key, value in figure.begin.items()}
+    return {p.name: p.null for p in cause.parameters} | own

@@ -23,6 +23,7 @@ from evanesce.inference.search import everything_marginalised
 from evanesce.inference.series.beside import discrepancy_of
 from evanesce.inference.unknown import Left, left_of
 from evanesce.prediction.parameters import Parameter, derivative
+from evanesce.prediction.processes import processes
 from evanesce.prediction.views import BIN_PX, View
 
 Array = NDArray[Any]
@@ -91,7 +92,14 @@ class RigFit:
     replicates: bool
 
 
-def fit_rig(bundle: Bundle, *, seed: int = 0, tell: Tell = lambda line: None, exclude: Collection[str] = ()) -> RigFit:
+def fit_rig(
+    bundle: Bundle,
+    *,
+    seed: int = 0,
+    tell: Tell = lambda line: None,
+    exclude: Collection[str] = (),
+    workers: int = 1,
+) -> RigFit:
     """Fit all continuous figures of a bundle's rig at once.
 
     Every figure that any view responds to takes part. Those that the bundle does not determine stay at their most
@@ -107,6 +115,8 @@ def fit_rig(bundle: Bundle, *, seed: int = 0, tell: Tell = lambda line: None, ex
         Told what is done, with the time left where it is known.
     exclude : collection of str
         Effects that are not fitted.
+    workers : int
+        Processes by which frames are predicted.
 
     Returns
     -------
@@ -119,6 +129,11 @@ def fit_rig(bundle: Bundle, *, seed: int = 0, tell: Tell = lambda line: None, ex
     GrossDifference
         If another rig was measured than the scene's.
     """
+    with processes(workers):
+        return _fitted(bundle, seed, tell, exclude)
+
+
+def _fitted(bundle: Bundle, seed: int, tell: Tell, exclude: Collection[str]) -> RigFit:
     began = time.monotonic()
     tell = _timed(tell, began)
     start = started(bundle, tell)

@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.bundle.bundle import Bundle
+from evanesce.core.errors import InputError
 from evanesce.inference.causes import Cause
 from evanesce.inference.data import DataVector
 from evanesce.inference.discrepancy import Discrepancy
 from evanesce.inference.joint import JointFit
-from evanesce.inference.model import AnchoredModel
+from evanesce.inference.model import AnchoredModel, one_by_one
 from evanesce.inference.series.model import SeriesBank, SeriesDiscrepancy, SeriesModel, unknown_rows
 from evanesce.inference.series.rows import rows_of
 from evanesce.inference.shapes import FormBank
@@ -96,10 +97,22 @@ class FramesAndSeries(AnchoredModel):
     def derivative(self, point: Point, parameter: Parameter) -> Array:
         """Return its derivative (bins + rows,) by a parameter."""
         series = self.series.derivative(point, parameter)
-        own = parameter.name in {p.name for p in self.series.nuisances()} - {p.name for p in super().nuisances()}
         size = self.observed.size - series.size
-        frames = np.zeros(size, np.float32) if own else super().derivative(point, parameter)
+        frames = np.zeros(size, np.float32) if self._of_series(parameter) else super().derivative(point, parameter)
         return np.concatenate([frames, series])
+
+    def derivatives(self, asked: Sequence[tuple[Point, Parameter]]) -> list[Array | InputError]:
+        """Return derivatives (bins + rows,), each by a parameter at a point, or why the rig cannot have it."""
+        frames = [one for one in asked if not self._of_series(one[1])]
+        found = iter(super().derivatives(frames))
+        return [self.derivative(*one) if self._of_series(one[1]) else next(found) for one in asked]
+
+    def _beside(self, asked: Sequence[tuple[Point, Parameter]]) -> list[Array | InputError]:
+        return one_by_one(self.series, asked)
+
+    def _of_series(self, parameter: Parameter) -> bool:
+        """Return whether no frame knows a nuisance."""
+        return parameter.name in {p.name for p in self.series.nuisances()} - {p.name for p in super().nuisances()}
 
 
 class FramesAndSeriesBank(FormBank):

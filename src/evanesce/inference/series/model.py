@@ -16,6 +16,7 @@ from evanesce.inference.causes import Cause
 from evanesce.inference.constants import DRAWS, OWN_LIGHT, TIED_SHARE, WAVES
 from evanesce.inference.joint import JointFit
 from evanesce.inference.laws import Law, all_laws
+from evanesce.inference.model import one_by_one
 from evanesce.inference.series import predict
 from evanesce.inference.series.predict import SeriesPredictor, log_of
 from evanesce.inference.series.rows import Rows
@@ -122,6 +123,8 @@ class SeriesModel:
             return np.asarray((there(at + h) - there(at - h)) / (2 * h))
         side = h if at + 2 * h <= high else -h
         return np.asarray((4 * there(at + side) - there(at + 2 * side) - 3 * there(at)) / (2 * side))
+
+    derivatives = one_by_one
 
     def of_other_rows(self, data: Rows) -> SeriesModel:
         """Return the model of other rows of the same rig."""

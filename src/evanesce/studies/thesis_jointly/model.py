@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
+from evanesce.inference.model import one_by_one
 from evanesce.prediction.parameters import Parameter
 from evanesce.studies.thesis_jointly.data import Outcomes
 from evanesce.studies.thesis_jointly.mechanisms import NUISANCES, MechanismSet
@@ -65,6 +66,8 @@ class OutcomeModel:
         if self._slopes[0] != key:
             self._slopes = (key, self._all_derivatives(point))
         return self._slopes[1][parameter.name]
+
+    derivatives = one_by_one
 
     def _all_derivatives(self, point: Mapping[str, float]) -> dict[str, Array]:
         names = [p.name for p in self._parameters]

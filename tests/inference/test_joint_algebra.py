@@ -16,7 +16,7 @@ from evanesce.inference.causes import Cause, Entry
 from evanesce.inference.data import DataVector
 from evanesce.inference.discrepancy import Discrepancy, cosines, tied_rows
 from evanesce.inference.explained import Scan
-from evanesce.inference.gauss_newton import Prior, bounded_step, broyden, fit
+from evanesce.inference.gauss_newton import Prior, Slopes, bounded_step, broyden, fit
 from evanesce.inference.joint import Fitter, JointFit, taken_from
 from evanesce.inference.listing import placed
 from evanesce.inference.model import one_by_one
@@ -108,17 +108,21 @@ def test_derivatives_are_made_anew_only_where_steps_have_left_them():
 
     data, none = model(np.array([2.0, 1.5])), Metric.of(np.zeros((0, 3)), np.zeros(0))
     wrong = -jacobian(np.zeros(2), None)
-    found = fit(model, jacobian, 30 * data, loose(2), np.full(2, 0.7), metric=none, rows=wrong, rounds=40, renewals=9)
+    found = fit(
+        model, jacobian, 30 * data, loose(2), np.full(2, 0.7), metric=none, slopes=Slopes(wrong), rounds=40, renewals=9
+    )
     assert 1 < len(calls) < 11
     calls.clear()
     made = jacobian(found.values, None)
     calls.clear()
-    again = fit(model, jacobian, 30 * data, loose(2), found.values, metric=none, rows=made, fresh=True)
-    assert again.fresh
+    again = fit(
+        model, jacobian, 30 * data, loose(2), found.values, metric=none, slopes=Slopes(made, made, found.values)
+    )
+    assert again.slopes.fresh
     assert not calls
-    stale = fit(model, jacobian, 30 * data, loose(2), found.values, metric=none, rows=made)
+    stale = fit(model, jacobian, data, loose(2), found.values, metric=none, slopes=Slopes(made))
     assert len(calls) == 1
-    assert stale.fresh
+    assert stale.slopes.fresh
 
 
 def test_derivatives_of_elsewhere_are_given_up_sooner_than_those_made_where_a_step_starts():
@@ -137,7 +141,7 @@ def test_derivatives_of_elsewhere_are_given_up_sooner_than_those_made_where_a_st
 
     none = Metric.of(np.zeros((0, 3)), np.zeros(0))
     rows = np.array([[2.0, 1.0, 0.0]])
-    found = fit(model, jacobian, np.full(3, 9e4), loose(1), np.zeros(1), metric=none, rows=rows, rounds=30)
+    found = fit(model, jacobian, np.full(3, 9e4), loose(1), np.zeros(1), metric=none, slopes=Slopes(rows), rounds=30)
     assert made == [1 + 2]
     assert len(tried) == 1 + 2 + 5
     np.testing.assert_array_equal(found.rows, [[1.0, 0.0, 2.0]])
@@ -171,7 +175,7 @@ def test_derivatives_of_the_last_anchor_serve_the_next():
     fitter.model, fitter.observed, fitter.jitter, fitter._evaluated_at = model, model.observed, (), {}
     fitter.nuisances = (Parameter(name="@a", deviation=3.0, step=0.01, bounds=(-9.0, 9.0)),)
     found = fitter.relinearised([], {})
-    assert found.solution.fresh
+    assert found.solution.slopes.fresh
     assert model.differentiated == 2
 
 

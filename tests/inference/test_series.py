@@ -26,7 +26,7 @@ from evanesce.inference.causes import causes_of
 from evanesce.inference.critic import _place
 from evanesce.inference.data import data_vector
 from evanesce.inference.gate import gate_of
-from evanesce.inference.gauss_newton import Solution
+from evanesce.inference.gauss_newton import Slopes, Solution
 from evanesce.inference.joint import Fitter, JointFit
 from evanesce.inference.model import AnchoredModel
 from evanesce.inference.posterior import Judge
@@ -138,7 +138,7 @@ def test_evidence_of_a_fit_is_that_of_the_gaussian_it_is():
     values = np.linalg.solve(precision, rows @ y)
     misfit = float(((y - values @ rows) ** 2).sum() + ((values / deviation) ** 2).sum())
     parameters = [Parameter(name=f"c:{k}", deviation=d, step=0.1) for k, d in enumerate(deviation)]
-    solution = Solution(values, values @ rows, rows, misfit, precision, np.zeros(2, bool))
+    solution = Solution(values, values @ rows, Slopes(rows), misfit, precision, np.zeros(2, bool))
     metric = Metric.of(np.zeros((0, 9)), np.zeros(0))
     fitted = JointFit((), tuple(parameters), {}, solution, metric, y - solution.predicted)
     alone, wide = np.eye(9), np.eye(9) + rows.T @ np.diag(deviation**2) @ rows

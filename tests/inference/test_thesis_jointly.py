@@ -189,7 +189,7 @@ class Line:
 @pytest.mark.parametrize(("at", "low"), [(0.8, -np.inf), (-0.9, 0.0)])
 def test_sampled_evidence_is_the_integral(at: float, low: float):
     """Also where the data push a parameter against its bound."""
-    from evanesce.inference.gauss_newton import Solution
+    from evanesce.inference.gauss_newton import Slopes, Solution
     from evanesce.inference.joint import JointFit
     from evanesce.prediction.linear import Metric
 
@@ -199,7 +199,9 @@ def test_sampled_evidence_is_the_integral(at: float, low: float):
     precision = float(np.square(rows / sd).sum() + 1 / 0.36)
     best = max(float((rows * data / sd**2).sum() / precision), low)
     held = np.array([best == low])
-    solution = Solution(np.array([best]), best * rows / sd, (rows / sd)[None], 0.0, np.array([[precision]]), held)
+    solution = Solution(
+        np.array([best]), best * rows / sd, Slopes((rows / sd)[None]), 0.0, np.array([[precision]]), held
+    )
     metric = Metric.of(np.zeros((0, 3)), np.zeros(0))
     fit = JointFit((), (p,), {"a:x": best}, solution, metric, (data - best * rows) / sd)
     grid = np.linspace(max(low, -6), 6, 20001)

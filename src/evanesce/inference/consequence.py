@@ -134,6 +134,6 @@ class AreaReader:
         away = fitted.departures()[places]
         t = np.sqrt(max(float(away @ np.linalg.solve(covariance[np.ix_(places, places)], away)), 1e-12))
         change = np.array(found.change_mm2)
-        half = NINETY * np.hypot(change / t, counted_sd(change, self.scene.camera.scale_px_per_mm**-2))
+        half = NINETY * np.hypot(change / t, counted_sd(change, self.scene.camera.scale_px_per_mm**-2.0))
         low, high = (tuple(map(float, end)) for end in (change - half, change + half))
         return replace(found, low_mm2=low, high_mm2=high)

@@ -95,14 +95,17 @@ class Discrepancy:
         data = self.model.data
         whole = self.model.cube(fitted.point)
         found = [np.asarray(data.whitened(self.model.discretisation)[None] * EXTRAPOLATED, np.float32)]
-        for taken in fitted.taken:
-            without = fitted.without(taken.id)
-            try:
-                change = whole - self.model.cube(without)
-                if fine is not None and not taken.cause.costly:
-                    self.shares[taken.id] = self._share(fine, whole, without, change)
-            except InputError:
+        points = [fitted.without(taken.id) for taken in fitted.taken]
+        every = self.model.coarse.cubes(points, list(data.open))
+        for taken, without, cube in zip(fitted.taken, points, every, strict=True):
+            if isinstance(cube, InputError):
                 continue
+            change = whole - cube
+            if fine is not None and not taken.cause.costly:
+                try:
+                    self.shares[taken.id] = self._share(fine, whole, without, change)
+                except InputError:
+                    continue
             found.append(tied_rows(data, change, self.shares.get(taken.id, TIED_SHARE)))
         return np.concatenate(found)
 

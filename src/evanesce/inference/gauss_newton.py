@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -48,6 +48,30 @@ class Prior:
         return float(np.square((values - self.mean) / self.deviation).sum())
 
 
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """Derivatives of n parameters.
+
+    Attributes
+    ----------
+    rows : ndarray (n, d)
+        Whitened, corrected by the steps taken.
+    made : ndarray (n, d), optional
+        As differences made them last; None where they were made of each parameter elsewhere.
+    at : ndarray (n,), optional
+        Values where those were made.
+    """
+
+    rows: Array
+    made: Array | None = None
+    at: Array | None = None
+
+    @property
+    def fresh(self) -> bool:
+        """Whether no step has corrected them since."""
+        return self.made is self.rows
+
+
 @dataclass(frozen=True)
 class Solution:
     """Most probable parameters.
@@ -57,8 +81,8 @@ class Solution:
     values : ndarray (n,)
     predicted : ndarray (d,)
         Whitened prediction there.
-    rows : ndarray (n, d)
-        Whitened derivatives there, renewed or corrected by the steps taken.
+    slopes : Slopes
+        Derivatives there.
     misfit : float
         Squared residual in the metric, plus the prior's squares.
     precision : ndarray (n, n)
@@ -66,17 +90,26 @@ class Solution:
     held : ndarray of bool (n,)
         Parameters that a bound holds against the data: nothing can be had by moving them on, though their prior, which
         knows no bound, would let them.
-    fresh : bool
-        Whether the derivatives were made where the solution is: no step has corrected them since.
     """
 
     values: Array
     predicted: Array
-    rows: Array
+    slopes: Slopes
     misfit: float
     precision: Array
     held: NDArray[np.bool_]
-    fresh: bool = False
+
+    @property
+    def rows(self) -> Array:
+        """Whitened derivatives (n, d), renewed or corrected by the steps taken."""
+        return self.slopes.rows
+
+    @property
+    def moved(self) -> float:
+        """How far the parameters are from where derivatives were made [posterior standard deviations], the farthest."""
+        if self.slopes.at is None:
+            return float(np.inf)
+        return float(np.abs((self.values - self.slopes.at) / np.sqrt(np.diag(self.covariance))).max(initial=0.0))
 
     @property
     def covariance(self) -> Array:
@@ -126,8 +159,7 @@ def fit(
     start: Array,
     *,
     metric: Metric,
-    rows: Array | None = None,
-    fresh: bool = False,
+    slopes: Slopes | None = None,
     rounds: int = 12,
     renewals: int = 1,
 ) -> Solution:
@@ -146,10 +178,8 @@ def fit(
     start : ndarray (n,)
     metric : Metric
         Inner product of the data space, nuisances marginalised.
-    rows : ndarray (n, d), optional
+    slopes : Slopes, optional
         Derivatives at the start, where they are known.
-    fresh : bool
-        Whether these were made there.
     rounds : int
         Predictions at most.
     renewals : int
@@ -161,24 +191,29 @@ def fit(
     """
     values = np.clip(np.asarray(start, float), prior.low, prior.high)
     predicted = model(values)
-    slopes = np.array(jacobian(values, predicted) if rows is None else rows, float)
+
+    def made() -> Slopes:
+        rows = np.array(jacobian(values, predicted), float)
+        return Slopes(rows, rows, values)
+
+    slopes = made() if slopes is None else slopes
 
     def misfit_of(at: Array, prediction: Array) -> float:
         left = data - prediction
         return float(metric.project(left) @ left) + prior.square(at)
 
-    misfit, damping, failed, fresh = misfit_of(values, predicted), 0.0, 0, rows is None or fresh
+    misfit, damping, failed = misfit_of(values, predicted), 0.0, 0
     for _ in range(rounds):
-        precision, gradient = _normal(slopes, data - predicted, values, prior, metric)
+        precision, gradient = _normal(slopes.rows, data - predicted, values, prior, metric)
         damped = precision + damping * np.diag(np.diag(precision))
         step = bounded_step(damped, gradient, prior.low - values, prior.high - values)
         promised = 2.0 * float(step @ gradient) - float(step @ precision @ step)
         settled = promised < max(SETTLED * (misfit - data.size), 1.0)
-        stale = not fresh and renewals > 0
+        stale = not slopes.fresh and renewals > 0
         if settled or failed >= (STALE_FAILURES if stale else FAILURES):
             if not stale:
                 break
-            slopes, fresh, renewals = np.array(jacobian(values, predicted), float), True, renewals - 1
+            slopes, renewals = made(), renewals - 1
             damping, failed = 0.0, 0
             continue
         trial = np.clip(values + step, prior.low, prior.high)
@@ -187,17 +222,17 @@ def fit(
         except InputError:
             damping, failed = max(damping, 0.1) * DAMPED, failed + 1
             continue
-        corrected = broyden(slopes, trial - values, there - predicted, precision)
-        fresh, slopes = fresh and corrected is slopes, corrected
+        corrected = broyden(slopes.rows, trial - values, there - predicted, precision)
+        slopes = slopes if corrected is slopes.rows else replace(slopes, rows=corrected)
         value = misfit_of(trial, there)
         if value < misfit:
             values, predicted, misfit, failed = trial, there, value, 0
             damping = 0.0 if damping < 1e-3 else damping * UNDAMPED
         else:
             damping, failed = max(damping, 0.01) * DAMPED, failed + 1
-    precision, gradient = _normal(slopes, data - predicted, values, prior, metric)
+    precision, gradient = _normal(slopes.rows, data - predicted, values, prior, metric)
     held = ((values <= prior.low) & (gradient < 0)) | ((values >= prior.high) & (gradient > 0))
-    return Solution(values, predicted, slopes, misfit, precision, held, fresh)
+    return Solution(values, predicted, slopes, misfit, precision, held)
 
 
 def broyden(rows: Array, step: Array, change: Array, precision: Array) -> Array:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from evanesce.core.errors import InputError
 from evanesce.inference.causes import Entry
 from evanesce.inference.constants import FAR
-from evanesce.inference.gauss_newton import Prior, Solution, fit
+from evanesce.inference.gauss_newton import Prior, Slopes, Solution, fit
 from evanesce.inference.model import Model
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.parameters import Parameter, value_of
@@ -23,6 +23,10 @@ ANCHORS = 3
 """Fine evaluations of one fit at most."""
 STAYED = 0.01
 """A fit has stayed where it was anchored if the misfit fell by less than this share since."""
+
+
+LINEAR = 0.5
+"""Posterior standard deviations over which a parameter whose evaluation takes seconds acts linearly."""
 
 
 class Term(Protocol):
@@ -165,8 +169,7 @@ class Fitter:
         start: Mapping[str, float],
         *,
         metric: Metric,
-        rows: Array | None = None,
-        fresh: bool = False,
+        slopes: Slopes | None = None,
         rounds: int = 12,
         renewals: int = 1,
     ) -> JointFit:
@@ -177,25 +180,17 @@ class Fitter:
         taken : sequence of Taken
         start : mapping
         metric : Metric
-        rows : ndarray (parameters, bins), optional
-            Derivatives at the start.
-        fresh, rounds, renewals
+        slopes, rounds, renewals
             See :func:`evanesce.inference.gauss_newton.fit`.
         """
         parameters = (*(p for t in taken for p in t.parameters), *self.nuisances)
-        slow = {name: row for t in taken for name, row in t.slow.items()}
+        slow = _slow(taken)
 
         def point_of(values: Array) -> dict[str, float]:
             return {**start, **{p.name: float(v) for p, v in zip(parameters, values, strict=True)}}
 
         def predict(values: Array) -> Array:
-            point = point_of(values)
-            extra = np.zeros_like(self.observed)
-            for name, row in slow.items():
-                at = self._evaluated_at.get(name, 0.0)
-                extra += (point[name] - at) * row
-                point[name] = at
-            return self.model.vector(point) + extra
+            return self._predicted(point_of(values), slow)
 
         def jacobian(values: Array, predicted: Array) -> Array:
             point = point_of(values) | {name: self._evaluated_at.get(name, 0.0) for name in slow}
@@ -204,13 +199,19 @@ class Fitter:
 
         values = np.array([value_of(start, p) for p in parameters])
         solution = fit(
-            predict, jacobian, self.observed, _prior(parameters), values, metric=metric, rows=rows, fresh=fresh,
-            rounds=rounds, renewals=renewals,
+            predict, jacobian, self.observed, _prior(parameters), values, metric=metric, slopes=slopes, rounds=rounds,
+            renewals=renewals,
         )  # fmt: skip
         residual = self.observed - solution.predicted
         return JointFit(
             tuple(taken), parameters, point_of(solution.values), solution, metric, residual, len(self.fields)
         )
+
+    def _predicted(self, point: Mapping[str, float], slow: Mapping[str, Array]) -> Array:
+        """Return the whitened prediction (bins,); parameters whose evaluation takes seconds act linearly."""
+        at = {name: self._evaluated_at.get(name, 0.0) for name in slow}
+        extra = sum(((point[name] - at[name]) * row for name, row in slow.items()), np.zeros_like(self.observed))
+        return np.asarray(self.model.vector({**point, **at}) + extra)
 
     def relinearised(
         self, taken: Sequence[Taken], start: Mapping[str, float], known: Mapping[str, Array] | None = None
@@ -230,26 +231,38 @@ class Fitter:
             If the rig cannot have the values of the start.
         """
         point = dict(start)
-        rows: Array | None = None
-        fresh = False
+        slopes: Slopes | None = None
+        slow = _slow(taken)
+        self._evaluated_at = {name: point[name] for name in slow}
+        found: JointFit | None = None
         for number in range(ANCHORS):
-            self.model.anchor(point)
-            self._evaluated_at = {name: point[name] for t in taken for name in t.slow}
-            metric = self.jitter_metric(point)
+            if found is not None:
+                self._evaluated_at |= {name: point[name] for name in slow if self._left(found, name)}
+            there = {**point, **self._evaluated_at}
+            self.model.anchor(there)
+            metric = self.jitter_metric(there)
             metric = metric.with_rows(self.fields) if len(self.fields) else metric
             if known is not None and number == 0:
                 parameters = (*(p for t in taken for p in t.parameters), *self.nuisances)
-                made = self._derivatives(point, [p for p in parameters if p.name not in known])
-                rows = np.array([known[p.name] if p.name in known else made[p.name] for p in parameters])
+                made = self._derivatives(there, [p for p in parameters if p.name not in known])
+                rows = [known[p.name] if p.name in known else made[p.name] for p in parameters]
+                slopes = Slopes(np.array(rows, float))
             # An anchor moves the prediction, not its derivatives: those of the last serve until they gain no more.
-            found = self.fitted(taken, point, metric=metric, rows=rows, fresh=fresh)
-            rows, fresh = found.solution.rows, found.solution.fresh
-            before = self.observed - self.model.vector(point)
+            found = self.fitted(taken, point, metric=metric, slopes=slopes)
+            slopes = found.solution.slopes
+            before = self.observed - self._predicted(point, slow)
             first = float(metric.project(before) @ before)
             point = dict(found.point)
             if first - found.misfit < max(STAYED * (found.misfit - self.observed.size), 1.0):
                 break
+        assert found is not None  # there is more than no anchor
         return found
+
+    def _left(self, fitted: JointFit, name: str) -> bool:
+        """Return whether a fit has moved a parameter from where it was evaluated by more than its line reaches."""
+        place = [p.name for p in fitted.parameters].index(name)
+        sd = float(np.sqrt(fitted.solution.covariance[place, place]))
+        return abs(fitted.point[name] - self._evaluated_at[name]) > LINEAR * sd
 
     def _derivatives(self, point: Mapping[str, float], parameters: Sequence[Parameter]) -> dict[str, Array]:
         """Return whitened derivatives (bins,) at a point, by parameter."""
@@ -265,6 +278,11 @@ class Fitter:
         rows = np.array(list(self._derivatives(point, self.jitter).values())).reshape(-1, self.observed.size)
         metric = Metric.of(rows, np.array([p.deviation for p in self.jitter]))
         return metric.with_rows(self.noise) if len(self.noise) else metric
+
+
+def _slow(taken: Sequence[Taken]) -> dict[str, Array]:
+    """Return the derivatives (bins,) of parameters whose evaluation takes seconds, by name."""
+    return {name: row for t in taken for name, row in t.slow.items()}
 
 
 def taken_from(entry: Entry) -> Taken:

@@ -159,7 +159,7 @@ class AnchoredModel:
             coarser = self._fine_frames(point, views, COARSER_PX)
             change = (frames - coarser) / np.float32((sides[0] / sides[1]) ** order - 1.0)
         frames += change
-        added = frames - np.array([self.coarse.image(point, k) for k in views], np.float32)
+        added = frames - self.coarse.images(point, views).astype(np.float32)
         return Evaluated(coarse[views], added, binned(frames) - coarse[views], binned(change))
 
     def _fine_frames(self, point: Point, views: Sequence[int], fine_px: int) -> Array:
@@ -197,7 +197,7 @@ class AnchoredModel:
                     found |= dict(zip(group, added, strict=True))
         finally:
             self.coarse.correction = correction
-        return np.array([self.coarse.image(point, k) + found[k] for k in views])
+        return self.coarse.images(point, views) + np.array([found[k] for k in views])
 
     def cube(self, point: Point, only: Sequence[int] | None = None) -> Array:
         """Return the bins (views, rows, cols) [DN]; NaN in views that are not in ``only`` (the open ones)."""

@@ -19,7 +19,7 @@ from evanesce.core.errors import InputError
 from evanesce.inference.causes import Cause, Entry, departure, entries_of
 from evanesce.inference.constants import DETECTED, FITTED, LEAST_SHARE, SUBSTITUTE, TRIED
 from evanesce.inference.explained import Scan
-from evanesce.inference.gauss_newton import bounded_step
+from evanesce.inference.gauss_newton import Slopes, bounded_step
 from evanesce.inference.joint import Fitter, JointFit, Taken, taken_from
 from evanesce.inference.marks import MarkSearch
 from evanesce.inference.posterior import Further, Judge, Posterior
@@ -302,8 +302,9 @@ class Search:
             )
             count = sum(len(t.parameters) for t in now.taken)
             rows = np.concatenate([now.solution.rows[:count], own, now.solution.rows[count:]])
+            slopes = Slopes(rows.astype(float))
             return self.fitter.fitted(
-                (*now.taken, taken), start, metric=now.metric, rows=rows, rounds=TRIAL_ROUNDS, renewals=0
+                (*now.taken, taken), start, metric=now.metric, slopes=slopes, rounds=TRIAL_ROUNDS, renewals=0
             )
         except InputError:
             return None

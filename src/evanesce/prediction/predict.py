@@ -189,33 +189,70 @@ class Predictor:
 
     def cube(self, point: Point, only: Sequence[int] | None = None) -> Array:
         """Return the predicted means of the bins (views, rows, cols) [DN]; NaN in views that are not in ``only``."""
+        return self.begun(point, only)()
+
+    def begun(self, point: Point, only: Sequence[int] | None = None) -> Callable[[], Array]:
+        """Return what returns :meth:`cube`: other processes, where there are any, predict meanwhile."""
         wanted = list(range(len(self.views)) if only is None else only)
         if not wanted:
             raise ValueError("no view to predict")
-        bins = self.bins_at(point, wanted) if present() is None or len(wanted) == 1 else self._shared(point, wanted)
-        found = np.full((len(self.views), *bins[wanted[0]].shape), np.nan)
+        made = self._shared(Predictor.bins_at, point, wanted)
+        correction = self.correction
+
+        return lambda: self._cube_of(made(), correction)
+
+    def cubes(self, points: Sequence[Point], only: Sequence[int] | None = None) -> list[Array | InputError]:
+        """Return :meth:`cube` of several points, or why the rig cannot have one."""
+        together = present()
+        wanted = list(range(len(self.views)) if only is None else only)
+        if together is None or len(points) < together.count:
+            return [_tried(lambda one=point: self.cube(one, wanted)) for point in points]  # type: ignore[misc]
+        tasks = [(dict(point), wanted) for point in points]
+        answers = together.begin(self.recipe, self.fixed, Predictor.bins_at, tasks).results()
+        return [a if isinstance(a, InputError) else self._cube_of(a, self.correction) for a in answers]
+
+    def _cube_of(self, bins: Mapping[int, Array], correction: Array | None) -> Array:
+        """Return bins by number as a cube (views, rows, cols), NaN where there are none."""
+        found = np.full((len(self.views), *next(iter(bins.values())).shape), np.nan)
         for place, part in bins.items():
             found[place] = part
-        return found if self.correction is None else found + self.correction
+        return found if correction is None else found + correction
 
     def bins_at(self, point: Point, wanted: Sequence[int]) -> dict[int, Array]:
         """Return the bins (rows, cols) of some views, by number [DN], made by this process and not corrected."""
         scene = scene_with(self.scene, point, self.fixed)
         return {k: self._binned(scene, self.views[k], nuisances_of(point, self.views[k], k)) for k in wanted}
 
-    def _shared(self, point: Point, wanted: Sequence[int]) -> dict[int, Array]:
-        """Return the bins of some views, by number [DN], made by the processes that are there."""
+    def _shared(
+        self, work: Callable[[Predictor, Point, list[int]], dict[int, Array]], point: Point, wanted: Sequence[int]
+    ) -> Callable[[], dict[int, Array]]:
+        """Return what returns something of some views, by number, made by all processes that there are."""
         together = present()
-        assert together is not None
+        if together is None:
+            return lambda: work(self, point, list(wanted))
         parts = [[k for k in wanted if k in part] for part in shares(self.views, together.count)]
         asked = [(place, part) for place, part in enumerate(parts) if part]
         tasks, places = [(dict(point), part) for _, part in asked], [place for place, _ in asked]
-        found: dict[int, Array] = {}
-        for answer in together.begin(self.recipe, self.fixed, Predictor.bins_at, tasks, places).results():
-            if isinstance(answer, InputError):
-                raise answer
-            found |= answer
-        return found
+        batch = together.begin(self.recipe, self.fixed, work, tasks, places)
+
+        def finished() -> dict[int, Array]:
+            found: dict[int, Array] = {}
+            for answer in batch.results():
+                if isinstance(answer, InputError):
+                    raise answer
+                found |= answer
+            return found
+
+        return finished
+
+    def images(self, point: Point, places: Sequence[int]) -> Array:
+        """Return the mean frames (places, rows, cols) of some views [DN]."""
+        made = self._shared(Predictor.images_at, point, places)()
+        return np.array([made[k] for k in places])
+
+    def images_at(self, point: Point, places: Sequence[int]) -> dict[int, Array]:
+        """Return mean frames (rows, cols) of some views, by number [DN], made by this process."""
+        return {k: self.image(point, k) for k in places}
 
     def image(self, point: Point, place: int) -> Array:
         """Return the mean frame (rows, cols) of one view [DN]."""
@@ -362,6 +399,13 @@ class Predictor:
             return np.asarray(mean)
         frame = Frame(data=mean, time=context.time_s, index=context.index)
         return np.asarray(self._apply(Stage.FRAME, frame, effects, context).data, float)
+
+
+def _tried(make: Callable[[], Array]) -> Array | InputError:
+    try:
+        return make()
+    except InputError as error:
+        return error
 
 
 def render_moved(rig: Scene, state: ContactState, shift_mm: tuple[float, float], finer: int = 1) -> PlateLight:

@@ -149,6 +149,7 @@ class Processes:
         # What has not started threads of its own may not be copied while another thread runs.
         context = multiprocessing.get_context("spawn")
         self.count = count
+        self._last: Batch | None = None
         self._ends: list[Connection] = []
         self._known: list[OrderedDict[int, None]] = [OrderedDict() for _ in range(count)]
         self._running = []
@@ -168,8 +169,11 @@ class Processes:
         tasks: Sequence[tuple[Any, ...]],
         places: Sequence[int] | None = None,
     ) -> Batch:
-        """Begin tasks; their results have to be fetched before others begin. Arguments as of :class:`Batch`."""
-        return Batch(self._ends, self._known, recipe, fixed, work, tasks, places)
+        """Begin tasks, after those that nobody has waited for; arguments as of :class:`Batch`."""
+        if self._last is not None:
+            self._last.results()
+        self._last = Batch(self._ends, self._known, recipe, fixed, work, tasks, places)
+        return self._last
 
     def close(self) -> None:
         """End the processes."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,10 @@ from evanesce.prediction.views import BIN_PX, View
 
 Array = NDArray[Any]
 Tell = Callable[[str], None]
+
+
+NEAR = 3.0
+"""Posterior standard deviations within which derivatives are the same: the model is linear over what the data allow."""
 
 
 @dataclass(frozen=True)
@@ -144,9 +148,13 @@ def _fitted(bundle: Bundle, seed: int, tell: Tell, exclude: Collection[str]) -> 
         best, into, lacking = _joint(start, exclude, tell)
     model = start.model
     tell("intervals")
-    # Derivatives that steps corrected (Broyden) overstate what the data determine: those of intervals are made anew.
-    if not best.solution.fresh:
-        best = start.fitter.fitted(into.taken, best.point, metric=best.metric, rounds=0)
+    # Derivatives that steps corrected (Broyden) overstate what the data determine: those of intervals were made by
+    # differences, where the fit has ended or next to it.
+    slopes = best.solution.slopes
+    if not slopes.fresh:
+        made = slopes.made if best.solution.moved < NEAR else None
+        near = None if made is None else replace(slopes, rows=made)
+        best = start.fitter.fitted(into.taken, best.point, metric=best.metric, slopes=near, rounds=0)
     discrepancy = discrepancy_of(model)
     tied = discrepancy.every_row(best)
     figures = intervals(best, tied)

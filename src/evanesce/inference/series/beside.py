@@ -92,7 +92,9 @@ class FramesAndSeries(AnchoredModel):
 
     def vector(self, point: Point) -> Array:
         """Return the whitened prediction (bins + rows,)."""
-        return np.concatenate([super().vector(point), self.series.vector(point)])
+        frames = self.coarse.begun(point, list(self.data.open))
+        series = self.series.vector(point)
+        return np.concatenate([self.data.whitened(frames()), series])
 
     def derivative(self, point: Point, parameter: Parameter) -> Array:
         """Return its derivative (bins + rows,) by a parameter."""

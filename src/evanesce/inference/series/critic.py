@@ -142,6 +142,7 @@ class SeriesAreas(AreaReader):
         own = [s for s in model.data.series if (s.x_name, s.y_name) == ("force", "area")]
         forces = np.asarray(own[0].x if own else scene.press.forces_N, float)
         self.predictor = model.coarse
+        self.scene = model_scene(scene)
         self.series = _series("areas", "force", "area", forces, own[0].held if own else {})
         self.forces = tuple(map(float, forces))
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy import ndimage
 from scipy.optimize import brentq
 
 from evanesce.chain.simulate import simulate_press, solve_contact
@@ -11,10 +14,11 @@ from evanesce.contact.analytic.hertz import hertz_contact
 from evanesce.contact.analytic.jkr import jkr_contact
 from evanesce.contact.fem.library import library_press
 from evanesce.contact.halfspace.adhered import adhered_contact
+from evanesce.contact.reshape import reshaped_state
 from evanesce.contact.solve import contact_state
 from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState, PlateLight
-from evanesce.effects import Context, Effect, all_effects
+from evanesce.effects import Context, Effect, Stage, all_effects
 from evanesce.optics.projection import Projection
 from evanesce.rig import Press, Ramp, Scene, load_scene
 
@@ -262,6 +266,40 @@ def test_off_axis_load_makes_an_ellipse_of_the_same_area() -> None:
     assert carried(oval) == pytest.approx(force, rel=1e-9)
     with pytest.raises(InputError, match="off_axis_load"):
         pressed(rig("hertz", "thesis_ridged"), 1.0, off_axis_load=values)
+
+
+def test_a_stretched_contact_is_interpolated_as_scipy_does() -> None:
+    """Gap, pressure and labels by SciPy's linear interpolation in double precision: to a hundredth of a nanometre."""
+    labels = np.random.default_rng(3).integers(0, 3, (150, 150)).astype(np.uint8)
+    state = replace(pressed(rig("hertz"), 2.2), state=labels)
+    grid, pivot, direction, along, across = state.grid, (1.2, -0.4), 0.7, 1.06, 0.97
+    found = reshaped_state(state, along, across, direction, pivot)
+    turn = np.array([[np.cos(direction), np.sin(direction)], [-np.sin(direction), np.cos(direction)]])
+    points = np.stack(np.meshgrid(grid.x - pivot[0], grid.y - pivot[1]))
+    back = np.einsum("ji,j...->i...", turn, np.einsum("ij,j...->i...", turn, points) / [[[along]], [[across]]])
+    rows, cols = (back[1] + pivot[1] - grid.y[0]) / grid.pitch, (back[0] + pivot[0] - grid.x[0]) / grid.pitch
+    gap, pressure = (
+        ndimage.map_coordinates(np.asarray(field, float), [rows, cols], order=1, mode="nearest")
+        for field in (state.gap, state.pressure)
+    )
+    near = gap < 1e-3
+    assert np.abs(found.gap - gap)[near].max() < 1e-8 * 1e3 * grid.pitch
+    np.testing.assert_allclose(found.gap, gap, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(
+        np.asarray(found.pressure) / found.pressure.sum(), pressure / pressure.sum(), rtol=1e-4, atol=1e-9
+    )
+    labels = ndimage.map_coordinates(state.state, [rows, cols], order=0, mode="nearest")
+    assert np.mean(found.state == labels) > 0.999
+
+
+@pytest.mark.parametrize("name", [n for n, e in all_effects().items() if e.stage is Stage.CONTACT])
+def test_effects_on_a_contact_leave_it_as_deep_as_it_was(name: str) -> None:
+    """What series of displacement build on: depths at forces are those of the rig without such effects."""
+    own = all_effects()[name]
+    values = {key: own.fitted[key] for key in own.amplitudes if key in own.fitted}
+    plain, changed = pressed(rig("hertz"), 2.2), pressed(rig("hertz"), 2.2, **{name: values})
+    assert changed.depth == plain.depth
+    assert np.abs(np.asarray(changed.pressure) - plain.pressure).max() > 0.0 or changed.grid != plain.grid
 
 
 def test_shear_takes_alpha_q_squared_from_the_trailing_edge() -> None:

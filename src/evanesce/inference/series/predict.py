@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from evanesce.bundle.area import AreaReading, contact_area
 from evanesce.bundle.layout import Series
 from evanesce.chain.simulate import solve_contact
-from evanesce.contact.solve import parts_of
+from evanesce.contact.solve import contact_state, parts_of
 from evanesce.core.errors import InputError
-from evanesce.effects import Stage, active_effects
+from evanesce.effects import Active, Context, Stage, active_effects, apply_stage
 from evanesce.inference.series.rows import LEAST_AREA_MM2, LEAST_FORCE_N
 from evanesce.prediction.fine import FinePredictor, in_pixels
 from evanesce.prediction.observe import model_factor, model_scene
@@ -121,9 +121,9 @@ class SeriesPredictor:
         time_s = series.held.get("time_s", 0.0)
         # A law takes fourteen contacts; most of what a fit varies leaves it as it is.
         rig, _ = solve_contact(scene, None, seed=0, time_s=time_s)
-        touching = [e for e in active_effects(scene) if e.effect.stage in (Stage.LOAD, Stage.CONTACT)]
-        key = (time_s, repr(touching), *parts_of(rig))
-        depths, forces = self._depths.get(key, lambda: law_of_depth(scene, time_s))
+        loads = tuple(e for e in active_effects(scene) if e.effect.stage is Stage.LOAD)
+        key = (time_s, repr(loads), *parts_of(rig))
+        depths, forces = self._depths.get(key, lambda: law_of_depth(rig, loads, time_s))
         if len(forces) < 2:
             raise InputError(
                 "has no depth", key="contact.law", allowed="a law with a depth, for series of displacement"
@@ -133,15 +133,26 @@ class SeriesPredictor:
         return np.exp(np.interp(np.log(np.maximum(depth, 1e-6)), log_depth, log_force))
 
 
-def law_of_depth(scene: Scene, time_s: float) -> tuple[Array, Array]:
-    """Return depths [mm], ascending, and the forces [N] that press a rig's finger so deep."""
+def law_of_depth(rig: Scene, loads: tuple[Active, ...], time_s: float) -> tuple[Array, Array]:
+    """Return depths [mm], ascending, and the forces [N] that press a rig's finger so deep.
+
+    Effects on the contact itself move or stretch it in its plane: how deep it is does not change.
+
+    Parameters
+    ----------
+    rig : Scene
+    loads : tuple of Active
+        Effects on the force.
+    time_s : float
+    """
     forces, depths = [], []
+    context = Context(rig, 0, time_s, 0)
     for force in FORCES_FOR_DEPTH:
         try:
-            _, state = solve_contact(scene, float(force), seed=0, time_s=time_s)
+            state = contact_state(rig, apply_stage(Stage.LOAD, float(force), loads, context), time_s=time_s)
         except InputError:
             continue  # beyond what the law knows
-        if state is not None and np.isfinite(state.depth):
+        if np.isfinite(state.depth):
             forces.append(float(force))
             depths.append(float(state.depth))
     order = np.argsort(depths)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -214,7 +215,11 @@ class Fitter:
         return np.asarray(self.model.vector({**point, **at}) + extra)
 
     def relinearised(
-        self, taken: Sequence[Taken], start: Mapping[str, float], known: Mapping[str, Array] | None = None
+        self,
+        taken: Sequence[Taken],
+        start: Mapping[str, float],
+        known: Mapping[str, Array] | None = None,
+        tell: Callable[[str], None] = lambda line: None,
     ) -> JointFit:
         """Return the joint fit at the fine model's optimum: anchored and differentiated anew until it stays.
 
@@ -224,6 +229,8 @@ class Fitter:
         start : mapping
         known : mapping of str to ndarray (bins,), optional
             Whitened derivatives at the start, by parameter: a step is tried by them before any is made anew.
+        tell : callable
+            Told how far it is, with the time left.
 
         Raises
         ------
@@ -235,8 +242,11 @@ class Fitter:
         slow = _slow(taken)
         self._evaluated_at = {name: point[name] for name in slow}
         found: JointFit | None = None
+        began = time.monotonic()
         for number in range(ANCHORS):
             if found is not None:
+                left = (ANCHORS - number) * (time.monotonic() - began) / number
+                tell(f"{_misfit(found)} after pass {number} of {ANCHORS} at most; some {left:.0f} s left")
                 self._evaluated_at |= {name: point[name] for name in slow if self._left(found, name)}
             there = {**point, **self._evaluated_at}
             self.model.anchor(there)
@@ -256,6 +266,7 @@ class Fitter:
             if first - found.misfit < max(STAYED * (found.misfit - self.observed.size), 1.0):
                 break
         assert found is not None  # there is more than no anchor
+        tell(_misfit(found))
         return found
 
     def _left(self, fitted: JointFit, name: str) -> bool:
@@ -278,6 +289,10 @@ class Fitter:
         rows = np.array(list(self._derivatives(point, self.jitter).values())).reshape(-1, self.observed.size)
         metric = Metric.of(rows, np.array([p.deviation for p in self.jitter]))
         return metric.with_rows(self.noise) if len(self.noise) else metric
+
+
+def _misfit(found: JointFit) -> str:
+    return f"misfit {found.misfit:.6g} of {found.residual.size} bins and rows"
 
 
 def _slow(taken: Sequence[Taken]) -> dict[str, Array]:

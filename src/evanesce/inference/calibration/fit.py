@@ -178,7 +178,7 @@ def _joint(start: Start, exclude: Collection[str], tell: Tell) -> tuple[JointFit
     causes, lacking = causes_of(start.observation, CODEC_CAUSES if start.codec else ())
     into = entered(start.model, start.base.point, causes, exclude, tell)
     tell(f"joint fit of {sum(len(t.parameters) for t in into.taken)} figures")
-    return start.fitter.relinearised(into.taken, into.begin, into.rows), into, lacking
+    return start.fitter.relinearised(into.taken, into.begin, into.rows, tell), into, lacking
 
 
 def _timed(tell: Tell, began: float) -> Tell:

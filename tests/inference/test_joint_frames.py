@@ -79,6 +79,7 @@ def test_another_finger_is_told_before_anything_is_fitted(tmp_path):
     assert "elliptic" in said["first_line"]
     assert "round" in said["first_line"]
     assert said["causes"] == []
+    assert said["version"] == 1
     measured = {line["name"]: line for line in said["gate"]}
     assert measured["ratio of the contact's axes"]["measured"] == pytest.approx(1.45, rel=0.05)
     assert measured["contact area"]["measured"] == pytest.approx(49.0, rel=0.05)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from evanesce.inference.consequence import NINETY, AreaReader, Consequence
 from evanesce.inference.constants import LEAST_AREA
-from evanesce.inference.gate import Gate
+from evanesce.inference.gate import VERSION, Gate
 from evanesce.inference.groups import group_of
 from evanesce.inference.joint import JointFit
 from evanesce.inference.model import Model
@@ -26,10 +26,6 @@ from evanesce.prediction.predict import scene_with
 from evanesce.rig import Scene, dump_scene
 
 Array = NDArray[Any]
-
-VERSION = 1
-"""Of the answer's form."""
-
 
 class Unexplained(Protocol):
     """What an extended model leaves of the data."""

@@ -26,6 +26,8 @@ from evanesce.rig import Scene
 
 Array = NDArray[Any]
 
+VERSION = 1
+"""Of the answer's form."""
 CORNERS = "checkerboard with corner squares (0 white, 1 black: set card.checkerboard_inverted)"
 AREA, AXES = "contact area", "ratio of the contact's axes"
 
@@ -142,6 +144,7 @@ class GrossDifference(EvanesceError):
     def as_dict(self) -> dict[str, Any]:
         """Return it in the answer's form."""
         return {
+            "version": VERSION,
             "method": "joint",
             "first_line": str(self),
             "gate": [x.as_dict() for x in self.gate.lines],

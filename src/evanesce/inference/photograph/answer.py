@@ -11,8 +11,9 @@ from scipy import stats
 
 from evanesce.core.rng import generator
 from evanesce.effects import all_effects
-from evanesce.inference.answer import VERSION, scaled, verdict_of, warnings_of, widened_covariance
+from evanesce.inference.answer import scaled, verdict_of, warnings_of, widened_covariance
 from evanesce.inference.consequence import NINETY
+from evanesce.inference.gate import VERSION
 from evanesce.inference.groups import group_of
 from evanesce.inference.photograph.causes import ABSORBED
 from evanesce.inference.photograph.critic import PhotoCriticism

@@ -19,7 +19,7 @@ from evanesce.inference.explained import Scan
 from evanesce.inference.gauss_newton import Prior, Slopes, bounded_step, broyden, fit
 from evanesce.inference.joint import Fitter, JointFit, taken_from
 from evanesce.inference.listing import placed
-from evanesce.inference.model import one_by_one
+from evanesce.inference.model import cube_by_cube, one_by_one
 from evanesce.inference.posterior import Judge, Posterior
 from evanesce.inference.search import Search, everything_marginalised, loss_of, removal
 from evanesce.inference.shapes import FormBank, Forms
@@ -250,6 +250,7 @@ class ToyModel:
         return (upper - lower) / (2 * h)
 
     derivatives = one_by_one
+    cubes = cube_by_cube
 
 
 class ToyBank:

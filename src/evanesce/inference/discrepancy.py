@@ -96,7 +96,7 @@ class Discrepancy:
         whole = self.model.cube(fitted.point)
         found = [np.asarray(data.whitened(self.model.discretisation)[None] * EXTRAPOLATED, np.float32)]
         points = [fitted.without(taken.id) for taken in fitted.taken]
-        every = self.model.coarse.cubes(points, list(data.open))
+        every = self.model.cubes(points)
         for taken, without, cube in zip(fitted.taken, points, every, strict=True):
             if isinstance(cube, InputError):
                 continue

@@ -203,6 +203,10 @@ class AnchoredModel:
         """Return the bins (views, rows, cols) [DN]; NaN in views that are not in ``only`` (the open ones)."""
         return self.coarse.cube(point, list(self.data.open if only is None else only))
 
+    def cubes(self, points: Sequence[Point]) -> list[Array | InputError]:
+        """Return the bins of the open views at several points, or why the rig cannot have one."""
+        return self.coarse.cubes(points, list(self.data.open))
+
     def vector(self, point: Point) -> Array:
         """Return the whitened bins (bins,) of the open views."""
         return self.data.whitened(self.cube(point))
@@ -242,6 +246,24 @@ def one_by_one(model: Model, asked: Sequence[tuple[Point, Parameter]]) -> list[A
     for point, parameter in asked:
         try:
             found.append(model.derivative(point, parameter))
+        except InputError as error:
+            found.append(error)
+    return found
+
+
+def cube_by_cube(model: Any, points: Sequence[Point]) -> list[Array | InputError]:
+    """Return the bins at several points, or why the rig cannot have one, of a model that knows them one by one.
+
+    Parameters
+    ----------
+    model : object
+        With a method ``cube``.
+    points : sequence of mapping
+    """
+    found: list[Array | InputError] = []
+    for point in points:
+        try:
+            found.append(model.cube(point))
         except InputError as error:
             found.append(error)
     return found

@@ -16,6 +16,7 @@ from evanesce.inference.constants import STEP_SHARE
 from evanesce.inference.data import SATURATED_DN, DataVector
 from evanesce.inference.discrepancy import Discrepancy, tied_rows
 from evanesce.inference.joint import Fitter, JointFit
+from evanesce.inference.model import cube_by_cube, one_by_one
 from evanesce.inference.photograph.causes import photo_nuisances
 from evanesce.inference.photograph.light import LightModel
 from evanesce.inference.photograph.picture import Photograph
@@ -168,6 +169,9 @@ class PhotoModel:
         """Return the whitened derivative (bins,) by a parameter."""
         found = derivative(self, point, parameter, self.data.open)  # type: ignore[arg-type]
         return self.data.whitened(found).astype(np.float32)
+
+    derivatives = one_by_one
+    cubes = cube_by_cube
 
 
 class PhotoFitter(Fitter):

@@ -27,6 +27,7 @@ from evanesce.rig import Scene, dump_scene
 
 Array = NDArray[Any]
 
+
 class Unexplained(Protocol):
     """What an extended model leaves of the data."""
 

@@ -145,6 +145,12 @@ def test_a_misspelt_folder_is_told(hand: Path) -> None:
     assert "not read: leds_off" in found.output
 
 
+def test_a_table_of_replicates_beside_that_of_the_press_is_sent_to_its_place(hand: Path) -> None:
+    (hand / "replicates.csv").write_text("index,time_s,force_N,voltage_V\n")
+    found = CliRunner().invoke(app, ["bundle", "check", str(hand)])
+    assert "not read: replicates.csv (its place is replicates/replicates.csv)" in " ".join(found.output.split())
+
+
 def test_without_voltage_and_displacement_the_scene_speaks_and_they_are_not_available(hand: Path) -> None:
     rows = list(csv.reader((hand / "press.csv").read_text().splitlines()))
     (hand / "press.csv").write_text("".join(",".join(row[:3]) + "\n" for row in rows))

@@ -179,19 +179,22 @@ def test_derivatives_of_the_last_anchor_serve_the_next():
     assert model.differentiated == 2
 
 
-def test_fit_stays_in_bounds_and_counts_impossible_values_as_failed_steps():
+@pytest.mark.parametrize("refused", [True, False])
+def test_fit_stays_in_bounds_and_counts_impossible_values_as_failed_steps(refused):
     rows = np.array([[1.0, 0.5, 0.0], [0.0, 1.0, 1.0]])
 
     def model(v: Any) -> Any:
-        if v[0] > 3:
+        if v[0] > 3 and refused:
             raise InputError("too much")
-        return v @ rows
+        return v @ rows if v[0] <= 3 else np.array([1.0, np.nan, 1.0])
 
     prior = Prior(np.zeros(2), np.full(2, 100.0), np.array([-9.0, -0.2]), np.array([9.0, 0.2]))
     none = Metric.of(np.zeros((0, 3)), np.zeros(0))
     found = fit(model, lambda v, p: rows, np.array([9.0, 4.0, 1.0]), prior, np.zeros(2), metric=none, rounds=20)
-    assert found.values[0] <= 3
+    assert 1.0 < found.values[0] <= 3
     assert -0.2 <= found.values[1] <= 0.2
+    with pytest.raises(InputError, match=r"too much|not finite"):
+        fit(model, lambda v, p: rows, np.ones(3), prior, np.array([4.0, 0.0]), metric=none)
 
 
 def test_broyden_reproduces_the_step():

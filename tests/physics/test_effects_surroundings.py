@@ -71,6 +71,14 @@ def test_surroundings_at_their_nulls_change_no_byte() -> None:
     assert "surroundings" not in dump_scene(scene)
 
 
+@pytest.mark.parametrize("supply", [0.0, 0.3, 3.0])
+def test_surroundings_of_a_supply_that_is_off_are_finite(supply: float) -> None:
+    """Currents of 1e-50 A are nothing in single precision, in which fields are divided by the level of the light."""
+    off = {"leds.voltage_V": supply, "leds.edge": {}, "leds.circuit.ideality": 1.0}
+    scene = rig(Surroundings(haze=Haze(top_share=0.01), backdrop=Backdrop(reflectance=0.3)), **off)
+    assert np.isfinite(render_fast(scene, None).radiance).all()
+
+
 def test_light_of_all_causes_adds_and_the_contact_gets_none_of_the_spill() -> None:
     """Spill, haze on either face and scattering in the silicone add up; in contact only the bottom haze is seen."""
     glow = {"finger.scattering_length_mm": 0.6}

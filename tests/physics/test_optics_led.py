@@ -65,6 +65,13 @@ def test_limits_of_the_circuit():
     assert slope == pytest.approx(1 / resistance, rel=0.01)
 
 
+def test_less_than_a_photon_a_second_is_dark():
+    circuit = LedCircuit(forward_voltage_V=3.0)
+    assert segment_current(circuit, 0.2) > 0.0
+    assert radiant_power(circuit, 0.2) == 0.0
+    assert radiant_power(circuit, 3.0) > 1e-19
+
+
 def test_no_resistance_is_shockley():
     assert series_current(0.4, 1e-9, 2, 1.5, 0.0, 310.0) == pytest.approx(
         1e-9 * (np.exp(0.4 / (2 * 1.5 * VT * 310.0)) - 1), rel=1e-12

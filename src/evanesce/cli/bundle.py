@@ -46,6 +46,7 @@ def register(app: typer.Typer) -> None:
 def show(found: dict[str, Any]) -> None:
     """Print the contents of a bundle."""
     from evanesce.bundle.check import MISSING
+    from evanesce.bundle.layout import REPLICATES_FOLDER, REPLICATES_TABLE
 
     cols, rows = found["resolution_px"]
     table = Table(title=f"{found['path']}: {cols} x {rows} px")
@@ -69,9 +70,12 @@ def show(found: dict[str, Any]) -> None:
     for name in found["missing"]:
         console.print(f"missing: {name} ({MISSING[name]})", highlight=False)
     for name in found["not_read"]:
-        console.print(
-            escape(f"not read: {name} (folders that are read are listed in docs/reference/bundle.md)"), highlight=False
+        place = (
+            f"its place is {REPLICATES_FOLDER}/{name}"
+            if name == REPLICATES_TABLE
+            else "folders that are read are listed in docs/reference/bundle.md"
         )
+        console.print(escape(f"not read: {name} ({place})"), highlight=False)
     if found.get("no_board_in"):
         names = ", ".join(found["no_board_in"])
         console.print(escape(f"no checkerboard is found in: {names}"), highlight=False)

@@ -169,7 +169,7 @@ def fit(
     ----------
     model : callable
         ``model(values) -> whitened prediction (d,)``; may raise :class:`~evanesce.core.errors.InputError` for values
-        that the rig cannot have, which then count as a step that failed.
+        that the rig cannot have, which then count as a step that failed, as predictions do that are not finite.
     jacobian : callable
         ``jacobian(values, predicted) -> whitened derivatives (n, d)``.
     data : ndarray (d,)
@@ -189,8 +189,15 @@ def fit(
     -------
     Solution
     """
+
+    def predict(at: Array) -> Array:
+        found = model(at)
+        if not np.isfinite(found).all():
+            raise InputError("the rig's frames cannot be computed at these figures: some pixels are not finite")
+        return found
+
     values = np.clip(np.asarray(start, float), prior.low, prior.high)
-    predicted = model(values)
+    predicted = predict(values)
 
     def made() -> Slopes:
         rows = np.array(jacobian(values, predicted), float)
@@ -218,7 +225,7 @@ def fit(
             continue
         trial = np.clip(values + step, prior.low, prior.high)
         try:
-            there = model(trial)
+            there = predict(trial)
         except InputError:
             damping, failed = max(damping, 0.1) * DAMPED, failed + 1
             continue

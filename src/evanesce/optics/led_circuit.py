@@ -14,6 +14,8 @@ from evanesce.rig import LedCircuit
 
 Array = NDArray[np.float64]
 BOLTZMANN_V_PER_K = 8.617333262e-5  # k/e, CODATA 2018
+PHOTON_W = 2e-19
+"""A photon a second at 1 um, h c/lambda [W]."""
 
 
 def saturation_current(
@@ -210,7 +212,7 @@ def radiant_power(circuit: LedCircuit, voltage: ArrayLike) -> Array:
     """Return the radiant power of one LED [W] at a supply voltage [V].
 
     ``efficacy_W_per_A`` times the segment's current, times the efficiency relative to that at the rated current
-    (:func:`relative_efficiency`), times what warming leaves.
+    (:func:`relative_efficiency`), times what warming leaves; none where that is less than a photon a second.
 
     Parameters
     ----------
@@ -227,7 +229,9 @@ def radiant_power(circuit: LedCircuit, voltage: ArrayLike) -> Array:
     rated, peak = circuit.rated_current_mA * 1e-3, circuit.peak_current_mA * 1e-3
     efficiency = relative_efficiency(current, peak, circuit.droop) / relative_efficiency(rated, peak, circuit.droop)
     warm = math.exp(-circuit.efficacy_loss_per_K * circuit.warming_K)
-    return np.asarray(circuit.efficacy_W_per_A * current * efficiency * warm)
+    power = np.asarray(circuit.efficacy_W_per_A * current * efficiency * warm)
+    # A supply that is off leaves the exponential's last 1e-58 W, which single precision takes for nothing.
+    return np.where(power < PHOTON_W, 0.0, power)
 
 
 def strip_voltages(circuit: LedCircuit, supply: float, distance: ArrayLike, resistance_per_mm: float) -> Array:

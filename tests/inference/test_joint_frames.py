@@ -290,10 +290,14 @@ def test_a_card_is_looked_for_before_it_is_fitted(tiny, light, x, y):
     assert found["@card_light[checkerboard]"] == pytest.approx(light, abs=0.1)
 
 
+@pytest.mark.parametrize("curve", ["bt709", "linear"])
 @pytest.mark.parametrize("side", [2.0, 5.0])
 @pytest.mark.parametrize("inverted", [False, True])
-def test_a_board_printed_the_other_way_round_is_told(tiny, inverted, side):
-    """Half of all boards begin with a black square; the fit would look for the white one a square aside."""
+def test_a_board_printed_the_other_way_round_is_told(tiny, inverted, side, curve):
+    """Half of all boards begin with a black square; the fit would look for the white one a square aside.
+
+    Also where the camera's tone curve is another one than believed.
+    """
     observation = observe(read_bundle(tiny))
     view = replace(observation.views[0], kind="checkerboard", force_N=None)
     sizes = {"checkerboard_squares": (8, 6), "checkerboard_side_mm": side, "checkerboard_inverted": inverted}
@@ -301,7 +305,8 @@ def test_a_board_printed_the_other_way_round_is_told(tiny, inverted, side):
     real = observation.scene.model_copy(update={"card": cards})
     point = {"@card_light[checkerboard]": -0.5, "@pose_x[checkerboard]": 0.9}
     believed = real.model_copy(update={"card": cards.model_copy(update={"checkerboard_inverted": False})})
-    frame = Predictor(real, [view]).image(point, 0)
+    taken = real.model_copy(update={"camera": real.camera.model_copy(update={"tone_curve": curve})})
+    frame = Predictor(taken, [view]).image(point, 0)
     shown = replace(observation, scene=believed, views=(view,), images=frame[None])
     assert board_inverted(shown) is inverted
 

@@ -72,6 +72,22 @@ def test_scale_and_distortion_come_from_one_picture(tmp_path: Path) -> None:
     assert camera.lens.distortion.k1 == pytest.approx(K1, abs=0.01)
 
 
+@pytest.mark.parametrize("black", [False, True])
+def test_the_board_of_the_picture_is_the_scenes(black: bool, tmp_path: Path) -> None:
+    board = np.kron((np.indices((9, 13)).sum(axis=0) % 2 == black).astype(np.uint8), np.ones((30, 30), np.uint8))
+    picture = np.pad(30 + 180 * board, 40, constant_values=210)
+    cv2.imwrite(str(tmp_path / "board.png"), cv2.GaussianBlur(picture.astype(np.uint8), (0, 0), 1.0))
+    scene = tmp_path / "mine.toml"
+    done = runner.invoke(app, [
+        "init", str(scene), "--preset", "gripper", "--checkerboard", str(tmp_path / "board.png"), "--board", "13x9",
+        "--board-square-mm", "1.5", "--exposure-ms", "1",
+    ])  # fmt: skip
+    assert done.exit_code == 0, done.output
+    card = load_scene(scene).card
+    assert (card.checkerboard_squares, card.checkerboard_inverted) == ((13, 9), black)
+    assert ("upper left is black" in done.output) == black
+
+
 def test_questions_take_an_empty_answer_for_the_presets_figure(tmp_path: Path) -> None:
     scene = tmp_path / "mine.toml"
     lines = ["no", "gripper", "", "50x30", "wide", "5", *[""] * 12, "toe", "", "x", "", "", "0.4"]

@@ -63,6 +63,8 @@ class RigAnswers:
         Of the checkerboard, columns and rows.
     board_square_mm, square_mm : float
         Sides of the checkerboard's squares and of the square card [mm].
+    board_inverted : bool
+        Whether the board's square at the upper left of a picture is black.
     calibration : Calibration
         Of the camera: scale, distortion and axis come from it.
     calibration_name : str
@@ -105,6 +107,7 @@ class RigAnswers:
     board_squares: tuple[int, int] | None = None
     board_square_mm: float | None = None
     square_mm: float | None = None
+    board_inverted: bool | None = None
     calibration: Calibration | None = None
     calibration_name: str = ""
     title: str | None = None

@@ -28,7 +28,7 @@ LIGHT_ERROR = 0.05
 NEARER = 0.05
 """Correlation by which a place at the end of the reach has to be better than the believed one."""
 BETTER = 0.5
-"""Share of the mean square left by which a board printed the other way round has to explain a frame better."""
+"""Share of the variance left by which a board printed the other way round has to explain a frame better."""
 SMOOTH_PX = 2.0
 """Blur under which places are compared: a lens out of focus moves nothing."""
 
@@ -109,8 +109,13 @@ def board_inverted(observation: Observation) -> bool:
     for inverted in (observation.scene.card.checkerboard_inverted, not observation.scene.card.checkerboard_inverted):
         card = observation.scene.card.model_copy(update={"checkerboard_inverted": inverted})
         coarse = Predictor(observation.scene.model_copy(update={"card": card}), shown.views)
-        off.append(_off(coarse.image(card_start(shown, coarse), 0), np.asarray(shown.images[0], float)))
+        off.append(_unlike(coarse.image(card_start(shown, coarse), 0), np.asarray(shown.images[0], float)))
     return off[1] < BETTER * off[0]
+
+
+def _unlike(predicted: Array, measured: Array) -> float:
+    """Return the share of a frame's variance [1] that a prediction leaves, whatever its light, black or contrast."""
+    return 1.0 - float(np.corrcoef(predicted.ravel(), measured.ravel())[0, 1]) ** 2
 
 
 def _off(predicted: Array, measured: Array) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -19,8 +20,8 @@ from evanesce.rig import Scene
 
 Array = NDArray[Any]
 
-MODEL_COLS = 400
-"""Frames wider than about this are averaged down before anything else [px]."""
+MODEL_COLS, WIDER = 400, 0.25
+"""Frames that are wider than this, and by more than this share of it, are averaged down before anything else [px]."""
 
 GRID_SAMPLES = 512
 """Of the contact grid of a smooth finger: 1/32 mm, an edge's share of a cell is kept exactly."""
@@ -97,7 +98,7 @@ JPEG_FRAMES = 4
 
 def model_factor(scene: Scene) -> int:
     """Return by how much frames are averaged down, per side."""
-    return max(1, round(scene.camera.resolution_px[0] / MODEL_COLS))
+    return max(1, math.ceil(scene.camera.resolution_px[0] / MODEL_COLS - WIDER))
 
 
 def model_scene(scene: Scene, *, finer: int = 1) -> Scene:

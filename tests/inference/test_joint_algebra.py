@@ -120,7 +120,7 @@ def test_derivatives_are_made_anew_only_where_steps_have_left_them():
     )
     assert again.slopes.fresh
     assert not calls
-    stale = fit(model, jacobian, data, loose(2), found.values, metric=none, slopes=Slopes(made))
+    stale = fit(model, jacobian, data, loose(2), found.values, metric=none, slopes=Slopes(made), rounds=40)
     assert len(calls) == 1
     assert stale.slopes.fresh
 

@@ -16,8 +16,17 @@ Array = NDArray[Any]
 Model = Callable[[Array], Array]
 Jacobian = Callable[[Array, Array], Array]
 
-DAMPED, UNDAMPED = 10.0, 0.2
-"""Factors of Levenberg and Marquardt's damping after a step that failed and one that did not."""
+RADIUS = 1.0
+"""Prior deviations that a first step goes in any parameter: a model far off promises most by figures that nobody
+believes, and a step that goes there leaves the place where its derivatives hold."""
+WIDER, NARROWER = 2.5, 0.25
+"""Factors of the radius after a step that kept most of what it promised, and of the step after one that failed."""
+KEPT, LITTLE = 0.5, 0.2
+"""Shares of what was promised above which the radius grows, and below which it is halved."""
+ROUNDS = 20
+"""Predictions at most: a radius grows from one deviation to hundreds in six."""
+BISECTIONS = 16
+"""Of the damping's logarithm over 24 decades: the step's size comes to a per cent or so."""
 FAILURES, STALE_FAILURES = 5, 2
 """Steps that may fail in a row: by derivatives made where they start, and by those that steps have corrected since, if
 they can be made anew."""
@@ -160,7 +169,7 @@ def fit(
     *,
     metric: Metric,
     slopes: Slopes | None = None,
-    rounds: int = 12,
+    rounds: int = ROUNDS,
     renewals: int = 1,
 ) -> Solution:
     """Fit a model.
@@ -209,37 +218,74 @@ def fit(
         left = data - prediction
         return float(metric.project(left) @ left) + prior.square(at)
 
-    misfit, damping, failed = misfit_of(values, predicted), 0.0, 0
+    misfit, radius, failed = misfit_of(values, predicted), RADIUS, 0
     for _ in range(rounds):
         precision, gradient = _normal(slopes.rows, data - predicted, values, prior, metric)
-        damped = precision + damping * np.diag(np.diag(precision))
-        step = bounded_step(damped, gradient, prior.low - values, prior.high - values)
-        promised = 2.0 * float(step @ gradient) - float(step @ precision @ step)
-        settled = promised < max(SETTLED * (misfit - data.size), 1.0)
+        low, high = prior.low - values, prior.high - values
+        step = bounded_step(precision, gradient, low, high)
+        settled = _promised(step, precision, gradient) < max(SETTLED * (misfit - data.size), 1.0)
         stale = not slopes.fresh and renewals > 0
         if settled or failed >= (STALE_FAILURES if stale else FAILURES):
             if not stale:
                 break
             slopes, renewals = made(), renewals - 1
-            damping, failed = 0.0, 0
+            radius, failed = max(radius, RADIUS), 0
             continue
+        step = step_within(radius, prior.deviation, step, precision, gradient, low, high)
         trial = np.clip(values + step, prior.low, prior.high)
+        size, promised = float(np.abs(step / prior.deviation).max()), _promised(step, precision, gradient)
         try:
             there = predict(trial)
         except InputError:
-            damping, failed = max(damping, 0.1) * DAMPED, failed + 1
+            radius, failed = size * NARROWER, failed + 1
             continue
         corrected = broyden(slopes.rows, trial - values, there - predicted, precision)
         slopes = slopes if corrected is slopes.rows else replace(slopes, rows=corrected)
         value = misfit_of(trial, there)
-        if value < misfit:
+        gained = misfit - value
+        if gained > 0.0:
             values, predicted, misfit, failed = trial, there, value, 0
-            damping = 0.0 if damping < 1e-3 else damping * UNDAMPED
+            radius = radius * WIDER if gained > KEPT * promised else size / 2 if gained < LITTLE * promised else radius
         else:
-            damping, failed = max(damping, 0.01) * DAMPED, failed + 1
+            radius, failed = size * NARROWER, failed + 1
     precision, gradient = _normal(slopes.rows, data - predicted, values, prior, metric)
     held = ((values <= prior.low) & (gradient < 0)) | ((values >= prior.high) & (gradient > 0))
     return Solution(values, predicted, slopes, misfit, precision, held)
+
+
+def step_within(
+    radius: float, deviation: Array, step: Array, precision: Array, gradient: Array, low: Array, high: Array
+) -> Array:
+    """Return the best step that goes no farther in any parameter than so many prior deviations.
+
+    Levenberg's damping in units of the priors: what data determine well moves first, what they hardly tell stays.
+
+    Parameters
+    ----------
+    radius : float
+    deviation : ndarray (n,)
+        Of the prior.
+    step : ndarray (n,)
+        That without a limit, which is returned where it is short enough.
+    precision : ndarray (n, n)
+    gradient : ndarray (n,)
+    low, high : ndarray (n,)
+        Bounds of the step.
+    """
+    if np.abs(step / deviation).max() <= radius:
+        return step
+    largest = np.log10(float((np.diag(precision) * deviation**2).max()))
+    less, more = largest - 12.0, largest + 12.0
+    for _ in range(BISECTIONS):
+        middle = (less + more) / 2
+        step = bounded_step(precision + np.diag(10.0**middle / deviation**2), gradient, low, high)
+        less, more = (middle, more) if np.abs(step / deviation).max() > radius else (less, middle)
+    return bounded_step(precision + np.diag(10.0**more / deviation**2), gradient, low, high)
+
+
+def _promised(step: Array, precision: Array, gradient: Array) -> float:
+    """Return by how much a step lowers the misfit of the linear model."""
+    return 2.0 * float(step @ gradient) - float(step @ precision @ step)
 
 
 def broyden(rows: Array, step: Array, change: Array, precision: Array) -> Array:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from evanesce.core.errors import InputError
 from evanesce.inference.causes import Entry
 from evanesce.inference.constants import FAR
-from evanesce.inference.gauss_newton import Prior, Slopes, Solution, fit
+from evanesce.inference.gauss_newton import ROUNDS, Prior, Slopes, Solution, fit
 from evanesce.inference.model import Model
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.parameters import Parameter, value_of
@@ -171,7 +171,7 @@ class Fitter:
         *,
         metric: Metric,
         slopes: Slopes | None = None,
-        rounds: int = 12,
+        rounds: int = ROUNDS,
         renewals: int = 1,
     ) -> JointFit:
         """Return the joint fit about the present anchor.

@@ -108,7 +108,7 @@ def entered(
     ----------
     model : AnchoredModel
     point : mapping
-        Of the nominal fit.
+        Of the nominal fit, with figures that some frames show at once.
     causes : sequence of Cause
         That the data can be asked for.
     without : collection of str
@@ -145,7 +145,7 @@ def entered(
         own = tuple(p for n, p in free if n == name and p.name in rows)
         if own:
             taken.append(Taken(cause, own, {p.name: rows[p.name] for p in own} if cause.costly else {}))
-            begin |= {p.name: p.null for p in own} | at[name]
+            begin |= {p.name: point.get(p.name, p.null) for p in own} | at[name]
     return Entered(tuple(taken), begin, left_out, rows)
 
 

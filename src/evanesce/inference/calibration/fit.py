@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 from evanesce.bundle.bundle import Bundle
 from evanesce.inference.calibration.figures import FIGURES, Entered, entered
 from evanesce.inference.calibration.intervals import Interval, intervals
+from evanesce.inference.calibration.own_error import own_error, told_error
 from evanesce.inference.causes import causes_of
 from evanesce.inference.consequence import AreaReader
 from evanesce.inference.critic import CODEC_CAUSES, Start, refilmed, started
+from evanesce.inference.dark_start import dark_start
 from evanesce.inference.gain import HeldOut, held_out
 from evanesce.inference.joint import JointFit
 from evanesce.inference.pictures import Pictures, pictures_of
@@ -30,6 +32,9 @@ Array = NDArray[Any]
 Tell = Callable[[str], None]
 
 
+LOUD = 4.0
+"""Misfit over the number of bins above which errors of the light are sought: a twin that is left with two standard
+deviations is not good, and noise no longer says how to weigh what is left."""
 NEAR = 3.0
 """Posterior standard deviations within which derivatives are the same: the model is linear over what the data allow."""
 
@@ -81,6 +86,8 @@ class RigFit:
     seconds : float
     replicates : bool
         Whether frames of a held state say how much the data scatter.
+    own_error : mapping of str to float
+        Standard deviations by which light and level are off in ways that no figure stands for: shares of the light, DN.
     """
 
     start: Start
@@ -94,6 +101,7 @@ class RigFit:
     pictures: Pictures
     seconds: float
     replicates: bool
+    own_error: Mapping[str, float]
 
 
 def fit_rig(
@@ -141,11 +149,11 @@ def _fitted(bundle: Bundle, seed: int, tell: Tell, exclude: Collection[str]) -> 
     began = time.monotonic()
     tell = _timed(tell, began)
     start = started(bundle, tell)
-    best, into, lacking = _joint(start, exclude, tell)
+    best, into, lacking, off = _joint(start, exclude, tell)
     if start.behind:
         # Noise of a codec is measured by what is left, and the nominal rig leaves all that is wrong with it.
         start = refilmed(bundle, start, best, tell)
-        best, into, lacking = _joint(start, exclude, tell)
+        best, into, lacking, off = _joint(start, exclude, tell)
     model = start.model
     tell("intervals")
     # Derivatives that steps corrected (Broyden) overstate what the data determine: those of intervals were made by
@@ -170,15 +178,32 @@ def _fitted(bundle: Bundle, seed: int, tell: Tell, exclude: Collection[str]) -> 
     return RigFit(
         start, best, figures, {**missing, **into.left_out}, gain, left, areas, kinds,
         pictures_of(model, start.base, best, left), time.monotonic() - began, model.data.noise.measured,
+        off,
     )  # fmt: skip
 
 
-def _joint(start: Start, exclude: Collection[str], tell: Tell) -> tuple[JointFit, Entered, Mapping[str, str]]:
-    """Return the joint fit of all that a bundle can tell, what entered it, and the causes that the bundle lacks."""
+def _joint(
+    start: Start, exclude: Collection[str], tell: Tell
+) -> tuple[JointFit, Entered, Mapping[str, str], Mapping[str, float]]:
+    """Return the joint fit of all that a bundle can tell, what entered it, what it lacks, and the light's own errors.
+
+    Fitted again where light and level are off in ways that no figure stands for, those marginalised.
+    """
     causes, lacking = causes_of(start.observation, CODEC_CAUSES if start.codec else ())
-    into = entered(start.model, start.base.point, causes, exclude, tell)
+    model, fitter = start.model, start.fitter
+    shown = dark_start(model, start.base.point, [cause for cause in causes if cause.id not in exclude])
+    into = entered(model, {**start.base.point, **shown}, causes, exclude, tell)
     tell(f"joint fit of {sum(len(t.parameters) for t in into.taken)} figures")
-    return start.fitter.relinearised(into.taken, into.begin, into.rows, tell), into, lacking
+    best = fitter.relinearised(into.taken, into.begin, into.rows, tell)
+    if best.misfit < LOUD * best.residual.size:
+        return best, into, lacking, {}
+    found = own_error(model, best)
+    if len(found.rows):
+        told = [told_error(name, size) for name, size in found.strengths.items() if size]
+        tell(f"once more, errors of {', '.join(told)}")
+        fitter.fields = found.rows
+        best = fitter.relinearised(into.taken, best.point, None, tell)
+    return best, into, lacking, found.strengths
 
 
 def _timed(tell: Tell, began: float) -> Tell:

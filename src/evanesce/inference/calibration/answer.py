@@ -11,6 +11,7 @@ from evanesce.inference.answer import extended_scene
 from evanesce.inference.calibration.figures import FIGURES
 from evanesce.inference.calibration.fit import Areas, RigFit
 from evanesce.inference.calibration.intervals import Interval
+from evanesce.inference.calibration.own_error import told_error
 from evanesce.prediction.fine import in_pixels
 from evanesce.rig import Scene
 from evanesce.rig.change import changed
@@ -55,6 +56,7 @@ def result_of(found: RigFit) -> dict[str, Any]:
         "areas": areas_of(found.areas),
         "held_out": None if found.gain is None else found.gain.as_dict(),
         "residual_sd": found.by_kind,
+        "own_error": dict(found.own_error),
         "left": found.left.as_dict(),
         "misfit": {
             "nominal": found.start.base.misfit, "calibrated": found.best.misfit, "bins": found.best.residual.size,
@@ -113,6 +115,9 @@ def reasons_of(found: RigFit) -> list[str]:
             reasons.append(
                 f"frames of kind {kind} are left with {size:.2g} standard deviations (good: up to {GOOD_RESIDUAL:g})"
             )
+    off = [told_error(name, size) for name, size in found.own_error.items() if size]
+    if off:
+        reasons.append(f"what no figure stands for is left, and was allowed for as an error of {', '.join(off)}")
     if found.left.found:
         reasons.append(f"there is {found.left.sentence()}: `evanesce criticise` seeks its cause")
     for name, figure in found.figures.items():

@@ -243,7 +243,7 @@ def card_changes(scene: Scene, answers: RigAnswers, found: Changes) -> None:
     found.known("card.checkerboard_side_mm", answers.board_square_mm)
     found.known("card.square_side_mm", answers.square_mm)
     if answers.board_inverted:
-        found.known("card.checkerboard_inverted", answers.board_inverted)
+        found.known("card.checkerboard_inverted", answers.board_inverted, "seen on the board's picture")
         found.notes.append("the board's square at the upper left is black: card.checkerboard_inverted = true")
     side = card.checkerboard_side_mm if answers.board_square_mm is None else answers.board_square_mm
     if side * scale < LEAST_SQUARE_PX:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from evanesce.bundle.card_light import mean_reflectance
-from evanesce.measurement.calibration.board_print import upper_left_black
+from evanesce.measurement.calibration.board_print import print_of, upper_left_black
 from evanesce.measurement.calibration.corners import find_corners
 from evanesce.render.cards import checkerboard_of
 from evanesce.rig import Cards
@@ -42,3 +42,14 @@ def test_nothing_is_said_of_a_board_of_other_size_or_one_that_is_cut_off() -> No
     assert upper_left_black(view, image, 1.5, (16, 11)) is None
     cut = picture((15, 11), True, shift_mm=(-6.0, 0.0))
     assert upper_left_black(find_corners(cut).view("board", 1.5), cut, 1.5, (15, 11)) is None
+
+
+def test_pictures_that_say_nothing_are_passed_over_and_those_that_contradict_are_not_believed() -> None:
+    whole, cut, other = picture((15, 11), True), picture((15, 11), True, (-6.0, 0.0)), picture((15, 11), False)
+
+    def said(*pictures: np.ndarray) -> bool | None:
+        return print_of([find_corners(p).view("board", 1.5) for p in pictures], pictures, 1.5, (15, 11))
+
+    assert said(cut, whole, cut) is True
+    assert said(whole, other) is None
+    assert said(cut) is None

@@ -192,21 +192,15 @@ def _answers(found: Asked, calibration: Path | None, pictures: list[Path]) -> Ri
         return answers
     from evanesce.api.calibrate import fit_calibration
     from evanesce.cli.calibrate import _checkerboards, _find
-    from evanesce.measurement.calibration.board_print import upper_left_black
+    from evanesce.measurement.calibration.board_print import print_of
 
     side = answers.board_square_mm if answers.board_square_mm is not None else 1.0
     boards = _find(_checkerboards(pictures, []), side, None)
     with named_options({"checker_side_mm": "--board-square-mm"}):
         fit = fit_calibration(boards.views, boards.image_size, pictures=boards)
     name = f"{len(pictures)} picture(s) of the checkerboard, squares of {side:g} mm"
-    black = None
-    if answers.board_squares is not None:
-        each = [
-            upper_left_black(view, frame, side, answers.board_squares)
-            for view, frame in zip(boards.views, boards.frames, strict=True)
-        ]
-        # Pictures of a board that was turned between them do not agree: nothing is said then.
-        black = next(iter(set(each))) if len(set(each)) == 1 else None
+    squares = answers.board_squares
+    black = None if squares is None else print_of(boards.views, boards.frames, side, squares)
     return dataclasses.replace(
         answers, calibration=fit.calibration, calibration_name=name, board_square_mm=side, board_inverted=black
     )

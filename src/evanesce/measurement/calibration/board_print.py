@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +17,27 @@ WITHIN = 0.2
 """Half-width of the part of a square that is read, in squares: clear of blur and of its neighbours."""
 SAMPLES = 5
 """Along either side of that part."""
+
+
+def print_of(
+    views: Sequence[BoardView], pictures: Sequence[NDArray[np.generic]], square_mm: float, squares: tuple[int, int]
+) -> bool | None:
+    """Return whether the square at the upper left is black in all pictures of a board that say so.
+
+    Parameters
+    ----------
+    views : sequence of BoardView
+    pictures : sequence of ndarray
+    square_mm, squares
+        See :func:`upper_left_black`.
+
+    Returns
+    -------
+    bool or None
+        None where no picture says, or where they do not agree: the board was turned between them.
+    """
+    said = {upper_left_black(*one, square_mm, squares) for one in zip(views, pictures, strict=True)} - {None}
+    return said.pop() if len(said) == 1 else None
 
 
 def upper_left_black(

@@ -11,16 +11,26 @@ import numpy as np
 import pytest
 
 from evanesce.bundle import read_bundle
-from evanesce.inference.calibration.own_error import own_error, told_error
+from evanesce.inference.calibration.area_start import area_start
+from evanesce.inference.calibration.own_error import (
+    OwnError,
+    alike,
+    at_first,
+    light_of,
+    own_errors,
+    reweighed,
+    voltage_rows,
+    with_errors,
+)
 from evanesce.inference.causes import causes_of
 from evanesce.inference.dark_start import dark_start
-from evanesce.inference.data import data_vector
-from evanesce.inference.discrepancy import cosines
+from evanesce.inference.data import DataVector, data_vector
 from evanesce.inference.gauss_newton import RADIUS, Prior, bounded_step, fit, step_within
-from evanesce.inference.joint import Fitter
 from evanesce.inference.model import AnchoredModel
 from evanesce.prediction.linear import Metric
+from evanesce.prediction.nuisance import nuisance_parameters
 from evanesce.prediction.observe import observe
+from evanesce.prediction.predict import Predictor
 
 
 @pytest.fixture(scope="module")
@@ -85,28 +95,80 @@ def test_black_is_begun_with_where_the_covered_lens_shows_it(model: AnchoredMode
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("size", [0.0, 0.1])
-def test_errors_of_the_light_are_as_large_as_what_is_left_says(model: AnchoredModel, size: float) -> None:
-    data, fitter = model.data, Fitter(model)
-    rng = np.random.default_rng(6)
-    cube = model.cube({})
-    wave = cosines(cube.shape[1:], 3)[4]
-    lit = np.array([view.touches for view in data.views])[:, None, None]
-    drawn = np.where(lit, cube * (1.0 + size * wave), cube) + data.sd * rng.standard_normal(cube.shape)
-    fitter.observed = data.whitened(np.nan_to_num(drawn))
-    start = {p.name: 0.0 for p in fitter.nuisances}
-    fitted = fitter.fitted([], start, metric=fitter.jitter_metric(start), rounds=0)
-    found = own_error(model, fitted)
-    if size == 0.0:
-        assert not any(found.strengths.values())
-        assert found.rows.shape == (0, fitter.observed.size)
-        return
-    alike = "light, alike in all views"
-    # One wave of nine has the strength of all: a random sum of nine with 0.1 times one of them is a third of that.
-    assert found.strengths[alike] in (0.03, 0.1)
-    assert found.strengths["level, each view's own"] == 0.0
-    assert told_error(alike, 0.03) == f"{alike}: 3 %"
-    again = replace(fitted, metric=fitted.metric.with_rows(found.rows))
-    left = float(again.metric.project(again.residual) @ again.residual)
-    # The drawn error goes by the level and not by the light, which the tone curve bends.
-    assert left - fitter.observed.size < 0.1 * (fitted.misfit - fitter.observed.size)
+@pytest.fixture(scope="module")
+def drawn_errors(model: AnchoredModel) -> Any:
+    """Return frames drawn with errors at other voltages and of the level besides noise, as a function of both."""
+
+    def drawn(voltage: float, level_DN: float) -> DataVector:
+        data, cube = model.data, np.nan_to_num(model.cube({}))
+        rng = np.random.default_rng(6)
+        lit = np.array([view.touches for view in data.views])[:, None, None]
+        volts = np.array([view.voltage_V for view in data.views])
+        most = np.median(volts[lit[:, 0, 0]])
+        # One draw for each voltage, of the size itself: three voltages scatter by half of it.
+        off = {v: voltage * sign for v, sign in zip(sorted(set(volts) - {most}), (1, -1, 1, -1, 1, -1), strict=False)}
+        share = np.array([off.get(v, 0.0) for v in volts])[:, None, None]
+        error = share * light_of(data) + level_DN * rng.standard_normal(cube.shape)
+        return replace(data, cube=cube + data.sd * rng.standard_normal(cube.shape) + np.where(lit, error, 0.0))
+
+    return drawn
+
+
+@pytest.mark.parametrize(("voltage", "level_DN"), [(0.1, 0.0), (0.0, 2.0), (0.05, 1.0)])
+def test_errors_of_the_light_are_as_large_as_what_is_left_says(
+    model: AnchoredModel, drawn_errors: Any, voltage: float, level_DN: float
+) -> None:
+    data = drawn_errors(voltage, level_DN)
+    found = own_errors(data, model.cube({}))
+    assert found["presses"].voltage == pytest.approx(voltage, rel=0.4, abs=0.01)
+    assert found["presses"].level_DN == pytest.approx(level_DN, rel=0.3, abs=0.3)
+    assert not found["dark frames"]
+    weighed = with_errors(data, found)
+    rows = voltage_rows(weighed, found)
+    assert len(rows) == (len({v.voltage_V for v in data.views if v.touches}) - 1 if found["presses"].voltage else 0)
+    left = weighed.whitened(data.cube - model.cube({}))
+    metric = Metric.of(rows, np.ones(len(rows)))
+    assert 0.8 < float(metric.project(left) @ left) / left.size < 1.2
+    assert alike(weighed, with_errors(data, found))
+    assert ("%" in found["presses"].sentence("presses")) is (found["presses"].voltage > 0)
+
+
+def test_noise_alone_is_no_error_of_the_light(model: AnchoredModel, drawn_errors: Any) -> None:
+    data = drawn_errors(0.0, 0.0)
+    found = own_errors(data, model.cube({}))
+    assert not any(found.values())
+    assert with_errors(data, found) is data
+    assert at_first(found)["dark frames"] == OwnError()
+
+
+def test_rows_weighed_anew_are_those_of_the_new_weights(model: AnchoredModel, drawn_errors: Any) -> None:
+    before = with_errors(model.data, {"presses": OwnError(0.1, 1.0), "cards": OwnError(0.0, 2.0)})
+    after = with_errors(model.data, {"presses": OwnError(0.0, 0.3)})
+    change = np.random.default_rng(2).standard_normal(model.data.cube.shape)
+    found = reweighed(before.whitened(change)[None], before, after)
+    assert found is not None
+    assert found[0] == pytest.approx(after.whitened(change))
+
+
+def test_stiffness_is_begun_with_where_areas_show_it(model: AnchoredModel) -> None:
+    """The frames are predicted with another finger and half the light: areas say the finger, whatever the light is."""
+    causes, _ = causes_of(model.observation)
+    true = {"modulus:relative": 0.3, "force_offset:offset_N": 0.1}
+    views = range(len(model.data.views))
+    dimmer = np.array([model.coarse.image({**true, "@light": np.log(0.5)}, k) for k in views])
+    seen = AnchoredModel(replace(model.observation, images=dimmer), model.data)
+    found = area_start(seen, {}, [c for c in causes if c.id in ("modulus", "force_offset")])
+    assert set(found) == set(true)
+    assert found["modulus:relative"] == pytest.approx(0.3, abs=0.05)
+    assert area_start(seen, {}, []) == {}
+
+
+def test_ink_that_is_no_darker_than_believed_is_no_cause(model: AnchoredModel) -> None:
+    """What glass mirrors on a card is up to its surroundings: a nuisance, in units of what lights the card."""
+    view = replace(model.data.views[0], kind="checkerboard", force_N=None)
+    coarse = Predictor(model.observation.scene, [view])
+    assert "@card_veil[checkerboard]" in [p.name for p in nuisance_parameters([view], 0.0)]
+    frames = [coarse.image({"@card_veil[checkerboard]": veil}, 0) for veil in (-1.0, -0.05, 0.0, 0.05)]
+    dark = [float(np.quantile(frame, 0.02)) for frame in frames]
+    assert np.isfinite(frames[0]).all()
+    assert dark[1] + 3.0 < dark[2] < dark[3] - 3.0

@@ -182,8 +182,8 @@ def test_compare_refuses_a_tampered_result(tmp_path: Path) -> None:
 
 
 def test_overrides_are_toml_values() -> None:
-    found = parse_overrides(["a.b=1.5", "c = [1, 2]", 'd="x"', "e=true"])
-    assert found == {"a.b": 1.5, "c": [1, 2], "d": "x", "e": True}
+    found = parse_overrides(["a.b=1.5", "c = [1, 2]", 'd="x"', "e=true", "f=linear"])
+    assert found == {"a.b": 1.5, "c": [1, 2], "d": "x", "e": True, "f": "linear"}
     with pytest.raises(InputError, match="TOML"):
         parse_overrides(["a=__import__('os')"])
 

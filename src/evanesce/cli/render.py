@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -44,8 +45,12 @@ def check_variant(variant: str) -> None:
         raise InputError(f"{variant!r} is not known", key="--variant", allowed=", ".join(VARIANTS))
 
 
+WORD = re.compile(r"[A-Za-z][\w.+-]*")
+"""What is taken for text without quotation marks, which a shell takes off."""
+
+
 def parse_overrides(pairs: list[str] | None) -> dict[str, Any]:
-    """Read ``key=value`` pairs; the value is a TOML literal."""
+    """Read ``key=value`` pairs; the value is a TOML literal, or a word."""
     overrides: dict[str, Any] = {}
     for pair in pairs or []:
         key, sign, text = pair.partition("=")
@@ -54,8 +59,11 @@ def parse_overrides(pairs: list[str] | None) -> dict[str, Any]:
         try:
             overrides[key.strip()] = tomllib.loads(f"value = {text}")["value"]
         except (ValueError, RecursionError, KeyError):
+            if WORD.fullmatch(text.strip()):
+                overrides[key.strip()] = text.strip()
+                continue
             raise InputError(
-                f"{text!r} is not a TOML value", key=f"--set {key.strip()}", allowed='a number, true, "text" or [list]'
+                f"{text!r} is not a TOML value", key=f"--set {key.strip()}", allowed="a number, true, a word or [list]"
             ) from None
     return overrides
 

@@ -166,7 +166,7 @@ def gate_of(observation: Observation, coarse: Predictor) -> Gate:
     Gate
     """
     scene, views = observation.scene, observation.views
-    plate = _PlateReader(scene)
+    plate = PlateReader(scene)
     pairs, numbers = [], []
     for k in _press_views(views):
         measured, predicted = plate.patch(observation.images[k]), plate.patch(coarse.image({}, k))
@@ -197,7 +197,7 @@ def _press_views(views: Sequence[View]) -> list[int]:
     return [k for _, k in sorted(seen.items(), reverse=True)][:6]
 
 
-class _PlateReader:
+class PlateReader:
     """Reads contacts from frames, in millimetres on the plate."""
 
     def __init__(self, scene: Scene) -> None:
@@ -257,7 +257,7 @@ def _beyond(ratio: float, limit: float) -> bool:
     return bool(abs(np.log(ratio)) > np.log(limit))
 
 
-def _missing_contact(observation: Observation, plate: _PlateReader, coarse: Predictor) -> list[Line]:
+def _missing_contact(observation: Observation, plate: PlateReader, coarse: Predictor) -> list[Line]:
     """Return a line where the model shows a contact and no frame does."""
     numbers = _press_views(observation.views)
     if not numbers:

@@ -218,8 +218,11 @@ class Fitter:
         self,
         taken: Sequence[Taken],
         start: Mapping[str, float],
-        known: Mapping[str, Array] | None = None,
+        known: Mapping[str, Array] | Slopes | None = None,
         tell: Callable[[str], None] = lambda line: None,
+        anchors: int = ANCHORS,
+        rounds: int = ROUNDS,
+        renewals: int = 1,
     ) -> JointFit:
         """Return the joint fit at the fine model's optimum: anchored and differentiated anew until it stays.
 
@@ -227,10 +230,14 @@ class Fitter:
         ----------
         taken : sequence of Taken
         start : mapping
-        known : mapping of str to ndarray (bins,), optional
+        known : mapping of str to ndarray (bins,), or Slopes, optional
             Whitened derivatives at the start, by parameter: a step is tried by them before any is made anew.
         tell : callable
             Told how far it is, with the time left.
+        anchors : int
+            Fine evaluations at most.
+        rounds, renewals : int
+            After each, see :func:`evanesce.inference.gauss_newton.fit`.
 
         Raises
         ------
@@ -238,27 +245,27 @@ class Fitter:
             If the rig cannot have the values of the start.
         """
         point = dict(start)
-        slopes: Slopes | None = None
+        slopes = known if isinstance(known, Slopes) else None
         slow = _slow(taken)
         self._evaluated_at = {name: point[name] for name in slow}
         found: JointFit | None = None
         began = time.monotonic()
-        for number in range(ANCHORS):
+        for number in range(anchors):
             if found is not None:
-                left = (ANCHORS - number) * (time.monotonic() - began) / number
-                tell(f"{_misfit(found)} after pass {number} of {ANCHORS} at most; some {left:.0f} s left")
+                left = (anchors - number) * (time.monotonic() - began) / number
+                tell(f"{_misfit(found)} after pass {number} of {anchors} at most; some {left:.0f} s left")
                 self._evaluated_at |= {name: point[name] for name in slow if self._left(found, name)}
             there = {**point, **self._evaluated_at}
             self.model.anchor(there)
             metric = self.jitter_metric(there)
             metric = metric.with_rows(self.fields) if len(self.fields) else metric
-            if known is not None and number == 0:
+            if slopes is None and known is not None and not isinstance(known, Slopes):
                 parameters = (*(p for t in taken for p in t.parameters), *self.nuisances)
                 made = self._derivatives(there, [p for p in parameters if p.name not in known])
                 rows = [known[p.name] if p.name in known else made[p.name] for p in parameters]
                 slopes = Slopes(np.array(rows, float))
             # An anchor moves the prediction, not its derivatives: those of the last serve until they gain no more.
-            found = self.fitted(taken, point, metric=metric, slopes=slopes)
+            found = self.fitted(taken, point, metric=metric, slopes=slopes, rounds=rounds, renewals=renewals)
             slopes = found.solution.slopes
             before = self.observed - self._predicted(point, slow)
             first = float(metric.project(before) @ before)

@@ -9,6 +9,7 @@
 ``@force[v]``      load cell's error in one view                log, 0.3 %
 ``@pose_x[card]``  place of a printed card; also ``@turn``      1 mm, 1 degree
 ``@card_light``    the room's light on a card, and its slope    log 1; 0.1 over half the frame
+``@card_veil``     what ink and glass send of it                0.04
 =================  ==========================================  ==========================================
 
 What they absorb cannot be found.
@@ -60,6 +61,7 @@ def nuisance_parameters(views: Sequence[View], flicker: float, noise: float = 0.
             (f"@card_light[{kind}]", "1", priors.CARD_LIGHT, 0.02),
             (f"@card_slope_x[{kind}]", "1", priors.CARD_SLOPE, 0.02),
             (f"@card_slope_y[{kind}]", "1", priors.CARD_SLOPE, 0.02),
+            (f"@card_veil[{kind}]", "1", priors.CARD_VEIL, 0.005),
         ):
             found.append(Parameter(name=name, unit=unit, deviation=deviation, step=step, views=own))
     return tuple(found)

@@ -28,7 +28,7 @@ from evanesce.optics.seen import seen_at, under_lamp
 from evanesce.prediction.processes import Recipe, present, shares
 from evanesce.prediction.tone import expected_tone
 from evanesce.prediction.views import View, binned
-from evanesce.render.cards import Pose, checkerboard_of, pose_of, square_of
+from evanesce.render.cards import Illumination, Pose, checkerboard_of, pose_of, square_of
 from evanesce.render.fast.fields import fields_of
 from evanesce.render.fast.rig_optics import radiances_of
 from evanesce.render.fast.transport import render_fast
@@ -60,6 +60,9 @@ class Nuisances:
         Logarithm of real over believed light: LEDs, exposure, the room for cards.
     slope : tuple of float
         Of a card's lighting over half the frame, along columns and rows [1].
+    veil : float
+        Light that ink sends besides what is believed, over a card's illumination: what the glass mirrors, and its
+        reflectance [1].
     black_DN : float
         Real less believed black level [raw DN].
     log_force : float
@@ -72,6 +75,7 @@ class Nuisances:
     turn_deg: float = 0.0
     log_light: float = 0.0
     slope: tuple[float, float] = (0.0, 0.0)
+    veil: float = 0.0
     black_DN: float = 0.0
     log_force: float = 0.0
     log_noise: float = 0.0
@@ -90,6 +94,7 @@ def nuisances_of(point: Point, view: View, place: int) -> Nuisances:
         turn_deg=get(f"turn[{where}]") if card else 0.0,
         log_light=get(f"card_light[{where}]") if card else get("light") + get(f"flicker[{place}]"),
         slope=(get(f"card_slope_x[{where}]"), get(f"card_slope_y[{where}]")) if card else (0.0, 0.0),
+        veil=get(f"card_veil[{where}]") if card else 0.0,
         black_DN=get("black"),
         log_force=0.0 if card else get("force") + get(f"force[{place}]"),
         log_noise=get("noise"),
@@ -323,7 +328,10 @@ class Predictor:
         if view.is_card:
             posed = (nuisances.shift_mm, nuisances.turn_deg)
             key: Any = ("card", view.kind, sight, repr(rig.card), repr(rig.plate), *posed)
-            return key, 1.0, lambda: self._lights.get(key, lambda: self._card(rig, view, nuisances))
+            return (
+                (*key, nuisances.veil), 1.0,
+                lambda: _veiled(self._lights.get(key, lambda: self._card(rig, view, nuisances)), nuisances.veil),
+            )  # fmt: skip
         pattern, level = _led_pattern(rig)
         leds = rig.leds
         glass = repr((rig.plate, rig.surroundings, leds.emitting_width_mm, leds.emitting_height_mm, leds.air_gap_share))
@@ -432,6 +440,12 @@ def finer_view(rig: Scene, finer: int) -> IdealView:
 def _shows(entry: Active, view: View) -> bool:
     """Tell whether a view shows an effect: bands average out in many frames, and cards are lit by the room."""
     return entry.effect.bands is None or (view.frames == 1 and not view.is_card)
+
+
+def _veiled(light: PlateLight, veil: float) -> PlateLight:
+    """Return a card's light with some that covers it evenly, over its illumination; there is never less than none."""
+    added = veil * Illumination().radiance
+    return replace(light, radiance=np.maximum(light.radiance + added, 0.0)) if veil else light
 
 
 def _dark(rig: Scene) -> PlateLight:

@@ -10,6 +10,8 @@
 ``CARD_TURN_DEG``    2.0     turn of a card laid on the plate [deg]
 ``CARD_LIGHT``       1.0     logarithm of the room's light on it
 ``CARD_SLOPE``       0.1     its relative change from the frame's middle to its border
+``CARD_VEIL``        0.04    light from ink over what falls on a card: glass mirrors 0.08 of an even room and nothing of
+                             dark surroundings, ink reflects 0.02 to 0.1
 ``SCALE_CLOSE``      0.01    logarithm of real over modelled noise where scatter and dark level agree on it
 ``SCALE_LOOSE``      0.1     the same where one of them alone is known
 ``SCALE_CODEC``      0.1     the same where a codec hides it
@@ -27,6 +29,7 @@ FLICKER = 0.002
 CARD_TURN_DEG = 2.0
 CARD_LIGHT = 1.0
 CARD_SLOPE = 0.1
+CARD_VEIL = 0.04
 SCALE_CLOSE = 0.01
 SCALE_LOOSE = 0.1
 SCALE_CODEC = 0.1

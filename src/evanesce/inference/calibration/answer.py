@@ -11,7 +11,6 @@ from evanesce.inference.answer import extended_scene
 from evanesce.inference.calibration.figures import FIGURES
 from evanesce.inference.calibration.fit import Areas, RigFit
 from evanesce.inference.calibration.intervals import Interval
-from evanesce.inference.calibration.own_error import told_error
 from evanesce.prediction.fine import in_pixels
 from evanesce.rig import Scene
 from evanesce.rig.change import changed
@@ -56,7 +55,7 @@ def result_of(found: RigFit) -> dict[str, Any]:
         "areas": areas_of(found.areas),
         "held_out": None if found.gain is None else found.gain.as_dict(),
         "residual_sd": found.by_kind,
-        "own_error": dict(found.own_error),
+        "own_error": {group: error.as_dict() for group, error in found.own_error.items()},
         "left": found.left.as_dict(),
         "misfit": {
             "nominal": found.start.base.misfit, "calibrated": found.best.misfit, "bins": found.best.residual.size,
@@ -110,12 +109,14 @@ def reasons_of(found: RigFit) -> list[str]:
             f"areas of held-out conditions are off by {found.gain.area_percent[1]:.2g} % on average"
             f" (good: up to {GOOD_AREA_PERCENT:g} %)"
         )
+    if found.gain is not None and found.gain.worse:
+        reasons.insert(0, "areas of held-out conditions are farther off than by the nominal scene: keep that one")
     for kind, size in found.by_kind.items():
         if size > GOOD_RESIDUAL:
             reasons.append(
                 f"frames of kind {kind} are left with {size:.2g} standard deviations (good: up to {GOOD_RESIDUAL:g})"
             )
-    off = [told_error(name, size) for name, size in found.own_error.items() if size]
+    off = [error.sentence(group) for group, error in found.own_error.items() if error]
     if off:
         reasons.append(f"what no figure stands for is left, and was allowed for as an error of {', '.join(off)}")
     if found.left.found:

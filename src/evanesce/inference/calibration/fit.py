@@ -11,15 +11,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.bundle.bundle import Bundle
+from evanesce.inference.calibration.area_start import area_start
 from evanesce.inference.calibration.figures import FIGURES, Entered, entered
 from evanesce.inference.calibration.intervals import Interval, intervals
-from evanesce.inference.calibration.own_error import own_error, told_error
+from evanesce.inference.calibration.own_error import (
+    OwnError,
+    alike,
+    at_first,
+    own_errors,
+    reweighed,
+    voltage_rows,
+    with_errors,
+)
 from evanesce.inference.causes import causes_of
 from evanesce.inference.consequence import AreaReader
 from evanesce.inference.critic import CODEC_CAUSES, Start, refilmed, started
 from evanesce.inference.dark_start import dark_start
+from evanesce.inference.data import DataVector
 from evanesce.inference.gain import HeldOut, held_out
-from evanesce.inference.joint import JointFit
+from evanesce.inference.gauss_newton import Slopes
+from evanesce.inference.joint import Fitter, JointFit
+from evanesce.inference.model import AnchoredModel
 from evanesce.inference.pictures import Pictures, pictures_of
 from evanesce.inference.search import everything_marginalised
 from evanesce.inference.series.beside import discrepancy_of
@@ -32,9 +44,10 @@ Array = NDArray[Any]
 Tell = Callable[[str], None]
 
 
-LOUD = 4.0
-"""Misfit over the number of bins above which errors of the light are sought: a twin that is left with two standard
-deviations is not good, and noise no longer says how to weigh what is left."""
+PASSES = 5
+"""With other weights at most; they settle in three to five."""
+PASS_ROUNDS = 8
+"""Predictions of a pass: what it would gain by more is less than the next one gains by its weights."""
 NEAR = 3.0
 """Posterior standard deviations within which derivatives are the same: the model is linear over what the data allow."""
 
@@ -86,8 +99,8 @@ class RigFit:
     seconds : float
     replicates : bool
         Whether frames of a held state say how much the data scatter.
-    own_error : mapping of str to float
-        Standard deviations by which light and level are off in ways that no figure stands for: shares of the light, DN.
+    own_error : mapping of str to OwnError
+        By how much the light is off in ways that no figure stands for, by group of views.
     """
 
     start: Start
@@ -101,7 +114,7 @@ class RigFit:
     pictures: Pictures
     seconds: float
     replicates: bool
-    own_error: Mapping[str, float]
+    own_error: Mapping[str, OwnError]
 
 
 def fit_rig(
@@ -149,11 +162,10 @@ def _fitted(bundle: Bundle, seed: int, tell: Tell, exclude: Collection[str]) -> 
     began = time.monotonic()
     tell = _timed(tell, began)
     start = started(bundle, tell)
-    best, into, lacking, off = _joint(start, exclude, tell)
+    start, best, into, lacking, off = _joint(start, exclude, tell)
     if start.behind:
         # Noise of a codec is measured by what is left, and the nominal rig leaves all that is wrong with it.
-        start = refilmed(bundle, start, best, tell)
-        best, into, lacking, off = _joint(start, exclude, tell)
+        start, best, into, lacking, off = _joint(refilmed(bundle, start, best, tell), exclude, tell)
     model = start.model
     tell("intervals")
     # Derivatives that steps corrected (Broyden) overstate what the data determine: those of intervals were made by
@@ -184,26 +196,56 @@ def _fitted(bundle: Bundle, seed: int, tell: Tell, exclude: Collection[str]) -> 
 
 def _joint(
     start: Start, exclude: Collection[str], tell: Tell
-) -> tuple[JointFit, Entered, Mapping[str, str], Mapping[str, float]]:
-    """Return the joint fit of all that a bundle can tell, what entered it, what it lacks, and the light's own errors.
+) -> tuple[Start, JointFit, Entered, Mapping[str, str], Mapping[str, OwnError]]:
+    """Return the start by the last weights, the fit, what entered it, what a bundle lacks, and the light's own errors.
 
-    Fitted again where light and level are off in ways that no figure stands for, those marginalised.
+    It begins where dark frames and areas of contact are right, every bin weighed by how well its light is known there;
+    each pass leaves less, and the next weighs by that, until weights stay.
     """
     causes, lacking = causes_of(start.observation, CODEC_CAUSES if start.codec else ())
-    model, fitter = start.model, start.fitter
-    shown = dark_start(model, start.base.point, [cause for cause in causes if cause.id not in exclude])
+    model, noise = start.model, start.model.data
+    allowed = [cause for cause in causes if cause.id not in exclude]
+    shown = dark_start(model, start.base.point, allowed)
+    shown |= area_start(model, {**start.base.point, **shown}, allowed)
+    errors = at_first(own_errors(noise, model.cube({**start.base.point, **shown})))
+    model.data = with_errors(noise, errors)
     into = entered(model, {**start.base.point, **shown}, causes, exclude, tell)
     tell(f"joint fit of {sum(len(t.parameters) for t in into.taken)} figures")
-    best = fitter.relinearised(into.taken, into.begin, into.rows, tell)
-    if best.misfit < LOUD * best.residual.size:
-        return best, into, lacking, {}
-    found = own_error(model, best)
-    if len(found.rows):
-        told = [told_error(name, size) for name, size in found.strengths.items() if size]
-        tell(f"once more, errors of {', '.join(told)}")
-        fitter.fields = found.rows
-        best = fitter.relinearised(into.taken, best.point, None, tell)
-    return best, into, lacking, found.strengths
+    point: Mapping[str, float] = into.begin
+    known: Mapping[str, Array] | Slopes | None = into.rows
+    for number in range(PASSES):
+        tell("; ".join(error.sentence(group) for group, error in errors.items() if error) or "weighed by noise alone")
+        fitter = Fitter(model)
+        if not any(errors.values()):
+            fitter.noise = start.fitter.noise
+            best = fitter.relinearised(into.taken, point, known, tell)
+            break
+        fitter.fields = voltage_rows(model.data, errors)
+        best = fitter.relinearised(into.taken, point, known, tell, 1, PASS_ROUNDS, 0)
+        errors = own_errors(noise, model.cube(best.point))
+        now = with_errors(noise, errors)
+        if number == PASSES - 1 or alike(model.data, now):
+            break
+        into, known = _weighed(model, into, best, now)
+        point = best.point
+    base = fitter.fitted([], start.base.point, metric=fitter.jitter_metric(start.base.point), rounds=0)
+    return replace(start, fitter=fitter, base=base), best, into, lacking, errors
+
+
+def _weighed(model: AnchoredModel, into: Entered, best: JointFit, data: DataVector) -> tuple[Entered, Slopes | None]:
+    """Hand a model other weights of its bins; return its figures and their derivatives by those."""
+    before, model.data = model.data, data
+    slopes = best.solution.slopes
+    rows = reweighed(slopes.rows, before, data)
+    known = None if rows is None else Slopes(rows)
+    taken = []
+    for t in into.taken:
+        slow = {}
+        for p in (p for p in t.parameters if p.name in t.slow):
+            own = reweighed(t.slow[p.name][None], before, data)
+            slow[p.name] = model.derivative(best.point, p) if own is None else own[0]
+        taken.append(replace(t, slow=slow))
+    return replace(into, taken=tuple(taken)), known
 
 
 def _timed(tell: Tell, began: float) -> Tell:

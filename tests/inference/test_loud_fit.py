@@ -124,9 +124,9 @@ def test_errors_of_the_light_are_as_large_as_what_is_left_says(
     assert found["presses"].level_DN == pytest.approx(level_DN, rel=0.3, abs=0.3)
     assert not found["dark frames"]
     weighed = with_errors(data, found)
-    rows = voltage_rows(weighed, found)
-    assert len(rows) == (len({v.voltage_V for v in data.views if v.touches}) - 1 if found["presses"].voltage else 0)
     left = weighed.whitened(data.cube - model.cube({}))
+    rows = voltage_rows(weighed, found, left.size)
+    assert len(rows) == (len({v.voltage_V for v in data.views if v.touches}) - 1 if found["presses"].voltage else 0)
     metric = Metric.of(rows, np.ones(len(rows)))
     assert 0.8 < float(metric.project(left) @ left) / left.size < 1.2
     assert alike(weighed, with_errors(data, found))
@@ -148,6 +148,10 @@ def test_rows_weighed_anew_are_those_of_the_new_weights(model: AnchoredModel, dr
     found = reweighed(before.whitened(change)[None], before, after)
     assert found is not None
     assert found[0] == pytest.approx(after.whitened(change))
+    # A series that follows the bins keeps its own weight.
+    longer = reweighed(np.append(before.whitened(change), 3.0)[None], before, after)
+    assert longer is not None
+    assert longer[0] == pytest.approx(np.append(found[0], 3.0))
 
 
 def test_stiffness_is_begun_with_where_areas_show_it(model: AnchoredModel) -> None:

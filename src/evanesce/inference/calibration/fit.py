@@ -220,7 +220,7 @@ def _joint(
             fitter.noise = start.fitter.noise
             best = fitter.relinearised(into.taken, point, known, tell)
             break
-        fitter.fields = voltage_rows(model.data, errors)
+        fitter.fields = voltage_rows(model.data, errors, fitter.observed.size)
         best = fitter.relinearised(into.taken, point, known, tell, 1, PASS_ROUNDS, 0)
         errors = own_errors(noise, model.cube(best.point))
         now = with_errors(noise, errors)

@@ -129,22 +129,25 @@ def _by_voltage(data: DataVector, views: Sequence[int]) -> list[tuple[bool, list
     return [(volt != most, same) for volt, same in found.items()]
 
 
-def voltage_rows(data: DataVector, errors: Mapping[str, OwnError]) -> Array:
-    """Return the whitened rows (voltages, bins) of errors at other voltages, each of unit standard deviation.
+def voltage_rows(data: DataVector, errors: Mapping[str, OwnError], size: int) -> Array:
+    """Return the whitened rows (voltages, size) of errors at other voltages, each of unit standard deviation.
 
     Parameters
     ----------
     data : DataVector
         Weighed by the errors.
     errors : mapping of str to OwnError
+    size : int
+        Of a row: of the open bins, and of what follows them.
     """
-    light, rows = light_of(data), [np.zeros((0, data.whitened(data.cube).size), np.float32)]
+    light, rows = light_of(data), [np.zeros((0, size), np.float32)]
     for group, views in _groups(data).items():
         for other, same in _by_voltage(data, views):
             if other and errors[group].voltage:
                 only = np.zeros_like(light)
                 only[same] = errors[group].voltage * light[same]
-                rows.append(data.whitened(only).astype(np.float32)[None])
+                bins = data.whitened(only).astype(np.float32)
+                rows.append(np.pad(bins, (0, size - bins.size))[None])
     return np.concatenate(rows)
 
 
@@ -219,7 +222,9 @@ def reweighed(rows: Array, before: DataVector, after: DataVector) -> Array | Non
     if before.correlation is not None or after.correlation is not None:
         return None
     chosen = list(before.open)
-    return np.asarray(rows * (before.sd / after.sd)[chosen][before.valid[chosen]])
+    ratio = (before.sd / after.sd)[chosen][before.valid[chosen]]
+    # Rows of series, where there are any, follow those of the bins.
+    return np.asarray(rows * np.pad(ratio, (0, rows.shape[1] - ratio.size), constant_values=1.0))
 
 
 def _group(view: View) -> str:

@@ -21,7 +21,7 @@ from evanesce.inference.card_start import board_inverted, card_start
 from evanesce.inference.causes import causes_of
 from evanesce.inference.critic import criticise_frames
 from evanesce.inference.data import data_vector
-from evanesce.inference.gate import _PlateReader
+from evanesce.inference.gate import PlateReader
 from evanesce.inference.laws import all_laws
 from evanesce.inference.model import AnchoredModel
 from evanesce.inference.next_shot import doubtful, next_shot
@@ -61,12 +61,12 @@ def test_a_drawn_ellipse_is_read_on_the_plate():
             u, v = np.meshgrid(np.arange(cols) + dx, np.arange(rows) + dy)
             x, y = projection.to_plate(u, v)
             total += np.hypot((x - 2.1) / 5.0, (y + 1.3) / 3.2) < 1
-    patch = _PlateReader(scene).patch(12.0 + 150.0 * total / 16)
+    patch = PlateReader(scene).patch(12.0 + 150.0 * total / 16)
     assert patch is not None
     assert patch.area_mm2 == pytest.approx(np.pi * 5.0 * 3.2, rel=0.01)
     assert patch.axes == pytest.approx(5.0 / 3.2, rel=0.01)
     assert patch.centre_mm == pytest.approx((2.1, -1.3), abs=0.1 / scene.camera.scale_px_per_mm)
-    assert _PlateReader(scene).patch(np.full((rows, cols), 12.0)) is None
+    assert PlateReader(scene).patch(np.full((rows, cols), 12.0)) is None
 
 
 def test_another_finger_is_told_before_anything_is_fitted(tmp_path):

@@ -40,7 +40,7 @@ def test_every_command_explains_itself(command: str) -> None:
         (["render", "no_scene"], ["no_scene", "thesis"]),
         (["render", "thesis", "--set", "plate.thickness_mm=-3"], ["plate.thickness_mm", "-3", "0.1 to 50 mm"]),
         (["render", "thesis", "--set", "plate.thickness_mm"], ["--set", "key=value"]),
-        (["render", "thesis", "--set", "leds.voltage_V=nine"], ["leds.voltage_V", "nine", "TOML"]),
+        (["render", "thesis", "--set", "leds.voltage_V=nine"], ["leds.voltage_V", "nine", "0 to 60 V"]),
         (["render", "thesis", "--force", "-1"], ["press.forces_N", "-1", "0 to 1000 N"]),
         (["render", "thesis", "--set", "effects.vigneting.k=0.1"], ["thesis.toml", "effects.vigneting", "vignetting"]),
         (["render", "thesis", "--set", "x=" + "[" * 5000 + "]" * 5000], ["--set x", "TOML"]),

@@ -25,6 +25,7 @@ from evanesce.inference.calibration.own_error import (
 from evanesce.inference.causes import causes_of
 from evanesce.inference.dark_start import dark_start
 from evanesce.inference.data import DataVector, data_vector
+from evanesce.inference.gate import PlateReader
 from evanesce.inference.gauss_newton import RADIUS, Prior, bounded_step, fit, step_within
 from evanesce.inference.model import AnchoredModel
 from evanesce.prediction.linear import Metric
@@ -105,7 +106,7 @@ def drawn_errors(model: AnchoredModel) -> Any:
         lit = np.array([view.touches for view in data.views])[:, None, None]
         volts = np.array([view.voltage_V for view in data.views])
         most = np.median(volts[lit[:, 0, 0]])
-        # One draw for each voltage, of the size itself: three voltages scatter by half of it.
+        # Brighter and darker by turns, each by the whole size: then that is their standard deviation.
         off = {v: voltage * sign for v, sign in zip(sorted(set(volts) - {most}), (1, -1, 1, -1, 1, -1), strict=False)}
         share = np.array([off.get(v, 0.0) for v in volts])[:, None, None]
         error = share * light_of(data) + level_DN * rng.standard_normal(cube.shape)
@@ -164,6 +165,13 @@ def test_stiffness_is_begun_with_where_areas_show_it(model: AnchoredModel) -> No
     found = area_start(seen, {}, [c for c in causes if c.id in ("modulus", "force_offset")])
     assert set(found) == set(true)
     assert found["modulus:relative"] == pytest.approx(0.3, abs=0.05)
+    plate = PlateReader(model.observation.scene)
+    for k, view in enumerate(model.data.views):
+        if view.kind == "press":
+            there, here = plate.patch(dimmer[k]), plate.patch(model.coarse.image(found, k))
+            assert there is not None
+            assert here is not None
+            assert here.area_mm2 == pytest.approx(there.area_mm2, rel=0.015)
     assert area_start(seen, {}, []) == {}
 
 

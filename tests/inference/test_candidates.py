@@ -6,7 +6,7 @@ import pytest
 
 import evanesce.effects
 from evanesce.prediction.candidates import candidates_of
-from evanesce.prediction.predict import scene_with
+from evanesce.prediction.point import scene_with
 from evanesce.prediction.views import View
 from evanesce.rig import load_scene
 

@@ -37,7 +37,8 @@ from evanesce.optics.spectrum import (
     spectrum_of,
     white_bands,
 )
-from evanesce.prediction.predict import Nuisances, Predictor
+from evanesce.prediction.point import Nuisances
+from evanesce.prediction.predict import Predictor
 from evanesce.prediction.views import View
 from evanesce.render.bands import banded, bands_of, in_band
 from evanesce.render.fast.transport import render_fast

@@ -22,7 +22,7 @@ from evanesce.inference.unknown import told_fields
 from evanesce.prediction.fine import in_pixels
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.parameters import value_of
-from evanesce.prediction.predict import scene_with
+from evanesce.prediction.point import scene_with
 from evanesce.rig import Scene, dump_scene
 
 Array = NDArray[Any]

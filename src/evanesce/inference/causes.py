@@ -15,7 +15,7 @@ from evanesce.inference.model import Model
 from evanesce.prediction.candidates import Candidate, candidates_of
 from evanesce.prediction.observe import Observation
 from evanesce.prediction.parameters import Parameter
-from evanesce.prediction.predict import scene_with
+from evanesce.prediction.point import scene_with
 from evanesce.rig import Scene
 
 Array = NDArray[Any]

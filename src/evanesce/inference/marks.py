@@ -30,6 +30,7 @@ from evanesce.inference.listing import behaviour_of, listed, point_spread
 from evanesce.inference.model import AnchoredModel
 from evanesce.inference.row_waves import ripple_of
 from evanesce.prediction.views import BIN_PX
+from evanesce.render.fast.threads import in_threads
 
 Array = NDArray[Any]
 
@@ -103,8 +104,7 @@ class MarkSearch:
                 [atom for atom in atoms if atom.wide(WIDER_PX) == wide],
             )
             fields = self._noise_fields(wide, left.shape[1:], rng)
-            for k in range(NULLS):
-                nulls[k] = max(nulls[k], responses.largest(responses.maps.noise(_mixed(fields, responses, rng))))
+            nulls = np.maximum(nulls, self._largest_of_noise(responses, fields, rng))
             scans.append(responses)
         # Gumbel's law by its mean and standard deviation.
         scale = float(np.std(nulls, ddof=1)) * np.sqrt(6.0) / np.pi
@@ -115,6 +115,17 @@ class MarkSearch:
         largest = max(r.largest() for r in scans)
         peaks = self._peaks(scans, threshold)
         return Scan(tuple(Explained(self.model, self.causes, point, left, weight).marks(peaks)), threshold, largest)
+
+    def _largest_of_noise(self, responses: Responses, fields: Array, rng: np.random.Generator) -> Array:
+        """Return the largest responses (NULLS,) to mixtures of fields of noise (n, rows, cols)."""
+        found, draws = np.zeros(NULLS), rng.spawn(NULLS)
+
+        def work(some: range) -> None:
+            for k in some:
+                found[k] = responses.largest(responses.maps.noise(_mixed(fields, responses, draws[k])))
+
+        in_threads(work, NULLS, 1)
+        return found
 
     def _peaks(self, scans: Sequence[Responses], threshold: float) -> list[tuple[Peak, Responses]]:
         """Return what stands out, the largest first; what has been taken is hidden, and the rest sought again."""

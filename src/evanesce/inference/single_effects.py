@@ -133,13 +133,12 @@ class Shapes:
     def _by_strength(self, coordinates: Array) -> Array:
         """Return the log Bayes factor (..., n) at each strength for unit coordinates (..., m)."""
         size2 = np.square(self.strengths)[:, None] * self.eigenvalues
-        square = np.square(coordinates)[..., None, :]
-        each = np.asarray(0.5 * (square * (size2 / (1.0 + size2)) - np.log1p(size2)).sum(axis=-1))
+        each = 0.5 * (np.square(coordinates) @ (size2 / (1.0 + size2)).T - np.log1p(size2).sum(axis=-1))
         if not self.one_sided:
-            return each
+            return np.asarray(each)
         # Weights whose sum is positive had half the prior; the factor is what data make of that half.
         total = self.axes.T @ (self.scale > 0)
-        mean = (coordinates[..., None, :] * np.sqrt(size2) / (1.0 + size2)) @ total
+        mean = coordinates @ (np.sqrt(size2) / (1.0 + size2) * total).T
         hidden = max(float((self.scale > 0).sum() - total @ total), 0.0)
         spread = np.sqrt(hidden + (1.0 / (1.0 + size2)) @ np.square(total))
         return np.asarray(each + special.log_ndtr(mean / spread) + np.log(2.0))

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from evanesce.core.states import PlateLight, SensorLight
 from evanesce.effects import Active, Context
-from evanesce.prediction.predict import Kept, Nuisances, Point, Predictor
+from evanesce.prediction.point import Nuisances, Point
+from evanesce.prediction.predict import Kept, Predictor
 from evanesce.prediction.processes import Recipe
 from evanesce.prediction.views import View, binned
 from evanesce.rig import Scene

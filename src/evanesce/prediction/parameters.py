@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.prediction.predict import Point, Predictor
+from evanesce.prediction.point import Point
+from evanesce.prediction.predict import Predictor
 
 Array = NDArray[Any]
 

@@ -1,17 +1,14 @@
 """Frames as the believed rig, with departures, would show them on average: what the data are compared with.
 
-A departure is a point: a mapping of parameter names to values, where a missing name means "as believed". Parameters
-of effects are named ``effect:parameter`` (``vignetting:k``, ``vignetting:centre_offset_px[0]``); nuisances start with
-``@`` (:mod:`evanesce.prediction.nuisance`). The chain is that of :mod:`evanesce.chain.simulate`, its steps kept apart
-so that what a change does not touch is computed once.
+The chain is that of :mod:`evanesce.chain.simulate`, its steps kept apart so that what a change does not touch is
+computed once.
 """
 
 from __future__ import annotations
 
-import json
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -22,119 +19,26 @@ from evanesce.contact.solve import contact_state, parts_of
 from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState, Frame, PlateLight, SensorLight
 from evanesce.effects import Active, Context, Stage, active_effects, all_effects
-from evanesce.optics.led import led_positions
-from evanesce.optics.projection import IdealView, Projection
+from evanesce.optics.projection import Projection
 from evanesce.optics.seen import seen_at, under_lamp
+from evanesce.prediction.plate_light import behind_plate, dark, finer_view, led_pattern, render_moved, sight, veiled
+from evanesce.prediction.point import Nuisances, Point, nuisances_of, scene_with
 from evanesce.prediction.processes import Recipe, present, shares
 from evanesce.prediction.tone import expected_tone
 from evanesce.prediction.views import View, binned
-from evanesce.render.cards import Illumination, Pose, checkerboard_of, pose_of, square_of
-from evanesce.render.fast.fields import fields_of
-from evanesce.render.fast.rig_optics import radiances_of
+from evanesce.render.cards import Pose, checkerboard_of, pose_of, square_of
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
 from evanesce.sensor.expose import charge_of, signal_of
 from evanesce.sensor.lens import form_image
 
 Array = NDArray[Any]
-Point = Mapping[str, float]
 T = TypeVar("T")
 
 SEED = 0
 """Of effects with random places: the critic takes their scaling and shape from it, never their places."""
 
 KEEP_CONTACTS, KEEP_LIGHTS, KEEP_IMAGES, KEEP_BINS = 40, 80, 80, 400
-
-
-@dataclass(frozen=True)
-class Nuisances:
-    """What a lab does not know exactly of one view.
-
-    Attributes
-    ----------
-    shift_mm : tuple of float
-        Of the finger's tip from its believed place, (x, y) [mm]; of a card from the plate's middle.
-    turn_deg : float
-        Of a card [deg].
-    log_light : float
-        Logarithm of real over believed light: LEDs, exposure, the room for cards.
-    slope : tuple of float
-        Of a card's lighting over half the frame, along columns and rows [1].
-    veil : float
-        Light that ink sends besides what is believed, over a card's illumination: what the glass mirrors, and its
-        reflectance [1].
-    black_DN : float
-        Real less believed black level [raw DN].
-    log_force : float
-        Logarithm of real over noted force.
-    log_noise : float
-        Logarithm of real noise before the tone curve over that of the predictor.
-    """
-
-    shift_mm: tuple[float, float] = (0.0, 0.0)
-    turn_deg: float = 0.0
-    log_light: float = 0.0
-    slope: tuple[float, float] = (0.0, 0.0)
-    veil: float = 0.0
-    black_DN: float = 0.0
-    log_force: float = 0.0
-    log_noise: float = 0.0
-
-
-def nuisances_of(point: Point, view: View, place: int) -> Nuisances:
-    """Return what a point says of one view: names end in ``[session]`` for poses, ``[view]`` for the rest."""
-    where = f"{view.kind}" if view.is_card else f"{view.session}"
-
-    def get(name: str) -> float:
-        return float(point.get(f"@{name}", 0.0))
-
-    card = view.is_card
-    return Nuisances(
-        shift_mm=(get(f"pose_x[{where}]"), get(f"pose_y[{where}]")),
-        turn_deg=get(f"turn[{where}]") if card else 0.0,
-        log_light=get(f"card_light[{where}]") if card else get("light") + get(f"flicker[{place}]"),
-        slope=(get(f"card_slope_x[{where}]"), get(f"card_slope_y[{where}]")) if card else (0.0, 0.0),
-        veil=get(f"card_veil[{where}]") if card else 0.0,
-        black_DN=get("black"),
-        log_force=0.0 if card else get("force") + get(f"force[{place}]"),
-        log_noise=get("noise"),
-    )
-
-
-def scene_with(scene: Scene, point: Point, fixed: Mapping[str, Mapping[str, Any]] | None = None) -> Scene:
-    """Return the scene with a point's effects switched on; parameters that it does not name stay as believed.
-
-    Parameters
-    ----------
-    scene : Scene
-    point : mapping
-    fixed : mapping, optional
-        Settings of effects that the scene does not have, for when the point names them: places that data showed.
-    """
-    changes: dict[str, dict[str, float]] = {}
-    for name, value in point.items():
-        effect, colon, parameter = name.partition(":")
-        if colon:
-            changes.setdefault(effect, {})[parameter] = value
-    tables = {name: dict(table) for name, table in scene.effects.items()}
-    for effect, values in changes.items():
-        believed: dict[str, Any] = {
-            name: list(v) if isinstance(v, list | tuple) else v
-            for name, v in tables.get(effect, (fixed or {}).get(effect, {})).items()
-        }
-        whole = all_effects()[effect].with_values(values).model_dump()
-        named = {name.partition("[")[0] for name in values}
-        table = believed | {name: value for name, value in whole.items() if name in named or name not in believed}
-        for name in named & set(believed):
-            if isinstance(believed[name], list):
-                merged = list(believed[name])
-                for full, value in values.items():
-                    base, bracket, index = full.partition("[")
-                    if bracket and base == name:
-                        merged[int(index[:-1])] = float(value)
-                table[name] = merged
-        tables[effect] = {name: list(v) if isinstance(v, tuple) else v for name, v in table.items()}
-    return scene.model_copy(update={"effects": tables})
 
 
 class _Watched(Context):
@@ -304,7 +208,7 @@ class Predictor:
         else:
             key, level, light = self._light(rig, view, nuisances, effects, context)
             stages = [e for e in effects if e.effect.stage in (Stage.PLATE_LIGHT, Stage.SENSOR_LIGHT)]
-            key = (key, repr(stages), self._moment(stages, context), _behind_plate(rig, bool(stages)), nuisances.slope)
+            key = (key, repr(stages), self._moment(stages, context), behind_plate(rig, bool(stages)), nuisances.slope)
             if stages:
                 key = (key, level)
             sensor, at = self._images.get(
@@ -324,21 +228,21 @@ class Predictor:
         self, rig: Scene, view: View, nuisances: Nuisances, effects: tuple[Active, ...], context: Context
     ) -> tuple[Any, float, Callable[[], PlateLight]]:
         """Return a key of the light that leaves the plate up to the LEDs' level, that level, and what makes it."""
-        sight = _sight(rig)
+        rays = sight(rig)
         if view.is_card:
             posed = (nuisances.shift_mm, nuisances.turn_deg)
-            key: Any = ("card", view.kind, sight, repr(rig.card), repr(rig.plate), *posed)
+            key: Any = ("card", view.kind, rays, repr(rig.card), repr(rig.plate), *posed)
             return (
                 (*key, nuisances.veil), 1.0,
-                lambda: _veiled(self._lights.get(key, lambda: self._card(rig, view, nuisances)), nuisances.veil),
+                lambda: veiled(self._lights.get(key, lambda: self._card(rig, view, nuisances)), nuisances.veil),
             )  # fmt: skip
-        pattern, level = _led_pattern(rig)
+        pattern, level = led_pattern(rig)
         leds = rig.leds
         glass = repr((rig.plate, rig.surroundings, leds.emitting_width_mm, leds.emitting_height_mm, leds.air_gap_share))
         if view.force_N is None:
             if rig.surroundings is None or level == 0.0:
-                return ("dark", sight), 1.0, lambda: _dark(rig)
-            key = ("empty", sight, glass, pattern, level)
+                return ("dark", rays), 1.0, lambda: dark(rig)
+            key = ("empty", rays, glass, pattern, level)
             ideal = finer_view(rig, self.finer)
             return key, 1.0, lambda: self._lights.get(key, lambda: render_fast(rig, None, view=ideal))
         force = float(self._apply(Stage.LOAD, view.force_N * float(np.exp(nuisances.log_force)), effects, context))
@@ -350,12 +254,12 @@ class Predictor:
             made = contact_state(rig, force, time_s=view.time_s if rig.slide is not None else 0.0)
             return self._apply(Stage.CONTACT, made, effects, context)
 
-        key = (contact_key, nuisances.shift_mm, sight, glass, pattern)
+        key = (contact_key, nuisances.shift_mm, rays, glass, pattern)
 
         def light() -> PlateLight:
             def make() -> tuple[PlateLight, float]:
                 if level == 0.0:
-                    return _dark(rig), 1.0
+                    return dark(rig), 1.0
                 state = self._contacts.get(contact_key, contact)
                 return render_moved(rig, state, nuisances.shift_mm, self.finer), level
 
@@ -372,7 +276,7 @@ class Predictor:
         pose = pose_of(rig.card, Pose(shift=nuisances.shift_mm, rotation_deg=nuisances.turn_deg))
         ideal = finer_view(rig, self.finer)
         points = self._points.get(
-            (_sight(rig), pose.height),
+            (sight(rig), pose.height),
             lambda: plane_points(Projection.of(rig.camera, rig.plate), ideal, pose.height),
         )
         return card_light(rig, card, pose, view=ideal, points=points)
@@ -416,67 +320,6 @@ def _tried(make: Callable[[], Array]) -> Array | InputError:
         return error
 
 
-def render_moved(rig: Scene, state: ContactState, shift_mm: tuple[float, float], finer: int = 1) -> PlateLight:
-    """Render a contact beside its believed place; the guided light of the plate is the believed place's own field.
-
-    The field is smooth and known over the whole contact grid; a new one would cost seconds for each place.
-    """
-    view = finer_view(rig, finer)
-    if not any(shift_mm):
-        return render_fast(rig, state, view=view)
-    dx, dy = shift_mm
-    grid = state.grid
-    moved_state = replace(state, grid=replace(grid, centre=(grid.centre[0] + dx, grid.centre[1] + dy)))
-    x, y = rig.finger.position_mm
-    moved = rig.model_copy(update={"finger": rig.finger.model_copy(update={"position_mm": (x + dx, y + dy)})})
-    return render_fast(moved, moved_state, view=view, fields=fields_of(rig))
-
-
-def finer_view(rig: Scene, finer: int) -> IdealView:
-    """Return the rig's pinhole grid with so many times as many pixels along each side."""
-    return Projection.of(rig.camera, rig.plate).ideal_view().finer(finer)
-
-
 def _shows(entry: Active, view: View) -> bool:
     """Tell whether a view shows an effect: bands average out in many frames, and cards are lit by the room."""
     return entry.effect.bands is None or (view.frames == 1 and not view.is_card)
-
-
-def _veiled(light: PlateLight, veil: float) -> PlateLight:
-    """Return a card's light with some that covers it evenly, over its illumination; there is never less than none."""
-    added = veil * Illumination().radiance
-    return replace(light, radiance=np.maximum(light.radiance + added, 0.0)) if veil else light
-
-
-def _dark(rig: Scene) -> PlateLight:
-    view = Projection.of(rig.camera, rig.plate).ideal_view()
-    nothing = np.zeros(view.shape, np.float32)
-    return PlateLight(
-        radiance=nothing, variance=nothing, focal_px=view.focal_px, principal_point=view.principal_point, samples=0
-    )
-
-
-def _sight(rig: Scene) -> tuple[Any, ...]:
-    """Return all of the camera that decides which rays it gathers."""
-    seen = Projection.of(rig.camera, rig.plate)
-    return (
-        seen.shape, seen.focal_px, seen.principal_point, seen.distortion, seen.axes.tobytes(), seen.pinhole.tobytes(),
-        seen.thickness, seen.refractive_index, rig.camera.wavelength_nm,
-    )  # fmt: skip
-
-
-def _behind_plate(rig: Scene, marked: bool) -> str:
-    """Return all that decides the irradiance on the sensor for a given light; LEDs too if marks scatter their light."""
-    camera = rig.camera.model_dump(exclude={"exposure_ms", "analogue_gain", "tone_curve", "pixel"})
-    marks = [rig.leds.model_dump(), rig.camera.exposure_ms, rig.camera.pixel.model_dump()] if marked else []
-    return json.dumps([camera, rig.camera.pixel.pitch_um, rig.plate.model_dump(), marks], sort_keys=True)
-
-
-def _led_pattern(rig: Scene) -> tuple[tuple[Any, ...], float]:
-    """Return places and relative radiances of the LEDs, and their mean radiance [W mm^-2 sr^-1]."""
-    radiances = radiances_of(rig)
-    every = np.concatenate(list(radiances.values()))
-    level = float(every.mean())
-    shares = every / level if level > 0 else every
-    places = tuple((edge, place.tobytes()) for edge, place in led_positions(rig.plate, rig.leds).items())
-    return (places, tuple(np.round(shares, 12))), level

@@ -24,6 +24,8 @@ from evanesce.render.fast import threads
 
 KEEP = 6
 """Predictors that a process holds: the coarse one, and the fine ones of the last anchor."""
+STATE_VIEWS = 15
+"""Views of a state whose exposures take as long as the light of the state itself."""
 AHEAD = 2
 """Tasks that a process is given at once: it need not wait while this one is busy."""
 
@@ -185,19 +187,26 @@ class Processes:
 
 
 def shares(views: Sequence[View], count: int) -> list[list[int]]:
-    """Return the views that each of some processes has: states of one force together, about as many for each.
+    """Return the views that each of some processes has: states of one force together, about as much work for each.
+
+    Cards and contacts are shared out apart from each other, as the fine model predicts them one after the other.
 
     Parameters
     ----------
     views : sequence of View
     count : int
     """
-    alike: dict[Any, list[int]] = {}
-    for k, view in enumerate(views):
-        alike.setdefault((view.force_N, view.touches or view.kind, view.session), []).append(k)
     found: list[list[int]] = [[] for _ in range(count)]
-    for group in sorted(alike.values(), key=len, reverse=True):
-        min(found, key=len).extend(group)
+    for card in (False, True):
+        alike: dict[Any, list[int]] = {}
+        for k, view in enumerate(views):
+            if view.is_card == card:
+                alike.setdefault((view.force_N, view.touches or view.kind, view.session), []).append(k)
+        load = [0] * count
+        for group in sorted(alike.values(), key=len, reverse=True):
+            least = min(range(count), key=lambda place: (load[place], len(found[place])))
+            load[least] += STATE_VIEWS + len(group)
+            found[least].extend(group)
     return found
 
 

@@ -1,4 +1,4 @@
-"""Work on blocks of an image's rows in a few threads of this process."""
+"""Work on blocks of an image's rows, or on parts of anything else, in a few threads of this process."""
 
 from __future__ import annotations
 

@@ -21,7 +21,8 @@ from evanesce.inference.joint import Fitter, JointFit, taken_from
 from evanesce.inference.listing import placed
 from evanesce.inference.model import cube_by_cube, one_by_one
 from evanesce.inference.posterior import Judge, Posterior
-from evanesce.inference.search import Search, everything_marginalised, loss_of, removal
+from evanesce.inference.removal import everything_marginalised, loss_of, removal
+from evanesce.inference.search import Search
 from evanesce.inference.shapes import FormBank, Forms
 from evanesce.inference.single_effects import UNKNOWN
 from evanesce.inference.unknown import told_fields, unknown_blocks

@@ -16,7 +16,8 @@ from evanesce.inference.groups import group_of
 from evanesce.inference.joint import JointFit
 from evanesce.inference.model import Model
 from evanesce.inference.posterior import Posterior
-from evanesce.inference.search import Search, loss_of
+from evanesce.inference.removal import loss_of
+from evanesce.inference.search import Search
 from evanesce.inference.single_effects import NONE, UNKNOWN
 from evanesce.inference.unknown import told_fields
 from evanesce.prediction.fine import in_pixels

@@ -26,7 +26,8 @@ from evanesce.inference.model import AnchoredModel
 from evanesce.inference.next_shot import doubtful, next_shot
 from evanesce.inference.pictures import Pictures, pictures_of
 from evanesce.inference.posterior import DEFECTS, Judge, Posterior
-from evanesce.inference.search import Search, everything_marginalised
+from evanesce.inference.removal import everything_marginalised
+from evanesce.inference.search import Search
 from evanesce.inference.series.beside import bank_of, discrepancy_of, with_series
 from evanesce.inference.shapes import FormBank, Forms
 from evanesce.inference.single_effects import UNKNOWN

@@ -16,13 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.errors import InputError
-from evanesce.inference.causes import Cause, Entry, departure, entries_of
+from evanesce.inference.causes import Cause, departure, entries_of
 from evanesce.inference.constants import DETECTED, FITTED, LEAST_SHARE, SUBSTITUTE, TRIED
 from evanesce.inference.explained import Scan
-from evanesce.inference.gauss_newton import Slopes, bounded_step
+from evanesce.inference.gauss_newton import Slopes
 from evanesce.inference.joint import Fitter, JointFit, Taken, taken_from
 from evanesce.inference.marks import MarkSearch
 from evanesce.inference.posterior import Further, Judge, Posterior
+from evanesce.inference.removal import Removal, everything_marginalised, removal
 from evanesce.inference.single_effects import NONE, UNKNOWN
 from evanesce.inference.unknown import told_fields
 from evanesce.prediction.linear import Metric
@@ -35,23 +36,6 @@ SHARES = (1.0, 0.4)
 TRIAL_ROUNDS = 6
 MOVES = 60
 """Moves in all: a search that does not end by itself has met two causes that take turns."""
-
-
-@dataclass(frozen=True)
-class Removal:
-    """What a cause would remove of the misfit, linear about the present fit.
-
-    Attributes
-    ----------
-    entry : Entry
-    removed : float
-        Of the misfit, priors and bounds kept.
-    coordinates : ndarray (k,)
-    """
-
-    entry: Entry
-    removed: float
-    coordinates: Array
 
 
 @dataclass(frozen=True)
@@ -435,42 +419,3 @@ class Search:
         noise = np.sqrt(2.0 * own)
         left, there = max(now.misfit - own, noise), max(before.misfit - own, 2.0 * noise)
         return float(1 + np.log(left / noise) / max(np.log(there / left), 0.2))
-
-
-def everything_marginalised(now: JointFit) -> tuple[Metric, Array]:
-    """Return the metric with all that is fitted marginalised, and the data less the prediction of the priors' means.
-
-    What a bound holds stays where it is.
-    """
-    free = ~now.solution.held
-    own = now.solution.rows[free]
-    rows = np.concatenate([now.metric.rows, own])
-    deviations = np.array([p.deviation for p in now.parameters])[free]
-    metric = Metric.of(rows, np.concatenate([np.ones(len(now.metric.rows)), deviations]))
-    return metric, now.residual + now.departures()[free] @ own
-
-
-def removal(entry: Entry, metric: Metric, projected: Array) -> Removal:
-    """Return what a cause would remove, its coordinates kept to their priors and bounds.
-
-    Parameters
-    ----------
-    entry : Entry
-    metric : Metric
-        With all that is fitted marginalised.
-    projected : ndarray (bins,)
-        The metric times the data less the prediction of the priors' means.
-    """
-    rows = entry.rows
-    precision = np.asarray(metric.project(rows) @ rows.T, float) + np.diag(1.0 / entry.deviation**2)
-    gradient = np.asarray(rows @ projected, float)
-    step = bounded_step(precision, gradient, entry.low, entry.high)
-    return Removal(entry, 2.0 * float(step @ gradient) - float(step @ precision @ step), step)
-
-
-def loss_of(now: JointFit, cause: str) -> float:
-    """Return by how much the misfit rises without a cause, all else refitted, linear about the fit."""
-    places = now.of_cause(cause)
-    away = now.departures()[places]
-    covariance = now.solution.covariance[np.ix_(places, places)]
-    return float(away @ np.linalg.solve(covariance, away))

@@ -33,7 +33,7 @@ from evanesce.inference.gauss_newton import Slopes
 from evanesce.inference.joint import Fitter, JointFit
 from evanesce.inference.model import AnchoredModel
 from evanesce.inference.pictures import Pictures, pictures_of
-from evanesce.inference.search import everything_marginalised
+from evanesce.inference.removal import everything_marginalised
 from evanesce.inference.series.beside import discrepancy_of
 from evanesce.inference.unknown import Left, left_of
 from evanesce.prediction.parameters import Parameter, derivative

@@ -19,7 +19,7 @@ from evanesce.inference.photograph.causes import ABSORBED
 from evanesce.inference.photograph.critic import PhotoCriticism
 from evanesce.inference.photograph.light import UNEVEN
 from evanesce.inference.photograph.model import FREEDOM
-from evanesce.inference.search import loss_of
+from evanesce.inference.removal import loss_of
 from evanesce.inference.single_effects import UNKNOWN
 from evanesce.prediction.parameters import value_of
 from evanesce.prediction.scores import bootstrap_sum, rmse

@@ -30,7 +30,7 @@ from evanesce.inference.photograph.model import (
 from evanesce.inference.photograph.picture import Photograph
 from evanesce.inference.photograph.points import Points, Scan, points_of, scan_of
 from evanesce.inference.posterior import Posterior
-from evanesce.inference.search import everything_marginalised
+from evanesce.inference.removal import everything_marginalised
 from evanesce.inference.single_effects import Place
 from evanesce.inference.unknown import Left, left_of
 from evanesce.measurement.calibration.points import BoardView

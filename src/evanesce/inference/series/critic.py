@@ -23,7 +23,8 @@ from evanesce.inference.gate import Gate
 from evanesce.inference.joint import Fitter, JointFit
 from evanesce.inference.next_shot import advice_of, doubtful, entropy, entropy_left, rivals
 from evanesce.inference.posterior import Judge, Posterior
-from evanesce.inference.search import Search, everything_marginalised
+from evanesce.inference.removal import everything_marginalised
+from evanesce.inference.search import Search
 from evanesce.inference.series.model import SeriesBank, SeriesDiscrepancy, SeriesModel
 from evanesce.inference.series.picture import Curve
 from evanesce.inference.series.rows import ASSUMED_SIGMA, Rows, rows_of

@@ -15,7 +15,8 @@ import numpy as np
 from evanesce.inference.constants import SUBSTITUTE, TRIED
 from evanesce.inference.joint import JointFit
 from evanesce.inference.posterior import Posterior
-from evanesce.inference.search import Search, everything_marginalised
+from evanesce.inference.removal import everything_marginalised
+from evanesce.inference.search import Search
 from evanesce.inference.single_effects import Place
 
 

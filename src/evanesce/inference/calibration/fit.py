@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.bundle.bundle import Bundle
+from evanesce.core.errors import InputError
 from evanesce.inference.calibration.area_start import area_start
 from evanesce.inference.calibration.figures import FIGURES, Entered, entered
+from evanesce.inference.calibration.form_error import form_errors
 from evanesce.inference.calibration.intervals import Interval, intervals
 from evanesce.inference.calibration.own_error import (
     OwnError,
@@ -48,6 +50,8 @@ PASSES = 5
 """With other weights at most; they settle in three to five."""
 PASS_ROUNDS = 8
 """Predictions of a pass: what it would gain by more is less than the next one gains by its weights."""
+LOAD = "@force["
+"""Names of the loads of single frames begin so."""
 NEAR = 3.0
 """Posterior standard deviations within which derivatives are the same: the model is linear over what the data allow."""
 
@@ -101,6 +105,8 @@ class RigFit:
         Whether frames of a held state say how much the data scatter.
     own_error : mapping of str to OwnError
         By how much the light is off in ways that no figure stands for, by group of views.
+    form_error : mapping of str to float
+        Share by which the form of a fitted effect may be off, by effect [1].
     """
 
     start: Start
@@ -115,6 +121,7 @@ class RigFit:
     seconds: float
     replicates: bool
     own_error: Mapping[str, OwnError]
+    form_error: Mapping[str, float]
 
 
 def fit_rig(
@@ -175,8 +182,8 @@ def _fitted(bundle: Bundle, seed: int, tell: Tell, exclude: Collection[str]) -> 
         made = slopes.made if best.solution.moved < NEAR else None
         near = None if made is None else replace(slopes, rows=made)
         best = start.fitter.fitted(into.taken, best.point, metric=best.metric, slopes=near, rounds=0)
-    discrepancy = discrepancy_of(model)
-    tied = discrepancy.every_row(best)
+    forms, shares = form_errors(model, best)
+    tied = np.concatenate([discrepancy_of(model).every_row(best), forms, _loads(model, best)])
     figures = intervals(best, tied)
     model.anchor(best.point)
     tell("held-out conditions and areas")
@@ -190,7 +197,7 @@ def _fitted(bundle: Bundle, seed: int, tell: Tell, exclude: Collection[str]) -> 
     return RigFit(
         start, best, figures, {**missing, **into.left_out}, gain, left, areas, kinds,
         pictures_of(model, start.base, best, left), time.monotonic() - began, model.data.noise.measured,
-        off,
+        off, shares,
     )  # fmt: skip
 
 
@@ -215,7 +222,7 @@ def _joint(
     known: Mapping[str, Array] | Slopes | None = into.rows
     for number in range(PASSES):
         tell("; ".join(error.sentence(group) for group, error in errors.items() if error) or "weighed by noise alone")
-        fitter = Fitter(model)
+        fitter = _sizes_known(Fitter(model))
         if not any(errors.values()):
             fitter.noise = start.fitter.noise
             best = fitter.relinearised(into.taken, point, known, tell)
@@ -230,6 +237,25 @@ def _joint(
         point = best.point
     base = fitter.fitted([], start.base.point, metric=fitter.jitter_metric(start.base.point), rounds=0)
     return replace(start, fitter=fitter, base=base), best, into, lacking, errors
+
+
+def _sizes_known(fitter: Fitter) -> Fitter:
+    """Return a fitter to which a contact of another size than its load says is no error of that load.
+
+    Where the light is of another form than any figure's, a frame's load would be moved by several of its standard
+    deviations to mend it: what contacts' edges say of the mechanics would then be lost. Errors of loads widen intervals
+    (:func:`_loads`).
+    """
+    fitter.jitter = tuple(p for p in fitter.jitter if not p.name.startswith(LOAD))
+    return fitter
+
+
+def _loads(model: AnchoredModel, best: JointFit) -> Array:
+    """Return the rows (views, bins) by which the loads of single frames may be off, each of unit deviation."""
+    loads = [p for p in model.nuisances() if p.name.startswith(LOAD)]
+    made = model.derivatives([(best.point, p) for p in loads])
+    rows = [row * p.deviation for row, p in zip(made, loads, strict=True) if not isinstance(row, InputError)]
+    return np.array(rows, np.float32).reshape(-1, best.residual.size)
 
 
 def _weighed(model: AnchoredModel, into: Entered, best: JointFit, data: DataVector) -> tuple[Entered, Slopes | None]:

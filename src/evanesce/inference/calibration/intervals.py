@@ -18,7 +18,10 @@ Array = NDArray[Any]
 TOLD = 0.5
 """Posterior over prior standard deviation below which the data determine a figure: three quarters of the prior's
 variance are theirs then."""
-TAIL = 0.05
+HELD_SHARE = 0.9
+"""Probability of an interval."""
+LEAST_FREE = 1e-6
+"""Of a held parameter's variance: less is what rounding leaves."""
 
 
 @dataclass(frozen=True)
@@ -62,30 +65,35 @@ def intervals(fitted: JointFit, tied: Array) -> dict[str, Interval]:
 
     Notes
     -----
-    Covariance of the estimate as in :func:`evanesce.inference.answer.widened_covariance` (Huber 1967), but with what a
-    bound holds left free: its mean lies beyond the bound, by the gradient there, and the marginal normal is cut off at
-    the bounds.
+    Covariance of the estimate as in :func:`evanesce.inference.answer.widened_covariance` (Huber 1967). What a bound
+    holds against a slope g of the log posterior has a density that falls off from there as exp(-g t): to the other
+    parameters that is a deviation of 1/g; its own is the normal, about a mean beyond the bound, that the bound cuts.
     """
     solution = fitted.solution
-    own = np.linalg.inv(solution.precision)
+    held = solution.held
+    louder = scaled(fitted.metric, fitted.residual)
     projected = fitted.metric.project(fitted.residual)
     deviation = np.array([p.deviation for p in fitted.parameters])
-    gradient = np.asarray(solution.rows @ projected, float) - fitted.departures() / deviation**2
-    mean = solution.values + own @ np.where(solution.held, gradient, 0.0)
+    slope = np.asarray(solution.rows @ projected, float) - fitted.departures() / deviation**2
+    stiff = np.where(held, slope**2 / louder, 0.0)
+    own = np.linalg.inv(solution.precision + np.diag(stiff))
     cross = solution.rows @ np.asarray(fitted.metric.project(tied.astype(float))).T
-    spread = own @ cross
-    covariance = (own + spread @ spread.T) * scaled(fitted.metric, fitted.residual)
-    sd = np.sqrt(np.diag(covariance))
     found = {}
     for k, p in enumerate(fitted.parameters):
-        low, high = cut_interval(float(mean[k]), float(sd[k]), p.bounds)
+        # Of what a bound holds, as if it did not; the bounds of the others stay.
+        row = own[k] / max(1.0 - stiff[k] * own[k, k], LEAST_FREE)
+        mean = float(solution.values[k] + (slope[k] * row[k] if held[k] else 0.0))
+        sd = float(np.sqrt((row[k] + np.square(row @ cross).sum()) * louder))
+        low, high = cut_interval(mean, sd, p.bounds)
         value = float(solution.values[k])
-        found[p.name] = Interval(p, value, min(low, value), max(high, value), float(min(sd[k] / p.deviation, 1.0)))
+        found[p.name] = Interval(p, value, min(low, value), max(high, value), min(sd / p.deviation, 1.0))
     return found
 
 
 def cut_interval(mean: float, sd: float, bounds: tuple[float, float]) -> tuple[float, float]:
-    """Return the 90 % interval of a normal distribution that is cut off at bounds.
+    """Return the 90 % interval of highest density of a normal distribution that is cut off at bounds.
+
+    One of equal tails would never reach a bound, where most effects are absent.
 
     Parameters
     ----------
@@ -95,13 +103,16 @@ def cut_interval(mean: float, sd: float, bounds: tuple[float, float]) -> tuple[f
     Returns
     -------
     low, high : float
-        From the bound, where the density is highest there.
     """
     low, high = ((b - mean) / sd for b in bounds)
-    if low > 0.0 or high < 0.0:  # highest at a bound: one-sided
-        tail = (0.0, 2 * TAIL) if low > 0.0 else (2 * TAIL, 0.0)
-    else:
-        tail = (TAIL, TAIL)
     cut = stats.truncnorm(low, high, loc=mean, scale=sd)
-    ends = float(cut.ppf(tail[0])), float(cut.isf(tail[1]))
+    # Even about the mean, unless that reaches beyond a bound: then from there.
+    inside = stats.norm.cdf(high) - stats.norm.cdf(low)
+    half = float(stats.norm.isf(0.5 * (1.0 - HELD_SHARE * inside)))
+    if low > -half and low + high > 0.0:
+        ends = (bounds[0], float(cut.ppf(HELD_SHARE)))
+    elif high < half:
+        ends = (float(cut.isf(HELD_SHARE)), bounds[1])
+    else:
+        ends = (mean - half * sd, mean + half * sd)
     return float(np.clip(ends[0], *bounds)), float(np.clip(ends[1], *bounds))

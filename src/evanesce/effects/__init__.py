@@ -6,9 +6,11 @@ import difflib
 import functools
 import importlib
 import pkgutil
+from collections import OrderedDict
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 from evanesce.core.errors import InputError
 from evanesce.effects.inference_hints import OBSERVABLES, Bands, Blot, Candidate, Line, Marks, Observable
@@ -32,6 +34,11 @@ __all__ = [
     "all_effects",
     "apply_stage",
 ]
+
+
+KEEP_CHECKED = 64
+"""Tables that need not be checked again: a fit predicts a thousand times with the same lists of thousands of grains."""
+_CHECKED: OrderedDict[tuple[str, str], Any] = OrderedDict()
 
 
 @functools.cache
@@ -85,10 +92,14 @@ def active_effects(scene: Scene, file: Path | str = ANY_SCENE) -> tuple[Active, 
             raise InputError(
                 f"unknown effect; nearest: {close[0]}", file=file, key=f"effects.{name}", allowed=", ".join(known)
             )
+        key = (name, repr(table))
         try:
-            parameters = validate(effect.parameters, dict(table), file)
+            parameters = _CHECKED.get(key) or validate(effect.parameters, dict(table), file)
         except InputError as error:
-            key = f"effects.{name}.{error.key}" if error.key else f"effects.{name}"
-            raise InputError(error.what, file=file, key=key, allowed=error.allowed) from None
+            where = f"effects.{name}.{error.key}" if error.key else f"effects.{name}"
+            raise InputError(error.what, file=file, key=where, allowed=error.allowed) from None
+        _CHECKED[key] = parameters
+        if len(_CHECKED) > KEEP_CHECKED:
+            _CHECKED.popitem(last=False)
         found.append(Active(effect, parameters))
     return tuple(found)

@@ -34,6 +34,8 @@ Image = NDArray[np.float32]
 
 WINDOW_STEP = 16
 """Every so many pixels of a view it is looked whether they see the patch [px]."""
+BLOCK_ROWS = 64
+"""Of a view whose rays are followed at once: their intermediate results stay in the processor's cache."""
 
 
 def render_fast(
@@ -190,12 +192,17 @@ def plate_maps(scene: Scene, rays: tuple[Array, Array], first: tuple[float, floa
         [mm].
     """
     projection = Projection.of(scene.camera, scene.plate)
-    x, y, slope_x, slope_y = plate_rays(projection, *rays)
     round_trip = 2 * scene.plate.thickness_mm
-    found: list[Any] = []
-    for px, py in ((x, y), (x + round_trip * slope_x, y + round_trip * slope_y)):
-        found.append(tuple(((p - p0) / pitch).astype(np.float32) for p, p0 in zip((px, py), first, strict=True)))
-    return found[0], found[1]
+    u, v = rays
+    direct, again = ((np.empty(u.shape, np.float32), np.empty(u.shape, np.float32)) for _ in range(2))
+    # In blocks of rows: the intermediate results of a view of millions of rays take half a gigabyte at once.
+    for top in range(0, len(u), BLOCK_ROWS):
+        some = slice(top, top + BLOCK_ROWS)
+        x, y, slope_x, slope_y = plate_rays(projection, u[some], v[some])
+        for maps, (px, py) in ((direct, (x, y)), (again, (x + round_trip * slope_x, y + round_trip * slope_y))):
+            for own, p, p0 in zip(maps, (px, py), first, strict=True):
+                own[some] = (p - p0) / pitch
+    return direct, again
 
 
 def plate_rays(projection: Projection, u: Array, v: Array) -> tuple[Array, Array, Array, Array]:

@@ -18,9 +18,10 @@ from evanesce.inference.discrepancy import Discrepancy, cosines, tied_rows
 from evanesce.inference.explained import Scan
 from evanesce.inference.gauss_newton import Prior, Slopes, bounded_step, broyden, fit
 from evanesce.inference.joint import Fitter, JointFit, taken_from
+from evanesce.inference.judge import Judge
 from evanesce.inference.listing import placed
 from evanesce.inference.model import cube_by_cube, one_by_one
-from evanesce.inference.posterior import Judge, Posterior
+from evanesce.inference.posterior import Posterior
 from evanesce.inference.removal import everything_marginalised, loss_of, removal
 from evanesce.inference.search import Search
 from evanesce.inference.shapes import FormBank, Forms

@@ -28,8 +28,8 @@ from evanesce.inference.data import data_vector
 from evanesce.inference.gate import gate_of
 from evanesce.inference.gauss_newton import Slopes, Solution
 from evanesce.inference.joint import Fitter, JointFit
+from evanesce.inference.judge import Judge
 from evanesce.inference.model import AnchoredModel
-from evanesce.inference.posterior import Judge
 from evanesce.inference.search import Search
 from evanesce.inference.series import model as series_model
 from evanesce.inference.series.beside import bank_of, discrepancy_of, with_series

@@ -11,7 +11,8 @@ from scipy import stats
 from evanesce.inference.answer import verdict_of, warnings_of
 from evanesce.inference.constants import STRENGTHS
 from evanesce.inference.data import DataVector
-from evanesce.inference.posterior import Judge, Posterior
+from evanesce.inference.judge import Judge
+from evanesce.inference.posterior import Posterior
 from evanesce.inference.power import expected_power
 from evanesce.inference.single_effects import NONE, UNKNOWN, Place, Shapes, null_statistics, p_value, place_of
 from evanesce.inference.small_space import SmallSpace

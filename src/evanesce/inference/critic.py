@@ -21,11 +21,12 @@ from evanesce.inference.discrepancy import Discrepancy
 from evanesce.inference.gain import held_out
 from evanesce.inference.gate import Gate, GrossDifference, gate_of
 from evanesce.inference.joint import Fitter, JointFit
+from evanesce.inference.judge import Judge
 from evanesce.inference.marks import MarkSearch
 from evanesce.inference.model import AnchoredModel
 from evanesce.inference.next_shot import doubtful, next_shot
 from evanesce.inference.pictures import Pictures, pictures_of
-from evanesce.inference.posterior import DEFECTS, Judge, Posterior
+from evanesce.inference.posterior import DEFECTS, Posterior
 from evanesce.inference.removal import everything_marginalised
 from evanesce.inference.search import Search
 from evanesce.inference.series.beside import bank_of, discrepancy_of, with_series

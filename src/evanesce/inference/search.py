@@ -1,6 +1,6 @@
 """Moves from the nominal rig's fit to the extended one's: causes are added one at a time, dropped, and exchanged.
 
-What is tried is what the evidences of all causes' forms say (:mod:`evanesce.inference.posterior`); what is taken is
+What is tried is what the evidences of all causes' forms say (:mod:`evanesce.inference.judge`); what is taken is
 decided by the joint fit about the fine model, made anew after each move, so that a strong cause's curvature is not
 taken for a further cause.
 """
@@ -21,8 +21,9 @@ from evanesce.inference.constants import DETECTED, FITTED, LEAST_SHARE, SUBSTITU
 from evanesce.inference.explained import Scan
 from evanesce.inference.gauss_newton import Slopes
 from evanesce.inference.joint import Fitter, JointFit, Taken, taken_from
+from evanesce.inference.judge import Judge
 from evanesce.inference.marks import MarkSearch
-from evanesce.inference.posterior import Further, Judge, Posterior
+from evanesce.inference.posterior import Further, Posterior
 from evanesce.inference.removal import Removal, everything_marginalised, removal
 from evanesce.inference.single_effects import NONE, UNKNOWN
 from evanesce.inference.unknown import told_fields

@@ -208,7 +208,7 @@ def photo_nuisances(photograph: Photograph) -> tuple[Parameter, ...]:
 
 @dataclass
 class PhotoForms:
-    """Forms of every cause about the nominal picture, for :class:`~evanesce.inference.posterior.Judge`.
+    """Forms of every cause about the nominal picture, for :class:`~evanesce.inference.judge.Judge`.
 
     Attributes
     ----------

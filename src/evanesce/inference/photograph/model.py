@@ -16,11 +16,12 @@ from evanesce.inference.constants import STEP_SHARE
 from evanesce.inference.data import SATURATED_DN, DataVector
 from evanesce.inference.discrepancy import Discrepancy, tied_rows
 from evanesce.inference.joint import Fitter, JointFit
+from evanesce.inference.judge import Judge
 from evanesce.inference.model import cube_by_cube, one_by_one
 from evanesce.inference.photograph.causes import photo_nuisances
 from evanesce.inference.photograph.light import LightModel
 from evanesce.inference.photograph.picture import Photograph
-from evanesce.inference.posterior import Further, Judge
+from evanesce.inference.posterior import Further
 from evanesce.inference.search import Search
 from evanesce.inference.single_effects import UNKNOWN, cause_of
 from evanesce.prediction.linear import Metric

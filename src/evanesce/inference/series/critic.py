@@ -21,8 +21,9 @@ from evanesce.inference.consequence import NINETY, AreaReader
 from evanesce.inference.constants import FAR, LEFT
 from evanesce.inference.gate import Gate
 from evanesce.inference.joint import Fitter, JointFit
+from evanesce.inference.judge import Judge
 from evanesce.inference.next_shot import advice_of, doubtful, entropy, entropy_left, rivals
-from evanesce.inference.posterior import Judge, Posterior
+from evanesce.inference.posterior import Posterior
 from evanesce.inference.removal import everything_marginalised
 from evanesce.inference.search import Search
 from evanesce.inference.series.model import SeriesBank, SeriesDiscrepancy, SeriesModel

@@ -31,6 +31,9 @@ from evanesce.materials.friction import InterfaceFriction, coulomb, interface_of
 from evanesce.rig import Finger, Scene, Slide
 from evanesce.rig.finger import OWN, FemLaw, HertzLaw, JkrLaw
 
+FORCES_GRID = 128
+"""Samples along a side where only forces are wanted."""
+
 
 def slide_frame(scene: Scene, grid: PlateGrid, force: float, time: float) -> ContactState:
     """Return the frame of a scene's slide at a time.
@@ -66,15 +69,42 @@ def slide_frame(scene: Scene, grid: PlateGrid, force: float, time: float) -> Con
         raise InputError(
             f"{force:g} N at {time:g} s is no frame of the slide", key="slide", allowed="a frame of its programme"
         )
+    state = _without_ridges(scene, grid, index)
+    if scene.finger.ridges is None:
+        return state
+    return _with_moving_ridges(scene, state)
+
+
+def slide_forces(scene: Scene) -> list[ContactState]:
+    """Return all frames of a scene's slide for their forces alone: on a coarse grid, the finger's ridges left out.
+
+    Parameters
+    ----------
+    scene : Scene
+        With a slide.
+
+    Returns
+    -------
+    list of ContactState
+
+    Raises
+    ------
+    InputError
+        As :func:`slide_frame`.
+    """
+    grid = PlateGrid((FORCES_GRID, FORCES_GRID), scene.grid.size_mm / FORCES_GRID, scene.finger.position_mm)
+    return [_without_ridges(scene, grid, k) for k in range(slide_programme(scene).sample()[0].size)]
+
+
+def _without_ridges(scene: Scene, grid: PlateGrid, index: int) -> ContactState:
+    """Return a frame of the slide with what spin and ridge direction do to its forces, before ridges are put on it."""
     assert scene.slide is not None  # the caller's
     state = _slide_of(scene.model_dump_json(), grid)[index]
     if scene.slide.spin_deg_per_s:
         state = _twisted(state)
     if scene.slide.ridge_friction_ratio not in (None, 1.0):
         state = _pulled_aside(state, scene)
-    if scene.finger.ridges is None:
-        return state
-    return _with_moving_ridges(scene, state)
+    return state
 
 
 def _ridge_angle(scene: Scene) -> float:

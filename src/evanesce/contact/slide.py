@@ -205,6 +205,11 @@ def _solve_slide(scene: Scene, grid: PlateGrid) -> SlideStates:
         along, _ = directional_friction(slide.ridge_friction_ratio, _ridge_angle(scene))
         friction = replace(friction, tau0=along * friction.tau0, alpha=along * friction.alpha)
     stiffness = _drive_stiffness(finger, slide, programme.normal_force, contacts[-1].depth, angle, _has_bone(scene))
+    if slide.stick_slip_drop and math.isinf(stiffness):
+        raise InputError(
+            f"{slide.stick_slip_drop:g} with a rigid drive", key="slide.stick_slip_drop",
+            allowed="none, or a drive that gives way: drive_stiffness_N_per_mm",
+        )  # fmt: skip
     parameters = {
         "material": finger.material,
         "tip_radius_mm": finger.tip_radius_mm,
@@ -223,7 +228,7 @@ def _solve_slide(scene: Scene, grid: PlateGrid) -> SlideStates:
         grid, programme, friction, contacts, moduli,
         drive_stiffness=stiffness, area_loss=slide.area_loss_mm2_per_N2, view=view,
         shares=_shares(scene, contacts, [pressed(*pair)[1] for pair in pairs], moduli),
-        law=f"{scene.contact.law}+sliding", parameters=parameters,
+        stick_slip_drop=slide.stick_slip_drop or 0.0, law=f"{scene.contact.law}+sliding", parameters=parameters,
     )  # fmt: skip
 
 

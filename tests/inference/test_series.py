@@ -41,7 +41,7 @@ from evanesce.inference.single_effects import Shapes
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.observe import observe
 from evanesce.prediction.parameters import Parameter
-from evanesce.rig import load_scene
+from evanesce.rig import dump_scene, load_scene
 
 BUNDLE = Path(__file__).parents[2] / "bundles" / "thesis_silskin_20"
 MECHANICS = ("modulus", "creep", "force_offset", "adhesion")
@@ -75,6 +75,65 @@ def test_a_series_without_a_touch_is_refused_and_one_that_is_not_predicted_left_
     used, _, left_out = rows_of({"a": series([1.0, 2.0], np.ones(2), None, ("time", "s", "force", "N"))})
     assert used.series == ()
     assert "not predicted" in left_out["a"]
+
+
+SLIDE = {"contact": {"law": "hertz", "reduced_modulus_MPa": 0.4}, "grid.size_mm": 30.0, "slide.shaft": "rigid"}
+SHEAR = ("slide", "mm", "tangential_force", "N")
+
+
+def test_shear_is_compared_by_size_against_a_way_that_rises():
+    used, _, _ = rows_of({"a": series([0.5, 1.0, 2.0], np.array([-0.1, -0.2, -0.3]), None, SHEAR)})
+    np.testing.assert_allclose(used.log_y, np.log([0.1, 0.2, 0.3]))
+    for x, names, why in (
+        ([0.5, 1.0, 0.7], SHEAR, "turns back"),
+        ([0.5, 1.0, 2.0], ("time", "s", "tangential_force", "N"), "tangential force against time is not predicted"),
+        ([0.5, 1.0, 2.0], ("slide", "mm", "area", "mm2"), "area against slide is not predicted"),
+    ):
+        used, _, left_out = rows_of({"a": series(x, np.ones(3), None, names)})
+        assert not used.series
+        assert why in left_out["a"]
+
+
+def test_shear_of_a_slide_is_the_machines_spring_then_coulomb():
+    scene = load_scene("thesis_slide", SMALL | SLIDE | {"slide.drive_stiffness_N_per_mm": 0.05})
+    predictor = SeriesPredictor(scene)
+    # 0.05 N/mm is a few hundredths of the contact's own stiffness: the spring alone carries the way
+    soft = np.exp(predictor.log(series([1.0, 2.0, 4.0], np.ones(3), None, SHEAR), {}))
+    np.testing.assert_allclose(soft, [0.05, 0.10, 0.20], rtol=0.05)
+    stiff = SeriesPredictor(load_scene("thesis_slide", SMALL | SLIDE | {"slide.spin_deg_per_s": 90.0}))
+    assert np.exp(stiff.log(series([7.5], np.ones(1), None, SHEAR), {})) < 0.67  # mu N, less what spinning takes
+    torque = np.exp(stiff.log(series([7.5], np.ones(1), None, ("slide", "mm", "torque", "Nmm")), {}))
+    assert 0.0 < torque < 0.67 * np.sqrt(7.5 * 1.0 / 0.4)  # at most mu N at the rim of Hertz's contact
+    gross = SeriesPredictor(load_scene("thesis_slide", SMALL | SLIDE))
+    at = series([7.5], np.ones(1), None, SHEAR)
+    assert np.exp(gross.log(at, {})) == pytest.approx(0.67, rel=1e-6)
+    assert np.exp(gross.log(at, {"@load[a]": 0.1})) == pytest.approx(0.67 * np.exp(-0.1), rel=1e-6)
+
+
+def test_shear_without_a_slide_or_beyond_it_is_refused():
+    with pytest.raises(InputError, match=r"slide: has no slide \(allowed: a table \[slide\]"):
+        SeriesPredictor(load_scene("thesis", SMALL)).log(series([1.0], np.ones(1), None, SHEAR), {})
+    with pytest.raises(InputError, match=r"slide.distance_mm: slides 8 mm \(allowed: at least 9, the way of series a"):
+        SeriesPredictor(load_scene("thesis_slide", SMALL | SLIDE)).log(series([9.0], np.ones(1), None, SHEAR), {})
+
+
+@pytest.mark.slow  # half a minute each
+@pytest.mark.parametrize(
+    ("hidden", "cause"),
+    [({}, None), ({"liquid_film:volume_uL": 5.0}, "liquid_film"), ({"modulus:relative": -0.15}, "modulus")],
+)
+def test_friction_tells_a_liquid_from_a_softer_finger(tmp_path, hidden, cause):
+    scene, way = load_scene("soft_slide", SMALL), np.linspace(0.4, 5.9, 12)
+    force = np.exp(SeriesPredictor(scene).log(series(way, np.ones(12), None, SHEAR), hidden))
+    force *= np.exp(0.01 * np.random.default_rng(1).standard_normal(12))
+    (tmp_path / "series").mkdir()
+    (tmp_path / "scene.toml").write_text(dump_scene(scene))
+    (tmp_path / "measurement.toml").write_text('scene = "scene.toml"\n')
+    rows = [f"{x:.4f},{y:.5f},{0.01 * y:.5f}" for x, y in zip(way, force, strict=True)]
+    (tmp_path / "series" / "shear.csv").write_text("\n".join(["slide_mm,tangential_force_N,sigma_N", *rows]) + "\n")
+    others = set(all_effects()) - {"liquid_film", "modulus", "adhesion", "force_offset"}
+    result = criticise_series(read_bundle(tmp_path), exclude=others).result
+    assert [c["id"] for c in result["causes"]] == ([cause] if cause else [])
 
 
 def test_areas_read_from_frames_that_are_there_are_no_further_data():

@@ -10,8 +10,9 @@ from scipy.optimize import minimize
 from evanesce.contact.analytic.hertz import hertz_contact, hertz_gap, hertz_pressure, hertz_radius
 from evanesce.contact.analytic.roughness import persson_contact_fraction, rms_slope
 from evanesce.contact.coverage import disc_coverage
+from evanesce.contact.halfspace.operators import free_operator, love_influence, periodic_operator
 from evanesce.contact.halfspace.resolved import contact_area, contact_coverage, pressed_profile, resolved_state
-from evanesce.contact.halfspace.solver import free_operator, love_influence, periodic_operator, press_height_map
+from evanesce.contact.halfspace.solver import press_height_map
 from evanesce.contact.ridges.heightmap import RidgeRow
 from evanesce.contact.ridges.profile import closure_pressure, contact_edge, profile_exponent, ridge_gap, ridge_pressure
 from evanesce.contact.ridges.ridged import ridged_state

@@ -92,7 +92,8 @@ def test_the_ridges_turn_with_the_skin() -> None:
     turn = np.degrees(0.5 / 7.5)
     states = [contact_state(scene(HALF | {"tilt_deg": t}, finger__ridges=ridges), 0.4) for t in (turn, 2 * turn)]
     upright = contact_state(scene(HALF, finger__ridges=ridges), 0.4)
-    np.testing.assert_allclose(states[1].pressure, upright.pressure, atol=1e-6)
+    # as far as either of them has converged
+    np.testing.assert_allclose(states[1].pressure, upright.pressure, atol=1e-4 * upright.pressure.max())
     assert abs(float(states[0].pressure[76, 88] - upright.pressure[76, 88])) > 0.01
     assert states[0].nominal_contact_area == pytest.approx(upright.nominal_contact_area, rel=0.1)
 

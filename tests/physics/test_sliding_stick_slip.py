@@ -7,6 +7,9 @@ import pytest
 
 from evanesce.bench.friction import spectrum
 from evanesce.contact.sliding.stick_slip import Slider, simulate_stick_slip, stick_slip_period
+from evanesce.contact.solve import contact_sequence
+from evanesce.core.errors import InputError
+from evanesce.rig import load_scene
 
 SLIDER = Slider(mass=0.043, stiffness=1.7, normal_force=1.2, static_friction=0.88, dynamic_friction=0.61)
 
@@ -70,3 +73,41 @@ def test_bad_input():
         stick_slip_period(Slider(1, 1, 1, 0.6, 0.5, damping=0.1), 1.0)
     with pytest.raises(ValueError, match="samples"):
         simulate_stick_slip(SLIDER, 1.0, 1e9)
+
+
+STICKS = {
+    "contact": {"law": "hertz", "reduced_modulus_MPa": 12.0}, "grid.size_mm": 30.0, "grid.samples": 256,
+    "press.frame_rate_hz": 60.0, "slide.shaft": "rigid", "slide.drive_stiffness_N_per_mm": 0.3,
+    "slide.stick_slip_drop": 0.2, "slide.speed_mm_per_s": 1.0,
+}  # fmt: skip
+
+
+def test_frames_of_a_scene_stick_and_slip_with_the_period_of_a_mass_on_a_spring() -> None:
+    """A stiff contact is the point mass of the closed form; a light one leaps in no time."""
+    states = contact_sequence(load_scene("thesis_slide", STICKS))
+    time = np.array([s.time for s in states])
+    force = np.array([np.hypot(*s.tangential_force) for s in states])
+    place = np.array([s.parameters["tip_displacement_mm"] for s in states])
+    leaps = np.flatnonzero(np.diff(force) < -0.1)
+    assert len(leaps) >= 5
+    light = Slider(1e-6, 0.3, 1.0, 0.67, 0.8 * 0.67)
+    assert np.diff(time[leaps]).mean() == pytest.approx(stick_slip_period(light, 1.0), rel=0.06)
+    # it overshoots: as far below the friction in motion as it was above
+    np.testing.assert_allclose(force[leaps], 0.67, rtol=1e-3)
+    np.testing.assert_allclose(force[leaps + 1], 0.6 * 0.67, rtol=0.03)
+    # the patch moves in leaps and stands between
+    moved = np.diff(place)
+    assert moved[leaps].sum() > 0.9 * (place[leaps[-1] + 1] - place[leaps[0] - 2])
+    middle = states[int(leaps[1] + leaps[2]) // 2]
+    assert middle.parameters["stick_ratio"] > 0.5  # its core, half way to the next leap
+
+
+def test_stick_slip_needs_a_drive_that_gives_way_and_off_changes_no_bit() -> None:
+    rigid = {k: v for k, v in STICKS.items() if "drive" not in k}
+    with pytest.raises(InputError, match=r"slide\.stick_slip_drop: 0\.2 with a rigid drive \(allowed: none"):
+        contact_sequence(load_scene("thesis_slide", rigid))[-1]
+    with pytest.raises(InputError, match=r"slide\.stick_slip_drop"):
+        load_scene("thesis_slide", STICKS | {"slide.stick_slip_drop": 0.6})
+    off = contact_sequence(load_scene("thesis_slide", STICKS | {"slide.stick_slip_drop": 0.0}))[-1]
+    none = {k: v for k, v in STICKS.items() if "drop" not in k}
+    np.testing.assert_array_equal(off.traction, contact_sequence(load_scene("thesis_slide", none))[-1].traction)

@@ -7,12 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from evanesce.bundle import read_bundle
 from evanesce.bundle.folder import write_shots
 from evanesce.bundle.layout import Shot, with_shear
 from evanesce.bundle.tables import read_shots
+from evanesce.bundle.write import write_bundle
 from evanesce.contact.programme import slide_programme
 from evanesce.contact.solve import contact_sequence, contact_state
 from evanesce.core.errors import InputError
+from evanesce.inference.series.predict import SeriesPredictor
 from evanesce.rig import load_scene
 
 SLIDE = {
@@ -41,6 +44,22 @@ def test_a_slides_load_cell_is_in_the_table(tmp_path: Path) -> None:
     for one, other in zip(shots, back, strict=True):
         for name in ("tangential_force_N", "slide_mm", "torque_Nmm"):
             assert getattr(other, name) == pytest.approx(getattr(one, name), rel=1e-8, abs=1e-12)
+
+
+def test_a_slides_bundle_holds_its_frames_and_what_the_load_cell_read(tmp_path: Path) -> None:
+    small = {"camera.resolution_px": [208, 156], "camera.scale_px_per_mm": 6.07, "press.frame_rate_hz": 5.0}
+    scene = load_scene("thesis_slide", SLIDE | small)
+    write_bundle(tmp_path / "slid", scene, seed=3)
+    bundle = read_bundle(tmp_path / "slid")
+    force = bundle.series["tangential_force_slide"]
+    np.testing.assert_array_equal(force.x, bundle.series["torque_slide"].x)
+    moving = [shot for shot in bundle.press if shot.slide_mm > 0]
+    np.testing.assert_allclose(force.y, [shot.tangential_force_N for shot in moving], rtol=1e-8)
+    assert force.y[-1] < 0.67 * 1.0  # Coulomb's, less what spinning takes
+    assert "replicates" not in bundle.available
+    # The nominal rig predicts it: of all frames, between which these lie.
+    own = np.exp(SeriesPredictor(scene).log(force, {}))
+    np.testing.assert_allclose(own, force.y, rtol=2e-3)
 
 
 def test_a_press_has_no_such_columns(tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ def shipped_scenes() -> tuple[str, ...]:
     --------
     >>> import evanesce as ev
     >>> ev.shipped_scenes()
-    ('gripper', 'human_print', 'pmma_infrared', 'prism_reader', 'soft_slide', 'thesis', ...)
+    ('gripper', 'human_print', 'pmma_infrared', 'prism_reader', 'soft_slide', 'stick_slip', ...)
     """
     return tuple(sorted(path.stem for path in resource("scenes").glob("*.toml")))
 

@@ -63,6 +63,29 @@ def write_shots(path: Path, shots: tuple[Shot, ...] | list[Shot], displacement_m
     write_csv(path, ["index", "time_s", "force_N", "voltage_V", "displacement_mm", "session", *chosen], rows)
 
 
+def write_shear(folder: Path, shots: list[Shot]) -> None:
+    """Write series of what a load cell read along a slide, up to where it turns back; nothing of a press.
+
+    Parameters
+    ----------
+    folder : Path
+        Of series; made if there is anything to write.
+    shots : list of Shot
+    """
+    rows: list[Shot] = []
+    for shot in shots:
+        if not shot.slide_mm > 0.0:
+            continue
+        if rows and shot.slide_mm <= rows[-1].slide_mm:
+            break
+        rows.append(shot)
+    for name in ("tangential_force_N", "torque_Nmm"):
+        if any(getattr(row, name) for row in rows):
+            folder.mkdir(exist_ok=True)
+            table = [[row.slide_mm, getattr(row, name)] for row in rows]
+            write_csv(folder / f"{name.rpartition('_')[0]}_slide.csv", ["slide_mm", name], table)
+
+
 def write_csv(path: Path, header: list[str], rows: list[list[Any]]) -> None:
     """Write a table; floats to nine digits.
 

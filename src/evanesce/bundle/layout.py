@@ -130,9 +130,10 @@ class Series:
     name : str
         Its file's name without suffix.
     x_name, x_unit : str
-        ``force`` [N], ``voltage`` [V], ``time`` [s] or ``displacement`` [mm].
+        ``force`` [N], ``voltage`` [V], ``time`` [s], ``displacement`` [mm], or ``slide`` [mm].
     y_name, y_unit : str
-        ``area`` [mm2] or ``force`` [N].
+        ``area`` [mm2], ``force`` [N], ``tangential_force`` [N] along the slide, or ``torque`` [Nmm] about the plate's
+        normal.
     x, y : ndarray (n,)
     sigma : ndarray (n,) or None
         Standard deviation of ``y``, in its unit; None where not given.
@@ -200,10 +201,16 @@ SERIES_X: Mapping[str, Column] = MappingProxyType(
         "voltage_V": Column(0.0, 60.0, "V"),
         "time_s": Column(0.0, 1e7, "s"),
         "displacement_mm": Column(-10.0, 100.0, "mm"),
+        "slide_mm": SHOT_COLUMNS["slide_mm"],
     }
 )
 SERIES_Y: Mapping[str, Column] = MappingProxyType(
-    {"area_mm2": Column(0.0, 1e6, "mm2"), "force_N": Column(0.0, 1000.0, "N")}
+    {
+        "area_mm2": Column(0.0, 1e6, "mm2"),
+        "force_N": Column(0.0, 1000.0, "N"),
+        "tangential_force_N": SHOT_COLUMNS["tangential_force_N"],
+        "torque_Nmm": SHOT_COLUMNS["torque_Nmm"],
+    }
 )
 
 HELD: Mapping[str, Column] = MappingProxyType(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from evanesce.bundle.layout import Shot, conditions
+from evanesce.contact.programme import slide_programme
 from evanesce.optics.led import led_radiances
 from evanesce.rig import Scene
 
@@ -18,6 +19,9 @@ DWELL_S = (5.0, 12.0, 25.0, 45.0, 75.0, 120.0)
 
 LIGHT = (0.35, 0.55, 0.75, 1.25, 1.5)
 """LED power of the voltage sweep's frames over that of the scene's voltage."""
+
+SLIDE_FRAMES = 17
+"""Frames of a slide's bundle, at most."""
 
 RAMP_STEP_S = 5.0
 SWEEP_STEP_S = 6.0
@@ -47,7 +51,8 @@ def default_protocol(scene: Scene) -> Protocol:
     """Return the usual protocol of a rig: load only rises, so that creep and stick have one history.
 
     A ramp of six forces at the scene's voltage, six frames of a hold at the largest over two minutes, five voltages at
-    that force; 17 frames in one session.
+    that force; 17 frames in one session. Of a scene with a slide, 17 frames of its programme, spread evenly; it ends in
+    motion, so that nothing is held for replicates.
 
     Parameters
     ----------
@@ -57,6 +62,8 @@ def default_protocol(scene: Scene) -> Protocol:
     -------
     Protocol
     """
+    if scene.slide is not None:
+        return Protocol(press=conditions(_of_slide(scene)), replicates=0)
     largest = (
         max(scene.press.forces_N) if scene.press.forces_N else scene.press.ramp.stop_N if scene.press.ramp else 5.0
     )
@@ -71,6 +78,15 @@ def default_protocol(scene: Scene) -> Protocol:
         for k, (time, force, voltage) in enumerate(steps)
     ]
     return Protocol(press=conditions(shots))
+
+
+def _of_slide(scene: Scene) -> list[Shot]:
+    times, forces, _ = slide_programme(scene).sample()
+    picked = np.unique(np.linspace(0, times.size - 1, min(SLIDE_FRAMES, times.size)).round().astype(int))
+    return [
+        Shot(index=k, time_s=float(times[i]), force_N=float(forces[i]), voltage_V=scene.leds.voltage_V)
+        for k, i in enumerate(picked)
+    ]
 
 
 def sweep_voltages(scene: Scene) -> list[float]:

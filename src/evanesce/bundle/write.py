@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from evanesce.bundle.area import MIN_BLOB_MM2, AreaReading, contact_area
 from evanesce.bundle.bundle import scene_at
 from evanesce.bundle.card_light import card_light
-from evanesce.bundle.folder import new_folder, write_csv, write_frame, write_shots
+from evanesce.bundle.folder import new_folder, write_csv, write_frame, write_shear, write_shots
 from evanesce.bundle.layout import (
     AUXILIARY,
     MEASUREMENT_FILE,
@@ -286,10 +286,11 @@ def write_bundle(
     with new_folder(folder) as part:
         copy_scene_files(nominal, part)
         (part / "scene.toml").write_text(dump_scene(nominal), encoding="utf-8")
-        frames, depths = _press(part, rig, protocol, written)
+        frames, depths, shots = _press(part, rig, protocol, written)
         areas = _replicates(part, rig, protocol, nominal, depths[-1] if depths else float("nan"), written)
         _auxiliary(part, rig, protocol, written)
-        series = _series(part, protocol, frames, depths, nominal, areas)
+        series = _series(part, protocol, frames, depths, nominal, areas) if scene.slide is None else {}
+        write_shear(part / SERIES_FOLDER, shots)
         described = {"schema_version": 1, "title": nominal.title, "scene": "scene.toml"} | (
             {"series": series} if series else {}
         )
@@ -299,8 +300,10 @@ def write_bundle(
             (part / "provenance.json").write_text(text, encoding="utf-8")
 
 
-def _press(part: Path, rig: Rig, protocol: Protocol, written: Callable[[], None]) -> tuple[list[Grey], list[float]]:
-    """Write the frames of the presses and their table; return the frames and their depths [mm]."""
+def _press(
+    part: Path, rig: Rig, protocol: Protocol, written: Callable[[], None]
+) -> tuple[list[Grey], list[float], list[Shot]]:
+    """Write the frames of the presses and their table; return frames, depths [mm] and the table's lines."""
     frames, depths, shots = [], [], []
     for shot in protocol.press:
         frame, state = rig.taken(shot)
@@ -311,7 +314,7 @@ def _press(part: Path, rig: Rig, protocol: Protocol, written: Callable[[], None]
         shots.append(with_shear(with_chosen(shot, frame.chosen), state))
         written()
     write_shots(part / PRESS_TABLE, shots, depths)
-    return frames, depths
+    return frames, depths, shots
 
 
 def _auxiliary(part: Path, rig: Rig, protocol: Protocol, written: Callable[[], None]) -> None:

@@ -383,6 +383,8 @@ def _less_hidden(beside: Beside, lit: ChargeBox, scene: Scene, optics: Optics, b
 def _why_general(scene: Scene, active: list[str]) -> str:
     """Return why a scene needs the general chain; empty if it does not."""
     pixel, lens = scene.camera.pixel, scene.camera.lens
+    if scene.slide is not None:
+        return "slide: the finger's body moves over the frame"
     if active:
         return f"effects: {', '.join(active)}"
     if pixel.prnu > 0 or pixel.dsnu_e > 0 or pixel.dark_nonuniformity_e_per_s > 0:

@@ -31,6 +31,9 @@ from evanesce.materials.friction import InterfaceFriction, coulomb, interface_of
 from evanesce.rig import Finger, Scene, Slide
 from evanesce.rig.finger import OWN, FemLaw, HertzLaw, JkrLaw
 
+FORCES_GRID = 128
+"""Samples along a side where only forces are wanted."""
+
 
 def slide_frame(scene: Scene, grid: PlateGrid, force: float, time: float) -> ContactState:
     """Return the frame of a scene's slide at a time.
@@ -66,15 +69,42 @@ def slide_frame(scene: Scene, grid: PlateGrid, force: float, time: float) -> Con
         raise InputError(
             f"{force:g} N at {time:g} s is no frame of the slide", key="slide", allowed="a frame of its programme"
         )
+    state = _without_ridges(scene, grid, index)
+    if scene.finger.ridges is None:
+        return state
+    return _with_moving_ridges(scene, state)
+
+
+def slide_forces(scene: Scene) -> list[ContactState]:
+    """Return all frames of a scene's slide for their forces alone: on a coarse grid, the finger's ridges left out.
+
+    Parameters
+    ----------
+    scene : Scene
+        With a slide.
+
+    Returns
+    -------
+    list of ContactState
+
+    Raises
+    ------
+    InputError
+        As :func:`slide_frame`.
+    """
+    grid = PlateGrid((FORCES_GRID, FORCES_GRID), scene.grid.size_mm / FORCES_GRID, scene.finger.position_mm)
+    return [_without_ridges(scene, grid, k) for k in range(slide_programme(scene).sample()[0].size)]
+
+
+def _without_ridges(scene: Scene, grid: PlateGrid, index: int) -> ContactState:
+    """Return a frame of the slide with what spin and ridge direction do to its forces, before ridges are put on it."""
     assert scene.slide is not None  # the caller's
     state = _slide_of(scene.model_dump_json(), grid)[index]
     if scene.slide.spin_deg_per_s:
         state = _twisted(state)
     if scene.slide.ridge_friction_ratio not in (None, 1.0):
         state = _pulled_aside(state, scene)
-    if scene.finger.ridges is None:
-        return state
-    return _with_moving_ridges(scene, state)
+    return state
 
 
 def _ridge_angle(scene: Scene) -> float:
@@ -175,6 +205,11 @@ def _solve_slide(scene: Scene, grid: PlateGrid) -> SlideStates:
         along, _ = directional_friction(slide.ridge_friction_ratio, _ridge_angle(scene))
         friction = replace(friction, tau0=along * friction.tau0, alpha=along * friction.alpha)
     stiffness = _drive_stiffness(finger, slide, programme.normal_force, contacts[-1].depth, angle, _has_bone(scene))
+    if slide.stick_slip_drop and math.isinf(stiffness):
+        raise InputError(
+            f"{slide.stick_slip_drop:g} with a rigid drive", key="slide.stick_slip_drop",
+            allowed="none, or a drive that gives way: drive_stiffness_N_per_mm",
+        )  # fmt: skip
     parameters = {
         "material": finger.material,
         "tip_radius_mm": finger.tip_radius_mm,
@@ -193,7 +228,7 @@ def _solve_slide(scene: Scene, grid: PlateGrid) -> SlideStates:
         grid, programme, friction, contacts, moduli,
         drive_stiffness=stiffness, area_loss=slide.area_loss_mm2_per_N2, view=view,
         shares=_shares(scene, contacts, [pressed(*pair)[1] for pair in pairs], moduli),
-        law=f"{scene.contact.law}+sliding", parameters=parameters,
+        stick_slip_drop=slide.stick_slip_drop or 0.0, law=f"{scene.contact.law}+sliding", parameters=parameters,
     )  # fmt: skip
 
 

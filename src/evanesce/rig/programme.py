@@ -85,6 +85,13 @@ class Slide(Strict):
         null=1.0,
         doc="friction along the ridges over that across; not published",
     )
+    stick_slip_drop: float | None = field(
+        None,
+        unit="1",
+        bounds=(0.0, 0.45),
+        null=0.0,
+        doc="share of friction lost once the whole contact slips: stick-slip; not published",
+    )
     contact_angle_deg: float = field(0.0, unit="deg", bounds=(0.0, 45.0), source="thesis, chapter 6: 0 and 45 deg")
     preload_N: float = field(0.05, unit="N", bounds=(0.0, 1000.0), source="thesis, chapter 6")
     press_time_s: float = field(2.0, unit="s", bounds=(1e-3, 1e4), doc="from preload to the held force")

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize_scalar
 
-from evanesce.contact.halfspace.solver import HalfspaceSolution, conjugate_gradients, free_operator, press_height_map
+from evanesce.contact.halfspace.operators import free_operator
+from evanesce.contact.halfspace.solver import HalfspaceSolution, conjugate_gradients, press_height_map
 from evanesce.core.errors import WorkError
 
 Array = NDArray[np.float64]

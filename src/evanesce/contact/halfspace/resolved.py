@@ -12,7 +12,8 @@ from scipy.ndimage import binary_erosion, maximum_filter
 from scipy.optimize import brentq
 
 from evanesce.contact.halfspace.adhesion import press_adhesive_height_map, resolved_cohesive_stress
-from evanesce.contact.halfspace.solver import HalfspaceSolution, free_operator, press_height_map
+from evanesce.contact.halfspace.operators import free_operator
+from evanesce.contact.halfspace.solver import HalfspaceSolution, press_height_map
 from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState, PlateGrid
 

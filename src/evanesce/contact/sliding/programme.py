@@ -93,6 +93,7 @@ def slide_states(
     drive_stiffness: float = float("inf"),
     area_loss: float = 0.0,
     shares: Sequence[Share] | None = None,
+    stick_slip_drop: float = 0.0,
     view: SlideView | None = None,
     law: str = "sliding",
     parameters: Mapping[str, Any] | None = None,
@@ -113,6 +114,7 @@ def slide_states(
     area_loss : float
         Sahli's alpha_A [mm^2/N^2].
     shares : sequence of callable (frames,), optional
+    stick_slip_drop : float
         As for :func:`~evanesce.contact.sliding.solver.march`.
     view : SlideView, optional
     law, parameters
@@ -137,6 +139,7 @@ def slide_states(
         drive_stiffness=drive_stiffness,
         area_loss=area_loss,
         shares=shares,
+        stick_slip_drop=stick_slip_drop,
     )
     return SlideStates(slide, grid, view, law=law, parameters=parameters)
 

@@ -179,6 +179,15 @@ class _Springs:
         held = np.clip(trial, -limit, limit)
         return held, (trial - held) / modulus
 
+    def leap(self, force: float, left: float, modulus: float, stiffness: float) -> float:
+        """Let the whole contact slip at a standing drive until a share of the force is left; return that force [N]."""
+        moved = (1.0 - left) * force / stiffness
+        self.slipped = np.where(self.limit > 0.0, self.slipped + moved + (1.0 - left) * self.density / modulus, 0.0)
+        self.density = left * self.density
+        self.displacement += moved
+        self.since_rest = np.zeros_like(self.since_rest)
+        return left * force
+
 
 def march(
     contacts: Sequence[AxisymmetricContact],
@@ -190,6 +199,7 @@ def march(
     drive_stiffness: float = float("inf"),
     area_loss: ArrayLike = 0.0,
     shares: Sequence[Share] | None = None,
+    stick_slip_drop: float = 0.0,
     springs: int = 1024,
     substeps: int = 4,
 ) -> Slide:
@@ -213,6 +223,9 @@ def march(
     shares : sequence of callable (n,), optional
         Share of each contact's area that is left under a tangential force [N], besides Sahli's law
         (:mod:`evanesce.contact.sliding.shear_area`).
+    stick_slip_drop : float
+        Share of friction that is lost once the whole contact slips, below a half: the finger leaps until twice as much
+        of the force is gone, and sticks again. Needs a drive that gives way.
     springs, substeps : int
         Springs over the largest contact radius; displacement steps between two frames.
 
@@ -229,12 +242,15 @@ def march(
     -----
     Normal loads are interpolated between frames spring by spring. With area loss the interface keeps its shear strength
     tau0 on the area that is left, and the pressure rises to carry the same normal force; force and area are solved
-    together. Weakening acts from one step to the next, so a drop of strength takes a few steps.
+    together. Weakening acts from one step to the next, so a drop of strength takes a few steps. A leap of stick-slip
+    takes no time and overshoots as a mass on a spring without damping does: for leaps that are short beside a step.
     """
     t, drive = np.asarray(time, dtype=float), np.asarray(displacement, dtype=float)
     _check(contacts, t, drive, springs, substeps)
     modulus = np.broadcast_to(np.asarray(tangential_modulus, dtype=float), t.shape)
     loss = np.broadcast_to(np.asarray(area_loss, dtype=float), t.shape)
+    if stick_slip_drop > 0.0 and not (stick_slip_drop < 0.5 and np.isfinite(drive_stiffness)):
+        raise ValueError("stick-slip needs a drop below a half and a drive of finite stiffness")
     if modulus.min() <= 0 or loss.min() < 0 or drive_stiffness <= 0:
         raise ValueError("tangential modulus and drive stiffness must be positive, the area loss not negative")
     edges = np.linspace(0.0, max(c.contact_radius for c in contacts), springs + 1)
@@ -243,7 +259,7 @@ def march(
     row = _Springs(edges, np.zeros(springs), np.zeros(springs), np.zeros(springs), at_rest)
     shares = [_whole] * len(t) if shares is None else shares
     frames = [_rest_frame(contacts[0], float(t[0]), row)]
-    force, factor = 0.0, 1.0
+    force, factor, leaps = 0.0, 1.0, False
     for i in range(1, len(t)):
         dt = float(t[i] - t[i - 1]) / substeps
         speed = abs(drive[i] - drive[i - 1]) / (t[i] - t[i - 1])
@@ -256,6 +272,8 @@ def march(
             next_strength = spring_strength(contacts[i].contact_radius, edges)
         area = np.pi * contacts[i].contact_radius ** 2
         moved = np.zeros(springs)
+        if leaps:
+            force = row.leap(force, 1.0 - 2.0 * stick_slip_drop, float(modulus[i]), drive_stiffness)
         for k in range(1, substeps + 1):
             s = k / substeps
             now_load, now_strength = load + s * (next_load - load), strength + s * (next_strength - strength)
@@ -265,6 +283,7 @@ def march(
                 float(loss[i]), area, dt, force, shares[i],
             )  # fmt: skip
         load, strength = next_load, next_strength
+        leaps = stick_slip_drop > 0.0 and bool(np.all(np.abs(moved[strength > 0.0]) > 1e-12))
         frames.append(
             _frame(
                 contacts[i], float(t[i]), row, force, float(loss[i]), moved, float(drive[i]), drive_stiffness, shares[i]

@@ -35,8 +35,8 @@ Tell = Callable[[str], None]
 READING_SHARE = 0.1
 """Of what larger pixels read wrongly of the nominal rig: as much may be left of it where a fit has moved to."""
 ZERO_MM = 0.02
-"""Standard deviation of the place of first contact, from which displacement counts: a load cell that tells a few mN
-knows it to so much."""
+"""Standard deviation of the place of first contact, or of a slide's start, from which ways count: a load cell that
+tells a few mN knows it to so much."""
 SILENT_DRAWS = 4
 """Forms of which none moves anything: the others are not made."""
 UNKNOWN_HALF_WAVES = 4
@@ -81,7 +81,7 @@ class SeriesModel:
         for one in self.data.series:
             load = priors.LOAD
             found.append(Parameter(name=f"@load[{one.name}]", deviation=load, step=0.02, linear=True))
-            if one.x_name == "displacement":
+            if one.x_name in ("displacement", "slide"):
                 found.append(Parameter(name=f"@zero[{one.name}]", unit="mm", deviation=ZERO_MM, step=ZERO_MM))
         return tuple(found)
 

@@ -1,4 +1,5 @@
-"""Scalar series as a rig with departures would give them: areas by the whole chain, forces by the contact law."""
+"""Scalar series as a rig with departures would give them: areas by the whole chain, forces by the contact law and the
+slide's friction."""
 
 from __future__ import annotations
 
@@ -10,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.bundle.area import AreaReading, contact_area
-from evanesce.bundle.layout import Series
+from evanesce.bundle.layout import Series, Shot, with_shear
 from evanesce.chain.simulate import solve_contact
+from evanesce.contact.slide import slide_forces
 from evanesce.contact.solve import contact_state, parts_of
 from evanesce.core.errors import InputError
 from evanesce.effects import Active, Context, Stage, active_effects, apply_stage
-from evanesce.inference.series.rows import LEAST_AREA_MM2, LEAST_FORCE_N
+from evanesce.inference.series.rows import LEAST_AREA_MM2, LEAST_FORCE_N, SHEAR
 from evanesce.prediction.fine import FinePredictor, in_pixels
 from evanesce.prediction.observe import model_factor, model_scene
 from evanesce.prediction.point import Nuisances, scene_with
@@ -50,6 +52,7 @@ class SeriesPredictor:
         self._smaller = self._frames.before * self._frames.factor if isinstance(self._frames, FinePredictor) else 1
         self._kept = Kept(KEPT)
         self._depths = Kept(KEPT_LAWS)
+        self._slides = Kept(KEPT_LAWS)
 
     def _predictor(self) -> Predictor:
         if self._fine:
@@ -75,8 +78,8 @@ class SeriesPredictor:
 
     def _values(self, own: Scene, series: Series, point: Point) -> Array:
         scene = scene_with(own, in_pixels(point, self._smaller))
-        if series.y_name == "force":
-            force = self._force(scene, series, point)
+        if series.y_name != "area":
+            force = self._shear(scene, series, point) if series.y_name in SHEAR else self._force(scene, series, point)
             return np.log(np.maximum(force * math.exp(-point.get(f"@load[{series.name}]", 0.0)), LEAST_FORCE_N))
         return np.log(self._areas(scene, series, point))
 
@@ -132,6 +135,59 @@ class SeriesPredictor:
         depth = np.asarray(series.x, float) + point.get(f"@zero[{series.name}]", 0.0)
         log_depth, log_force = (np.log(np.maximum(x, 1e-6)) for x in (depths, forces))
         return np.exp(np.interp(np.log(np.maximum(depth, 1e-6)), log_depth, log_force))
+
+    def _shear(self, scene: Scene, series: Series, point: Point) -> Array:
+        """Return the magnitude of tangential force [N] or torque [N mm] at ways of the finger's top over the plate."""
+        rig, _ = solve_contact(scene, None, seed=0)
+        loads = tuple(e for e in active_effects(scene) if e.effect.stage is Stage.LOAD)
+        found = self._slides.get((repr(loads), *parts_of(rig)), lambda: shear_of_slide(rig, loads))
+        way = np.asarray(series.x, float) + point.get(f"@zero[{series.name}]", 0.0)
+        if np.max(series.x) > found["slide"][-1] * (1.0 + 1e-9):
+            raise InputError(
+                f"slides {found['slide'][-1]:g} mm", key="slide.distance_mm",
+                allowed=f"at least {np.max(series.x):g}, the way of series {series.name}",
+            )  # fmt: skip
+        return np.asarray(np.interp(way, found["slide"], found[series.y_name]))
+
+
+def shear_of_slide(rig: Scene, loads: tuple[Active, ...]) -> dict[str, Array]:
+    """Return what a load cell reads of a rig's slide, up to where it first turns back.
+
+    Parameters
+    ----------
+    rig : Scene
+        With a slide.
+    loads : tuple of Active
+        Effects on the force.
+
+    Returns
+    -------
+    dict of str to ndarray (n,)
+        ``slide``, rising [mm], ``tangential_force`` [N] and ``torque`` [N mm], magnitudes.
+
+    Raises
+    ------
+    InputError
+        For a rig without a slide, or a slide without an answer.
+    """
+    if rig.slide is None or rig.press.forces_N is None:
+        raise InputError("has no slide", key="slide", allowed="a table [slide], for series of slide_mm")
+    # an effect on the force is refused there: the programme of a slide fixes it
+    apply_stage(Stage.LOAD, float(rig.press.forces_N[0]), loads, Context(rig, 0, 0.0, 0))
+    ways: list[float] = []
+    along: list[float] = []
+    torques: list[float] = []
+    for state in slide_forces(rig):
+        shot = with_shear(Shot(index=0, time_s=0.0, force_N=state.normal_force, voltage_V=0.0), state)
+        if ways and shot.slide_mm <= ways[-1]:
+            if shot.slide_mm <= 0.0 or not along[-1]:
+                ways, along, torques = [], [], []  # still pressed, not yet slid
+            else:
+                break
+        ways.append(shot.slide_mm)
+        along.append(abs(shot.tangential_force_N))
+        torques.append(abs(shot.torque_Nmm))
+    return {"slide": np.array(ways), "tangential_force": np.array(along), "torque": np.array(torques)}
 
 
 def law_of_depth(rig: Scene, loads: tuple[Active, ...], time_s: float) -> tuple[Array, Array]:

@@ -25,6 +25,9 @@ ASSUMED_SIGMA = 0.05
 """Relative standard deviation of a series that states none."""
 LEAST_AREA_MM2, LEAST_FORCE_N = 0.05, 1e-3
 """Below, a finger does not touch as far as a lab can tell."""
+LEAST = {"area": LEAST_AREA_MM2, "force": LEAST_FORCE_N, "tangential_force": LEAST_FORCE_N, "torque": LEAST_FORCE_N}
+SHEAR = ("tangential_force", "torque")
+"""Ordinates whose sign is a matter of direction: their magnitudes are compared."""
 
 
 @dataclass(frozen=True)
@@ -102,10 +105,13 @@ def rows_of(series: Mapping[str, Series], press: Sequence[Shot] = ()) -> tuple[R
     """
     used, held, left_out = [], [], {}
     for one in series.values():
-        if one.y_name == "force" and one.x_name != "displacement":
-            left_out[one.name] = f"force against {one.x_name} is not predicted"
+        why = _not_predicted(one)
+        if why:
+            left_out[one.name] = why
             continue
-        least = LEAST_AREA_MM2 if one.y_name == "area" else LEAST_FORCE_N
+        if one.y_name in SHEAR:
+            one = replace(one, y=np.abs(one.y))
+        least = LEAST[one.y_name]
         large = np.asarray(one.y) > least
         if not large.any():
             raise InputError(
@@ -123,6 +129,16 @@ def rows_of(series: Mapping[str, Series], press: Sequence[Shot] = ()) -> tuple[R
         if locked.any():
             held.append(_cut(kept, locked))
     return Rows.of(used), Rows.of(held), left_out
+
+
+def _not_predicted(series: Series) -> str:
+    """Return why a series is not compared, empty if it is."""
+    x, y = series.x_name, series.y_name
+    if (y in SHEAR) != (x == "slide") or (y == "force" and x != "displacement"):
+        return f"{y.replace('_', ' ')} against {x} is not predicted"
+    if x == "slide" and np.any(np.diff(series.x) <= 0):
+        return "its slide turns back: force against slide is no function"
+    return ""
 
 
 def _in_frames(series: Series, press: Sequence[Shot]) -> NDArray[np.bool_]:

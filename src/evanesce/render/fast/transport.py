@@ -10,6 +10,7 @@ the finger's flank, lit by the contact's own light and by what escapes near the 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.states import ContactState, PlateLight
+from evanesce.optics.carried import carried_by, carried_finger
 from evanesce.optics.liquid import lit_contact
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.render.fast.fields import Fields, fields_of
@@ -73,12 +75,19 @@ def render_fast(
         fields = fields_of(scene) if fields is None else fields
         pixel_mm = projection.focal_px / (scene.camera.scale_px_per_mm * view.focal_px)
         patch = patch_light(fields, state, refinement(state.grid.pitch, pixel_mm))
+        taken, (x, y) = patch.taken, carried_by(scene, state)
+        if x or y:
+            # Tables of the flank are of a finger that has not moved, lit by a contact under it.
+            cx, cy = state.grid.centre
+            scene = carried_finger(scene, state)
+            back = replace(state, grid=replace(state.grid, centre=(cx - x, cy - y)))
+            taken = patch_light(fields, back, 1).taken
         direct, reflected = _patch_views(scene, state, patch, view, pixel_mm)
         bare = 1.0 - direct(patch.cover, patch.refine)
         seen = reflected(patch.radiance, 1)
         # In place: a finer view's images take longest to allocate.
         seen *= np.float32(fields.ghost)
-        seen += flank_image(scene, fields.flank, state, patch.taken, view)
+        seen += flank_image(scene, fields.flank, state, taken, view)
         seen *= bare
         seen += direct(patch.radiance, 1)
     if scene.surroundings is not None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState, PlateLight
+from evanesce.optics.carried import carried_finger
 from evanesce.optics.emitters import led_table
 from evanesce.optics.haze import FACES
 from evanesce.optics.projection import IdealView, Projection
@@ -171,6 +172,7 @@ def render(
     InputError
         If the variant does not work here, or the sampling is out of range.
     """
+    scene = scene if state is None else carried_finger(scene, state)
     powers = lit_powers(scene, leds) if powers is None else powers
     job = _Job.of(scene, state, variant, powers, view, None, connect)
     sampling = _sampling(scene, samples_per_pixel, passes, until_error, max_passes, seed)
@@ -228,6 +230,7 @@ def render_groups(
     """
     if scene.surroundings is not None and scene.surroundings.spill.share > 0:
         raise InputError("spill is not traced by groups", key="surroundings.spill", allowed="none, or render")
+    scene = scene if state is None else carried_finger(scene, state)
     groups = LedGroups.of(scene) if groups is None else groups
     lit = lit_powers(scene, "all") if powers is None else powers
     sampling = _sampling(scene, samples_per_pixel, passes, until_error, max_passes, seed)

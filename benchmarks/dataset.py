@@ -34,7 +34,7 @@ def measure(case: dict[str, Any]) -> dict[str, float]:
     """Return processor time and bytes a frame, and the processor time that a rig takes once.
 
     Uses what this commit and :data:`BEFORE` have in common. Frames are from the middle of their trials, in contact.
-    What the first frame of a rig computes for all others is the rig's.
+    What the first frame of a rig computes for all others is the rig's, and of a trial its trial's.
     """
     from evanesce.dataset.config import DatasetConfig, with_size
     from evanesce.dataset.job import new_job
@@ -54,8 +54,8 @@ def measure(case: dict[str, Any]) -> dict[str, float]:
     for trial in range(trials):
         start = time.process_time()
         producer.trial(trial)
+        producer.record(trial * length + 30)
         if trial % 2 == 0:
-            producer.record(trial * length + 30)
             rigs += time.process_time() - start
         else:
             ready += (time.process_time() - start) / length
@@ -134,6 +134,27 @@ def throughput(frames: int, workers: int) -> dict[str, float]:
     return {"frames_per_s": rate, "bytes_on_disk_a_frame": outcome.size / outcome.frames}
 
 
+def streamed(trials: int = 8) -> dict[str, float]:
+    """Return the processor time of a frame of a stream of default trials at 320 x 240 px [s], rigs' fields apart.
+
+    Each trial's own share (its slide, its region) is in it; the first trial of a rig is not.
+    """
+    from evanesce.dataset.stream import stream
+    from evanesce.dataset.worker import single_threaded
+
+    single_threaded()
+    busy, frames, rig, first = 0.0, 0, None, 0.0
+    start = time.process_time()
+    for clip in stream(size="320x240", seed=7, trials=trials).clips():
+        now, this = time.process_time(), clip[0].meta["rig"]["index"]
+        if this == rig:
+            busy, frames = busy + now - start, frames + len(clip)
+        else:
+            first += now - start
+        rig, start = this, time.process_time()
+    return {"s_a_frame": busy / frames, "frames": frames, "first_trials_s": first}
+
+
 def storing(shards: int = 20) -> dict[str, float]:
     """Return what one process takes for all others, a shard of 160 frames: of the manifest, and of its file [s]."""
     from dataclasses import replace
@@ -147,7 +168,7 @@ def storing(shards: int = 20) -> dict[str, float]:
     from evanesce.rig import load_scene
 
     job = new_job(load_scene("thesis"), with_size(DatasetConfig(), "320x240"), frames=80, seed=5)
-    kept, found = Producer(job).record(40), {"manifest": 0.0, "file": 0.0}
+    kept, found = Producer(job).record(40), {"manifest": 0.0, "manifest_processor": 0.0, "file": 0.0}
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         layout.make_folders(folder)
@@ -159,9 +180,10 @@ def storing(shards: int = 20) -> dict[str, float]:
                 start = time.perf_counter()
                 index = writer.publish()
                 found["file"] += (time.perf_counter() - start) / shards
-            start = time.perf_counter()
+            start, busy = time.perf_counter(), time.process_time()
             manifest.add(index)
             found["manifest"] += (time.perf_counter() - start) / shards
+            found["manifest_processor"] += (time.process_time() - busy) / shards
         found["rows_MB"] = (folder / "m.sqlite").stat().st_size / shards / 1e6
         manifest.close()
     return found
@@ -169,8 +191,11 @@ def storing(shards: int = 20) -> dict[str, float]:
 
 def on_paper(s_a_frame: float, bytes_a_frame: float, kept: dict[str, float], frames_a_shard: int = 160) -> None:
     """Print what manifest, scheduler and file system would take with many workers, a shard a task."""
-    print(f"on paper, shards of {frames_a_shard} frames: manifest {1e3 * kept['manifest']:.1f} ms a shard,")
-    print(f"  file {1e3 * kept['file']:.1f} ms, Dask {1e3 * DASK_TASK_S:.0f} ms")
+    print(
+        f"on paper, shards of {frames_a_shard} frames: manifest {1e3 * kept['manifest']:.1f} ms a shard"
+        f" ({1e3 * kept['manifest_processor']:.1f} of a processor, the rest until its rows are on disk),"
+        f" file {1e3 * kept['file']:.1f} ms, Dask {1e3 * DASK_TASK_S:.0f} ms"
+    )
     for workers in (2, 100, 1000):
         shards = workers / (s_a_frame * frames_a_shard)
         print(
@@ -178,8 +203,11 @@ def on_paper(s_a_frame: float, bytes_a_frame: float, kept: dict[str, float], fra
             f" {100 * shards * kept['manifest']:5.0f} %, scheduler {100 * shards * DASK_TASK_S:4.0f} %,"
             f" {shards * frames_a_shard * bytes_a_frame / 1e6:6.0f} MB/s"
         )
-    most = 1.0 / (kept["manifest"] / (s_a_frame * frames_a_shard))
-    print(f"  the one writer of the manifest is busy at {most:.0f} workers, however large a shard: rows are frames;")
+    a_shard = s_a_frame * frames_a_shard
+    print(
+        f"  the one writer of the manifest is busy at {a_shard / kept['manifest']:.0f} workers, with far larger shards"
+        f" at {a_shard / kept['manifest_processor']:.0f};"
+    )
     print("  beyond, each task of a job array (--shard i/n) writes its own files, and `resume` adds their rows after.")
 
 
@@ -189,6 +217,7 @@ def main() -> None:
     parser.add_argument("--cases", nargs="*", choices=list(CASES), default=list(CASES))
     parser.add_argument("--frames", type=int, default=1600)
     parser.add_argument("--workers", type=int, nargs="*", default=[1, 2])
+    parser.add_argument("--streamed", type=int, default=8, help="trials of `evanesce.dataset.stream`; 0: none")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--measure", type=json.loads, help=argparse.SUPPRESS)
     given = parser.parse_args()
@@ -196,6 +225,10 @@ def main() -> None:
         print(json.dumps(measure(given.measure)))
         return
     found: dict[str, Any] = {"cases": against(given.against, given.cases) if given.cases else {}, "workers": {}}
+    if given.streamed:
+        found["stream"] = streamed(given.streamed)
+        each = found["stream"]["s_a_frame"]
+        print(f"stream: {1e3 * each:.1f} ms of a core a frame, {1 / each:.0f} frames/s of a core", flush=True)
     for workers in given.workers:
         found["workers"][workers] = throughput(given.frames, workers)
         print(workers, found["workers"][workers], f"load {os.getloadavg()[0]:.1f}", flush=True)

@@ -32,8 +32,8 @@ def summary() -> str:
         for name in ("frames", "frames, rigs without effects", "frames, one plain rig", "force threshold")
     )
     sentences = [
-        f"Baselines (not of this set, on frames of format 3: `make baseline`, {run['trials']} training trials of"
-        " 200 x 150 px, rigs unseen"
+        f"Baselines (not of this set, on frames of format {run['format_version']}: `make baseline`, {run['trials']}"
+        " training trials of 200 x 150 px, rigs unseen"
         " in training): mean absolute error of the stick ratio by gradient boosting on frames alone; in brackets:"
         " trained on the same rigs without effects, on one plain rig, isotonic fit of a perfect force sensor's"
         " |Ft|/Fn, a constant."

@@ -32,6 +32,8 @@ HOLD = 2
 """Consecutive frames above the threshold that an alarm needs."""
 LEAST_TRIALS = 4
 """Of the training split."""
+FRICTION_BANDS, FOLDS = 3, 5
+"""Parts that friction, and rigs or trials, are held out in."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,7 @@ class _Trial:
     split: str
     rig: int
     features: Floats
+    friction: float
     series: Series
     held: NDArray[np.bool_]
 
@@ -85,12 +88,11 @@ def baseline(folder: Path, *, advance: Callable[[int], None] = lambda _: None) -
 
     Notes
     -----
-    The threshold is chosen for :data:`FALSE_ALARMS` on training trials that the model was not fitted to: rig by rig,
-    where there are several, else trial by trial.
+    The threshold is chosen for :data:`FALSE_ALARMS` on training trials of friction and rigs that the model was not
+    fitted to.
     """
     require("baseline", "a baseline")
     from sklearn.ensemble import HistGradientBoostingRegressor
-    from sklearn.model_selection import GroupKFold, cross_val_predict
 
     trials = _read(folder, advance)
     known = [trial for trial in trials if trial.split == "train"]
@@ -100,15 +102,14 @@ def baseline(folder: Path, *, advance: Callable[[int], None] = lambda _: None) -
         )
     model = HistGradientBoostingRegressor(max_iter=200, learning_rate=0.06, max_leaf_nodes=15, random_state=0)
     x, y = np.concatenate([t.features for t in known]), np.concatenate([t.series.stick_ratio for t in known])
-    groups = np.concatenate([np.full(len(t.keys), t.rig) for t in known])
-    if len(np.unique(groups)) < 2:
-        groups = np.concatenate([np.full(len(t.keys), k) for k, t in enumerate(known)])
-    folds = GroupKFold(min(5, len(np.unique(groups))))
-    held_out = 1.0 - cross_val_predict(model, x, y, groups=groups, cv=folds)
-    ends = np.cumsum([len(t.keys) for t in known])[:-1]
+    lengths = [len(t.keys) for t in known]
+    friction = np.repeat([t.friction for t in known], lengths)
+    rig, number = np.repeat([t.rig for t in known], lengths), np.repeat(np.arange(len(known)), lengths)
+    evidence_held_out = 1.0 - held_out(model, x, y, friction, rig, number)
+    ends = np.cumsum(lengths)[:-1]
     series = [
         Series(t.series.time, evidence, t.series.stick_ratio, t.series.onset_first, t.series.onset_gross)
-        for t, evidence in zip(known, np.split(held_out, ends), strict=True)
+        for t, evidence in zip(known, np.split(evidence_held_out, ends), strict=True)
     ]
     threshold = choose_threshold(series, FALSE_ALARMS, HOLD)
     model.fit(x, y)
@@ -119,6 +120,45 @@ def baseline(folder: Path, *, advance: Callable[[int], None] = lambda _: None) -
     test = [t.series.stick_ratio[t.held] for t in trials if t.split == "test"]
     constant = float(np.abs(np.concatenate(test) - y.mean()).mean()) if test else math.nan
     return Baseline(found, threshold, score(folder, found, threshold=threshold, hold=HOLD), constant)
+
+
+def held_out(
+    model: Any, x: Floats, y: Floats, friction: Floats, rig: NDArray[np.int64], trial: NDArray[np.int64]
+) -> Floats:
+    """Predict each frame by a model fitted to other friction and other rigs.
+
+    Parameters
+    ----------
+    model : estimator
+        Of scikit-learn; fitted anew.
+    x : ndarray (n, k)
+        Features of the frames.
+    y : ndarray (n,)
+        Stick ratio.
+    friction : ndarray (n,)
+        Coefficient of friction of the frame's trial; held out in :data:`FRICTION_BANDS` bands.
+    rig, trial : ndarray (n,)
+        Their numbers. Rigs are held out in up to :data:`FOLDS` folds, trials where there is one rig only.
+
+    Returns
+    -------
+    ndarray (n,)
+        Predictions.
+    """
+    groups = np.unique(rig if len(np.unique(rig)) > 1 else trial, return_inverse=True)[1]
+    fold = groups % min(FOLDS, int(groups.max()) + 1)
+    levels = np.unique(friction)
+    band = np.searchsorted(np.quantile(levels, np.linspace(0.0, 1.0, FRICTION_BANDS + 1)[1:-1]), friction)
+    found = np.full(len(y), float(y.mean()))
+    for a in np.unique(fold):
+        for b in np.unique(band):
+            asked = (fold == a) & (band == b)
+            given = (fold != a) & (band != b)
+            if not given.any():  # one friction level, or each rig has its own
+                given = fold != a
+            if asked.any() and given.any():
+                found[asked] = model.fit(x[given], y[given]).predict(x[asked])
+    return found
 
 
 def _read(folder: Path, advance: Callable[[int], None]) -> list[_Trial]:
@@ -136,7 +176,8 @@ def _read(folder: Path, advance: Callable[[int], None]) -> list[_Trial]:
             features = frame_features([s.frame for s in samples], rate)
             keys = [s.key for s in samples]
             rig = int(meta["rig"]["index"])
-            found.append(_Trial(keys, meta["split"], rig, features, series, numbers["Fz_N"] > 0.0))
+            friction = float(meta["friction"]["friction_coefficient"])
+            found.append(_Trial(keys, meta["split"], rig, features, friction, series, numbers["Fz_N"] > 0.0))
             advance(len(samples))
     return found
 

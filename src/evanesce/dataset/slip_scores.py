@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import gammaincinv
 
 Floats = NDArray[np.float64]
 
 STICKING = 0.95
 """Stick ratio from which on an alarm counts as false."""
+CONFIDENCE = 0.84
+"""One standard deviation, one-sided."""
 
 
 @dataclass(frozen=True)
@@ -102,15 +106,36 @@ def score(trials: Sequence[Series], threshold: float, hold: int = 2) -> Score:
 
 
 def choose_threshold(trials: Sequence[Series], allowed_per_minute: float, hold: int = 2) -> float:
-    """Return the threshold of the highest detection rate within a rate of false alarms; of equals, the longest lead."""
+    """Return the threshold of the highest detection rate within a rate of false alarms; of equals, the longest lead.
+
+    Parameters
+    ----------
+    trials : sequence of Series
+        That the detector was not fitted to.
+    allowed_per_minute : float
+        Budget of false alarms [1/min].
+    hold : int
+
+    Returns
+    -------
+    float
+
+    Notes
+    -----
+    A few minutes hold a few alarms, whose rate is that uncertain: the upper bound of the rate at :data:`CONFIDENCE`,
+    by Poisson statistics, must be within the budget. Where no threshold does that, one of the fewest alarms is taken.
+    """
     every = np.concatenate([trial.evidence for trial in trials])
     candidates = np.unique(np.quantile(every[np.isfinite(every)], np.linspace(0.02, 1.0, 197)))
-    best, chosen = (-1.0, -np.inf), float(candidates[-1])
+    best, chosen = (-math.inf, -1.0, -math.inf), float(candidates[-1])
     for threshold in candidates:
         found = score(trials, float(threshold), hold)
-        if found.false_per_minute > allowed_per_minute:
+        if not found.minutes or not found.slides:
             continue
-        rank = (found.detected, found.lead_s if np.isfinite(found.lead_s) else -np.inf)
+        count = round(found.false_per_minute * found.minutes)
+        within = float(gammaincinv(count + 1, CONFIDENCE)) <= allowed_per_minute * found.minutes
+        lead = found.lead_s if math.isfinite(found.lead_s) else -math.inf
+        rank = (1.0 if within else -float(count), found.detected, lead)
         if rank > best:
             best, chosen = rank, float(threshold)
     return chosen

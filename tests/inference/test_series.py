@@ -120,7 +120,12 @@ def test_shear_without_a_slide_or_beyond_it_is_refused():
 @pytest.mark.slow  # half a minute each
 @pytest.mark.parametrize(
     ("hidden", "cause"),
-    [({}, None), ({"liquid_film:volume_uL": 5.0}, "liquid_film"), ({"modulus:relative": -0.15}, "modulus")],
+    [
+        ({}, None),
+        ({"liquid_film:volume_uL": 5.0}, "liquid_film"),
+        ({"modulus:relative": -0.15}, "modulus"),
+        ({"friction:relative": 0.2}, "friction"),
+    ],
 )
 def test_friction_tells_a_liquid_from_a_softer_finger(tmp_path, hidden, cause):
     scene, way = load_scene("soft_slide", SMALL), np.linspace(0.4, 5.9, 12)
@@ -131,7 +136,7 @@ def test_friction_tells_a_liquid_from_a_softer_finger(tmp_path, hidden, cause):
     (tmp_path / "measurement.toml").write_text('scene = "scene.toml"\n')
     rows = [f"{x:.4f},{y:.5f},{0.01 * y:.5f}" for x, y in zip(way, force, strict=True)]
     (tmp_path / "series" / "shear.csv").write_text("\n".join(["slide_mm,tangential_force_N,sigma_N", *rows]) + "\n")
-    others = set(all_effects()) - {"liquid_film", "modulus", "adhesion", "force_offset"}
+    others = set(all_effects()) - {"liquid_film", "modulus", "adhesion", "force_offset", "friction"}
     result = criticise_series(read_bundle(tmp_path), exclude=others).result
     assert [c["id"] for c in result["causes"]] == ([cause] if cause else [])
 

@@ -15,10 +15,11 @@ from evanesce.contact.analytic.jkr import jkr_contact
 from evanesce.contact.fem.library import library_press
 from evanesce.contact.halfspace.adhered import adhered_contact
 from evanesce.contact.reshape import reshaped_state
+from evanesce.contact.slide import slide_forces
 from evanesce.contact.solve import contact_state
 from evanesce.core.errors import InputError
-from evanesce.core.states import ContactState, PlateLight
-from evanesce.effects import Context, Effect, Stage, all_effects
+from evanesce.core.states import ContactState, PlateLight, SurfaceState
+from evanesce.effects import Context, Effect, Stage, active_effects, all_effects, apply_stage
 from evanesce.optics.projection import Projection
 from evanesce.rig import Press, Ramp, Scene, load_scene
 
@@ -327,6 +328,35 @@ def test_shear_of_a_slide_is_its_own_force() -> None:
     assert moments(found)[0] - moments(state)[0] == pytest.approx(
         0.5 * 1.5 / (np.pi * np.sqrt(state.nominal_contact_area / np.pi)) * 2 * np.array([-0.6, 0.8]), abs=5e-3
     )
+
+
+SLID = {"slide.shaft": "rigid", "grid.size_mm": 30.0, "slide.friction_coefficient": 0.5}
+
+
+def test_friction_of_a_slide_grows_in_proportion_and_sticks_as_cattaneo_says() -> None:
+    scene = rig("hertz", "thesis_slide", **SLID)
+    more = scene.model_copy(update={"effects": {"friction": {"relative": 0.3}}})
+    moved = apply_stage(Stage.RIG, more, active_effects(more), Context(more, 0, 0.0, 0))
+    states = slide_forces(moved)
+    forces = np.array([np.linalg.norm(state.tangential_force) for state in states])
+    most = 0.65 * states[-1].normal_force
+    assert forces[-1] == pytest.approx(most, rel=1e-6)
+    assert np.linalg.norm(slide_forces(scene)[-1].tangential_force) == pytest.approx(most / 1.3, rel=1e-6)
+    sheared = [state for state, force in zip(states, forces, strict=True) if 0.2 * most < force < 0.8 * most]
+    assert sheared
+    for state in sheared:
+        stuck = (state.state == SurfaceState.STICK).sum() / (state.state >= SurfaceState.STICK).sum()
+        share = float(np.linalg.norm(state.tangential_force)) / most
+        # Half a cell of 0.23 mm along the rim of the stick core.
+        assert np.sqrt(stuck) == pytest.approx((1.0 - share) ** (1 / 3), abs=0.08)
+
+
+def test_a_press_has_no_friction_and_a_slide_no_more_than_a_rig_allows() -> None:
+    still = pressed(rig("hertz"), 2.0, friction={"relative": 0.3})
+    np.testing.assert_array_equal(still.pressure, pressed(rig("hertz"), 2.0).pressure)
+    wild = rig("hertz", "thesis_slide", **SLID, **{"slide.friction_factor": 10.0})
+    with pytest.raises(InputError, match=r"friction_factor becomes 30 .*0.05 to 20"):
+        all_effects()["friction"].apply(wild, all_effects()["friction"].parameters(relative=2.0), Context(wild, seed=1))
 
 
 def test_higher_ridges_are_those_of_a_scene_that_says_so() -> None:

@@ -58,7 +58,7 @@ def value_of(stage: Stage, name: str = "") -> object:
                 law="none",
             )
         case Stage.RIG:
-            return ridged() if name == "ridge_height" else scene()
+            return ridged() if name == "ridge_height" else load_scene("thesis_slide") if name == "friction" else scene()
         case Stage.LOAD:
             return 1.3
 

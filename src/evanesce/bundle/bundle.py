@@ -179,6 +179,8 @@ class Bundle:
             found.add("replicates")
         if self.series:
             found.add("series")
+        if any(one.x_name == "slide" for one in self.series.values()):
+            found.add("motion")
         return frozenset(found)
 
     @property

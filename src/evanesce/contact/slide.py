@@ -283,6 +283,10 @@ def _spun(
 
 def _friction(finger: Finger, slide: Slide) -> InterfaceFriction:
     friction = _rest_friction(finger, slide)
+    if slide.friction_factor is not None:
+        friction = replace(
+            friction, tau0=slide.friction_factor * friction.tau0, alpha=slide.friction_factor * friction.alpha
+        )
     return friction if slide.speed_exponent is None else replace(friction, speed_exponent=slide.speed_exponent)
 
 

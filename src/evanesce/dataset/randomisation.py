@@ -14,6 +14,7 @@ MOVES_PIXELS = {
 }
 """Effects that displace the image, and why they are not drawn."""
 ACTS_TWICE = {
+    "friction": "friction.friction_coefficient draws it, trial by trial",
     "shear_area_loss": "friction.area_left takes the area, by each trial's own force: draw that",
 }
 """Effects whose physics every trial has, and where it is set."""

@@ -62,6 +62,9 @@ class Slide(Strict):
     friction_coefficient: float | None = field(
         None, unit="1", bounds=(1e-3, 10.0), doc="Coulomb's; none: tau0/p + alpha of the material"
     )
+    friction_factor: float | None = field(
+        None, unit="1", bounds=(0.05, 20.0), null=1.0, doc="over the friction of material or coefficient; not published"
+    )
     speed_exponent: float | None = field(
         None, unit="1", bounds=(0.0, 1.0), doc="friction grows as (speed/1 mm/s)^exponent; none: 0; not published"
     )

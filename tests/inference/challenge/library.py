@@ -18,6 +18,7 @@ NOT_INJECTED = {
     "frame_rate": "leaves no trace where nothing believed moves: the protocol's states stand still",
     "compression": "is a noise class here: three in five of the nulls are compressed",
     "ridge_height": "the believed fingers of these sets are smooth",
+    "friction": "the protocol presses, it does not slide",
     "shear_area_loss": "the protocol presses, it does not slide",
 }
 """Effects of the library that no case hides, and why."""

@@ -2,7 +2,7 @@
 
 On friction as in training, and unseen.
 
-python benchmarks/grip.py [--episodes 12] [--train] [--record] [--json FILE]
+python benchmarks/grip.py [--episodes 12] [--seed 1000] [--train] [--record] [--json FILE]
 """
 
 from __future__ import annotations
@@ -53,6 +53,7 @@ def best_constant(env: GripEnv, seeds: Sequence[int]) -> tuple[float, float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--episodes", type=int, default=12)
+    parser.add_argument("--seed", type=int, default=1000, help="of the first episode that is judged")
     parser.add_argument("--train", action="store_true", help="train anew, ten minutes of a core")
     parser.add_argument("--record", action="store_true", help="write the grip into the package")
     parser.add_argument("--json", type=Path)
@@ -72,7 +73,7 @@ def main() -> None:
             ("by sight", SightGrip(TASK)),
             ("trained", trained),
         ):
-            one = judged(env, controller, range(1000, 1000 + given.episodes))
+            one = judged(env, controller, range(given.seed, given.seed + given.episodes))
             results[f"{name}, {label}"] = one
             print(
                 f"{name:7s} {friction}: {label:9s} return {one['return']:6.2f} +- {one['se']:.2f}, force"

@@ -168,7 +168,7 @@ def test_square_of_another_size_scales_every_area():
 def test_the_check_and_the_critic_agree_on_what_series_cannot_tell():
     """No table shows a finger on its way; a square's size, a voltage or a hold may be what moves an area."""
     bundle = read_bundle(BUNDLE)
-    assert contents(bundle)["cannot_be_named"] == {"rolling_skew": ["motion"]}
+    assert contents(bundle)["cannot_be_named"] == {"friction": ["motion"], "rolling_skew": ["motion"]}
     causes, left_out = causes_of(observation_of(bundle), set(all_effects()) - {"rolling_skew", "square_size"})
     assert [c.id for c in causes] == ["square_size"]
     assert left_out == {"rolling_skew": "needs motion"}

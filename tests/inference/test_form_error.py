@@ -16,6 +16,7 @@ from evanesce.inference.calibration.form_error import form_errors, form_rows
 from evanesce.inference.calibration.intervals import intervals
 from evanesce.inference.causes import causes_of
 from evanesce.inference.data import data_vector
+from evanesce.inference.discrepancy import Discrepancy
 from evanesce.inference.joint import Fitter, JointFit, Taken
 from evanesce.inference.model import AnchoredModel
 from evanesce.prediction.observe import observe
@@ -45,7 +46,7 @@ def fitted(model: AnchoredModel, share: float) -> JointFit:
 
 def test_a_form_that_is_right_has_no_error(model: AnchoredModel) -> None:
     found = fitted(model, 0.0)
-    rows, shares = form_errors(model, found)
+    rows, shares = form_errors(Discrepancy(model), found)
     assert shares == {"modulus": 0.0}
     assert rows.shape == (0, found.residual.size)
     within = intervals(found, rows)[KEY]
@@ -54,7 +55,7 @@ def test_a_form_that_is_right_has_no_error(model: AnchoredModel) -> None:
 
 def test_an_interval_holds_the_truth_though_the_form_is_wrong(model: AnchoredModel) -> None:
     found = fitted(model, 0.1)
-    rows, shares = form_errors(model, found)
+    rows, shares = form_errors(Discrepancy(model), found)
     assert 0.04 < shares["modulus"] <= 0.2
     within, alone = intervals(found, rows)[KEY], intervals(found, rows[:0])[KEY]
     assert within.low < TRUE < within.high

@@ -34,7 +34,7 @@ from evanesce.prediction.observe import observe
 from evanesce.prediction.parameters import Parameter
 from evanesce.prediction.predict import Predictor
 from evanesce.prediction.processes import KEEP, present, processes, shares
-from evanesce.prediction.views import BIN_PX
+from evanesce.prediction.views import BIN_PX, View
 from evanesce.render.cards import checkerboard_of
 from evanesce.rig import Cards, load_scene
 
@@ -272,6 +272,17 @@ def test_each_process_has_states_of_a_force_for_its_own(tiny):
                     assert not {views[k].force_N for k in one if views[k].touches} & {
                         views[k].force_N for k in other if views[k].touches
                     }
+
+
+def test_processes_have_as_many_states_each_and_cards_apart():
+    """Twelve frames of one force are one state: a process that has them takes about as many others as the rest."""
+    forces = [0.4, 1.0, 1.8, 3.0, 4.0, *[5.0] * 12]
+    presses = [View(kind="press", force_N=force, time_s=float(k), index=k) for k, force in enumerate(forces)]
+    cards = [View(kind=kind) for kind in ("checkerboard", "square")]
+    parts = shares([*presses, *cards], 2)
+    states = [{forces[k] for k in part if k < len(forces)} for part in parts]
+    assert sorted(map(len, states)) == [3, 3]
+    assert [sum(k >= len(forces) for k in part) for part in parts] == [1, 1]
 
 
 @pytest.mark.parametrize(("light", "x", "y"), [(-1.5, 0.0, 0.0), (-0.8, 1.9, -1.2), (0.4, -2.4, 0.7)])

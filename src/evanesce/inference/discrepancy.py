@@ -77,6 +77,7 @@ class Discrepancy:
     def __init__(self, model: AnchoredModel) -> None:
         self.model = model
         self.shares: dict[str, float] = {}
+        self._changes: tuple[JointFit, dict[str, Array]] | None = None
 
     def light(self, fitted: JointFit) -> Array:
         """Return the rows (k, bins) of the nominal light; that of single views is a nuisance by itself."""
@@ -93,27 +94,39 @@ class Discrepancy:
             about each cause's change.
         """
         data = self.model.data
-        whole = self.model.cube(fitted.point)
         found = [np.asarray(data.whitened(self.model.discretisation)[None] * EXTRAPOLATED, np.float32)]
-        points = [fitted.without(taken.id) for taken in fitted.taken]
-        every = self.model.cubes(points)
-        for taken, without, cube in zip(fitted.taken, points, every, strict=True):
-            if isinstance(cube, InputError):
+        changes = self.changes(fitted)
+        for taken in fitted.taken:
+            if taken.id not in changes:
                 continue
-            change = whole - cube
+            change = changes[taken.id]
             if fine is not None and not taken.cause.costly:
                 try:
-                    self.shares[taken.id] = self._share(fine, whole, without, change)
+                    self.shares[taken.id] = self._share(fine, fitted.without(taken.id), change)
                 except InputError:
                     continue
             found.append(tied_rows(data, change, self.shares.get(taken.id, TIED_SHARE)))
         return np.concatenate(found)
 
+    def changes(self, fitted: JointFit) -> dict[str, Array]:
+        """Return what each cause changes (views, rows, cols) [DN], by its name; without those that a rig cannot lack.
+
+        Parameters
+        ----------
+        fitted : JointFit
+        """
+        if self._changes is None or self._changes[0] is not fitted:
+            whole = self.model.cube(fitted.point)
+            cubes = self.model.cubes([fitted.without(taken.id) for taken in fitted.taken])
+            pairs = zip(fitted.taken, cubes, strict=True)
+            self._changes = fitted, {t.id: whole - cube for t, cube in pairs if not isinstance(cube, InputError)}
+        return self._changes[1]
+
     def every_row(self, fitted: JointFit, fine: Array | None = None) -> Array:
         """Return all rows (k, bins)."""
         return np.concatenate([self.light(fitted), self.tied(fitted, fine)])
 
-    def _share(self, fine: Array, whole: Array, without: Mapping[str, float], change: Array) -> float:
+    def _share(self, fine: Array, without: Mapping[str, float], change: Array) -> float:
         """Return the relative difference of a cause's change between the fine and the coarse model."""
         opened = list(self.model.data.open)
         opened = [k for k in opened if not self.model.data.views[k].is_card]

@@ -182,8 +182,9 @@ def _fitted(bundle: Bundle, seed: int, tell: Tell, exclude: Collection[str]) -> 
         made = slopes.made if best.solution.moved < NEAR else None
         near = None if made is None else replace(slopes, rows=made)
         best = start.fitter.fitted(into.taken, best.point, metric=best.metric, slopes=near, rounds=0)
-    forms, shares = form_errors(model, best)
-    tied = np.concatenate([discrepancy_of(model).every_row(best), forms, _loads(model, best)])
+    discrepancy = discrepancy_of(model)
+    forms, shares = form_errors(discrepancy, best)
+    tied = np.concatenate([discrepancy.every_row(best), forms, _loads(model, best)])
     figures = intervals(best, tied)
     model.anchor(best.point)
     tell("held-out conditions and areas")

@@ -13,12 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.core.errors import InputError
 from evanesce.inference.constants import TIED_SHARE, WAVES
 from evanesce.inference.data import DataVector
-from evanesce.inference.discrepancy import MOST_SHARE, cosines
+from evanesce.inference.discrepancy import MOST_SHARE, Discrepancy, cosines
 from evanesce.inference.joint import JointFit
-from evanesce.inference.model import AnchoredModel
 from evanesce.inference.removal import everything_marginalised
 
 Array = NDArray[Any]
@@ -33,12 +31,13 @@ LEAST_CHANGE = 20.0
 """Standard deviations of a change along its largest row: of less, noise hides any share."""
 
 
-def form_errors(model: AnchoredModel, fitted: JointFit) -> tuple[Array, dict[str, float]]:
+def form_errors(discrepancy: Discrepancy, fitted: JointFit) -> tuple[Array, dict[str, float]]:
     """Return the rows of errors of form, and the share of each cause's change that they are.
 
     Parameters
     ----------
-    model : AnchoredModel
+    discrepancy : Discrepancy
+        Knows what each cause changes.
     fitted : JointFit
 
     Returns
@@ -48,16 +47,12 @@ def form_errors(model: AnchoredModel, fitted: JointFit) -> tuple[Array, dict[str
     shares : dict of str to float
         By cause; 0 where its form is as right as the data can tell.
     """
-    data, size = model.data, fitted.residual.size
-    whole = model.cube(fitted.point)
-    cubes = model.cubes([fitted.without(t.id) for t in fitted.taken])
-    blocks = {}
-    for taken, without in zip(fitted.taken, cubes, strict=True):
-        if not isinstance(without, InputError):
-            rows = form_rows(data, whole - without)
-            if np.square(rows).sum(axis=1).max() > LEAST_CHANGE**2:
-                # Rows of series, where there are any, follow the bins.
-                blocks[taken.id] = np.pad(rows, ((0, 0), (0, size - rows.shape[1])))
+    size, blocks = fitted.residual.size, {}
+    for name, change in discrepancy.changes(fitted).items():
+        rows = form_rows(discrepancy.model.data, change)
+        if np.square(rows).sum(axis=1).max() > LEAST_CHANGE**2:
+            # Rows of series, where there are any, follow the bins.
+            blocks[name] = np.pad(rows, ((0, 0), (0, size - rows.shape[1])))
     shares = likeliest_shares(fitted, blocks)
     off = [blocks[name] * np.float32(share) for name, share in shares.items() if share]
     return np.concatenate([np.zeros((0, size), np.float32), *off]), shares

@@ -71,19 +71,19 @@ def intervals(fitted: JointFit, tied: Array) -> dict[str, Interval]:
     """
     solution = fitted.solution
     held = solution.held
-    louder = scaled(fitted.metric, fitted.residual)
+    inflation = scaled(fitted.metric, fitted.residual)
     projected = fitted.metric.project(fitted.residual)
     deviation = np.array([p.deviation for p in fitted.parameters])
     slope = np.asarray(solution.rows @ projected, float) - fitted.departures() / deviation**2
-    stiff = np.where(held, slope**2 / louder, 0.0)
-    own = np.linalg.inv(solution.precision + np.diag(stiff))
+    bound_precision = np.where(held, slope**2 / inflation, 0.0)
+    own = np.linalg.inv(solution.precision + np.diag(bound_precision))
     cross = solution.rows @ np.asarray(fitted.metric.project(tied.astype(float))).T
     found = {}
     for k, p in enumerate(fitted.parameters):
         # Of what a bound holds, as if it did not; the bounds of the others stay.
-        row = own[k] / max(1.0 - stiff[k] * own[k, k], LEAST_FREE)
+        row = own[k] / max(1.0 - bound_precision[k] * own[k, k], LEAST_FREE)
         mean = float(solution.values[k] + (slope[k] * row[k] if held[k] else 0.0))
-        sd = float(np.sqrt((row[k] + np.square(row @ cross).sum()) * louder))
+        sd = float(np.sqrt((row[k] + np.square(row @ cross).sum()) * inflation))
         low, high = cut_interval(mean, sd, p.bounds)
         value = float(solution.values[k])
         found[p.name] = Interval(p, value, min(low, value), max(high, value), min(sd / p.deviation, 1.0))

@@ -118,7 +118,7 @@ def _show(result: dict[str, Any]) -> None:
             table.add_row(cause["id"] if number == 0 else "", name, *values, p["unit"], *own)
     if result["causes"]:
         console.print(table)
-    console.print(f"Not explained: {100 * result['misfit']['left_share']:.2g} % of the misfit.")
+    console.print(f"Not explained: {100 * result['misfit']['left_share']:.3g} % of the misfit.")
     advice = result["next_measurement"]
     if advice is not None and advice["what"] is not None:
         between = " or ".join(advice["between"])

@@ -155,7 +155,7 @@ def _further(result: Mapping[str, Any]) -> str:
 def _left(result: Mapping[str, Any], pictures: Pictures | tuple[Curve, ...]) -> Section:
     share = result["misfit"]["left_share"]
     if isinstance(pictures, tuple):
-        text = [f"{100 * share:.2g} % of the misfit that could be explained is left.", _further(result)]
+        text = [f"{100 * share:.3g} % of the misfit that could be explained is left.", _further(result)]
         left = result["unknown"]
         rows = [(name, *(f"{v:.3g}" for v in part.values())) for name, part in left["series"].items()]
         caption = f"Noise alone would leave as much with probability {left['p_value']:.2g}."
@@ -169,7 +169,7 @@ def _left(result: Mapping[str, Any], pictures: Pictures | tuple[Curve, ...]) -> 
     axis.set_xticks([])
     axis.set_yticks([])
     figure.colorbar(shown, ax=axis, label="all views together [standard deviations]")
-    text = [f"{100 * share:.2g} % of the misfit that could be explained is left."]
+    text = [f"{100 * share:.3g} % of the misfit that could be explained is left."]
     told = left.sentence()
     text.append(f"{told[0].upper()}{told[1:]}." if left.found else "All views together show no more than noise.")
     text.append(_further(result))

@@ -107,7 +107,7 @@ def reasons_of(found: RigFit) -> list[str]:
         )
     elif not found.gain.area_percent[1] <= GOOD_AREA_PERCENT:
         reasons.append(
-            f"areas of held-out conditions are off by {found.gain.area_percent[1]:.2g} % on average"
+            f"areas of held-out conditions are off by {found.gain.area_percent[1]:.3g} % on average"
             f" (good: up to {GOOD_AREA_PERCENT:g} %)"
         )
     if found.gain is not None and found.gain.worse:
@@ -148,7 +148,7 @@ def first_line(found: RigFit, count: int, reasons: list[str]) -> str:
     words = f"{count} figures of the rig are determined"
     if found.gain is not None:
         before, after = found.gain.area_percent
-        words += f"; error of held-out areas {before:.2g} to {after:.2g} %"
+        words += f"; error of held-out areas {before:.3g} to {after:.3g} %"
     if not reasons:
         return f"{words}. The calibrated scene is good enough to stand for the rig."
     return f"{words}. NOT good enough to stand for the rig: {reasons[0]}."

@@ -14,6 +14,8 @@ Array = NDArray[Any]
 STAYS = 0.3
 """Standard deviations, of all bins together, up to which what the fine model adds may change unseen: the fine model
 itself is off by 2 to 3."""
+UNSEEN = 0.01
+"""Share of what a model leaves unexplained, in amplitude, up to which what the fine model adds may change as well."""
 KEEP = 4
 """Evaluations that are kept, of ten megabytes each."""
 
@@ -45,7 +47,7 @@ class Anchors:
 
     What it adds changes in proportion to the coarse prediction, by a rate that the evaluations themselves show: a
     point is evaluated anew only where, by the largest rate seen, the addition would have changed by more than
-    :data:`STAYS`, and where it lies farther away than any two points that showed a rate.
+    :data:`STAYS`, or by a hundredth of what is not explained anyway, and where it lies farther away than any two points that showed a rate.
 
     Parameters
     ----------
@@ -58,7 +60,7 @@ class Anchors:
         self._kept: list[Evaluated] = []
         self._rate, self._reach = 0.0, 0.0
 
-    def at(self, coarse: Array, evaluate: Callable[[], Evaluated]) -> Evaluated:
+    def at(self, coarse: Array, evaluate: Callable[[], Evaluated], unexplained: float = 0.0) -> Evaluated:
         """Return what the fine model adds where the coarse one predicts some bins: kept, or evaluated.
 
         Parameters
@@ -67,11 +69,14 @@ class Anchors:
             [DN].
         evaluate : callable
             Evaluates the fine model at that point.
+        unexplained : float
+            Root of the sum of squares over the noise that a fit left beyond noise's.
         """
+        stays = max(STAYS, UNSEEN * unexplained)
         if self._kept:
             away = [self._size(coarse - one.coarse) for one in self._kept]
             nearest = int(np.argmin(away))
-            if away[nearest] <= self._reach and self._rate * away[nearest] < STAYS:
+            if away[nearest] <= self._reach and self._rate * away[nearest] < stays:
                 return self._kept[nearest]
         made = evaluate()
         if self._kept:

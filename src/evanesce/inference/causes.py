@@ -179,13 +179,13 @@ def entries_of(
     if not starts and cause.costly:
         starts = tuple({p.name: p.null + side * p.deviation} for p in cause.parameters for side in [_side(p)])
     found = []
-    try:
-        if not starts:
-            rows = np.array([model.derivative(point, p) for p in cause.parameters])
-            deviation, low, high = (np.array(x) for x in zip(*map(_prior, cause.parameters), strict=True))
-            found = [Entry(cause, rows, deviation, low, high)]
-    except InputError:
-        return []
+    if not starts:
+        made = model.derivatives([(point, p) for p in cause.parameters])
+        rows = [row for row in made if not isinstance(row, InputError)]
+        if len(rows) < len(made):
+            return []
+        deviation, low, high = (np.array(x) for x in zip(*map(_prior, cause.parameters), strict=True))
+        found = [Entry(cause, np.array(rows), deviation, low, high)]
     for start in starts:
         entry = _by_departure(model, point, base, cause, start)
         found += [] if entry is None else [entry]

@@ -233,7 +233,7 @@ def _searched(start: Start, exclude: Collection[str], seed: int, tell: Tell) -> 
     discrepancy = discrepancy_of(model)
     judge = Judge(fitter, smooth, bank, discrepancy, seed=seed)
     marks = MarkSearch(model, [cause for cause in causes if cause.local], seed)
-    search = Search(fitter, smooth, judge, tell, marks=marks)
+    search = Search(fitter, smooth, judge, tell, marks=marks, areas=AreaReader(model))
     best, posterior = search.run(start.base)
     return Found(start, search, best, posterior, judge, bank, discrepancy, tuple(causes), left_out)
 

@@ -267,6 +267,7 @@ class Fitter:
             # An anchor moves the prediction, not its derivatives: those of the last serve until they gain no more.
             found = self.fitted(taken, point, metric=metric, slopes=slopes, rounds=rounds, renewals=renewals)
             slopes = found.solution.slopes
+            self.model.unexplained = float(np.sqrt(max(found.misfit - self.observed.size, 0.0)))
             before = self.observed - self._predicted(point, slow)
             first = float(metric.project(before) @ before)
             point = dict(found.point)
@@ -281,6 +282,16 @@ class Fitter:
         place = [p.name for p in fitted.parameters].index(name)
         sd = float(np.sqrt(fitted.solution.covariance[place, place]))
         return abs(fitted.point[name] - self._evaluated_at[name]) > LINEAR * sd
+
+    def derivatives(self, point: Mapping[str, float], parameters: Sequence[Parameter]) -> list[Array]:
+        """Return whitened derivatives (bins,) at a point, in the order of some parameters.
+
+        Raises
+        ------
+        InputError
+            If the rig cannot have one.
+        """
+        return list(self._derivatives(point, parameters).values())
 
     def _derivatives(self, point: Mapping[str, float], parameters: Sequence[Parameter]) -> dict[str, Array]:
         """Return whitened derivatives (bins,) at a point, by parameter."""

@@ -43,12 +43,15 @@ class Model(Protocol):
         Real pixels along each of the model camera's.
     fixed : mapping
         Settings of effects that data showed.
+    unexplained : float
+        Root of the misfit beyond noise's that the last fit left: an anchor need be no more exact than that asks for.
     """
 
     observation: Observation
     data: Any
     factor: int
     fixed: Mapping[str, Mapping[str, Any]]
+    unexplained: float
 
     @property
     def observed(self) -> Array:
@@ -83,6 +86,8 @@ class AnchoredModel:
     observation : Observation
     data : DataVector
     """
+
+    unexplained = 0.0
 
     def __init__(self, observation: Observation, data: DataVector) -> None:
         self.observation, self.data = observation, data
@@ -138,7 +143,7 @@ class AnchoredModel:
         correction = self.codec_bias.copy()
         self.discretisation = np.zeros_like(coarse)
         for views, anchors in self._anchors:
-            found = anchors.at(coarse[views], partial(self._evaluated, point, views, coarse))
+            found = anchors.at(coarse[views], partial(self._evaluated, point, views, coarse), self.unexplained)
             correction[views] += found.correction
             self.discretisation[views] = found.discretisation
         self.coarse.correction = correction
@@ -193,7 +198,8 @@ class AnchoredModel:
             found: dict[int, Array] = {}
             for group, anchors in self._anchors:
                 if set(group) & set(views):
-                    added = anchors.at(coarse[group], partial(self._evaluated, point, group, coarse)).added
+                    evaluate = partial(self._evaluated, point, group, coarse)
+                    added = anchors.at(coarse[group], evaluate, self.unexplained).added
                     found |= dict(zip(group, added, strict=True))
         finally:
             self.coarse.correction = correction

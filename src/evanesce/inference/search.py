@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from evanesce.core.errors import InputError
 from evanesce.inference.causes import Cause, departure, entries_of
-from evanesce.inference.constants import DETECTED, FITTED, LEAST_SHARE, SUBSTITUTE, TRIED
+from evanesce.inference.consequence import AreaReader
+from evanesce.inference.constants import DETECTED, FITTED, LEAST_AREA, LEAST_SHARE, SUBSTITUTE, TRIED, WORTH
 from evanesce.inference.explained import Scan
 from evanesce.inference.gauss_newton import Slopes
 from evanesce.inference.joint import Fitter, JointFit, Taken, taken_from
@@ -92,6 +93,8 @@ class Search:
     in_vain: dict[str, str] = field(default_factory=dict)
     """Causes that were fitted beside the present ones and bring too little, with what they bring."""
     marks: MarkSearch | None = None
+    areas: AreaReader | None = None
+    """Reads what a cause does to the area; without it that is not asked."""
     scan: Scan = field(default_factory=Scan)
     """Defects that were found."""
     first: float = 0.0
@@ -134,6 +137,19 @@ class Search:
         return misfit / max(self.first - float(self.fitter.observed.size), 1.0)
 
     def _grown(self, now: JointFit) -> JointFit:
+        """Return the fit to which no cause is worth being added, its derivatives made anew.
+
+        Derivatives take longest, and many causes want many. Until no cause is worth being added those do that steps
+        have corrected since they were made: what they are off by leaves per cent of what is left, and an added cause
+        takes more.
+        """
+        while True:
+            now = self._grown_roughly(now)
+            if now.solution.slopes.made is not None or not now.taken:
+                return now
+            now = self.fitter.relinearised(now.taken, now.point)
+
+    def _grown_roughly(self, now: JointFit) -> JointFit:
         """Return the fit to which no cause is worth being added."""
         began = time.monotonic()
         while len(self.steps) < MOVES:
@@ -150,7 +166,7 @@ class Search:
                 self.tell(f"{self._words(better)}; about {self._rounds_left(better, now) * took:.0f} s left")
                 began, now = time.monotonic(), better
             elif place.log_bayes.get(UNKNOWN, 0.0) > 0.0 and asked.unknown:
-                found = self._with_unknown(now.taken, now.point, {**self.unknown, **asked.unknown})
+                found = self._with_unknown(now.taken, now.point, {**self.unknown, **asked.unknown}, now.solution.slopes)
                 self._note("add", UNKNOWN, found, now, told_fields(asked.unknown))
                 self.tell(told_fields(asked.unknown))
                 now = found
@@ -195,11 +211,13 @@ class Search:
             self.tell(self._words(better))
         return self._grown(better)
 
-    def _with_unknown(self, taken: Sequence[Taken], point: Mapping[str, float], unknown: dict[str, float]) -> JointFit:
+    def _with_unknown(
+        self, taken: Sequence[Taken], point: Mapping[str, float], unknown: dict[str, float], slopes: Slopes
+    ) -> JointFit:
         """Return the fit of some causes with blocks of something unknown marginalised, and no other of them."""
         self.unknown, self.fitter.fields = unknown, self.judge.fields(unknown)
         self._behind.clear()
-        return self.fitter.relinearised(taken, point)
+        return self.fitter.relinearised(taken, point, Slopes(slopes.rows), renewals=0)
 
     def _added(self, now: JointFit, asked: Further) -> JointFit | None:
         """Return the fit with the cause that leaves least among those of most evidence; None if none is worth it."""
@@ -221,11 +239,15 @@ class Search:
         for fitted in sorted(tried, key=lambda t: t.misfit):
             cause = fitted.taken[-1].id
             brought = 0.5 * (now.misfit - fitted.misfit)
+            idle = self._idle(fitted, cause, 2.0 * brought)
+            if idle:
+                self.in_vain[cause] = idle
+                continue
             if brought < unknown:  # what is left looks more like nothing in the library
                 self.in_vain[cause] = f"brings {brought:.1f} nats, less than something unknown"
                 continue
             try:
-                better = self.fitter.relinearised(fitted.taken, fitted.point)
+                better = self.fitter.relinearised(fitted.taken, fitted.point, fitted.solution.slopes, renewals=0)
             except InputError as error:
                 self.refused[cause] = str(error)
                 continue
@@ -236,6 +258,22 @@ class Search:
             self.in_vain[cause] = f"brings {0.5 * removed:.1f} nats at the fine model's optimum"
             self.fitter.model.anchor(now.point)
         return None
+
+    def _idle(self, fitted: JointFit, cause: str, removed: float) -> str:
+        """Return why a cause would change nothing that a user asks for; empty if it would.
+
+        What is left of loud causes because no form is exact, or by something that is in no library, asks for many
+        faint ones: such a one has to move the area, or to take a share of the misfit that was there.
+        """
+        share = self.share(removed)
+        if self.areas is None or share > WORTH:
+            return ""
+        try:
+            area = self.areas.of_change(fitted.point, fitted.without(cause)).largest
+        except InputError:
+            return ""
+        words = f"takes {100 * share:.2g} % of the misfit that was there and moves the area by {100 * area:.2g} %"
+        return words if area < LEAST_AREA else ""
 
     def _worth_entering(self, ranked: Sequence[str]) -> Sequence[str]:
         """Return which causes of a list, the likeliest first, are entered."""
@@ -280,11 +318,7 @@ class Search:
                     best = (value, point)
             assert best is not None
             start = {**now.point, **best[1]}
-            own = (
-                np.array(list(taken.slow.values()))
-                if taken.slow
-                else np.array([self.fitter.model.derivative(start, p) for p in taken.parameters])
-            )
+            own = np.array(list(taken.slow.values()) or self.fitter.derivatives(start, taken.parameters))
             count = sum(len(t.parameters) for t in now.taken)
             rows = np.concatenate([now.solution.rows[:count], own, now.solution.rows[count:]])
             slopes = Slopes(rows.astype(float))
@@ -299,7 +333,7 @@ class Search:
         place = posterior.places.get(UNKNOWN)
         if place is not None and place.probability.get(UNKNOWN, 0.0) < 0.5:
             self.not_unknown |= set(self.unknown)
-            known = self._with_unknown(now.taken, now.point, {})
+            known = self._with_unknown(now.taken, now.point, {}, now.solution.slopes)
             self._note("drop", UNKNOWN, known, now, "its place is more probably another cause's or empty")
             self.tell(self._words(known))
             return known
@@ -327,7 +361,9 @@ class Search:
         if not asked.unknown:
             return None
         kept = [t for t in now.taken if t.id != name]
-        found = self._with_unknown(kept, without.point, {**self.unknown, **asked.unknown})
+        found = self._with_unknown(
+            kept, without.point, {**self.unknown, **asked.unknown}, without.solution.slopes
+        )  # fmt: skip
         self.refused[name] = "something unknown is more probable in its place"
         self._note("exchange", UNKNOWN, found, now, "is more probable", name)
         self.tell(self._words(found))
@@ -387,7 +423,7 @@ class Search:
         if tried is None or self._ahead(now, name, tried, other) < 0.0:
             return tried
         try:
-            better = self.fitter.relinearised(tried.taken, tried.point)
+            better = self.fitter.relinearised(tried.taken, tried.point, tried.solution.slopes, renewals=0)
         except InputError:
             better = None
         if better is None or self._ahead(now, name, better, other) <= 0.0:
@@ -400,7 +436,11 @@ class Search:
         try:
             if fine:
                 return self.fitter.relinearised(kept, now.without(name))
-            return self.fitter.fitted(kept, now.without(name), metric=now.metric, rounds=TRIAL_ROUNDS, renewals=1)
+            own = set(now.of_cause(name).tolist())
+            rows = now.solution.rows[[k for k in range(len(now.parameters)) if k not in own]]
+            return self.fitter.fitted(
+                kept, now.without(name), metric=now.metric, slopes=Slopes(rows), rounds=TRIAL_ROUNDS, renewals=0
+            )
         except InputError:
             return None
 

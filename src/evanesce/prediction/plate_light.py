@@ -63,11 +63,27 @@ def sight(rig: Scene) -> tuple[Any, ...]:
     )  # fmt: skip
 
 
-def behind_plate(rig: Scene, marked: bool) -> str:
-    """Return all that decides the irradiance on the sensor for a given light; LEDs too if marks scatter their light."""
+def behind_plate(rig: Scene, marked: bool, leds: bool) -> str:
+    """Return all that decides the irradiance on the sensor for a given light.
+
+    Parameters
+    ----------
+    rig : Scene
+    marked : bool
+        Whether effects act on the way, by the exposure or light of their own.
+    leds : bool
+        Whether the LEDs that those scatter are to be told as well.
+    """
     camera = rig.camera.model_dump(exclude={"exposure_ms", "analogue_gain", "tone_curve", "pixel"})
-    marks = [rig.leds.model_dump(), rig.camera.exposure_ms, rig.camera.pixel.model_dump()] if marked else []
+    marks = [rig.camera.exposure_ms, rig.camera.pixel.model_dump()] if marked else []
+    marks += [rig.leds.model_dump()] if marked and leds else []
     return json.dumps([camera, rig.camera.pixel.pitch_um, rig.plate.model_dump(), marks], sort_keys=True)
+
+
+def unlit(rig: Scene) -> Scene:
+    """Return the rig with its LEDs off."""
+    edges = {name: strip.model_copy(update={"voltage_V": None}) for name, strip in rig.leds.edge.items()}
+    return rig.model_copy(update={"leds": rig.leds.model_copy(update={"voltage_V": 0.0, "edge": edges})})
 
 
 def led_pattern(rig: Scene) -> tuple[tuple[Any, ...], float]:

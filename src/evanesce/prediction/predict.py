@@ -21,7 +21,16 @@ from evanesce.core.states import ContactState, Frame, PlateLight, SensorLight
 from evanesce.effects import Active, Context, Stage, active_effects, all_effects
 from evanesce.optics.projection import Projection
 from evanesce.optics.seen import seen_at, under_lamp
-from evanesce.prediction.plate_light import behind_plate, dark, finer_view, led_pattern, render_moved, sight, veiled
+from evanesce.prediction.plate_light import (
+    behind_plate,
+    dark,
+    finer_view,
+    led_pattern,
+    render_moved,
+    sight,
+    unlit,
+    veiled,
+)
 from evanesce.prediction.point import Nuisances, Point, nuisances_of, scene_with
 from evanesce.prediction.processes import Recipe, present, shares
 from evanesce.prediction.tone import expected_tone
@@ -208,16 +217,26 @@ class Predictor:
         else:
             key, level, light = self._light(rig, view, nuisances, effects, context)
             stages = [e for e in effects if e.effect.stage in (Stage.PLATE_LIGHT, Stage.SENSOR_LIGHT)]
-            key = (key, repr(stages), self._moment(stages, context), behind_plate(rig, bool(stages)), nuisances.slope)
-            if stages:
-                key = (key, level)
+            touching = view.touches and not view.is_card
+            way = (repr(stages), self._moment(stages, context), nuisances.slope)
+            key = (key, *way, behind_plate(rig, bool(stages), not touching))
             sensor, at = self._images.get(
                 key, lambda: (self._gathered(rig, light(), nuisances, effects, context), level)
             )
-            # Marks may bring light of their own; the rest of the way to the sensor is linear.
+            # The way to the sensor is linear in the LEDs' power but for light that effects bring of their own.
             if at != level:
-                sensor = SensorLight(irradiance=sensor.irradiance * (level / at))
+                own = self._own_light(rig, nuisances, effects, context, way) if stages else 0.0
+                sensor = SensorLight(irradiance=own + (sensor.irradiance - own) * (level / at))
         return self._expose(rig, sensor, nuisances, effects, context)
+
+    def _own_light(
+        self, rig: Scene, nuisances: Nuisances, effects: tuple[Active, ...], context: Context, way: tuple[Any, ...]
+    ) -> Array:
+        """Return the irradiance (rows, cols) that effects on the way to the sensor bring while no LED shines."""
+        off = unlit(rig)
+        key = ("own light", sight(off), *way, behind_plate(off, True, False))
+        there = replace(context, scene=off)
+        return self._images.get(key, lambda: self._gathered(off, dark(off), nuisances, effects, there)).irradiance
 
     def _moment(self, effects: Sequence[Active], context: Context) -> tuple[float, ...]:
         """Return the time and number of a frame if any effect may ask for them."""

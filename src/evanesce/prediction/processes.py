@@ -189,7 +189,8 @@ class Processes:
 def shares(views: Sequence[View], count: int) -> list[list[int]]:
     """Return the views that each of some processes has: states of one force together, about as much work for each.
 
-    Cards and contacts are shared out apart from each other, as the fine model predicts them one after the other.
+    Cards and contacts are shared out apart from each other, as the fine model predicts them one after the other, and
+    what is locked apart from what each step of a fit asks for.
 
     Parameters
     ----------
@@ -197,10 +198,10 @@ def shares(views: Sequence[View], count: int) -> list[list[int]]:
     count : int
     """
     found: list[list[int]] = [[] for _ in range(count)]
-    for card in (False, True):
+    for card, locked in itertools.product((False, True), repeat=2):
         alike: dict[Any, list[int]] = {}
         for k, view in enumerate(views):
-            if view.is_card == card:
+            if (view.is_card, view.locked) == (card, locked):
                 alike.setdefault((view.force_N, view.touches or view.kind, view.session), []).append(k)
         load = [0] * count
         for group in sorted(alike.values(), key=len, reverse=True):

@@ -10,7 +10,7 @@ from evanesce.core.quantities import Strict, field
 from evanesce.core.states import PlateLight
 from evanesce.effects.inference_hints import Blot
 from evanesce.effects.protocol import Context, Effect, Stage
-from evanesce.render.fast.defects import contact_radiance, plate_points
+from evanesce.render.fast.defects import contact_radiance_seen, plate_points
 
 
 class Parameters(Strict):
@@ -40,12 +40,9 @@ def apply(light: PlateLight, parameters: Parameters, context: Context) -> PlateL
         return light
     x, y = plate_points(context.scene, light)
     mx, my = parameters.middle_mm
-    r2 = ((x - mx) ** 2 + (y - my) ** 2) / parameters.radius_mm**2
-    added = np.zeros(light.radiance.shape)
-    there = r2 < 50.0  # beyond, exp(-25)
-    shape = np.exp(-0.5 * r2[there].astype(float))
-    added[there] = parameters.relative_radiance * shape * contact_radiance(context.scene, x[there], y[there])
-    return replace(light, radiance=light.radiance + added)
+    r2 = ((x - np.float32(mx)) ** 2 + (y - np.float32(my)) ** 2) * np.float32(-0.5 / parameters.radius_mm**2)
+    added = np.exp(r2) * contact_radiance_seen(context.scene, light)
+    return replace(light, radiance=light.radiance + np.float32(parameters.relative_radiance) * added)
 
 
 EFFECT = Effect(

@@ -148,6 +148,7 @@ class PhotoModel:
     """
 
     factor = 1
+    unexplained = 0.0
 
     def __init__(self, light: LightModel, data: DataVector) -> None:
         self.light, self.data = light, data

@@ -55,6 +55,8 @@ class SeriesModel:
         Whether the rows' standard deviations get what larger pixels may leave, for which fine frames are evaluated.
     """
 
+    unexplained = 0.0
+
     def __init__(self, observation: Observation, data: Rows, *, widened: bool = True) -> None:
         self.observation = observation
         self.fixed: Mapping[str, Mapping[str, Any]] = {}

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import RectBivariateSpline
+from scipy.ndimage import map_coordinates
 
 from evanesce.core.provenance import digest
 from evanesce.core.states import PlateLight
@@ -32,6 +33,10 @@ Array = NDArray[np.float64]
 
 NODE_SPACING = 10.0
 """Spacing of the field's nodes [mm]: it varies over the distance of the edges."""
+
+TABLE_SPACING = 0.2
+"""Between the nodes a cubic spline is tabulated so densely [mm]: linear from there, a view of millions of rays takes a
+tenth of the time, and what a field that varies over centimetres is off by is some 1e-5 of it."""
 
 EDGE_MARGIN = 0.5
 """Nodes stay this far inside the plate [mm]."""
@@ -57,6 +62,28 @@ def contact_radiance(scene: Scene, x: ArrayLike, y: ArrayLike) -> Array:
     return _over_plate(scene, x, y, _field_of)
 
 
+def contact_radiance_seen(scene: Scene, light: PlateLight) -> NDArray[np.float32]:
+    """Return :func:`contact_radiance` at the plate point of each pixel of the light's pinhole grid (rows, cols).
+
+    Kept for the last few rigs, whatever the level of their LEDs.
+
+    Parameters
+    ----------
+    scene : Scene
+    light : PlateLight
+        Its pinhole grid.
+    """
+    level = _level(scene)
+    if level == 0.0:
+        return np.zeros(light.radiance.shape, np.float32)
+    key = digest([_view_key(scene, light), *_contact_parts(scene, level)])
+
+    def make() -> NDArray[np.float32]:
+        return (contact_radiance(scene, *plate_points(scene, light)) / level).astype(np.float32)
+
+    return np.asarray(kept("contact radiance seen", key, make) * np.float32(level))
+
+
 def guided_irradiance(scene: Scene, x: ArrayLike, y: ArrayLike) -> Array:
     """Return the irradiance of guided light on a face of the empty plate at points of it; 0 off the plate.
 
@@ -76,30 +103,59 @@ def guided_irradiance(scene: Scene, x: ArrayLike, y: ArrayLike) -> Array:
     return _over_plate(scene, x, y, _guided_field_of)
 
 
-def _over_plate(scene: Scene, x: ArrayLike, y: ArrayLike, field_of: Callable[..., RectBivariateSpline]) -> Array:
+class _Table:
+    """A smooth field over the plate, tabulated.
+
+    Parameters
+    ----------
+    y, x : ndarray
+        Nodes, ascending [mm].
+    values : ndarray (y, x)
+    """
+
+    def __init__(self, y: Array, x: Array, values: Array) -> None:
+        dense = [np.linspace(axis[0], axis[-1], math.ceil((axis[-1] - axis[0]) / TABLE_SPACING) + 1) for axis in (y, x)]
+        self._first = [float(axis[0]) for axis in dense]
+        self._spacing = [float(axis[1] - axis[0]) for axis in dense]
+        self._values = RectBivariateSpline(y, x, values)(*dense)
+
+    def at(self, y: Array, x: Array) -> Array:
+        """Return the field at points [mm]; beyond the nodes that of the nearest."""
+        places = [(p - first) / step for p, first, step in zip((y, x), self._first, self._spacing, strict=True)]
+        found = map_coordinates(self._values, [p.ravel() for p in places], order=1, mode="nearest")
+        return np.asarray(found).reshape(y.shape)
+
+
+def _over_plate(scene: Scene, x: ArrayLike, y: ArrayLike, field_of: Callable[..., _Table]) -> Array:
     """Return a field at plate points; 0 off the plate."""
-    x, y = np.asarray(x, float), np.asarray(y, float)
-    half_x, half_y = scene.plate.size_mm[0] / 2 - EDGE_MARGIN, scene.plate.size_mm[1] / 2 - EDGE_MARGIN
-    # In proportion to the LEDs' power: one field serves all voltages while their shares stay.
-    level = float(np.mean(np.concatenate(list(radiances_of(scene).values()))))
+    x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
+    half_x, half_y = (size / 2 for size in scene.plate.size_mm)
+    level = _level(scene)
     if level == 0.0:
-        return np.zeros(np.broadcast_shapes(x.shape, y.shape))
-    field = field_of(scene, level)
-    found = level * field.ev(np.clip(y, -half_y, half_y), np.clip(x, -half_x, half_x))
-    on_plate = (np.abs(x) <= half_x + EDGE_MARGIN) & (np.abs(y) <= half_y + EDGE_MARGIN)
+        return np.zeros(x.shape)
+    found = level * field_of(scene, level).at(y, x)
+    on_plate = (np.abs(x) <= half_x) & (np.abs(y) <= half_y)
     return np.asarray(np.where(on_plate, np.maximum(found, 0.0), 0.0))
 
 
-def _field_of(scene: Scene, level: float) -> RectBivariateSpline:
+def _level(scene: Scene) -> float:
+    """Return the mean radiance of the LEDs: one field serves all voltages while their shares stay."""
+    return float(np.mean(np.concatenate(list(radiances_of(scene).values()))))
+
+
+def _field_of(scene: Scene, level: float) -> _Table:
     """Return contact radiance over the plate per mean radiance of the LEDs."""
+    return _kept_field(_contact_parts(scene, level), lambda: _contact_field(scene, level))
+
+
+def _contact_parts(scene: Scene, level: float) -> list[Any]:
+    """Return all that the radiance of a contact depends on, up to the LEDs' level."""
     data = scene.as_dict()
     optical = [data["finger"]["refractive_index"], data["finger"]["diffuse_reflectance"], scene.camera.wavelength_nm]
-    return _kept_field(
-        ["contact radiance 2", *_light_parts(scene, level), optical], lambda: _contact_field(scene, level)
-    )
+    return ["contact radiance 2", *_light_parts(scene, level), optical]
 
 
-def _guided_field_of(scene: Scene, level: float) -> RectBivariateSpline:
+def _guided_field_of(scene: Scene, level: float) -> _Table:
     """Return guided irradiance over the plate per mean radiance of the LEDs."""
     return _kept_field(["guided irradiance 1", *_light_parts(scene, level)], lambda: _guided_field(scene, level))
 
@@ -113,17 +169,17 @@ def _light_parts(scene: Scene, level: float) -> list[Any]:
     return [data["plate"], faces, shares, positions]
 
 
-def _kept_field(parts: list[Any], compute: Callable[[], tuple[Array, Array, Array]]) -> RectBivariateSpline:
+def _kept_field(parts: list[Any], compute: Callable[[], tuple[Array, Array, Array]]) -> _Table:
     """Return a field over the plate from this process, from disk, or computed."""
     key = digest(parts)
 
-    def make() -> RectBivariateSpline:
+    def make() -> _Table:
         found = _read(key)
         if found is None:
             found = compute()
             write_arrays(key, dict(zip(("y", "x", "values"), found, strict=True)))
         y, x, values = found
-        return RectBivariateSpline(y, x, values)
+        return _Table(y, x, values)
 
     return kept("contact radiance", key, make)
 
@@ -208,8 +264,6 @@ def plate_points(scene: Scene, light: PlateLight) -> tuple[NDArray[np.float32], 
     -------
     x, y : ndarray of float32 (rows, cols)
     """
-    data = scene.as_dict()
-    key = digest([data["camera"], data["plate"], light.radiance.shape, light.focal_px, light.principal_point])
 
     def make() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         rows, cols = light.radiance.shape
@@ -218,7 +272,13 @@ def plate_points(scene: Scene, light: PlateLight) -> tuple[NDArray[np.float32], 
         x, y = Projection.of(scene.camera, scene.plate).ray_to_plate(u, v)
         return x.astype(np.float32), y.astype(np.float32)
 
-    return kept("plate points", key, make)
+    return kept("plate points", _view_key(scene, light), make)
+
+
+def _view_key(scene: Scene, light: PlateLight) -> str:
+    """Return a digest of all that decides which plate points a light's pinhole grid shows."""
+    data = scene.as_dict()
+    return digest([data["camera"], data["plate"], light.radiance.shape, light.focal_px, light.principal_point])
 
 
 def pixel_area(scene: Scene, light: PlateLight, u: Array, v: Array) -> Array:

@@ -156,7 +156,7 @@ def subsurface_radiance(
 
     def at(table: Array) -> Image:
         table32 = table.astype(np.float32)
-        apart = table32[low] * (1 - part) + table32[low + 1] * part
+        apart = np.take(table32, low) * (1 - part) + np.take(table32[1:], low) * part
         return np.asarray(share * table32[0] + (1 - share) * apart, np.float32)
 
     rows, cols = irradiance.shape

@@ -35,6 +35,7 @@ class OutcomeModel:
 
     observation: Any = None
     factor = 1
+    unexplained = 0.0
     fixed: Mapping[str, Mapping[str, Any]] = {}
 
     def __init__(self, outcomes: Outcomes, chosen: MechanismSet, data: Array, sd: Array) -> None:

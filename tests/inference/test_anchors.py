@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from evanesce.inference.anchors import STAYS, Anchors, Evaluated
+from evanesce.inference.anchors import STAYS, UNSEEN, Anchors, Evaluated
 
 
 class Counted:
@@ -17,13 +17,13 @@ class Counted:
         self.addition, self.evaluations = addition, 0
         self.anchors = Anchors(lambda bins: float(np.linalg.norm(bins)))
 
-    def at(self, coarse: float) -> float:
+    def at(self, coarse: float, unexplained: float = 0.0) -> float:
         def evaluate() -> Evaluated:
             self.evaluations += 1
             one = np.full((1, 1, 1), self.addition(coarse))
             return Evaluated(np.full((1, 1, 1), coarse), one, one, 0.0 * one)
 
-        return float(self.anchors.at(np.full((1, 1, 1), coarse), evaluate).correction[0, 0, 0])
+        return float(self.anchors.at(np.full((1, 1, 1), coarse), evaluate, unexplained).correction[0, 0, 0])
 
 
 @pytest.mark.parametrize("rate", [0.01, 0.2])
@@ -50,3 +50,15 @@ def test_a_rate_is_trusted_as_far_as_it_was_seen() -> None:
     before = model.evaluations
     assert [model.at(coarse) for coarse in (45.0, 55.0)] == [0.0, 40.0]
     assert model.evaluations == before + 2
+
+
+def test_while_much_is_unexplained_an_anchor_is_as_exact_as_that_asks_for() -> None:
+    places = np.random.default_rng(3).uniform(0.0, 100.0, 200)
+    exact, loud = (Counted(lambda coarse: 0.2 * coarse) for _ in range(2))
+    for coarse in places:
+        exact.at(coarse)
+        assert abs(loud.at(coarse, unexplained=300.0) - 0.2 * coarse) <= UNSEEN * 300.0
+    assert loud.evaluations < 0.3 * exact.evaluations
+    before = loud.evaluations
+    assert loud.at(float(places[0])) == pytest.approx(0.2 * places[0], abs=STAYS)
+    assert loud.evaluations <= before + 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
@@ -307,10 +308,10 @@ def toy(true: dict[str, float], *, decoys: int = 12, bend: float = 0.0, size: fl
     return fitter, [cause(n) for n in names]
 
 
-def searched(fitter: Any, causes: Any, marks: Any = None) -> tuple[Search, JointFit, Posterior]:
+def searched(fitter: Any, causes: Any, marks: Any = None, areas: Any = None) -> tuple[Search, JointFit, Posterior]:
     fitter.model.discretisation = np.zeros((len(VIEWS), *SHAPE))
     bank: Any = ToyBank(fitter.model, np.random.default_rng(7))
-    search = Search(fitter, causes, Judge(fitter, causes, bank, Discrepancy(fitter.model)), marks=marks)
+    search = Search(fitter, causes, Judge(fitter, causes, bank, Discrepancy(fitter.model)), marks=marks, areas=areas)
     return search, *search.run(fitter.relinearised([], {}))
 
 
@@ -335,6 +336,22 @@ def test_a_faint_cause_beside_a_loud_one_is_found():
     """One of strength 40 beside one of 1600, whose own form may be 2 % off."""
     _, found, _ = searched(*toy({"a:x": 1.0, "b:x": 0.025}))
     assert set(found.ids) == {"a", "b"}
+
+
+@pytest.mark.parametrize(("moved", "taken"), [(0.0005, set("a")), (0.02, set("ab"))])
+def test_a_faint_cause_beside_a_loud_one_has_to_move_the_area(moved, taken):
+    areas: Any = SimpleNamespace(of_change=lambda after, before: SimpleNamespace(largest=moved))
+    search, found, _ = searched(*toy({"a:x": 1.0, "b:x": 0.025}), areas=areas)
+    assert set(found.ids) == taken
+    assert ("b" in search.not_taken) == ("b" not in taken)
+    if "b" in search.not_taken:
+        assert re.fullmatch(r"takes 0\.\d+ % of .* moves the area by 0\.05 %", search.not_taken["b"])
+
+
+def test_derivatives_of_the_extended_fit_are_made_where_it_is():
+    """Each cause is added by derivatives that steps have corrected; places are judged by such as were made anew."""
+    _, found, _ = searched(*toy({"a:x": 0.9, "b:x": -0.5, "c:x": 0.4}, bend=0.15))
+    assert found.solution.slopes.made is not None
 
 
 def test_noise_alone_adds_nothing():

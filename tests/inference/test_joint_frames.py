@@ -283,6 +283,26 @@ def test_processes_have_as_many_states_each_and_cards_apart():
     states = [{forces[k] for k in part if k < len(forces)} for part in parts]
     assert sorted(map(len, states)) == [3, 3]
     assert [sum(k >= len(forces) for k in part) for part in parts] == [1, 1]
+    # A step of a fit asks for no locked one: two of four open states each.
+    views = [replace(view, locked=view.force_N in (1.0, 3.0)) for view in presses] + cards
+    opened = [{views[k].force_N for k in part if views[k].touches and not views[k].locked} for part in shares(views, 2)]
+    assert [len(one) for one in opened] == [2, 2]
+
+
+def test_one_image_serves_all_levels_of_the_leds(tiny):
+    """With light that LEDs bring, light that effects scatter of it, and light that no LED brings."""
+    observation = observe(read_bundle(tiny))
+    point = {
+        "led_warmup:warming_K": 3.0, "residue_film:relative_radiance": 0.04, "vignetting:k": 0.1,
+        "led_spill:share": 0.1, "ambient_light:radiance_W_per_mm2_sr": 5e-8, "specks:per_cm2": 60.0,
+    }  # fmt: skip
+    together = Predictor(observation.scene, observation.views)
+    found = together.cube(point)
+    touching = [k for k, view in enumerate(observation.views) if view.touches]
+    assert len(together._images._values) < len(touching)
+    for k in touching:
+        alone = Predictor(observation.scene, observation.views).bins_at(point, [k])[k]
+        np.testing.assert_allclose(found[k], alone, atol=1e-3)
 
 
 @pytest.mark.parametrize(("light", "x", "y"), [(-1.5, 0.0, 0.0), (-0.8, 1.9, -1.2), (0.4, -2.4, 0.7)])

@@ -7,12 +7,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import RectBivariateSpline
 
 from evanesce.core.states import ContactState, PlateGrid, PlateLight
 from evanesce.effects import Context, all_effects
 from evanesce.optics.led import led_positions, scale_leds
 from evanesce.optics.projection import Projection
-from evanesce.render.fast.defects import contact_radiance, pixel_area, plate_points
+from evanesce.render.fast.defects import (
+    _contact_field,
+    contact_radiance,
+    contact_radiance_seen,
+    pixel_area,
+    plate_points,
+)
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene, load_scene
 
@@ -74,6 +81,20 @@ def test_contact_radiance_is_that_of_a_small_contact_in_the_fast_renderer(rig: S
     # a 0.5 mm disc on itself: each below 1 %.
     assert contact_radiance(scene, np.array(at[0]), np.array(at[1])) == pytest.approx(found, rel=0.03)
     assert contact_radiance(scene, np.array(60.1), np.array(0.0)) == 0.0
+
+
+def test_light_of_a_contact_is_smooth_between_the_nodes_of_its_field(rig: Scene) -> None:
+    """A cubic spline through nodes 10 mm apart, tabulated, is linear between its entries."""
+    y, x, values = _contact_field(rig, 1.0)
+    at = np.random.default_rng(5).uniform(-0.48, 0.48, (2, 400)) * np.array(rig.plate.size_mm)[:, None]
+    spline = RectBivariateSpline(y, x, values)
+    np.testing.assert_allclose(contact_radiance(rig, at[0], at[1]), spline.ev(at[1], at[0]), rtol=2e-4)
+    for lit in (rig, load_scene("thesis", {**TILTED, "leds.voltage_V": 8.4})):
+        light = dark(lit)
+        there = contact_radiance(lit, *plate_points(lit, light))
+        np.testing.assert_allclose(contact_radiance_seen(lit, light), there, rtol=1e-5)
+    off = load_scene("thesis", {**TILTED, "leds.voltage_V": 0.0})
+    assert not contact_radiance_seen(off, dark(off)).any()
 
 
 def test_specks_are_as_many_and_as_bright_as_stated(rig: Scene) -> None:

@@ -47,7 +47,8 @@ class Anchors:
 
     What it adds changes in proportion to the coarse prediction, by a rate that the evaluations themselves show: a
     point is evaluated anew only where, by the largest rate seen, the addition would have changed by more than
-    :data:`STAYS`, or by a hundredth of what is not explained anyway, and where it lies farther away than any two points that showed a rate.
+    :data:`STAYS`, or by a hundredth of what is not explained anyway, and where it lies farther away than any two points
+    that showed a rate.
 
     Parameters
     ----------

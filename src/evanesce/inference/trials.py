@@ -1,0 +1,147 @@
+"""Trial fits: what a cause would bring beside those taken, without one of them, and in the place of one.
+
+They are by derivatives about the present anchor, some of them corrected by the steps since; what is taken is fitted
+again about the fine model (:mod:`evanesce.inference.search`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evanesce.core.errors import InputError
+from evanesce.inference.causes import Cause, departure, entries_of
+from evanesce.inference.constants import TRIED
+from evanesce.inference.gauss_newton import Slopes
+from evanesce.inference.joint import Fitter, JointFit, taken_from
+from evanesce.inference.judge import Judge
+from evanesce.inference.removal import Removal, everything_marginalised, removal
+from evanesce.prediction.linear import Metric
+
+Array = NDArray[Any]
+Tell = Callable[[str], None]
+
+SHARES = (1.0, 0.4)
+"""Of the linear estimate at which a cause is entered: where a straight line overshoots, the shorter one is nearer."""
+TRIAL_ROUNDS = 6
+
+
+@dataclass
+class Trials:
+    """Fits that are tried.
+
+    Attributes
+    ----------
+    fitter : Fitter
+    causes : sequence of Cause
+    judge : Judge
+    tell : callable
+        Told each move and the time left.
+    """
+
+    fitter: Fitter
+    causes: Sequence[Cause]
+    judge: Judge
+    tell: Tell = lambda line: None
+    refused: dict[str, str] = field(default_factory=dict)
+
+    def _worth_entering(self, ranked: Sequence[str]) -> Sequence[str]:
+        """Return which causes of a list, the likeliest first, are entered."""
+        return ranked[:TRIED]
+
+    def _occam(self, tried: int) -> float:
+        """Return what a fitted cause must bring [nats]: the choice among all causes, and its own strength."""
+        return float(np.log(2.0 * len(self.causes)) + 1.0 + np.log(max(tried, 1)))
+
+    def _entered(self, now: JointFit, name: str, metric: Metric, believed: Array) -> Removal | None:
+        """Return the best way into a cause, linear about the present fit; None if there is none."""
+        cause = next((c for c in self.causes if c.id == name), None)
+        if cause is None:
+            return None
+        # Another light of the plate takes seconds; its change about the nominal rig is known from its forms.
+        drawn = self.judge.departures(cause) if cause.costly else []
+        if cause.costly and not drawn:
+            self.tell(f"light of the plate for {name}")
+        entries = [departure(cause, row, point) for point, row in drawn] or entries_of(
+            self.fitter.model, now.point, self.fitter.model.vector(now.point), cause
+        )
+        if not entries:
+            self.refused[name] = "no plausible amount of it shows"
+            return None
+        projected = metric.project(believed)
+        return max((removal(entry, metric, projected) for entry in entries), key=lambda r: r.removed)
+
+    def _tried(self, now: JointFit, found: Removal, metric: Metric, believed: Array) -> JointFit | None:
+        """Return the joint fit with an entered cause, by coarse derivatives about the present anchor."""
+        taken = taken_from(found.entry)
+        best: tuple[float, dict[str, float]] | None = None
+        try:
+            for share in SHARES if not taken.slow else (1.0,):
+                point = found.entry.point(share * found.coordinates)
+                if taken.slow:
+                    change = share * (found.coordinates @ found.entry.rows)
+                else:
+                    change = self.fitter.model.vector({**now.point, **point}) - now.solution.predicted
+                left = believed - change
+                value = float(metric.project(left) @ left)
+                if best is None or value < best[0]:
+                    best = (value, point)
+            assert best is not None
+            start = {**now.point, **best[1]}
+            own = np.array(list(taken.slow.values()) or self.fitter.derivatives(start, taken.parameters))
+            count = sum(len(t.parameters) for t in now.taken)
+            rows = np.concatenate([now.solution.rows[:count], own, now.solution.rows[count:]])
+            slopes = Slopes(rows.astype(float))
+            return self.fitter.fitted(
+                (*now.taken, taken), start, metric=now.metric, slopes=slopes, rounds=TRIAL_ROUNDS, renewals=0
+            )
+        except InputError:
+            return None
+
+    def _refitted(self, now: JointFit, name: str, *, fine: bool = True) -> JointFit | None:
+        """Return the fit without a cause; coarse derivatives about the present anchor will do to try others in it."""
+        kept = [t for t in now.taken if t.id != name]
+        try:
+            if fine:
+                return self.fitter.relinearised(kept, now.without(name))
+            own = set(now.of_cause(name).tolist())
+            rows = now.solution.rows[[k for k in range(len(now.parameters)) if k not in own]]
+            return self.fitter.fitted(
+                kept, now.without(name), metric=now.metric, slopes=Slopes(rows), rounds=TRIAL_ROUNDS, renewals=0
+            )
+        except InputError:
+            return None
+
+    def _in_place(self, now: JointFit, without: JointFit, name: str, other: str) -> JointFit | None:
+        """Return the fit with another cause in a place; coarse where that already loses; None if it cannot be."""
+        metric, believed = everything_marginalised(without)
+        entered = self._entered(without, other, metric, believed)
+        tried = None if entered is None else self._tried(without, entered, metric, believed)
+        if tried is None or self._ahead(now, name, tried, other) < 0.0:
+            return tried
+        try:
+            better = self.fitter.relinearised(tried.taken, tried.point, tried.solution.slopes, renewals=0)
+        except InputError:
+            better = None
+        if better is None or self._ahead(now, name, better, other) <= 0.0:
+            self.fitter.model.anchor(now.point)
+        return better
+
+    def _ahead(self, now: JointFit, name: str, better: JointFit, other: str) -> float:
+        """Return by how many nats a fit with another cause in a place is more probable than the present one."""
+        return self._evidence(better, other) - self._evidence(now, name)
+
+    def _evidence(self, fitted: JointFit, name: str) -> float:
+        """Return the log evidence of a fit, how strong one of its causes may be left open [nats].
+
+        Along the direction that data know best a cause has no prior but that of strengths, which all causes share.
+        """
+        places = fitted.of_cause(name)
+        deviation = np.array([fitted.parameters[k].deviation for k in places])
+        known = fitted.solution.covariance[np.ix_(places, places)] / np.outer(deviation, deviation)
+        half = next((np.log(2.0) for c in self.causes if c.id == name and c.one_sided), 0.0)
+        return float(fitted.log_evidence - 0.5 * np.log(np.linalg.eigvalsh(known)[0]) + half)

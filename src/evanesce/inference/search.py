@@ -30,6 +30,8 @@ from evanesce.inference.unknown import told_fields
 
 Array = NDArray[Any]
 
+GROWN = 1.5
+"""Ratio of evidences beyond which a cause that was fitted in vain is fitted once more."""
 MOVES = 60
 """Moves in all: a search that does not end by itself has met two causes that take turns."""
 
@@ -86,6 +88,8 @@ class Search(Trials):
     """Blocks of something unknown that have been taken, with their amplitudes."""
     not_unknown: set[str] = field(default_factory=set)
     """Blocks of it that were dropped."""
+    _vain_at: dict[str, float] = field(default_factory=dict)
+    """Evidence [nats] of those that were fitted in vain, then."""
     _began: float = field(default_factory=time.monotonic)
     _behind: dict[tuple[str, str], float] = field(default_factory=dict)
 
@@ -204,7 +208,19 @@ class Search(Trials):
         return self.fitter.relinearised(taken, point, Slopes(slopes.rows), renewals=0)
 
     def _added(self, now: JointFit, asked: Further) -> JointFit | None:
-        """Return the fit with the cause that leaves least among those of most evidence; None if none is worth it."""
+        """Return the fit with the cause that leaves least among those of most evidence; None if none is worth it.
+
+        What was fitted in vain is fitted again where its evidence has grown since.
+        """
+        evidence = {name: max(b, asked.place.log_bayes.get(name, b)) for name, b in asked.by_misfit.log_bayes.items()}
+        for name in [n for n in self.in_vain if evidence.get(n, 0.0) > GROWN * self._vain_at[n]]:
+            del self.in_vain[name]
+        try:
+            return self._best_added(now, asked)
+        finally:
+            self._vain_at = {n: self._vain_at.get(n, evidence.get(n, 0.0)) for n in self.in_vain}
+
+    def _best_added(self, now: JointFit, asked: Further) -> JointFit | None:
         place, p = asked.place, asked.p_value
         wanted: list[str] = []
         tried_before = {UNKNOWN, *self.refused, *self.in_vain}
@@ -217,7 +233,8 @@ class Search(Trials):
         for poor in (e for e in entered if 0.5 * e.removed <= least):
             self.in_vain[poor.entry.cause.id] = f"would bring {0.5 * poor.removed:.1f} nats"
         entered = sorted((e for e in entered if 0.5 * e.removed > least), key=lambda e: -e.removed)
-        tried = [t for t in (self._tried(now, e, metric, believed) for e in entered[: self.fitted]) if t is not None]
+        near = [e for e in entered if e.removed > SUBSTITUTE * entered[0].removed]
+        tried = [t for t in (self._tried(now, e, metric, believed) for e in near[: self.fitted]) if t is not None]
         unknown = place.log_bayes.get(UNKNOWN, 0.0)
         unknown = unknown if unknown > asked.library else 0.0
         for fitted in sorted(tried, key=lambda t: t.misfit):
@@ -332,7 +349,8 @@ class Search(Trials):
         return None
 
     def _note(self, move: str, cause: str, after: JointFit, before: JointFit, reason: str, other: str = "") -> None:
-        self.in_vain.clear()
+        if move != "add":
+            self.in_vain.clear()
         seconds = time.monotonic() - self._began
         self.steps.append(Step(move, cause, after.misfit, before.misfit - after.misfit, reason, seconds, other))
 

@@ -54,11 +54,11 @@ def test_a_rate_is_trusted_as_far_as_it_was_seen() -> None:
 
 def test_while_much_is_unexplained_an_anchor_is_as_exact_as_that_asks_for() -> None:
     places = np.random.default_rng(3).uniform(0.0, 100.0, 200)
-    exact, loud = (Counted(lambda coarse: 0.2 * coarse) for _ in range(2))
+    exact, rough = (Counted(lambda coarse: 0.2 * coarse) for _ in range(2))
     for coarse in places:
         exact.at(coarse)
-        assert abs(loud.at(coarse, unexplained=300.0) - 0.2 * coarse) <= UNSEEN * 300.0
-    assert loud.evaluations < 0.3 * exact.evaluations
-    before = loud.evaluations
-    assert loud.at(float(places[0])) == pytest.approx(0.2 * places[0], abs=STAYS)
-    assert loud.evaluations <= before + 1
+        assert abs(rough.at(coarse, unexplained=300.0) - 0.2 * coarse) <= UNSEEN * 300.0
+    assert rough.evaluations < 0.3 * exact.evaluations
+    before = rough.evaluations
+    assert rough.at(float(places[0])) == pytest.approx(0.2 * places[0], abs=STAYS)
+    assert rough.evaluations <= before + 1

@@ -340,12 +340,21 @@ def test_a_faint_cause_beside_a_loud_one_is_found():
 
 @pytest.mark.parametrize(("moved", "taken"), [(0.0005, set("a")), (0.02, set("ab"))])
 def test_a_faint_cause_beside_a_loud_one_has_to_move_the_area(moved, taken):
-    areas: Any = SimpleNamespace(of_change=lambda after, before: SimpleNamespace(largest=moved))
+    areas: Any = SimpleNamespace(
+        of_change=lambda after, before: SimpleNamespace(largest=moved, change_percent=(moved,))
+    )
     search, found, _ = searched(*toy({"a:x": 1.0, "b:x": 0.025}), areas=areas)
     assert set(found.ids) == taken
     assert ("b" in search.not_taken) == ("b" not in taken)
     if "b" in search.not_taken:
-        assert re.fullmatch(r"takes 0\.\d+ % of .* moves the area by 0\.05 %", search.not_taken["b"])
+        assert re.fullmatch(r"removes 0\.\d+ % of .* moves the area by 0\.05 %", search.not_taken["b"])
+
+
+def test_a_weak_cause_alone_need_not_move_the_area():
+    areas: Any = SimpleNamespace(of_change=lambda after, before: SimpleNamespace(largest=0.0, change_percent=(0.0,)))
+    fitter, causes = toy({"b:x": 0.01})
+    fitter.observed = fitter.observed + 0.5 * np.sign(fitter.observed - fitter.model.vector({}))  # noise taken for less
+    assert set(searched(fitter, causes, areas=areas)[1].ids) >= {"b"}
 
 
 def test_derivatives_of_the_extended_fit_are_made_where_it_is():

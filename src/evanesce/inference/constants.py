@@ -19,8 +19,8 @@
                                fine model's pixels leave came to 4e-4 on a rig whose causes were all found
 ``LEAST_SHARE``        3e-5    share of the misfit that was there, below which nothing is taken: half a per cent in
                                amplitude of what all causes do, by which fine models themselves differ
-``WORTH``              0.01    share of the misfit that was there below which a cause is taken only if it moves the area
-                               by more than ``LEAST_AREA``: forms of loud causes are off by per cents
+``WORTH``              0.01    share of what the causes taken before removed, below which a further one is taken only if
+                               it moves the area by more than ``LEAST_AREA``: forms are off by per cents
 ``TRIED``              3       causes that are entered in each round: those of most evidence with the discrepancy, and
                                as many of those without
 ``FITTED``             2       of them, causes that are fitted: those that would remove most of the misfit

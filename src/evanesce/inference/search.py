@@ -133,7 +133,7 @@ class Search(Trials):
         """
         while True:
             now = self._grown_roughly(now)
-            if now.solution.slopes.made is not None or not now.taken:
+            if now.solution.slopes.made is not None:
                 return now
             now = self.fitter.relinearised(now.taken, now.point)
 
@@ -213,8 +213,9 @@ class Search(Trials):
         What was fitted in vain is fitted again where its evidence has grown since.
         """
         evidence = {name: max(b, asked.place.log_bayes.get(name, b)) for name, b in asked.by_misfit.log_bayes.items()}
-        for name in [n for n in self.in_vain if evidence.get(n, 0.0) > GROWN * self._vain_at[n]]:
-            del self.in_vain[name]
+        least = self._occam(1)
+        for name in [n for n in self.in_vain if evidence.get(n, 0.0) > GROWN * max(self._vain_at[n], least)]:
+            del self.in_vain[name], self._vain_at[name]
         try:
             return self._best_added(now, asked)
         finally:
@@ -240,7 +241,7 @@ class Search(Trials):
         for fitted in sorted(tried, key=lambda t: t.misfit):
             cause = fitted.taken[-1].id
             brought = 0.5 * (now.misfit - fitted.misfit)
-            idle = self._idle(fitted, cause, 2.0 * brought)
+            idle = self._idle(now, fitted)
             if idle:
                 self.in_vain[cause] = idle
                 continue
@@ -260,21 +261,24 @@ class Search(Trials):
             self.fitter.model.anchor(now.point)
         return None
 
-    def _idle(self, fitted: JointFit, cause: str, removed: float) -> str:
-        """Return why a cause would change nothing that a user asks for; empty if it would.
+    def _idle(self, now: JointFit, fitted: JointFit) -> str:
+        """Return why a further cause would change nothing that a user asks for; empty if it would.
 
-        What is left of loud causes because no form is exact, or by something that is in no library, asks for many
-        faint ones: such a one has to move the area, or to take a share of the misfit that was there.
+        What strong causes leave because no form is exact asks for many weak ones: beside what was taken before, a cause
+        has to remove a share of as much, or to move the area.
         """
-        share = self.share(removed)
-        if self.areas is None or share > WORTH:
+        cause, explained = fitted.taken[-1].id, max(self.first - now.misfit, 0.0)
+        removed = now.misfit - fitted.misfit
+        if self.areas is None or removed >= WORTH * explained:
             return ""
         try:
-            area = self.areas.of_change(fitted.point, fitted.without(cause)).largest
+            change = self.areas.of_change(fitted.point, fitted.without(cause))
         except InputError:
             return ""
-        words = f"takes {100 * share:.2g} % of the misfit that was there and moves the area by {100 * area:.2g} %"
-        return words if area < LEAST_AREA else ""
+        if change.largest >= LEAST_AREA or not np.isfinite(change.change_percent).any():
+            return ""
+        share = f"{100 * removed / explained:.2g} % of what the others remove"
+        return f"removes {share}, moves the area by {100 * change.largest:.2g} %"
 
     def _dropped(self, now: JointFit, posterior: Posterior) -> JointFit | None:
         """Return the fit without a cause whose place is more probably empty, or filled by something unknown."""
@@ -351,6 +355,7 @@ class Search(Trials):
     def _note(self, move: str, cause: str, after: JointFit, before: JointFit, reason: str, other: str = "") -> None:
         if move != "add":
             self.in_vain.clear()
+            self._vain_at.clear()
         seconds = time.monotonic() - self._began
         self.steps.append(Step(move, cause, after.misfit, before.misfit - after.misfit, reason, seconds, other))
 

@@ -350,11 +350,16 @@ def test_a_faint_cause_beside_a_loud_one_has_to_move_the_area(moved, taken):
         assert re.fullmatch(r"removes 0\.\d+ % of .* moves the area by 0\.05 %", search.not_taken["b"])
 
 
-def test_a_weak_cause_alone_need_not_move_the_area():
+@pytest.mark.parametrize(("first", "refused"), [(4000.0, False), (4900.0, False), (5100.0, True)])
+def test_a_weak_cause_alone_need_not_move_the_area(first, refused):
+    """Ten of the misfit: a hundredth of all that there is beyond noise, but not of what no other cause has removed."""
     areas: Any = SimpleNamespace(of_change=lambda after, before: SimpleNamespace(largest=0.0, change_percent=(0.0,)))
-    fitter, causes = toy({"b:x": 0.01})
-    fitter.observed = fitter.observed + 0.5 * np.sign(fitter.observed - fitter.model.vector({}))  # noise taken for less
-    assert set(searched(fitter, causes, areas=areas)[1].ids) >= {"b"}
+    fitter, causes = toy({})
+    search = Search(fitter, causes, SimpleNamespace(), areas=areas)  # type: ignore[arg-type]
+    search.first = first
+    taken = (SimpleNamespace(id="b"),)
+    now, fitted = (SimpleNamespace(misfit=m, taken=taken, point={}, without=lambda name: {}) for m in (4000.0, 3990.0))
+    assert bool(search._idle(now, fitted)) == refused  # type: ignore[arg-type]
 
 
 def test_derivatives_of_the_extended_fit_are_made_where_it_is():

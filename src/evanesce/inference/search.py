@@ -92,6 +92,8 @@ class Search(Trials):
     """Evidence [nats] of those that were fitted in vain, then."""
     _began: float = field(default_factory=time.monotonic)
     _behind: dict[tuple[str, str], float] = field(default_factory=dict)
+    _renewed: frozenset[str] | None = None
+    """Causes about which all derivatives were made anew last."""
 
     def run(self, base: JointFit) -> tuple[JointFit, Posterior]:
         """Return the extended fit, the model anchored about it, and the probabilities of all causes there.
@@ -133,8 +135,9 @@ class Search(Trials):
         """
         while True:
             now = self._grown_roughly(now)
-            if now.solution.slopes.made is not None:
+            if now.solution.slopes.made is not None or frozenset(now.ids) == self._renewed:
                 return now
+            self._renewed = frozenset(now.ids)
             now = self.fitter.relinearised(now.taken, now.point)
 
     def _grown_roughly(self, now: JointFit) -> JointFit:
@@ -170,34 +173,42 @@ class Search(Trials):
             return now
         self.tell("localised defects")
         self.scan = self.marks.scan(now.point)
-        model, taken, start = self.marks.model, list(now.taken), dict(now.point)
-        for found in self.scan.listed:
-            own = found.taken
-            self.refused[own.id] = "its places were found"
-            if own.id not in now.ids:
-                model.list_defects(own.id, found.settings)
-                taken.append(own)
-                start |= found.start
-        if len(taken) == len(now.taken):
+        new = [found for found in self.scan.listed if found.taken.id not in now.ids]
+        for found in new:
+            self.marks.model.list_defects(found.taken.id, found.settings)
+        denied = self._denied(now, [f.taken for f in new], {name: v for f in new for name, v in f.start.items()})
+        self.scan = self.scan.without(denied)
+        self.refused |= {f.taken.id: denied.get(f.taken.id, "its places were found") for f in self.scan.listed} | denied
+        new = [found for found in new if found.taken.id not in denied]
+        if not new:
             return now
-        better = self.fitter.relinearised(taken, start)
-        new = [own.id for own in taken[len(now.taken) :]]
-        denied = {name for name in new if not np.any(better.departures()[better.of_cause(name)])}
-        if denied:
-            # All views together give it no strength: what stood out is something else.
-            self.scan = self.scan.without(denied)
-            self.refused |= dict.fromkeys(denied, "places stand out, but the joint fit gives it no strength")
-            taken = [own for own in taken if own.id not in denied]
-            if len(taken) == len(now.taken):
-                model.anchor(now.point)
-                return now
-            better = self.fitter.relinearised(taken, {n: v for n, v in start.items() if n.split(":")[0] not in denied})
-        for own in taken[len(now.taken) :]:
-            self._note(
-                "add", own.id, better, now, f"{max(len(self.scan.by_cause.get(own.id, ())), 1)} places stand out"
-            )
+        start = {**now.point, **{name: v for found in new for name, v in found.start.items()}}
+        trial = self._beside(now, [found.taken for found in new], start)
+        better = self.fitter.relinearised(trial.taken, trial.point, trial.solution.slopes, renewals=0)
+        for found in new:
+            own = found.taken.id
+            self._note("add", own, better, now, f"{max(len(self.scan.by_cause.get(own, ())), 1)} places stand out")
             self.tell(self._words(better))
         return self._grown(better)
+
+    def _denied(self, now: JointFit, listed: Sequence[Taken], start: Mapping[str, float]) -> dict[str, str]:
+        """Return which causes whose places were found are not taken, with the reason, by a trial fit of them all.
+
+        To some all views together give no strength: what stood out is something else. Bands may be anything that
+        varies from row to row, so that they have to be worth it as any cause has.
+        """
+        if not listed:
+            return {}
+        trial = self._beside(now, listed, {**now.point, **start})
+        at, away = {t.id: trial.of_cause(t.id) for t in listed}, trial.departures()
+        denied = {
+            name: "places stand out, but the joint fit gives it no strength" for name in at if not np.any(away[at[name]])
+        }
+        for own in (t for t in listed if t.id in self.scan.ripples and t.id not in denied):
+            alone = {name: v for name, v in start.items() if name.startswith(f"{own.id}:")}
+            idle = self._idle(now, self._beside(now, [own], {**now.point, **alone}))
+            denied |= {own.id: idle} if idle else {}
+        return denied
 
     def _with_unknown(
         self, taken: Sequence[Taken], point: Mapping[str, float], unknown: dict[str, float], slopes: Slopes

@@ -6,7 +6,7 @@ again about the fine model (:mod:`evanesce.inference.search`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -91,16 +91,21 @@ class Trials:
                 if best is None or value < best[0]:
                     best = (value, point)
             assert best is not None
-            start = {**now.point, **best[1]}
-            own = np.array(list(taken.slow.values()) or self.fitter.derivatives(start, taken.parameters))
-            count = sum(len(t.parameters) for t in now.taken)
-            rows = np.concatenate([now.solution.rows[:count], own, now.solution.rows[count:]])
-            slopes = Slopes(rows.astype(float))
-            return self.fitter.fitted(
-                (*now.taken, taken), start, metric=now.metric, slopes=slopes, rounds=TRIAL_ROUNDS, renewals=0
-            )
+            return self._beside(now, [taken], {**now.point, **best[1]})
         except InputError:
             return None
+
+    def _beside(self, now: JointFit, more: Sequence[Taken], start: Mapping[str, float]) -> JointFit:
+        """Return the joint fit with some causes more, by coarse derivatives about the present anchor."""
+        own = [
+            row for t in more for row in (t.slow.values() if t.slow else self.fitter.derivatives(start, t.parameters))
+        ]
+        count = sum(len(t.parameters) for t in now.taken)
+        rows = np.concatenate([now.solution.rows[:count], own, now.solution.rows[count:]])
+        return self.fitter.fitted(
+            (*now.taken, *more), start, metric=now.metric, slopes=Slopes(rows.astype(float)), rounds=TRIAL_ROUNDS,
+            renewals=0,
+        )  # fmt: skip
 
     def _refitted(self, now: JointFit, name: str, *, fine: bool = True) -> JointFit | None:
         """Return the fit without a cause; coarse derivatives about the present anchor will do to try others in it."""

@@ -391,7 +391,9 @@ def test_a_ripple_of_the_rows_that_the_joint_fit_gives_no_strength_is_not_told(t
 @pytest.mark.parametrize(("moved", "taken"), [(0.0005, {"a"}), (0.02, {"a", "band"})])
 def test_a_faint_ripple_beside_a_loud_cause_has_to_move_the_area(moved, taken):
     """Rationale: streaks in a rig's glass were taken for a ripple, which asked for more causes at a minute each."""
-    areas: Any = SimpleNamespace(of_change=lambda after, before: SimpleNamespace(largest=moved, change_percent=(moved,)))
+    areas: Any = SimpleNamespace(
+        of_change=lambda after, before: SimpleNamespace(largest=moved, change_percent=(moved,))
+    )
     fitter, causes = toy({"band:x": 0.025, "a:x": 1.0}, decoys=3)
     own = Parameter(name="band:x", deviation=1.0, step=0.01, bounds=(0.0, 5.0))
     fitter.model.list_defects = lambda effect, settings: None

@@ -33,7 +33,7 @@ def single_threaded() -> None:
     import OpenEXR
     import threadpoolctl
 
-    from evanesce.render.fast import threads
+    from evanesce.core import threads
 
     cv2.setNumThreads(1)
     OpenEXR.set_global_thread_count(0)

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.rng import generator
+from evanesce.core.threads import in_threads
 from evanesce.inference.atoms import Maps, Peak, Responses, atoms_of, smoothed
 from evanesce.inference.causes import Cause
 from evanesce.inference.constants import DETECTED
@@ -30,7 +31,6 @@ from evanesce.inference.listing import behaviour_of, listed, point_spread
 from evanesce.inference.model import AnchoredModel
 from evanesce.inference.row_waves import ripple_of
 from evanesce.prediction.views import BIN_PX
-from evanesce.render.fast.threads import in_threads
 
 Array = NDArray[Any]
 

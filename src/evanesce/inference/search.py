@@ -202,7 +202,9 @@ class Search(Trials):
         trial = self._beside(now, listed, {**now.point, **start})
         at, away = {t.id: trial.of_cause(t.id) for t in listed}, trial.departures()
         denied = {
-            name: "places stand out, but the joint fit gives it no strength" for name in at if not np.any(away[at[name]])
+            name: "places stand out, but the joint fit gives it no strength"
+            for name in at
+            if not np.any(away[at[name]])
         }
         for own in (t for t in listed if t.id in self.scan.ripples and t.id not in denied):
             alone = {name: v for name, v in start.items() if name.startswith(f"{own.id}:")}

@@ -18,9 +18,9 @@ from typing import Any
 
 import cv2
 
+from evanesce.core import threads
 from evanesce.core.errors import InputError, WorkError
 from evanesce.prediction.views import View
-from evanesce.render.fast import threads
 
 KEEP = 6
 """Predictors that a process holds: the coarse one, and the fine ones of the last anchor."""

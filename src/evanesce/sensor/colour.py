@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from evanesce.render.fast.threads import in_threads
+from evanesce.core.threads import in_threads
 from evanesce.rig import Camera
 from evanesce.rig.colour import Mosaic as Pattern
 from evanesce.sensor.enhance import denoised, sharpened, stretched

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.core.threads import in_threads
 from evanesce.render.fast.readout import NORMALS, ChargeBox, DarkSteps, Readout, dark_steps, dark_values, normal_table
-from evanesce.render.fast.threads import in_threads
 
 Image = NDArray[np.float32]
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.core.threads import in_threads
 from evanesce.render.fast.readout import NORMALS, ChargeBox, Readout, dark_steps, normal_table, raw_numbers
-from evanesce.render.fast.threads import in_threads
 
 Image = NDArray[np.float32]
 

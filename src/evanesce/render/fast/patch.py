@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.states import ContactState, PlateGrid
+from evanesce.core.threads import THREADS, in_threads
 from evanesce.render.fast.feedback import CoarseGrid, coarse_mean, feedback
 from evanesce.render.fast.fields import GAP_STEPS, Fields
 from evanesce.render.fast.sampling import enlarged
 from evanesce.render.fast.subsurface import subsurface_radiance
-from evanesce.render.fast.threads import THREADS, in_threads
 
 Array = NDArray[Any]
 Image = NDArray[np.float32]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy import ndimage, optimize
+from scipy import linalg, ndimage, optimize
 
 from evanesce.core.errors import InputError
 from evanesce.inference.answer import verdict_of
@@ -18,7 +18,7 @@ from evanesce.inference.data import DataVector
 from evanesce.inference.discrepancy import Discrepancy, cosines, tied_rows
 from evanesce.inference.explained import Scan
 from evanesce.inference.gauss_newton import Prior, Slopes, bounded_step, broyden, fit
-from evanesce.inference.joint import Fitter, JointFit, taken_from
+from evanesce.inference.joint import Fitter, JointFit, Taken, taken_from
 from evanesce.inference.judge import Judge
 from evanesce.inference.listing import placed
 from evanesce.inference.model import cube_by_cube, one_by_one
@@ -357,8 +357,7 @@ def test_a_weak_cause_alone_need_not_move_the_area(first, refused):
     fitter, causes = toy({})
     search = Search(fitter, causes, SimpleNamespace(), areas=areas)  # type: ignore[arg-type]
     search.first = first
-    taken = (SimpleNamespace(id="b"),)
-    now, fitted = (SimpleNamespace(misfit=m, taken=taken, point={}, without=lambda name: {}) for m in (4000.0, 3990.0))
+    now, fitted = (SimpleNamespace(misfit=misfit, point={}) for misfit in (4000.0, 3990.0))
     assert bool(search._idle(now, fitted)) == refused  # type: ignore[arg-type]
 
 
@@ -477,6 +476,29 @@ def test_forms_that_no_figure_of_their_law_makes_are_unknown():
     assert posterior.asks
     assert posterior.further.probability[UNKNOWN] > 0.5
     assert verdict_of(posterior, False) == "unknown"
+
+
+def test_a_fit_in_another_metric_is_what_least_squares_say():
+    """Of a linear model, against SciPy's solver by the whole covariance; what a bound holds stays on it."""
+    fitter, causes = toy({"a:x": 0.9, "b:x": -0.5})
+    bounded = Parameter(name="b:x", deviation=1.0, step=0.01, bounds=(0.0, 5.0))
+    fitted = fitter.relinearised([Taken(causes[0], causes[0].parameters), Taken(causes[1], (bounded,))], {})
+    rows = np.random.default_rng(3).standard_normal((5, fitter.observed.size)) + 0.3 * fitter.observed
+    found = fitted.in_metric(fitted.metric.with_rows(rows))
+    assert found.point["b:x"] == 0.0
+    free = [0, 2]  # the strength of a, and the light
+    deviation = np.array([fitted.parameters[k].deviation for k in free])
+    slopes = fitted.solution.rows[free]
+    believed = fitted.residual + fitted.solution.values[free] @ slopes
+    root = np.linalg.cholesky(np.eye(fitter.observed.size) + rows.T @ rows)
+    whitened = linalg.solve_triangular(root, np.column_stack([slopes.T, believed]), lower=True)
+    stacked = np.vstack([whitened[:, :-1], np.diag(1.0 / deviation)])
+    target = np.concatenate([whitened[:, -1], np.zeros(len(free))])
+    values, squares, _, _ = linalg.lstsq(stacked, target)
+    np.testing.assert_allclose(found.solution.values[free], values, rtol=1e-6)
+    assert found.misfit == pytest.approx(float(squares), rel=1e-9)
+    np.testing.assert_allclose(found.residual, believed - values @ slopes, atol=1e-6)
+    assert found.point["a:x"] != pytest.approx(fitted.point["a:x"], abs=1e-3)
 
 
 def test_removal_and_loss_are_what_a_refit_says():

@@ -107,6 +107,18 @@ class JointFit:
         )
         return replace(self, metric=metric, solution=replace(self.solution, misfit=self.misfit + grown), fields=0)
 
+    def in_metric(self, metric: Metric) -> JointFit:
+        """Return the fit that has least misfit in another metric, linear about this one.
+
+        Parameters
+        ----------
+        metric : Metric
+        """
+        step, solution = self.solution.in_metric(metric, self.residual, _prior(self.parameters))
+        point = {**self.point, **{p.name: float(v) for p, v in zip(self.parameters, solution.values, strict=True)}}
+        residual = self.residual - step @ self.solution.rows
+        return replace(self, metric=metric, solution=solution, point=point, residual=residual)
+
     @property
     def misfit(self) -> float:
         """Squared residual in the metric, and the priors' squares."""

@@ -32,6 +32,8 @@ Array = NDArray[Any]
 
 GROWN = 1.5
 """Ratio of evidences beyond which a cause that was fitted in vain is fitted once more."""
+AHEAD = 1.0
+"""Nats by which another cause has to be more probable to take a place: a fit ends within half a nat of its optimum."""
 MOVES = 60
 """Moves in all: a search that does not end by itself has met two causes that take turns."""
 
@@ -92,6 +94,7 @@ class Search(Trials):
     """Evidence [nats] of those that were fitted in vain, then."""
     _began: float = field(default_factory=time.monotonic)
     _behind: dict[tuple[str, str], float] = field(default_factory=dict)
+    _scanned: bool = False
     _renewed: frozenset[str] | None = None
     """Causes about which all derivatives were made anew last."""
 
@@ -104,7 +107,9 @@ class Search(Trials):
             Of the nominal model, the model anchored about it.
         """
         self.first = base.misfit
-        now = self._with_defects(self._grown(base))
+        now = self._grown(base)
+        marked = self._with_defects(now)
+        now = now if marked is now else self._grown(marked)
         while True:
             posterior, compared = self.posterior(now).with_defects(self.scan.places()), len(self._behind)
             posterior = posterior.fitted_in_vain(self.in_vain)
@@ -157,6 +162,10 @@ class Search(Trials):
                 self.tell(f"{self._words(better)}; about {self._rounds_left(better, now) * took:.0f} s left")
                 began, now = time.monotonic(), better
             elif place.log_bayes.get(UNKNOWN, 0.0) > 0.0 and asked.unknown:
+                marked = self._with_defects(now)
+                if marked is not now:  # what defects leave was part of what looked like something unknown
+                    now = marked
+                    continue
                 found = self._with_unknown(now.taken, now.point, {**self.unknown, **asked.unknown}, now.solution.slopes)
                 self._note("add", UNKNOWN, found, now, told_fields(asked.unknown))
                 self.tell(told_fields(asked.unknown))
@@ -168,9 +177,10 @@ class Search(Trials):
         return now
 
     def _with_defects(self, now: JointFit) -> JointFit:
-        """Return the fit with the localised defects that stand out of it, and what is worth being added then."""
-        if self.marks is None:
+        """Return the fit with the localised defects that stand out of it; they are sought once."""
+        if self.marks is None or self._scanned:
             return now
+        self._scanned = True
         self.tell("localised defects")
         self.scan = self.marks.scan(now.point)
         new = [found for found in self.scan.listed if found.taken.id not in now.ids]
@@ -189,7 +199,7 @@ class Search(Trials):
             own = found.taken.id
             self._note("add", own, better, now, f"{max(len(self.scan.by_cause.get(own, ())), 1)} places stand out")
             self.tell(self._words(better))
-        return self._grown(better)
+        return better
 
     def _denied(self, now: JointFit, listed: Sequence[Taken], start: Mapping[str, float]) -> dict[str, str]:
         """Return which causes whose places were found are not taken, with the reason, by a trial fit of them all.
@@ -278,14 +288,15 @@ class Search(Trials):
         """Return why a further cause would change nothing that a user asks for; empty if it would.
 
         What strong causes leave because no form is exact asks for many weak ones: beside what was taken before, a cause
-        has to remove a share of as much, or to move the area.
+        has to remove a share of as much, or to move the area that the fit predicts. What it moves by itself does not
+        count: others that it takes from may move it back.
         """
-        cause, explained = fitted.taken[-1].id, max(self.first - now.misfit, 0.0)
+        explained = max(self.first - now.misfit, 0.0)
         removed = now.misfit - fitted.misfit
         if self.areas is None or removed >= WORTH * explained:
             return ""
         try:
-            change = self.areas.of_change(fitted.point, fitted.without(cause))
+            change = self.areas.of_change(fitted.point, now.point)
         except InputError:
             return ""
         if change.largest >= LEAST_AREA or not np.isfinite(change.change_percent).any():
@@ -355,14 +366,14 @@ class Search(Trials):
             if without is None:
                 continue
             for other in near[:TRIED]:
-                better = self._in_place(now, without, name, other)
-                ahead = -np.inf if better is None else self._ahead(now, name, better, other)
-                if better is not None and ahead > 0.0:
+                better, ahead = self._in_place(now, without, name, other)
+                if better is not None and ahead > AHEAD:
                     self._behind[other, name] = ahead
                     self._note("exchange", other, better, now, "is more probable", name)
                     self.tell(self._words(better))
                     return better
                 self._behind[name, other] = -ahead
+                self.fitter.model.anchor(now.point)
         return None
 
     def _note(self, move: str, cause: str, after: JointFit, before: JointFit, reason: str, other: str = "") -> None:

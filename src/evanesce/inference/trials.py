@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from evanesce.core.errors import InputError
 from evanesce.inference.causes import Cause, departure, entries_of
-from evanesce.inference.constants import TRIED
+from evanesce.inference.constants import SUBSTITUTE, TRIED
 from evanesce.inference.gauss_newton import Slopes
 from evanesce.inference.joint import Fitter, JointFit, Taken, taken_from
 from evanesce.inference.judge import Judge
@@ -48,6 +48,8 @@ class Trials:
     judge: Judge
     tell: Tell = lambda line: None
     refused: dict[str, str] = field(default_factory=dict)
+    _weighed: tuple[JointFit, Metric] | None = None
+    """The metric in which fits are weighed against one, its discrepancy marginalised."""
 
     def _worth_entering(self, ranked: Sequence[str]) -> Sequence[str]:
         """Return which causes of a list, the likeliest first, are entered."""
@@ -121,32 +123,50 @@ class Trials:
         except InputError:
             return None
 
-    def _in_place(self, now: JointFit, without: JointFit, name: str, other: str) -> JointFit | None:
-        """Return the fit with another cause in a place; coarse where that already loses; None if it cannot be."""
+    def _in_place(self, now: JointFit, without: JointFit, name: str, other: str) -> tuple[JointFit | None, float]:
+        """Return the fit with another cause in a place, and by how many nats it is more probable than the present one.
+
+        What a straight line says suffices where that falls far short; a coarse fit where it falls short.
+        """
         metric, believed = everything_marginalised(without)
         entered = self._entered(without, other, metric, believed)
-        tried = None if entered is None else self._tried(without, entered, metric, believed)
-        if tried is None or self._ahead(now, name, tried, other) < 0.0:
-            return tried
+        if entered is None:
+            return None, -np.inf
+        short = without.misfit - now.misfit - entered.removed
+        if short > SUBSTITUTE * (without.misfit - now.misfit):
+            return None, -0.5 * short
+        tried = self._tried(without, entered, metric, believed)
+        if tried is None:
+            return None, -np.inf
+        ahead = self._ahead(now, name, tried, other)
+        if ahead < 0.0:
+            return tried, ahead
         try:
             better = self.fitter.relinearised(tried.taken, tried.point, tried.solution.slopes, renewals=0)
+            ahead = self._ahead(now, name, better, other)
         except InputError:
-            better = None
-        if better is None or self._ahead(now, name, better, other) <= 0.0:
-            self.fitter.model.anchor(now.point)
-        return better
+            better, ahead = None, -np.inf
+        return better, ahead
 
     def _ahead(self, now: JointFit, name: str, better: JointFit, other: str) -> float:
-        """Return by how many nats a fit with another cause in a place is more probable than the present one."""
-        return self._evidence(better, other) - self._evidence(now, name)
+        """Return by how many nats a fit with another cause in a place is more probable than the present one.
 
-    def _evidence(self, fitted: JointFit, name: str) -> float:
-        """Return the log evidence of a fit, how strong one of its causes may be left open [nats].
+        Both by the present fit's discrepancy: a cause's form is off by per cents, which is more than what decides
+        between two strong causes that look alike.
+        """
+        if self._weighed is None or self._weighed[0] is not now:
+            self._weighed = now, now.metric.with_rows(self.judge.discrepancy.every_row(now))
+        metric = self._weighed[1]
+        return self._evidence(better, other, metric) - self._evidence(now, name, metric)
+
+    def _evidence(self, fitted: JointFit, name: str, metric: Metric) -> float:
+        """Return the log evidence of a fit in a metric, how strong one of its causes may be left open [nats].
 
         Along the direction that data know best a cause has no prior but that of strengths, which all causes share.
         """
+        found = fitted.in_metric(metric)
         places = fitted.of_cause(name)
         deviation = np.array([fitted.parameters[k].deviation for k in places])
-        known = fitted.solution.covariance[np.ix_(places, places)] / np.outer(deviation, deviation)
+        known = found.solution.covariance[np.ix_(places, places)] / np.outer(deviation, deviation)
         half = next((np.log(2.0) for c in self.causes if c.id == name and c.one_sided), 0.0)
-        return float(fitted.log_evidence - 0.5 * np.log(np.linalg.eigvalsh(known)[0]) + half)
+        return float(found.log_evidence - 0.5 * np.log(np.linalg.eigvalsh(known)[0]) + half)

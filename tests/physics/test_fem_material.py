@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from evanesce.contact.fem.material import Rubber, distortional_stress, distortional_tangent, energy, rubber
+from evanesce.contact.fem.material import Rubber, carried_on, distortional_stress, distortional_tangent, energy, rubber
 from evanesce.core.errors import InputError
 from evanesce.materials.hyperelastic import MooneyRivlin, drucker_tangent
 
 MATERIALS = {
     "silskin_0": rubber("silskin_0"),
     "silskin_20": rubber("silskin_20"),
-    "all terms": Rubber(0.031, 0.017, 0.008, 0.0023),
+    "all terms": Rubber(0.031, 0.017, 0.008, 0.0023, 0.0041, 0.15),
 }
 
 
@@ -102,3 +102,23 @@ def test_impossible_rubbers_are_refused(change: dict[str, float]) -> None:
 def test_silicone_without_a_fit_is_refused_by_name() -> None:
     with pytest.raises(InputError, match="silskin_0, silskin_20"):
         rubber("silastic_20")
+
+
+def test_a_material_that_is_carried_on_is_the_published_one_until_its_fit_fails() -> None:
+    """Silskin 0 %'s coefficients lose stability at a stretch of 0.36; as published up to where the term sets in."""
+    published = rubber("silskin_0")
+    carried = carried_on(published)
+    assert carried.stable_stretches() == pytest.approx((1 / 6, 6.0))
+    stretches = np.exp(np.linspace(-0.95, 1.0, 40))
+    bars = np.stack([np.diag([s, s**-0.5, s**-0.5]) for s in stretches], axis=-1)
+    before = np.einsum("ij...,ij...->...", bars, bars) - 3.0 < carried.beyond_from
+    stress, kept = (distortional_stress(one, bars) for one in (carried, published))
+    np.testing.assert_array_equal(stress[..., before], kept[..., before])
+    assert 5 < before.sum() < 40
+    assert (np.abs(stress - kept)[..., ~before].max(axis=(0, 1)) > 0).all()
+    # stable in compression until 0.36: the term sets in before, by no more than a fifth
+    low = stretches[before].min()
+    assert published.stable_stretches()[0] < low < 1.2 * published.stable_stretches()[0]
+    assert carried_on(rubber("silskin_20")) == rubber("silskin_20")
+    assert "beyond" not in published.identity()
+    assert carried.identity()["beyond"] > 0

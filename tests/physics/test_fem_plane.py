@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from evanesce.contact.fem.descent import Lagged
 from evanesce.contact.fem.plane import Anchors, Glass, free_anchors, plane_forces
 
 GLASS = Glass(friction=0.63, penalty=170.0, tangential_ratio=0.4, softness=0.003)
@@ -34,6 +35,30 @@ def test_tangent_is_the_derivative_of_the_forces(dim: int, shift: float, known: 
         high = plane_forces(relative + step, AREAS, GLASS, memory).force
         low = plane_forces(relative - step, AREAS, GLASS, memory).force
         np.testing.assert_allclose(-(high - low) / (2 * h), found.stiffness[:, :, c], atol=1e-4 * GLASS.penalty * 0.27)
+
+
+@pytest.mark.parametrize("shift", [1e-4, 0.05], ids=["stick", "slip"])
+def test_forces_with_given_limits_are_those_of_an_energy(shift: float) -> None:
+    rng = np.random.default_rng(5)
+    relative = rng.normal(scale=0.2, size=(4, 3))
+    relative[:, -1] = [-0.001, -0.02, 0.004, -0.011]
+    origin = relative[:, :-1] - shift * np.array([0.8, -0.6])
+    lagged = Lagged(GLASS, AREAS, origin, np.array([0.02, 0.3, 0.0, 0.1]))
+    found = lagged.forces(relative)
+    assert found.slipping[[0, 1, 3]].all() == (shift > 0.01)
+    h = 1e-7
+    for node in range(4):
+        for c in range(3):
+            step = np.zeros((4, 3))
+            step[node, c] = h
+            slope = (lagged.energy(relative + step) - lagged.energy(relative - step)) / (2 * h)
+            assert -slope == pytest.approx(found.force[node, c], abs=2e-6)
+            change = lagged.forces(relative + step).force - lagged.forces(relative - step).force
+            np.testing.assert_allclose(-change[node] / (2 * h), found.stiffness[node, :, c], atol=1e-4 * GLASS.penalty)
+    assert np.array_equal(found.stiffness, found.stiffness.transpose(0, 2, 1))
+    np.testing.assert_allclose(
+        found.force[:, -1], plane_forces(relative, AREAS, GLASS, free_anchors(relative)).force[:, -1]
+    )
 
 
 def test_friction_stays_in_coulombs_cone_and_points_against_the_way() -> None:

@@ -9,9 +9,13 @@ import pytest
 
 pytest.importorskip("felupe", reason="the optional extra 'fem' is not installed")
 
-from evanesce.contact.fem.felupe_adapter import Body
-from evanesce.contact.fem.material import rubber
+from evanesce.contact.fem.descent import BALANCED, descended
+from evanesce.contact.fem.felupe_adapter import Body, linear_solver
+from evanesce.contact.fem.material import carried_on, rubber
 from evanesce.contact.fem.mesh import FingerShape, MeshSize
+from evanesce.contact.fem.mesh_half import finger_half
+from evanesce.contact.fem.newton import Model, Target, equilibrium
+from evanesce.contact.fem.plane import Glass
 from evanesce.contact.fem.programme import press, run_state, slide
 from evanesce.contact.fem.result import SolvedRun
 from evanesce.contact.fem.steps import StepSizes
@@ -104,3 +108,58 @@ def test_slide_off_the_grid_is_refused(run: SolvedRun) -> None:
 def test_impossible_slides_are_refused(arguments: dict[str, object]) -> None:
     with pytest.raises(InputError):
         slide(SHAPE, rubber("silskin_0"), friction=0.3, size=SIZE, **arguments)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def boned() -> tuple[Model, float]:
+    """A coarse finger over a bone, and its penalty."""
+    mesh = finger_half(FingerShape(bone_radius=3.75), MeshSize(contact=1.1, growth=1.5, coarsest=4.0))
+    material = carried_on(rubber("silskin_0"))
+    glass = Glass(friction=1.13, penalty=1000.0 * material.shear_modulus, softness=0.002)
+    return Model(mesh, Body(mesh, material), glass, linear_solver()), glass.penalty
+
+
+def test_forces_of_a_body_are_the_slope_of_its_energy(boned: tuple[Model, float]) -> None:
+    solid, points = boned[0].solid, boned[0].mesh.points
+    rng = np.random.default_rng(1)
+    there, way = 0.01 * rng.normal(size=points.shape), rng.normal(size=points.shape)
+    h = 1e-5
+    slope = (solid.energy(there + h * way) - solid.energy(there - h * way)) / (2 * h)
+    assert slope == pytest.approx(float((solid.forces(there) * way).sum()), rel=1e-6)
+    assert solid.energy(-points) == np.inf
+
+
+@pytest.mark.parametrize("held", ["depth", "force"])
+def test_descent_of_energy_ends_where_newtons_method_does(boned: tuple[Model, float], held: str) -> None:
+    """Both from one press, slid 0.1 mm with all but a rim sticking: by an energy and lagged friction, and without."""
+    model, state = boned[0], boned[0].start()
+    for depth in (0.05, 0.15, 0.3, 0.5):
+        state = equilibrium(model, state, Target(depth=depth))
+    target = Target(0.1, state.depth) if held == "depth" else Target(0.1, None, state.normal_force)
+    newton, descent = equilibrium(model, state, target), descended(model, state, target)
+    assert descent.normal_force == pytest.approx(newton.normal_force, rel=1e-4)
+    assert descent.tangential_force == pytest.approx(newton.tangential_force, rel=1e-3)
+    assert descent.depth == pytest.approx(newton.depth, rel=1e-5)
+    np.testing.assert_allclose(descent.displacement, newton.displacement, atol=1e-3 * np.abs(newton.displacement).max())
+
+
+@pytest.mark.slow
+def test_a_finger_that_springs_from_stick_to_slip_goes_on(boned: tuple[Model, float]) -> None:
+    """mu 1.13 over a bone: Newton's steps end at 2.7 mm (slow: a minute of descents past that)."""
+    mesh, penalty = boned[0].mesh, boned[1]
+    run = slide(
+        FingerShape(bone_radius=3.75), carried_on(rubber("silskin_0")), force=1.0, distances=(3.5,), friction=1.13,
+        hold="depth", size=MeshSize(contact=1.1, growth=1.5, coarsest=4.0), sizes=StepSizes(0.5, 0.1, 1e-3),
+        penalty=penalty,
+    )  # fmt: skip
+    assert run.history.complete
+    free = boned[0].free
+    for step in run.history.steps:
+        state = step.state
+        left = boned[0].solid.forces(state.displacement)
+        left[mesh.candidates] -= state.contact.force
+        assert np.linalg.norm(left.ravel()[free]) < 1.01 * BALANCED * np.linalg.norm(state.contact.force)
+        force = state.contact.force
+        assert (np.linalg.norm(force[:, :2], axis=1) <= 1.13 * force[:, 2] * (1 + 1e-9) + 1e-15).all()
+    pulls = np.array([step.state.tangential_force for step in run.history.steps])
+    assert (np.diff(pulls) < -0.02).any()  # a part of the contact springs off

@@ -39,6 +39,10 @@ BoneOption = Annotated[float, typer.Option("--bone-radius-mm", help="Rigid bone;
 CubicOption = Annotated[
     float, typer.Option("--c30-MPa", help="Third-order term that widens the stable range; NOT the thesis's material.")
 ]
+CarryOption = Annotated[
+    bool,
+    typer.Option("--carry-on", help="Stiffen the material where its fit loses stability; NOT the thesis's material."),
+]
 ForcesOption = Annotated[list[float] | None, typer.Option("--force-N", help="Normal force to reach; repeatable.")]
 FrictionOption = Annotated[float, typer.Option("--friction", help="Coulomb's coefficient.")]
 SizeOption = Annotated[float | None, typer.Option("--element-mm", help="Element size at the contact.")]
@@ -66,6 +70,7 @@ def press(
     length: LengthOption = 25.0,
     bone_radius: BoneOption = 0.0,
     c30: CubicOption = 0.0,
+    carry_on: CarryOption = False,
     element: SizeOption = None,
     vtk: VtkOption = False,
     cache: CacheOption = True,
@@ -81,10 +86,10 @@ def press(
     goals = press_goals(forces := force or ([] if depth else [1.0]), depth or [])
     size = None if element is None else MeshSize(contact=element)
     work = _work(
-        solve, FingerShape(tip_radius, diameter, length, bone_radius), _rubber(material, c30), friction, cache,
-        forces=forces, depths=depth or [], size=size,
+        solve, FingerShape(tip_radius, diameter, length, bone_radius), _rubber(material, c30, carry_on=carry_on),
+        friction, cache, forces=forces, depths=depth or [], size=size,
     )  # fmt: skip
-    output.solve_and_report("press", work, len(goals), out, json_file, vtk, c30)
+    output.solve_and_report("press", work, len(goals), out, json_file, vtk, c30 == 0.0 and not carry_on)
 
 
 def slide(
@@ -99,6 +104,7 @@ def slide(
     length: LengthOption = 25.0,
     bone_radius: BoneOption = 0.0,
     c30: CubicOption = 0.0,
+    carry_on: CarryOption = False,
     element: SizeOption = None,
     vtk: VtkOption = False,
     cache: CacheOption = True,
@@ -122,10 +128,10 @@ def slide(
     if element is not None:
         size = MeshSize(element, SLIDE_MESH.fine_extent, SLIDE_MESH.growth, max(SLIDE_MESH.coarsest, element))
     work = _work(
-        solve, FingerShape(tip_radius, diameter, length, bone_radius), _rubber(material, c30), friction, cache,
-        force=force, depth=depth, distances=distances, size=size, hold=kept,
+        solve, FingerShape(tip_radius, diameter, length, bone_radius), _rubber(material, c30, carry_on=carry_on),
+        friction, cache, force=force, depth=depth, distances=distances, size=size, hold=kept,
     )  # fmt: skip
-    output.solve_and_report("slide", work, 1 + len(distances), out, json_file, vtk, c30)
+    output.solve_and_report("slide", work, 1 + len(distances), out, json_file, vtk, c30 == 0.0 and not carry_on)
 
 
 def convergence(
@@ -233,15 +239,23 @@ def import_(
     console.print(f"written to {folder}")
 
 
-def _rubber(name: str, c30: float) -> Rubber:
-    from evanesce.contact.fem.material import rubber
+def _rubber(name: str, c30: float, *, carry_on: bool = False) -> Rubber:
+    from evanesce.contact.fem.material import carried_on, rubber
 
     chosen = rubber(name, c30=c30)
     if c30:
         messages.print(
             f"note: c30 = {c30:g} MPa is added for stability; results are not those of the thesis's material"
         )
-    return chosen
+    if not carry_on:
+        return chosen
+    carried = carried_on(chosen)
+    low, high = chosen.stable_stretches()
+    messages.print(
+        f"note: the fit is stable for stretches of {low:.3g} to {high:.3g}"
+        + (f"; stiffened from I1 - 3 = {carried.beyond_from:.3g} on" if carried != chosen else ": nothing to carry on")
+    )
+    return carried
 
 
 def _work(

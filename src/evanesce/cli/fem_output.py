@@ -23,7 +23,7 @@ def solve_and_report(
     out: Path | None,
     json_file: Path | None,
     vtk: bool,
-    c30: float,
+    published: bool,
 ) -> None:
     """Solve, and write the steps; where a limit ended the run its steps are written before the error is raised."""
     from evanesce.contact.fem.steps import LimitReached
@@ -47,13 +47,13 @@ def solve_and_report(
             run = error.run
             if not len(run):
                 raise
-    _write_run(kind, run, folder, json_file, vtk, c30, str(limit) if limit else "")
+    _write_run(kind, run, folder, json_file, vtk, published, str(limit) if limit else "")
     if limit is not None:
         raise limit
 
 
 def _write_run(
-    kind: str, run: SolvedRun, folder: Path, json_file: Path | None, vtk: bool, c30: float, limit: str
+    kind: str, run: SolvedRun, folder: Path, json_file: Path | None, vtk: bool, published: bool, limit: str
 ) -> None:
     from evanesce.contact.fem.result import save_run, write_vtk
     from evanesce.core import provenance
@@ -67,7 +67,7 @@ def _write_run(
     if vtk:
         write_vtk(folder / f"{kind}.vtu", run, -1)
     result = {
-        "kind": kind, "inputs": dict(run.inputs), "steps": rows, "limit": limit, "is_thesis_material": c30 == 0.0,
+        "kind": kind, "inputs": dict(run.inputs), "steps": rows, "limit": limit, "is_thesis_material": published,
         "provenance": dict(provenance.record(config=dict(run.inputs))),
     }  # fmt: skip
     write_json(folder / f"{kind}.json", result)

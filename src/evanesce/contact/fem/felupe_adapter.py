@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.contact.fem.material import Rubber, distortional_stress, distortional_tangent
+from evanesce.contact.fem.material import Rubber, distortional_stress, distortional_tangent, energy
 from evanesce.contact.fem.mesh import SolidMesh
 from evanesce.core.extras import require
 
@@ -66,7 +66,7 @@ class Body:
         field = fem.FieldAxisymmetric(grid, dim=2) if self._axisymmetric else fem.Field(grid, dim=3)
         self._field = fem.FieldContainer([field])
         law = _DistortionalLaw(material)
-        self._bulk = material.bulk_modulus
+        self._material, self._bulk = material, material.bulk_modulus
         self._solid = fem.SolidBodyNearlyIncompressible(law, self._field, bulk=self._bulk)
 
     def _set(self, displacement: Floats) -> None:
@@ -92,6 +92,26 @@ class Body:
             return True
         self._set(displacement)
         return bool(np.linalg.det(np.moveaxis(self._field.extract()[0], (0, 1), (-2, -1))).min() <= 0.0)
+
+    def energy(self, displacement: Floats) -> float:
+        """Return the energy [N mm] whose derivative :meth:`forces` are; infinite where an element is inverted.
+
+        Parameters
+        ----------
+        displacement : ndarray (n, d)
+            [mm].
+
+        Returns
+        -------
+        float
+        """
+        if self.inverted(displacement):
+            return float("inf")
+        gradient, volumes = self._field.extract()[0], self._field.region.dV
+        grown = np.linalg.det(np.moveaxis(gradient, (0, 1), (-2, -1))) * volumes
+        whole = volumes.sum(axis=0)
+        swelling = grown.sum(axis=0) / whole - 1.0
+        return float((energy(self._material, gradient) * volumes).sum() + 0.5 * self._bulk * (swelling**2 @ whole))
 
     def forces(self, displacement: Floats) -> Floats:
         """Return internal nodal forces [N], shape (n, d), at displacements [mm] of that shape.

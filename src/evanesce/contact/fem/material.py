@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,13 +12,17 @@ from evanesce.core.errors import InputError
 from evanesce.materials.tables import material as silicone
 from evanesce.materials.tables import material_names
 
+CARRIED_FROM = 0.75
+"""Share of I1 - 3 at the loss of stability from which :func:`carried_on` acts: a stiffness that is to hold there has to
+grow before."""
+
 
 @dataclass(frozen=True)
 class Rubber:
-    """Nearly incompressible Mooney-Rivlin rubber of three parameters, and a fourth that is off by default.
+    """Nearly incompressible Mooney-Rivlin rubber of three parameters, and two more terms that are off by default.
 
-    W = C10 (I1 - 3) + C01 (I2 - 3) + C11 (I1 - 3)(I2 - 3) + C30 (I1 - 3)^3 with the invariants of the distortional
-    deformation, and K/2 (J - 1)^2 of the volume.
+    W = C10 (I1 - 3) + C01 (I2 - 3) + C11 (I1 - 3)(I2 - 3) + C30 (I1 - 3)^3 + CX <I1 - 3 - X>^3 with the invariants of
+    the distortional deformation, <.> being zero below zero, and K/2 (J - 1)^2 of the volume.
 
     Attributes
     ----------
@@ -27,6 +31,10 @@ class Rubber:
     c30 : float
         [MPa]; 0 in every published fit used here: above 0 it stiffens large stretches and the result is no longer
         that of the thesis's material.
+    beyond : float
+        CX [MPa]: carries on where the published fit loses its stability (:func:`carried_on`).
+    beyond_from : float
+        X, the value of I1 - 3 from which it acts.
     bulk_ratio : float
         Bulk over shear modulus, K/G; 500 is a Poisson ratio of 0.499.
     stretch_limit : float
@@ -43,18 +51,21 @@ class Rubber:
     c01: float
     c11: float = 0.0
     c30: float = 0.0
+    beyond: float = 0.0
+    beyond_from: float = 0.0
     bulk_ratio: float = 500.0
     stretch_limit: float = 6.0
     name: str = "custom"
 
     def __post_init__(self) -> None:
-        for key in ("c10", "c01", "c11", "c30", "bulk_ratio", "stretch_limit"):
+        for key in ("c10", "c01", "c11", "c30", "beyond", "beyond_from", "bulk_ratio", "stretch_limit"):
             if not np.isfinite(getattr(self, key)):
                 raise InputError(f"{getattr(self, key)!r}", key=key, allowed="a finite number")
         if self.c10 + self.c01 <= 0:
             raise InputError(f"c10 + c01 = {self.c10 + self.c01:g} MPa", key="material", allowed="above 0")
-        if self.c30 < 0:
-            raise InputError(f"{self.c30:g} MPa", key="c30", allowed="0 or more")
+        for key in ("c30", "beyond", "beyond_from"):
+            if getattr(self, key) < 0:
+                raise InputError(f"{getattr(self, key):g}", key=key, allowed="0 or more")
         if not 5.0 <= self.bulk_ratio <= 1e5:
             raise InputError(f"{self.bulk_ratio:g}", key="bulk_ratio", allowed="5 to 100000")
         if self.stretch_limit <= 1.0:
@@ -133,7 +144,10 @@ class Rubber:
         -------
         dict
         """
-        return {key: value for key, value in asdict(self).items() if key != "name"}
+        known = asdict(self)
+        if self.beyond == 0.0:
+            del known["beyond"], known["beyond_from"]
+        return {key: value for key, value in known.items() if key != "name"}
 
 
 def rubber(name: str, **changes: float) -> Rubber:
@@ -161,6 +175,36 @@ def rubber(name: str, **changes: float) -> Rubber:
     return Rubber(c10=fit.C10_Pa * 1e-6, c01=fit.C01_Pa * 1e-6, c11=fit.C11_Pa * 1e-6, name=name, **changes)
 
 
+def carried_on(material: Rubber) -> Rubber:
+    """Return a material that is stable up to its stretch limit: stiffened where the published fit soon is not.
+
+    An assumption, as no fit says what the rubber does there: from three quarters of the least I1 - 3 at which the fit
+    is unstable a cubic term is added, the weakest of a series of doubled ones that leaves no unstable stretch. Below
+    that the material is the published one, and one that is stable everywhere is returned as it is.
+
+    Parameters
+    ----------
+    material : Rubber
+
+    Returns
+    -------
+    Rubber
+    """
+    most = np.log(material.stretch_limit)
+    first, second = np.meshgrid(*2 * [np.linspace(-most, most, 181)])
+    logs = np.stack([first, second, -first - second], axis=-1).reshape(-1, 3)
+    stretches = np.exp(logs[(np.abs(logs) <= most).all(axis=1)])
+    stable = material.is_stable(stretches)
+    if stable.all():
+        return material
+    start = CARRIED_FROM * float(((stretches**2).sum(axis=1) - 3.0)[~stable].min())
+    for doubled in range(40):
+        tried = replace(material, beyond=material.shear_modulus * 2.0 ** (doubled - 20), beyond_from=start)
+        if tried.is_stable(stretches).all():
+            return tried
+    raise InputError("no cubic term makes it stable", key="material", allowed="an energy that grows with stretch")
+
+
 def _invariants(gradient: NDArray[np.float64]) -> tuple[Any, ...]:
     """Return a = J^(-2/3), I1, I2, F^-T, and dI2/dF of deformation gradients (3, 3, ...)."""
     last = np.moveaxis(gradient, (0, 1), (-2, -1))
@@ -175,7 +219,8 @@ def _invariants(gradient: NDArray[np.float64]) -> tuple[Any, ...]:
 
 def _slopes(material: Rubber, j1: Any, j2: Any) -> tuple[Any, Any]:
     """Return dW/dI1 and dW/dI2 at the distortional invariants."""
-    w1 = material.c10 + material.c11 * (j2 - 3.0) + 3.0 * material.c30 * (j1 - 3.0) ** 2
+    far = np.maximum(j1 - 3.0 - material.beyond_from, 0.0)
+    w1 = material.c10 + material.c11 * (j2 - 3.0) + 3.0 * (material.c30 * (j1 - 3.0) ** 2 + material.beyond * far**2)
     return w1, material.c01 + material.c11 * (j1 - 3.0)
 
 
@@ -195,7 +240,9 @@ def energy(material: Rubber, gradient: NDArray[np.float64]) -> Any:
     """
     scale, i1, i2, *_ = _invariants(gradient)
     j1, j2 = scale * i1 - 3.0, scale**2 * i2 - 3.0
-    return material.c10 * j1 + material.c01 * j2 + material.c11 * j1 * j2 + material.c30 * j1**3
+    far = np.maximum(j1 - material.beyond_from, 0.0)
+    fitted = material.c10 * j1 + material.c01 * j2 + material.c11 * j1 * j2
+    return fitted + material.c30 * j1**3 + material.beyond * far**3
 
 
 def distortional_stress(material: Rubber, gradient: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -250,7 +297,9 @@ def distortional_tangent(material: Rubber, gradient: NDArray[np.float64]) -> NDA
     mixed = s1 * (-4.0 / 3.0) * gradient + s2 * (-4.0 / 3.0) * by_i2
     total = dyad(turned, mixed + (s1 * (4.0 / 9.0) * i1 + s2 * (16.0 / 9.0) * i2) * turned)
     total += dyad(mixed, turned)
-    total += dyad(first, material.c11 * second + 6.0 * material.c30 * (scale * i1 - 3.0) * first)
+    far = np.maximum(scale * i1 - 3.0 - material.beyond_from, 0.0)
+    rising = 6.0 * (material.c30 * (scale * i1 - 3.0) + material.beyond * far)
+    total += dyad(first, material.c11 * second + rising * first)
     total += material.c11 * dyad(second, first)
     total += np.einsum("il...,kj...->ijkl...", ((2 / 3) * s1 * i1 + (4 / 3) * s2 * i2) * turned, turned)
     total += dyad(4.0 * s2 * gradient, gradient)

@@ -35,6 +35,19 @@ class Solid(Protocol):
         bool
         """
 
+    def energy(self, displacement: Floats) -> float:
+        """Return the energy [N mm]; infinite where an element is inverted.
+
+        Parameters
+        ----------
+        displacement : ndarray (n, d)
+            [mm].
+
+        Returns
+        -------
+        float
+        """
+
     def forces(self, displacement: Floats) -> Floats:
         """Return internal forces [N].
 
@@ -253,13 +266,13 @@ def equilibrium(
             raise StepFailed
         share = 0.5 if iteration > 7 and error > 0.5 * previous else 1.0
         best, previous = min(best, error), error
-        matrix = model.solid.tangent() + _contact_matrix(model, contact, points.size)
-        step, raise_by = _newton_step(model, matrix, residual, contact, free, missing, force_control)
+        matrix = model.solid.tangent() + contact_matrix(model, contact, points.size)
+        step, raise_by = newton_step(model, matrix, residual, contact, free, missing, force_control)
         u, depth = _shortened(model, u, depth, share * step, share * raise_by)
     raise StepFailed
 
 
-def _contact_matrix(model: Model, contact: PlaneForces, size: int) -> Any:
+def contact_matrix(model: Model, contact: PlaneForces, size: int) -> Any:
     """Assemble the contact's stiffness blocks."""
     dim = model.mesh.dim
     unknown = model.mesh.candidates[:, None] * dim + np.arange(dim)
@@ -270,7 +283,7 @@ def _contact_matrix(model: Model, contact: PlaneForces, size: int) -> Any:
     return sparse.coo_matrix(entries, shape=(size, size)).tocsr()
 
 
-def _newton_step(
+def newton_step(
     model: Model,
     matrix: Any,
     residual: Floats,

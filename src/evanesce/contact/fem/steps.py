@@ -4,20 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.contact.fem.descent import descended
 from evanesce.contact.fem.newton import Equilibrium, Model, StepFailed, Target, equilibrium, extrapolated
 from evanesce.core.errors import InputError, WorkError
 
 Floats = NDArray[np.float64]
 
+
+class Solver(Protocol):
+    """Solves one step from the last accepted one, or raises StepFailed."""
+
+    def __call__(
+        self, model: Model, before: Equilibrium, target: Target, *, guess: Equilibrium | None = None
+    ) -> Equilibrium:
+        """Return the next state."""
+
+
 APPROACH = (
     0.93  # of the force wanted that is reached by depth; from there on the glass is free and the force prescribed
 )
 FORCE_RATIO = 1.35  # largest change of force in one force-controlled step
+DESCENT_AFTER = 2  # times that a step of a slide is halved before its equilibrium is sought by descent of energy too
 TAKEN_BACK = 3  # steps undone and repeated with half their size before a run that fails ends
 
 
@@ -232,22 +244,29 @@ def _one_step(
     history: History,
 ) -> Step:
     """Take the largest step towards a goal that converges."""
-    goal = goals[goal_index]
+    goal, failures = goals[goal_index], 0
     while True:
         target, ends, share = _proposal(goal, last, before, size)
         guesses = [extrapolated(before, last, share), None] if 0 < share <= 2.0 else [None]
-        for guess in guesses:
+        last_chance = failures >= DESCENT_AFTER or 0.5 * size < sizes.smallest
+        for guess, solve in _ways(guesses, goal.kind == "slide" and last_chance):
             try:
-                state = equilibrium(model, last, target, guess=guess)
+                state = solve(model, last, target, guess=guess)
             except StepFailed:
                 continue
             stretches = model.solid.stretches(state.displacement)
             low, high = float(stretches.min()), float(stretches.max())
             grown = min(size * sizes.growth, sizes.largest)
             return Step(state, low, high, goal_index, ends, grown)
-        size *= 0.5
+        size, failures = 0.5 * size, failures + 1
         if size < sizes.smallest:
             raise LimitReached(_why(model.solid.stretches(last.displacement), last, sizes, limits, history), history)
+
+
+def _ways(guesses: Sequence[Equilibrium | None], by_descent: bool) -> list[tuple[Equilibrium | None, Solver]]:
+    """Return first guesses with what solves from each."""
+    ways: list[tuple[Equilibrium | None, Solver]] = [(guess, equilibrium) for guess in guesses]
+    return [*ways, *((guess, descended) for guess in guesses[:1] if by_descent)]
 
 
 def _why(stretches: Floats, last: Equilibrium, sizes: StepSizes, limits: MaterialLimits, history: History) -> str:

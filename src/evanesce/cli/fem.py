@@ -85,11 +85,12 @@ def press(
     check_json_target(json_file)
     goals = press_goals(forces := force or ([] if depth else [1.0]), depth or [])
     size = None if element is None else MeshSize(contact=element)
+    chosen = _rubber(material, c30, carry_on=carry_on)
     work = _work(
-        solve, FingerShape(tip_radius, diameter, length, bone_radius), _rubber(material, c30, carry_on=carry_on),
+        solve, FingerShape(tip_radius, diameter, length, bone_radius), chosen,
         friction, cache, forces=forces, depths=depth or [], size=size,
     )  # fmt: skip
-    output.solve_and_report("press", work, len(goals), out, json_file, vtk, c30 == 0.0 and not carry_on)
+    output.solve_and_report("press", work, len(goals), out, json_file, vtk, _published(material, chosen))
 
 
 def slide(
@@ -127,11 +128,12 @@ def slide(
     size = SLIDE_MESH
     if element is not None:
         size = MeshSize(element, SLIDE_MESH.fine_extent, SLIDE_MESH.growth, max(SLIDE_MESH.coarsest, element))
+    chosen = _rubber(material, c30, carry_on=carry_on)
     work = _work(
-        solve, FingerShape(tip_radius, diameter, length, bone_radius), _rubber(material, c30, carry_on=carry_on),
+        solve, FingerShape(tip_radius, diameter, length, bone_radius), chosen,
         friction, cache, force=force, depth=depth, distances=distances, size=size, hold=kept,
     )  # fmt: skip
-    output.solve_and_report("slide", work, 1 + len(distances), out, json_file, vtk, c30 == 0.0 and not carry_on)
+    output.solve_and_report("slide", work, 1 + len(distances), out, json_file, vtk, _published(material, chosen))
 
 
 def convergence(
@@ -237,6 +239,12 @@ def import_(
     write_json(json_file, result)
     output.print_rows(f"{file.name}", [summary(found)])
     console.print(f"written to {folder}")
+
+
+def _published(name: str, chosen: Rubber) -> bool:
+    from evanesce.contact.fem.material import rubber
+
+    return chosen == rubber(name)
 
 
 def _rubber(name: str, c30: float, *, carry_on: bool = False) -> Rubber:

@@ -367,6 +367,18 @@ def test_derivatives_of_the_extended_fit_are_made_where_it_is():
     assert found.solution.slopes.made is not None
 
 
+@pytest.mark.parametrize("noise", [0.97, 1.03])
+def test_shares_of_the_misfit_are_of_what_noise_does_not_make(noise):
+    """A weak cause where noise is three per cent less or more than believed: more than the cause itself takes."""
+    true = {"a:x": 0.01}
+    fitter, causes = toy(true)
+    exact = fitter.model.data.whitened(fitter.model.cube(true))
+    fitter.observed = exact + noise * (fitter.observed - exact)
+    search, found, _ = searched(fitter, causes)
+    assert found.ids == ("a",)
+    assert search.share(loss_of(found, "a")) == pytest.approx(1.0, abs=0.1)
+
+
 def test_noise_alone_adds_nothing():
     _, found, posterior = searched(*toy({}))
     assert found.ids == ()

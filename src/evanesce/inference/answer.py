@@ -230,7 +230,7 @@ def answer(
     scene : str
     """
     noise = float(fitted.residual.size)
-    explained = 1.0 - max(fitted.misfit - noise, 0.0) / max(search.first - noise, 1.0)
+    explained = 1.0 - search.share(max(fitted.misfit - search.floor, 0.0))
     verdict = verdict_of(posterior, left.found)
     result = {
         "version": VERSION,

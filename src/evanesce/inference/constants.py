@@ -15,6 +15,8 @@
                                what orders of convergence between 1.5 and 4 make of it
 ``FAR``                3.0     standard deviations of its prior within which a nuisance has to stay
 ``DETECTED``           0.01    p-value, against noise, above which no further cause is sought
+``DETECTED_BESIDE``    0.0025  that of localised defects and of bands, which are sought beside smooth causes: all three
+                               together raise a false alarm in 1.5 % of data sets
 ``LEFT``               1e-4    p-value, against noise, below which what is left of all views together is told: what the
                                fine model's pixels leave came to 4e-4 on a rig whose causes were all found
 ``LEAST_SHARE``        3e-5    share of the misfit that was there, below which nothing is taken: half a per cent in
@@ -55,6 +57,7 @@ STEP_SHARE = 0.02
 EXTRAPOLATED = 0.5
 FAR = 3.0
 DETECTED = 0.01
+DETECTED_BESIDE = 0.0025
 LEFT = 1e-4
 LEAST_SHARE = 3e-5
 WORTH = 0.01

@@ -38,7 +38,7 @@ class Scan:
     ----------
     marks : tuple of Mark
     threshold : float
-        Size that the largest response to noise alone exceeds in DETECTED of all scans [standard deviations].
+        Size that the largest response to noise alone exceeds in DETECTED_BESIDE of all scans [standard deviations].
     largest : float
         In the data.
     listed : tuple of Listed

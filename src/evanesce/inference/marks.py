@@ -24,7 +24,7 @@ from evanesce.core.rng import generator
 from evanesce.core.threads import in_threads
 from evanesce.inference.atoms import Maps, Peak, Responses, atoms_of, smoothed
 from evanesce.inference.causes import Cause
-from evanesce.inference.constants import DETECTED
+from evanesce.inference.constants import DETECTED_BESIDE
 from evanesce.inference.data import SATURATED_DN
 from evanesce.inference.explained import WIDER_PX, Explained, Scan, flattened
 from evanesce.inference.listing import behaviour_of, listed, point_spread
@@ -108,7 +108,7 @@ class MarkSearch:
             scans.append(responses)
         # Gumbel's law by its mean and standard deviation.
         scale = float(np.std(nulls, ddof=1)) * np.sqrt(6.0) / np.pi
-        threshold = float(np.mean(nulls)) - np.euler_gamma * scale - scale * np.log(-np.log1p(-DETECTED))
+        threshold = float(np.mean(nulls)) - np.euler_gamma * scale - scale * np.log(-np.log1p(-DETECTED_BESIDE))
         if self.model.data.correlation is not None:
             # What a codec makes of a place stays there in all frames, and is as often dark as bright.
             threshold = max(threshold, beyond([place for r in scans for place in r.wrong_side(2 * TAIL)]))
@@ -178,7 +178,7 @@ class MarkSearch:
 
 
 def beyond(places: Sequence[tuple[float, float, float]]) -> float:
-    """Return the size that the largest of all places exceeds in DETECTED of all scans; 0 for too few places.
+    """Return the size that the largest of all places exceeds in DETECTED_BESIDE of all scans; 0 for too few places.
 
     The sizes of the largest places fall off exponentially, at the mean rate by which they exceed the least of them
     (peaks over threshold: Coles, An Introduction to Statistical Modeling of Extreme Values, 2001, ch. 4).
@@ -195,7 +195,7 @@ def beyond(places: Sequence[tuple[float, float, float]]) -> float:
             if len(apart) > TAIL:
                 least = place[0]
                 rate = float(np.mean([other[0] for other in apart[:TAIL]])) - least
-                return least + rate * float(np.log(TAIL / DETECTED))
+                return least + rate * float(np.log(TAIL / DETECTED_BESIDE))
     return 0.0
 
 

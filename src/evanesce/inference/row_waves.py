@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.inference.causes import Cause
-from evanesce.inference.constants import DETECTED
+from evanesce.inference.constants import DETECTED_BESIDE
 from evanesce.inference.form_noise import widening
 from evanesce.inference.listing import Listed, enlarged, placed
 from evanesce.inference.model import AnchoredModel
@@ -192,13 +192,13 @@ def brightest_ripple(
         return 0.5 * square - float(np.log(number) + 0.5 * np.log1p(square))
 
     at, whole, size, square = best_of(product, drawn)
-    if number * np.exp(-0.5 * square) > DETECTED:
+    if number * np.exp(-0.5 * square) > DETECTED_BESIDE:
         return None
     if drawn is not None:
         # A codec hands errors on from frame to frame, and only whole draws show how they add up.
         noise = [best_of(one, np.delete(drawn, k, axis=0))[3] for k, one in enumerate(drawn)]
         square /= widening(lambda times: [worth(one / times) for one in noise])
-        if number * np.exp(-0.5 * square) > DETECTED:
+        if number * np.exp(-0.5 * square) > DETECTED_BESIDE:
             return None
     # The sums hold exp(-i phase) of a crest: cos(2 pi f t + phase) has the sum's own angle.
     return Ripple(at, float(np.degrees(np.angle(whole))), 2.0 * abs(whole) / size, worth(square))

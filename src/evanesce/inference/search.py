@@ -86,6 +86,8 @@ class Search(Trials):
     scan: Scan = field(default_factory=Scan)
     """Defects that were found."""
     first: float = 0.0
+    floor: float = 0.0
+    """Misfit that noise makes."""
     unknown: dict[str, float] = field(default_factory=dict)
     """Blocks of something unknown that have been taken, with their amplitudes."""
     not_unknown: set[str] = field(default_factory=set)
@@ -106,7 +108,7 @@ class Search(Trials):
         base : JointFit
             Of the nominal model, the model anchored about it.
         """
-        self.first = base.misfit
+        self.first, self.floor = base.misfit, float(self.fitter.observed.size)
         now = self._grown(base)
         marked = self._with_defects(now)
         now = now if marked is now else self._grown(marked)
@@ -115,7 +117,9 @@ class Search(Trials):
             posterior = posterior.fitted_in_vain(self.in_vain)
             moved = self._dropped(now, posterior) or self._exchanged(now, posterior)
             if len(self.steps) >= MOVES or (moved is None and len(self._behind) == compared):
-                return now.known_alone(), posterior
+                best = now.known_alone()
+                self.floor = self._floor(best, posterior)
+                return best, posterior
             now = now if moved is None else self._grown(moved)
 
     def posterior(self, now: JointFit) -> Posterior:
@@ -129,7 +133,14 @@ class Search(Trials):
 
     def share(self, misfit: float) -> float:
         """Return a misfit over what there was to explain."""
-        return misfit / max(self.first - float(self.fitter.observed.size), 1.0)
+        return misfit / max(self.first - self.floor, 1.0)
+
+    def _floor(self, best: JointFit, posterior: Posterior) -> float:
+        """Return the misfit that noise makes: the last one where nothing more shows, as noise is known to a per cent.
+
+        A per cent of all bins is more than what a weak cause takes.
+        """
+        return best.misfit if not (posterior.asks or self.unknown) else min(self.floor, best.misfit)
 
     def _grown(self, now: JointFit) -> JointFit:
         """Return the fit to which no cause is worth being added, its derivatives made anew.

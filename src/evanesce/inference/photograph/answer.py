@@ -50,7 +50,7 @@ def answer(found: PhotoCriticism) -> dict[str, Any]:
     """
     best, search, one = found.best, found.search, found.bench.photograph
     noise = float(best.residual.size)
-    explained = 1.0 - max(best.misfit - noise, 0.0) / max(search.first - noise, 1.0)
+    explained = 1.0 - search.share(max(best.misfit - search.floor, 0.0))
     verdict = verdict_of(found.posterior, found.left.found)
     causes = [*_smooth(found), *_points(found)]
     gain = held_out(found)

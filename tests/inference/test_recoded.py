@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from evanesce.core import threads
 from evanesce.prediction.codec_search import codec_of
 from evanesce.prediction.observe import pixel_scatter
 from evanesce.prediction.recoded import Codec, Recoded, Shooting, recoded
@@ -115,6 +116,24 @@ def test_what_outlives_a_codec_and_what_it_rounds(shooting: Shooting, level: np.
     assert coarse.passed[0] < 0.6
     assert fine.rounding[0] < 0.1 * coarse.rounding[0] + 0.02
     assert coarse.rounding[0] < 255.0 / 219.0 / np.sqrt(12.0)
+
+
+def test_draws_are_the_same_by_one_thread_or_two(
+    shooting: Shooting, level: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rationale: sums of single precision in the order in which draws end would differ from run to run."""
+    views = [View(kind="press", force_N=force, frames=2) for force in (1.0, 2.0)]
+    monkeypatch.setattr("evanesce.prediction.recoded.MOST_KEPT", 0.0)  # pictures are made anew, one at a time
+    found = []
+    for count in (1, 2):
+        monkeypatch.setattr(threads, "THREADS", count)
+        found.append(
+            recoded(shooting, lambda k: (level, 0.5 * level)[k], views, Codec("jpeg", 60), np.random.default_rng(6))
+        )
+    for name in ("bias", "fields", "passed"):
+        np.testing.assert_array_equal(getattr(found[0], name), getattr(found[1], name))
+    scatter = [one.pixels[1] for one in found if one.pixels is not None]
+    np.testing.assert_array_equal(*scatter)
 
 
 def test_noise_raises_what_is_cut_off_at_black(shooting: Shooting) -> None:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+Result = TypeVar("Result")
 
 THREADS = 2
 """Set it before the first use."""
@@ -33,3 +36,18 @@ def in_threads(work: Callable[[range], None], rows: int, block: int) -> None:
             work(some)
         return
     list(_pool().map(work, blocks))
+
+
+def one_by_one(work: Callable[[int], Result], count: int) -> Iterator[Result]:
+    """Yield what ``work`` returns for 0, 1, ... in that order, a few of them worked on at once.
+
+    Parameters
+    ----------
+    work : callable
+        Of a number; shares nothing with the others that it changes.
+    count : int
+    """
+    if THREADS == 1:
+        yield from map(work, range(count))
+    else:
+        yield from _pool().map(work, range(count))

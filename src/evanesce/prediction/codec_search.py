@@ -5,7 +5,8 @@ Compared are the scatter of pixels and bins, its likeness from frame to frame, a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from evanesce.core.threads import one_by_one
 from evanesce.prediction.observe import pixel_scatter
 from evanesce.prediction.recoded import Codec, Kind, Shooting
 from evanesce.prediction.views import BIN_PX
@@ -81,9 +83,7 @@ def codec_of(
     seed = int(rng.integers(2**32))
     tried: dict[tuple[Codec, float], float] = {}
 
-    def attempt(codec: Codec, scale: float) -> None:
-        if (codec, scale) in tried:
-            return
+    def unlike(codec: Codec, scale: float) -> float:
         taking, noise = replace(shooting, scale=scale), np.random.default_rng(seed)
 
         def film() -> Iterator[Array]:
@@ -95,23 +95,25 @@ def codec_of(
 
         back = list(codec.through(film()))[-len(held) :]
         found, sd = _traits(np.array([shooting.binned(b) for b in back]), pixel_scatter(back, shooting.factor))
-        unlike = float(np.nansum(((seen - found) / np.hypot(sd, seen_sd)) ** 2))
-        tried[codec, scale] = unlike + (np.log(scale / shooting.scale) / SCALE_UNKNOWN) ** 2
+        off = float(np.nansum(((seen - found) / np.hypot(sd, seen_sd)) ** 2))
+        return off + float(np.log(scale / shooting.scale) / SCALE_UNKNOWN) ** 2
 
-    for kind, qualities in QUALITIES.items():
-        for quality in qualities:
-            one = Codec(kind, quality, FILMED if kind == "h264" else 1)
-            for factor in NOISE_FACTORS if kind == "h264" or known else (1.0,):
-                attempt(known or one, shooting.scale * factor)
+    def attempt(pairs: Iterable[tuple[Codec, float]]) -> None:
+        new = [pair for pair in dict.fromkeys(pairs) if pair not in tried]
+        tried.update(zip(new, one_by_one(lambda k: unlike(*new[k]), len(new)), strict=True))
+
+    first = [Codec(kind, q, FILMED if kind == "h264" else 1) for kind, own in QUALITIES.items() for q in own]
+    every = NOISE_FACTORS if known else (1.0,)
+    pairs = [(known or c, f) for c in first for f in (NOISE_FACTORS if c.kind == "h264" else every)]
+    attempt((codec, shooting.scale * factor) for codec, factor in pairs)
     for steps, times in REFINED:
         # How much noise came in and how much was kept back take each other's place.
         best, scale = min(tried, key=lambda t: tried[t])
-        for step in (0,) if known else (-steps, 0, steps):
-            for factor in (1.0 / times, 1.0, times):
-                attempt(best.worse(step), scale * factor)
+        around = itertools.product((0,) if known else (-steps, 0, steps), (1.0 / times, 1.0, times))
+        attempt((best.worse(step), scale * factor) for step, factor in around)
     best, scale = min(tried, key=lambda t: tried[t])
     if best.kind == "h264":
-        attempt(replace(best, filmed=1), scale)
+        attempt([(replace(best, filmed=1), scale)])
     return min(tried, key=lambda t: tried[t])
 
 

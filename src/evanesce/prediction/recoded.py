@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from threading import Lock
 from typing import Any, Literal
 
 import av
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 from scipy import fft, ndimage
 
 from evanesce.core.states import Frame
+from evanesce.core.threads import one_by_one
 from evanesce.prediction import priors
 from evanesce.prediction.correlation import Correlation
 from evanesce.prediction.tone import expected_tone, signal_sd
@@ -276,18 +278,31 @@ def recoded(
     """
     size = float(np.prod(shooting.camera.resolution_px)) * codec.filmed * sum(v.frames for v in views)
     draws = min(int(np.clip(MOST_PIXELS / size, LEAST_DRAWS, DRAWS)), most)
+    kept: list[Array] | None = None
     if np.prod(shooting.camera.resolution_px) * len(views) < MOST_KEPT:
         kept = [pictures(k).astype(np.float32) for k in range(len(views))]
-        pictures = kept.__getitem__
+    making = Lock()
+
+    def picture_of(k: int) -> Array:
+        if kept is not None:
+            return kept[k]
+        with making:
+            return pictures(k)
+
+    draws_of = rng.spawn(draws)
+
+    def drawn(number: int) -> tuple[Array, Array, Array]:
+        own = draws_of[number]
+        off = round(float(own.standard_normal()) * QUALITY_OFF[codec.kind])
+        return _one_draw(shooting.another(own), picture_of, views, codec.worse(off), own)
+
     noise, change = [], []
     total: Any = 0.0
     square: Any = 0.0
-    for _ in range(draws):
-        off = round(float(rng.standard_normal()) * QUALITY_OFF[codec.kind])
-        drawn = _one_draw(shooting.another(rng), pictures, views, codec.worse(off), rng)
-        noise.append(drawn[0])
-        change.append(drawn[1])
-        total, square = total + drawn[2], square + drawn[2] ** 2
+    for bins, changed, pixels in one_by_one(drawn, draws):
+        noise.append(bins)
+        change.append(changed)
+        total, square = total + pixels, square + pixels**2
     before, after = np.array(noise, np.float32), np.array(change, np.float32)
     mean = after.mean(axis=0, dtype=float)
     fields = after - mean.astype(np.float32)

@@ -1,55 +1,69 @@
-"""Slides at mu 1.13: how far each goes, and what ends it (docs/validation/contact-fem.md); numbers pick some."""
+"""Slides at high friction: how far each goes, and what ends it (docs/validation/contact-fem.md); numbers pick some."""
 
 from __future__ import annotations
 
 import sys
+import time
 
-from evanesce.contact.fem.material import rubber
+from evanesce.contact.fem.material import carried_on, rubber
 from evanesce.contact.fem.mesh import FingerShape, MeshSize
 from evanesce.contact.fem.programme import SLIDE_STEPS, slide
+from evanesce.contact.fem.result import SolvedRun
 from evanesce.contact.fem.runs import cache_folder
-from evanesce.contact.fem.steps import LimitReached, StepSizes
+from evanesce.contact.fem.steps import LimitReached
 
 COARSE = MeshSize(1.1, growth=1.5, coarsest=4.0)
 USUAL = MeshSize(0.8, growth=1.4, coarsest=4.0)
-SMALL = StepSizes(0.25, 0.05, 1e-4)
-PRESS_SMALL = StepSizes(0.3, 0.02, 2e-4)
+FINE = MeshSize(0.5, growth=1.3, coarsest=3.0)
+BONE_MM = 3.75
 
-# name, hold, mesh, bone radius [mm], c30 [MPa], distance [mm], steps, penalty [MPa/mm]
+# material, friction, hold, mesh, bone radius [mm], carried on, distance [mm]
 CASES = (
-    ("depth held", "depth", COARSE, 0.0, 0.0, 16.0, SLIDE_STEPS, None),
-    ("depth held", "depth", USUAL, 0.0, 0.0, 10.0, SLIDE_STEPS, None),
-    ("depth held, c30", "depth", USUAL, 0.0, 0.005, 10.0, SLIDE_STEPS, None),
-    ("1 N held", "force", COARSE, 0.0, 0.0, 16.0, SLIDE_STEPS, None),
-    ("1 N held, small steps", "force", COARSE, 0.0, 0.0, 16.0, SMALL, None),
-    ("1 N held, penalty a quarter", "force", COARSE, 0.0, 0.0, 16.0, SLIDE_STEPS, 26.0),
-    ("1 N held, c30", "force", COARSE, 0.0, 0.002, 16.0, SLIDE_STEPS, None),
-    ("depth held, bone", "depth", COARSE, 3.75, 0.0, 10.0, SLIDE_STEPS, None),
-    ("depth held, bone, small steps", "depth", USUAL, 3.75, 0.0, 10.0, PRESS_SMALL, None),
-    ("depth held, bone, small steps, c30", "depth", USUAL, 3.75, 0.005, 10.0, PRESS_SMALL, None),
+    ("silskin_0", 1.13, "depth", COARSE, 0.0, False, 16.0),
+    ("silskin_0", 1.13, "depth", USUAL, 0.0, False, 10.0),
+    ("silskin_0", 1.13, "force", COARSE, 0.0, False, 16.0),
+    ("silskin_0", 1.13, "depth", COARSE, BONE_MM, False, 10.0),
+    ("silskin_0", 1.13, "depth", COARSE, BONE_MM, True, 20.0),
+    ("silskin_0", 1.13, "force", COARSE, BONE_MM, True, 20.0),
+    ("silskin_0", 1.13, "depth", FINE, BONE_MM, True, 20.0),
+    ("silskin_0", 1.13, "force", FINE, BONE_MM, True, 20.0),
+    ("silskin_20", 1.75, "depth", FINE, BONE_MM, True, 20.0),
+    ("silskin_20", 1.75, "force", FINE, BONE_MM, True, 20.0),
 )
 
 
 def main() -> None:
     """Solve and print the cases whose numbers, from 1, are given; all without any."""
     wanted = [int(text) for text in sys.argv[1:]] or range(1, len(CASES) + 1)
-    for name, hold, size, bone, c30, distance, sizes, penalty in (CASES[number - 1] for number in wanted):
-        ended = ""
+    for material, friction, hold, size, bone, carry, distance in (CASES[number - 1] for number in wanted):
+        ended, began = "", time.monotonic()
+        published = rubber(material)
+
+        def told(run: SolvedRun, goal: int, began: float = began, distance: float = distance) -> None:
+            there = run.history.steps[-1].state.slide
+            left = (time.monotonic() - began) * (distance / max(there, 1e-9) - 1.0)
+            print(f"\r{there:.3f} mm of {distance:g}; {left:.0f} s left", end="", file=sys.stderr, flush=True)
+
         try:
             run = slide(
-                FingerShape(bone_radius=bone), rubber("silskin_0", c30=c30), force=1.0, distances=(distance,),
-                friction=1.13, hold=hold, size=size, sizes=sizes, penalty=penalty, cache=cache_folder(),
+                FingerShape(bone_radius=bone), carried_on(published) if carry else published, force=1.0,
+                distances=(distance,), friction=friction, hold=hold, size=size, sizes=SLIDE_STEPS,
+                cache=cache_folder(), on_step=told,
             )  # fmt: skip
         except LimitReached as error:
             run, ended = error.run, str(error)
-        rows = [run.row(index) for index in range(len(run))]
-        slips = next((row["slide_mm"] for row in rows if row["slide_mm"] > 0 and row["stick_force_share"] == 0), None)
-        last = rows[-1]
+        rows = [row for row in (run.row(index) for index in range(len(run))) if row["slide_mm"] > 0]
+        pressed, last = run.row(run.reached()[0]), rows[-1]
+        slips = next((row["slide_mm"] for row in rows if row["stick_force_share"] == 0), None)
+        late = [row for row in rows if row["slide_mm"] > 0.5 * last["slide_mm"]]
+        means = {key: sum(row[key] for row in late) / len(late) for key in ("normal_force_N", "tangential_force_N")}
         print(
-            f"{name}, {size.contact:g} mm ({len(run.mesh.cells)} bricks): {last['slide_mm']:.2f} mm,"
-            f" {last['normal_force_N']:.3f} N, {last['tangential_force_N']:.3f} N,"
-            f" stretches {last['stretch_min']:.2f} to {last['stretch_max']:.2f},"
-            f" gross slip from {slips} mm; {ended or 'complete'}",
+            f"\r{material}, mu {friction}, {hold} held, {size.contact:g} mm ({len(run.mesh.cells)} bricks),"
+            f" bone {bone:g} mm{', carried on' if carry else ''}: {last['slide_mm']:.2f} mm,"
+            f" mean of the second half {means['normal_force_N']:.3f} N normal,"
+            f" {means['tangential_force_N']:.3f} N tangential; area {pressed['area_mm2']:.1f} to"
+            f" {last['area_mm2']:.1f} mm^2; stretches {last['stretch_min']:.2f} to {last['stretch_max']:.2f};"
+            f" nothing sticks from {slips} mm; {time.monotonic() - began:.0f} s; {ended or 'complete'}",
             flush=True,
         )
 

@@ -154,10 +154,24 @@ class Trials:
         Both by the present fit's discrepancy: a cause's form is off by per cents, which is more than what decides
         between two strong causes that look alike.
         """
+        metric = self._metric(now)
+        return self._evidence(better, other, metric) - self._evidence(now, name, metric)
+
+    def _likeliest_first(self, now: JointFit, tried: Sequence[JointFit]) -> list[JointFit]:
+        """Return fits with one cause more, the most probable first.
+
+        By the present fit's discrepancy: what is off in strong causes is taken up best by the cause of most parameters.
+        """
+        if len(tried) < 2:
+            return list(tried)
+        metric = self._metric(now)
+        return sorted(tried, key=lambda t: -self._evidence(t, t.taken[-1].id, metric))
+
+    def _metric(self, now: JointFit) -> Metric:
+        """Return the metric of a fit with its discrepancy marginalised."""
         if self._weighed is None or self._weighed[0] is not now:
             self._weighed = now, now.metric.with_rows(self.judge.discrepancy.every_row(now))
-        metric = self._weighed[1]
-        return self._evidence(better, other, metric) - self._evidence(now, name, metric)
+        return self._weighed[1]
 
     def _evidence(self, fitted: JointFit, name: str, metric: Metric) -> float:
         """Return the log evidence of a fit in a metric, how strong one of its causes may be left open [nats].

@@ -220,6 +220,16 @@ class Fitter:
             tuple(taken), parameters, point_of(solution.values), solution, metric, residual, len(self.fields)
         )
 
+    def predicted(self, point: Mapping[str, float], taken: Sequence[Taken]) -> Array:
+        """Return the whitened prediction (bins,) with some causes; those whose evaluation takes seconds act linearly.
+
+        Raises
+        ------
+        InputError
+            If the rig cannot have these values.
+        """
+        return self._predicted(point, _slow(taken))
+
     def _predicted(self, point: Mapping[str, float], slow: Mapping[str, Array]) -> Array:
         """Return the whitened prediction (bins,); parameters whose evaluation takes seconds act linearly."""
         at = {name: self._evaluated_at.get(name, 0.0) for name in slow}

@@ -151,10 +151,20 @@ class Search(Trials):
         """
         while True:
             now = self._grown_roughly(now)
-            if now.solution.slopes.made is not None or frozenset(now.ids) == self._renewed:
+            renewed = self._renewed_or_same(now)
+            if renewed is now:
                 return now
-            self._renewed = frozenset(now.ids)
-            now = self.fitter.relinearised(now.taken, now.point)
+            now = renewed
+
+    def _renewed_or_same(self, now: JointFit) -> JointFit:
+        """Return the fit by derivatives made where it is, once for the same causes.
+
+        What steps have corrected predicts further steps, but mixes up causes that moved together.
+        """
+        if now.solution.slopes.made is not None or frozenset(now.ids) == self._renewed:
+            return now
+        self._renewed = frozenset(now.ids)
+        return self.fitter.relinearised(now.taken, now.point)
 
     def _grown_roughly(self, now: JointFit) -> JointFit:
         """Return the fit to which no cause is worth being added."""
@@ -173,9 +183,13 @@ class Search(Trials):
                 self.tell(f"{self._words(better)}; about {self._rounds_left(better, now) * took:.0f} s left")
                 began, now = time.monotonic(), better
             elif place.log_bayes.get(UNKNOWN, 0.0) > 0.0 and asked.unknown:
-                marked = self._with_defects(now)
-                if marked is not now:  # what defects leave was part of what looked like something unknown
-                    now = marked
+                explained = self._with_defects(now)
+                if explained is now and not self.unknown:
+                    explained = self._renewed_or_same(now)
+                if explained is now and not self.unknown:
+                    explained = self._exchanged(now, self.posterior(now)) or now
+                if explained is not now:  # the library first: what another cause leaves looks like something unknown
+                    now = explained
                     continue
                 found = self._with_unknown(now.taken, now.point, {**self.unknown, **asked.unknown}, now.solution.slopes)
                 self._note("add", UNKNOWN, found, now, told_fields(asked.unknown))
@@ -373,8 +387,9 @@ class Search(Trials):
             near = [n for n in near if n not in (name, UNKNOWN) and (name, n) not in self._behind]
             if not near:
                 continue
-            without = self._refitted(now, name, fine=False)
-            if without is None:
+            try:
+                without = self._lacking(now, name)
+            except InputError:
                 continue
             for other in near[:TRIED]:
                 better, ahead = self._in_place(now, without, name, other)

@@ -7,7 +7,7 @@ again about the fine model (:mod:`evanesce.inference.search`).
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -122,6 +122,28 @@ class Trials:
             )
         except InputError:
             return None
+
+    def _lacking(self, now: JointFit, name: str) -> JointFit:
+        """Return the fit without a cause, all else as it is: its misfit that with all else marginalised.
+
+        Raises
+        ------
+        InputError
+            If the rig cannot lack it.
+        """
+        taken = tuple(t for t in now.taken if t.id != name)
+        kept = np.delete(np.arange(len(now.parameters)), now.of_cause(name))
+        point, old = now.without(name), now.solution
+        predicted = self.fitter.predicted(point, taken)
+        solution = replace(
+            old, values=old.values[kept], predicted=predicted, slopes=Slopes(old.rows[kept]),
+            precision=old.precision[np.ix_(kept, kept)], held=old.held[kept],
+        )  # fmt: skip
+        parameters = tuple(now.parameters[k] for k in kept)
+        residual = self.fitter.observed - predicted
+        lacking = replace(now, taken=taken, parameters=parameters, point=point, solution=solution, residual=residual)
+        metric, believed = everything_marginalised(lacking)
+        return replace(lacking, solution=replace(solution, misfit=float(metric.project(believed) @ believed)))
 
     def _in_place(self, now: JointFit, without: JointFit, name: str, other: str) -> tuple[JointFit | None, float]:
         """Return the fit with another cause in a place, and by how many nats it is more probable than the present one.

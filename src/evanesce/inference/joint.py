@@ -203,7 +203,7 @@ class Fitter:
             return {**start, **{p.name: float(v) for p, v in zip(parameters, values, strict=True)}}
 
         def predict(values: Array) -> Array:
-            return self._predicted(point_of(values), slow)
+            return self.predicted(point_of(values), taken)
 
         def jacobian(values: Array, predicted: Array) -> Array:
             point = point_of(values) | {name: self._evaluated_at.get(name, 0.0) for name in slow}
@@ -228,10 +228,7 @@ class Fitter:
         InputError
             If the rig cannot have these values.
         """
-        return self._predicted(point, _slow(taken))
-
-    def _predicted(self, point: Mapping[str, float], slow: Mapping[str, Array]) -> Array:
-        """Return the whitened prediction (bins,); parameters whose evaluation takes seconds act linearly."""
+        slow = _slow(taken)
         at = {name: self._evaluated_at.get(name, 0.0) for name in slow}
         extra = sum(((point[name] - at[name]) * row for name, row in slow.items()), np.zeros_like(self.observed))
         return np.asarray(self.model.vector({**point, **at}) + extra)
@@ -290,7 +287,7 @@ class Fitter:
             found = self.fitted(taken, point, metric=metric, slopes=slopes, rounds=rounds, renewals=renewals)
             slopes = found.solution.slopes
             self.model.unexplained = float(np.sqrt(max(found.misfit - self.observed.size, 0.0)))
-            before = self.observed - self._predicted(point, slow)
+            before = self.observed - self.predicted(point, taken)
             first = float(metric.project(before) @ before)
             point = dict(found.point)
             if first - found.misfit < max(STAYED * (found.misfit - self.observed.size), 1.0):

@@ -35,6 +35,7 @@ from challenge.strength import (
     means,
     ruler,
     strength_of,
+    variances,
     within_bins,
 )
 from evanesce.bundle import read_bundle
@@ -320,7 +321,7 @@ def test_truth_of_a_rig_holds_many_causes_at_their_strengths(rig) -> None:
     np.testing.assert_allclose(truth["strengths_made"], spec.strengths, rtol=0.06)
     assert truth["parameters"][0] == ("height_mm", truth["amplitudes"][0])
     assert truth["parameters"][1] is None
-    assert truth["unexplainable_DN2"] > prepare(case(group="null")).truth["unexplainable_DN2"]
+    assert truth["unknown_DN2"] > 0.0 == prepare(case(group="null")).truth["unknown_DN2"]
 
 
 def test_nuisances_hide_what_they_can_absorb(rig) -> None:
@@ -431,6 +432,16 @@ def test_a_case_is_a_bundle_that_tells_nothing(tmp_path: Path) -> None:
             assert not [w for w in words if w in file.read_text(encoding="utf-8")]
     assert bundle.scene.effects == {}
     assert truth["causes"] == list(spec.causes)
+
+
+def test_what_nothing_explains_of_a_rig_is_the_noise_of_its_own_frames(tmp_path: Path) -> None:
+    """With nothing hidden it is what the camera's table says; a brighter darkness is noisier."""
+    _, truth = write_case(case(group="null"), tmp_path / "null")
+    spare = [k for k, view in enumerate(rig_of("tiny", 0).views) if view.spare]
+    assert truth["unexplainable_DN2"] == pytest.approx(variances("tiny", 0)[spare].mean(), rel=0.1)
+    lit = case(group="single", causes=("ambient_light",), strengths=(300.0,))
+    _, brighter = write_case(lit, tmp_path / "lit")
+    assert brighter["unexplainable_DN2"] > 1.02 * truth["unexplainable_DN2"]
 
 
 def test_stripping_takes_the_picture_away(tmp_path: Path) -> None:

@@ -187,6 +187,23 @@ def test_weights_do_not_follow_the_noise_that_they_weigh(tiny):
     assert abs(related) < 4.0 / np.sqrt(seen.sum())
 
 
+def test_noise_of_single_frames_goes_by_the_level_that_many_share(tiny):
+    """Darkness half a DN above what was predicted is a tenth noisier; no bin's surroundings show it in one frame."""
+    observation = observe(read_bundle(tiny))
+    touching = np.array([view.touches for view in observation.views])[:, None, None]
+    still = np.where(touching, 2.0, observation.cube)
+    drawn = np.random.default_rng(4).normal(0.0, 0.8, still.shape) * touching
+    images = np.kron(still + drawn, np.ones((BIN_PX, BIN_PX))).astype(np.float32)
+    seen = np.broadcast_to(touching, still.shape)
+    told = data_vector(replace(observation, images=images), np.where(touching, 1.5, still)).sd[seen]
+    right = data_vector(replace(observation, images=images), still).sd[seen]
+    wrong = data_vector(
+        replace(observation, images=images - 0.5 * seen.repeat(BIN_PX, 1).repeat(BIN_PX, 2)), still - 0.5 * seen
+    ).sd[seen]
+    assert np.median(right) > 1.03 * np.median(wrong)
+    assert abs(np.median(told) / np.median(right) - 1.0) < 0.01
+
+
 def test_next_shot_is_one_that_tells_rivals_apart(tiny):
     """Droop and a shifted bin differ by voltage: a further voltage is worth most, a board in room light nothing."""
     observation = observe(read_bundle(tiny))

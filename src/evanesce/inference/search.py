@@ -256,7 +256,7 @@ class Search(Trials):
         return self.fitter.relinearised(taken, point, Slopes(slopes.rows), renewals=0)
 
     def _added(self, now: JointFit, asked: Further) -> JointFit | None:
-        """Return the fit with the likeliest cause among those of most evidence; None if none is worth it.
+        """Return the fit with the cause that leaves least, of those of most evidence; None if none is worth it.
 
         What was fitted in vain is fitted again where its evidence has grown since.
         """
@@ -286,7 +286,7 @@ class Search(Trials):
         tried = [t for t in (self._tried(now, e, metric, believed) for e in near[: self.fitted]) if t is not None]
         unknown = place.log_bayes.get(UNKNOWN, 0.0)
         unknown = unknown if unknown > asked.library else 0.0
-        for fitted in self._likeliest_first(now, tried):
+        for fitted in sorted(tried, key=lambda t: t.misfit):
             cause = fitted.taken[-1].id
             brought = 0.5 * (now.misfit - fitted.misfit)
             idle = self._idle(now, fitted)

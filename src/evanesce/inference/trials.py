@@ -179,16 +179,6 @@ class Trials:
         metric = self._metric(now)
         return self._evidence(better, other, metric) - self._evidence(now, name, metric)
 
-    def _likeliest_first(self, now: JointFit, tried: Sequence[JointFit]) -> list[JointFit]:
-        """Return fits with one cause more, the most probable first.
-
-        By the present fit's discrepancy: what is off in strong causes is taken up best by the cause of most parameters.
-        """
-        if len(tried) < 2:
-            return list(tried)
-        metric = self._metric(now)
-        return sorted(tried, key=lambda t: -self._evidence(t, t.taken[-1].id, metric))
-
     def _metric(self, now: JointFit) -> Metric:
         """Return the metric of a fit with its discrepancy marginalised."""
         if self._weighed is None or self._weighed[0] is not now:

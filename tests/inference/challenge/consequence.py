@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from evanesce.bundle.area import contact_area
 
+from .camera import binned
 from .chain import Causes, Nuisances, development, expose
 from .hidden import Rig
 from .strength import Ruler, means
@@ -40,12 +42,27 @@ def consequences(rig: Rig, causes: Causes, nuisances: Nuisances) -> list[dict[st
     return found
 
 
-def unexplainable(rig: Rig, measure: Ruler, causes: Causes, unknown: Causes, variance: np.ndarray) -> float:
-    """Return the mean square of what no cause of a library takes from the frames held back [DN^2 of a bin].
+def unknown_left(rig: Rig, measure: Ruler, causes: Causes, unknown: Causes) -> float:
+    """Return the mean square in the frames held back of what unknown ones of the causes change [DN^2 of a bin].
 
-    Noise, and what the unknown ones of the causes change, nuisances fitted to all other frames.
+    Nuisances are fitted to all other frames. It is what no cause of a library takes.
     """
     spare = [k for k, view in enumerate(rig.views) if view.spare]
     known = [pair for pair in causes if pair not in unknown]
     own = measure.left(means(rig, causes) - means(rig, known)) if unknown else np.zeros_like(measure.base)
-    return float(variance[spare].mean() + (own[spare] ** 2).mean())
+    return float((own[spare] ** 2).mean())
+
+
+def noise_of_spares(
+    rig: Rig, causes: Causes, nuisances: Nuisances, frames: Mapping[int, Sequence[np.ndarray]]
+) -> float:
+    """Return the mean square of noise in the frames held back [DN^2 of a bin], a codec's included.
+
+    Near black causes change how loud noise is, so that it is read off the frames themselves.
+    """
+    table, found = development(rig, causes), []
+    for k, view in enumerate(rig.views):
+        if view.spare:
+            mean = binned(expose(rig, view, causes, nuisances).level(table))
+            found += [float(((binned(np.asarray(frame, float)) - mean) ** 2).mean()) for frame in frames[k]]
+    return float(np.mean(found))

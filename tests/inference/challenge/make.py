@@ -19,7 +19,7 @@ from .camera import CORRELATED, Knee, binned, noisy_frame
 from .cases import CaseSpec
 from .chain import Causes, Exposure, Nuisances, curve_of, draw_nuisances, expose, knee_of, rig_of
 from .codec import FILMED, by_jpeg, by_video
-from .consequence import consequences, unexplainable
+from .consequence import consequences, noise_of_spares, unknown_left
 from .hidden import Hidden, Rig
 from .library import NAMED, NOT_IN_LIBRARY, make_cause
 from .rig import View
@@ -84,7 +84,6 @@ def prepare(spec: CaseSpec) -> Made:
         causes, seen = _behind_codec(spec, rig, lacking, causes)
     changes = [departure(rig, lacking, [pair]) for pair in causes]
     together = departure(rig, lacking, causes) if causes else np.zeros_like(measure.base)
-    variance = variances(spec.nominal, spec.pose)
     outside = [(c, a) for c, a in causes if c.id in NOT_IN_LIBRARY or c.id in spec.exclude]
     truth = spec.as_dict() | {
         "pose": spec.pose,
@@ -99,7 +98,7 @@ def prepare(spec: CaseSpec) -> Made:
         "overlap": _cosine(lacking, changes) if len(changes) == 2 else None,
         "oracle_gain": oracle_gain(spec, rig, lacking, together),
         "consequences": consequences(rig, causes, nuisances),
-        "unexplainable_DN2": unexplainable(rig, lacking, causes, outside, variance),
+        "unknown_DN2": unknown_left(rig, lacking, causes, outside),
     }
     return Made(rig, tuple(causes), nuisances, truth)
 
@@ -258,6 +257,8 @@ def write_case(spec: CaseSpec, folder: Path) -> tuple[Path, dict[str, Any]]:
     """Write a case as a bundle and return its path and the truth, which is not in it."""
     made = prepare(spec)
     frames = pictures(made, spec.noise, spec.seed)
+    noise = noise_of_spares(made.rig, made.causes, made.nuisances, frames)
+    truth = made.truth | {"unexplainable_DN2": noise + made.truth["unknown_DN2"]}
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / secrets.token_hex(8)
     with new_folder(path) as part:
@@ -277,4 +278,4 @@ def write_case(spec: CaseSpec, folder: Path) -> tuple[Path, dict[str, Any]]:
             if view.kind == "replicate":
                 held = [replace(view.shot, index=n, time_s=view.shot.time_s + n / 30.0) for n in range(len(frames[k]))]
                 write_shots(part / name / "replicates.csv", held)
-    return path, made.truth
+    return path, truth

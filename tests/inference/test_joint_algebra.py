@@ -350,6 +350,35 @@ def test_a_faint_cause_beside_a_loud_one_has_to_move_the_area(moved, taken):
         assert re.fullmatch(r"removes 0\.\d+ % of .* moves the area by 0\.05 %", search.not_taken["b"])
 
 
+@pytest.mark.parametrize(("moved", "kept"), [(0.0005, set()), (0.02, {"decoy0"})])
+def test_what_two_causes_first_looked_like_is_dropped_unless_it_moves_the_area(moved, kept):
+    """A decoy like both causes together is taken first; beside them it takes only what their forms are off by."""
+    areas: Any = SimpleNamespace(
+        of_change=lambda after, before: SimpleNamespace(largest=moved, change_percent=(moved,))
+    )
+    fitter, causes = toy({"a:x": 0.9, "b:x": 0.9})
+    maps = fitter.model.maps
+    off = maps.pop("decoy11:x")
+    maps["decoy0:x"] = maps["a:x"] + maps["b:x"] + 0.5 * off
+    fitter.observed = fitter.observed + 0.02 * fitter.model.data.whitened(off)
+    search, found, _ = searched(fitter, [c for c in causes if c.id != "decoy11"], areas=areas)
+    assert search.steps[0].cause == "decoy0"
+    assert set(found.ids) == {"a", "b"} | kept
+    assert ("moves the area by 0.05 %" in search.not_taken.get("decoy0", "")) == (not kept)
+
+
+def test_beside_something_unknown_a_weak_cause_is_not_taken():
+    """One of strength 40 beside a loud one is taken where it moves the area, but not where a loud blob is unknown."""
+    y, x = np.mgrid[-1 : 1 : SHAPE[0] * 1j, -1 : 1 : SHAPE[1] * 1j]
+    blob = 0.5 * 80.0 * np.exp(-8 * ((x - 0.3) ** 2 + (y + 0.2) ** 2))
+    areas: Any = SimpleNamespace(of_change=lambda after, before: SimpleNamespace(largest=0.02, change_percent=(2.0,)))
+    fitter, causes = toy({"a:x": 1.0, "b:x": 0.025})
+    fitter.observed = fitter.observed + fitter.model.data.whitened(np.broadcast_to(blob, (len(VIEWS), *SHAPE)))
+    search, found, _ = searched(fitter, causes, areas=areas)
+    assert search.unknown
+    assert found.ids == ("a",)
+
+
 @pytest.mark.parametrize(("first", "refused"), [(4000.0, False), (4900.0, False), (5100.0, True)])
 def test_a_weak_cause_alone_need_not_move_the_area(first, refused):
     """Ten of the misfit: a hundredth of all that there is beyond noise, but not of what no other cause has removed."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,6 +17,8 @@ from evanesce.prediction.observe import model_scene
 
 Array = NDArray[Any]
 
+KEPT = 2
+"""Points whose areas are kept: the present fit and one beside it."""
 NINETY = 1.645
 """Standard deviations of a 90 % interval."""
 
@@ -89,16 +91,20 @@ class AreaReader:
                 chosen.setdefault(view.force_N, k)
         self.places = tuple(chosen[f] for f in sorted(chosen))
         self.forces = tuple(sorted(chosen))
+        self._last: list[tuple[dict[str, float], Array]] = []
 
     def read(self, frame: Array) -> float:
         """Return the area in a frame (rows, cols) of the model camera [mm^2]."""
         whole = np.floor(np.clip(frame, 0, 255) + 0.5).astype(np.uint8)
         return contact_area(whole, self.scene)
 
-    def areas(self, point: Mapping[str, float], places: Sequence[int] | None = None) -> Array:
-        """Return the predicted areas at a point [mm^2], one for each force."""
-        wanted = self.places if places is None else places
-        return np.array([self.read(self.model.coarse.image(point, k)) for k in wanted])
+    def areas(self, point: Mapping[str, float]) -> Array:
+        """Return the predicted areas at a point [mm^2], one for each force; the last few are kept."""
+        kept = next((one for one in self._last if one[0] == point), None)
+        if kept is None:
+            kept = dict(point), np.array([self.read(self.model.coarse.image(point, k)) for k in self.places])
+        self._last = [kept, *(one for one in self._last if one is not kept)][:KEPT]
+        return kept[1]
 
     def of_change(self, with_cause: Mapping[str, float], without: Mapping[str, float]) -> Consequence:
         """Return the consequence of a change of the point.

@@ -23,7 +23,7 @@ from evanesce.inference.gauss_newton import Slopes
 from evanesce.inference.joint import JointFit, Taken
 from evanesce.inference.marks import MarkSearch
 from evanesce.inference.posterior import Further, Posterior
-from evanesce.inference.removal import everything_marginalised
+from evanesce.inference.removal import everything_marginalised, loss_of
 from evanesce.inference.single_effects import NONE, UNKNOWN
 from evanesce.inference.trials import Trials
 from evanesce.inference.unknown import told_fields
@@ -96,6 +96,8 @@ class Search(Trials):
     """Evidence [nats] of those that were fitted in vain, then."""
     _began: float = field(default_factory=time.monotonic)
     _behind: dict[tuple[str, str], float] = field(default_factory=dict)
+    _busy: dict[str, frozenset[str]] = field(default_factory=dict)
+    """Causes that change something, with the others beside which that was found."""
     _scanned: bool = False
     _renewed: frozenset[str] | None = None
     """Causes about which all derivatives were made anew last."""
@@ -279,6 +281,8 @@ class Search(Trials):
         metric, believed = everything_marginalised(now)
         entered = [e for e in (self._entered(now, name, metric, believed) for name in wanted) if e is not None]
         least = self._occam(len(wanted))
+        if self.unknown:  # weak causes would take what the fields of something unknown do not follow
+            least = max(least, 0.5 * WORTH * (self.first - now.misfit))
         for poor in (e for e in entered if 0.5 * e.removed <= least):
             self.in_vain[poor.entry.cause.id] = f"would bring {0.5 * poor.removed:.1f} nats"
         entered = sorted((e for e in entered if 0.5 * e.removed > least), key=lambda e: -e.removed)
@@ -344,14 +348,31 @@ class Search(Trials):
                 if without is not None:
                     return without
         for name, place in posterior.places.items():
-            if name in now.ids and place.probability[NONE] > 0.5:
-                without = self._refitted(now, name)
+            if name in now.ids:
+                empty = place.probability[NONE] > 0.5
+                reason = "its place is more probably empty" if empty else self._idle_by_now(now, name)
+                without = self._refitted(now, name) if reason else None
                 if without is not None:
-                    self.refused[name] = "dropped: its place is more probably empty"
-                    self._note("drop", name, without, now, "its place is more probably empty")
+                    self.refused[name] = f"dropped: {reason}"
+                    self._note("drop", name, without, now, reason)
                     self.tell(self._words(without))
                     return without
         return None
+
+    def _idle_by_now(self, now: JointFit, name: str) -> str:
+        """Return why a taken cause changes nothing beside those that were taken after it; empty if it does.
+
+        What strong causes together do may first look like another one.
+        """
+        others = frozenset(now.ids) - {name}
+        loss = loss_of(now, name)
+        if name in self.scan.places() or self._busy.get(name) == others:
+            return ""
+        self._busy[name] = others
+        if loss >= WORTH * (self.first - now.misfit - loss):
+            return ""
+        without = self._refitted(now, name, fine=False)
+        return "" if without is None else self._idle(without, now)
 
     def _given_up(self, now: JointFit, name: str) -> JointFit | None:
         """Return the fit with something unknown in the place of a cause; None if no block of it is left."""

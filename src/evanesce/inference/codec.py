@@ -85,7 +85,7 @@ def codec_behind(model: AnchoredModel, point: Mapping[str, float]) -> tuple[Code
     point : mapping
     """
     observation, data = model.observation, model.data
-    size = noise_scale_of(observation.believed.camera, observation.scatter)
+    size = noise_scale_of(observation.believed.camera, observation.scatter, coded=observation.coded)
     place = next((k for k, view in enumerate(data.views) if view.kind == "replicate"), None)
     known = None if observation.jpeg is None else Codec("jpeg", observation.jpeg)
     if place is None or not (size.codec or known):

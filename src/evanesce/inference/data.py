@@ -262,7 +262,7 @@ def stepped(scale: float, step: float) -> float:
 
 
 def _measured_scale(observation: Observation) -> tuple[float, float]:
-    size = noise_scale_of(observation.believed.camera, observation.scatter)
+    size = noise_scale_of(observation.believed.camera, observation.scatter, coded=observation.coded)
     if size.codec:
         # What scatter a codec left says nothing of the noise before the tone curve.
         return size.value, size.deviation

@@ -63,7 +63,7 @@ class NoiseScale:
     silent: bool = False
 
 
-def noise_scale_of(camera: Camera, scatter: Mapping[str, tuple[Array, Array]]) -> NoiseScale:
+def noise_scale_of(camera: Camera, scatter: Mapping[str, tuple[Array, Array]], *, coded: bool = True) -> NoiseScale:
     """Return the size of the noise that held states and a covered lens show.
 
     Parameters
@@ -72,6 +72,8 @@ def noise_scale_of(camera: Camera, scatter: Mapping[str, tuple[Array, Array]]) -
         With the real pixels.
     scatter : mapping of str to tuple of ndarray
         By kind of shot, level [DN] and variance of single pixels [DN^2] in bins.
+    coded : bool
+        Whether a codec may have smoothed it: noise that shows no trace of one was not.
     """
     if _too_quiet(camera, scatter):
         return NoiseScale()
@@ -85,7 +87,9 @@ def noise_scale_of(camera: Camera, scatter: Mapping[str, tuple[Array, Array]]) -
         return NoiseScale(dark, LOOSE)
     if abs(np.log(spread / dark)) < AGREE:
         return NoiseScale(spread, CLOSE)
-    return _of_displaced_black(camera, scatter) or NoiseScale(dark, LOOSE, codec=spread < dark)
+    found = _of_displaced_black(camera, scatter) or NoiseScale(dark, LOOSE, codec=spread < dark)
+    # Without a codec darkness is off by another tone curve or black level.
+    return NoiseScale(spread, 2 * CLOSE) if found.codec and not coded else found
 
 
 def _too_quiet(camera: Camera, scatter: Mapping[str, tuple[Array, Array]]) -> bool:

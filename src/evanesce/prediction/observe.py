@@ -14,6 +14,7 @@ from scipy import linalg, ndimage
 from evanesce.bundle.bundle import Bundle
 from evanesce.bundle.layout import Series, Shot
 from evanesce.core.errors import InputError
+from evanesce.prediction.codec_traces import codec_traces
 from evanesce.prediction.jpeg_steps import jpeg_quality
 from evanesce.prediction.views import BIN_PX, View, binned
 from evanesce.rig import Scene
@@ -60,6 +61,8 @@ class Observation:
         Noise of single pixels as replicates show it, of unit variance.
     jpeg : int, optional
         Quality of the JPEG whose steps the replicates keep; None where they keep none.
+    coded : bool
+        Whether a codec may have been at work: the replicates show traces of one, or too little to tell.
     series : mapping of str to Series
     available : frozenset of str
         Observables, in the words of :data:`evanesce.effects.OBSERVABLES`.
@@ -73,6 +76,7 @@ class Observation:
     scatter: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
     pixel_noise: Array | None = None
     jpeg: int | None = None
+    coded: bool = True
     series: Mapping[str, Series] = field(default_factory=dict)
     available: frozenset[str] = frozenset()
 
@@ -158,7 +162,7 @@ def observe(bundle: Bundle) -> Observation:
     scatter: dict[str, tuple[Array, Array]] = {}
     pixel_noise: Array | None = None
     raw = list(bundle.replicate_frames)
-    jpeg = jpeg_quality(raw[:JPEG_FRAMES])
+    jpeg, traces = jpeg_quality(raw[:JPEG_FRAMES]), codec_traces(raw)
     replicates = [binned(frame, factor) for frame in raw]
     if len(replicates) > 1:
         held["replicate"] = binned(np.array(replicates))
@@ -191,6 +195,7 @@ def observe(bundle: Bundle) -> Observation:
         scatter=scatter,
         pixel_noise=pixel_noise,
         jpeg=jpeg,
+        coded=jpeg is not None or traces is None or traces.found,
         series=dict(bundle.series),
         available=bundle.available,
     )

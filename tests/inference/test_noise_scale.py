@@ -89,6 +89,10 @@ def test_noise_smoothed_after_the_curve_is_told_by_the_dark_level() -> None:
     found = noise_scale_of(camera, made)
     assert found.codec
     assert found.value == pytest.approx(1.0, abs=0.02)
+    # Noise without a trace of one is the camera's own, as small as it is seen to be.
+    plain = noise_scale_of(camera, made, coded=False)
+    assert not plain.codec
+    assert plain.value < 0.5
 
 
 @pytest.mark.parametrize("covered", [True, False])

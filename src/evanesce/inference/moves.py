@@ -23,6 +23,7 @@ from evanesce.inference.trials import Trials
 
 Array = NDArray[Any]
 
+FAINT = "takes less than a hundredth of what is not explained"
 AHEAD = 1.0
 """Nats by which another cause has to be more probable to take a place: a fit ends within half a nat of its optimum."""
 
@@ -62,6 +63,8 @@ class Moves(Trials):
     steps: list[Step] = field(default_factory=list)
     in_vain: dict[str, str] = field(default_factory=dict)
     """Causes that were fitted beside the present ones and bring too little, with what they bring."""
+    faint: dict[str, str] = field(default_factory=dict)
+    """Those that would take no more of what is not explained than any form might."""
     areas: AreaReader | None = None
     """Reads what a cause does to the area; without it that is not asked."""
     scan: Scan = field(default_factory=Scan)
@@ -87,7 +90,7 @@ class Moves(Trials):
     @property
     def not_taken(self) -> dict[str, str]:
         """Causes that are not in the fit though they were tried or not worth it, with the reason."""
-        return {**self.refused, **self.in_vain}
+        return {**self.refused, **self.in_vain, **self.faint}
 
     def share(self, misfit: float) -> float:
         """Return a misfit over what there was to explain."""
@@ -100,6 +103,14 @@ class Moves(Trials):
         self.unknown, self.fitter.fields = unknown, self.judge.fields(unknown)
         self._behind.clear()
         return self.fitter.relinearised(taken, point, Slopes(slopes.rows), renewals=0)
+
+    def _chance(self, now: JointFit) -> float:
+        """Return of how much misfit a form might take its share by chance: of what nothing explains.
+
+        Where something unknown is taken, of what is explained as well: no field follows it exactly.
+        """
+        left = max(now.misfit - self.floor, 0.0)
+        return WORTH * (left + (max(self.first - now.misfit, 0.0) if self.unknown else 0.0))
 
     def _idle(self, now: JointFit, fitted: JointFit) -> str:
         """Return why a further cause would change nothing that a user asks for; empty if it would.
@@ -135,16 +146,17 @@ class Moves(Trials):
                 without = self._given_up(now, name)
                 if without is not None:
                     return without
-        for name, place in posterior.places.items():
-            if name in now.ids:
-                empty = place.probability[NONE] > 0.5
-                reason = "its place is more probably empty" if empty else self._idle_by_now(now, name)
-                without = self._refitted(now, name) if reason else None
-                if without is not None:
-                    self.refused[name] = f"dropped: {reason}"
-                    self._note("drop", name, without, now, reason)
-                    self.tell(self._words(without))
-                    return without
+        taken = [name for name in posterior.places if name in now.ids]
+        for name in sorted(taken, key=lambda name: loss_of(now, name)):
+            place = posterior.places[name]
+            empty = place.probability[NONE] > 0.5
+            reason = "its place is more probably empty" if empty else self._idle_by_now(now, name)
+            without = self._refitted(now, name) if reason else None
+            if without is not None:
+                self.refused[name] = f"dropped: {reason}"
+                self._note("drop", name, without, now, reason)
+                self.tell(self._words(without))
+                return without
         return None
 
     def _idle_by_now(self, now: JointFit, name: str) -> str:
@@ -157,6 +169,8 @@ class Moves(Trials):
         if name in self.scan.places() or self._busy.get(name) == others:
             return ""
         self._busy[name] = others
+        if self.unknown and loss < WORTH * max(now.misfit - self.floor, 0.0):
+            return FAINT
         if loss >= WORTH * (self.first - now.misfit - loss):
             return ""
         without = self._refitted(now, name, fine=False)

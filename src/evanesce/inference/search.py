@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.errors import InputError
-from evanesce.inference.constants import DETECTED, FITTED, LEAST_SHARE, SUBSTITUTE, WORTH
+from evanesce.inference.constants import DETECTED, FITTED, LEAST_SHARE, SUBSTITUTE
 from evanesce.inference.joint import JointFit, Taken
 from evanesce.inference.marks import MarkSearch
-from evanesce.inference.moves import Moves
+from evanesce.inference.moves import FAINT, Moves
 from evanesce.inference.posterior import Further, Posterior
 from evanesce.inference.removal import everything_marginalised
 from evanesce.inference.single_effects import NONE, UNKNOWN
@@ -207,11 +207,11 @@ class Search(Moves):
         metric, believed = everything_marginalised(now)
         entered = [e for e in (self._entered(now, name, metric, believed) for name in wanted) if e is not None]
         least = self._occam(len(wanted))
-        if self.unknown:  # weak causes would take what the fields of something unknown do not follow
-            least = max(least, 0.5 * WORTH * (self.first - now.misfit))
         for poor in (e for e in entered if 0.5 * e.removed <= least):
             self.in_vain[poor.entry.cause.id] = f"would bring {0.5 * poor.removed:.1f} nats"
-        entered = sorted((e for e in entered if 0.5 * e.removed > least), key=lambda e: -e.removed)
+        strong = max(2.0 * least, self._chance(now))
+        self.faint = {e.entry.cause.id: FAINT for e in entered if 2.0 * least < e.removed <= strong}
+        entered = sorted((e for e in entered if e.removed > strong), key=lambda e: -e.removed)
         near = [e for e in entered if e.removed > SUBSTITUTE * entered[0].removed]
         tried = [t for t in (self._tried(now, e, metric, believed) for e in near[: self.fitted]) if t is not None]
         unknown = place.log_bayes.get(UNKNOWN, 0.0)

@@ -379,6 +379,17 @@ def test_beside_something_unknown_a_weak_cause_is_not_taken():
     assert found.ids == ("a",)
 
 
+@pytest.mark.parametrize(("pattern", "taken"), [(0.0, {"b"}), (12.0, set())])
+def test_a_form_that_takes_a_hundredth_of_what_nothing_explains_is_no_cause(pattern, taken):
+    """One of strength 40 under a pattern of single bins that no cause and no smooth field makes."""
+    fitter, causes = toy({"b:x": 0.025})
+    fixed = pattern * np.random.default_rng(11).standard_normal(SHAPE)
+    fitter.observed = fitter.observed + fitter.model.data.whitened(np.broadcast_to(fixed, (len(VIEWS), *SHAPE)))
+    search, found, _ = searched(fitter, causes)
+    assert set(found.ids) == taken
+    assert ("what is not explained" in search.not_taken.get("b", "")) == (not taken)
+
+
 @pytest.mark.parametrize(("first", "refused"), [(4000.0, False), (4900.0, False), (5100.0, True)])
 def test_a_weak_cause_alone_need_not_move_the_area(first, refused):
     """Ten of the misfit: a hundredth of all that there is beyond noise, but not of what no other cause has removed."""

@@ -23,7 +23,7 @@ from evanesce.inference.trials import Trials
 
 Array = NDArray[Any]
 
-FAINT = "takes less than a hundredth of what is not explained"
+
 AHEAD = 1.0
 """Nats by which another cause has to be more probable to take a place: a fit ends within half a nat of its optimum."""
 
@@ -169,8 +169,6 @@ class Moves(Trials):
         if name in self.scan.places() or self._busy.get(name) == others:
             return ""
         self._busy[name] = others
-        if self.unknown and loss < WORTH * max(now.misfit - self.floor, 0.0):
-            return FAINT
         if loss >= WORTH * (self.first - now.misfit - loss):
             return ""
         without = self._refitted(now, name, fine=False)

@@ -19,7 +19,7 @@ from evanesce.core.errors import InputError
 from evanesce.inference.constants import DETECTED, FITTED, LEAST_SHARE, SUBSTITUTE
 from evanesce.inference.joint import JointFit, Taken
 from evanesce.inference.marks import MarkSearch
-from evanesce.inference.moves import FAINT, Moves
+from evanesce.inference.moves import Moves
 from evanesce.inference.posterior import Further, Posterior
 from evanesce.inference.removal import everything_marginalised
 from evanesce.inference.single_effects import NONE, UNKNOWN
@@ -210,7 +210,11 @@ class Search(Moves):
         for poor in (e for e in entered if 0.5 * e.removed <= least):
             self.in_vain[poor.entry.cause.id] = f"would bring {0.5 * poor.removed:.1f} nats"
         strong = max(2.0 * least, self._chance(now))
-        self.faint = {e.entry.cause.id: FAINT for e in entered if 2.0 * least < e.removed <= strong}
+        self.faint = {
+            e.entry.cause.id: "takes less than a hundredth of what is not explained"
+            for e in entered
+            if 2.0 * least < e.removed <= strong
+        }
         entered = sorted((e for e in entered if e.removed > strong), key=lambda e: -e.removed)
         near = [e for e in entered if e.removed > SUBSTITUTE * entered[0].removed]
         tried = [t for t in (self._tried(now, e, metric, believed) for e in near[: self.fitted]) if t is not None]

@@ -401,6 +401,21 @@ def test_a_weak_cause_alone_need_not_move_the_area(first, refused):
     assert bool(search._idle(now, fitted)) == refused  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(("refused", "tried"), [({}, ["decoy0"]), ({"decoy0": "dropped"}, [])])
+def test_what_was_dropped_does_not_come_back_by_an_exchange(refused, tried):
+    """Rationale: a place was given to another cause, filled again beside it, the other dropped, twenty times over."""
+    search = Search(*toy({}), SimpleNamespace())  # type: ignore[arg-type]
+    search.refused = dict(refused)
+    asked: list[str] = []
+    search._lacking = lambda now, name: now  # type: ignore[method-assign]
+    search._in_place = lambda now, without, name, other: (asked.append(other), (None, -1.0))[1]  # type: ignore
+    search.fitter.model.anchor = lambda point: None
+    place = SimpleNamespace(log_bayes={"a": 50.0, "decoy0": 49.0}, credible_set=("a", "decoy0"))
+    now: Any = SimpleNamespace(ids=("a",), point={})
+    assert search._exchanged(now, SimpleNamespace(places={"a": place})) is None  # type: ignore[arg-type]
+    assert asked == tried
+
+
 def test_derivatives_of_the_extended_fit_are_made_where_it_is():
     """Each cause is added by derivatives that steps have corrected; places are judged by such as were made anew."""
     _, found, _ = searched(*toy({"a:x": 0.9, "b:x": -0.5, "c:x": 0.4}, bend=0.15))

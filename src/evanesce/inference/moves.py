@@ -205,7 +205,9 @@ class Moves(Trials):
                 near = list(place.credible_set)
             else:
                 near = [n for n in near if n in place.credible_set or place.log_bayes[n] > (1.0 - SUBSTITUTE) * own]
-            near = [n for n in near if n not in (name, UNKNOWN) and (name, n) not in self._behind]
+            # What was dropped from beside others does not come back by taking their place.
+            gone = {name, UNKNOWN, *self.refused}
+            near = [n for n in near if n not in gone and (name, n) not in self._behind]
             if not near:
                 continue
             try:

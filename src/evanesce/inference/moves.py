@@ -23,7 +23,6 @@ from evanesce.inference.trials import Trials
 
 Array = NDArray[Any]
 
-
 AHEAD = 1.0
 """Nats by which another cause has to be more probable to take a place: a fit ends within half a nat of its optimum."""
 
@@ -119,7 +118,7 @@ class Moves(Trials):
         has to remove a share of as much, or to move the area that the fit predicts. What it moves by itself does not
         count: others that it takes from may move it back.
         """
-        explained = max(self.first - now.misfit, 0.0)
+        explained = max(self.first - now.misfit, 1.0)
         removed = now.misfit - fitted.misfit
         if self.areas is None or removed >= WORTH * explained:
             return ""
@@ -228,6 +227,7 @@ class Moves(Trials):
     def _note(self, move: str, cause: str, after: JointFit, before: JointFit, reason: str, other: str = "") -> None:
         if move != "add":
             self.in_vain.clear()
+            self.faint.clear()
             self._vain_at.clear()
         seconds = time.monotonic() - self._began
         self.steps.append(Step(move, cause, after.misfit, before.misfit - after.misfit, reason, seconds, other))

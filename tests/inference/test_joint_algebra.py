@@ -401,6 +401,25 @@ def test_a_weak_cause_alone_need_not_move_the_area(first, refused):
     assert bool(search._idle(now, fitted)) == refused  # type: ignore[arg-type]
 
 
+def test_a_search_ends_at_causes_at_which_it_has_been_before():
+    search = Search(*toy({}), SimpleNamespace())  # type: ignore[arg-type]
+    told: Any = SimpleNamespace(asks=True)
+    told.with_defects = told.fitted_in_vain = lambda _: told
+    fits: list[Any] = [SimpleNamespace(ids=(name,), misfit=0.0, known_alone=lambda name=name: name) for name in "abc"]
+    moves: list[str] = []
+
+    def moved(now: Any, posterior: Any) -> Any:
+        moves.append(now.ids[0])
+        return fits[("abc".index(now.ids[0]) + 1) % 3]
+
+    search.posterior = lambda now: told  # type: ignore[method-assign]
+    search._grown = lambda now: now  # type: ignore[method-assign]
+    search._dropped = moved  # type: ignore[method-assign]
+    best, _ = search.run(fits[0])
+    assert moves == ["a", "b", "c"]
+    assert best == "a"
+
+
 @pytest.mark.parametrize(("refused", "tried"), [({}, ["decoy0"]), ({"decoy0": "dropped"}, [])])
 def test_what_was_dropped_does_not_come_back_by_an_exchange(refused, tried):
     """Rationale: a place was given to another cause, filled again beside it, the other dropped, twenty times over."""

@@ -30,7 +30,7 @@ Array = NDArray[Any]
 GROWN = 1.5
 """Ratio of evidences beyond which a cause that was fitted in vain is fitted once more."""
 MOVES = 60
-"""Moves in all: a search that does not end by itself has met two causes that take turns."""
+"""Moves in all: the last resort of a search that does not end by itself."""
 
 
 @dataclass
@@ -52,6 +52,8 @@ class Search(Moves):
     def run(self, base: JointFit) -> tuple[JointFit, Posterior]:
         """Return the extended fit, the model anchored about it, and the probabilities of all causes there.
 
+        It ends where no move is left, or at causes at which it has been before: some take turns.
+
         Parameters
         ----------
         base : JointFit
@@ -61,11 +63,16 @@ class Search(Moves):
         now = self._grown(base)
         marked = self._with_defects(now)
         now = now if marked is now else self._grown(marked)
+        seen = set()
         while True:
             posterior, compared = self.posterior(now).with_defects(self.scan.places()), len(self._behind)
             posterior = posterior.fitted_in_vain(self.in_vain)
-            moved = self._dropped(now, posterior) or self._exchanged(now, posterior)
-            if len(self.steps) >= MOVES or (moved is None and len(self._behind) == compared):
+            known = frozenset(now.ids) | frozenset(self.unknown)
+            turning = known in seen
+            moved = None if turning else self._dropped(now, posterior) or self._exchanged(now, posterior)
+            if moved is not None:
+                seen.add(known)
+            if turning or len(self.steps) >= MOVES or (moved is None and len(self._behind) == compared):
                 best = now.known_alone()
                 self.floor = self._floor(best, posterior)
                 return best, posterior

@@ -405,7 +405,9 @@ def test_a_search_ends_at_causes_at_which_it_has_been_before():
     search = Search(*toy({}), SimpleNamespace())  # type: ignore[arg-type]
     told: Any = SimpleNamespace(asks=True)
     told.with_defects = told.fitted_in_vain = lambda _: told
-    fits: list[Any] = [SimpleNamespace(ids=(name,), misfit=0.0, known_alone=lambda name=name: name) for name in "abc"]
+    fits: list[Any] = [
+        SimpleNamespace(ids=(name,), misfit=0.0, known_alone=lambda k=k: fits[k]) for k, name in enumerate("abc")
+    ]
     moves: list[str] = []
 
     def moved(now: Any, posterior: Any) -> Any:
@@ -417,7 +419,7 @@ def test_a_search_ends_at_causes_at_which_it_has_been_before():
     search._dropped = moved  # type: ignore[method-assign]
     best, _ = search.run(fits[0])
     assert moves == ["a", "b", "c"]
-    assert best == "a"
+    assert best is fits[0]
 
 
 @pytest.mark.parametrize(("refused", "tried"), [({}, ["decoy0"]), ({"decoy0": "dropped"}, [])])

@@ -74,4 +74,15 @@ def test_likeness_is_that_of_a_mixture() -> None:
 def test_what_could_show_none_tells_nothing() -> None:
     assert codec_traces(drawn(2, seed=1)) is None
     assert codec_traces(by_video(drawn(12, seed=3), 26)) is None
+
+
+def test_light_at_the_end_of_the_scale_has_no_noise_and_shows_no_trace() -> None:
+    lit = np.hypot(*(np.indices(SHAPE) - np.array([76, 100])[:, None, None])) < 40
+    found = codec_traces([np.where(lit, 255, frame) for frame in drawn(12, seed=2)])
+    assert found is not None
+    assert not found.found
+    alone = np.zeros(SHAPE)
+    alone[:8, :8] = 50.0
+    rng = np.random.default_rng(1)
+    assert codec_traces([alone * (1.0 + rng.standard_normal(SHAPE)) for _ in range(6)]) is None
     assert codec_traces([np.full(SHAPE, 7, np.uint8)] * 8) is None

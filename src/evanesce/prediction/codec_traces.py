@@ -18,6 +18,8 @@ Array = NDArray[Any]
 BLOCK_PX = 8
 TILES = 16
 """Along each side of the frame: their scatter says how well the whole is known, however noise is correlated."""
+LEAST_TILES = 8
+"""With any noise, from which a standard error is known."""
 SURE = 3.0
 """Standard errors from which a trace is believed, where levels speak for a codec as well."""
 LEAST_FRAMES = 3
@@ -66,6 +68,8 @@ def codec_traces(frames: Sequence[Array]) -> Traces | None:
     stack = np.asarray(frames, np.float32)
     mean = stack.mean(axis=0)
     left = stack - mean
+    left *= (left**2).mean(axis=0) >= STILL_DN2  # where light is saturated or cut off, there is no noise
+    mean = np.where(left.any(axis=0), mean, 0.0)
     power = float((mean**2).sum())
     if power > 0:  # each frame's own light is no noise of its pixels
         left -= (np.tensordot(left, mean, 2) / power)[:, None, None] * mean
@@ -76,9 +80,10 @@ def codec_traces(frames: Sequence[Array]) -> Traces | None:
     alike = (left[1:] * left[:-1]).sum(axis=0) / (count - 1) + square / (count * (count - 1))
     # Videos keep more of the noise's past where there is light, which few pixels may have.
     lit = mean > LIT_SHARE * mean.max()
-    likeness = max((_ratio(alike * part, square * part / count) for part in (1.0, lit)), key=lambda r: r[0] / r[1])
+    found = [_ratio(alike * part, square * part / count) for part in (1.0, lit)]
+    likeness = max((one for one in found if one is not None), key=lambda one: one[0] / one[1], default=None)
     borders = _ratio(*_steps(left))
-    return Traces(*likeness, *borders)
+    return None if likeness is None or borders is None else Traces(*likeness, *borders)
 
 
 def _steps(left: Array) -> tuple[Array, Array]:
@@ -102,11 +107,13 @@ def _tiles(image: Array) -> Array:
     return np.add.reduceat(np.add.reduceat(image, rows, axis=0), cols, axis=1)
 
 
-def _ratio(part: Array, whole: Array) -> tuple[float, float]:
-    """Return the ratio of two sums and its standard error, by the jackknife over tiles."""
+def _ratio(part: Array, whole: Array) -> tuple[float, float] | None:
+    """Return the ratio of two sums and its standard error, by the jackknife over tiles; None where few have noise."""
     part, whole = _tiles(part), _tiles(whole)
-    ratio = float(part.sum() / whole.sum())
     there = whole > 0
-    without = (part.sum() - part[there]) / (whole.sum() - whole[there])
     count = int(there.sum())
-    return ratio, float(np.sqrt((count - 1) / count * ((without - without.mean()) ** 2).sum()))
+    if count < LEAST_TILES:  # saturated light has no noise
+        return None
+    ratio = float(part.sum() / whole.sum())
+    without = (part.sum() - part[there]) / (whole.sum() - whole[there])
+    return ratio, max(float(np.sqrt((count - 1) / count * ((without - without.mean()) ** 2).sum())), 1e-9)

@@ -39,15 +39,15 @@ def drawn(
 def test_a_camera_leaves_no_trace(seed: int, camera: dict[str, float]) -> None:
     found = codec_traces(drawn(12, seed=seed, **camera))
     assert found is not None
-    assert found.likeness < 3.5 * found.likeness_error
+    assert found.correlation < 3.5 * found.correlation_error
     assert found.borders < 3.5 * found.borders_error
 
 
 @pytest.mark.parametrize(
     ("codec", "trace"),
     [
-        (lambda film: by_video(film, 18), "likeness"),
-        (lambda film: by_video(film, 22), "likeness"),
+        (lambda film: by_video(film, 18), "correlation"),
+        (lambda film: by_video(film, 22), "correlation"),
         (lambda film: [by_jpeg(frame, 92) for frame in film], "borders"),
         (lambda film: [by_jpeg(frame, 75) for frame in film], "borders"),
     ],
@@ -60,15 +60,15 @@ def test_codecs_do(codec: Callable[[list[np.ndarray]], list[np.ndarray]], trace:
     assert getattr(found, trace) > SURE * getattr(found, f"{trace}_error")
 
 
-def test_likeness_is_that_of_a_mixture() -> None:
-    """Frames that hand on half of their noise are alike by a half, what is taken off with the mean put right."""
+def test_correlation_is_that_of_a_mixture() -> None:
+    """Frames that hand on half of their noise are correlated by a half, what is taken off with the mean put right."""
     rng = np.random.default_rng(5)
     noise = [rng.standard_normal(SHAPE)]
     for _ in range(39):
         noise.append(0.5 * noise[-1] + np.sqrt(0.75) * rng.standard_normal(SHAPE))
     found = codec_traces([100.0 + 5.0 * one for one in noise])
     assert found is not None
-    assert found.likeness == pytest.approx(0.5, abs=0.05)
+    assert found.correlation == pytest.approx(0.5, abs=0.05)
 
 
 def test_what_could_show_none_tells_nothing() -> None:

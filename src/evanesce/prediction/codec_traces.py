@@ -35,24 +35,24 @@ class Traces:
 
     Attributes
     ----------
-    likeness : float
+    correlation : float
         Correlation of a frame's noise with that of the next one; 0 without a codec.
-    likeness_error : float
+    correlation_error : float
         Its standard error.
     borders : float
         Mean square step of the noise over borders of blocks, over that within them, less 1; 0 without a codec.
     borders_error : float
     """
 
-    likeness: float
-    likeness_error: float
+    correlation: float
+    correlation_error: float
     borders: float
     borders_error: float
 
     @property
     def found(self) -> bool:
         """Whether a codec was at work."""
-        return self.likeness > SURE * self.likeness_error or self.borders > SURE * self.borders_error
+        return self.correlation > SURE * self.correlation_error or self.borders > SURE * self.borders_error
 
 
 def codec_traces(frames: Sequence[Array]) -> Traces | None:
@@ -81,9 +81,9 @@ def codec_traces(frames: Sequence[Array]) -> Traces | None:
     # Videos keep more of the noise's past where there is light, which few pixels may have.
     lit = mean > LIT_SHARE * mean.max()
     found = [_ratio(alike * part, square * part / count) for part in (1.0, lit)]
-    likeness = max((one for one in found if one is not None), key=lambda one: one[0] / one[1], default=None)
+    correlation = max((one for one in found if one is not None), key=lambda one: one[0] / one[1], default=None)
     borders = _ratio(*_steps(left))
-    return None if likeness is None or borders is None else Traces(*likeness, *borders)
+    return None if correlation is None or borders is None else Traces(*correlation, *borders)
 
 
 def _steps(left: Array) -> tuple[Array, Array]:

@@ -208,6 +208,13 @@ def test_evidence_of_a_fit_is_that_of_the_gaussian_it_is():
     alone, wide = np.eye(9), np.eye(9) + rows.T @ np.diag(deviation**2) @ rows
     expected = stats.multivariate_normal(cov=wide).logpdf(y) - stats.multivariate_normal(cov=alone).logpdf(y)
     assert fitted.log_evidence + 0.5 * float(y @ y) == pytest.approx(expected, rel=1e-9)
+    # By another prior, from the same fit.
+    other = np.array([0.05, 4.0])
+    wide = np.eye(9) + rows.T @ np.diag(other**2) @ rows
+    expected = stats.multivariate_normal(cov=wide).logpdf(y) - stats.multivariate_normal(cov=alone).logpdf(y)
+    evidence, covariance = fitted.by_prior(other)
+    assert evidence + 0.5 * float(y @ y) == pytest.approx(expected, rel=1e-9)
+    np.testing.assert_allclose(covariance, np.linalg.inv(rows @ rows.T + np.diag(other**-2.0)), rtol=1e-9)
 
 
 def test_the_unknown_is_smooth_and_of_each_series_alone():

@@ -170,7 +170,7 @@ def test_a_fit_stands_above_drawn_forms():
     assert place.log_bayes["b"] == pytest.approx(70.0)
     assert place.probability["b"] < 1e-9
     assert set(place.credible_set) == {"a", "c"}
-    assert Place.of({"a": 100.0, "b": 80.0}).with_fits("a", {"b": 5.0}).log_bayes["b"] == pytest.approx(80.0)
+    assert Place.of({"a": 100.0, "b": 80.0}).with_fits("a", {"b": 5.0}).log_bayes["b"] == pytest.approx(95.0)
 
 
 SIZE = (40, 52)

@@ -329,7 +329,8 @@ def shapes_of(bundle: Bundle, *, tell: Tell = lambda line: None) -> tuple[list[F
     """
     observation, model, gate = _nominal(bundle, tell)
     causes, _ = causes_of(observation)
-    return FormBank(model.coarse, _place(gate.start), tell).of([c for c in causes if not c.placed]), model.data
+    bank = bank_of(model, _place(gate.start), tell)
+    return bank.of([c for c in causes if not c.placed]), model.data
 
 
 def nominal_judge(bundle: Bundle, *, tell: Tell = lambda line: None) -> tuple[Judge, JointFit]:

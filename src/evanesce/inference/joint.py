@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from evanesce.core.errors import InputError
 from evanesce.inference.causes import Entry
 from evanesce.inference.constants import FAR
-from evanesce.inference.gauss_newton import ROUNDS, Prior, Slopes, Solution, fit
+from evanesce.inference.gauss_newton import HELD, ROUNDS, Prior, Slopes, Solution, fit
 from evanesce.inference.model import Model
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.parameters import Parameter, value_of
@@ -149,6 +149,25 @@ class JointFit:
         free = ~self.solution.held
         scaled = (self.solution.precision * np.outer(deviation, deviation))[np.ix_(free, free)]
         return -0.5 * (self.misfit + float(np.linalg.slogdet(scaled)[1]))
+
+    def by_prior(self, deviation: Array) -> tuple[float, Array]:
+        """Return the log evidence [nats] and the covariance (n, n) by other prior standard deviations, linear about it.
+
+        Parameters
+        ----------
+        deviation : ndarray (n,)
+            Of the parameters; what a bound holds stays.
+        """
+        free = np.flatnonzero(~self.solution.held)
+        own = np.array([p.deviation for p in self.parameters])
+        more = 1.0 / deviation**2 - 1.0 / own**2
+        away = self.departures()
+        precision = self.solution.precision + np.diag(more)
+        inner, pull = precision[np.ix_(free, free)], (more * away)[free]
+        misfit = self.misfit + float(more @ away**2) - float(pull @ np.linalg.solve(inner, pull))
+        scaled = inner * np.outer(deviation[free], deviation[free])
+        stiff = np.where(self.solution.held, HELD * np.diag(precision), 0.0)
+        return -0.5 * (misfit + float(np.linalg.slogdet(scaled)[1])), np.linalg.inv(precision + np.diag(stiff))
 
     def of_cause(self, cause: str) -> NDArray[np.int_]:
         """Return the places of a cause's parameters."""

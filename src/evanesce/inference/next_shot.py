@@ -20,7 +20,7 @@ from evanesce.inference.constants import LEAST_PROBABLE
 from evanesce.inference.data import rounding_sd
 from evanesce.inference.model import AnchoredModel
 from evanesce.inference.posterior import Weights
-from evanesce.inference.shapes import FormBank
+from evanesce.inference.shapes import FormBank, form_predictor
 from evanesce.inference.single_effects import NONE, UNKNOWN, Place
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.nuisance import nuisance_parameters
@@ -120,7 +120,7 @@ def next_shot(
     before = entropy(prior)
     rows: list[tuple[float, str, float]] = []
     for shot in menu(model.data.views):
-        predictor = Predictor(model.coarse.scene, [shot.view], noise_scale=model.data.scale)
+        predictor = form_predictor(model.coarse.scene, [shot.view], model.data.scale)
         forms = {f.id: f for f in FormBank(predictor, bank.point).of(chosen)}
         left = before
         if forms:

@@ -15,13 +15,15 @@ from evanesce.core.provenance import code_digest, digest
 from evanesce.core.rng import generator
 from evanesce.inference.causes import Cause
 from evanesce.inference.constants import DRAWS
-from evanesce.inference.data import DataVector
+from evanesce.inference.data import DataVector, stepped
 from evanesce.inference.laws import Law, Seen, all_laws
 from evanesce.inference.unknown import unknown_blocks
 from evanesce.prediction.parameters import Parameter
 from evanesce.prediction.predict import Predictor
 from evanesce.prediction.tone import expected_tone
+from evanesce.prediction.views import View
 from evanesce.render.fast.field_files import Folder, read_arrays, write_arrays
+from evanesce.rig import Scene
 
 Array = NDArray[Any]
 Tell = Callable[[str], None]
@@ -31,6 +33,9 @@ FLAT_DN = 1e-9
 COSTLY_DRAWS = 2
 SHAPES = Folder("shapes", 1024)
 """Of their files, some 2 MB each: 25 rigs, or places of the finger, or cameras."""
+SCALE_STEP = 0.25
+"""Of the logarithm of the noise's scale at which forms are made: it decides how stairs of the tone curve are smoothed,
+of which a change shows little; bundles whose noise is known to some per cent then share their forms."""
 FORMAT = 1
 """Of the files."""
 BEHIND = (
@@ -113,6 +118,20 @@ def _within(parameter: Parameter, *wanted: float) -> float:
         if low <= value <= high:
             return float(value)
     return float(np.clip(wanted[-1], low, high))
+
+
+def form_predictor(scene: Scene, views: Sequence[View], noise_scale: float) -> Predictor:
+    """Return the predictor of which a rig's forms are made.
+
+    Parameters
+    ----------
+    scene : Scene
+        At the critic's resolution.
+    views : sequence of View
+    noise_scale : float
+        See :class:`evanesce.prediction.predict.Predictor`.
+    """
+    return Predictor(scene, views, noise_scale=stepped(noise_scale, SCALE_STEP))
 
 
 @dataclass

@@ -173,11 +173,14 @@ class Place:
         return cls(dict(log_bayes), dict(zip(names, map(float, posterior), strict=True)))
 
     def with_fits(self, own: str, behind: Mapping[str, float]) -> Place:
-        """Return the place where causes that were fitted in it came out behind its own cause by so many nats."""
+        """Return the place where causes that were fitted in it came out behind its own cause by so many nats.
+
+        What a fit says stands in the place of what drawn forms say.
+        """
         if own not in self.log_bayes:
             return self
-        most = {name: self.log_bayes[own] - gap for name, gap in behind.items() if name in self.log_bayes}
-        return Place.of({name: min(value, most.get(name, value)) for name, value in self.log_bayes.items()})
+        fitted = {name: self.log_bayes[own] - gap for name, gap in behind.items() if name in self.log_bayes}
+        return Place.of({**self.log_bayes, **fitted})
 
     def without_law(self, names: Iterable[str]) -> Place:
         """Return the place where the probability of some causes is that of something unknown.

@@ -28,6 +28,8 @@ Tell = Callable[[str], None]
 SHARES = (1.0, 0.4)
 """Of the linear estimate at which a cause is entered: where a straight line overshoots, the shorter one is nearer."""
 TRIAL_ROUNDS = 6
+NEARER = (1.0, 0.3, 0.1)
+"""Prior deviations of what a cause's form may be, over those of its parameters; each as probable."""
 
 
 @dataclass
@@ -188,11 +190,21 @@ class Trials:
     def _evidence(self, fitted: JointFit, name: str, metric: Metric) -> float:
         """Return the log evidence of a fit in a metric, how strong one of its causes may be left open [nats].
 
-        Along the direction that data know best a cause has no prior but that of strengths, which all causes share.
+        Along the direction that data know best a cause has no prior but that of strengths, which all causes share. What
+        else its form may be is as probably near its null as far from it: room light is often even, a strip's own sides
+        alike.
         """
         found = fitted.in_metric(metric)
         places = fitted.of_cause(name)
-        deviation = np.array([fitted.parameters[k].deviation for k in places])
-        known = found.solution.covariance[np.ix_(places, places)] / np.outer(deviation, deviation)
-        half = next((np.log(2.0) for c in self.causes if c.id == name and c.one_sided), 0.0)
-        return float(found.log_evidence - 0.5 * np.log(np.linalg.eigvalsh(known)[0]) + half)
+        cause = next((c for c in self.causes if c.id == name), None)
+        amplitudes = cause.amplitudes if cause is not None else frozenset()
+        form = np.array([k for k in places if fitted.parameters[k].name not in amplitudes], int)
+        half = np.log(2.0) if cause is not None and cause.one_sided else 0.0
+        each = []
+        for nearer in NEARER if form.size else NEARER[:1]:
+            deviation = np.array([p.deviation for p in fitted.parameters])
+            deviation[form] *= nearer
+            evidence, covariance = found.by_prior(deviation)
+            known = covariance[np.ix_(places, places)] / np.outer(deviation[places], deviation[places])
+            each.append(evidence - 0.5 * np.log(np.linalg.eigvalsh(known)[0]) + half)
+        return float(np.logaddexp.reduce(each) - np.log(len(each)))

@@ -21,7 +21,7 @@ from evanesce.inference.joint import JointFit
 from evanesce.inference.model import AnchoredModel, one_by_one
 from evanesce.inference.series.model import SeriesBank, SeriesDiscrepancy, SeriesModel, unknown_rows
 from evanesce.inference.series.rows import rows_of
-from evanesce.inference.shapes import FormBank
+from evanesce.inference.shapes import FormBank, form_predictor
 from evanesce.inference.single_effects import UNKNOWN
 from evanesce.prediction.observe import Observation
 from evanesce.prediction.parameters import Parameter
@@ -48,9 +48,10 @@ def with_series(observation: Observation, data: DataVector, bundle: Bundle) -> A
 
 def bank_of(model: AnchoredModel, point: Point, tell: Tell = lambda line: None) -> FormBank:
     """Return the forms for a model of :func:`with_series`; arguments as of :class:`FormBank`."""
+    coarse = form_predictor(model.coarse.scene, model.coarse.views, model.data.scale)
     if not isinstance(model, FramesAndSeries):
-        return FormBank(model.coarse, point, tell)
-    bank = FramesAndSeriesBank(model.coarse, point, tell)
+        return FormBank(coarse, point, tell)
+    bank = FramesAndSeriesBank(coarse, point, tell)
     bank.rows = SeriesBank(model.series)
     return bank
 

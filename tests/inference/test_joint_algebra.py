@@ -182,6 +182,44 @@ def test_derivatives_of_the_last_anchor_serve_the_next():
     assert model.differentiated == 2
 
 
+class Costly:
+    """A prediction that is nearly a straight line of one parameter; notes where it was evaluated."""
+
+    unexplained, factor = 0.0, 1
+
+    def __init__(self, observed: Any) -> None:
+        self.observed, self.at = observed, []
+
+    def anchor(self, point: Any) -> None:
+        self.at.append(point["c:x"])
+
+    def vector(self, point: Any) -> Any:
+        return 300.0 * np.array([point["c:x"] + 0.02 * point["c:x"] ** 2, 0.0])
+
+    def derivative(self, point: Any, parameter: Parameter) -> Any:
+        raise AssertionError("takes seconds")
+
+    derivatives = one_by_one
+
+
+@pytest.mark.parametrize(("true", "anew"), [(1.05, False), (1.5, True)])
+def test_what_takes_seconds_is_evaluated_again_only_where_a_straight_line_does_not_reach(true, anew):
+    """Five per cent farther is 15 standard deviations, but a line leaves 0.02 (0.05)^2 300 = 0.015 of them."""
+    own = Parameter(name="c:x", deviation=3.0, step=0.01, bounds=(-9.0, 9.0))
+    fitter = object.__new__(Fitter)
+    model: Any = Costly(Costly(None).vector({"c:x": true}))
+    fitter.model, fitter.observed, fitter.jitter, fitter._evaluated_at = model, model.observed, (), {}
+    fitter.nuisances = ()
+    slope = {"c:x": np.array([300.0 * 1.04, 0.0])}
+    taken = Taken(SimpleNamespace(id="c", costly=True), (own,), slope)
+    found = fitter.relinearised([taken], {"c:x": 1.0})
+    assert found.point["c:x"] == pytest.approx(true, abs=0.01)
+    assert (len(set(model.at)) > 1) == anew
+    known = len(set(model.at))
+    fitter.relinearised([taken], found.point)
+    assert len(set(model.at)) == known
+
+
 @pytest.mark.parametrize("refused", [True, False])
 def test_fit_stays_in_bounds_and_counts_impossible_values_as_failed_steps(refused):
     rows = np.array([[1.0, 0.5, 0.0], [0.0, 1.0, 1.0]])
@@ -338,6 +376,32 @@ def test_a_faint_cause_beside_a_loud_one_is_found():
     assert set(found.ids) == {"a", "b"}
 
 
+def test_what_keeps_little_of_its_promise_gives_way_to_what_keeps_more():
+    """The first of two causes that are tried brings a tenth of what straight lines promised about the fine model."""
+    fitter, causes = toy({"a:x": 0.9, "b:x": 0.8})
+    search, _, _ = searched(fitter, causes)
+    base = fitter.relinearised([], {})
+    search.steps.clear()
+    search.in_vain.clear()
+    fine = fitter.relinearised
+    fits = {name: fine([Taken(c, c.parameters)], {f"{name}:x": 0.0}) for c in causes for name in [c.id] if name in "ab"}
+    tried: list[str] = []
+
+    def relinearised(taken: Any, point: Any, slopes: Any, renewals: int) -> JointFit:
+        tried.append(taken[-1].id)
+        kept = 0.1 if taken[-1].id == "a" else 1.0
+        solution = fits[taken[-1].id].solution
+        misfit = base.misfit - kept * (base.misfit - solution.misfit)
+        return replace(fits[taken[-1].id], solution=replace(solution, misfit=misfit))
+
+    fitter.relinearised = relinearised
+    found = search._added(base, search.judge.further(base))
+    assert tried == ["a", "b"]
+    assert found is not None
+    assert found.ids == ("b",)
+    assert [step.cause for step in search.steps] == ["b"]
+
+
 @pytest.mark.parametrize(("moved", "taken"), [(0.0005, set("a")), (0.02, set("ab"))])
 def test_a_faint_cause_beside_a_loud_one_has_to_move_the_area(moved, taken):
     areas: Any = SimpleNamespace(
@@ -390,6 +454,19 @@ def test_a_form_that_takes_a_hundredth_of_what_nothing_explains_is_no_cause(patt
     assert ("what is not explained" in search.not_taken.get("b", "")) == (not taken)
 
 
+@pytest.mark.parametrize(("amount", "taken"), [(1.4, False), (0.5, True)])
+def test_a_hundredth_of_what_strong_causes_do_is_told_as_unknown_and_not_marginalised(amount, taken):
+    """A smooth field of 0.2 or 1.7 % of the misfit, of strength 135, beside two causes."""
+    y, x = np.mgrid[-1 : 1 : SHAPE[0] * 1j, -1 : 1 : SHAPE[1] * 1j]
+    blob = 0.15 * 80.0 * np.exp(-8 * ((x - 0.3) ** 2 + (y + 0.2) ** 2))
+    fitter, causes = toy({"a:x": amount, "b:x": -0.85 * amount})
+    fitter.observed = fitter.observed + fitter.model.data.whitened(np.broadcast_to(blob, (len(VIEWS), *SHAPE)))
+    search, found, posterior = searched(fitter, causes)
+    assert set(found.ids) == {"a", "b"}
+    assert bool(search.unknown) == taken
+    assert verdict_of(posterior, False) == "causes and unknown"
+
+
 @pytest.mark.parametrize(("first", "refused"), [(4000.0, False), (4900.0, False), (5100.0, True)])
 def test_a_weak_cause_alone_need_not_move_the_area(first, refused):
     """Ten of the misfit: a hundredth of all that there is beyond noise, but not of what no other cause has removed."""
@@ -432,7 +509,7 @@ def test_what_was_dropped_does_not_come_back_by_an_exchange(refused, tried):
     search._in_place = lambda now, without, name, other: (asked.append(other), (None, -1.0))[1]  # type: ignore
     search.fitter.model.anchor = lambda point: None
     place = SimpleNamespace(log_bayes={"a": 50.0, "decoy0": 49.0}, credible_set=("a", "decoy0"))
-    now: Any = SimpleNamespace(ids=("a",), point={})
+    now: Any = SimpleNamespace(ids=("a",), point={}, taken=())
     assert search._exchanged(now, SimpleNamespace(places={"a": place})) is None  # type: ignore[arg-type]
     assert asked == tried
 

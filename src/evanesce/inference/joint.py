@@ -26,8 +26,9 @@ STAYED = 0.01
 """A fit has stayed where it was anchored if the misfit fell by less than this share since."""
 
 
-LINEAR = 0.5
-"""Posterior standard deviations over which a parameter whose evaluation takes seconds acts linearly."""
+LINEAR, LINEAR_SHARE = 0.5, 0.1
+"""Over so many posterior standard deviations, or over that share of its distance from null, a parameter whose
+evaluation takes seconds acts linearly: a hundredth of its change is curved at most."""
 
 
 class Term(Protocol):
@@ -285,7 +286,6 @@ class Fitter:
         point = dict(start)
         slopes = known if isinstance(known, Slopes) else None
         slow = _slow(taken)
-        self._evaluated_at = {name: point[name] for name in slow}
         found: JointFit | None = None
         began = time.monotonic()
         for number in range(anchors):
@@ -293,8 +293,12 @@ class Fitter:
                 left = (anchors - number) * (time.monotonic() - began) / number
                 tell(f"{_misfit(found)} after pass {number} of {anchors} at most; some {left:.0f} s left")
                 self._evaluated_at |= {name: point[name] for name in slow if self._left(found, name)}
-            there = {**point, **self._evaluated_at}
-            self.model.anchor(there)
+                there = {**point, **self._evaluated_at}
+                self.model.anchor(there)
+            else:
+                there = self.stand(taken, point)
+            taken = [self._secants(t, there) for t in taken]
+            slopes = None if slopes is None else _with_rows(slopes, taken, _slow(taken))
             metric = self.jitter_metric(there)
             metric = metric.with_rows(self.fields) if len(self.fields) else metric
             if slopes is None and known is not None and not isinstance(known, Slopes):
@@ -315,11 +319,40 @@ class Fitter:
         tell(_misfit(found))
         return found
 
+    def stand(self, taken: Sequence[Taken], point: Mapping[str, float]) -> dict[str, float]:
+        """Anchor the model at some causes' point, and return where it was evaluated.
+
+        What takes seconds stays where it was evaluated before, as far as a straight line reaches.
+        """
+        nulls = {p.name: p.null for t in taken for p in t.parameters}
+        known = {name: self._evaluated_at.get(name, np.nan) for name in _slow(taken)}
+        near = {name: _near(point[name], at, nulls[name]) for name, at in known.items()}
+        self._evaluated_at = {name: at if near[name] else point[name] for name, at in known.items()}
+        there = {**point, **self._evaluated_at}
+        self.model.anchor(there)
+        return there
+
+    def _secants(self, taken: Taken, there: Mapping[str, float]) -> Taken:
+        """Return a cause whose parameters that take seconds act along the line from null to where they were evaluated.
+
+        Beside other causes that line is another one than about the nominal rig.
+        """
+        nulls = {p.name: p.null for p in taken.parameters if p.name in taken.slow and there[p.name] != p.null}
+        if not nulls:
+            return taken
+        here = self.model.vector(there)
+        rows = {
+            name: np.asarray((here - self.model.vector({**there, name: null})) / (there[name] - null), np.float32)
+            for name, null in nulls.items()
+        }
+        return replace(taken, slow={**taken.slow, **rows})
+
     def _left(self, fitted: JointFit, name: str) -> bool:
         """Return whether a fit has moved a parameter from where it was evaluated by more than its line reaches."""
         place = [p.name for p in fitted.parameters].index(name)
         sd = float(np.sqrt(fitted.solution.covariance[place, place]))
-        return abs(fitted.point[name] - self._evaluated_at[name]) > LINEAR * sd
+        at, found = self._evaluated_at[name], fitted.point[name]
+        return abs(found - at) > LINEAR * sd and not _near(found, at, fitted.parameters[place].null)
 
     def derivatives(self, point: Mapping[str, float], parameters: Sequence[Parameter]) -> list[Array]:
         """Return whitened derivatives (bins,) at a point, in the order of some parameters.
@@ -345,6 +378,22 @@ class Fitter:
         rows = np.array(list(self._derivatives(point, self.jitter).values())).reshape(-1, self.observed.size)
         metric = Metric.of(rows, np.array([p.deviation for p in self.jitter]))
         return metric.with_rows(self.noise) if len(self.noise) else metric
+
+
+def _with_rows(slopes: Slopes, taken: Sequence[Taken], rows: Mapping[str, Array]) -> Slopes:
+    """Return derivatives of causes' parameters, then of nuisances, with some rows replaced."""
+    names = [p.name for t in taken for p in t.parameters]
+    if not any(name in rows for name in names):
+        return slopes
+    found = slopes.rows.copy()
+    for name, row in rows.items():
+        found[names.index(name)] = row
+    return replace(slopes, rows=found, made=found if slopes.fresh else slopes.made)
+
+
+def _near(value: float, evaluated: float, null: float) -> bool:
+    """Return whether a value is as near where a parameter was evaluated as a straight line reaches."""
+    return bool(abs(value - evaluated) <= LINEAR_SHARE * abs(evaluated - null))
 
 
 def _misfit(found: JointFit) -> str:

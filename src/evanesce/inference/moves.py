@@ -221,7 +221,7 @@ class Moves(Trials):
                     self.tell(self._words(better))
                     return better
                 self._behind[name, other] = -ahead
-                self.fitter.model.anchor(now.point)
+                self.fitter.stand(now.taken, now.point)
         return None
 
     def _note(self, move: str, cause: str, after: JointFit, before: JointFit, reason: str, other: str = "") -> None:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.errors import InputError
-from evanesce.inference.constants import DETECTED, FITTED, LEAST_SHARE, SUBSTITUTE
+from evanesce.inference.constants import DETECTED, FITTED, LEAST_SHARE, SUBSTITUTE, WORTH
 from evanesce.inference.joint import JointFit, Taken
 from evanesce.inference.marks import MarkSearch
 from evanesce.inference.moves import Moves
@@ -125,6 +125,8 @@ class Search(Moves):
                 took = time.monotonic() - began
                 self.tell(f"{self._words(better)}; about {self._rounds_left(better, now) * took:.0f} s left")
                 began, now = time.monotonic(), better
+            elif self._little_left(now):
+                return now  # it is told, and not marginalised: forms are off by as much
             elif place.log_bayes.get(UNKNOWN, 0.0) > 0.0 and asked.unknown:
                 explained = self._with_defects(now)
                 if explained is now and not self.unknown:
@@ -143,6 +145,11 @@ class Search(Moves):
             else:
                 return now
         return now
+
+    def _little_left(self, now: JointFit) -> bool:
+        """Return whether less than WORTH of the misfit is left, where that is more than noise varies by."""
+        little = WORTH * (self.first - self.floor)
+        return now.misfit - self.floor < little and little > np.sqrt(2.0 * now.residual.size)
 
     def _with_defects(self, now: JointFit) -> JointFit:
         """Return the fit with the localised defects that stand out of it; they are sought once."""
@@ -227,6 +234,7 @@ class Search(Moves):
         tried = [t for t in (self._tried(now, e, metric, believed) for e in near[: self.fitted]) if t is not None]
         unknown = place.log_bayes.get(UNKNOWN, 0.0)
         unknown = unknown if unknown > asked.library else 0.0
+        found: list[JointFit] = []
         for fitted in sorted(tried, key=lambda t: t.misfit):
             cause = fitted.taken[-1].id
             brought = 0.5 * (now.misfit - fitted.misfit)
@@ -244,11 +252,18 @@ class Search(Moves):
                 continue
             removed = now.misfit - better.misfit
             if 0.5 * removed > least and removed > LEAST_SHARE * self.first:
-                self._note("add", cause, better, now, f"p = {p:.2g} of noise, {0.5 * removed:.0f} nats by it")
-                return better
-            self.in_vain[cause] = f"brings {0.5 * removed:.1f} nats at the fine model's optimum"
-            self.fitter.model.anchor(now.point)
-        return None
+                found.append(better)
+            else:
+                self.in_vain[cause] = f"brings {0.5 * removed:.1f} nats at the fine model's optimum"
+            if 0.5 * removed > SUBSTITUTE * brought:
+                break  # where less is kept of what straight lines promised, the next may keep more
+        best = min(found, key=lambda one: one.misfit, default=now)
+        self.fitter.stand(best.taken, best.point)
+        if best is now:
+            return None
+        nats = 0.5 * (now.misfit - best.misfit)
+        self._note("add", best.taken[-1].id, best, now, f"p = {p:.2g} of noise, {nats:.0f} nats by it")
+        return best
 
     def _rounds_left(self, now: JointFit, before: JointFit) -> float:
         """Return how many more causes are expected if each removes as large a share as the last one did."""

@@ -19,6 +19,7 @@ SLIDE = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_light_beside_a_contact_that_slid_is_that_of_a_finger_put_there() -> None:
     scene = load_scene("thesis_slide", SLIDE)
     last = contact_sequence(scene)[-1]

@@ -430,6 +430,7 @@ def test_bands_of_a_line_are_each_seen_at_their_own_wavelength() -> None:
     np.testing.assert_allclose(light.radiance, seen_at(red).plate.refractive_index, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_path_tracer_and_fast_renderer_agree_on_a_red_scene() -> None:
     need("llvm")
     red = seen_at(small_rig(leds__spectrum="red", leds__voltage_V=12.0, leds__edge={"top": {"offset_mm": 1.7}}))

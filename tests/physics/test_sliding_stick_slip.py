@@ -82,6 +82,7 @@ STICKS = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_frames_of_a_scene_stick_and_slip_with_the_period_of_a_mass_on_a_spring() -> None:
     """A stiff contact is the point mass of the closed form; a light one leaps in no time."""
     states = contact_sequence(load_scene("thesis_slide", STICKS))

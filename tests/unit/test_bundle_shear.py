@@ -46,6 +46,7 @@ def test_a_slides_load_cell_is_in_the_table(tmp_path: Path) -> None:
             assert getattr(other, name) == pytest.approx(getattr(one, name), rel=1e-8, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_a_slides_bundle_holds_its_frames_and_what_the_load_cell_read(tmp_path: Path) -> None:
     small = {"camera.resolution_px": [208, 156], "camera.scale_px_per_mm": 6.07, "press.frame_rate_hz": 5.0}
     scene = load_scene("thesis_slide", SLIDE | small)

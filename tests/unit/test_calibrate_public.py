@@ -20,6 +20,7 @@ def benchmark(monkeypatch):
     return importlib.import_module("calibrate_public")
 
 
+@pytest.mark.slow
 def test_cameras_of_a_drawn_set_and_the_plumb_line(benchmark):
     pictures, size, shape, truth = benchmark.drawn_set()
     found = benchmark.compared("drawn", pictures[:5], size, shape)

@@ -45,7 +45,7 @@ PYTEST = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 -
 test: dev
 	$(PYTEST)
 
-# The same tests, a fifth longer: lines are counted as they run, and what is covered least is shown.
+# The same tests: lines are counted as they run, which takes longer, and what is covered least is shown.
 coverage: dev
 	$(PYTEST) --cov --cov-report=
 	@$(BIN)/coverage report > .coverage-report && head -n 14 .coverage-report && tail -n 1 .coverage-report

@@ -28,7 +28,7 @@ STAYED = 0.01
 
 LINEAR, LINEAR_SHARE = 0.5, 0.1
 """Over so many posterior standard deviations, or over that share of its distance from null, a parameter whose
-evaluation takes seconds acts linearly: a hundredth of its change is curved at most."""
+evaluation takes seconds acts linearly (assumed: forms of other light hardly depend on how much there is of it)."""
 
 
 class Term(Protocol):
@@ -146,10 +146,7 @@ class JointFit:
         misfit holds the priors' squares already (MacKay, Information Theory, Inference, and Learning Algorithms, 2003,
         ch. 27).
         """
-        deviation = np.array([p.deviation for p in self.parameters])
-        free = ~self.solution.held
-        scaled = (self.solution.precision * np.outer(deviation, deviation))[np.ix_(free, free)]
-        return -0.5 * (self.misfit + float(np.linalg.slogdet(scaled)[1]))
+        return self.by_prior(np.array([p.deviation for p in self.parameters]))[0]
 
     def by_prior(self, deviation: Array) -> tuple[float, Array]:
         """Return the log evidence [nats] and the covariance (n, n) by other prior standard deviations, linear about it.

@@ -205,6 +205,16 @@ def test_h264_keeps_even_colours_and_halves_the_resolution_of_colour_alone(tmp_p
 # --- the Raspberry Pi's encoders
 
 
+def test_the_same_frames_make_the_same_video(tmp_path: Path) -> None:
+    noisy = np.random.default_rng(5).normal(90.0, 4.0, (12, 160, 208, 3)).clip(0, 255).astype(np.uint8)
+    film = [Frame(data=data, time=k / 30, index=k) for k, data in enumerate(noisy)]
+    videos = set()
+    for _ in range(12):
+        write_video(tmp_path / "again.mp4", film, codec="h264", quality=24)
+        videos.add((tmp_path / "again.mp4").read_bytes())
+    assert len(videos) == 1
+
+
 def test_bit_rates_of_the_pis_encoders() -> None:
     """Medium quality: 6 Mb/s in proportion to pixels a second on a Pi 4, 7 Mb/s by their root on a Pi 5."""
     assert bit_rate("h264-pi4", (1080, 1920), 30.0) == 6_000_000

@@ -34,6 +34,8 @@ _H264 = ("h264", *PI_CODECS)
 _SUFFIXES: dict[str, tuple[str, ...]] = {"ffv1": (".mkv",)} | dict.fromkeys(_H264, (".mp4", ".mov", ".mkv"))
 ENCODER_THREADS = 4
 """Of x264, whose pictures depend on their number: as many on every machine."""
+_X264 = "mbtree=0"
+"""Its macroblock tree, which no encoder of a Pi has either, makes some videos of the same frames differ."""
 _ENCODERS = {"ffv1": "ffv1"} | dict.fromkeys(_H264, "libx264")
 
 
@@ -208,7 +210,9 @@ class VideoWriter:
         stream.pix_fmt = "yuv420p" if self.codec in _H264 else "bgr0"
         stream.time_base = stream.codec_context.time_base = self._tick
         if self.codec == "h264":
-            stream.options = {"crf": str(self.quality), "bf": "0", "threads": str(ENCODER_THREADS)}
+            stream.options = {
+                "crf": str(self.quality), "bf": "0", "threads": str(ENCODER_THREADS), "x264-params": _X264,
+            }  # fmt: skip
         elif self.codec in PI_CODECS:
             bits = bit_rate(self.codec, (rows, cols), self.frame_rate_hz, self.pi_quality)
             stream.codec_context.bit_rate, stream.codec_context.gop_size = bits, KEY_FRAMES[self.codec]

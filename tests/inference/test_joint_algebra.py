@@ -22,6 +22,7 @@ from evanesce.inference.joint import Fitter, JointFit, Taken, taken_from
 from evanesce.inference.judge import Judge
 from evanesce.inference.listing import placed
 from evanesce.inference.model import cube_by_cube, one_by_one
+from evanesce.inference.moves import GAVE_WAY
 from evanesce.inference.posterior import Posterior
 from evanesce.inference.removal import everything_marginalised, loss_of, removal
 from evanesce.inference.search import Search
@@ -402,6 +403,19 @@ def test_what_keeps_little_of_its_promise_gives_way_to_what_keeps_more():
     assert [step.cause for step in search.steps] == ["b"]
 
 
+@pytest.mark.parametrize(("extra", "first"), [(0.8, "a"), (0.15, "lure")])
+def test_where_the_first_cause_leaves_much_others_are_taken_without_it(extra, first):
+    """Another looks like two causes together, up to an error of its own: by 0.8 of it a quarter is left."""
+    fitter, causes = toy({"lure:x": 0.0, "a:x": 0.8, "b:x": 0.7})
+    maps, rng = fitter.model.maps, np.random.default_rng(3)
+    own = ndimage.gaussian_filter(rng.standard_normal((len(VIEWS), *SHAPE)), (0, 3, 3))
+    both = 0.8 * maps["a:x"] + 0.7 * maps["b:x"]
+    maps["lure:x"] = both + extra * both.std() / own.std() * own
+    search, found, _ = searched(fitter, causes)
+    assert set(found.ids) == {"a", "b"}
+    assert search.steps[0].cause == first
+
+
 @pytest.mark.parametrize(("moved", "taken"), [(0.0005, set("a")), (0.02, set("ab"))])
 def test_a_faint_cause_beside_a_loud_one_has_to_move_the_area(moved, taken):
     areas: Any = SimpleNamespace(
@@ -512,6 +526,18 @@ def test_what_was_dropped_does_not_come_back_by_an_exchange(refused, tried):
     now: Any = SimpleNamespace(ids=("a",), point={}, taken=())
     assert search._exchanged(now, SimpleNamespace(places={"a": place})) is None  # type: ignore[arg-type]
     assert asked == tried
+
+
+def test_what_gave_way_to_something_unknown_may_come_back_once_that_is_dropped():
+    search = Search(*toy({}), SimpleNamespace())  # type: ignore[arg-type]
+    search.refused, search.unknown = {"a": GAVE_WAY, "b": "dropped: its place is more probably empty"}, {UNKNOWN: 3.0}
+    now: Any = SimpleNamespace(
+        taken=(), point={}, solution=SimpleNamespace(slopes=None), misfit=9.0, residual=np.zeros(4), ids=()
+    )
+    search._with_unknown = lambda taken, point, unknown, slopes: now  # type: ignore[method-assign]
+    place = SimpleNamespace(probability={UNKNOWN: 0.1})
+    assert search._dropped(now, SimpleNamespace(places={UNKNOWN: place})) is now  # type: ignore[arg-type]
+    assert set(search.refused) == {"b"}
 
 
 def test_derivatives_of_the_extended_fit_are_made_where_it_is():

@@ -176,12 +176,12 @@ def test_a_fit_stands_above_drawn_forms():
 SIZE = (40, 52)
 
 
-def left(extra: Any, seed: int = 8) -> Any:
+def left(extra: Any, seed: int = 8, dark: float = 20.0) -> Any:
     """Return what is left of six views of a disc of light, unit noise and a relative change of it."""
     rng = np.random.default_rng(seed)
     views = tuple(View(kind="press", force_N=2.0, voltage_V=8.0 + 0.3 * k, condition=k, index=k) for k in range(6))
     y, x = np.indices(SIZE)
-    disc = 20.0 + 180.0 * (np.hypot(y - 19, x - 26) < 15)
+    disc = dark + 180.0 * (np.hypot(y - 19, x - 26) < 15)
     light = np.array([disc * (0.5 + 0.1 * k) for k in range(6)])
     sd = np.full(light.shape, 0.4)
     noise: Any = None
@@ -210,6 +210,18 @@ def test_stripes_are_told_with_period_direction_and_size():
     kept = np.sinc(frequency * np.cos(angle)) * np.sinc(frequency * np.sin(angle))
     assert wave.amplitude == pytest.approx(0.015 / kept, rel=0.1)
     assert "stripes" in found.sentence()
+
+
+def test_faint_stripes_of_the_light_are_seen_where_all_bins_together_show_noise():
+    """A wave of strength 10 in the light: beside the light, where a third of all bins are lit, it has a third of it."""
+    y, x = np.indices(SIZE)
+    lit = 180.0 * (np.hypot(y - 19, x - 26) < 15) + 0.5
+    wave = np.cos(2 * np.pi * 0.23 * x)
+    size = np.sqrt(sum((((0.5 + 0.1 * k) * lit * wave / 0.4) ** 2).sum() for k in range(6)))
+    found = [left(lambda x, y: 10.0 / size * np.cos(2 * np.pi * 0.23 * x), seed, dark=0.5) for seed in range(12)]
+    assert all(f.found for f in found)
+    assert all(f.follows == "light" for f in found)
+    assert np.median([f.p_value for f in found]) > 1e-3
 
 
 def test_a_ring_is_told_as_round():

@@ -25,6 +25,8 @@ Array = NDArray[Any]
 
 AHEAD = 1.0
 """Nats by which another cause has to be more probable to take a place: a fit ends within half a nat of its optimum."""
+GAVE_WAY = "something unknown is more probable in its place"
+"""Of a cause that was given up for something unknown, as long as that is there."""
 
 
 @dataclass(frozen=True)
@@ -136,6 +138,7 @@ class Moves(Trials):
         place = posterior.places.get(UNKNOWN)
         if place is not None and place.probability.get(UNKNOWN, 0.0) < 0.5:
             self.not_unknown |= set(self.unknown)
+            self.refused = {name: why for name, why in self.refused.items() if why != GAVE_WAY}
             known = self._with_unknown(now.taken, now.point, {}, now.solution.slopes)
             self._note("drop", UNKNOWN, known, now, "its place is more probably another cause's or empty")
             self.tell(self._words(known))
@@ -185,7 +188,7 @@ class Moves(Trials):
         found = self._with_unknown(
             kept, without.point, {**self.unknown, **asked.unknown}, without.solution.slopes
         )  # fmt: skip
-        self.refused[name] = "something unknown is more probable in its place"
+        self.refused[name] = GAVE_WAY
         self._note("exchange", UNKNOWN, found, now, "is more probable", name)
         self.tell(self._words(found))
         return found

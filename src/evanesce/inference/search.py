@@ -29,6 +29,11 @@ Array = NDArray[Any]
 
 GROWN = 1.5
 """Ratio of evidences beyond which a cause that was fitted in vain is fitted once more."""
+BEGINNING = 2
+"""Causes after which the first is asked about again: without others a wrong one may remove most."""
+GOOD_BEGINNING = 0.1
+"""Share of the misfit that a good beginning leaves: of five to ten strong causes, two rightly named leave less in half
+of all rigs (assumed), and another beginning takes as long again."""
 MOVES = 60
 """Moves in all: the last resort of a search that does not end by itself."""
 
@@ -111,7 +116,7 @@ class Search(Moves):
 
     def _grown_roughly(self, now: JointFit) -> JointFit:
         """Return the fit to which no cause is worth being added."""
-        began = time.monotonic()
+        began, start = time.monotonic(), now
         while len(self.steps) < MOVES:
             asked = self.judge.further(now, self.unknown, self.not_unknown)
             place = asked.place
@@ -124,7 +129,8 @@ class Search(Moves):
             if better is not None:
                 took = time.monotonic() - began
                 self.tell(f"{self._words(better)}; about {self._rounds_left(better, now) * took:.0f} s left")
-                began, now = time.monotonic(), better
+                now = self._begun(start, better) if not start.ids and len(better.ids) == BEGINNING else better
+                began = time.monotonic()
             elif self._little_left(now):
                 return now  # it is told, and not marginalised: forms are off by as much
             elif place.log_bayes.get(UNKNOWN, 0.0) > 0.0 and asked.unknown:
@@ -144,6 +150,33 @@ class Search(Moves):
                 continue
             else:
                 return now
+        return now
+
+    def _begun(self, start: JointFit, now: JointFit) -> JointFit:
+        """Return the better of two beginnings: where the first causes leave much, others are taken without it.
+
+        What several causes do together may look most like one that is not there, and everything after it makes up for
+        it.
+        """
+        if self.unknown or self.share(now.misfit) < GOOD_BEGINNING:
+            return now
+        first, steps = now.ids[0], self.steps
+        self.tell(f"{', '.join(now.ids)} leave much: begun again without {first}")
+        self.steps = []
+        other = start
+        for _ in range(BEGINNING):
+            self.in_vain, self._vain_at = {first: "not at first"}, {first: np.inf}
+            self.fitter.stand(other.taken, other.point)
+            found = self._added(other, self.judge.further(other))
+            if found is None:
+                break
+            other = found
+            self.tell(self._words(other))
+        self.in_vain, self._vain_at, self.faint = {}, {}, {}
+        if other.misfit < now.misfit:
+            return other
+        self.steps = steps
+        self.fitter.stand(now.taken, now.point)
         return now
 
     def _little_left(self, now: JointFit) -> bool:

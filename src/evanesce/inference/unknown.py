@@ -266,38 +266,34 @@ def left_of(data: DataVector, residual: Array, by_light: Array, mm_per_bin: floa
     cube = data.unwhitened(residual)[touching]
     chosen = [opened[n] for n in touching]
     valid, seen = data.valid[chosen], np.array([view.touches for view in data.views])[:, None, None]
-    best: tuple[str, Array, Array, Array] | None = None
-    gained = -np.inf
+    cubes = [] if draws is None else [data.unwhitened(one)[touching] for one in draws]
+    fields = []
     for follows, shape in (("light", by_light), ("level", np.ones_like(by_light))):
         weight = np.where(valid, data.over_noise(shape * seen)[touching], 0.0)
         power = (weight**2).sum(axis=0)
         known = power > LEAST_POWER * power.max()
-        field = np.where(known, (weight * cube).sum(axis=0) / np.where(known, power, 1.0), np.nan)
-        sd = np.where(known, 1.0 / np.sqrt(np.where(known, power, 1.0)), np.nan)
-        value = float(np.nansum((field / sd) ** 2))
+        scale = np.where(known, 1.0 / np.sqrt(np.where(known, power, 1.0)), np.nan)
+        standard = (weight * cube).sum(axis=0) * scale
+        square = float(np.nansum(standard**2))
+        usual = [np.nansum(((weight * one).sum(axis=0) * scale) ** 2) for one in cubes]
+        p = _p_value(square, int(known.sum()), np.array(usual))
+        wave = _periodic(np.nan_to_num(standard * scale), scale, mm_per_bin)
         # Noise has one for each bin, of which light shows in fewer.
-        if value - known.sum() > gained:
-            gained, best = value - known.sum(), (follows, field, sd, weight)
-    assert best is not None
-    follows, field, sd, weight = best
-    standard = np.nan_to_num(field / sd)
-    count, square = int(np.isfinite(field).sum()), float(np.nansum((field / sd) ** 2))
-    usual = np.zeros(0)
-    if draws is not None:
-        cubes = (data.unwhitened(one)[touching] for one in draws)
-        usual = np.array([np.nansum(((weight * cube).sum(axis=0) * sd) ** 2) for cube in cubes])
+        fields.append((-min(p, wave.p_value), square - known.sum(), follows, standard, scale, weight, p, wave))
+    _, _, follows, standard, sd, weight, p, wave = max(fields, key=lambda one: one[:2])
+    field, known = standard * sd, np.isfinite(standard)
+    standard = np.nan_to_num(standard)
     amplitudes = _amplitudes(cube, weight, np.nan_to_num(field))
     views = [data.views[k] for k in chosen]
     middle, radial = _around(standard, np.abs(by_light[chosen]).sum(axis=0))
     rows, cols = field.shape
     return Left(
-        follows, field, sd, square / count, _p_value(square, count, usual), radial,
-        _concentrated(standard[np.isfinite(field)] ** 2),
+        follows, field, sd, float((standard**2).sum() / known.sum()), p, radial, _concentrated(standard[known] ** 2),
         ((middle[1] - (cols - 1) / 2) * mm_per_bin, (middle[0] - (rows - 1) / 2) * mm_per_bin),
         _correlation(amplitudes, [v.voltage_V for v in views]),
         _correlation(amplitudes, [v.force_N or 0.0 for v in views]),
         _correlation(amplitudes, [v.time_s for v in views]),
-        _periodic(standard, np.nan_to_num(field), sd, mm_per_bin),
+        wave,
     )  # fmt: skip
 
 
@@ -351,19 +347,20 @@ def _around(standard: Array, light: Array) -> tuple[tuple[float, float], float]:
     return (float(middle[0]), float(middle[1])), max(explained, 0.0) / max(float((standard**2).sum()), 1e-12)
 
 
-def _periodic(standard: Array, field: Array, sd: Array, mm_per_bin: float) -> Periodic:
-    spectrum = np.abs(np.fft.rfft2(standard)) ** 2
+def _periodic(field: Array, sd: Array, mm_per_bin: float) -> Periodic:
+    """Return the strongest plane wave of a field, by the spectrum of what each bin says times how well it is known."""
+    weight = np.where(np.isfinite(sd), 1.0 / np.nan_to_num(sd, nan=1.0), 0.0)
+    spectrum = np.abs(np.fft.rfft2(field * weight**2)) ** 2
     spectrum[0, 0] = 0.0
-    down = np.fft.fftfreq(standard.shape[0])[:, None]
-    right = np.fft.rfftfreq(standard.shape[1])[None, :]
+    down = np.fft.fftfreq(field.shape[0])[:, None]
+    right = np.fft.rfftfreq(field.shape[1])[None, :]
     # Longer waves are what smooth causes leave; shorter ones are no stripes.
-    spectrum[np.hypot(down, right) < 3.0 / max(standard.shape)] = 0.0
+    spectrum[np.hypot(down, right) < 3.0 / max(field.shape)] = 0.0
     looked_at = spectrum[spectrum > 0]
     # Half the waves are below ln 2 of the mean: a peak does not raise that.
     mean = float(np.median(looked_at) / np.log(2.0))
     peak = np.unravel_index(int(np.argmax(spectrum)), spectrum.shape)
     p = float(-np.expm1(len(looked_at) * np.log1p(-np.exp(-min(float(spectrum[peak]) / mean, 700.0)))))
-    weight = np.where(np.isfinite(sd), 1.0 / np.nan_to_num(sd, nan=1.0), 0.0)
     y, x = np.indices(field.shape)
 
     def fitted(at: Array) -> tuple[float, float]:

@@ -12,11 +12,11 @@ from evanesce.inference.answer import verdict_of, warnings_of
 from evanesce.inference.constants import STRENGTHS
 from evanesce.inference.data import DataVector
 from evanesce.inference.judge import Judge
+from evanesce.inference.left import left_of
 from evanesce.inference.posterior import Posterior
 from evanesce.inference.power import expected_power
 from evanesce.inference.single_effects import NONE, UNKNOWN, Place, Shapes, null_statistics, p_value, place_of
 from evanesce.inference.small_space import SmallSpace
-from evanesce.inference.unknown import left_of
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.views import View
 
@@ -222,6 +222,20 @@ def test_faint_stripes_of_the_light_are_seen_where_all_bins_together_show_noise(
     assert all(f.found for f in found)
     assert all(f.follows == "light" for f in found)
     assert np.median([f.p_value for f in found]) > 1e-3
+
+
+@pytest.mark.parametrize(("axis", "along"), [(0, "rows"), (1, "columns")])
+def test_rows_and_columns_of_the_sensor_that_differ_are_told(axis, along):
+    """Each by 2 % of the light rms, at random; half a wave of 5 % along them is none."""
+    own = 0.02 * np.random.default_rng(2).standard_normal(SIZE[axis])
+    found = left(lambda x, y: own[(y, x)[axis]])
+    assert found.bands.along == along
+    assert found.bands.p_value < 1e-6
+    assert found.bands.amplitude == pytest.approx(0.02, rel=0.25)
+    assert f"{along} of the sensor by themselves" in found.sentence()
+    assert found.bands.share > 0.8
+    smooth = left(lambda x, y: 0.05 * np.cos(3 * (y, x)[axis] / SIZE[axis]))
+    assert "by themselves" not in smooth.sentence()
 
 
 def test_a_ring_is_told_as_round():

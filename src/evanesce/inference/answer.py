@@ -188,7 +188,7 @@ def verdict_of(posterior: Posterior, left_found: bool) -> str:
     ----------
     posterior : Posterior
     left_found : bool
-        See :attr:`evanesce.inference.unknown.Left.found`.
+        See :attr:`evanesce.inference.left.Left.found`.
     """
     places = [*posterior.places.values(), *([posterior.further] if posterior.asks else [])]
     causes = any(1.0 - p.probability[NONE] - p.probability.get(UNKNOWN, 0.0) > 0.5 for p in places)

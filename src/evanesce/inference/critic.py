@@ -22,6 +22,7 @@ from evanesce.inference.gain import held_out
 from evanesce.inference.gate import Gate, GrossDifference, gate_of
 from evanesce.inference.joint import Fitter, JointFit
 from evanesce.inference.judge import Judge
+from evanesce.inference.left import left_of
 from evanesce.inference.marks import MarkSearch
 from evanesce.inference.model import AnchoredModel
 from evanesce.inference.next_shot import doubtful, next_shot
@@ -32,7 +33,6 @@ from evanesce.inference.search import Search
 from evanesce.inference.series.beside import bank_of, discrepancy_of, with_series
 from evanesce.inference.shapes import FormBank, Forms
 from evanesce.inference.single_effects import UNKNOWN
-from evanesce.inference.unknown import left_of
 from evanesce.prediction.observe import Observation, observe, require_monochrome
 from evanesce.prediction.processes import processes
 from evanesce.prediction.recoded import DRAWS, Codec

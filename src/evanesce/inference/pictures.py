@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.inference.joint import JointFit
+from evanesce.inference.left import Left
 from evanesce.inference.model import AnchoredModel
-from evanesce.inference.unknown import Left
 
 Array = NDArray[Any]
 

@@ -33,11 +33,11 @@ from evanesce.inference.data import DataVector
 from evanesce.inference.gain import HeldOut, held_out
 from evanesce.inference.gauss_newton import Slopes
 from evanesce.inference.joint import Fitter, JointFit
+from evanesce.inference.left import Left, left_of
 from evanesce.inference.model import AnchoredModel
 from evanesce.inference.pictures import Pictures, pictures_of
 from evanesce.inference.removal import everything_marginalised
 from evanesce.inference.series.beside import discrepancy_of
-from evanesce.inference.unknown import Left, left_of
 from evanesce.prediction.parameters import Parameter, derivative
 from evanesce.prediction.processes import processes
 from evanesce.prediction.views import BIN_PX, View

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from evanesce.inference.joint import JointFit, Taken
+from evanesce.inference.left import Left, left_of
 from evanesce.inference.photograph.causes import PhotoForms, photo_causes
 from evanesce.inference.photograph.light import LightModel
 from evanesce.inference.photograph.model import (
@@ -32,7 +33,6 @@ from evanesce.inference.photograph.points import Points, Scan, points_of, scan_o
 from evanesce.inference.posterior import Posterior
 from evanesce.inference.removal import everything_marginalised
 from evanesce.inference.single_effects import Place
-from evanesce.inference.unknown import Left, left_of
 from evanesce.measurement.calibration.points import BoardView
 from evanesce.measurement.calibration.repeated import photographed_views
 from evanesce.prediction.noise import Noise

@@ -13,7 +13,9 @@ import pytest
 from typer.testing import CliRunner
 
 from evanesce.cli.app import app
+from evanesce.core.errors import InputError
 from evanesce.dataset import layout, worker
+from evanesce.dataset.audit import audit
 from evanesce.dataset.config import CHANNELS
 from evanesce.dataset.encode import exr, png
 from evanesce.dataset.job import Job
@@ -241,3 +243,13 @@ def test_a_frame_that_cannot_be_decoded_is_named(tmp_path):
     result = CliRunner().invoke(app, ["dataset", "audit", str(tmp_path / "d")])
     assert result.exit_code == 2
     assert "000000000" in result.output
+
+
+def test_a_dataset_of_other_versions_is_audited_on_request(tmp_path):
+    """Maps that are not stored are made again, by the packages that are here."""
+    make(tmp_path / "d", tiny_job(frames=12, labels={"frame": (), "plate": ()}))
+    text = (tmp_path / "d" / "dataset.json").read_text()
+    (tmp_path / "d" / "dataset.json").write_text(text.replace(f'"numpy": "{np.__version__}"', '"numpy": "1.0"'))
+    with pytest.raises(InputError, match=r"numpy 1\.0 .*--any-versions"):
+        audit(tmp_path / "d")
+    assert not [finding for finding in audit(tmp_path / "d", any_versions=True) if finding.verdict == "wrong"]

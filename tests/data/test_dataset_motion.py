@@ -138,6 +138,17 @@ def test_a_finger_turns_while_it_slides_and_past_gross_slip():
     )
 
 
+def test_the_margin_of_a_spin_is_its_torques():
+    """It grows with the turn; once nothing sticks it is the ratio of dynamic to static friction, as that of a slide."""
+    found = trial("spin", spin_deg=-100.0)
+    margin, stick = series(found, "margin"), series(found, "stick_ratio")
+    held = series(found, "Fz_N") > 0.5 * series(found, "Fz_N").max()
+    partly = held & (stick < 0.9) & (stick > 0.5)
+    assert margin[held & (stick == 0.0)] == pytest.approx(found._friction.dynamic_ratio, rel=0.01)
+    assert partly.any()
+    assert np.all((margin[partly] > 0.3) & (margin[partly] < 0.97))
+
+
 def test_a_finger_is_put_down_elsewhere_and_slides_again():
     found = trial("regrasp")
     force, slip = series(found, "Fz_N"), series(found, "stick_ratio") < 0.9

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 
 import numpy as np
 import pytest
@@ -13,7 +14,8 @@ from evanesce import dataset
 from evanesce.cli.app import app
 from evanesce.core.errors import InputError
 from evanesce.dataset.run import make
-from evanesce.dataset.score import read_predictions, score
+from evanesce.dataset.score import _scored, read_predictions, score
+from evanesce.dataset.slip_scores import Series
 from support.datasets import tiny_job
 
 
@@ -54,6 +56,22 @@ def test_a_perfect_detector_has_no_error_and_a_late_one_its_lateness(folder, tmp
         assert every.stick_ratio_error == 0.0
         if not late:
             assert every.false_per_minute == 0.0
+
+
+def test_every_slip_counts_and_an_alarm_that_is_kept_up_is_false():
+    """Three slips of 0.5 s, 0.5 s apart: an alarm that never ends finds the first and is false wherever all sticks."""
+    time = np.arange(60) / 20.0
+    stick = np.where((time * 2).astype(int) % 2, 0.4, 1.0)
+    latch, good, slack = (np.where(e, 1.0, 0.0) for e in (time >= 0.5, stick < 0.9, np.append(1.0, stick[:-1]) < 0.9))
+    alarms = {}
+    for name, evidence in (("latch", latch), ("good", good), ("slack", slack)):
+        one = Series(time, evidence, stick, 0.5, math.nan)
+        alarms[name] = _scored("all", [(one, np.zeros(60), np.ones(60, bool))], 1)
+    assert [alarms[n].slips for n in alarms] == [3, 3, 3]
+    assert [alarms[n].found for n in alarms] == [1, 3, 3]
+    minutes = 1.5 / 60.0
+    assert [alarms[n].false_per_minute for n in alarms] == pytest.approx([2 / minutes, 0.0, 0.0])
+    assert alarms["slack"].onset_bias_ms == pytest.approx(50.0)
 
 
 def test_errors_and_false_alarms_by_hand(folder, tmp_path):

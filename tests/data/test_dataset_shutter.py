@@ -68,14 +68,14 @@ def test_an_edge_is_smeared_over_the_way_of_its_exposure():
     assert still is STATE
 
 
-def slides(effects=None, ridged=1.0):
+def slides(effects=None, ridged=1.0, exposure_ms=2.0, speed=3.0):
     config = tiny_config(
         kinds={kind: float(kind == "slide") for kind in KINDS},
         trial={"frames": 40, "frame_rate_hz": 30.0},
         programme={
             "press_time_s": {"constant": 0.2}, "hold_time_s": {"constant": 0.15}, "reversals": {"constant": 0.0},
-            "speed_mm_per_s": {"constant": 3.0}, "direction_deg": {"constant": 20.0},
-            "normal_force_N": {"constant": 0.8}, "distance_mm": {"constant": 1.5},
+            "speed_mm_per_s": {"constant": speed}, "direction_deg": {"constant": 20.0},
+            "normal_force_N": {"constant": 0.8}, "distance_mm": {"constant": 0.5 * speed},
         },
         friction={"levels": 1, "friction_coefficient": {"constant": 0.6}, "area_left": {"constant": 1.0}},
         finger={"ridged_share": ridged, "count": 1, "shaft_stiffness_N_per_mm": {"constant": 20.0}},
@@ -83,6 +83,7 @@ def slides(effects=None, ridged=1.0):
         labels={"grid_samples": 160, "grid_size_mm": 12.0},
     )  # fmt: skip
     scene = small_rig().model_copy(update={"effects": effects or {}})
+    scene = scene.model_copy(update={"camera": scene.camera.model_copy(update={"exposure_ms": exposure_ms})})
     return Producer(new_job(scene, config, frames=40, seed=11))
 
 
@@ -143,6 +144,27 @@ def test_frames_and_their_labels_are_skewed_together_and_only_in_motion():
     wanted = motion.velocity[0] * late[at[0], at[1]] * scene.camera.scale_px_per_mm
     assert abs(wanted) > 0.3
     np.testing.assert_allclose(shifts, wanted, rtol=0.25)
+
+
+def test_an_exposure_smears_what_moves_without_a_rolling_shutter_and_leaves_the_labels():
+    """A gross slide of 12 mm/s over 30 ms: the light is the mean of outlines up to 0.18 mm before and after."""
+    fast, slow = (slides(ridged=0.0, exposure_ms=e, speed=12.0) for e in (2.0, 30.0))
+    trial = slow.trial(0).trial
+    rest, gross = 8, next(i for i in range(40) if math.hypot(*trial.motion(i).velocity) > 11.5) + 2
+    for i in (rest, gross):
+        current = slow.trial(0)
+        state = current.trial.truth(i).state
+        lit, visible = slow._visible(current, i, state)
+        assert visible is state
+        assert (lit is state) == (i == rest)
+        assert fast.record(i).members["mask.png"] == slow.record(i).members["mask.png"]
+    # between the outlines at the first and the last moment of the exposure a place is in contact for half of it
+    ends = [np.asarray(trial.state(gross, t).contact_mask, dtype=float) for t in (-0.0125, 0.0125)]
+    mask, once = np.asarray(lit.contact_mask), np.abs(ends[0] - ends[1]) > 0.99
+    assert once.sum() * trial.part(gross).pitch ** 2 > 0.2
+    assert mask[once].mean() == pytest.approx(0.5, abs=0.06)
+    assert mask[np.minimum(*ends) > 0.99].min() > 0.99
+    assert mask[np.maximum(*ends) < 0.01].max() < 0.2
 
 
 def test_motion_is_the_trials_and_no_other():

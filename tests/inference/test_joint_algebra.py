@@ -578,6 +578,19 @@ def test_a_ripple_of_the_rows_that_the_joint_fit_gives_no_strength_is_not_told(t
     assert ("no strength" in search.not_taken["band"]) is not named
 
 
+@pytest.mark.parametrize(("shown", "named"), [(0.012, True), (0.04, False), (-0.04, False)])
+def test_places_of_which_the_joint_fit_gives_less_than_half_are_not_told(shown, named):
+    """Rationale: two spots that JPEG left beside an edge were a film at 1.000, of a tenth of what they showed."""
+    fitter, causes = toy({"film:x": np.copysign(0.01, shown)}, decoys=3)
+    own = Parameter(name="film:x", deviation=1.0, step=0.01, bounds=(-5.0, 5.0))
+    fitter.model.list_defects = lambda effect, settings: None
+    mark: Any = SimpleNamespace(cause="film", log_bayes={"film": 30.0})
+    found = Scan(marks=(mark,), listed=(placed(causes[0], own, {}, shown),))
+    search, fit, _ = searched(fitter, causes[1:], SimpleNamespace(model=fitter.model, scan=lambda point: found))
+    assert (fit.ids == ("film",)) is named
+    assert ("less than half" in search.not_taken["film"]) is not named
+
+
 @pytest.mark.parametrize(("moved", "taken"), [(0.0005, {"a"}), (0.02, {"a", "band"})])
 def test_a_faint_ripple_beside_a_loud_cause_has_to_move_the_area(moved, taken):
     """Rationale: streaks in a rig's glass were taken for a ripple, which asked for more causes at a minute each."""

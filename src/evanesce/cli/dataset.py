@@ -29,6 +29,9 @@ SchedulerOption = Annotated[str, typer.Option("--scheduler", help="Dask schedule
 ShardOption = Annotated[
     str, typer.Option("--shard", help="i/n, i from 1: only every n-th shard, for job arrays; `resume` gathers them.")
 ]
+AnyVersionsOption = Annotated[
+    bool, typer.Option("--any-versions", help="Continue although packages changed; frames or labels may then differ.")
+]
 
 
 def register(app: typer.Typer) -> None:
@@ -97,9 +100,7 @@ def resume(
     workers: WorkersOption = None,
     scheduler: SchedulerOption = "",
     shard: ShardOption = "",
-    any_versions: Annotated[
-        bool, typer.Option("--any-versions", help="Continue although packages changed; frames may then differ.")
-    ] = False,
+    any_versions: AnyVersionsOption = False,
     json_file: JsonOption = None,
 ) -> None:
     """Finish a dataset whose making ended early, or gather the shards of a job array."""
@@ -157,7 +158,7 @@ def verify(folder: FolderArgument, json_file: JsonOption = None) -> None:
     console.print("nothing wrong")
 
 
-def audit(folder: FolderArgument, json_file: JsonOption = None) -> None:
+def audit(folder: FolderArgument, any_versions: AnyVersionsOption = False, json_file: JsonOption = None) -> None:
     """Check maps against numbers, labels against motion, splits, and composition. Exit code 1 if an identity fails."""
     check_json_target(json_file)
     from evanesce.dataset.audit import as_dict
@@ -165,7 +166,7 @@ def audit(folder: FolderArgument, json_file: JsonOption = None) -> None:
     from evanesce.dataset.job import load_job
 
     with _Frames(load_job(folder).frames) as bar:
-        findings = check(folder, bar.advance)
+        findings = check(folder, bar.advance, any_versions=any_versions)
     wrong = [finding for finding in findings if finding.verdict == "wrong"]
     write_json(json_file, {"good": not wrong, "findings": [as_dict(finding) for finding in findings]})
     table = Table(title=str(folder))

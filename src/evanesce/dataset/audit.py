@@ -95,7 +95,9 @@ class _Trial:
     gross: bool = False
 
 
-def audit(folder: Path, advance: Callable[[int], None] = lambda _: None) -> list[Finding]:
+def audit(
+    folder: Path, advance: Callable[[int], None] = lambda _: None, *, any_versions: bool = False
+) -> list[Finding]:
     """Check a dataset, finished or not.
 
     Parameters
@@ -103,6 +105,8 @@ def audit(folder: Path, advance: Callable[[int], None] = lambda _: None) -> list
     folder : Path
     advance : callable
         Called with the number of frames checked since the last call.
+    any_versions : bool
+        Make maps that are not stored again although packages changed.
 
     Returns
     -------
@@ -117,7 +121,7 @@ def audit(folder: Path, advance: Callable[[int], None] = lambda _: None) -> list
     groups: dict[tuple[str, int], set[str]] = defaultdict(set)
     trials: dict[int, _Trial] = defaultdict(_Trial)
     phases = dict.fromkeys(("stick", "partial", "gross"), 0)
-    with Dataset(folder) as data:
+    with Dataset(folder, any_versions=any_versions) as data:
         if not len(data):
             raise InputError("no frames", file=folder, allowed="a dataset with at least one finished shard")
         first_slip = data.job.config.labels.first_slip_share

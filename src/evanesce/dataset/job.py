@@ -301,7 +301,7 @@ def _require_versions(path: Path, recorded: dict[str, Any]) -> None:
         raise InputError(
             f"begun with {changed}: frames made on {platform.node()} might differ",
             file=path,
-            allowed="the same versions, or `resume --any-versions`",
+            allowed="the same versions, or --any-versions",
         )
 
 

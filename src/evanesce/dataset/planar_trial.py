@@ -10,11 +10,12 @@ import numpy as np
 from evanesce.contact.patch import AxisymmetricContact
 from evanesce.contact.sliding.planar import PlanarPath, PlanarSolver
 from evanesce.contact.sliding.planar_states import PlanarState, planar_state
+from evanesce.contact.sliding.torsion import sliding_torque
 from evanesce.core.states import ContactState, PlateGrid
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.design import TrialPlan
 from evanesce.dataset.motions import PlanarSampled, is_planar, planar_programme
-from evanesce.dataset.numbers import slip_labelled
+from evanesce.dataset.numbers import measured, slip_labelled
 from evanesce.dataset.trial import LIFTED_N, Floats, Trial
 from evanesce.rig import Scene
 
@@ -82,7 +83,9 @@ class PlanarTrial(Trial):
         return bool((stick <= 0.0).any() if anywhere else (stick <= 0.0).mean() > 0.5)
 
     def _torque_margin(self, i: int) -> float:
-        return 0.0
+        contact, (x, y) = self._pressed(i), self.centre(i)
+        torque = measured(self._planar(i).state, (x, y))["torque_N_mm"]
+        return abs(torque) / sliding_torque(contact, self._friction)
 
     def _turned(self, i: int) -> dict[str, float]:
         frame = self._frames[i]

@@ -245,22 +245,25 @@ class Producer:
     def _visible(
         current: _Current, i: int, state: ContactState | None
     ) -> tuple[ContactState | None, ContactState | None]:
-        """Return what light and frame labels are made of: the state, or what a rolling shutter sees of it."""
-        camera = current.ready.camera
-        if state is None or camera.readout_s == 0.0:
+        """Return what light and frame labels are made of: the mean over the exposure, and what its middle sees."""
+        if state is None:
             return state, state
+        camera = current.ready.camera
         scene, exposure = camera.scene, 1e-3 * camera.scene.camera.exposure_ms
-        late = lateness(scene, state.grid, camera.readout_s)
         trial, motion = current.trial, current.trial.motion(i)
         slip = 0.0 if state.slip_velocity is None else float(np.hypot(*np.asarray(state.slip_velocity)).max())
-        speed = max(math.hypot(*motion.velocity), slip)
-        visible = trial.state(i, late)
+        way, pixel = max(math.hypot(*motion.velocity), slip) * exposure, 1.0 / scene.camera.scale_px_per_mm
+        if camera.readout_s == 0.0 and way <= pixel:
+            return state, state
+        late, visible = np.zeros(state.grid.shape), state
+        if camera.readout_s != 0.0:
+            late = lateness(scene, state.grid, camera.readout_s)
+            visible = trial.state(i, late)
 
         def at(moment: Floats) -> ContactState:
             return visible if np.array_equal(moment, late) else trial.state(i, moment)
 
-        lit = smeared(at, late, exposure, speed * exposure, 1.0 / scene.camera.scale_px_per_mm)
-        return lit, visible
+        return smeared(at, late, exposure, way, pixel), visible
 
     @staticmethod
     def _with_contact_effects(truth: FrameTruth, ready: _Ready, frame: int, time_s: float) -> FrameTruth:

@@ -151,6 +151,8 @@ class Dataset(Sequence[Sample]):
         Only ``train``, ``validation`` or ``test``.
     check : bool
         Compare each member with its SHA-256 when it is read.
+    any_versions : bool
+        Make labels that are not stored again although packages changed, so that they may differ.
 
     Attributes
     ----------
@@ -165,10 +167,12 @@ class Dataset(Sequence[Sample]):
         If the folder holds no dataset.
     """
 
-    def __init__(self, folder: Path, *, split: str | None = None, check: bool = False) -> None:
+    def __init__(
+        self, folder: Path, *, split: str | None = None, check: bool = False, any_versions: bool = False
+    ) -> None:
         if split not in (None, "train", "validation", "test"):
             raise InputError(f"{split!r}", key="split", allowed="train, validation, test")
-        self.folder, self.split, self.check = folder, split, check
+        self.folder, self.split, self.check, self.any_versions = folder, split, check, any_versions
         self.job: Job = load_job(folder)
         manifest = Manifest.open(folder / layout.MANIFEST)
         try:
@@ -210,7 +214,7 @@ class Dataset(Sequence[Sample]):
             If the data set is of other versions, whose labels may be others.
         """
         if self._producer is None:
-            self._producer = Producer(load_job(self.folder, check_versions=True))
+            self._producer = Producer(load_job(self.folder, check_versions=not self.any_versions))
         return self._producer.make(frame, exposed=False)
 
     def trials(self) -> dict[int, list[int]]:

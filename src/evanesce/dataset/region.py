@@ -20,8 +20,8 @@ from evanesce.materials import silicone_of
 from evanesce.optics.projection import Projection
 from evanesce.rig import Scene
 
-SAMPLED_TRIALS = 64
-"""Number of trials whose contacts the region must hold."""
+SAMPLED_TRIALS = 256
+"""Number of trials whose contacts the region must hold: of 2000 default trials it then cuts 0.5 % at the most."""
 MARGIN = 1.02
 """Of the region over those contacts."""
 

@@ -16,7 +16,7 @@ from evanesce.core.errors import InputError
 from evanesce.dataset.design import SPLITS
 from evanesce.dataset.layout import frame_key
 from evanesce.dataset.read import Dataset
-from evanesce.dataset.slip_scores import STICKING, Series, alarms
+from evanesce.dataset.slip_scores import STICKING, Series, alarms, false_alarms
 
 Floats = NDArray[np.float64]
 
@@ -40,13 +40,13 @@ class SplitScore:
     ----------
     split : str
     trials, slips : int
-        Trials, and those of them in which slip begins.
+        Trials, and how often slip begins in them.
     found : int
-        Of those, with an alarm while it slips.
+        Of those slips, with an alarm that is raised while it lasts.
     onset_bias_ms, onset_error_ms : float
-        Median, and mean magnitude, of alarm less first slip, over the trials found [ms].
+        Median, and mean magnitude, of alarm less begin of slip, over the slips found [ms].
     false_per_minute : float
-        Alarms while nothing slips, per minute of such frames [1/min].
+        :func:`~evanesce.dataset.slip_scores.false_alarms` per minute of frames without slip [1/min].
     minutes : float
         Their duration [min].
     stick_ratio_error, stick_ratio_se : float
@@ -195,16 +195,24 @@ def score(
     return [*rows, _scored("all", [one for split in series.values() for one in split], hold)]
 
 
+def _slips(sticking: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return the frames at which slips begin, and those at which all sticks again."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], sticking, [True]]).astype(int)))
+    return [(int(begin), int(after)) for begin, after in zip(edges[::2], edges[1::2], strict=True)]
+
+
 def _scored(split: str, trials: Sequence[tuple[Series, Floats, NDArray[np.bool_]]], hold: int) -> SplitScore:
     late, false, without_slip_s, slips = [], 0, 0.0, 0
     for one, _, _ in trials:
         raised = alarms(one.evidence, 0.0, hold)
         sticking = one.stick_ratio >= STICKING
         without_slip_s += float(sticking.sum()) * float(np.median(np.diff(one.time)))
-        false += int(sticking[raised].sum())
-        if math.isfinite(one.onset_first):
+        false += false_alarms(one, 0.0, hold)
+        for begin, after in _slips(sticking):
             slips += 1
-            late += [float(one.time[i]) - one.onset_first for i in raised if not sticking[i]][:1]
+            known = math.isfinite(one.onset_first) and begin == int(np.argmin(sticking))
+            onset = one.onset_first if known else float(one.time[begin])
+            late += [float(one.time[i]) - onset for i in raised if begin <= i < after][:1]
     errors = [float(error[held].mean()) for _, error, held in trials if held.any()]
     spread = float(np.std(errors, ddof=1) / math.sqrt(len(errors))) if len(errors) > 1 else math.nan
     return SplitScore(

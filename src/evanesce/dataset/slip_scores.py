@@ -14,6 +14,8 @@ Floats = NDArray[np.float64]
 
 STICKING = 0.95
 """Stick ratio from which on an alarm counts as false."""
+RELEASE_S = 0.1
+"""After which an alarm that goes on while everything sticks again counts as false: features look back as far."""
 CONFIDENCE = 0.84
 """One standard deviation, one-sided."""
 
@@ -54,7 +56,7 @@ class Score:
     lead_s : float
         Median of gross slip less alarm, over the detected trials [s]; NaN without any.
     false_per_minute : float
-        Alarms without slip, per minute of such frames [1/min].
+        :func:`false_alarms` per minute of frames without slip [1/min].
     slides : int
         Trials with gross slip.
     minutes : float
@@ -78,6 +80,31 @@ def alarms(evidence: Floats, threshold: float, hold: int = 2) -> NDArray[np.int6
     return np.flatnonzero(run == hold)
 
 
+def false_alarms(series: Series, threshold: float, hold: int = 2) -> int:
+    """Return the number of alarms without slip: raised while all sticks, or kept up :data:`RELEASE_S` after slip ended.
+
+    Parameters
+    ----------
+    series : Series
+    threshold : float
+    hold : int
+
+    Returns
+    -------
+    int
+        Each stretch of sticking counts every alarm raised in it, and once one that was kept up.
+    """
+    above, sticking = series.evidence > threshold, series.stick_ratio >= STICKING
+    raised = sticking[alarms(series.evidence, threshold, hold)].sum()
+    begins = np.flatnonzero(sticking[1:] & ~sticking[:-1]) + 1
+    kept = 0
+    for begin in begins:
+        ends = np.flatnonzero(~(above & sticking)[begin:])
+        last = begin + (int(ends[0]) if ends.size else len(above) - begin) - 1
+        kept += int(last >= begin and above[begin - 1] and series.time[last] - series.time[begin] >= RELEASE_S)
+    return int(raised) + kept
+
+
 def score(trials: Sequence[Series], threshold: float, hold: int = 2) -> Score:
     """Return the scores of a detector at one threshold."""
     latencies, leads, false, without_slip_s, slides = [], [], 0, 0.0, 0
@@ -86,7 +113,7 @@ def score(trials: Sequence[Series], threshold: float, hold: int = 2) -> Score:
         step = float(np.median(np.diff(trial.time)))
         sticking = trial.stick_ratio >= STICKING
         without_slip_s += float(sticking.sum()) * step
-        false += int(sticking[raised].sum())
+        false += false_alarms(trial, threshold, hold)
         if not np.isfinite(trial.onset_gross):
             continue
         slides += 1

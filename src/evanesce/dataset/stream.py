@@ -19,14 +19,13 @@ from evanesce.dataset.design import trial_plan
 from evanesce.dataset.job import Job, new_job
 from evanesce.dataset.produce import Made, Producer
 from evanesce.dataset.read import Sample
+from evanesce.dataset.region import SAMPLED_TRIALS
 from evanesce.dataset.worker import single_threaded
 from evanesce.rig import Scene, load_scene
 from evanesce.rig.load import validate
 
 AHEAD = 2
 """Trials that each process has in hand or in store."""
-PLANNED_TRIALS = 64
-"""Trials whose contacts an endless stream's region of interest is fitted to."""
 
 
 class Stream(Iterable[Sample]):
@@ -154,9 +153,9 @@ def stream(
         config = validate(DatasetConfig, dict(config or {}), "config")
     config = with_size(config, size)
     seen = load_scene(scene) if isinstance(scene, str) else scene
-    count = PLANNED_TRIALS if trials is None else trials
+    # The region about the contacts is that of as many trials whatever is asked for: frames go by the seed alone.
     return Stream(
-        new_job(seen, config, frames=count * config.trial.frames, seed=seed),
+        new_job(seen, config, frames=SAMPLED_TRIALS * config.trial.frames, seed=seed),
         trials=trials,
         split=split,
         workers=workers,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from evanesce.core.errors import InputError
 from evanesce.inference.constants import DETECTED, FITTED, LEAST_SHARE, SUBSTITUTE, WORTH
 from evanesce.inference.joint import JointFit, Taken
-from evanesce.inference.marks import MarkSearch
+from evanesce.inference.marks import NEAR, MarkSearch
 from evanesce.inference.moves import Moves
 from evanesce.inference.posterior import Further, Posterior
 from evanesce.inference.removal import everything_marginalised
@@ -212,18 +212,19 @@ class Search(Moves):
     def _denied(self, now: JointFit, listed: Sequence[Taken], start: Mapping[str, float]) -> dict[str, str]:
         """Return which causes whose places were found are not taken, with the reason, by a trial fit of them all.
 
-        To some all views together give no strength: what stood out is something else. Bands may be anything that
-        varies from row to row, so that they have to be worth it as any cause has.
+        To some all views together give no strength, or far less than their places showed: what stood out is something
+        else, as what a codec leaves beside an edge. Bands may be anything that varies from row to row, so that they
+        have to be worth it as any cause has.
         """
         if not listed:
             return {}
         trial = self._beside(now, listed, {**now.point, **start})
-        at, away = {t.id: trial.of_cause(t.id) for t in listed}, trial.departures()
-        denied = {
-            name: "places stand out, but the joint fit gives it no strength"
-            for name in at
-            if not np.any(away[at[name]])
-        }
+        denied = {}
+        for t in listed:
+            if not np.any(trial.departures()[trial.of_cause(t.id)]):
+                denied[t.id] = "places stand out, but the joint fit gives it no strength"
+            elif t.id not in self.scan.ripples and _less_than_shown(trial, t.id, start):
+                denied[t.id] = "places stand out, but the joint fit gives it less than half of what they show"
         for own in (t for t in listed if t.id in self.scan.ripples and t.id not in denied):
             alone = {name: v for name, v in start.items() if name.startswith(f"{own.id}:")}
             idle = self._idle(now, self._beside(now, [own], {**now.point, **alone}))
@@ -304,3 +305,15 @@ class Search(Moves):
         noise = np.sqrt(2.0 * own)
         left, there = max(now.misfit - own, noise), max(before.misfit - own, 2.0 * noise)
         return float(1 + np.log(left / noise) / max(np.log(there / left), 0.2))
+
+
+def _less_than_shown(fitted: JointFit, cause: str, shown: Mapping[str, float]) -> bool:
+    """Return whether a fit gives all of a cause's parameters surely less than half of what places showed."""
+    sd = np.sqrt(np.diag(np.linalg.inv(fitted.solution.precision)))
+    found = []
+    for k in fitted.of_cause(cause):
+        parameter, value = fitted.parameters[k], fitted.solution.values[k]
+        there = shown[parameter.name] - parameter.null
+        short = np.sign(there) * (shown[parameter.name] - value)
+        found.append(short > max(NEAR * sd[k], SUBSTITUTE * abs(there)))
+    return all(found)

@@ -261,7 +261,7 @@ class Producer:
             visible = trial.state(i, late)
 
         def at(moment: Floats) -> ContactState:
-            return visible if np.array_equal(moment, late) else trial.state(i, moment)
+            return visible if np.array_equal(moment, late) else trial.state(i, moment, light_alone=True)
 
         return smeared(at, late, exposure, way, pixel), visible
 

@@ -142,14 +142,17 @@ class Trial:
         state = self.state(i)
         return FrameTruth(state, {**self._scalars(i, state), **measured(state, self.centre(i))})
 
-    def state(self, i: int, late_s: Floats | None = None) -> ContactState:
+    def state(self, i: int, late_s: Floats | None = None, *, light_alone: bool = False) -> ContactState:
         """Return the contact of a held finger at frame ``i``, on :meth:`part` of the grid.
 
-        With ``late_s`` [s], of that part's shape, each cell as much later.
+        With ``late_s`` [s], of that part's shape, each cell as much later; without traction and strength where only
+        the light is wanted.
         """
         if self._now is None or self._now[0] != i:
             self._now = i, self._smooth(i)
         state = self._now[1]
+        if light_alone:
+            state = replace(state, traction=None, strength=None)
         if late_s is not None:
             state = slip_labelled(advanced(state, self.motion(i), late_s))
         if self._ridges is not None:

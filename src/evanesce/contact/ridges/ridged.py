@@ -122,6 +122,12 @@ def ridged_state(
     )
 
 
+LEAST_STICKING = 0.02
+"""Of the cells that touch, from which on those that stick can carry what is lacking."""
+CORRECTIONS = 6
+"""Rounds in which cells that have come to their strength are left as they are."""
+
+
 def with_ridges(
     smooth: ContactState,
     ridges: RidgeRow,
@@ -135,9 +141,10 @@ def with_ridges(
     """Put ridges on a smooth finger's contact state, in which they move with the skin.
 
     A ridge belongs to the finger's skin: it stands where its piece of skin first touched, plus the slip since then, so
-    that it stays on the glass where the contact sticks and moves where it slips. What the smooth contact carries
-    about a point (pressure, traction, strength) is carried by the ridges within a pitch of it, shared as their local
-    pressure: forces are those of the smooth contact, and traction over strength stays what it is there.
+    that it stays on the glass where the contact sticks and moves where it slips. The pressure and strength of the
+    smooth contact about a point are those of the ridges within a pitch of it, shared as their local pressure. Traction
+    over strength stays what it is at each place, so that what slips carries its strength; what the sums then lack of
+    the smooth contact's force and torque, what sticks carries.
 
     Parameters
     ----------
@@ -176,6 +183,8 @@ def with_ridges(
         local[touched] = np.where(mask[touched] > 0, closure.local_pressure(d, mean), 0.0)
     gap = np.where(mask >= 1.0, 0.0, np.asarray(smooth.gap) + furrow)
     changes = _on_ridges(smooth, local, touched, ridges.pitch)
+    if smooth.traction is not None and smooth.strength is not None:
+        changes["traction"] = _traction(smooth, changes["strength"])
     for name in ("slip", "slip_velocity"):
         if getattr(smooth, name) is not None:
             changes[name] = np.asarray(getattr(smooth, name)) * (mask > 0)
@@ -225,6 +234,48 @@ def _on_ridges(smooth: ContactState, local: Array, touched: NDArray[np.bool_], r
         carried[:, *box] = _shared(layers[:, *box] * touched[box], local[box], window)
     parts = np.split(carried, np.cumsum([len(field) for field in fields])[:-1])
     return {name: part.reshape(getattr(smooth, name).shape) for name, part in zip(names, parts, strict=True)}
+
+
+def _traction(smooth: ContactState, strength: Array) -> Array:
+    """Return the traction (2, rows, cols) [MPa] of a smooth contact's shares of strength, with its force and torque.
+
+    What is lacking goes by strength to cells that stick, up to their strength. Where hardly any do, what is lacking of
+    the force goes to all that touch, and the torque is that of ridges at their strength.
+    """
+    everywhere, whole = np.asarray(smooth.strength, dtype=float), np.zeros((2, *strength.shape))
+    rows, cols = (np.flatnonzero(everywhere.any(axis=axis)) for axis in (1, 0))
+    if not rows.size:
+        return whole
+    box = np.s_[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
+    x, y = (a - float(a.mean()) for a in np.meshgrid(smooth.grid.x[box[1]], smooth.grid.y[box[0]]))
+    before, old, strength = np.asarray(smooth.traction, dtype=float)[:, *box], everywhere[box], strength[box]
+    share = np.divide(before, old, out=np.zeros_like(before), where=old > 0)
+    found = share * strength
+
+    def sums(traction: Array) -> Array:
+        return np.array([traction[0].sum(), traction[1].sum(), (x * traction[1] - y * traction[0]).sum()])
+
+    wanted, touching = sums(before), strength > 0
+    free = touching if smooth.state is None else touching & (np.asarray(smooth.state)[box] == SurfaceState.STICK)
+    sticks = free.sum() >= LEAST_STICKING * touching.sum()
+    free, limit = (free, strength) if sticks else (touching, np.full_like(strength, np.inf))
+    for _ in range(CORRECTIONS):
+        weight = np.where(free, strength, 0.0)
+        if not weight.any():
+            break
+        shapes = [np.stack([weight, 0.0 * x]), np.stack([0.0 * x, weight]), np.stack([-y * weight, x * weight])]
+        shapes = shapes if sticks else shapes[:2]
+        matrix = np.array([sums(shape)[: len(shapes)] for shape in shapes]).T
+        amounts = np.linalg.lstsq(matrix, (wanted - sums(found))[: len(shapes)], rcond=1e-9)[0]
+        found = found + sum(a * shape for a, shape in zip(amounts, shapes, strict=True))
+        size = np.hypot(*found)
+        over = free & (size > limit)
+        if not over.any():
+            break
+        found[:, over] *= (limit / np.where(size > 0, size, 1.0))[over]
+        free = free & ~over
+    whole[:, *box] = found
+    return whole
 
 
 def _shared(layers: Array, weight: Array, window: int) -> Array:

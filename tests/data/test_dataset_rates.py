@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
 from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState
-from evanesce.dataset.config import DatasetConfig, load_config
+from evanesce.dataset.config import CHANNELS, DatasetConfig, load_config
 from evanesce.dataset.data_card import _besides, _effects, _exposure
 from evanesce.dataset.design import draw_effect, rig_plan, trial_plan
+from evanesce.dataset.produce import Producer
 from evanesce.dataset.rigs import RigCamera, plate_grid, rig_scene, rig_with_effects
+from evanesce.dataset.run import Engine, make
 from evanesce.dataset.trial import Trial
 from evanesce.effects import all_effects
 from evanesce.rig import Camera, load_scene
@@ -143,3 +147,44 @@ def test_motions_liquids_and_markers_are_in_the_card():
 def test_shares_of_single_effects_are_in_the_card():
     job = tiny_job(12, 5, randomisation={"probability": 0.2, "effects": {"led_bin": {"probability": 0.7}}})
     assert "led_bin in 70 %" in _effects(job)
+
+
+# --- what the user writes ---------------------------------------------------------------------------------------------
+
+
+def test_a_plain_figure_is_a_constant_and_one_name_a_list(tmp_path):
+    (tmp_path / "c.toml").write_text(
+        '[programme]\nspeed_mm_per_s = 2.5\n[finger]\nmaterial = "silskin_20"\n[labels]\nframe = "all"\nplate = "gap"\n'
+    )
+    config = load_config(tmp_path / "c.toml")
+    assert config.programme.speed_mm_per_s.support() == (2.5, 2.5)
+    assert config.finger.material.support() == ("silskin_20",)
+    assert config.labels.channels("frame") == tuple(CHANNELS)
+    assert config.labels.channels("plate") == ("gap",)
+    assert DatasetConfig.model_validate_json(json.dumps(config.as_dict())) == config
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_a_rig_may_draw_is_checked_whatever_is_drawn(seed):
+    rig = {"count": 2, "draw": {"leds.voltage_V": {"uniform": (8.6, 80.0)}}}
+    with pytest.raises(InputError, match=r"rig\.draw\.'leds\.voltage_V': may draw 80: .*0 to 60 V"):
+        tiny_job(12, seed, rig=rig)
+
+
+def test_the_cameras_own_figures_are_in_the_frames():
+    """At 250 Hz a drawn exposure of 8 ms is cut to nine tenths of 4 ms."""
+    draw = {"rig": {"count": 1, "draw": {"camera.exposure_ms": {"constant": 8.0}}}}
+    quick = {"programme": {"press_time_s": {"constant": 0.1}, "hold_time_s": {"constant": 0.05}}}
+    job = tiny_job(400, 5, trial={"frames": 400, "frame_rate_hz": 250.0}, **quick, **draw)
+    record = json.loads(Producer(job).record(200).members["json"])
+    assert record["rig"]["changes"]["camera.exposure_ms"] == 8.0
+    assert record["camera"]["exposure_ms"] == pytest.approx(3.6)
+    assert record["camera"]["analogue_gain"] == pytest.approx(job.scene.camera.analogue_gain * 8.0 / 3.6)
+    assert record["camera"]["scale_px_per_mm"] == pytest.approx(job.scene.camera.scale_px_per_mm)
+
+
+def test_a_scheduler_that_does_not_answer_leaves_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr("evanesce.dataset.cluster.ANSWER_S", 0.2)
+    with pytest.raises(InputError, match="no scheduler answers"):
+        make(tmp_path / "d", tiny_job(12), Engine(scheduler="tcp://127.0.0.1:1"))
+    assert not (tmp_path / "d").exists()

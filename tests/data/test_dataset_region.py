@@ -16,6 +16,7 @@ from evanesce.dataset.design import RigPlan, trial_plan
 from evanesce.dataset.job import new_job
 from evanesce.dataset.limits import require_possible
 from evanesce.dataset.rigs import rig_scene
+from evanesce.dataset.stream import stream
 from evanesce.optics.projection import Projection
 from evanesce.rig import load_scene
 from evanesce.sensor.lens import magnification
@@ -113,7 +114,11 @@ def test_a_cut_view_is_told_of_and_a_region_is_not():
     assert "--size 320x240" in text
     region = runner.invoke(app, [*common, "--size", "320x240"])
     assert region.exit_code == 0, region.output
-    assert "warning" not in region.output
+    assert "the frame shows" not in region.output
+    # ten trials are of too few fingers and rigs to be split in three
+    assert "warning: no trial is in validation (train 8, validation 0, test 2)" in " ".join(region.output.split())
+    more = runner.invoke(app, [*common[:3], "--n", "4000", *common[5:], "--size", "320x240"])
+    assert "warning" not in more.output
     for bad in ("320", "320x4", "ax3", "320x240x3"):
         refused = runner.invoke(app, [*common, "--size", bad])
         assert refused.exit_code == 2
@@ -129,3 +134,12 @@ def test_the_size_counts_for_the_memory_of_a_frame(tmp_path):
             small_rig(), DatasetConfig.model_validate({"camera": {"size_px": (9000, 9000), "region_mm": (8.0, 8.0)}}),
             frames=6, seed=1,
         )  # fmt: skip
+
+
+def test_frames_do_not_depend_on_how_many_are_asked_for():
+    few, many = (
+        new_job(load_scene("thesis"), with_size(DatasetConfig(), "320x240"), frames=n, seed=7) for n in (80, 800)
+    )
+    assert few.config == many.config
+    one, two = (next(iter(stream(size="64x48", seed=3, trials=n))) for n in (1, None))
+    np.testing.assert_array_equal(one.frame, two.frame)

@@ -62,16 +62,25 @@ def test_every_slip_counts_and_an_alarm_that_is_kept_up_is_false():
     """Three slips of 0.5 s, 0.5 s apart: an alarm that never ends finds the first and is false wherever all sticks."""
     time = np.arange(60) / 20.0
     stick = np.where((time * 2).astype(int) % 2, 0.4, 1.0)
-    latch, good, slack = (np.where(e, 1.0, 0.0) for e in (time >= 0.5, stick < 0.9, np.append(1.0, stick[:-1]) < 0.9))
+    seen = stick < 0.9
+    evidences = {
+        "latch": time >= 0.5, "good": seen, "slack": np.append(False, seen[:-1]), "early": np.append(seen[1:], True),
+        "too early": np.append(seen[4:], [True] * 4), "blinking": np.arange(60) % 2 == 0,
+    }  # fmt: skip
     alarms = {}
-    for name, evidence in (("latch", latch), ("good", good), ("slack", slack)):
-        one = Series(time, evidence, stick, 0.5, math.nan)
+    for name, evidence in evidences.items():
+        one = Series(time, np.where(evidence, 1.0, 0.0), stick, 0.5, math.nan)
         alarms[name] = _scored("all", [(one, np.zeros(60), np.ones(60, bool))], 1)
-    assert [alarms[n].slips for n in alarms] == [3, 3, 3]
-    assert [alarms[n].found for n in alarms] == [1, 3, 3]
+    assert {alarms[n].slips for n in alarms} == {3}
+    assert {n: alarms[n].found for n in alarms} == {
+        "latch": 1, "good": 3, "slack": 3, "early": 3, "too early": 0, "blinking": 3
+    }  # fmt: skip
     minutes = 1.5 / 60.0
-    assert [alarms[n].false_per_minute for n in alarms] == pytest.approx([2 / minutes, 0.0, 0.0])
+    # of 15 frames in which all sticks before a slip the last two are the slip's
+    wrong = {"latch": 2, "good": 0, "slack": 0, "early": 0, "too early": 3, "blinking": 12}
+    assert {n: alarms[n].false_per_minute * minutes for n in alarms} == pytest.approx(wrong)
     assert alarms["slack"].onset_bias_ms == pytest.approx(50.0)
+    assert alarms["early"].onset_bias_ms == pytest.approx(-50.0)
 
 
 def test_errors_and_false_alarms_by_hand(folder, tmp_path):

@@ -103,6 +103,7 @@ def paper_meta(job: Job, frame: int, trial: int) -> dict:
         "finger": {"index": 1, "material": "silskin_0", "pattern": "", "ridge_pitch_um": 0.0},
         "friction": {"index": 2, "friction_coefficient": 0.7},
         "rig": {"index": 0, "seed": 5, "changes": {}, "effects": {}, "left_out": []},
+        "camera": {"scale_px_per_mm": 6.0, "exposure_ms": 2.0, "analogue_gain": 1.0, "readout_ms": 0.0},
         "programme": {"normal_force_N": 1.0},
         "motion": {},
         "liquid": {},

@@ -69,9 +69,11 @@ def make(
     from evanesce.rig import load_scene
 
     job = new_job(load_scene(scene, overrides), with_size(load_config(config), size), frames=frames, seed=seed)
+    from evanesce.dataset.design import split_warning
     from evanesce.dataset.region import crop_warning
 
-    if warning := crop_warning(job.scene, job.config, job.seed, job.trials):
+    crop = crop_warning(job.scene, job.config, job.seed, job.trials)
+    for warning in filter(None, (crop, split_warning(job.config, job.seed, job.trials))):
         messages.print(f"warning: {warning}", highlight=False, markup=False)
     from evanesce.dataset.estimate import estimate, require_disk
     from evanesce.dataset.run import require_workers
@@ -233,17 +235,21 @@ def score(
 def _print_scores(title: str, rows: list[SplitScore]) -> None:
     table = Table(title=title)
     for name in (
-        "split", "trials", "slips found", "onset, median [ms]", "onset, mean error [ms]", "false alarms [1/min]",
+        "split", "trials", "slips found", "alarm after onset, median [ms]", "mean size [ms]", "false alarms [1/min]",
         "minutes without slip", "stick ratio, mean error",
     ):  # fmt: skip
         table.add_column(name, justify="left" if name == "split" else "right")
     for row in rows:
         table.add_row(
-            row.split, str(row.trials), f"{row.found} of {row.slips}", f"{row.onset_bias_ms:.0f}",
-            f"{row.onset_error_ms:.0f}", f"{row.false_per_minute:.1f}", f"{row.minutes:.2f}",
-            f"{row.stick_ratio_error:.3f} +- {row.stick_ratio_se:.3f}",
+            row.split, str(row.trials), f"{row.found} of {row.slips}", _figure(row.onset_bias_ms, 0),
+            _figure(row.onset_error_ms, 0), _figure(row.false_per_minute, 1), _figure(row.minutes, 2),
+            " +- ".join(_figure(v, 3) for v in (row.stick_ratio_error, row.stick_ratio_se) if math.isfinite(v)) or "-",
         )  # fmt: skip
     console.print(table)
+
+
+def _figure(value: float, digits: int) -> str:
+    return f"{round(value, digits) + 0.0:.{digits}f}" if math.isfinite(value) else "-"
 
 
 def baseline(

@@ -55,6 +55,22 @@ def require_cluster() -> None:
     require("dataset", "work in several processes (--workers above 0)", "dask", "distributed")
 
 
+def require_scheduler(address: str) -> None:
+    """Check that a scheduler answers.
+
+    Raises
+    ------
+    InputError
+        If none does.
+    """
+    with cluster_client(0, address):
+        pass
+
+
+ANSWER_S = 20.0
+"""Time in which a scheduler has to answer."""
+
+
 @contextmanager
 def cluster_client(workers: int, scheduler: str) -> Iterator[Any]:
     """Yield a client of a running scheduler, or of a cluster of ``workers`` processes that ends with the context.
@@ -73,7 +89,7 @@ def cluster_client(workers: int, scheduler: str) -> Iterator[Any]:
     with dask.config.set(_SETTINGS):
         if scheduler:
             try:
-                client = Client(scheduler, timeout="20s", set_as_default=False)
+                client = Client(scheduler, timeout=ANSWER_S, set_as_default=False)
             except (OSError, ValueError, TimeoutError) as error:
                 raise InputError(
                     f"no scheduler answers: {error}", key="--scheduler", allowed="tcp://HOST:PORT"

@@ -7,7 +7,7 @@ import tomllib
 from pathlib import Path
 from typing import Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from evanesce.core.errors import InputError
 from evanesce.core.quantities import Strict, field
@@ -226,6 +226,12 @@ class Labels(Strict):
     margin_mm: float = field(0.5, unit="mm", bounds=(0.0, 50.0), doc="around the contact, in which the gap is kept")
     near_gap_mm: float = field(0.01, unit="mm", bounds=(1e-6, 1.0), doc="below which a surface counts as near")
     first_slip_share: float = field(0.05, unit="1", bounds=(1e-4, 0.9), doc="slipping share of area: first slip")
+
+    @field_validator("frame", "plate", mode="before")
+    @classmethod
+    def _one(cls, value: Any) -> Any:
+        """Take one name for a list of it, and lists from JSON as they are from TOML."""
+        return (value,) if isinstance(value, str) else tuple(value) if isinstance(value, list) else value
 
     @model_validator(mode="after")
     def _known(self) -> Self:

@@ -54,6 +54,17 @@ def schema() -> dict[str, Any]:
         "finger": {**table, "required": ["index", "material", "pattern", "ridge_pitch_um"]},
         "friction": {**table, "required": ["index", "friction_coefficient"]},
         "rig": {**table, "required": ["index", "seed", "changes", "effects", "left_out"]},
+        "camera": {
+            **table,
+            "description": "as it took the frames, a drawn exposure cut to the frame rate",
+            "properties": {
+                "scale_px_per_mm": number,
+                "exposure_ms": number,
+                "analogue_gain": number,
+                "readout_ms": number,
+            },
+            "required": ["scale_px_per_mm", "exposure_ms", "analogue_gain", "readout_ms"],
+        },
         "programme": {**table, "additionalProperties": number},
         "motion": {**table, "additionalProperties": number},
         "liquid": {**table, "additionalProperties": number},

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import warnings
+from collections import Counter
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -243,6 +244,27 @@ def _divided(count: int, name: str, validation: float, test: float, seed: int) -
     validated = min(max(round(validation * count), validation > 0), count - 1 - tested)
     parts = order[tested + validated :], order[tested : tested + validated], order[:tested]
     return tuple(tuple(sorted(part)) for part in parts)
+
+
+def split_warning(config: DatasetConfig, seed: int, trials: int) -> str:
+    """Return a sentence where a split that is asked for has no trial; empty if all have.
+
+    Parameters
+    ----------
+    config : DatasetConfig
+    seed : int
+    trials : int
+        Of :data:`BLOCK` each split has some.
+    """
+    if trials >= BLOCK:
+        return ""
+    counts = Counter(trial_plan(config, seed, index).split for index in range(trials))
+    wanted = {"validation": config.split.validation, "test": config.split.test}
+    empty = [name for name, share in wanted.items() if share and not counts[name]]
+    if not empty:
+        return ""
+    shares = ", ".join(f"{name} {counts[name]}" for name in SPLITS)
+    return f"no trial is in {' and '.join(empty)} ({shares}): whole fingers and rigs are split, ask for more trials"
 
 
 def trial_plan(config: DatasetConfig, seed: int, index: int) -> TrialPlan:

@@ -1,4 +1,4 @@
-"""Distributions of one number or word, declared as data: `{ uniform = [1.0, 25.0] }`; drawn by quantile."""
+"""Distributions of one number or word, declared as data: `{ uniform = [1.0, 25.0] }` or `1.0`; drawn by quantile."""
 
 from __future__ import annotations
 
@@ -33,6 +33,16 @@ class Distribution(Strict):
     log_uniform: tuple[float, float] | None = None
     normal: tuple[float, float] | None = None
     choice: tuple[float | str, ...] | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _plain(cls, value: Any) -> Any:
+        """Take a plain figure or word for a constant, and lists from JSON as they are from TOML."""
+        if isinstance(value, int | float | str) and not isinstance(value, bool):
+            return {"constant": value}
+        if isinstance(value, dict):
+            return {key: tuple(v) if isinstance(v, list) else v for key, v in value.items()}
+        return value
 
     @model_validator(mode="after")
     def _one_form(self) -> Self:

@@ -132,7 +132,7 @@ def new_job(scene: Scene, config: DatasetConfig, *, frames: int, seed: int) -> J
     if config.camera.size_px is not None and config.camera.region_mm is None:
         from evanesce.dataset.region import fitted_region
 
-        region = fitted_region(scene, config, seed, math.ceil(frames / per))
+        region = fitted_region(scene, config, seed)
         config = config.model_copy(update={"camera": config.camera.model_copy(update={"region_mm": region})})
     job = Job(scene, config, seed, math.ceil(frames / per) * per)
     require_frame(*job.resolution, config.labels.grid_samples)
@@ -143,11 +143,22 @@ def new_job(scene: Scene, config: DatasetConfig, *, frames: int, seed: int) -> J
 
 
 def _rigs_are_possible(job: Job, sampled: int = 16) -> None:
-    """Build the first rigs' scenes and effects, so that an error in the configuration shows before the first frame."""
-    from evanesce.dataset.design import finger_plan, rig_plan
+    """Build the scenes of both ends of what is drawn, and the first rigs: an error shows before the first frame."""
+    from evanesce.dataset.design import RigPlan, finger_plan, rig_plan
     from evanesce.dataset.rigs import rig_scene, rig_with_effects
 
     finger = finger_plan(job.config, job.seed, 0)
+    for key, drawn in job.config.rig.draw.items():
+        for edge in dict.fromkeys(drawn.support()):
+            try:
+                rig_scene(job.scene, RigPlan(0, 0, {key: edge}, {}), finger, job.config)
+            except InputError as error:
+                raise InputError(
+                    f"may draw {edge if isinstance(edge, str) else f'{edge:g}'}: {error.what}",
+                    file=error.file,
+                    key=f"rig.draw.'{key}'",
+                    allowed=error.allowed,
+                ) from None
     for index in range(min(job.config.rig.count, sampled)):
         plan = rig_plan(job.config, job.seed, index)
         rig_with_effects(rig_scene(job.scene, plan, finger, job.config), plan.seed)
@@ -156,13 +167,13 @@ def _rigs_are_possible(job: Job, sampled: int = 16) -> None:
 def _ways_fit(job: Job) -> None:
     """Refuse paths that leave the sampled plane, and tilts that leave the tip, by the first trials."""
     from evanesce.dataset.config_motion import MOTIONS
-    from evanesce.dataset.region import MARGIN, reaches
+    from evanesce.dataset.region import MARGIN, SAMPLED_TRIALS, reaches
 
     config = job.config
     moves = config.kinds.regrasp + sum(getattr(config.motion, name) for name in MOTIONS)
     if not (moves or float(config.finger.tilt_deg.support()[1])):
         return
-    need = 2.0 * MARGIN * float(reaches(job.scene, config, job.seed, job.trials).max())
+    need = 2.0 * MARGIN * float(reaches(job.scene, config, job.seed, SAMPLED_TRIALS).max())
     if need > config.labels.grid_size_mm:
         raise InputError(
             f"contacts and their ways of up to {need:.3g} mm leave the sampled plane", key="labels.grid_size_mm",

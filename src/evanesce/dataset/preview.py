@@ -21,10 +21,12 @@ COLOURS = {SurfaceState.NEAR: (80, 80, 160), SurfaceState.STICK: (40, 170, 90), 
 """Colours of the surface states [RGB]."""
 TILE = 260
 MAX_SIDE = 720
+SHOWN_HZ = 30.0
+"""Frames a second of a video at most: more are not seen."""
 
 
 def overlay(sample: Sample, height: int, cut: tuple[slice, slice]) -> Picture:
-    """Return part of a frame, the same with its states overlaid, and two lines of its numbers.
+    """Return part of a frame, the same with its states overlaid, two lines of its numbers, and the colours' meaning.
 
     Parameters
     ----------
@@ -54,6 +56,10 @@ def overlay(sample: Sample, height: int, cut: tuple[slice, slice]) -> Picture:
     )
     for i, line in enumerate(lines):
         cv2.putText(band, line, (3, 13 + 15 * i), cv2.FONT_HERSHEY_SIMPLEX, 0.36, (255, 255, 255), 1, cv2.LINE_AA)
+    for i, (value, colour) in enumerate(COLOURS.items()):
+        bright = tuple(min(255, int(1.4 * c)) for c in colour)
+        place = (wide - 116 + 38 * i, 13)
+        cv2.putText(band, value.name.lower(), place, cv2.FONT_HERSHEY_SIMPLEX, 0.36, bright, 1, cv2.LINE_AA)
     return np.concatenate([band, small], axis=0)
 
 
@@ -127,7 +133,7 @@ def preview(folder: Path, out: Path, *, trial: int | None = None) -> tuple[Path,
             raise InputError(f"{trial}", key="--trial", allowed=f"{min(trials)} to {max(trials)}")
         sheet, film = out / "contact_sheet.png", out / "trial.mp4"
         write_png(sheet, contact_sheet(dataset))
-        rate = dataset.job.config.trial.frame_rate_hz
+        rate = min(dataset.job.config.trial.frame_rate_hz, SHOWN_HZ)  # slower than life where that is faster
         with VideoWriter(film, frame_rate_hz=rate) as video:
             samples = [dataset[i] for i in trials[trial]]
             cut = around(samples)

@@ -223,7 +223,7 @@ class Producer:
                 tried = rig_with_effects(scene, plan.rig.seed, contact)
                 if tried.left_out != rig.left_out:
                     rig, ready = tried, self._camera(plan, tried)
-            described = self._describe_trial(plan, trial, rig.left_out)
+            described = self._describe_trial(plan, trial, rig.left_out, ready.camera)
             current = _Current(number, plan, trial, ready, described)
             self._trial = current
             return current
@@ -301,13 +301,15 @@ class Producer:
             "scalars": {name: _rounded(truth.scalars[name]) for name in SCALARS},
         }
 
-    def _describe_trial(self, plan: TrialPlan, trial: Trial, left_out: tuple[str, ...]) -> dict[str, Any]:
+    def _describe_trial(
+        self, plan: TrialPlan, trial: Trial, left_out: tuple[str, ...], taken_by: RigCamera
+    ) -> dict[str, Any]:
         """Return what all frames of a trial have in ``KEY.json``."""
         onsets = {
             "onset_first_slip_s": trial.onset_first_slip_s,
             "onset_gross_slip_s": trial.onset_gross_slip_s,
         }
-        plans = plan.as_dict()
+        plans, camera = plan.as_dict(), taken_by.scene.camera
         return {
             "trial": plan.index,
             "kind": plan.kind,
@@ -316,6 +318,12 @@ class Producer:
             "finger": plans["finger"],
             "friction": plans["friction"],
             "rig": {**plans["rig"], "effects": all_of(self.job.scene, plan.rig), "left_out": list(left_out)},
+            "camera": {
+                "scale_px_per_mm": camera.scale_px_per_mm,
+                "exposure_ms": camera.exposure_ms,
+                "analogue_gain": camera.analogue_gain,
+                "readout_ms": 1e3 * taken_by.readout_s,
+            },
             "programme": plans["programme"],
             "motion": plans["motion"],
             "liquid": {} if trial.scene.liquid is None else trial.scene.liquid.model_dump(mode="json"),

@@ -88,7 +88,7 @@ def make(folder: Path, job: Job, engine: Engine | None = None, on_shard: Progres
     Raises
     ------
     InputError
-        If the folder holds something else.
+        If the folder holds something else, or no scheduler answers.
     MissingExtraError
         If worker processes are asked for and the extra ``dataset`` is not installed.
     WorkError
@@ -132,13 +132,17 @@ def require_workers(engine: Engine) -> None:
 
     Raises
     ------
+    InputError
+        If no scheduler answers.
     MissingExtraError
         If the extra ``dataset`` is not installed.
     """
     if engine.workers or engine.scheduler:
-        from evanesce.dataset.cluster import require_cluster
+        from evanesce.dataset.cluster import require_cluster, require_scheduler
 
         require_cluster()
+        if engine.scheduler:
+            require_scheduler(engine.scheduler)
 
 
 @contextlib.contextmanager

@@ -16,7 +16,7 @@ from evanesce.core.errors import InputError
 from evanesce.dataset.design import SPLITS
 from evanesce.dataset.layout import frame_key
 from evanesce.dataset.read import Dataset
-from evanesce.dataset.slip_scores import STICKING, Series, alarms, false_alarms
+from evanesce.dataset.slip_scores import STICKING, Series, slips, sorted_alarms
 
 Floats = NDArray[np.float64]
 
@@ -42,11 +42,11 @@ class SplitScore:
     trials, slips : int
         Trials, and how often slip begins in them.
     found : int
-        Of those slips, with an alarm that is raised while it lasts.
+        Of those slips, with an alarm.
     onset_bias_ms, onset_error_ms : float
         Median, and mean magnitude, of alarm less begin of slip, over the slips found [ms].
     false_per_minute : float
-        :func:`~evanesce.dataset.slip_scores.false_alarms` per minute of frames without slip [1/min].
+        False alarms (:func:`~evanesce.dataset.slip_scores.sorted_alarms`) per minute of frames without slip [1/min].
     minutes : float
         Their duration [min].
     stick_ratio_error, stick_ratio_se : float
@@ -195,30 +195,24 @@ def score(
     return [*rows, _scored("all", [one for split in series.values() for one in split], hold)]
 
 
-def _slips(sticking: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return the frames at which slips begin, and those at which all sticks again."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[True], sticking, [True]]).astype(int)))
-    return [(int(begin), int(after)) for begin, after in zip(edges[::2], edges[1::2], strict=True)]
-
-
 def _scored(split: str, trials: Sequence[tuple[Series, Floats, NDArray[np.bool_]]], hold: int) -> SplitScore:
-    late, false, without_slip_s, slips = [], 0, 0.0, 0
+    late, false, without_slip_s, count = [], 0, 0.0, 0
     for one, _, _ in trials:
-        raised = alarms(one.evidence, 0.0, hold)
+        raised, wrong = sorted_alarms(one, 0.0, hold)
         sticking = one.stick_ratio >= STICKING
         without_slip_s += float(sticking.sum()) * float(np.median(np.diff(one.time)))
-        false += false_alarms(one, 0.0, hold)
-        for begin, after in _slips(sticking):
-            slips += 1
-            known = math.isfinite(one.onset_first) and begin == int(np.argmin(sticking))
+        false += wrong
+        for number, ((begin, _), own) in enumerate(zip(slips(sticking), raised, strict=True)):
+            count += 1
+            known = number == 0 and math.isfinite(one.onset_first)
             onset = one.onset_first if known else float(one.time[begin])
-            late += [float(one.time[i]) - onset for i in raised if begin <= i < after][:1]
+            late += [float(one.time[i]) - onset for i in own[:1]]
     errors = [float(error[held].mean()) for _, error, held in trials if held.any()]
     spread = float(np.std(errors, ddof=1) / math.sqrt(len(errors))) if len(errors) > 1 else math.nan
     return SplitScore(
         split=split,
         trials=len(trials),
-        slips=slips,
+        slips=count,
         found=len(late),
         onset_bias_ms=1e3 * float(np.median(late)) if late else math.nan,
         onset_error_ms=1e3 * float(np.abs(late).mean()) if late else math.nan,

@@ -14,8 +14,9 @@ Floats = NDArray[np.float64]
 
 STICKING = 0.95
 """Stick ratio from which on an alarm counts as false."""
-RELEASE_S = 0.1
-"""After which an alarm that goes on while everything sticks again counts as false: features look back as far."""
+TOLERANCE_S = 0.1
+"""Before a slip's begin, from which on an alarm is that slip's; after its end, until which it may go on: features look
+back as far."""
 CONFIDENCE = 0.84
 """One standard deviation, one-sided."""
 
@@ -56,7 +57,7 @@ class Score:
     lead_s : float
         Median of gross slip less alarm, over the detected trials [s]; NaN without any.
     false_per_minute : float
-        :func:`false_alarms` per minute of frames without slip [1/min].
+        False alarms (:func:`sorted_alarms`) per minute of frames without slip [1/min].
     slides : int
         Trials with gross slip.
     minutes : float
@@ -80,8 +81,17 @@ def alarms(evidence: Floats, threshold: float, hold: int = 2) -> NDArray[np.int6
     return np.flatnonzero(run == hold)
 
 
-def false_alarms(series: Series, threshold: float, hold: int = 2) -> int:
-    """Return the number of alarms without slip: raised while all sticks, or kept up :data:`RELEASE_S` after slip ended.
+def slips(sticking: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return the frames (begin, end) of each slip; the end is the first one in which all sticks again."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], sticking, [True]]).astype(int)))
+    return [(int(begin), int(end)) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def sorted_alarms(series: Series, threshold: float, hold: int = 2) -> tuple[list[list[int]], int]:
+    """Sort alarms into those of each slip, and false ones.
+
+    An alarm is a slip's where it is raised while that lasts, or :data:`TOLERANCE_S` before. False are all others, and
+    those that are kept up longer than that after a slip, once for each slip.
 
     Parameters
     ----------
@@ -91,37 +101,40 @@ def false_alarms(series: Series, threshold: float, hold: int = 2) -> int:
 
     Returns
     -------
-    int
-        Each stretch of sticking counts every alarm raised in it, and once one that was kept up.
+    of_slips : list of list of int
+        Frames in which alarms of each slip were raised, in the order of :func:`slips`.
+    false : int
     """
-    above, sticking = series.evidence > threshold, series.stick_ratio >= STICKING
-    raised = sticking[alarms(series.evidence, threshold, hold)].sum()
-    begins = np.flatnonzero(sticking[1:] & ~sticking[:-1]) + 1
-    kept = 0
-    for begin in begins:
-        ends = np.flatnonzero(~(above & sticking)[begin:])
-        last = begin + (int(ends[0]) if ends.size else len(above) - begin) - 1
-        kept += int(last >= begin and above[begin - 1] and series.time[last] - series.time[begin] >= RELEASE_S)
-    return int(raised) + kept
+    time, above, sticking = series.time, series.evidence > threshold, series.stick_ratio >= STICKING
+    raised = alarms(series.evidence, threshold, hold)
+    every, found, kept = slips(sticking), [], 0
+    for begin, end in every:
+        early = int(np.searchsorted(time, time[begin] - TOLERANCE_S - 1e-9))
+        found.append([int(i) for i in raised if early <= i < end])
+        silent = np.flatnonzero(~above[end:] | ~sticking[end:])
+        last = end + (int(silent[0]) if silent.size else len(above) - end) - 1
+        kept += int(above[end - 1] and last >= end and time[last] - time[end] >= TOLERANCE_S - 1e-9)
+    mine = {i for some in found for i in some}
+    return found, sum(int(i) not in mine for i in raised) + kept
 
 
 def score(trials: Sequence[Series], threshold: float, hold: int = 2) -> Score:
     """Return the scores of a detector at one threshold."""
     latencies, leads, false, without_slip_s, slides = [], [], 0, 0.0, 0
     for trial in trials:
-        raised = alarms(trial.evidence, threshold, hold)
+        found, wrong = sorted_alarms(trial, threshold, hold)
         step = float(np.median(np.diff(trial.time)))
         sticking = trial.stick_ratio >= STICKING
         without_slip_s += float(sticking.sum()) * step
-        false += false_alarms(trial, threshold, hold)
+        false += wrong
         if not np.isfinite(trial.onset_gross):
             continue
         slides += 1
-        true = [float(trial.time[i]) for i in raised if not sticking[i]]
+        true = [float(trial.time[i]) for some in found for i in some]
         if true:
-            latencies.append(true[0] - trial.onset_first)
-            if true[0] <= trial.onset_gross + 1e-9:
-                leads.append(trial.onset_gross - true[0])
+            latencies.append(min(true) - trial.onset_first)
+            if min(true) <= trial.onset_gross + 1e-9:
+                leads.append(trial.onset_gross - min(true))
     return Score(
         detected=len(leads) / slides if slides else float("nan"),
         latency_s=float(np.median(latencies)) if latencies else float("nan"),

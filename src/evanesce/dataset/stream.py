@@ -19,7 +19,6 @@ from evanesce.dataset.design import trial_plan
 from evanesce.dataset.job import Job, new_job
 from evanesce.dataset.produce import Made, Producer
 from evanesce.dataset.read import Sample
-from evanesce.dataset.region import SAMPLED_TRIALS
 from evanesce.dataset.worker import single_threaded
 from evanesce.rig import Scene, load_scene
 from evanesce.rig.load import validate
@@ -153,9 +152,8 @@ def stream(
         config = validate(DatasetConfig, dict(config or {}), "config")
     config = with_size(config, size)
     seen = load_scene(scene) if isinstance(scene, str) else scene
-    # The region about the contacts is that of as many trials whatever is asked for: frames go by the seed alone.
     return Stream(
-        new_job(seen, config, frames=SAMPLED_TRIALS * config.trial.frames, seed=seed),
+        new_job(seen, config, frames=(trials or 1) * config.trial.frames, seed=seed),
         trials=trials,
         split=split,
         workers=workers,

@@ -178,7 +178,8 @@ def audit(folder: FolderArgument, any_versions: AnyVersionsOption = False, json_
     for f in findings:
         verdict = f"[{colours[f.verdict]}]{f.verdict}[/{colours[f.verdict]}]"
         first = f.examples[0] if f.examples else ""
-        table.add_row(f.name, f"{f.value:.3g}", f.wanted, verdict, str(f.wrong), f"{f.of} {f.unit}", first)
+        wrong_of = "" if f.wanted.startswith(">=") else str(f.wrong)  # a share is no identity
+        table.add_row(f.name, f"{f.value:.3g}", f.wanted, verdict, wrong_of, f"{f.of} {f.unit}", first)
     console.print(table)
     if wrong:
         raise WorkError(f"{folder}: {len(wrong)} identities fail, the first: {wrong[0].name}")

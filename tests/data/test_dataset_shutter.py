@@ -59,12 +59,12 @@ def test_an_edge_is_smeared_over_the_way_of_its_exposure():
         mask = np.clip(0.5 + (0.4 + speed * late - GRID.x[None, :]) / GRID.pitch, 0.0, 1.0)
         return replace(STATE, contact_mask=mask, gap=np.where(mask >= 1, 0.0, 0.02))
 
-    seen = smeared(at, np.zeros(GRID.shape), exposure, way, way / 7.5)
+    seen = smeared(at(np.zeros(GRID.shape)), at, np.zeros(GRID.shape), exposure, way, way / 7.5)
     exact = np.clip(0.5 + (0.4 - GRID.x) / way, 0.0, 1.0)
     # eight moments on cells of a fifth of the way
     np.testing.assert_allclose(seen.contact_mask[5], exact, atol=0.1)
     assert np.asarray(seen.contact_mask)[5].sum() == pytest.approx(exact.sum(), abs=0.02)
-    still = smeared(lambda late: STATE, np.zeros(GRID.shape), exposure, 0.0, 0.01)
+    still = smeared(STATE, lambda late: STATE, np.zeros(GRID.shape), exposure, 0.0, 0.01)
     assert still is STATE
 
 

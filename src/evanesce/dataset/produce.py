@@ -260,10 +260,10 @@ class Producer:
             late = lateness(scene, state.grid, camera.readout_s)
             visible = trial.state(i, late)
 
-        def at(moment: Floats) -> ContactState:
-            return visible if np.array_equal(moment, late) else trial.state(i, moment, light_alone=True)
+        def outline(moment: Floats) -> ContactState:
+            return trial.state(i, moment, light_alone=True)
 
-        return smeared(at, late, exposure, way, pixel), visible
+        return smeared(visible, outline, late, exposure, way, pixel), visible
 
     @staticmethod
     def _with_contact_effects(truth: FrameTruth, ready: _Ready, frame: int, time_s: float) -> FrameTruth:

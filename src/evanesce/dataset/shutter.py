@@ -82,14 +82,17 @@ def advanced(state: ContactState, motion: Motion, late_s: Floats | float) -> Con
 
 
 def smeared(
-    state_at: Callable[[Floats], ContactState], late_s: Floats, exposure_s: float, way_mm: float, pixel_mm: float
-) -> ContactState:
+    middle: ContactState, state_at: Callable[[Floats], ContactState], late_s: Floats, exposure_s: float, way_mm: float,
+    pixel_mm: float,
+) -> ContactState:  # fmt: skip
     """Return the mean of a contact over the exposure of each row.
 
     Parameters
     ----------
+    middle : ContactState
+        At the middle of the exposure.
     state_at : callable
-        ``state_at(late_s) -> ContactState``.
+        ``state_at(late_s) -> ContactState``, of which the outline counts.
     late_s : ndarray (rows, cols)
         Middle of each cell's exposure after the frame's time [s].
     exposure_s : float
@@ -106,9 +109,9 @@ def smeared(
     """
     count = min(max(math.ceil(way_mm / pixel_mm), 1), MAX_MOMENTS)
     offsets = ((np.arange(count) + 0.5) / count - 0.5) * exposure_s
-    states = [state_at(late_s + offset) for offset in offsets]
     if count == 1:
-        return states[0]
+        return middle
+    states = [middle if offset == 0.0 else state_at(late_s + offset) for offset in offsets]
     covers = np.stack([np.asarray(s.contact_mask, dtype=float) for s in states])
     gaps = np.stack([np.asarray(s.gap, dtype=float) for s in states])
     mask, bare = covers.mean(axis=0), (1.0 - covers).mean(axis=0)
@@ -119,4 +122,4 @@ def smeared(
         changes["real_contact_fraction"] = np.divide(
             (real * covers).mean(axis=0), mask, out=np.zeros_like(mask), where=mask > 0
         )
-    return replace(states[count // 2], **changes)
+    return replace(middle, **changes)

@@ -155,12 +155,12 @@ class Trial:
             state = replace(state, traction=None, strength=None)
         if late_s is not None:
             state = slip_labelled(advanced(state, self.motion(i), late_s))
+        slope = self.scene.finger.roughness_rms_slope
         if self._ridges is not None:
             state = with_ridges(
-                state, self._ridges, self._modulus, origin=self._apex_at(i),
+                state, self._ridges, self._modulus, origin=self._apex_at(i), outline_alone=light_alone and slope <= 0,
                 near_gap=self.config.labels.near_gap_mm, **self._skin(i, 0.0 if late_s is None else late_s),
             )  # fmt: skip
-        slope = self.scene.finger.roughness_rms_slope
         if slope > 0:
             state = replace(state, real_contact_fraction=persson_contact_fraction(state.pressure, self._modulus, slope))
         return state if self.scene.liquid is None else wetted_state(state, self.scene.liquid)

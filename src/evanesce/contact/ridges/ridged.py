@@ -137,6 +137,7 @@ def with_ridges(
     outer_slip: tuple[ArrayLike, ArrayLike] = (0.0, 0.0),
     skin: tuple[ArrayLike, ArrayLike] | None = None,
     near_gap: float = 0.01,
+    outline_alone: bool = False,
 ) -> ContactState:
     """Put ridges on a smooth finger's contact state, in which they move with the skin.
 
@@ -161,6 +162,8 @@ def with_ridges(
         Displacement (x, y) of the skin everywhere [mm], in place of slip and ``outer_slip``.
     near_gap : float
         Gap below which a surface counts as near [mm].
+    outline_alone : bool
+        Leave pressure, traction and strength as they are: the light of touching ridges is that of mask and gap.
 
     Returns
     -------
@@ -180,10 +183,11 @@ def with_ridges(
         d = distance[touched]
         furrow[touched] = closure.gap(d, mean)
         mask[touched] = whole[touched] * _strip_coverage(d, mean, closure, grid.pitch)
-        local[touched] = np.where(mask[touched] > 0, closure.local_pressure(d, mean), 0.0)
+        if not outline_alone:
+            local[touched] = np.where(mask[touched] > 0, closure.local_pressure(d, mean), 0.0)
     gap = np.where(mask >= 1.0, 0.0, np.asarray(smooth.gap) + furrow)
-    changes = _on_ridges(smooth, local, touched, ridges.pitch)
-    if smooth.traction is not None and smooth.strength is not None:
+    changes = {} if outline_alone else _on_ridges(smooth, local, touched, ridges.pitch)
+    if not outline_alone and smooth.traction is not None and smooth.strength is not None:
         changes["traction"] = _traction(smooth, changes["strength"])
     for name in ("slip", "slip_velocity"):
         if getattr(smooth, name) is not None:

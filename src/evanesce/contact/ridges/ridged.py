@@ -226,8 +226,9 @@ def _strip_coverage(distance: Array, mean: Array, closure: RidgeClosure, cell: f
 
 
 def _on_ridges(smooth: ContactState, local: Array, touched: NDArray[np.bool_], ridge_pitch: float) -> dict[str, Any]:
-    """Return pressure, traction and strength of a smooth contact, as the ridges carry them."""
-    names = [name for name in ("pressure", "traction", "strength") if getattr(smooth, name) is not None]
+    """Return pressure and strength (or traction, without it) of a smooth contact, as the ridges carry them."""
+    asked = ("pressure", "traction" if smooth.strength is None else "strength")
+    names = [name for name in asked if getattr(smooth, name) is not None]
     fields = [np.asarray(getattr(smooth, name), dtype=float).reshape(-1, *smooth.grid.shape) for name in names]
     layers = np.concatenate(fields)
     carried = np.zeros_like(layers)

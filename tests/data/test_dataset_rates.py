@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from typer.testing import CliRunner
 
+from evanesce.cli.app import app
 from evanesce.core.errors import InputError
+from evanesce.core.quantities import Strict
 from evanesce.core.states import ContactState
 from evanesce.dataset.config import CHANNELS, DatasetConfig, load_config
 from evanesce.dataset.data_card import _besides, _effects, _exposure
@@ -188,3 +192,26 @@ def test_a_scheduler_that_does_not_answer_leaves_nothing(tmp_path, monkeypatch):
     with pytest.raises(InputError, match="no scheduler answers"):
         make(tmp_path / "d", tiny_job(12), Engine(scheduler="tcp://127.0.0.1:1"))
     assert not (tmp_path / "d").exists()
+
+
+def test_the_printed_declaration_holds_every_key_and_reads_back(tmp_path):
+    runner, file = CliRunner(), tmp_path / "all.toml"
+    assert runner.invoke(app, ["dataset", "config", "--out", str(file)]).exit_code == 0
+    assert load_config(file) == DatasetConfig()
+    own = tmp_path / "own.toml"
+    own.write_text(
+        '[finger]\npattern = "print_loop"\n[camera]\nsize_px = [64, 48]\n[randomisation.effects]\n'
+        "led_bin = { probability = 0.5, strength = 2.0 }\n[rig.draw]\n"
+    )
+    printed = runner.invoke(app, ["dataset", "config", "--config", str(own)])
+    assert printed.exit_code == 0
+    (tmp_path / "again.toml").write_text(printed.output)
+    assert load_config(tmp_path / "again.toml") == load_config(own)
+    for model in (DatasetConfig, *(type(v) for v in vars(DatasetConfig()).values() if isinstance(v, Strict))):
+        for key in model.model_fields:
+            assert re.search(rf"^(# )?{key} =|^\[{key}\]|^\[\w+\.{key}\]", printed.output, re.MULTILINE), key
+    assert re.search(r"^normal_force_N = .*# 0\.02 to 100 N$", printed.output, re.MULTILINE)
+    assert re.search(r"^pattern = \"print_loop\"  # parallel, .*print_whorl$", printed.output, re.MULTILINE)
+    refused = runner.invoke(app, ["dataset", "config", "--out", str(file)])
+    assert refused.exit_code == 2
+    assert "exists" in refused.output

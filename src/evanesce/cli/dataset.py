@@ -37,7 +37,7 @@ AnyVersionsOption = Annotated[
 def register(app: typer.Typer) -> None:
     """Add the group ``dataset``."""
     group = typer.Typer(help="Labelled sequences for slip detectors.", no_args_is_help=True)
-    for command in (make, resume, verify, audit, score, baseline, export, info, preview):
+    for command in (make, config, resume, verify, audit, score, baseline, export, info, preview):
         group.command()(handles_errors(command))
     app.add_typer(group, name="dataset")
 
@@ -95,6 +95,27 @@ def make(
     with _Frames(job.frames) as bar:
         outcome = run(out, job, engine, bar)
     _report(out, outcome, json_file)
+
+
+def config(
+    out: Annotated[Path | None, typer.Option("--out", help="TOML file to write instead of printing.")] = None,
+    given: Annotated[
+        Path | None, typer.Option("--config", help="A declaration: printed with all that it leaves out.")
+    ] = None,
+) -> None:
+    """Print the default declaration of a dataset: every key with its range, as TOML that `make --config` reads."""
+    from evanesce.core.files import write_text
+    from evanesce.dataset.config import load_config
+    from evanesce.dataset.template import declaration
+
+    text = declaration(load_config(given))
+    if out is None:
+        print(text, end="")
+        return
+    if out.exists():
+        raise InputError("exists", file=out, key="--out", allowed="a new file")
+    write_text(out, text)
+    console.print(str(out), highlight=False)
 
 
 def resume(

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -13,7 +14,7 @@ from evanesce.core.errors import InputError
 from evanesce.core.quantities import Strict, field
 from evanesce.dataset.config_contact import PRINT_LIMITS_UM, PRINT_PATTERNS, RIDGE_PATTERNS, Wet
 from evanesce.dataset.config_motion import Motion
-from evanesce.dataset.distributions import Distribution, choice, constant, log_uniform, require_all, uniform
+from evanesce.dataset.distributions import Distribution, Drawn, choice, constant, log_uniform, uniform
 from evanesce.dataset.limits import MAX_CONFIG_BYTES, MAX_SHARD_FRAMES, MAX_SIDE_PX, MIN_SIDE_PX
 from evanesce.dataset.markers import Markers
 from evanesce.dataset.randomisation import Randomisation
@@ -51,13 +52,31 @@ class Kinds(Strict):
         return tuple(getattr(self, kind) for kind in KINDS)
 
 
-class Programme(Strict):
+class Programme(Drawn):
     """Loading programme of a trial; drawn for each.
 
     A slide drives the finger to and fro: up to gross slip, ``distance_mm`` on, and back, ``reversals`` times, at
     ``speed_mm_per_s`` or as much faster as gross slip within the trial needs. Long distances and few reversals give
     more frames of gross slip, short ones and many more of partial slip; press and hold times give those of stick.
     """
+
+    SECTION: ClassVar[str] = "programme"
+    BOUNDS: ClassVar[Mapping[str, tuple[float, float, str]]] = {
+        "normal_force_N": (0.02, 100.0, "N"),
+        "preload_N": (0.001, 10.0, "N"),
+        "press_time_s": (0.005, 1000.0, "s"),
+        "hold_time_s": (0.0, 1000.0, "s"),
+        "speed_mm_per_s": (0.01, 1000.0, "mm/s"),
+        "distance_mm": (0.01, 100.0, "mm"),
+        "reversals": (0.0, 10_000.0, ""),
+        "direction_deg": (-180.0, 180.0, "deg"),
+        "contact_angle_deg": (0.0, 45.0, "deg"),
+        "wiggle_share": (0.01, 0.98, "of the sliding force"),
+        "wiggle_frequency_hz": (0.1, 15.0, "Hz"),
+        "rotation_share": (0.01, 0.98, "of the sliding torque"),
+        "second_force_share": (0.05, 10.0, "of the first force"),
+        "shift_mm": (-20.0, 20.0, "mm"),
+    }
 
     normal_force_N: Distribution = uniform(0.5, 1.5)
     preload_N: Distribution = constant(0.05)
@@ -74,32 +93,18 @@ class Programme(Strict):
     second_force_share: Distribution = uniform(0.4, 1.25)
     shift_mm: Distribution = uniform(-0.6, 0.6)
 
-    @model_validator(mode="after")
-    def _bounds(self) -> Self:
-        require_all(self, "programme", _PROGRAMME)
-        return self
 
-
-_PROGRAMME = {
-    "normal_force_N": (0.02, 100.0, "N"),
-    "preload_N": (0.001, 10.0, "N"),
-    "press_time_s": (0.005, 1000.0, "s"),
-    "hold_time_s": (0.0, 1000.0, "s"),
-    "speed_mm_per_s": (0.01, 1000.0, "mm/s"),
-    "distance_mm": (0.01, 100.0, "mm"),
-    "reversals": (0.0, 10_000.0, ""),
-    "direction_deg": (-180.0, 180.0, "deg"),
-    "contact_angle_deg": (0.0, 45.0, "deg"),
-    "wiggle_share": (0.01, 0.98, "of the sliding force"),
-    "wiggle_frequency_hz": (0.1, 15.0, "Hz"),
-    "rotation_share": (0.01, 0.98, "of the sliding torque"),
-    "second_force_share": (0.05, 10.0, "of the first force"),
-    "shift_mm": (-20.0, 20.0, "mm"),
-}
-
-
-class Friction(Strict):
+class Friction(Drawn):
     """Interfaces: ``levels`` of them are drawn; a trial has one."""
+
+    SECTION: ClassVar[str] = "friction"
+    BOUNDS: ClassVar[Mapping[str, tuple[float, float, str]]] = {
+        "friction_coefficient": (0.01, 10.0, ""),
+        "adhesive_share": (0.0, 1.0, "of the strength at the held force"),
+        "dynamic_ratio": (0.05, 1.0, ""),
+        "weakening_distance_mm": (1e-4, 10.0, "mm"),
+        "area_left": (0.35, 1.0, "of the area, under full sliding"),
+    }
 
     levels: int = field(16, unit="1", bounds=(1, 100_000))
     friction_coefficient: Distribution = log_uniform(0.3, 1.2)
@@ -108,24 +113,22 @@ class Friction(Strict):
     weakening_distance_mm: Distribution = log_uniform(0.02, 0.2)
     area_left: Distribution = uniform(0.75, 1.0)
 
-    @model_validator(mode="after")
-    def _bounds(self) -> Self:
-        require_all(
-            self,
-            "friction",
-            {
-                "friction_coefficient": (0.01, 10.0, ""),
-                "adhesive_share": (0.0, 1.0, "of the strength at the held force"),
-                "dynamic_ratio": (0.05, 1.0, ""),
-                "weakening_distance_mm": (1e-4, 10.0, "mm"),
-                "area_left": (0.35, 1.0, "of the area, under full sliding"),
-            },
-        )
-        return self
 
-
-class Fingers(Strict):
+class Fingers(Drawn):
     """Fingers: ``count`` of them are drawn; a trial has one."""
+
+    SECTION: ClassVar[str] = "finger"
+    BOUNDS: ClassVar[Mapping[str, tuple[float, float, str]]] = {
+        "tip_radius_mm": (0.5, 100.0, "mm"),
+        "ridge_pitch_um": (20.0, 20000.0, "um"),
+        "ridge_width_share": (0.05, 0.95, "of the pitch"),
+        "ridge_height_um": (0.1, 5000.0, "um"),
+        "ridge_orientation_deg": (-180.0, 180.0, "deg"),
+        "shaft_stiffness_N_per_mm": (0.05, 1e5, "N/mm"),
+        "axial_over_bending": (0.1, 1e4, ""),
+        "tilt_deg": (0.0, 45.0, "deg"),
+        "tilt_direction_deg": (-180.0, 180.0, "deg"),
+    }
 
     count: int = field(12, unit="1", bounds=(1, 100_000))
     material: Distribution = constant("silskin_0")
@@ -143,21 +146,6 @@ class Fingers(Strict):
 
     @model_validator(mode="after")
     def _bounds(self) -> Self:
-        require_all(
-            self,
-            "finger",
-            {
-                "tip_radius_mm": (0.5, 100.0, "mm"),
-                "ridge_pitch_um": (20.0, 20000.0, "um"),
-                "ridge_width_share": (0.05, 0.95, "of the pitch"),
-                "ridge_height_um": (0.1, 5000.0, "um"),
-                "ridge_orientation_deg": (-180.0, 180.0, "deg"),
-                "shaft_stiffness_N_per_mm": (0.05, 1e5, "N/mm"),
-                "axial_over_bending": (0.1, 1e4, ""),
-                "tilt_deg": (0.0, 45.0, "deg"),
-                "tilt_direction_deg": (-180.0, 180.0, "deg"),
-            },
-        )
         self.material.require_words("finger.material", material_names())
         self.pattern.require_words("finger.pattern", (*RIDGE_PATTERNS, *PRINT_PATTERNS))
         if any(name in PRINT_PATTERNS for name in self.pattern.support()):

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Self
+from collections.abc import Mapping
+from typing import ClassVar
 
-from pydantic import model_validator
-
-from evanesce.core.quantities import Strict, field
-from evanesce.dataset.distributions import Distribution, log_uniform, require_all, uniform
+from evanesce.core.quantities import field
+from evanesce.dataset.distributions import Distribution, Drawn, log_uniform, uniform
 
 MOTIONS = ("torsion", "turn", "speed_change", "force_change", "stick_slip")
 """What a slide may do besides, each in its own share of the slides."""
 
 
-class Motion(Strict):
+class Motion(Drawn):
     """Shares of the slides in which the finger also turns, changes direction, speed or force, or sticks and slips.
 
     Each motion is drawn independently. A slide turned by ``torsion_deg`` is so at its far end; one that changes
@@ -22,6 +21,16 @@ class Motion(Strict):
     one frame and back in the next; the speed is such that a cycle lasts at least six frames. ``spin_deg`` is the
     rotation of the kind ``spin``.
     """
+
+    SECTION: ClassVar[str] = "motion"
+    BOUNDS: ClassVar[Mapping[str, tuple[float, float, str]]] = {
+        "torsion_deg": (-180.0, 180.0, "deg"),
+        "turn_deg": (-180.0, 180.0, "deg"),
+        "speed_factor": (0.05, 20.0, "of the speed"),
+        "force_factor": (0.1, 5.0, "of the force"),
+        "stick_slip_drop": (0.1, 0.9, "of the friction"),
+        "spin_deg": (-360.0, 360.0, "deg"),
+    }
 
     torsion: float = field(0.0, unit="1", bounds=(0.0, 1.0), doc="share of slides")
     turn: float = field(0.0, unit="1", bounds=(0.0, 1.0), doc="share of slides")
@@ -34,22 +43,6 @@ class Motion(Strict):
     force_factor: Distribution = uniform(0.6, 1.4)
     stick_slip_drop: Distribution = uniform(0.2, 0.6)
     spin_deg: Distribution = uniform(50.0, 120.0)
-
-    @model_validator(mode="after")
-    def _bounds(self) -> Self:
-        require_all(
-            self,
-            "motion",
-            {
-                "torsion_deg": (-180.0, 180.0, "deg"),
-                "turn_deg": (-180.0, 180.0, "deg"),
-                "speed_factor": (0.05, 20.0, "of the speed"),
-                "force_factor": (0.1, 5.0, "of the force"),
-                "stick_slip_drop": (0.1, 0.9, "of the friction"),
-                "spin_deg": (-360.0, 360.0, "deg"),
-            },
-        )
-        return self
 
 
 MOTION_KEYS = tuple(Motion.model_fields)[len(MOTIONS) :]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Self
+from collections.abc import Mapping
+from typing import Any, ClassVar, Self
 
 from pydantic import model_validator
 from scipy.special import ndtr, ndtri
@@ -118,15 +119,25 @@ class Distribution(Strict):
             raise ValueError(f"{key} names {unknown[0]!r} (allowed: {', '.join(known)})")
 
 
-def require_all(model: Strict, section: str, bounds: dict[str, tuple[float, float, str]]) -> None:
-    """Refuse distributions of a section that could leave their bounds (low, high, unit), by key.
+class Drawn(Strict):
+    """A section of which distributions have bounds.
 
-    Raises
-    ------
-    ValueError
+    Attributes
+    ----------
+    SECTION : str
+        Its name in a declaration.
+    BOUNDS : mapping of str to tuple
+        Least, greatest, and unit or what it is of, by key.
     """
-    for key, (low, high, unit) in bounds.items():
-        getattr(model, key).require_within(f"{section}.{key}", low, high, unit)
+
+    SECTION: ClassVar[str]
+    BOUNDS: ClassVar[Mapping[str, tuple[float, float, str]]] = {}
+
+    @model_validator(mode="after")
+    def _within_bounds(self) -> Self:
+        for key, (low, high, unit) in self.BOUNDS.items():
+            getattr(self, key).require_within(f"{self.SECTION}.{key}", low, high, unit)
+        return self
 
 
 def constant(value: float | str) -> Distribution:

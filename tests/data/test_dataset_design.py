@@ -69,7 +69,7 @@ def test_toml_round_trip(tmp_path):
     [
         (
             "[programme]\nspeed_mm_per_s = { uniform = [1.0, 5000.0] }",
-            "programme.speed_mm_per_s draws from 1.0 to 5000.0",
+            "programme.speed_mm_per_s: draws from 1.0 to 5000.0",
         ),
         ("[programme]\nspead_mm_per_s = { constant = 1.0 }", "nearest key: speed_mm_per_s"),
         ("[randomisation]\nwithout = ['speks']", "'speks'"),

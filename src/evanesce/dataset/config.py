@@ -176,7 +176,7 @@ class Trial(Strict):
     """A trial in frames."""
 
     frames: int = field(80, unit="1", bounds=(4, 100_000))
-    frame_rate_hz: float = field(30.0, unit="hz", bounds=(1.0, 10_000.0), source="thesis, chapter 5")
+    frame_rate_hz: float = field(30.0, unit="Hz", bounds=(1.0, 1000.0), source="thesis, chapter 5")
 
 
 CHANNELS: dict[str, str] = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 import tomllib
 import types
 import typing
@@ -268,6 +269,8 @@ def _as_input_error(model: type[BaseModel], error: ValidationError, data: Any, f
     for part in first["loc"]:
         if isinstance(value, dict) and part not in value and first["type"] not in ("missing", "extra_forbidden"):
             continue
+        if isinstance(value, float | int | str):
+            continue  # a union names the type that it tried
         parts.append(str(part))
         try:
             value = value[part]
@@ -286,7 +289,11 @@ def _as_input_error(model: type[BaseModel], error: ValidationError, data: Any, f
     if kind == "union_tag_not_found":
         return InputError("'law' is missing", file=file, key=f"{key}.law", allowed=", ".join(_laws()))
     if kind == "value_error":
-        return InputError(str(context.get("error", first["msg"])), file=file, key=key)
+        text = str(context.get("error", first["msg"]))
+        told = re.fullmatch(rf"({re.escape(key or '-')}\.\w+) ((?:names|draws|=) .*)", text, re.DOTALL)
+        if told:  # a section tells of one of its keys
+            key, text = told[1], told[2].removeprefix("= ")
+        return InputError(text, file=file, key=key)
     if kind in ("too_short", "too_long", "tuple_type"):
         size = context.get("min_length", context.get("max_length"))
         bound = "at least" if kind == "too_short" else "at most"

@@ -39,7 +39,7 @@ class Press(Strict):
     dwell_s: float | None = field(
         None, unit="s", bounds=(0.0, 1e6), doc="for which each force is held before its frame"
     )
-    frame_rate_hz: float = field(30.0, unit="hz", bounds=(0.01, 10000.0), source="thesis, chapter 5")
+    frame_rate_hz: float = field(30.0, unit="Hz", bounds=(0.01, 10000.0), source="thesis, chapter 5")
     max_frames: int = Field(10_000, ge=1, le=1_000_000)
 
     @model_validator(mode="after")

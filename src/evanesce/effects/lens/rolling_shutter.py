@@ -29,7 +29,7 @@ class Parameters(Strict):
         doc="amplitude over the mean of the light; of a switched light the share that is switched",
     )
     frequency_hz: float = field(
-        100.0, unit="hz", bounds=(1.0, 100_000.0), doc="of the ripple; rectified mains 100 or 120, dimmers 200 to 5000"
+        100.0, unit="Hz", bounds=(1.0, 100_000.0), doc="of the ripple; rectified mains 100 or 120, dimmers 200 to 5000"
     )
     phase_deg: float = field(0.0, unit="deg", bounds=(-180.0, 180.0), doc="at time 0, 0: at the crest or switching on")
     duty: float = field(

@@ -70,17 +70,16 @@ def make(
 
     job = new_job(load_scene(scene, overrides), with_size(load_config(config), size), frames=frames, seed=seed)
     from evanesce.dataset.design import split_warning
-    from evanesce.dataset.region import crop_warning
-
-    crop = crop_warning(job.scene, job.config, job.seed, job.trials)
-    for warning in filter(None, (crop, split_warning(job.config, job.seed, job.trials))):
-        messages.print(f"warning: {warning}", highlight=False, markup=False)
     from evanesce.dataset.estimate import estimate, require_disk
+    from evanesce.dataset.region import crop_warning
     from evanesce.dataset.run import require_workers
 
     engine = _engine(workers, scheduler, shard)
     if not dry_run:
         require_workers(engine)
+    crop = crop_warning(job.scene, job.config, job.seed, job.trials)
+    for warning in filter(None, (crop, split_warning(job.config, job.seed, job.trials))):
+        messages.print(f"warning: {warning}", highlight=False, markup=False)
     guess = estimate(job, engine.workers)
     free = require_disk(out, guess.size // (engine.part[1] if engine.part else 1))
     messages.print(

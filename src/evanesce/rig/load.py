@@ -290,9 +290,9 @@ def _as_input_error(model: type[BaseModel], error: ValidationError, data: Any, f
         return InputError("'law' is missing", file=file, key=f"{key}.law", allowed=", ".join(_laws()))
     if kind == "value_error":
         text = str(context.get("error", first["msg"]))
-        told = re.fullmatch(rf"({re.escape(key or '-')}\.\w+) ((?:names|draws|=) .*)", text, re.DOTALL)
+        told = re.fullmatch(rf"({re.escape(key or '-')}\.\w+) ((?:names|draws) .*)", text, re.DOTALL)
         if told:  # a section tells of one of its keys
-            key, text = told[1], told[2].removeprefix("= ")
+            key, text = told[1], told[2]
         return InputError(text, file=file, key=key)
     if kind in ("too_short", "too_long", "tuple_type"):
         size = context.get("min_length", context.get("max_length"))

@@ -12,7 +12,7 @@ contact. The half-space solver has none of the first three limits.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -122,8 +122,6 @@ def ridged_state(
     )
 
 
-LEAST_STICKING = 0.02
-"""Of the cells that touch, from which on those that stick can carry what is lacking."""
 CORRECTIONS = 6
 """Rounds in which cells that have come to their strength are left as they are."""
 
@@ -244,8 +242,8 @@ def _on_ridges(smooth: ContactState, local: Array, touched: NDArray[np.bool_], r
 def _traction(smooth: ContactState, strength: Array) -> Array:
     """Return the traction (2, rows, cols) [MPa] of a smooth contact's shares of strength, with its force and torque.
 
-    What is lacking goes by strength to cells that stick, up to their strength. Where hardly any do, what is lacking of
-    the force goes to all that touch, and the torque is that of ridges at their strength.
+    What is lacking goes by strength to cells that stick, up to their strength. Where they cannot carry it, what is
+    lacking of the force goes to cells that slip, and the torque is that of ridges at their strength.
     """
     everywhere, whole = np.asarray(smooth.strength, dtype=float), np.zeros((2, *strength.shape))
     rows, cols = (np.flatnonzero(everywhere.any(axis=axis)) for axis in (1, 0))
@@ -261,26 +259,36 @@ def _traction(smooth: ContactState, strength: Array) -> Array:
         return np.array([traction[0].sum(), traction[1].sum(), (x * traction[1] - y * traction[0]).sum()])
 
     wanted, touching = sums(before), strength > 0
-    free = touching if smooth.state is None else touching & (np.asarray(smooth.state)[box] == SurfaceState.STICK)
-    sticks = free.sum() >= LEAST_STICKING * touching.sum()
-    free, limit = (free, strength) if sticks else (touching, np.full_like(strength, np.inf))
+    sticks = touching if smooth.state is None else touching & (np.asarray(smooth.state)[box] == SurfaceState.STICK)
+    free = sticks
     for _ in range(CORRECTIONS):
-        weight = np.where(free, strength, 0.0)
-        if not weight.any():
+        if not free.any():
             break
-        shapes = [np.stack([weight, 0.0 * x]), np.stack([0.0 * x, weight]), np.stack([-y * weight, x * weight])]
-        shapes = shapes if sticks else shapes[:2]
-        matrix = np.array([sums(shape)[: len(shapes)] for shape in shapes]).T
-        amounts = np.linalg.lstsq(matrix, (wanted - sums(found))[: len(shapes)], rcond=1e-9)[0]
-        found = found + sum(a * shape for a, shape in zip(amounts, shapes, strict=True))
+        weight = np.where(free, strength, 0.0)
+        found = _carried(found, [weight, weight, weight], wanted, sums, (x, y))
         size = np.hypot(*found)
-        over = free & (size > limit)
+        over = free & (size > strength)
         if not over.any():
             break
-        found[:, over] *= (limit / np.where(size > 0, size, 1.0))[over]
+        found[:, over] *= (strength / np.where(size > 0, size, 1.0))[over]
         free = free & ~over
+    slips = np.where(touching & ~sticks, strength, 0.0)
+    if slips.any():  # of the force what is lacking still, some per cent of it
+        found = _carried(found, [slips, slips], wanted, sums, (x, y))
     whole[:, *box] = found
     return whole
+
+
+def _carried(
+    found: Array, weights: Sequence[Array], wanted: Array, sums: Callable[[Array], Array], place: tuple[Array, Array]
+) -> Array:
+    """Return a traction to which weighted shifts in x and y, and a turn where asked for, add what sums lack."""
+    x, y = place
+    patterns = ((1.0, 0.0), (0.0, 1.0), (-y, x))
+    shapes = [np.stack([a * weight, b * weight]) for weight, (a, b) in zip(weights, patterns, strict=False)]
+    matrix = np.array([sums(shape)[: len(shapes)] for shape in shapes]).T
+    amounts = np.linalg.lstsq(matrix, (wanted - sums(found))[: len(shapes)], rcond=1e-9)[0]
+    return np.asarray(found + np.tensordot(amounts, np.array(shapes), 1))
 
 
 def _shared(layers: Array, weight: Array, window: int) -> Array:

@@ -284,8 +284,9 @@ def _carried(
 ) -> Array:
     """Return a traction to which weighted shifts in x and y, and a turn where asked for, add what sums lack."""
     x, y = place
-    patterns = ((1.0, 0.0), (0.0, 1.0), (-y, x))
-    shapes = [np.stack([a * weight, b * weight]) for weight, (a, b) in zip(weights, patterns, strict=False)]
+    one, none = np.ones_like(x), np.zeros_like(x)
+    patterns = (np.stack([one, none]), np.stack([none, one]), np.stack([-y, x]))
+    shapes = [weight * pattern for weight, pattern in zip(weights, patterns, strict=False)]
     matrix = np.array([sums(shape)[: len(shapes)] for shape in shapes]).T
     amounts = np.linalg.lstsq(matrix, (wanted - sums(found))[: len(shapes)], rcond=1e-9)[0]
     return np.asarray(found + np.tensordot(amounts, np.array(shapes), 1))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self
 
@@ -14,7 +13,7 @@ from evanesce.core.errors import InputError
 from evanesce.core.quantities import Strict, field
 from evanesce.dataset.config_contact import PRINT_LIMITS_UM, PRINT_PATTERNS, RIDGE_PATTERNS, Wet
 from evanesce.dataset.config_motion import Motion
-from evanesce.dataset.distributions import Distribution, Drawn, choice, constant, log_uniform, uniform
+from evanesce.dataset.distributions import Bounds, Distribution, Drawn, choice, constant, log_uniform, uniform
 from evanesce.dataset.limits import MAX_CONFIG_BYTES, MAX_SHARD_FRAMES, MAX_SIDE_PX, MIN_SIDE_PX
 from evanesce.dataset.markers import Markers
 from evanesce.dataset.randomisation import Randomisation
@@ -61,7 +60,7 @@ class Programme(Drawn):
     """
 
     SECTION: ClassVar[str] = "programme"
-    BOUNDS: ClassVar[Mapping[str, tuple[float, float, str]]] = {
+    BOUNDS: ClassVar[Bounds] = {
         "normal_force_N": (0.02, 100.0, "N"),
         "preload_N": (0.001, 10.0, "N"),
         "press_time_s": (0.005, 1000.0, "s"),
@@ -98,7 +97,7 @@ class Friction(Drawn):
     """Interfaces: ``levels`` of them are drawn; a trial has one."""
 
     SECTION: ClassVar[str] = "friction"
-    BOUNDS: ClassVar[Mapping[str, tuple[float, float, str]]] = {
+    BOUNDS: ClassVar[Bounds] = {
         "friction_coefficient": (0.01, 10.0, ""),
         "adhesive_share": (0.0, 1.0, "of the strength at the held force"),
         "dynamic_ratio": (0.05, 1.0, ""),
@@ -118,7 +117,7 @@ class Fingers(Drawn):
     """Fingers: ``count`` of them are drawn; a trial has one."""
 
     SECTION: ClassVar[str] = "finger"
-    BOUNDS: ClassVar[Mapping[str, tuple[float, float, str]]] = {
+    BOUNDS: ClassVar[Bounds] = {
         "tip_radius_mm": (0.5, 100.0, "mm"),
         "ridge_pitch_um": (20.0, 20000.0, "um"),
         "ridge_width_share": (0.05, 0.95, "of the pitch"),

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import ClassVar
 
 from evanesce.core.quantities import field
-from evanesce.dataset.distributions import Distribution, Drawn, constant, log_uniform
+from evanesce.dataset.distributions import Bounds, Distribution, Drawn, constant, log_uniform
 
 RIDGE_PATTERNS = ("parallel", "concentric", "loop", "whorl")
 PRINT_PATTERNS = {"print_arch": "arch", "print_loop": "loop", "print_whorl": "whorl"}
@@ -19,7 +18,7 @@ class Wet(Drawn):
     """Liquid about the contact in a share of the trials, in the terms of a scene's ``[liquid]``."""
 
     SECTION: ClassVar[str] = "liquid"
-    BOUNDS: ClassVar[Mapping[str, tuple[float, float, str]]] = {
+    BOUNDS: ClassVar[Bounds] = {
         "volume_uL": (0.0, 1000.0, "uL"),
         "refractive_index": (1.3, 1.5, ""),
         "viscosity_mPa_s": (0.01, 1e5, "mPa s"),

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import ClassVar
 
 from evanesce.core.quantities import field
-from evanesce.dataset.distributions import Distribution, Drawn, log_uniform, uniform
+from evanesce.dataset.distributions import Bounds, Distribution, Drawn, log_uniform, uniform
 
 MOTIONS = ("torsion", "turn", "speed_change", "force_change", "stick_slip")
 """What a slide may do besides, each in its own share of the slides."""
@@ -23,7 +22,7 @@ class Motion(Drawn):
     """
 
     SECTION: ClassVar[str] = "motion"
-    BOUNDS: ClassVar[Mapping[str, tuple[float, float, str]]] = {
+    BOUNDS: ClassVar[Bounds] = {
         "torsion_deg": (-180.0, 180.0, "deg"),
         "turn_deg": (-180.0, 180.0, "deg"),
         "speed_factor": (0.05, 20.0, "of the speed"),

@@ -20,6 +20,8 @@ from evanesce.dataset.config_motion import MOTION_KEYS, MOTIONS
 from evanesce.effects import all_effects
 from evanesce.effects.protocol import Effect
 
+COUNTED = 256
+"""Trials whose splits are counted before a set is made."""
 BLOCK = 64
 """Number of points of a sequence that are drawn at a time."""
 
@@ -254,11 +256,9 @@ def split_warning(config: DatasetConfig, seed: int, trials: int) -> str:
     config : DatasetConfig
     seed : int
     trials : int
-        Of :data:`BLOCK` each split has some.
+        Of more than :data:`COUNTED` the first ones count.
     """
-    if trials >= BLOCK:
-        return ""
-    counts = Counter(trial_plan(config, seed, index).split for index in range(trials))
+    counts = Counter(trial_plan(config, seed, index).split for index in range(min(trials, COUNTED)))
     wanted = {"validation": config.split.validation, "test": config.split.test}
     empty = [name for name, share in wanted.items() if share and not counts[name]]
     if not empty:

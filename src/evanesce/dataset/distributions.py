@@ -119,6 +119,10 @@ class Distribution(Strict):
             raise ValueError(f"{key} names {unknown[0]!r} (allowed: {', '.join(known)})")
 
 
+Bounds = Mapping[str, tuple[float, float, str]]
+"""Least, greatest, and unit or what it is of, by key."""
+
+
 class Drawn(Strict):
     """A section of which distributions have bounds.
 
@@ -126,12 +130,11 @@ class Drawn(Strict):
     ----------
     SECTION : str
         Its name in a declaration.
-    BOUNDS : mapping of str to tuple
-        Least, greatest, and unit or what it is of, by key.
+    BOUNDS : Bounds
     """
 
     SECTION: ClassVar[str]
-    BOUNDS: ClassVar[Mapping[str, tuple[float, float, str]]] = {}
+    BOUNDS: ClassVar[Bounds] = {}
 
     @model_validator(mode="after")
     def _within_bounds(self) -> Self:

@@ -36,6 +36,7 @@ def config_of(
             "hold_time_s": {"constant": 0.1},
             "reversals": {"constant": 0.0},
             "distance_mm": {"constant": 0.7},
+            **programme,
         },
         motion=motion,
     )
@@ -157,6 +158,15 @@ def test_a_finger_is_put_down_elsewhere_and_slides_again():
     assert slip[: lifted[0]].any()
     assert slip[lifted[-1] :].any()
     assert np.hypot(*np.subtract(found.centre(5), found.centre(int(lifted[-1]) + 1))) > 0.05
+    # as long as before: press of 0.2 s and hold of 0.1 s at first, press of 0.2 s again
+    assert len(force) - lifted[-1] - 6 == pytest.approx(lifted[0] - 3 - 9, abs=2)
+
+
+def test_a_trial_too_short_for_a_second_slide_is_refused():
+    slides = dict(motion={}, slide=0.0, regrasp=1.0)
+    config_of(**slides, press_time_s={"constant": 0.9})
+    with pytest.raises((InputError, ValidationError), match=r"second press up to 2\.9 s.*more than 88 frames"):
+        config_of(**slides, press_time_s={"constant": 1.0})
 
 
 @pytest.mark.parametrize(

@@ -17,13 +17,11 @@ import numpy as np
 
 from evanesce.core.errors import InputError
 from evanesce.dataset import layout
-from evanesce.dataset.audit_checks import FRAME_CHECKS, AuditFrame, contact_share, open_core
+from evanesce.dataset.audit_checks import FRAME_CHECKS, TEXTURED, AuditFrame, contact_share, open_core
 from evanesce.dataset.read import Dataset
 
 NAMED = 5
 """Maximum number of frames that a finding names."""
-TEXTURED = 0.1
-"""Share of the contact's inner half that must be open in a trial with texture."""
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,8 @@ LEAST_SLIP_MM = 0.03
 """Added to the slip between two frames to which its error is related [mm], so that the tolerance of 0.15 allows 4.5 um:
 half precision rounds slips of millimetres to one, and slip is kept in the outline, whose change of shape under shear
 carries it along (4 um of slip between two frames at the most, of 3,087)."""
+TEXTURED = 0.1
+"""Share of the contact's inner half that must be open in a trial with texture."""
 ROUNDING = 2.0**-9
 """Relative rounding of two channels at half precision."""
 

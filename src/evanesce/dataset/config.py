@@ -24,6 +24,8 @@ KINDS = ("slide", "load_stop", "wiggle", "rotation", "ramp", "release", "change"
 """Kinds of trial."""
 SLIDING = ("slide", "spin", "regrasp")
 """Kinds in which the whole contact slides; the others are negatives."""
+LIFT, AWAY = 0.5, 0.3
+"""Time in which a finger is lifted, and until it is pressed on again elsewhere, over that of a press."""
 
 
 class Kinds(Strict):
@@ -319,14 +321,16 @@ class DatasetConfig(Strict):
         return self
 
     def _require_time(self) -> None:
-        """Refuse trials that end before the finger slides."""
-        least = sum(float(d.support()[1]) for d in (self.programme.press_time_s, self.programme.hold_time_s))
+        """Refuse trials that end before the finger slides, or slides again."""
+        press, hold = (float(d.support()[1]) for d in (self.programme.press_time_s, self.programme.hold_time_s))
+        again = bool(self.kinds.regrasp)
+        least = press + hold + again * (LIFT + AWAY + 1.0) * press
         lasts = (self.trial.frames - 1) / self.trial.frame_rate_hz
         if sum(getattr(self.kinds, kind) for kind in SLIDING) > 0 and lasts <= least:
             raise ValueError(
                 f"trial.frames = {self.trial.frames} at {self.trial.frame_rate_hz:g} Hz last {lasts:.3g} s, press and"
-                f" hold up to {least:.3g} s (allowed: more than {least * self.trial.frame_rate_hz + 1:.0f} frames, or"
-                " shorter programme.press_time_s, hold_time_s)"
+                f" hold{' and a second press' if again else ''} up to {least:.3g} s (allowed: more than"
+                f" {least * self.trial.frame_rate_hz + 1:.0f} frames, or shorter programme.press_time_s, hold_time_s)"
             )
 
     @property

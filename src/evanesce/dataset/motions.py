@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evanesce.dataset.config import Trial
+from evanesce.dataset.config import AWAY, LIFT, Trial
 from evanesce.dataset.design import TrialPlan
 from evanesce.dataset.programme import Floats, Sampled, slide_speed
 
 FIRST_LEG_BY = 0.55
 """Share of a slide's time within which a finger that changes direction does so."""
 HALF_WAY = 0.5
-"""Share of a slide's time after which at the latest speed and force change, and a finger is lifted to be put down
-elsewhere."""
+"""Share of the time for sliding after which at the latest speed and force change, and a finger is lifted to be put
+down elsewhere."""
 CYCLES = 3.0
 """Cycles of stick-slip that a stroke and the time leave room for."""
 FRAMES_A_CYCLE = 6.0
@@ -129,8 +129,10 @@ def planar_programme(plan: TrialPlan, trial: Trial, reach_mm: float, stiffness: 
     path = path_of(plan, reach_mm, cycle)
     speed = _speed(plan, trial, path, reach_mm, cycle, end - rest)
     if plan.kind == "regrasp":
-        lift = middle + 0.5 * press
-        again = lift + 0.3 * press
+        between = (LIFT + AWAY + 1.0) * press
+        middle = rest + HALF_WAY * max(end - rest - between, 1.0 / trial.frame_rate_hz)
+        lift = middle + LIFT * press
+        again = lift + AWAY * press
         knots += [middle, lift, again, again + press]
         loads += [load, 0.0, 0.0, p["second_force_share"] * load]
         placement = (time >= lift).astype(np.int64)

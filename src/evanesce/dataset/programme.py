@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.dataset.config import Trial
+from evanesce.dataset.config import AWAY, LIFT, Trial
 from evanesce.dataset.design import TrialPlan
 
 Floats = NDArray[np.float64]
@@ -84,8 +84,8 @@ def sample_programme(plan: TrialPlan, trial: Trial, stiffness: float, reach_mm: 
         case "release":
             force = np.interp(time, [0.0, press, rest, rest + press], [preload, load, load, 0.0])
         case "change":
-            lift = rest + 0.5 * press
-            again = lift + 0.3 * press
+            lift = rest + LIFT * press
+            again = lift + AWAY * press
             second = p["second_force_share"] * load
             force = np.interp(
                 time, [0.0, press, rest, lift, again, again + press], [preload, load, load, 0.0, 0.0, second]
